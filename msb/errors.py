@@ -1,7 +1,7 @@
-"""The error tree, the codes of each class, and the table from class to exit status.
+"""The classes of errors, their codes, and the exit status of each class.
 
-Every failure a user can cause has one stable code. A code belongs to exactly one class, a class to
-exactly one exit status. The command line prints ``CODE: FILE: what is wrong, where, what would be right``.
+Every error that a user can cause has a stable code. A code belongs to one class, and a class has one exit
+status. The command line prints ``CODE: FILE: problem, place, remedy``.
 """
 
 import contextlib
@@ -21,26 +21,26 @@ def _names(text: str) -> frozenset[str]:
 
 
 class MsbError(Exception):
-    """Any failure MeshSplatBench reports on purpose.
+    """Base class of all errors that msb reports.
 
     Parameters
     ----------
     code : str
-        Stable name; it must be one of the `codes` of this class.
+        Stable name, one of the `codes` of this class.
     message : str
-        What is wrong, where, and what would be right. One sentence or two, no line break needed.
+        The problem, its place and the remedy, in one or two sentences without line breaks.
     file : str, optional
-        The file or folder at fault.
+        The file or folder that causes the error.
     pointer : str, optional
         JSON pointer, byte offset ("byte 128"), line ("line 7") or array element ("indices[12, 0]").
     """
 
     codes: ClassVar[frozenset[str]] = frozenset()
-    """The codes of this class; errors.toml explains them."""
+    """The codes of this class. errors.toml explains them."""
 
     @property
     def exit_status(self) -> int:
-        """What the command line ends with."""
+        """The exit status of the command line."""
         return EXIT_STATUS[type(self)]
 
     def __init__(
@@ -52,7 +52,7 @@ class MsbError(Exception):
         pointer: str | None = None,
     ) -> None:
         if code not in self.codes:
-            raise TypeError(f"{code} is no code of {type(self).__name__}")
+            raise TypeError(f"{code} is not a code of {type(self).__name__}")
         self.code = code
         self.message = one_line(message)
         self.file = None if file is None else str(file)
@@ -60,12 +60,11 @@ class MsbError(Exception):
         super().__init__(str(self))
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # The default would call the class with the printed text alone; a worker process must be able to
-        # send its error home.
+        # Worker processes send errors as pickles. By default unpickling would pass only the printed text.
         return partial(type(self), file=self.file, pointer=self.pointer), (self.code, self.message)
 
     def at(self, file: object) -> Self:
-        """Return this error as one about `file`."""
+        """Return a copy of this error that names `file`."""
         return type(self)(self.code, self.message, file=file, pointer=self.pointer)
 
     def __str__(self) -> str:
@@ -74,13 +73,13 @@ class MsbError(Exception):
 
 
 class GateFailed(MsbError):
-    """A gate the user asked for did not hold."""
+    """A requested condition is not met."""
 
     codes = _names("GATE_FAILED CROSS_CHECK_DISAGREES")
 
 
 class UsageError(MsbError):
-    """The command or call was put wrongly; the inputs were not at fault."""
+    """A command or call has an invalid argument. The inputs are not the cause."""
 
     codes = _names("""
         USAGE EXTRA_MISSING VIEW_NO_DISPLAY OUTPUT_EXISTS RESULTS_MIXED NAME_UNKNOWN
@@ -90,7 +89,7 @@ class UsageError(MsbError):
 
 
 class InputError(MsbError):
-    """An input does not exist, cannot be read or is not one of ours."""
+    """An input does not exist, cannot be read, or is of an unknown kind."""
 
     codes = _names("""
         FILE_NOT_FOUND FILE_UNREADABLE FILE_NOT_RECOGNISED RECORD_INVALID RESULTS_EMPTY RENDERS_CHANGED
@@ -99,7 +98,7 @@ class InputError(MsbError):
 
 
 class AssetError(MsbError):
-    """A `.triasset` breaks its contract."""
+    """A `.triasset` violates its format."""
 
     codes = _names("""
         TRIASSET_MANIFEST_MISSING TRIASSET_MANIFEST TRIASSET_VERSION_UNSUPPORTED TRIASSET_VERSION_NEWER
@@ -112,7 +111,7 @@ class AssetError(MsbError):
 
 
 class CheckpointError(MsbError):
-    """A trained checkpoint (.pt, .ckpt) is broken, hostile or of a kind that is not read."""
+    """A trained checkpoint (.pt, .ckpt) is damaged, hostile or of an unsupported kind."""
 
     codes = _names("""
         CHECKPOINT_NOT_RECOGNISED CHECKPOINT_DAMAGED CHECKPOINT_HOSTILE CHECKPOINT_FORM CHECKPOINT_UNKNOWN
@@ -122,7 +121,7 @@ class CheckpointError(MsbError):
 
 
 class SceneError(MsbError):
-    """A camera, or a file of cameras or of a reconstruction, is not valid."""
+    """A camera, a file of cameras or a reconstruction is invalid."""
 
     codes = _names("""
         CAMERA_INVALID CAMERA_PATH CAMERA_SOURCE CAMERA_NONE CAMERA_DISTORTED CAMERA_IMAGE CAMERA_FILE
@@ -132,7 +131,7 @@ class SceneError(MsbError):
 
 
 class MeshFileError(MsbError):
-    """A foreign mesh file is not valid."""
+    """A mesh file is invalid."""
 
     codes = _names("""
         MESH_FILE_INVALID MESH_FILE_TRUNCATED MESH_FILE_LEFT_OUT MESH_FILE_UNSUPPORTED MESH_FILE_TOO_LARGE
@@ -140,13 +139,13 @@ class MeshFileError(MsbError):
 
 
 class MeshError(MsbError):
-    """Arrays given as a mesh are not one."""
+    """Arrays do not form a valid mesh."""
 
     codes = _names("MESH_ARRAY MESH_INDEX_OUT_OF_RANGE MESH_NONFINITE WELD_DISTANCE")
 
 
 class MetricError(MsbError):
-    """Images, meshes, weights or data sets that a metric cannot be computed from."""
+    """A metric cannot be computed from the given images, meshes, weights or datasets."""
 
     codes = _names("""
         METRIC_IMAGE METRIC_SIZES_DIFFER METRIC_IMAGE_ALPHA METRIC_IMAGE_NAMES METRIC_WEIGHTS
@@ -161,7 +160,7 @@ class OutputError(MsbError):
 
 
 class Unsupported(MsbError):
-    """The method does not support this tier or format; the message names method, tier and reason."""
+    """The method does not support this tier or format. The message names the reason."""
 
     codes = _names("""
         UNSUPPORTED_METHOD UNSUPPORTED_TIER UNSUPPORTED_CAMERA UNSUPPORTED_OPTION UNSUPPORTED_REPAIR
@@ -170,7 +169,7 @@ class Unsupported(MsbError):
 
 
 class DeviceError(MsbError):
-    """No OpenCL device, too little memory on it, or a kernel that does not build."""
+    """There is no OpenCL device, or it fails: too little memory, a kernel that does not compile."""
 
     codes = _names("""
         DEVICE_NOT_FOUND DEVICE_MEMORY DEVICE_BUILD DEVICE_COMMAND ENGINE_FAILED DEVICE_CLOSED
@@ -180,7 +179,7 @@ class DeviceError(MsbError):
 
 EXIT_OK = 0
 EXIT_INTERRUPTED = 130
-# Class of failure -> exit status of the command line, as the help of every command ends with.
+# Class of error -> exit status of the command line. The help of every command lists them.
 EXIT_STATUS: dict[type[MsbError], int] = {
     GateFailed: 1,
     UsageError: 2,
@@ -198,7 +197,7 @@ EXIT_STATUS: dict[type[MsbError], int] = {
 
 
 class Code(NamedTuple):
-    """What a code means: the class that carries it, one line of explanation, and the remedy."""
+    """The explanation of a code: its class, a summary, and the remedy."""
 
     kind: type[MsbError]
     summary: str
@@ -207,10 +206,10 @@ class Code(NamedTuple):
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing `validate` found.
+    """A problem that `validate` reports.
 
-    `pointer` is a JSON pointer into the manifest, an array element or a byte offset; `file` is the member
-    or file inside the asset, when that is more precise than the asset itself.
+    `pointer` is a JSON pointer into the manifest, an array element or a byte offset. `file` is a file inside
+    the asset, if the problem can be located there.
     """
 
     code: str
@@ -222,7 +221,7 @@ class Finding:
     limit: Any = None
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the finding as plain JSON data; what is unknown is null."""
+        """Return the finding as JSON data. Unknown values are None."""
         return {
             "code": self.code,
             "severity": self.severity,
@@ -234,12 +233,12 @@ class Finding:
         }
 
     def to_line(self, path: object) -> str:
-        """Return what a command prints of the finding, which is no error, about the file at `path`."""
+        """Return the line that a command prints for a warning or info about the file at `path`."""
         word = "note" if self.severity == "info" else "warning"
         return f"{word}: {self.code}: {path}: {self.message}"
 
     def to_error(self, path: object) -> MsbError:
-        """Return the exception that stands for this finding about the asset at `path`."""
+        """Return this finding about the asset at `path` as an exception."""
         return error_kind(self.code)(self.code, self.message, file=path, pointer=self.pointer)
 
 
@@ -253,20 +252,20 @@ def finding(
     value: Any = None,
     limit: Any = None,
 ) -> Finding:
-    """Make a `Finding` of a registered code; KeyError if no class has it."""
+    """Return a `Finding`. Raise KeyError if no class has the code."""
     error_kind(code)
     return Finding(code, severity, one_line(message), pointer, file, value, limit)
 
 
 def error_finding(error: MsbError) -> Finding:
-    """Return the finding that says what `error` says; the reverse of `Finding.to_error`."""
+    """Return an error as a finding, the inverse of `Finding.to_error`."""
     return finding(error.code, error.message, pointer=error.pointer)
 
 
 def json_safe(value: Any) -> Any:
-    """Return `value` as JSON can hold it: no NaN, no foreign types, long text shortened.
+    """Return `value` as JSON data. Long text is shortened, and other types become text.
 
-    A non-finite float becomes its name as text, so that a report never carries a bare NaN token.
+    A float that is not finite becomes text, such as "nan", because JSON has no NaN.
     """
     if value is None or isinstance(value, bool | int):
         return value
@@ -278,9 +277,9 @@ def json_safe(value: Any) -> Any:
 
 
 def shorten(text: str, limit: int = 80) -> str:
-    """Return `text` printable on one line and at most `limit` characters long.
+    """Return `text` on one line, without control characters and with at most `limit` characters.
 
-    A hostile file must not be able to flood or repaint the terminal through its own error message.
+    The content of a hostile file can be part of an error message, and must not be able to control a terminal.
     """
     clean = "".join(c if c.isprintable() else repr(c)[1:-1] for c in text[: limit + 1])
     return clean if len(clean) <= limit else clean[: limit - 3] + "..."
@@ -288,7 +287,7 @@ def shorten(text: str, limit: int = 80) -> str:
 
 @contextlib.contextmanager
 def about(path: object) -> Iterator[None]:
-    """Give errors about arrays, which know no file, the name of the file the arrays came from."""
+    """Add the file `path` to errors inside the block that do not name a file, such as errors about arrays."""
     try:
         yield
     except MsbError as error:
@@ -298,24 +297,24 @@ def about(path: object) -> Iterator[None]:
 
 
 def one_line(text: str) -> str:
-    """Return `text` without control characters: a file's name or content must not break the line."""
+    """Return `text` with control characters escaped, so that it stays on one line."""
     if text.isprintable():
         return text
     return "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
 
 
 def formula_safe(text: str) -> str:
-    """Return `text` as a cell of a CSV file that no spreadsheet runs: formulas with an apostrophe before.
+    """Return `text` as a CSV cell that spreadsheets do not evaluate, with an apostrophe before a formula.
 
-    These begin with one of = + - @, a tab or the end of a line; numbers and "--" stay. Quotation marks would
-    not help. Source: OWASP, "CSV Injection".
+    A formula begins with = + - @, a tab or a line break. Numbers and "--" are not changed. Quotation marks
+    would not help. Source: OWASP, "CSV Injection".
     """
     harmless = re.fullmatch(r"--|[+-]?[\d.]+", text)
     return text if harmless or not text.startswith(tuple("=+-@\t\r\n")) else f"'{text}"
 
 
 def error_kind(code: str) -> type[MsbError]:
-    """Return the class that a code is registered for; KeyError if none has it."""
+    """Return the class of a code. Raise KeyError if no class has it."""
     for kind in EXIT_STATUS:
         if code in kind.codes:
             return kind
@@ -324,6 +323,6 @@ def error_kind(code: str) -> type[MsbError]:
 
 @cache
 def explained_codes() -> dict[str, Code]:
-    """Return what every code means: errors.toml, for the docs and `msb validate --explain`."""
+    """Return code -> explanation, from errors.toml, for the docs and `msb validate --explain`."""
     tables = tomllib.loads(resources.files("msb").joinpath("errors.toml").read_text(encoding="utf-8"))
     return {name: Code(error_kind(name), **texts) for name, texts in tables.items()}

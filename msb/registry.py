@@ -1,14 +1,13 @@
-"""The registry of methods: our own, each a folder of `msb.methods`, and those that installed packages bring.
+"""The registry of methods: built-in ones in the folders of `msb.methods`, and methods of other packages.
 
-A method is a package whose ``__init__.py`` declares a `Method` called ``METHOD``, plain data that costs
-nothing to read. Its code lies beside it, in modules named after their roles, which are imported when they are
-needed:
+A method is a package whose ``__init__.py`` declares a `Method` named ``METHOD``, which is plain data. Its
+code is in modules of the package, which are imported when they are needed. Each module has a role:
 
-- ``adapter`` turns what its training writes into an asset (`msb.adapters.exporter.Adapter`); a mesh with
-  colours needs none where its file's name says whose it is;
-- ``official`` writes what its own exporter would write (`msb.adapters.official.Official`);
-- ``reference`` forms its image in NumPy (``render``, as `msb.reference` calls it);
-- ``look`` forms the same image on the dedicated tier, with its kernels (`msb.render.dedicated`).
+- ``adapter`` converts the files of a training to an asset (`msb.adapters.exporter.Adapter`). A method that
+  writes coloured meshes with a recognisable file name needs no adapter.
+- ``official`` writes the same file as the method's own exporter (`msb.adapters.official.Official`).
+- ``reference`` renders the method's image in NumPy (``render``, called by `msb.reference`).
+- ``look`` renders the same image on the dedicated tier, with OpenCL kernels (`msb.render.dedicated`).
 
 Everything that lists methods, tiers or settings reads `METHODS`. Other packages add methods through the
 entry-point group `msb.methods` (docs/extending.md).
@@ -37,33 +36,32 @@ TIERS: tuple[Tier, ...] = ("reference", "dedicated", "standard")
 Order = Literal["tile", "global", "none"]
 ORDERS: tuple[Order, ...] = ("tile", "global", "none")
 Sampling = Literal["official", "engine"]
-# The ways to order and sample primitives on the tiers that show a method's own look; see
-# docs/dedicated.md.
+# How primitives are ordered and sampled in native rendering; see docs/dedicated.md.
 SAMPLINGS: tuple[Sampling, ...] = ("official", "engine")
 
 SettingValue = bool | int | float | str | None
 SettingSource = Literal["checkpoint", "config", "flag", "default"]
 SETTING_SOURCES: tuple[str, ...] = ("checkpoint", "config", "flag", "default")
 
-# Name that a manifest's `required_passes` may use -> what the pass asks of a renderer.
+# Name of a pass in a manifest's `required_passes` -> the work of a renderer in this pass.
 PASSES: dict[str, str] = {
-    "opaque_unlit": "opaque, z-buffered, two-sided, unlit vertex colours; any engine has it",
+    "opaque_unlit": "opaque, z-buffered, two-sided faces in unlit vertex colours; every engine can draw it",
     "bake_dc": "clamp(C0 * f_dc + 0.5) turned into vertex colours before drawing",
     "project_cull": "per-primitive projection, culling and appearance",
     "tile_sort": "assignment to tiles and stable depth sort within each tile",
     "blend_front_to_back": "front-to-back compositing with the method's coverage and stop rule",
     "z_buffer": "nearest face per pixel with the method's opacity test",
-    "decode": "neural decoder of the lattice features seen by each pixel",
+    "decode": "neural decoder of the lattice features at each pixel",
     "downsample": "box filter from the supersampled raster to the image",
-    "opaque_unlit_texture": "as opaque_unlit, with textures: filtered in linear light, times the colours",
+    "opaque_unlit_texture": "as opaque_unlit, with textures in linear light, multiplied with the colours",
 }
 
 
 @dataclass(frozen=True)
 class Setting:
-    """A value that official code takes from a config or flag rather than from the checkpoint.
+    """A parameter that the official code reads from a config or flag, not from the checkpoint.
 
-    Values are activated ones (`sigma` 1e-4, not its logarithm).
+    Values are activated: `sigma` is 1e-4, not its logarithm.
     """
 
     default: SettingValue
@@ -72,12 +70,12 @@ class Setting:
     minimum: float | None = None
     maximum: float | None = None
     positive: bool = False
-    """Whether the value must be greater than zero; 0 is then refused, too."""
+    """Whether the value must be greater than zero."""
     optional: bool = False
-    """Whether the value may also be None, which switches the setting off."""
+    """Whether the value can be None, which switches the setting off."""
 
     def problem(self, value: object) -> str | None:
-        """Return what is wrong with `value`, or None if the setting can take it."""
+        """Return why `value` is invalid, as text that begins with "must", or None if it is valid."""
         if value is None and self.optional:
             return None
         if self.kind == "choice":
@@ -88,7 +86,7 @@ class Setting:
             return "must be a number" + (" or null" if self.optional else "")
         if self.kind == "int" and not isinstance(value, int):
             return "must be an integer"
-        # An integer past a float's range would overflow below; NaN and infinity compare false.
+        # The comparison is false for NaN and infinity, and rejects integers that a float cannot hold.
         if not -1e300 < value < 1e300:
             return "must be a finite number"
         if self.positive and value <= 0:
@@ -102,14 +100,16 @@ class Setting:
 
 @dataclass(frozen=True)
 class Native:
-    """Features of a method's own representation (paper: "Native representation and Non-Engine rendering")."""
+    """Features of a method's native representation (paper: "Native representation and Non-Engine
+    rendering").
+    """
 
     connectivity: bool = False
     """Whether faces share vertices."""
     continuous_coverage: bool = False
-    """Whether a primitive's weight falls off inside it."""
+    """Whether the weight of a primitive varies inside it."""
     binary_opacity: bool = False
-    """Whether a sample is either opaque or absent, and nothing between."""
+    """Whether a sample is either opaque or absent."""
     sh: bool = False
     neural_decoder: bool = False
     alpha_compositing: bool = False
@@ -117,9 +117,9 @@ class Native:
 
 @dataclass(frozen=True)
 class Retained:
-    """The native features that an engine condition keeps (paper: "Condition-level engine support").
+    """The native features that an engine condition retains (paper: "Condition-level engine support").
 
-    A feature is None where the source representation has no such thing.
+    A feature is None if the source representation does not have it.
     """
 
     support: Literal["Fallback", "Method-aware"]
@@ -129,16 +129,16 @@ class Retained:
     soft_coverage: bool | None = None
     depth_sort: bool | None = None
     notes: dict[str, str] = field(default_factory=dict)
-    """Feature -> a remark on it, which the tables show as a footnote."""
+    """Feature -> a remark, which the tables show as a footnote."""
 
 
 @dataclass(frozen=True)
 class PaperNote:
-    """A remark on the paper's numbers of a method with its own renderer, shown as a footnote."""
+    """A remark on the paper's numbers of a method in native rendering, which tables show as a footnote."""
 
     text: str
     metrics: tuple[str, ...]
-    # The dataset that the remark is on; None means all of them.
+    # The dataset of the numbers; None means all datasets.
     dataset: str | None = None
 
 
@@ -147,41 +147,42 @@ class Method:
     """The declaration of one method; docs/extending.md describes it."""
 
     title: str
-    """The name that tables and messages print."""
+    """The name in tables and messages."""
     paper_name: str | None = None
-    """The name in the paper's tables; None if they do not have the method."""
+    """The name in the paper's tables; None if the method is not in them."""
     paper_notes: tuple[PaperNote, ...] = ()
     native: Native | None = None
-    """The features of its own representation; None if it is only shown as an extracted mesh, or not at
-    all."""
+    """The features of its native representation; None if only an extracted mesh is shown, or nothing."""
     retained: dict[Tier, Retained] = field(default_factory=dict)
-    """The features kept on each of the tiers `dedicated` and `standard`; a tier that is not supported is
-    absent."""
+    """The features retained on the tiers `dedicated` and `standard`; a tier that is not supported is
+    absent.
+    """
     unsupported: dict[Tier, str] = field(default_factory=dict)
-    """Tier -> why the method cannot be shown there; a tier not named is supported."""
+    """Tier -> why the method does not support it. All other tiers are supported."""
     settings: dict[str, Setting] = field(default_factory=dict)
     passes: dict[Tier, tuple[str, ...]] = field(default_factory=dict)
-    """Tier -> the passes a renderer needs, in order."""
+    """Tier -> the passes of its renderer, in order."""
     coverage: str = "solid"
-    """The `coverage.kernel` of its manifests, which says how the weight falls off."""
+    """The `coverage.kernel` of its manifests: the function of the weight inside a primitive."""
     files: tuple[str, ...] = ()
-    """Places of its models below an output folder, such as ``ckpt/{n}.ckpt``, the best one first; {n} is the
-    number of an iteration, of which the last is taken, and * stands for anything, if one file alone fits."""
+    """Paths of its models in an output folder, such as ``ckpt/{n}.ckpt``, the preferred one first. {n} is the
+    number of an iteration, and the highest is taken. * matches any text, if only one file matches."""
     bundle: tuple[str, ...] = ()
-    """Names of the files that hold a model together: first the file that is read first, then those beside it.
-    Any of the latter shows that a folder is of this kind."""
+    """File names of a model that consists of several files, beginning with the main one. A folder with any of
+    the others is recognised as a model of this method."""
     reads_meshes: bool = False
-    """Whether its adapter also takes any mesh file if a user names the method, because the files of its
-    exporter do not show which method wrote them."""
+    """Whether its adapter accepts any mesh file if the user names the method. The files of its exporter do
+    not show which method wrote them.
+    """
     rules: Rules | None = None
-    """The rules by which its own code reads datasets; None if it is not trained on any."""
+    """The rules of the official code for reading datasets; None if the method is not trained on datasets."""
 
     def supports(self, tier: Tier) -> bool:
-        """Return whether the method can be shown on `tier`."""
+        """Return whether `tier` can draw the method."""
         return tier not in self.unsupported
 
 
-# What several methods declare alike.
+# Declarations that several methods share.
 
 SH_DEGREE = Setting(default=3, kind="int", minimum=0, maximum=3)
 BAKED_DC = Retained("Fallback", "baked SH-DC")
@@ -189,14 +190,14 @@ AWARE: dict[str, Any] = {"view_dependence": True, "opacity": True, "depth_sort":
 BAKED: tuple[str, ...] = ("bake_dc", "opaque_unlit")
 BLENDED: tuple[str, ...] = ("project_cull", "tile_sort", "blend_front_to_back")
 OTHER_LPIPS = PaperNote(
-    "the paper took this LPIPS from elsewhere, of images in [0, 1]: not comparable with LPIPS on [-1, 1]",
+    "the paper cites this LPIPS from other work; it is of images in [0, 1], not comparable with [-1, 1]",
     ("lpips",),
 )
-NO_APPEARANCE = "it has static colours only, no appearance of its own to draw"
+NO_APPEARANCE = "it is a mesh with static colours and has no native rendering"
 
 
 def extracted_mesh(title: str, files: tuple[str, ...], rules: Rules | None) -> Method:
-    """Return a method that leaves a mesh with colours in one of `files`, and needs no adapter for it."""
+    """Return a method without an adapter. Its result is a coloured mesh in one of `files`."""
     return Method(
         title=title,
         retained={"standard": Retained("Fallback", "baked color")},
@@ -208,9 +209,9 @@ def extracted_mesh(title: str, files: tuple[str, ...], rules: Rules | None) -> M
     )
 
 
-# The registry: the methods that are installed, and their modules.
+# The registry of installed methods and their modules.
 
-# Folders of our methods, in the order of the tables. `mesh` stands for any mesh that came from elsewhere.
+# Folders of the built-in methods, in the order of tables. `mesh` is any mesh from another source.
 BUILT_IN = (
     "two_dts",
     "triangle_splatting",
@@ -233,14 +234,13 @@ def _methods() -> Mapping[str, Method]:
     return {name: method for name, (method, _) in _installed().items()}
 
 
-# Name in manifests -> method: first ours in the order of the tables, then those of installed packages by
-# name.
+# Name in manifests -> method: built-in ones in the order of tables, then others by name.
 METHODS: Mapping[str, Method] = Lazy(_methods)
 
 
 @cache
 def _installed() -> dict[str, tuple[Method, str]]:
-    """Return name -> method and the package that it lives in."""
+    """Return name -> method and its package."""
     places = {name: f"msb.methods.{name}" for name in BUILT_IN}
     ours = {name: (import_module(place).METHOD, place) for name, place in places.items()}
     return ours | installed("method", places, _declared)
@@ -249,14 +249,14 @@ def _installed() -> dict[str, tuple[Method, str]]:
 def _declared(_: str, value: str) -> Method:
     method = load(f"{value}:METHOD")
     if not isinstance(method, Method):
-        raise PackageError("METHOD is no msb.registry.Method")
+        raise PackageError("METHOD is not an msb.registry.Method")
     return method
 
 
 def lookup(name: str) -> Method:
-    """Return the method called `name`; one that is not installed gets the standard tier alone.
+    """Return the method called `name`. A method that is not installed supports the standard tier only.
 
-    The manifest of an asset of such a method is enough to audit it, convert it and draw it as an opaque mesh.
+    The manifest of such an asset is sufficient to audit it, convert it and draw it as an opaque mesh.
     """
     if name in METHODS:
         return METHODS[name]
@@ -265,34 +265,35 @@ def lookup(name: str) -> Method:
 
 
 def package_of(name: str) -> str:
-    """Return the package that an installed method lives in, kernels and all."""
+    """Return the package of an installed method, which also holds its kernels."""
     return _installed()[name][1]
 
 
 def role(name: str, what: Role) -> Any:
-    """Return the module by which an installed method fills a role, None if it does not.
+    """Return the module of an installed method for a role, or None if it has none.
 
-    A package's module that cannot be loaded, or a function of it that fails, is `PACKAGE_LEFT_OUT`.
+    If a module of another package cannot be loaded, or a function of it fails, the error is
+    `PACKAGE_LEFT_OUT`.
     """
     if name not in METHODS:
         return None
     module = f"{package_of(name)}.{what}"
     if name in BUILT_IN:
         return import_module(module) if find_spec(module) else None
-    with _blaming(name, f"its {what}: "):
+    with _naming_package(name, f"its {what}: "):
         loaded = load(module) if _exists(module) else None
-    return loaded and _Theirs(loaded, name, what)
+    return loaded and _PluginModule(loaded, name, what)
 
 
 def _exists(module: str) -> bool:
     try:
         return find_spec(module) is not None
-    except ModuleNotFoundError:  # the method is a module of its own, without roles
+    except ModuleNotFoundError:  # the method is a single module, without roles
         return False
 
 
-class _Theirs:
-    """A module of another package; what its functions do wrong is said to be theirs."""
+class _PluginModule:
+    """A module of another package. Errors of its functions name the package."""
 
     def __init__(self, module: ModuleType, method: str, what: Role) -> None:
         self._module, self._method, self._what = module, method, what
@@ -304,14 +305,15 @@ class _Theirs:
 
         @wraps(member)
         def call(*args: Any, **options: Any) -> Any:
-            with _blaming(self._method, f"its {self._what} fails: "), contained():
+            with _naming_package(self._method, f"its {self._what} fails: "), contained():
                 return member(*args, **options)
 
         return call
 
 
 @contextmanager
-def _blaming(method: str, doing: str) -> Iterator[None]:
+def _naming_package(method: str, doing: str) -> Iterator[None]:
+    """Turn a `PackageError` into `PACKAGE_LEFT_OUT`, with the package of the method in its message."""
     try:
         yield
     except PackageError as error:
@@ -320,7 +322,7 @@ def _blaming(method: str, doing: str) -> Iterator[None]:
 
 
 def with_role(what: Role) -> Iterator[tuple[str, Any]]:
-    """Yield name and module of all methods that fill a role; one that cannot be imported is a warning."""
+    """Yield name and module of all methods with a role. A module that cannot be imported causes a warning."""
     for name in METHODS:
         module = _loadable(name, what)
         if module is not None:
@@ -329,6 +331,7 @@ def with_role(what: Role) -> Iterator[tuple[str, Any]]:
 
 @cache
 def _loadable(name: str, what: Role) -> Any:
+    """Return the module of a role, or None after a warning if it cannot be imported."""
     try:
         return role(name, what)
     except UsageError as error:

@@ -96,7 +96,7 @@ def test_without_its_package_an_asset_has_the_standard_tier(site: Path) -> None:
         ("facets = msb_facets", "import nothing_of_that_name\n", "ModuleNotFoundError"),
         ("facets = msb_facets", "1 / 0\n", "ZeroDivisionError"),
         ("facets = msb_facets", "", "no attribute 'METHOD'"),
-        ("facets = msb_facets", "METHOD = 'Facets'\n", "no msb.registry.Method"),
+        ("facets = msb_facets", "METHOD = 'Facets'\n", "not an msb.registry.Method"),
         ("facets = msb_facets", "import sys; sys.exit()\n", "SystemExit"),
         ("facets =", None, "msb-facets"),
         ("two_dts = msb_facets", None, "msb.methods.two_dts"),

@@ -1,1 +1,1 @@
-"""Adapters turn what the methods' training writes into assets; none of them needs torch."""
+"""Read the files of a training and convert them to an asset, without torch."""

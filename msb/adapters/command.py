@@ -1,4 +1,4 @@
-"""`msb export`: a trained checkpoint as a .triasset, without torch."""
+"""`msb export`: convert a trained checkpoint to a .triasset, without torch."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class ExportOptions:
-    """What is expected of the checkpoint, and the form of the asset."""
+    """The expected method, the configuration, and the form of the asset."""
 
     method: Annotated[
-        str | None, Option("The method that you expect; detected if not given.", metavar="NAME")
+        str | None, Option("Expected method. Default: detected from the files.", metavar="NAME")
     ] = None
     config: Annotated[Path | None, Option("YAML config or log of a 2DTS training.", metavar="FILE")] = None
     form: Annotated[Literal["packed", "folder"], Option("Form of the .triasset.")] = "packed"
@@ -34,12 +34,12 @@ class ExportOptions:
 )
 def export(
     source: Annotated[
-        Path, Argument("A training's output folder, or the model's file.", metavar="CHECKPOINT")
+        Path, Argument("Output folder of a training, or the file of the model.", metavar="CHECKPOINT")
     ],
     target: Annotated[
         Path | None,
         Argument(
-            "The .triasset to write. Default: named like CHECKPOINT, in this folder.",
+            "The .triasset to write. Default: the name of CHECKPOINT, in the current folder.",
             metavar="OUT",
             output="own",
             endings=(".triasset",),
@@ -50,14 +50,14 @@ def export(
     drawing: Annotated[Drawing, ("assignments",)],
     output: JsonOutput,
 ) -> None:
-    """Turn a trained checkpoint into a .triasset, on any machine: no PyTorch, no CUDA.
+    """Convert a trained checkpoint to a .triasset. Neither PyTorch nor CUDA is needed.
 
-    The method is found from what the files hold. Settings come from the checkpoint, the training's
-    config, --set, or defaults; the asset records which.
+    The method is detected from the content of the files. Settings come from the checkpoint, the config of the
+    training, --set or defaults; the asset records the origin of each.
     """
     from msb.adapters.exporter import finish, read_model
     from msb.adapters.locate import locate
-    from msb.api.command_files import note_taken, note_warnings
+    from msb.api.command_files import note_opened, note_warnings
     from msb.asset import ASSET_SUFFIX, write_asset
 
     place = locate(source)
@@ -70,7 +70,7 @@ def export(
     with output.bars() as progress:
         asset = finish(model, progress=progress)
         write_asset(asset, target, options.form, overwrite=output.force, progress=progress)
-    note_taken(source, asset.opened_from, output)
+    note_opened(source, asset.opened_from, output)
     note_warnings(asset.warnings, source, output)
     warnings = [warning.to_dict() for warning in asset.warnings]
     head = {"schema": "msb.export/1", "path": str(target), "warnings": warnings}

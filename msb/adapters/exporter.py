@@ -1,4 +1,4 @@
-"""From a path to an asset: find the model, determine its method, read it and describe it."""
+"""The function `msb.export`: find a model, detect its method, read it, and build an asset."""
 
 import difflib
 import os
@@ -22,20 +22,22 @@ from msb.registry import BUILT_IN, METHODS, role, with_role
 
 
 class Adapter(Protocol):
-    """The functions that an adapter module has; its `KEYS`, if any, are those of each of its state dicts."""
+    """The functions of an adapter module. Its optional `KEYS` are the keys that all its state dicts have."""
 
     def recognises(self, content: Content) -> bool:
-        """Return whether the content is a model of this method, by features that only this method has."""
+        """Return whether the content is a model of this method, judged by features that no other method
+        has.
+        """
 
     def read(self, place: Place, content: Content, options: Options) -> Model:
-        """Return the model, or raise the error about what is wrong with it."""
+        """Return the model, or raise an error."""
 
 
 def adapters() -> dict[str, Adapter]:
-    """Return method -> its adapter, in the order in which they are asked: those of installed packages first.
+    """Return method -> adapter, in the order of detection: adapters of other packages first.
 
-    A package is asked first because it knows our methods, but they do not know it: its files may look like
-    ours.
+    Other packages know the built-in methods and can distinguish their own files from them, but not vice
+    versa.
     """
     by_name = {name: adapter for name in METHODS if (adapter := _by_name(name)) is not None}
     by_name |= dict(with_role("adapter"))
@@ -44,7 +46,7 @@ def adapters() -> dict[str, Adapter]:
 
 
 def _by_name(method: str) -> Adapter | None:
-    """Return the adapter of a method that is only shown as a mesh whose file's name says whose it is."""
+    """Return the adapter of a method without native rendering, whose meshes have a recognisable name."""
     known, meshes = METHODS[method], cast("Any", role("mesh", "adapter"))
     return meshes.ByName(method) if known.reads_meshes and known.native is None and known.files else None
 
@@ -57,35 +59,35 @@ def export(
     config: str | os.PathLike[str] | None = None,
     progress: Progress | None = None,
 ) -> Asset:
-    """Return the trained model at `path` as an asset, without torch and without running anything in it.
+    """Return the trained model at `path` as an asset, without torch and without executing code of the file.
 
     Parameters
     ----------
     path : path-like
-        The output folder of a training, or the file in it that holds the model; docs/export.md lists them.
+        The output folder of a training, or the file of the model; docs/export.md lists the files.
     method : str, optional
-        The name of a method, as `msb methods` lists them; found from the content if not given.
+        The name of a method, as listed by `msb methods`. By default it is detected from the content.
     settings : mapping, optional
-        Setting -> value; these values replace those of config and checkpoint.
+        Setting -> value. These values override the config and the checkpoint.
     config : path-like, optional
-        YAML config or text log of a 2DTS training, if it does not lie in the output folder.
+        YAML config or text log of a 2DTS training, if it is not in the output folder.
     progress : callable, optional
         Called as ``progress(stage, done, total)`` with bytes.
 
     Returns
     -------
     Asset
-        An asset in memory; its buffers are views on the checkpoint's file where the layout allows that.
-        `Asset.warnings` says what was missing and was replaced by defaults.
+        An asset in memory. If the layout permits it, its buffers are views of the mapped file.
+        `Asset.warnings` reports missing values that were replaced by defaults.
 
     Raises
     ------
     InputError, CheckpointError, MeshFileError, AssetError
-        Something is wrong with the files.
+        The files are missing or invalid.
     Unsupported
-        `UNSUPPORTED_METHOD`: models of this method are not made of triangles.
+        `UNSUPPORTED_METHOD`: models of this method do not consist of triangles.
     UsageError
-        An unknown method or setting, or a config for a method whose trainings have none.
+        The method or a setting is unknown, or the method has no config.
     """
     if settings is not None:
         check_type("settings", settings, Mapping, "a mapping from names to values")
@@ -94,8 +96,8 @@ def export(
 
 
 def finish(model: Model, *, progress: Progress | None = None) -> Asset:
-    """Return `model` as an asset: sources and buffers hashed, manifest complete."""
-    source = Source(tuple(_hashed(model, progress)))
+    """Return `model` as an asset with hashes of its sources and buffers."""
+    source = Source(tuple(_source_files(model, progress)))
     description = replace(model.description, source=source)
     with about(model.files[0]):
         asset = build_asset(model.buffers, model.domains, description, progress=progress)
@@ -110,28 +112,30 @@ def read_model(
     config: str | os.PathLike[str] | None = None,
     check_values: bool = True,
 ) -> Model:
-    """Return the trained model at `path`, or at the place where `locate` found it; errors as for `export`.
+    """Return the trained model at `path`, or at a place that `locate` returned. Errors are as in `export`.
 
-    `settings` may also be texts such as "gamma=20", whose values are read as the method wants them. Without
-    `check_values` parameters may be NaN, because the audit counts them.
+    `settings` can also be texts such as "gamma=20". Without `check_values` parameters can be NaN, which an
+    audit counts.
     """
     if method is not None and method not in tuple(METHODS):
-        text = f'there is no method "{shorten(str(method), 40)}"; there are {", ".join(METHODS)}'
+        text = f'the method "{shorten(str(method), 40)}" is unknown; use one of {", ".join(METHODS)}'
         raise UsageError("USAGE", text)
+    # Find the file of the model, and detect or check its method.
     place = path if isinstance(path, Place) else locate(path)
     content = Content(place)
     if method is None:
         method = _detect(content)
     else:
-        _refuse_other(content, method)
+        _reject_other_method(content, method)
+    # Read it with the settings and the config of the caller.
     values = settings if isinstance(settings, Mapping) else parse_overrides(method, settings)
-    given = None if config is None else given_path(config)
-    if given is not None and not is_file(given):
-        raise InputError("FILE_NOT_FOUND", "there is no such file", file=given)
-    model = _adapter(method).read(place, content, Options(values, given, check_values))
-    if given is not None and given not in model.files:  # an adapter names all that it has read
-        text = f"--config is of no use: {METHODS[method].title}, whose model this is, reads none; 2DTS does"
-        raise UsageError("USAGE", text, file=given)
+    config_file = None if config is None else given_path(config)
+    if config_file is not None and not is_file(config_file):
+        raise InputError("FILE_NOT_FOUND", "it does not exist", file=config_file)
+    model = _adapter(method).read(place, content, Options(values, config_file, check_values))
+    if config_file is not None and config_file not in model.files:  # the adapter did not read it
+        text = f"--config is not used by {METHODS[method].title}, the method of this model, only by 2DTS"
+        raise UsageError("USAGE", text, file=config_file)
     return replace(model, opened_from=place.given)
 
 
@@ -143,14 +147,14 @@ def detect(path: str | os.PathLike[str]) -> str:
 def _adapter(method: str) -> Adapter:
     adapter: Any = role(method, "adapter") or _by_name(method)
     if adapter is None:
-        text = f"{METHODS[method].title} brings nothing that reads its models"
+        text = f"{METHODS[method].title} has no adapter that reads its models"
         raise Unsupported("UNSUPPORTED_METHOD", text)
     return cast("Adapter", adapter)
 
 
 def _detect(content: Content) -> str:
     known = adapters()
-    method = _recognising(content, known)
+    method = _recognise(content, known)
     if method is not None:
         return method
     value = content.value
@@ -161,13 +165,15 @@ def _detect(content: Content) -> str:
     elif content.place.kind == "torch":
         what = f"it holds a {type(value).__name__}"
     else:
-        what = "its content is not what its name promises"
-    text = f"{what}; that is no model of {', '.join(known)}{_nearest(value, known)}"
+        what = "its content does not match its name"
+    text = f"{what}; it is not a model of {', '.join(known)}{_nearest(value, known)}"
     raise CheckpointError("CHECKPOINT_UNKNOWN", text, file=content.place.file)
 
 
 def _nearest(value: object, adapters_by_name: Mapping[str, Adapter]) -> str:
-    """Return which method most of the keys of `value` are of, and what it calls the others; "" if of none."""
+    """Return the method with the keys most similar to `value`, and the keys that are missing; "" without
+    one.
+    """
     parts = [value] if isinstance(value, dict) else value if isinstance(value, tuple) else []
     keys = {str(key) for part in parts[:1] if isinstance(part, dict) for key in part}
     keys_of = {name: set(getattr(adapter, "KEYS", ())) for name, adapter in adapters_by_name.items()}
@@ -178,12 +184,12 @@ def _nearest(value: object, adapters_by_name: Mapping[str, Adapter]) -> str:
     lacks = []
     for key in missing:
         alike = difflib.get_close_matches(key, sorted(keys - keys_of[name]), 1)
-        lacks.append(f"{key}, which may be {shorten(alike[0], 40)} here" if alike else key)
-    return f"; nearest: {name}, but for {' and '.join(lacks)}"
+        lacks.append(f"{key} (perhaps {shorten(alike[0], 40)})" if alike else key)
+    return f"; most similar: {name}, but the file has no {' and '.join(lacks)}"
 
 
-def _recognising(content: Content, by_name: Mapping[str, Adapter]) -> str | None:
-    """Return the first method whose adapter recognises `content`; a package's that fails is left out."""
+def _recognise(content: Content, by_name: Mapping[str, Adapter]) -> str | None:
+    """Return the first method whose adapter recognises `content`. Plug-ins that fail are skipped."""
     for name, adapter in by_name.items():
         try:
             if adapter.recognises(content):
@@ -195,19 +201,20 @@ def _recognising(content: Content, by_name: Mapping[str, Adapter]) -> str | None
     return None
 
 
-def _refuse_other(content: Content, method: str) -> None:
-    """Refuse a model that another method recognises, unless the one asked for can take it too."""
+def _reject_other_method(content: Content, method: str) -> None:
+    """Reject a model of another method, unless the adapter of `method` accepts any mesh file."""
     if _adapter(method).recognises(content):
         return
-    other = _recognising(content, adapters()) or method
+    other = _recognise(content, adapters()) or method
     if other == "mesh" and METHODS[method].reads_meshes:
         return
     if other != method:
-        text = f"it holds a {other} model; --method says {method}"
+        text = f"it holds a {other} model, but --method is {method}"
         raise CheckpointError("CHECKPOINT_METHOD", text, file=content.place.file)
 
 
-def _hashed(model: Model, progress: Progress | None) -> list[SourceFile]:
+def _source_files(model: Model, progress: Progress | None) -> list[SourceFile]:
+    """Return path, hash and size of each file of a model."""
     sizes = [path.stat().st_size for path in model.files]
     meter = Meter("hashing the source", sum(sizes), progress)
     files = []
@@ -217,9 +224,9 @@ def _hashed(model: Model, progress: Progress | None) -> list[SourceFile]:
 
 
 def _relative(path: Path, root: Path) -> str:
-    """Return `path` below `root` with forward slashes, or its name alone: never where it lay on this disk.
+    """Return `path` relative to `root` with forward slashes, or only its name if it is outside.
 
-    Bytes that are not UTF-8 become \\udcXX: a manifest is text.
+    Bytes that are not UTF-8 become \\udcXX, because a manifest is text.
     """
     path = path.absolute()
     inside = path.is_relative_to(root.absolute())

@@ -1,7 +1,7 @@
-"""From the path a user gives to the file that holds the model: the output folders of every method.
+"""Find the file of a model in the output folder of a training.
 
-This module looks at names only, so asking whether a folder is a checkpoint costs a directory listing. The
-content of the file decides about the method (`detect`).
+This module only looks at names of files and folders, which is fast. The method is detected from the content
+of the file (`exporter.detect`).
 """
 
 import os
@@ -23,45 +23,44 @@ Kind = Literal["torch", "ply", "mesh", "bundle", "other"]
 TORCH_SUFFIXES = (".pt", ".ckpt", ".pth")
 STATE_DICT = "point_cloud_state_dict.pt"
 SPLATS = "point_cloud.ply"
-# File names of the meshes that 2DGS writes, the cleaned ones first (hbb1/2d-gaussian-splatting:
-# render.py).
+# File names of the meshes of 2DGS, cleaned ones first (hbb1/2d-gaussian-splatting: render.py).
 FUSED = ("fuse_post.ply", "fuse_unbounded_post.ply", "fuse.ply", "fuse_unbounded.ply")
 
 
 @dataclass(frozen=True)
 class Place:
-    """Where a model is: the file that holds it, and the output folder of its training."""
+    """The place of a model: its file and the output folder of its training."""
 
-    # If several files hold the model, the one that is read first.
+    # The file of the model, or the main one of several.
     file: Path
-    # Where configs and logs are looked for.
+    # The output folder, which is searched for configs and logs.
     root: Path
-    # How it is read: a "bundle" with the files beside it, "other" by its method's own code.
+    # How to read it. A "bundle" has other files in the same folder; "other" is only read by its method.
     kind: Kind
-    # What the user named: the file, the folder, or one above it; of a folder that only holds a checkpoint's
-    # folder, that one.
+    # The path from the user: the file, its folder or one above. If the folder of the user only contains the
+    # folder of a checkpoint, the latter.
     given: Path
 
     @property
     def name(self) -> str:
-        """What an asset of the model is called: as the folder of its training, or as a file by itself."""
+        """The name of an asset of the model: the name of the output folder or of a single file."""
         if self.given.is_dir():
             return self.given.resolve().name
         return self.file.stem if self.root == self.file.parent else self.root.resolve().name
 
 
 def is_checkpoint(path: Path) -> bool:
-    """Return whether `path` is named like a checkpoint: a torch file, or an output folder of a method."""
+    """Return whether `path` has the name of a torch file, or contains the output of a method."""
     if is_file(path):
         return path.suffix.lower() in TORCH_SUFFIXES or _is_declared(path)
     return _pick(path) is not None
 
 
 def locate(path: str | os.PathLike[str]) -> Place:
-    """Return where the model below `path` is, the latest iteration if there are several."""
+    """Return the place of the model in `path`, which is the last of several iterations."""
     given = given_path(path)
     if given.suffix.lower() == ASSET_SUFFIX and os.path.lexists(given):
-        text = "it is a .triasset already; msb convert makes other files of it"
+        text = "it is already a .triasset; use msb convert to write another format"
         raise CheckpointError("CHECKPOINT_NOT_RECOGNISED", text, file=given)
     file, given = _model_file(given)
     suffix = file.suffix.lower()
@@ -74,64 +73,67 @@ def locate(path: str | os.PathLike[str]) -> Place:
 
 
 def _model_file(path: Path) -> tuple[Path, Path]:
-    """Return the file of the model, and `path` or the checkpoint's folder in it that is taken for it."""
+    """Return the file of the model, and `path` or the only checkpoint folder in it."""
     try:
         folder = path.is_dir()
     except (OSError, ValueError) as error:
         raise open_error(error, path, "file or folder") from error
     if not folder:
         if not os.path.lexists(path):
-            raise InputError("FILE_NOT_FOUND", "there is no such file or folder", file=path)
+            raise InputError("FILE_NOT_FOUND", "it does not exist", file=path)
         return path, path
     file = _pick(path)
     if file is None:
-        below = [each for name in sorted(_names(path)) if (each := path / name).is_dir() and _pick(each)]
+        # Look for a single checkpoint in the subfolders, then for a single file without the usual folders.
+        below = [sub for name in sorted(_names(path)) if (sub := path / name).is_dir() and _pick(sub)]
         if len(below) == 1:
             return _model_file(below[0])
         bare = [] if below else bare_models(path) or _named_meshes(path)
         if len(bare) == 1:
             return bare[0], path
-        text = "it is not the output folder of a method we know; docs/export.md shows how these look"
+        text = "it is not the output folder of a known method; docs/export.md shows their layouts"
         if several := below or bare:
-            names = ", ".join(each.name for each in several[:8])
-            text = f"it holds {len(several)} checkpoints ({names}); give one of them"
+            names = ", ".join(place.name for place in several[:8])
+            text = f"it holds {len(several)} checkpoints ({names}); pass one of them"
         raise CheckpointError("CHECKPOINT_UNKNOWN", text, file=path)
     if not file.exists():
-        text = f"{file.relative_to(path)} is missing: the latest iteration has no model"
+        text = f"{file.relative_to(path)} is missing: the last iteration has no model"
         raise CheckpointError("CHECKPOINT_FILE_MISSING", text, file=path, pointer=file.name)
     return file, path
 
 
 def bare_models(folder: Path) -> list[Path]:
-    """Return the torch files in a folder that looks like no method's; a single one is taken for the model."""
+    """Return the torch files in a folder without the layout of a method. A single one is used as the
+    model.
+    """
     return [folder / name for name in sorted(_names(folder)) if name.lower().endswith(TORCH_SUFFIXES)]
 
 
 def _named_meshes(folder: Path) -> list[Path]:
-    """Return the mesh files whose names say whose they are, where there are too many to take one."""
+    """Return the mesh files in a folder whose names belong to a method."""
     files = (folder / name for name in sorted(_names(folder)))
     return [file for file in files if any(is_named(method, file) for method in METHODS.values())]
 
 
 def in_bundle(file: Path, names: tuple[str, ...]) -> bool:
-    """Return whether `file` is the first of the files that `names` says hold a model together."""
+    """Return whether `file` is the main file of a bundle with these file `names`."""
     return file.name in names[:1] and any((file.parent / name).exists() for name in names[1:])
 
 
 def is_named(method: Method, file: Path) -> bool:
-    """Return whether `method` says that its models are called so."""
+    """Return whether `file` has a name that `method` declares for its models."""
     names = (pattern.rpartition("/")[2] for pattern in method.files)
     return any(re.fullmatch(_expression(name), file.name) for name in names)
 
 
 def _is_declared(file: Path) -> bool:
-    """Return whether a method says that its models are called so, and are no mesh files."""
+    """Return whether a method declares this name, and it is not a mesh file."""
     suffix = file.suffix.lower()
     return suffix not in MESH_SUFFIXES and any(is_named(method, file) for method in METHODS.values())
 
 
 def _root(file: Path) -> Path:
-    """Return the output folder that `file` lies in, by the names of the folders above it."""
+    """Return the output folder that contains `file`, judged by the names of the folders above it."""
     above = [folder.name for folder in file.absolute().parents]
     if (
         len(above) > 2
@@ -145,16 +147,16 @@ def _root(file: Path) -> Path:
 
 
 def _is_below(file: Path) -> bool:
-    """Return whether a method says that its models lie in a folder called as that of `file`."""
+    """Return whether a method declares models in a folder of this name, such as ``ckpt/{n}.ckpt``."""
     name = f"{file.absolute().parent.name}/{file.name}"
     below = (pattern for method in METHODS.values() for pattern in method.files if "/" in pattern)
     return any(re.fullmatch(_expression(pattern), name) for pattern in below)
 
 
 def _pick(folder: Path) -> Path | None:
-    """Return the file of the model in `folder`, None if the folder looks like no method's.
+    """Return the file of the model in `folder`, or None without the layout of a method.
 
-    The file of the latest iteration is returned even if it is missing.
+    The file of the last iteration is returned even if it is missing.
     """
     try:
         return next((file for rule in _RULES if (file := rule(folder)) is not None), None)
@@ -163,7 +165,7 @@ def _pick(folder: Path) -> Path | None:
 
 
 def _declared(folder: Path) -> Path | None:
-    """Return the file that a method's declaration names, in `folder` or in the folder of it that is given."""
+    """Return the file that a method declares, below the output folder or in `folder` itself."""
     for method in METHODS.values():
         if any((folder / name).exists() for name in method.bundle[1:]):
             return folder / method.bundle[0]
@@ -174,8 +176,8 @@ def _declared(folder: Path) -> Path | None:
                 places.append(folder)
             for place in places:
                 if "*" in name:
-                    fitting = [each for each in _names(place) if re.fullmatch(_expression(name), each)]
-                    file = place / fitting[0] if len(fitting) == 1 else None
+                    matching = [entry for entry in _names(place) if re.fullmatch(_expression(name), entry)]
+                    file = place / matching[0] if len(matching) == 1 else None
                 else:
                     file = _latest(place, _expression(name)) if "{n}" in name else place / name
                 if file is not None and file.exists():
@@ -184,11 +186,12 @@ def _declared(folder: Path) -> Path | None:
 
 
 def _expression(name: str) -> str:
+    """Return the regular expression of a declared file name, with {n} for a number and * for any text."""
     return re.escape(name).replace(re.escape("{n}"), r"(\d+)").replace(re.escape("*"), "[^/]*")
 
 
 def _iteration(folder: Path) -> Path | None:
-    """Return the latest model of the 3DGS family: a state dict, or the splats of 3DGS and 2DGS."""
+    """Return the last model of the 3DGS family: a state dict, or the Gaussians of 3DGS and 2DGS."""
     if re.match(r"iteration_\d+\Z", folder.name):
         latest: Path | None = folder
     else:
@@ -204,12 +207,14 @@ def _iteration(folder: Path) -> Path | None:
 
 
 def _fused(folder: Path) -> Path | None:
+    """Return the mesh that 2DGS extracted after its last iteration."""
     latest = _latest(folder / "train", r"ours_(\d+)")
     if latest is None:
         return None
     return next((latest / name for name in FUSED if (latest / name).exists()), None)
 
 
+# Rules that return the file of a model in a folder, in this order.
 _RULES: tuple[Callable[[Path], Path | None], ...] = (
     _declared,
     _iteration,
@@ -220,7 +225,7 @@ _RULES: tuple[Callable[[Path], Path | None], ...] = (
 
 
 def _latest(folder: Path, pattern: str) -> Path | None:
-    """Return the entry of `folder` whose number in `pattern` is the largest, as a number: 7000 < 30000."""
+    """Return the entry of `folder` whose name matches `pattern` with the largest number."""
     numbered: dict[int, str] = {}
     for name in _names(folder):
         if (match := re.fullmatch(pattern, name)) and len(match[1]) < 19:
@@ -231,21 +236,21 @@ def _latest(folder: Path, pattern: str) -> Path | None:
 def _names(folder: Path) -> list[str]:
     try:
         return [path.name for path in folder.iterdir()]
-    except (OSError, ValueError):  # the latter for a NUL in the path
+    except (OSError, ValueError):  # ValueError: the path contains a NUL
         return []
 
 
 def is_mesh_file(path: Path) -> bool:
-    """Return whether `path` is neither an asset nor a model, and so can only be a mesh file."""
+    """Return whether `path` can only be a mesh file, because it is neither an asset nor a model."""
     return not (is_asset(path) or is_folder(path) or is_checkpoint(path) or _is_primitive_table(path))
 
 
 def _is_primitive_table(path: Path) -> bool:
-    """Return whether `path` is a PLY of primitives, as 2DTS and the Gaussian methods write, and no mesh."""
+    """Return whether `path` is a PLY table of primitives, as written by 2DTS and Gaussian methods."""
     if path.suffix.lower() != ".ply":
         return False
     try:
         names, has_faces = ply_names(path)
-    except MsbError:  # the mesh reader says what is wrong
+    except MsbError:  # the mesh reader will report the error
         return False
     return not has_faces and bool({"x1", "rot_0"} & set(names))

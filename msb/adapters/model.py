@@ -1,4 +1,4 @@
-"""What an adapter is given, the settings that it collects, and the model in an asset's terms it returns."""
+"""Arguments and results of adapters: the content of a file, settings, and the model."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -23,9 +23,9 @@ from msb.registry import METHODS, SettingSource
 
 @dataclass(frozen=True)
 class Options:
-    """What the user gives beside the path: settings by name, and the file with the training's config.
+    """Arguments of the caller besides the path: settings by name, and the config file of the training.
 
-    Without `check_values` parameters may be NaN, because the audit counts such vertices.
+    Without `check_values` parameters can be NaN, because an audit counts such vertices.
     """
 
     settings: Mapping[str, Any] = field(default_factory=dict)
@@ -35,13 +35,13 @@ class Options:
 
 @dataclass(frozen=True)
 class Content:
-    """The content of a file of any kind of `Place`; each adapter looks at what concerns it."""
+    """The content of the file of a `Place`. It is read when an adapter needs it."""
 
     place: Place
 
     @cached_property
     def value(self) -> Any:
-        """The value that torch saved; None for other kinds of files."""
+        """The value in a file of torch; None for other kinds of files."""
         if self.place.kind != "torch":
             return None
         file = self.place.file
@@ -50,7 +50,7 @@ class Content:
         except CheckpointError as error:
             if error.message != STRANGE or file.suffix.lower() in TORCH_SUFFIXES:
                 raise
-        raise unknown_suffix(str(file), file.suffix)  # neither its name nor its content says what it is
+        raise unknown_suffix(str(file), file.suffix)  # neither its name nor its content is known
 
     @cached_property
     def ply_names(self) -> tuple[str, ...]:
@@ -65,33 +65,33 @@ class Content:
         return read_ply_table(self.place.file)
 
     def mapping(self, file: Path) -> Mapping[Any, Any]:
-        """Return the dictionary that torch saved."""
+        """Return the dictionary in a file of torch."""
         if not isinstance(self.value, dict):
-            text = f"it holds a {type(self.value).__name__}; it must be a dictionary of tensors"
+            text = f"it contains a {type(self.value).__name__}; it must be a dictionary of tensors"
             raise CheckpointError("CHECKPOINT_LAYOUT", text, file=file)
         return self.value
 
 
 class Settings:
-    """The settings of one model while they are collected.
+    """The settings of a model, while an adapter collects them.
 
     Parameters
     ----------
     method : str
         The method's name in `METHODS`.
     flags : mapping
-        The settings that the user gave; a name or value that the method does not have is a `UsageError`.
+        The settings of the user. An invalid name or value is a `UsageError`.
     """
 
     def __init__(self, method: str, flags: Mapping[str, Any]) -> None:
         self._known = METHODS[method].settings
         self._flags = check_overrides(method, flags)
-        self._found: dict[str, StoredSetting] = {}
+        self._stored: dict[str, StoredSetting] = {}
 
     def add(
         self, name: str, value: Any, source: SettingSource, file: Path | None = None, key: str | None = None
     ) -> None:
-        """Take `value` for setting `name`, as found in `file` under `key`, unless a flag sets it."""
+        """Set `name` to `value`, which is stored in `file` under `key`, unless the user sets it."""
         if name in self._flags:
             return
         if not isinstance(value, bool | int | float | str | None):
@@ -100,18 +100,18 @@ class Settings:
             code = "CHECKPOINT_CONFIG" if source == "config" else "CHECKPOINT_LAYOUT"
             text = f"{key or name} is {shorten(repr(value), 40)}; it {problem}"
             raise CheckpointError(code, text, file=file, pointer=key or name)
-        self._found[name] = StoredSetting(value, source)
+        self._stored[name] = StoredSetting(value, source)
 
     def finish(self, degree: int | None = None) -> dict[str, StoredSetting]:
         """Return all settings, in the method's order; `degree` is the stored SH degree."""
         wanted = self._flags.get("sh_degree")
         if isinstance(wanted, int) and degree is not None and wanted > degree:
-            text = f"setting sh_degree is {wanted}; the checkpoint stores degree {degree} only"
+            text = f"setting sh_degree is {wanted}; the checkpoint only stores degree {degree}"
             raise UsageError("SETTING_VALUE", text)
         settings = {}
         for name, setting in self._known.items():
             default = setting.default if name != "sh_degree" else degree
-            settings[name] = self._found.get(name, StoredSetting(default, "default"))
+            settings[name] = self._stored.get(name, StoredSetting(default, "default"))
             if name in self._flags:
                 settings[name] = StoredSetting(self._flags[name], "flag")
         return settings
@@ -119,25 +119,24 @@ class Settings:
 
 @dataclass(frozen=True, eq=False)
 class Model:
-    """A trained model: arrays, what they belong to, and what the manifest says of them.
+    """A trained model: arrays, their domains, and the description for the manifest.
 
     Attributes
     ----------
     buffers : dict of str to ndarray
-        Arrays by the asset's names; views on the mapped file, not copies, where the file's layout allows
-        that.
+        Arrays with the names of an asset. If the layout permits it they are views of the mapped file.
     domains : dict of str to {"vertex", "face", "corner", "global"}
-        The domain of every buffer but `positions` and `indices`.
+        The domain of every buffer except `positions` and `indices`.
     description : Description
-        Method, kernels and settings; its `source` is filled in by `export`.
+        Method, kernels and settings. `export` sets its `source`.
     root : Path
         The output folder of the training, or the folder of the single file.
     files : tuple of Path
-        All files that were read, the one with the model first.
+        All files that were read, beginning with the file of the model.
     warnings : tuple of Finding
-        What was missing or odd, and what was done instead.
+        Missing or unusual values, and their replacements.
     opened_from : Path or None
-        `Place.given`: what was given to find the model; `read_model` fills it in.
+        `Place.given`, the path from the user. `read_model` sets it.
     """
 
     buffers: dict[str, NDArray[Any]]
@@ -152,7 +151,7 @@ class Model:
 def soup_buffers(
     triangles: NDArray[np.float32], **by_face: NDArray[np.float32] | None
 ) -> dict[str, NDArray[Any]]:
-    """Return the buffers of free triangles (N, 3, 3) and of what each has: (N, ...), or None for nothing."""
+    """Return the buffers of separate triangles (N, 3, 3) with values `by_face` (N, ...); None is omitted."""
     count = len(triangles)
     buffers: dict[str, NDArray[Any]] = {
         "positions": triangles.reshape(3 * count, 3),
@@ -165,12 +164,12 @@ def soup_buffers(
 
 
 def domains_of(buffers: Mapping[str, NDArray[Any]], domain: Domain) -> dict[str, Domain]:
-    """Return the same domain for all buffers but positions and indices, whose domains are fixed."""
+    """Return the same domain for all buffers except positions and indices, whose domains are fixed."""
     return dict.fromkeys(buffers.keys() - {"positions", "indices"}, domain)
 
 
 def sh_appearance(degree: int, white: object = None) -> dict[str, Any]:
-    """Return what a manifest says of SH colours, and of the background if `white` is true or false."""
+    """Return the `appearance` of SH colours, with the background if `white` is true or false."""
     appearance: dict[str, Any] = {"kind": "spherical_harmonics"}
     if degree:
         appearance["f_rest_order"] = "coefficient_major"
@@ -178,5 +177,7 @@ def sh_appearance(degree: int, white: object = None) -> dict[str, Any]:
 
 
 def background_of(white: object) -> dict[str, str]:
-    """Return what a manifest says of the background if `white` is true or false."""
+    """Return the background for `appearance`: white or black, or nothing if `white` is neither true nor
+    false.
+    """
     return {"background": "#ffffff" if white else "#000000"} if isinstance(white, bool) else {}

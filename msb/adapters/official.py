@@ -1,7 +1,7 @@
-"""What each method's own exporter writes, made from an asset.
+"""Write the same mesh as the official exporter of a method, from an asset.
 
-These files differ from the standard tier on purpose: some exporters keep an alpha, evaluate SH in a fixed
-direction, merge vertices or write every face twice. Tests compare with files that the official code wrote.
+These files differ from the standard-tier mesh: some exporters keep alpha, evaluate SH in a fixed direction,
+merge vertices or write every face twice. Tests compare with files of the official code.
 """
 
 import os
@@ -17,9 +17,9 @@ from msb.registry import lookup, role, with_role
 
 
 class Official(Protocol):
-    """The members that a method's module `official` has."""
+    """The members of the module `official` of a method."""
 
-    # The suffixes of the files that the exporter writes; "" stands for a folder.
+    # Suffixes of the files of the exporter; "" stands for a folder.
     SUFFIXES: tuple[str, ...]
 
     def write(self, asset: Asset, path: Path) -> None:
@@ -27,22 +27,22 @@ class Official(Protocol):
 
 
 def write_official(asset: Asset, path: str | os.PathLike[str]) -> None:
-    """Write `asset` to `path` as the method's own exporter would."""
+    """Write `asset` to `path` as the official exporter of its method does."""
     exporter, path = official_exporter(asset.manifest.method), Path(path)
     suffix = path.suffix.lower()
     if suffix not in exporter.SUFFIXES:
         wanted = " or ".join(name or "a folder" for name in exporter.SUFFIXES)
-        text = f"the exporter of {asset.manifest.method} writes {wanted}; OUT is {path.name}"
+        text = f"the exporter of {asset.manifest.method} writes {wanted}, but OUT is {path.name}"
         raise UsageError("NAME_UNKNOWN", text, file=path)
     exporter.write(asset, path)
 
 
 def official_exporter(method: str) -> Official:
-    """Return the module that writes as the exporter of `method` does."""
+    """Return the module that implements the official exporter of `method`."""
     exporter: Any = role(method, "official")
     if exporter is None:
         names = ", ".join(name for name, _ in with_role("official"))
-        text = f"{lookup(method).title} has no exporter of its own for such an asset; {names} have"
+        text = f"{lookup(method).title} has no official exporter; these methods have one: {names}"
         raise Unsupported("UNSUPPORTED_METHOD", text)
     return cast("Official", exporter)
 

@@ -1,4 +1,4 @@
-"""The tensors of a checkpoint by key; each is checked to exist, to have its shape and type, to be finite."""
+"""Tensors of a checkpoint by key, with checks of existence, shape, type and finite values."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -11,24 +11,24 @@ from msb.adapters.checkpoint import BFloat16Array
 from msb.asset.drawable import first_bad
 from msb.errors import CheckpointError, Finding, finding, shorten
 
-# A length, or a letter for a length that all tensors with this letter share.
+# The length of an axis, or a letter. All axes with the same letter must have the same length.
 Axis = int | str
 
-# Number K of coefficients per channel beyond the first -> degree L, by K = (L + 1)^2 - 1.
+# Number K of SH coefficients per channel without the first -> degree L, where K = (L + 1)^2 - 1.
 SH_COEFFICIENTS = {0: 0, 3: 1, 8: 2, 15: 3}
 
 
 class Tensors:
-    """The named tensors of one file, checked when asked for.
+    """The named tensors of a file. Each is checked when it is read.
 
     Parameters
     ----------
     values : mapping
-        The dictionary that `read_checkpoint` gave: tensors by key, and other values.
+        The dictionary from `read_checkpoint`: tensors and other values by key.
     file : Path
         The file, for error messages.
     check_values : bool
-        Whether numbers that are not finite are refused.
+        Whether values that are not finite are errors.
     """
 
     def __init__(self, values: Mapping[Any, Any], file: Path, check_values: bool = True) -> None:
@@ -40,27 +40,27 @@ class Tensors:
         return key in self._values
 
     def value(self, key: str) -> Any:
-        """Return what is stored under `key`, whatever it is; bfloat16 as float32, which is exact."""
+        """Return the value of `key`, of any type. bfloat16 is converted to float32, which is exact."""
         if key not in self._values:
-            there = ", ".join(shorten(str(name), 40) for name in list(self._values)[:16]) or "nothing"
-            text = f'it has no key "{key}"; it has {there}'
+            keys = ", ".join(shorten(str(name), 40) for name in list(self._values)[:16]) or "nothing"
+            text = f'the key "{key}" is missing; its keys: {keys}'
             raise CheckpointError("CHECKPOINT_LAYOUT", text, file=self._file, pointer=key)
         value = self._values[key]
         return value.to_float32() if isinstance(value, BFloat16Array) else value
 
     def floats(self, key: str, *shape: Axis, infinite: bool = False) -> NDArray[np.float32]:
-        """Return the float32 tensor `key` of `shape`, whose values are all numbers.
+        """Return the tensor `key` of this `shape` as float32.
 
-        float16 and bfloat16 are widened, which is exact; float64 is rounded, with a warning. `infinite`
-        allows infinities, which are logits of opacities that are exactly 0 or 1. A letter in `shape` stands
-        for a length that all tensors with this letter share.
+        float16 and bfloat16 are converted exactly; float64 is rounded, with a warning. `infinite` allows
+        infinite values, which are logits of opacities 0 and 1. A letter in `shape` is the same length in all
+        tensors.
         """
         array = self._tensor(key, "float32", "f")
         self._check_shape(key, array.shape, shape)
         if array.dtype.itemsize > 4:
-            text = f"{key} is {array.dtype.name}; it was rounded to float32, which is what assets hold"
+            text = f"{key} is {array.dtype.name}; it was rounded to float32, the type of assets"
             self.warnings.append(finding("CHECKPOINT_ROUNDED", text, severity="warning", pointer=key))
-        with np.errstate(over="ignore"):  # what overflows is found below
+        with np.errstate(over="ignore"):  # overflows are detected below
             values = array.astype(np.float32, copy=False)
         if self._check_values and (at := first_bad(values, infinite=infinite)) is not None:
             text = f"{key}{list(at)} is {values[at]}; it must be {'a' if infinite else 'a finite'} number"
@@ -68,7 +68,7 @@ class Tensors:
         return values
 
     def indices(self, key: str, vertices: int, *shape: Axis) -> NDArray[np.uint32]:
-        """Return the integer tensor `key`, whose values number `vertices` rows, as uint32."""
+        """Return the integer tensor `key` as uint32. Its values must be 0 to `vertices` - 1."""
         array = self._tensor(key, "int32 or int64", "iu")
         self._check_shape(key, array.shape, shape)
         if array.size and not 0 <= int(array.min()) <= int(array.max()) < vertices:
@@ -85,7 +85,7 @@ class Tensors:
             value = value.item()
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise self._wrong_type(key, value, "a number")
-        if not abs(value) < 1e300:  # NaN too; an integer may be past any float
+        if not abs(value) < 1e300:  # also rejects NaN, and integers that a float cannot hold
             text = f"{key} is {shorten(repr(value), 40)}; it must be a finite number"
             raise self.error("CHECKPOINT_NONFINITE", text, key)
         return float(value)
@@ -99,23 +99,23 @@ class Tensors:
         return int(number)
 
     def degree(self, key: str, coefficients: int) -> int:
-        """Return the degree L for a tensor `key` with `coefficients` per channel beyond the first."""
+        """Return the SH degree of a tensor `key` with `coefficients` per channel without the first."""
         if coefficients not in SH_COEFFICIENTS:
-            text = f"{key} has {coefficients} SH coefficients per channel; degree 0 to 3 has 0, 3, 8 or 15"
+            text = f"{key} has {coefficients} SH coefficients per channel; degrees 0 to 3 have 0, 3, 8 or 15"
             raise self.error("CHECKPOINT_LAYOUT", text, key)
         return SH_COEFFICIENTS[coefficients]
 
     def axis(self, key: str, number: int) -> int:
-        """Return the length of one axis of the tensor `key`, before its shape is known to be right."""
+        """Return the length of an axis of the tensor `key`, or 0, without checking its shape."""
         shape = self._tensor(key, "float32", "fiu").shape
         return int(shape[number]) if number < len(shape) else 0
 
     def length(self, letter: str) -> int:
-        """Return the length that the tensors asked for so far share under `letter`."""
+        """Return the length of `letter`, which a tensor that was read before has set."""
         return self._lengths[letter][0]
 
     def error(self, code: str, text: str, pointer: str) -> CheckpointError:
-        """Return the error about this file."""
+        """Return an error about this file."""
         return CheckpointError(code, text, file=self._file, pointer=pointer)
 
     def _tensor(self, key: str, wanted: str, kinds: str) -> NDArray[Any]:
@@ -137,6 +137,7 @@ class Tensors:
         return self.error("CHECKPOINT_LAYOUT", f"{key} is {what}; it must be {wanted}", key)
 
     def _check_shape(self, key: str, shape: tuple[int, ...], wanted: tuple[Axis, ...]) -> None:
+        """Check a shape; the first tensor with a letter sets its length."""
         ok = len(shape) == len(wanted)
         for axis, length in zip(wanted, shape, strict=False):
             if isinstance(axis, int):

@@ -1,6 +1,6 @@
-"""Read `cfg_args`, which trainers of the 3DGS family leave beside a checkpoint to say how it was trained.
+"""Read `cfg_args`, the file with the options of a training of the 3DGS family.
 
-Nothing in the file is evaluated; values are parsed as literals.
+Values are parsed as literals. Nothing in the file is executed.
 """
 
 import ast
@@ -15,26 +15,27 @@ from msb.errors import CheckpointError, Finding, InputError, finding, shorten
 from msb.scenes.datasets.catalog import DATASETS
 from msb.scenes.datasets.notes import saw_test_views
 
-# Most bytes that are read. A config has some kilobytes, and a log starts with one; more would only cost
-# time.
+# Bytes that are read at most. A config has some kilobytes, and logs begin with one.
 MAX_BYTES = 1 << 16
 
 
 def read_cfg_args(root: Path) -> tuple[dict[str, Any], tuple[Path, ...], list[Finding]]:
-    """Return the values in `cfg_args` of the output folder `root`, the files read, and warnings.
+    """Return the values in `cfg_args` of the output folder `root`, the files that were read, and warnings.
 
-    `cfg_args` is one line, ``Namespace(sh_degree=3, white_background=False, ...)``: Python call syntax with
+    `cfg_args` is one line, ``Namespace(sh_degree=3, white_background=False, ...)``, a Python call with
     literal values (trianglesplatting/triangle-splatting: train.py).
     """
     path = root / "cfg_args"
     if not path.is_file():
-        text = "cfg_args is not there, so the background used in training is not known; where something is "
-        text += "drawn, --background COLOR gives it"
+        text = (
+            "cfg_args is missing, so the background of the training is unknown; pass --background COLOR to "
+        )
+        text += "commands that draw"
         return {}, (), [missing(root, text)]
     try:
         text = read_text(path)
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # about escapes in literals: the file's business
+            warnings.simplefilter("ignore")  # Python would warn about escapes in literals
             call = ast.parse(text.strip(), mode="eval").body
         if not isinstance(call, ast.Call) or call.args or getattr(call.func, "id", "") != "Namespace":
             raise ValueError
@@ -42,16 +43,16 @@ def read_cfg_args(root: Path) -> tuple[dict[str, Any], tuple[Path, ...], list[Fi
         if len(values) != len(call.keywords):  # **mapping, or a name twice
             raise ValueError
     except (SyntaxError, ValueError, TypeError, MemoryError, RecursionError):
-        text = "cfg_args is not one line Namespace(name=value, ...); it was ignored"
+        text = "cfg_args is not a line Namespace(name=value, ...); it is ignored"
         return {}, (), [finding("CHECKPOINT_CONFIG", text, severity="warning", pointer="cfg_args")]
     return values, (path,), [saw_test_views()] if values.get("eval") is False else []
 
 
 def training_of(arguments: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what the values of `cfg_args` say for the manifest's key `training`: no path of a machine."""
+    """Return the values for the key `training` of the manifest. They must not contain paths of a machine."""
     training: dict[str, Any] = {}
-    if isinstance(held_back := arguments.get("eval"), bool):
-        training["eval"] = held_back
+    if isinstance(held_out := arguments.get("eval"), bool):
+        training["eval"] = held_out
     if isinstance(folder := arguments.get("images"), str) and folder.isprintable():
         training["images"] = re.split(r"[/\\]", folder.rstrip("/\\"))[-1][:200]
     if type(resolution := arguments.get("resolution")) is int and abs(resolution) < 1 << 31:
@@ -60,9 +61,9 @@ def training_of(arguments: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def named_up(path: Any) -> str:
-    """Return what is up in the dataset that `path` names: +z in NeRF-Synthetic, -y in those from COLMAP.
+    """Return the up axis of the dataset in the name of `path`: +z for NeRF-Synthetic, -y for COLMAP datasets.
 
-    "unknown" if it names none. The path is that of the machine that trained: it is not looked at.
+    The result is "unknown" for other names. The path belongs to the training machine and is not opened.
     """
     names = str(path).lower()
     for up, words in (("+z", ("synthetic", "blender")), ("-y", ("colmap", "360", "tanks", "tandt", "dtu"))):
@@ -72,7 +73,9 @@ def named_up(path: Any) -> str:
 
 
 def trained_up(arguments: Mapping[str, Any]) -> str:
-    """Return what is up in a training with these `cfg_args`: its scene is from COLMAP or NeRF-Synthetic."""
+    """Return the up axis of a training with these `cfg_args`, whose scene is from COLMAP or
+    NeRF-Synthetic.
+    """
     path = arguments.get("source_path")
     if not isinstance(path, str) or named_up(path) != "unknown":
         return named_up(path)
@@ -82,7 +85,7 @@ def trained_up(arguments: Mapping[str, Any]) -> str:
 
 
 def read_text(path: Path) -> str:
-    """Return the beginning of a text file; errors as `unusable`."""
+    """Return the beginning of a text file; the error is that of `unusable`."""
     try:
         return read_file(path, MAX_BYTES)[:MAX_BYTES].decode("utf-8", "replace").replace("\r\n", "\n")
     except InputError as error:
@@ -90,10 +93,10 @@ def read_text(path: Path) -> str:
 
 
 def unusable(path: Path, why: str) -> CheckpointError:
-    """Return the error `CHECKPOINT_CONFIG`."""
+    """Return the error CHECKPOINT_CONFIG about a file that cannot be used."""
     return CheckpointError("CHECKPOINT_CONFIG", shorten(why, 200), file=path)
 
 
 def missing(root: Path, text: str) -> Finding:
-    """Return the warning that a config of the output folder `root` is not there."""
+    """Return the warning that the config in the output folder `root` is missing."""
     return finding("CHECKPOINT_CONFIG_MISSING", text, severity="warning", file=str(root))

@@ -1,1 +1,1 @@
-"""The public verbs that are one module each; `msb` exports them."""
+"""Public functions that `msb` exports: audit, open, validate and the demo data. Each is a module."""

@@ -1,4 +1,4 @@
-"""The function `msb.audit`, which audits arrays, an asset, or what lies at a path."""
+"""The function `msb.audit`, which audits arrays, an asset or a file."""
 
 import os
 from dataclasses import replace
@@ -22,16 +22,16 @@ def audit(vertices: ArrayLike, faces: ArrayLike, *, weld: Weld | None = None) ->
 def audit(vertices: Any, faces: ArrayLike | None = None, *, weld: Weld | None = None) -> Audit:
     """Audit the structure of a triangle mesh exactly as it is stored.
 
-    Nothing is merged, dropped, reoriented or repaired first (paper: "Mesh structural integrity" and
-    appendix "Topology-Metric Definitions and Interpretation Limits"). The verdict alone is that of the mesh
-    without its seams, where vertices are doubled for the sake of UVs or colours; plain arrays have none.
+    Nothing is merged, removed, reoriented or repaired first (paper: "Mesh structural integrity" and
+    appendix "Topology-Metric Definitions and Interpretation Limits"). Only the verdict ignores seams, which
+    are vertices that are duplicated because their UVs or colours differ. Arrays have no seams.
 
     Parameters
     ----------
     vertices : (V, 3) real numbers, Asset or path-like
-        Coordinates in any length unit; NaN is allowed and counted. Or a whole asset, or the path of anything
-        that `msb.open` takes; `faces` is then left out. For a path the result is that of `msb audit PATH`: a
-        mesh file is audited in its own precision, which the asset made of it may not have.
+        Coordinates in any unit of length; NaN is allowed and counted. Or an asset, or a path that `msb.open`
+        accepts; then omit `faces`. A mesh file is audited in the precision of the file, as by
+        `msb audit PATH`, although `msb.open` rounds it to float32.
     faces : (F, 3) integers
         0-based vertex indices.
     weld : "exact" or float, optional
@@ -46,7 +46,7 @@ def audit(vertices: Any, faces: ArrayLike | None = None, *, weld: Weld | None = 
     MeshError
         `MESH_ARRAY`, `MESH_INDEX_OUT_OF_RANGE` or `WELD_DISTANCE`.
     InputError, AssetError, CheckpointError, MeshFileError, Unsupported
-        The path cannot be read.
+        The file cannot be read.
 
     Notes
     -----
@@ -65,7 +65,7 @@ def audit(vertices: Any, faces: ArrayLike | None = None, *, weld: Weld | None = 
     if faces is not None:
         return audit_arrays(vertices, faces, weld=weld)[0]
     if not isinstance(vertices, (Asset, *PATH_TYPES)):
-        text = "faces are missing; give an asset, a path, or vertices and faces"
+        text = "faces are missing; pass an asset, a path, or vertices and faces"
         raise MeshError("MESH_ARRAY", text)
     from msb.api.opening import read_stored, stored_mesh
 
@@ -77,7 +77,7 @@ def audit(vertices: Any, faces: ArrayLike | None = None, *, weld: Weld | None = 
 
 
 def audit_stored(mesh: StoredMesh, *, weld: Weld | None = None) -> tuple[Audit, Analysis]:
-    """Return the audit of a mesh as stored, with its path and method, and the analysis for viewers."""
+    """Return the audit of a stored mesh with its path and method, and the analysis for viewers."""
     with about(mesh.path):
         report, analysis = audit_arrays(mesh.vertices, mesh.faces, weld=weld, attributes=mesh.attributes)
     path = None if mesh.path is None else str(mesh.path)
@@ -85,16 +85,19 @@ def audit_stored(mesh: StoredMesh, *, weld: Weld | None = None) -> tuple[Audit, 
 
 
 def advice(audit: Audit, output: str, source: str) -> str | None:
-    """Return what helps where faces share no vertices; `output` is the option -o, `source` what to repair."""
+    """Return the command that helps if faces share no vertices, or None.
+
+    `output` is the option -o with a file name, `source` the path of the mesh.
+    """
     from msb.registry import lookup
 
     audit = audit.judged
     if audit.closed_once_merged or audit.corners_coincide:
         return f"Merge the vertices: msb repair --plan weld,orient,pair {output} {source}"
     if audit.corners_coincide is False and audit.method and "dedicated" in lookup(audit.method).passes:
-        shown = f"msb web --tier dedicated -o page.html {source}"
+        page = f"msb web --tier dedicated -o page.html {source}"
         return (
-            f"As trained it is seen on the dedicated tier alone: {shown}; what engines lose: msb why "
-            f"{source}; a plain mesh that looks like it: msb bake -o plain.glb {source}"
+            f"To see its native rendering: {page}; to measure the loss in engines: msb why {source}; "
+            f"to make an ordinary mesh that looks like it: msb bake -o plain.glb {source}"
         )
     return None

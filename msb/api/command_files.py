@@ -1,4 +1,4 @@
-"""Functions for commands that open input after input, or write a mesh with the files beside it."""
+"""Functions that commands share: open assets, process several inputs, write a mesh with its other files."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import replace
@@ -20,23 +20,24 @@ def open_asset(path: Path, output: Output) -> Asset:
 
     with output.progress(f"reading {path.name}"):
         asset = open(path)
-    note_taken(path, asset.opened_from, output)
+    note_opened(path, asset.opened_from, output)
     note_warnings(asset.warnings, path, output)
     return asset
 
 
-def note_taken(path: Path, taken: Path | None, output: Output) -> None:
+def note_opened(path: Path, opened: Path | None, output: Output) -> None:
     """Print which checkpoint in the folder at `path` was opened, if it is not the folder itself."""
-    if taken is not None and taken != path:
-        output.note(f"{path}: the checkpoint in it is taken, {taken}")
+    if opened is not None and opened != path:
+        output.note(f"{path}: opened the checkpoint in this folder, {opened}")
 
 
 def open_baked(path: Path, asset: Asset, output: Output) -> Asset:
-    """Open a baked mesh of `asset`, and turn it into the asset's frame if its file is upright."""
+    """Open a mesh that was baked from `asset`, and rotate it into the coordinates of `asset`."""
     from msb.asset.look import written_up
     from msb.meshes.assets import asset_from_mesh, mesh_from_asset
     from msb.meshes.transform import turned
 
+    # Baked files are rotated upright, as their formats require. Rotate the vertices back.
     mesh = mesh_from_asset(open_asset(path, output))
     up = written_up(asset)
     vertices = turned(mesh.vertices, mesh.up or "unknown", up or "unknown")
@@ -50,21 +51,21 @@ def for_each(
     work: Callable[[Path, bool], tuple[dict[str, Any], int]],
     single: Iterable[str] = (),
 ) -> tuple[int, list[dict[str, Any]]]:
-    """Process all inputs one after the other, and write a document for each.
+    """Process all inputs in turn, and write a JSON document for each.
 
-    An input that fails is a line on standard error, and with several inputs a document with its error.
+    If an input fails, its error is printed. With several inputs it also gets a document with the error.
 
     Parameters
     ----------
     paths : iterable of Path
-        Files, folders and patterns from the command line. An input that is named twice is processed once.
+        Files, folders and patterns of the command line. Repeated inputs are processed once.
     schema : str
-        Schema of the document of an input that fails.
+        Schema of a document with an error.
     output : Output
     work : callable
         ``(path, is_only_input) -> (document, exit status)``.
     single : iterable of str
-        Labels of the given options that allow one input only.
+        The options on the command line that allow only one input.
 
     Returns
     -------
@@ -75,10 +76,11 @@ def for_each(
     status = 0
     documents: list[dict[str, Any]] = []
 
+    # Errors of inputs are collected. The command continues unless --fail-fast was given.
     def fail(path: Path, error: MsbError) -> int:
         output.reword(error)
-        wrong = {"code": error.code, "message": error.message}
-        documents.append({"schema": schema, "path": str(path), "error": wrong})
+        details = {"code": error.code, "message": error.message}
+        documents.append({"schema": schema, "path": str(path), "error": details})
         return max(status, report_error(error))
 
     def expand(path: Path, step: Callable[[Path], list[Path]]) -> list[Path]:
@@ -91,12 +93,13 @@ def for_each(
             status = fail(path, error)
             return []
 
-    # First patterns, then folders: a pattern can match a folder and the files in it.
+    # Expand patterns before folders, because a pattern can match a folder and also the files in it.
     named = [match for path in _without_repeats(paths) for match in expand(path, matches)]
     inputs = _without_repeats(each for path in _without_repeats(named) for each in expand(path, inputs_at))
     output.add_inputs(inputs)
     if len(inputs) > 1 and (labels := list(single)):
-        raise UsageError("USAGE", f"{labels[0]} takes one mesh; there are {len(inputs)}")
+        raise UsageError("USAGE", f"{labels[0]} needs exactly one mesh, but there are {len(inputs)}")
+    # Process the inputs in turn, and keep the highest exit status.
     for path in inputs:
         if status and output.fail_fast:
             break
@@ -107,13 +110,14 @@ def for_each(
             continue
         documents.append(document)
         status = max(status, its_status)
+    # A single input that failed has no document, only its line on standard error.
     if len(documents) > 1 or (documents and "error" not in documents[0]):
         output.write_documents(documents)
     return status, documents
 
 
 def _without_repeats(paths: Iterable[Path]) -> list[Path]:
-    """Return the first path of each place. Hard links of a file count as different places."""
+    """Return the first path of each place. Hard links count as different places."""
     first: dict[str, Path] = {}
     for path in paths:
         first.setdefault(real_place(path), path)
@@ -121,13 +125,13 @@ def _without_repeats(paths: Iterable[Path]) -> list[Path]:
 
 
 def note_warnings(warnings: Iterable[Finding], path: Path, output: Output) -> None:
-    """Print the warnings of the reader of `path`."""
+    """Print warnings about the file at `path`."""
     for warning in warnings:
         output.note(warning.to_line(path))
 
 
 def write_mesh_files(mesh: Mesh, target: Path, output: Output, style: Style | None = None) -> None:
-    """Write a mesh and the files beside it. Without --force none of them may exist."""
+    """Write a mesh and its other files, such as textures. Without --force none of them may exist."""
     from msb.meshes.files import beside, write_whole
     from msb.meshes.formats import Style
 
@@ -137,7 +141,7 @@ def write_mesh_files(mesh: Mesh, target: Path, output: Output, style: Style | No
 
 
 def check_asset_place(target: Path, form: str | None, output: Output) -> None:
-    """Check the path of a `.triasset` to write. An existing folder is only replaced if it is an asset."""
+    """Check the path of a `.triasset` that will be written. A folder is only replaced if it is an asset."""
     from msb.asset.writer import check_asset_folder
 
     output.check_free(target, folder=form == "folder")

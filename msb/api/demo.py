@@ -1,4 +1,4 @@
-"""The demo's data: stub scenes and models, which a wheel carries along and a checkout has in `data_stubs`."""
+"""The demo data: small scenes and models, which are part of a wheel and of a checkout (`data_stubs`)."""
 
 import os
 import shutil
@@ -6,7 +6,7 @@ from pathlib import Path
 
 from msb.base.own_folder import own_folder
 
-# The data in `data_stubs`, beside the scripts that make it; pyproject.toml puts the same into a wheel.
+# The data in `data_stubs`, without the scripts that create it. pyproject.toml includes the same in a wheel.
 CONTENTS = (
     "checkpoint",
     "models",
@@ -22,14 +22,14 @@ _IN_CHECKOUT = Path(__file__).parents[2] / "data_stubs"
 
 
 def demo_folder() -> Path:
-    """Return the folder that holds the demo's data."""
+    """Return the folder of the demo data."""
     return _IN_WHEEL if _IN_WHEEL.is_dir() else _IN_CHECKOUT
 
 
 def write_demo(folder: str | os.PathLike[str], *, overwrite: bool = True) -> int:
-    """Write the demo's data as `folder`, and return its size in bytes.
+    """Write the demo data to `folder`, and return its size in bytes.
 
-    With `overwrite` it replaces demo data that an earlier call wrote; other files stay.
+    With `overwrite` demo data of an earlier call is replaced, and other files are kept.
     """
     source = demo_folder()
     paths = [path for name in CONTENTS for path in (source / name, *(source / name).rglob("*"))]
@@ -39,5 +39,5 @@ def write_demo(folder: str | os.PathLike[str], *, overwrite: bool = True) -> int
             if path.is_dir():
                 place.mkdir()
             else:
-                shutil.copyfile(path, place)  # without its mode: an installation may be read-only
+                shutil.copyfile(path, place)  # without its mode, because an installation can be read-only
     return sum(path.stat().st_size for path in paths if path.is_file())

@@ -1,4 +1,4 @@
-"""`--elements FILE`: the offending edges, vertices, faces and the components, for other programs."""
+"""`msb audit --elements FILE`: write the defective edges, vertices and faces for other programs."""
 
 import csv
 import io
@@ -15,12 +15,12 @@ from msb.topology.elements import Elements
 
 
 def write_elements(elements: Elements, path: Path, *, overwrite: bool = True) -> None:
-    """Write `elements` to `path` in the form its suffix names; kinds are called as in the audit's JSON.
+    """Write `elements` to `path`, in the format of its suffix. Kinds have the names of the audit's JSON.
 
-    ``.vtp`` holds points, edges and faces as cells with the arrays ``kind`` (0 for a plain face, else the
-    place in ``kinds``, a field array of names, counted from 1), ``element`` and ``component``. ``.csv`` has
-    one row per element. ``.npz`` has one array per kind (vertex pairs for edges, else numbers) and
-    ``face_component``. Without `overwrite` nothing is replaced.
+    ``.vtp`` has points, edges and faces as cells with the arrays ``kind``, ``element`` and ``component``.
+    ``kind`` is 0 for ordinary faces, otherwise the position (from 1) in the field array ``kinds`` of names.
+    ``.csv`` has one row per element. ``.npz`` has one array per kind (vertex pairs of edges, otherwise
+    indices) and ``face_component``. Without `overwrite` an existing file is an error.
     """
     with new_file(path, overwrite=overwrite) as file:
         _WRITERS[path.suffix.lower()](elements, file)
@@ -34,14 +34,14 @@ def _write_npz(elements: Elements, file: IO[bytes]) -> None:
 
 
 def _write_csv(elements: Elements, file: IO[bytes]) -> None:
-    # The file itself stays open.
+    # The wrapper is detached at the end, so that it does not close the file.
     text = io.TextIOWrapper(file, "utf-8", newline="", write_through=True)
     try:
         writer = csv.writer(text)
         writer.writerow(["kind", "element", "component", "vertices", "x", "y", "z"])
         for group in elements.groups:
             of_faces = group.vertices.shape[1] == 3
-            # The first vertex says where to look.
+            # The position of an element is its first vertex.
             for number, ends in zip(group.numbers.tolist(), group.vertices.tolist(), strict=True):
                 component = int(elements.face_component[number]) if of_faces else ""
                 place = elements.vertices[ends[0]].tolist()
@@ -53,8 +53,9 @@ def _write_csv(elements: Elements, file: IO[bytes]) -> None:
 def _write_vtp(elements: Elements, file: IO[bytes]) -> None:
     from msb.meshes.vtp import write_vtp
 
+    # Cells are triples (kind, element indices (n,), vertex indices (n, 1 | 2 | 3)).
     kinds = [group.kind for group in elements.groups]
-    # Every face is drawn once, as a plain face; the marked ones again on top, with their kind.
+    # Every face is an ordinary cell, kind 0; defective faces are added again with their kind.
     plain = (0, np.arange(len(elements.faces)), elements.faces)
     cells = [(kinds.index(group.kind) + 1, group.numbers, group.vertices) for group in elements.groups]
     cells = sorted([plain, *cells], key=lambda cell: cell[2].shape[1])  # VTK's order: points, lines, polygons
@@ -62,6 +63,7 @@ def _write_vtp(elements: Elements, file: IO[bytes]) -> None:
     def joined(size: int) -> NDArray[Any]:
         return np.concatenate([vertices for _, _, vertices in cells if vertices.shape[1] == size])
 
+    # The arrays of cell data have one value per cell, in the order verts, lines, polys.
     write_vtp(
         file,
         elements.vertices,

@@ -1,4 +1,4 @@
-"""`--fail-on`, `--profile` and `--fail-on-verdict`: conditions on an audit that make the command fail."""
+"""`--fail-on`, `--profile` and `--fail-on-verdict`: audit results that make a command fail."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ _PATTERN = re.compile(r"\s*(?:(?:counts|metrics)\.)?([a-z_]+)\s*(>=|<=|==|!=|>|<
 FailingLevel = Literal["limited", "bad"]
 _FAILING: dict[FailingLevel, tuple[Level, ...]] = {"limited": ("limited", "bad"), "bad": ("bad",)}
 Profile = Literal["game", "print", "research"]
-# Purpose of a mesh -> conditions under which it is not fit. The limits are ours, but for `research`.
+# Purpose of a mesh -> conditions that make it unfit. The limits of `game` and `print` are our choice.
 PROFILES: dict[Profile, tuple[str, ...]] = {
-    # What runs in an engine: real-time simplification, subdivision and UV unwrapping walk from face to face
-    # and copy vertices where they cannot; one element in a hundred is mended by hand or by a tool.
-    # Open edges are harmless there. V/F of a closed mesh is 1/2, of a soup 3.
+    # For engines: simplification, subdivision and UV unwrapping need connected faces. They duplicate vertices
+    # at non-manifold elements, and 1 % of these can be repaired by a tool or by hand. Open edges are
+    # harmless. V/F is 0.5 for a closed mesh and 3 for a triangle soup.
     "game": (
         "nonfinite_faces>0",
         "vf_ratio>2.5",
@@ -44,7 +44,7 @@ PROFILES: dict[Profile, tuple[str, ...]] = {
         "inconsistent_winding_edges>0",
         "lcc_face_ratio<0.5",
     ),
-    # What a slicer fills: a closed, consistently wound surface; several bodies may stand beside each other.
+    # For slicers: a closed, consistently wound surface, which may consist of several bodies.
     "print": (
         "nonfinite_faces>0",
         "boundary_edges>0",
@@ -54,7 +54,7 @@ PROFILES: dict[Profile, tuple[str, ...]] = {
         "duplicate_faces>0",
         "repeated_index_faces>0",
     ),
-    # No worse connected than MeshSplatting in the mean of the paper's scenes (Table mesh_connectivity).
+    # At least as well connected as MeshSplatting, averaged over the paper's scenes (Table mesh_connectivity).
     "research": (
         "nonfinite_faces>0",
         "boundary_edge_ratio>0.45",
@@ -68,18 +68,20 @@ PROFILES: dict[Profile, tuple[str, ...]] = {
 
 @dataclass(frozen=True)
 class GateOptions:
-    """What makes a command fail that audits a mesh."""
+    """The audit results that make a command fail."""
 
     fail_on: Annotated[
-        tuple[str, ...], Option('Fail if e.g. "components>1" holds. May be given again.', metavar="COND")
+        tuple[str, ...],
+        Option('Fail if this is true, e.g. "components>1". May be given again.', metavar="COND"),
     ] = ()
     fail_on_verdict: Annotated[FailingLevel | None, Option("Fail if the verdict is this or worse.")] = None
     profile: Annotated[
-        Profile | None, Option("Fail unless the mesh is fit for this; docs/cli.md has the conditions.")
+        Profile | None,
+        Option("Fail unless the mesh is fit for this purpose; docs/cli.md lists the conditions."),
     ] = None
 
     def gates(self) -> list[Gate | VerdictGate]:
-        """Return the gates that are asked for."""
+        """Return the requested gates."""
         gates: list[Gate | VerdictGate] = [*map(parse_gate, self.fail_on)]
         if self.profile is not None:
             gates += [replace(parse_gate(text), profile=self.profile) for text in PROFILES[self.profile]]
@@ -88,7 +90,7 @@ class GateOptions:
 
 @dataclass(frozen=True)
 class Gate:
-    """The command fails if ``key operator limit`` holds."""
+    """A gate that fails if ``key operator limit`` is true."""
 
     key: str
     sign: str
@@ -96,10 +98,9 @@ class Gate:
     profile: Profile | None = None
 
     def check(self, audit: Audit, path: Path) -> GateFailed | None:
-        """Return the failure if the gate's condition holds for `audit`; of a profile, for it without seams.
+        """Return the error if the condition is true for `audit`. The gates of a profile ignore seams.
 
-        A value that does not exist (a ratio over nothing) fails too: an empty mesh must not pass a gate
-        because there was nothing to measure.
+        A ratio without a denominator fails, too, because an empty mesh must not pass.
         """
         judged = audit if self.profile is None else audit.judged
         value = {**asdict(judged.counts), **asdict(judged.metrics)}[self.key]
@@ -107,18 +108,18 @@ class Gate:
         condition = f"gate{of}: {self.key} {self.sign} {self.limit:g}"
         if value is not None and not _OPERATORS[self.sign](value, self.limit):
             return None
-        text = "does not exist for this mesh (a ratio over nothing)" if value is None else f"is {value:g}"
+        text = "is undefined for this mesh (its denominator is 0)" if value is None else f"is {value:g}"
         return GateFailed("GATE_FAILED", f"{self.key} {text}, {condition}", file=path)
 
 
 @dataclass(frozen=True)
 class VerdictGate:
-    """The command fails if the verdict is `level` or worse."""
+    """A gate that fails if the verdict is `level` or worse."""
 
     level: FailingLevel
 
     def check(self, audit: Audit, path: Path) -> GateFailed | None:
-        """Return the failure if the verdict on `audit` is this bad, with its first reason."""
+        """Return the error, with the reason of the verdict, if the verdict is this bad."""
         from msb.topology.verdict import judge
 
         verdict = judge(audit)
@@ -135,8 +136,8 @@ def parse_gate(text: str) -> Gate:
 
     match = _PATTERN.fullmatch(text)
     if not match:
-        shown = shorten(text)
-        raise UsageError("USAGE", f'--fail-on "{shown}" is not KEY OPERATOR NUMBER, such as "components>1"')
+        problem = f'--fail-on "{shorten(text)}" is not KEY OPERATOR NUMBER, such as "components>1"'
+        raise UsageError("USAGE", problem)
     key, sign, number = match.groups()
     keys = [field.name for kind in (Counts, Metrics) for field in fields(kind)]
     if key not in keys:
@@ -144,9 +145,9 @@ def parse_gate(text: str) -> Gate:
         hint = (
             f"did you mean {' or '.join(near)}?"
             if near
-            else "msb audit --json has them in counts and metrics"
+            else "msb audit --json lists the keys under counts and metrics"
         )
-        raise UsageError("USAGE", f'--fail-on: there is no key "{shorten(key)}"; {hint}')
+        raise UsageError("USAGE", f'--fail-on: the key "{shorten(key)}" is unknown; {hint}')
     try:
         limit = float(number)
     except ValueError:

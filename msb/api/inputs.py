@@ -1,4 +1,4 @@
-"""The inputs that a user names: assets, mesh files, checkpoints, folders of these, and patterns."""
+"""Expand the inputs of a command line: assets, mesh files, checkpoints, folders of these, and patterns."""
 
 import glob
 import os
@@ -13,41 +13,41 @@ from msb.meshes import MESH_SUFFIXES
 
 
 def expand(path: Path) -> list[Path]:
-    """Return all inputs that a typed path stands for: by `matches` and `inputs_at`, each once."""
+    """Return the inputs of a path or pattern without repeats: `matches`, expanded by `inputs_at`."""
     return list(dict.fromkeys(each for match in matches(path) for each in inputs_at(match)))
 
 
 def matches(path: Path) -> list[Path]:
-    """Return the typed path itself, or everything that matches it as a pattern, sorted.
+    """Return `path` if it exists, or the sorted matches of `path` as a pattern.
 
-    If nothing has the typed name, it is read as a pattern (``*``, ``?``, ``[...]``, ``**``), which some
-    shells pass on unchanged; everything that matches it is taken as if it were typed, but for the parts of an
-    asset or checkpoint that matches.
+    Some shells do not expand patterns (``*``, ``?``, ``[...]``, ``**``). Files inside a matching asset or
+    checkpoint are omitted.
     """
     if _is_folder(path) or os.path.lexists(path):
         return [path]
     text = str(path)
-    # Not Path.glob: that takes no absolute pattern.
+    # Path.glob does not accept absolute patterns.
     names = sorted(glob.glob(text, recursive=True)) if glob.has_magic(text) else []  # noqa: PTH207
     if not names:
-        raise InputError("FILE_NOT_FOUND", "there is no such file or folder", file=path)
-    found = [Path(name) for name in names]
-    # What such a pattern as ** matches in an asset or checkpoint is that one again.
-    whole = {each for each in found if _is_folder(each) and is_input(each)}
-    return [each for each in found if whole.isdisjoint(each.parents)]
+        raise InputError("FILE_NOT_FOUND", "it does not exist", file=path)
+    paths = [Path(name) for name in names]
+    # A pattern such as ** also matches the files inside an asset or checkpoint.
+    folders = {match for match in paths if _is_folder(match) and is_input(match)}
+    return [match for match in paths if folders.isdisjoint(match.parents)]
 
 
 def inputs_at(path: Path) -> list[Path]:
-    """Return the input itself, or for a folder the assets, checkpoints and mesh files below it, sorted."""
+    """Return an input itself, or the sorted assets, checkpoints and mesh files in a folder."""
     if not _is_folder(path) or is_asset(path) or is_checkpoint(path):
         return [path]
     inputs = sorted(_below(path))
+    # A folder whose name fits no method can still hold a single model file.
     if not inputs and bare_models(path):
-        locate(path)  # which refuses several
+        locate(path)  # raises an error if there are several
         return [path]
     if not inputs:
         wanted = ", ".join((ASSET_SUFFIX, *MESH_SUFFIXES))
-        text = f"the folder holds no checkpoint and none of {wanted}"
+        text = f"the folder holds neither a checkpoint nor files with a suffix of {wanted}"
         raise InputError("FILE_NOT_RECOGNISED", text, file=path)
     return inputs
 
@@ -60,8 +60,10 @@ def _is_folder(path: Path) -> bool:
 
 
 def _below(folder: Path) -> Iterator[Path]:
+    """Yield the inputs in a folder and its subfolders, except hidden folders."""
     for root, folders, files in os.walk(folder):
         here = Path(root)
+        # A folder that is an asset or checkpoint is one input: do not descend into it.
         assets = [name for name in folders if is_input(here / name)]
         folders[:] = [name for name in folders if name not in assets and not name.startswith(".")]
         yield from (here / name for name in assets)
@@ -70,8 +72,8 @@ def _below(folder: Path) -> Iterator[Path]:
 
 
 def is_input(folder: Path) -> bool:
-    """Return whether a folder is one input: an asset or a checkpoint."""
+    """Return whether a folder is a single input: an asset or a checkpoint."""
     try:
         return is_asset(folder) or is_checkpoint(folder)
     except InputError:
-        return True  # that it cannot be read is said of it, not of all
+        return True  # the error is reported when this input is opened

@@ -1,7 +1,7 @@
-"""From a path to an asset, or to its mesh as stored: one rule for the library, the commands and the viewers.
+"""Open a file of any kind as an asset, or read its mesh as stored, for the API, commands and viewers.
 
-An asset is recognised by its name or manifest, a checkpoint by its name or its folder's, a table of
-primitives by its header; everything else is a mesh file.
+An asset is recognised by its name or manifest, a checkpoint by the name of the file or folder, and a PLY
+table of primitives by its header. Everything else is treated as a mesh file.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from msb.topology.seams import Attributes
 
 
 def open(path: str | os.PathLike[str], *, method: str | None = None) -> Asset:
-    """Return the model or mesh at `path` as an asset, whatever it is stored as.
+    """Open a model or mesh of any supported format as an asset.
 
     Parameters
     ----------
@@ -31,19 +31,17 @@ def open(path: str | os.PathLike[str], *, method: str | None = None) -> Asset:
         A `.triasset` (packed or folder), the output folder of a training or the file in it that holds the
         model, or a mesh file.
     method : str, optional
-        The method that the model must be of; found from the content if not given.
+        The expected method. By default it is detected from the content.
 
     Returns
     -------
     Asset
-        The asset that `load` or `export` gives. It holds float32 coordinates, also where a mesh file holds
-        float64.
+        The result of `load` or `export`. Coordinates are float32, even if a mesh file has float64.
 
     Raises
     ------
     InputError, CheckpointError, MeshFileError, MeshError, AssetError, Unsupported, UsageError
-        The errors of `load` and `export`; `CHECKPOINT_METHOD` if the model is of another method than
-        `method`.
+        The errors of `load` and `export`; `CHECKPOINT_METHOD` if the model belongs to another method.
 
     Examples
     --------
@@ -58,13 +56,13 @@ def open(path: str | os.PathLike[str], *, method: str | None = None) -> Asset:
         return export(place, method=method)
     asset = load(place)
     if method not in (None, asset.manifest.method):
-        text = f"it holds a {asset.manifest.method} model; {method} is asked for"
+        text = f"it holds a {asset.manifest.method} model, but {method} was requested"
         raise CheckpointError("CHECKPOINT_METHOD", text, file=place)
     return asset
 
 
 def as_asset(asset: Asset | str | os.PathLike[str]) -> Asset:
-    """Return `asset`, or what `open` makes of it if it is a path."""
+    """Return `asset`, or open it if it is a path."""
     if isinstance(asset, PATH_TYPES):
         return open(asset)
     check_type("asset", asset, Asset, AN_ASSET)
@@ -73,25 +71,25 @@ def as_asset(asset: Asset | str | os.PathLike[str]) -> Asset:
 
 @dataclass(frozen=True, eq=False)
 class StoredMesh:
-    """A mesh exactly as its file holds it, in the file's precision; its values are not checked.
+    """A mesh exactly as its file stores it, in the same precision. Its values are not checked.
 
     Attributes
     ----------
     path : Path or None
-        None if the mesh was never in a file.
+        None if the mesh did not come from a file.
     buffers : mapping of str to ndarray
-        Arrays by the asset's names: `positions` (V, 3) floating, `indices` (F, 3) integers, and all others
-        stored.
+        Arrays with the names of an asset: `positions` (V, 3) floats, `indices` (F, 3) integers, and all other
+        arrays of the file.
     domains : mapping of str to str
-        The domains of `color` and the other buffers with a row for each vertex, face or corner.
+        The domain of `color` and other buffers that have a row for each vertex, face or corner.
     method : str or None
         None for a mesh file.
     up : str
-        The axis that is up, such as "+y", or "unknown".
+        The axis that points up, such as "+y", or "unknown".
     warnings : tuple of Finding
-        What the reader of an asset tolerated, and what that of a mesh file left out.
+        Warnings of the reader, such as ignored parts of a mesh file.
     sampler : Sampler or None
-        How the textures among the buffers are read; None if there are none, or they were not read.
+        How textures are sampled; None without textures, or if they were not read.
     """
 
     path: Path | None
@@ -114,17 +112,17 @@ class StoredMesh:
 
     @property
     def attributes(self) -> Attributes:
-        """What its vertices may be doubled for at seams."""
+        """The attributes whose seams can duplicate vertices."""
         from msb.topology.seams import seam_attributes
 
         return seam_attributes(self.buffers, self.domains)
 
 
 def read_stored(path: str | os.PathLike[str], *, images: bool = False) -> StoredMesh:
-    """Return the mesh at `path`, which may be anything that `open` takes, exactly as it is stored.
+    """Read the mesh of any file that `open` accepts, exactly as it is stored.
 
-    All stored faces are there, even those that an STE threshold hides, and coordinates that are NaN. With
-    `images` the textures of a mesh file are, too; those of an asset always are.
+    This includes faces that an STE threshold hides, and coordinates that are NaN. With `images` the textures
+    of a mesh file are read, too; the textures of an asset are always read.
     """
     from msb.adapters.exporter import read_model
     from msb.adapters.locate import is_mesh_file
@@ -146,9 +144,11 @@ def _stored_file(path: Path, *, images: bool) -> StoredMesh:
     from msb.meshes.writing import check_indices
 
     mesh = read_mesh(path, images=images)
-    if mesh.wrong_face is not None:  # whoever uses the faces would refuse them, and could not name the line
+    if mesh.wrong_face is not None:  # report an invalid index here, because only the reader knows its line
         with about(path):
             check_indices(mesh)
+    # Name the arrays of the file like the buffers of an asset. Vertex colours take precedence over face
+    # colours.
     buffers, domains = {"positions": mesh.vertices, "indices": mesh.faces}, {}
     for name, values, domain in (
         ("color", mesh.vertex_colors, "vertex"),
@@ -166,7 +166,7 @@ def _stored_file(path: Path, *, images: bool) -> StoredMesh:
 
 
 def stored_mesh(asset: Asset) -> StoredMesh:
-    """Return the mesh of an asset as it is stored."""
+    """Return the stored mesh of an asset."""
     manifest = asset.manifest
     domains = {name: spec.domain for name, spec in manifest.buffers.items()}
     up = manifest.coordinate_frame.up

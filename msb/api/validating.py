@@ -1,4 +1,4 @@
-"""The function `msb.validate`: everything that is wrong with what lies at a path."""
+"""The function `msb.validate`, which reports everything that is wrong with a file."""
 
 import os
 from collections.abc import Iterator
@@ -20,20 +20,21 @@ def validate(path: str | os.PathLike[str]) -> Validation:
     Parameters
     ----------
     path : str or Path
-        An asset; or a mesh file or a checkpoint, which is judged by the asset that would be made of it.
+        An asset, a mesh file or a checkpoint. The latter two are converted to an asset in memory, which is
+        checked.
 
     Returns
     -------
     Validation
-        `valid`, and `findings`, errors first, each with its code; `msb validate --explain CODE` says what to
-        do about it. Printed, it is a few lines.
+        `valid` and `findings`, errors first. `msb validate --explain CODE` gives the remedy for a code. It
+        can be printed.
 
     Raises
     ------
     InputError
-        There is nothing at `path`, or it cannot be read or is not recognised.
+        The file does not exist, cannot be read or is not recognised.
     Unsupported
-        It is a checkpoint of a method that has no asset.
+        It is a checkpoint of a method that cannot be converted.
 
     Examples
     --------
@@ -46,7 +47,7 @@ def validate(path: str | os.PathLike[str]) -> Validation:
     if not is_asset(place):
         return _check_other(place)
     result = validate_asset(place)
-    # Errors first: they must not drown in warnings.
+    # Errors first, because there can be thousands of warnings.
     findings = sorted(result.findings, key=lambda item: _SEVERITIES.index(item.severity))
     if result.asset is not None and result.valid:
         findings += _degenerate(result.asset.buffers["positions"], result.asset.buffers["indices"])
@@ -54,7 +55,7 @@ def validate(path: str | os.PathLike[str]) -> Validation:
 
 
 def _check_other(path: Path) -> Validation:
-    """Check what is no asset by the asset made of it."""
+    """Check a mesh file or checkpoint by converting it to an asset."""
     from msb.adapters.exporter import export
 
     try:
@@ -68,22 +69,23 @@ def _check_other(path: Path) -> Validation:
 
 
 def _degenerate(positions: Any, indices: Any) -> Iterator[Finding]:
-    """Yield infos about faces that draw nothing or twice, and vertices that nothing uses."""
+    """Yield infos about invisible and duplicate faces, and about unused vertices."""
     import numpy as np
 
     from msb.topology.arrays import mesh_arrays
     from msb.topology.faces import extra_duplicates, face_areas, has_no_area, names_vertex_twice
 
+    # Masks of the faces (F,) and vertices (V,) with each problem.
     points, faces = mesh_arrays(positions, indices)
     repeated = names_vertex_twice(faces)
     area, finite = face_areas(points, faces)
     unused = np.ones(len(points), bool)
     unused[faces[~repeated]] = False
     for code, where, what in (
-        ("TRIASSET_FACE_REPEATED_INDEX", repeated, "faces name a vertex twice"),
+        ("TRIASSET_FACE_REPEATED_INDEX", repeated, "faces list a vertex twice"),
         ("TRIASSET_FACE_DUPLICATE", extra_duplicates(faces), "faces repeat an earlier one"),
         ("TRIASSET_FACE_ZERO_AREA", has_no_area(area, finite, repeated), "faces have no area"),
-        ("TRIASSET_VERTEX_UNREFERENCED", unused, "vertices are in no proper face"),
+        ("TRIASSET_VERTEX_UNREFERENCED", unused, "vertices are not used by a valid face"),
     ):
         if count := int(np.count_nonzero(where)):
             text = f"{count:,} {what}, the first is {int(np.argmax(where))}"

@@ -1,4 +1,4 @@
-"""The `.triasset` contract: manifest, buffers, reader, writer, validation.
+"""The `.triasset` format: manifest, buffers, reader, writer and validation.
 
 The package needs NumPy and the standard library only. docs/triasset.md describes the format itself.
 """

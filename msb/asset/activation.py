@@ -1,6 +1,6 @@
-"""How stored parameters become what is drawn: one rule for renderers, STE faces and official exports.
+"""Activation functions of stored parameters, for renderers, STE faces and official exports.
 
-The reference renderers have arithmetic of their own; tests compare it with this module.
+The reference renderers have a separate implementation. Tests compare the two.
 """
 
 import numpy as np
@@ -10,23 +10,23 @@ from msb.asset.asset import Asset
 
 
 def sigmoid(logits: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return 1 / (1 + exp(-x)) with each step rounded to float32, as torch evaluates it.
+    """Return 1 / (1 + exp(-x)) with each step rounded to float32, as torch computes it.
 
-    Rounding once, from a double, gives another float32 for some logits. An STE threshold between the two
-    numbers would then hide another face. Infinite logits give 0 and 1.
+    Rounding once from float64 gives a different float32 for some logits. An STE threshold between the two
+    values would hide different faces. Infinite logits give 0 and 1.
     """
     with np.errstate(over="ignore"):
         return np.asarray(1 / (1 + exponential(-np.asarray(logits, np.float32))))
 
 
 def exponential(x: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return exp(x), evaluated in double and rounded."""
+    """Return exp(x), computed in float64 and rounded to float32."""
     with np.errstate(over="ignore"):
         return np.exp(x, dtype=np.float64).astype(np.float32)
 
 
 def rest_coefficients(asset: Asset) -> NDArray[np.float32]:
-    """Return a view of `f_rest` as (n, K, 3), coefficient first, whatever the order in the buffer."""
+    """Return a view of `f_rest` with the shape (n, K, 3): K coefficients, then 3 channels."""
     flat = asset.buffers["f_rest"]
     if asset.manifest.appearance.get("f_rest_order") == "coefficient_major":
         return flat.reshape(len(flat), -1, 3)

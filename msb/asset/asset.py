@@ -1,7 +1,6 @@
-"""What every verb is about: a manifest and its buffers.
+"""The class `Asset`: a manifest and its buffers.
 
-The verbs stand in rooms above this one. They are methods here all the same, which import `msb` when they are
-called: the one place where the ground looks up.
+Its methods call functions of `msb`, which other packages implement. They import `msb` when they are called.
 """
 
 from __future__ import annotations
@@ -33,25 +32,23 @@ class Asset:
     manifest : Manifest
         The manifest's keys as attributes.
     buffers : mapping of str to ndarray
-        Read-only arrays of the declared shape and dtype. Those of a loaded asset are views of the mapped
-        file.
+        Read-only arrays of the declared shape and dtype. In a loaded asset they are views of the
+        memory-mapped file.
     path : Path or None
-        The `.triasset` that the buffers are in; None if the asset was built in memory.
+        The `.triasset` of the buffers; None if the asset was built in memory.
     warnings : tuple of Finding
-        What `load` noticed and tolerated.
+        Problems that `load` reported as warnings.
     opened_from : Path or None
-        What it was opened from: a `.triasset`, a checkpoint or a mesh file, beside which the cameras of its
-        training are looked for. It is in no manifest.
+        The `.triasset`, checkpoint or mesh file that was opened. The cameras of the training are searched for
+        in the same folder. The manifest does not contain it.
 
-    Notes
-    -----
-    `load` does not read the values, so code that computes with them must check them first. The mapping lives
-    as long as an array refers to it. If another program shortens the file meanwhile, touching the lost pages
-    ends the process, as with any memory mapping.
+    Notes ----- `load` does not read the values, so check them before computing with them. The mapping exists
+    as long as an array refers to it. If another program truncates the file, access to the lost pages ends the
+    process, as with any memory mapping.
 
-    `copy.copy` shares the arrays and so the mapping. `copy.deepcopy` and `pickle` copy the values: such a
-    copy needs no file, and as much memory as its buffers have bytes. To a process on the same machine it is
-    better to send the path. `path` stays the same in a copy.
+    `copy.copy` shares the arrays and the mapping. `copy.deepcopy` and `pickle` copy the values, so that the
+    copy does not need the file. To pass an asset to another process on the same machine, send its path.
+    `path` stays the same in a copy.
 
     Examples
     --------
@@ -67,40 +64,42 @@ class Asset:
     warnings: tuple[Finding, ...] = ()
     opened_from: Path | None = None
     _known: dict[str, str] = field(default_factory=dict, init=False)
-    """What a verb found out, which is shown: the verdict of an audit."""
+    """Results that are shown by `repr`: the verdict of an audit."""
 
     def audit(self, **options: Any) -> msb.Audit:
-        """Audit the mesh exactly as it is stored: `msb.audit`, which describes the options."""
+        """Audit the mesh exactly as it is stored. See `msb.audit` for the options."""
         import msb
 
         return msb.audit(self, **options)
 
     def repair(self, plan: Sequence[str] | str | None = None, **options: Any) -> msb.Repaired:
-        """Return a repaired copy, and what was done: `msb.repair`, which describes plan and options."""
+        """Return a repaired copy and a report. See `msb.repair` for plan and options."""
         import msb
 
         return msb.repair(self, plan, **options)
 
     def bake(self, **options: Any) -> msb.Baked:
-        """Return a plain asset that looks like it, and what that lost: `msb.bake` describes the options."""
+        """Return an ordinary mesh that looks like the model, and its quality. See `msb.bake` for the
+        options.
+        """
         import msb
 
         return msb.bake(self, **options)
 
     def render(self, camera: msb.Camera, tier: Tier = "standard", **options: Any) -> msb.Frame:
-        """Draw it once, as one camera sees it: `msb.render`, which describes tiers and options."""
+        """Render an image from one camera. See `msb.render` for tiers and options."""
         import msb
 
         return msb.render(self, camera, tier, **options)
 
     def save(self, path: str | os.PathLike[str], **options: Any) -> None:
-        """Write it in the format that the suffix of `path` names: `msb.save`, which describes the options."""
+        """Write the asset in the format of the suffix of `path`. See `msb.save` for the options."""
         import msb
 
         msb.save(self, path, **options)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # A mappingproxy is neither pickled nor copied, and arrays come back writable.
+        # A mappingproxy cannot be pickled or copied, and unpickled arrays are writable.
         return _restored, (self.manifest, dict(self.buffers), self.path, self.warnings, self.opened_from)
 
     def __repr__(self) -> str:
@@ -109,7 +108,7 @@ class Asset:
         return one_line(f"<Asset {name}: {', '.join([*words, *facts.values()])}>")
 
     def _repr_html_(self) -> str:
-        """Return a table, which notebooks show."""
+        """Return an HTML table, which notebooks display."""
         facts = {"Method": lookup(self.manifest.method).title, **self._facts()}
         rows = (f"<tr><th>{name}</th><td>{escape(one_line(text))}</td></tr>" for name, text in facts.items())
         return f"<table>{''.join(rows)}</table>"
@@ -127,7 +126,7 @@ class Asset:
 
 
 def _restored(manifest: Manifest, buffers: dict[str, NDArray[Any]], *others: Any) -> Asset:
-    """Return the asset of these parts, its buffers read-only."""
+    """Return an asset with these attributes. Its buffers are read-only."""
     views = {name: array.view() for name, array in buffers.items()}
     for view in views.values():
         view.flags.writeable = False

@@ -1,4 +1,4 @@
-"""Make an asset in memory from arrays: bounds, topology, hashes and the manifest around them."""
+"""Build an asset in memory from arrays, with bounds, topology, hashes and the manifest."""
 
 import hashlib
 from collections.abc import Iterator, Mapping
@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msb.asset.asset import Asset
-from msb.asset.check import check_manifest, refuse
+from msb.asset.check import check_manifest, raise_first_error
 from msb.asset.drawable import check_indices, first_bad
 from msb.asset.manifest import (
     DTYPES,
@@ -33,21 +33,22 @@ from msb.base.version import __version__
 from msb.errors import AssetError
 from msb.registry import TIERS, lookup
 
-# Number of rows looked at together when a whole buffer is read. This bounds memory and costs no speed.
+# Rows of a buffer that are processed at a time. This bounds memory without a loss of speed.
 CHUNK_ROWS = 1 << 20
 
-# Number of bytes hashed or written at a time.
+# Bytes that are hashed or written at a time.
 CHUNK_BYTES = 1 << 24
 
+# The order of buffers in the manifest. Others follow by name.
 _ORDER = ("positions", "indices", "color", "f_dc", "f_rest", "opacity", "sigma")
 _DTYPE_NAMES = {dtype: name for name, dtype in DTYPES.items()}
 
 
 @dataclass(frozen=True)
 class Description:
-    """The part of the manifest that an adapter decides, because the arrays do not say it: keys of `Manifest`.
+    """The keys of `Manifest` that do not follow from the arrays. An adapter sets them.
 
-    The defaults are those of a mesh with static colours.
+    The defaults describe a mesh with static colours.
     """
 
     method: str = "mesh"
@@ -70,29 +71,44 @@ def build_asset(
     *,
     progress: Progress | None = None,
 ) -> Asset:
-    """Return an asset made of `buffers`, its manifest complete and checked.
+    """Return an asset with these buffers and a complete, checked manifest.
 
-    `positions` are (V, 3) float32, `indices` (F, 3) uint32, others float32, uint32 or uint8. Arrays that are
-    already contiguous and little-endian are kept, not copied. `domains` has all but these two, whose domains
-    are fixed. Without a description it is a mesh with static colours.
+    Parameters
+    ----------
+    buffers : mapping of str to ndarray
+        `positions` (V, 3) float32, `indices` (F, 3) uint32; others are float32, uint32 or uint8. Contiguous
+        little-endian arrays are not copied.
+    domains : mapping of str to str
+        The domains of all buffers except `positions` and `indices`.
+    description : Description, optional
+        By default a mesh with static colours.
+    progress : callable, optional
+        Called as ``progress("hashing buffers", done, total)`` with bytes.
+
+    Raises
+    ------
+    AssetError
+        The first error of the buffers or the manifest.
     """
     description = description or Description()
+    # Convert and sort the arrays, and check the mesh.
     names = sorted(buffers, key=lambda name: (_ORDER.index(name) if name in _ORDER else len(_ORDER), name))
     arrays = {name: _canonical(name, buffers[name]) for name in names}
     for name, dtype in (("positions", "float32"), ("indices", "uint32")):
         if name not in arrays or arrays[name].ndim != 2 or arrays[name].shape[1] != 3:
-            raise AssetError("TRIASSET_BUFFER", f"{name} must be given, n x 3")
+            raise AssetError("TRIASSET_BUFFER", f"the buffer {name} is required, with shape n x 3")
         if arrays[name].dtype != DTYPES[dtype]:
             text = f"buffer {name} is {arrays[name].dtype}; it must be {dtype}"
             raise AssetError("TRIASSET_BUFFER", text, pointer=f"/buffers/{name}/dtype")
     positions, indices = arrays["positions"], arrays["indices"]
     if not (len(positions) and len(indices)):
-        text = f"the mesh has {len(positions)} vertices and {len(indices)} faces; an asset draws something"
+        text = f"the mesh has {len(positions)} vertices and {len(indices)} faces; an asset must not be empty"
         raise AssetError("TRIASSET_EMPTY", text)
     if (at := first_bad(positions)) is not None:
         text = f"vertex {at[0]} is {positions[at[0]].tolist()}; coordinates must be finite"
         raise AssetError("TRIASSET_VALUE_NONFINITE", text, pointer=f"positions[{at[0]}]")
     check_indices(indices, len(positions))
+    # Derive the other keys of the manifest.
     bounds, sphere = measure_bounds(positions)
     textured = description.appearance.get("kind") == KIND
     passes = {"standard": (PASS,)} if textured else lookup(description.method).passes
@@ -110,17 +126,17 @@ def build_asset(
         version=VERSION if textured else PLAIN_VERSION,
         buffers={name: _spec(name, array, all_domains.get(name), meter) for name, array in arrays.items()},
     )
-    refuse(check_manifest(manifest.to_dict()), None)
+    raise_first_error(check_manifest(manifest.to_dict()), None)
     return Asset(manifest, MappingProxyType(arrays))
 
 
 def measure_bounds(positions: NDArray[np.float32]) -> tuple[Bounds, BoundingSphere]:
-    """Return the box of the finite rows of `positions` (V, 3), and a sphere around its centre for them.
+    """Return the bounding box and a bounding sphere of the finite rows of `positions` (V, 3).
 
-    At least one row is finite. The box is exact. The sphere is not the smallest one (at most sqrt(3) times
-    that), but it is found in two passes and depends on nothing but the set of points. O(V) time, O(1)
-    memory.
+    At least one row must be finite. The sphere has the centre of the box, and at most sqrt(3) times the
+    radius of the smallest sphere. It does not depend on the order of the points. O(V) time, O(1) memory.
     """
+    # First pass: the box. Second pass: the largest distance from its centre.
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
     for rows in _finite_chunks(positions):
         low = np.minimum(low, _columnwise(np.minimum, rows))
@@ -130,7 +146,7 @@ def measure_bounds(positions: NDArray[np.float32]) -> tuple[Bounds, BoundingSphe
     for rows in _finite_chunks(positions):
         offsets = rows - center
         squared = max(squared, float(np.einsum("ij,ij->i", offsets, offsets).max()))
-    # Upwards by one step: a vertex on the sphere must test as inside.
+    # Round up, so that a vertex on the sphere counts as inside.
     radius = float(np.nextafter(np.sqrt(squared), np.inf)) if squared else 0.0
     return (
         Bounds(_triple(low), _triple(high)),
@@ -139,17 +155,18 @@ def measure_bounds(positions: NDArray[np.float32]) -> tuple[Bounds, BoundingSphe
 
 
 def _finite_chunks(positions: NDArray[np.float32]) -> Iterator[NDArray[np.float32]]:
+    """Yield the finite rows of `positions` (V, 3) in chunks."""
     for start in range(0, len(positions), CHUNK_ROWS):
         rows = positions[start : start + CHUNK_ROWS]
         finite = np.isfinite(rows)
-        if not finite.all():  # rarely: reducing each row takes ten times as long
+        if not finite.all():  # rare; testing each row takes ten times as long
             rows = rows[finite.all(axis=1)]
         if len(rows):
             yield rows
 
 
 def _columnwise(ufunc: np.ufunc, rows: NDArray[np.float32]) -> NDArray[np.float64]:
-    """Return `ufunc` reduced over the rows (N, 3): many rows side by side, which is what vectorises."""
+    """Return `ufunc` reduced over the rows (N, 3), 1024 rows side by side, which vectorises well."""
     whole = len(rows) - len(rows) % 1024
     rest = rows[whole:]
     if whole:
@@ -158,7 +175,7 @@ def _columnwise(ufunc: np.ufunc, rows: NDArray[np.float32]) -> NDArray[np.float6
 
 
 def _triple(vector: NDArray[np.float64]) -> tuple[float, float, float]:
-    x, y, z = (float(value) + 0.0 for value in vector)  # + 0.0: a minus zero is written as 0.0
+    x, y, z = (float(value) + 0.0 for value in vector)  # adding 0.0 turns -0.0 into 0.0
     return x, y, z
 
 
@@ -174,13 +191,13 @@ def _canonical(name: str, array: NDArray[Any]) -> NDArray[Any]:
 
 
 def _topology(positions: NDArray[np.float32], indices: NDArray[np.uint32]) -> Topology:
-    """Return "triangle_soup" exactly if the indices are 0, 1, 2, ... over all vertices."""
+    """Return "triangle_soup" if the indices are 0, 1, 2, ..., 3 F - 1 and these are all vertices."""
     is_soup = len(positions) == 3 * len(indices) and first_shared(indices) is None
     return "triangle_soup" if is_soup else "indexed_mesh"
 
 
 def first_shared(indices: NDArray[np.uint32]) -> int | None:
-    """Return the first corner of the faces (F, 3) whose index is not its own number; None of a soup."""
+    """Return the first corner of the faces (F, 3) whose index differs from its number; None for a soup."""
     for start in range(0, len(indices), CHUNK_ROWS):
         rows = indices[start : start + CHUNK_ROWS].ravel()
         wrong = rows != np.arange(3 * start, 3 * start + rows.size, dtype=np.uint64)
@@ -190,6 +207,7 @@ def first_shared(indices: NDArray[np.uint32]) -> int | None:
 
 
 def _spec(name: str, array: NDArray[Any], domain: Any, meter: Meter) -> BufferSpec:
+    """Return the declaration of a buffer, with its hash, in a file of the same name."""
     digest, data = hashlib.sha256(), as_bytes(array)
     for start in range(0, len(data), CHUNK_BYTES):
         digest.update(data[start : start + CHUNK_BYTES])
@@ -206,5 +224,5 @@ def _spec(name: str, array: NDArray[Any], domain: Any, meter: Meter) -> BufferSp
 
 
 def as_bytes(array: NDArray[Any]) -> memoryview:
-    """Return the bytes of a contiguous array without a copy."""
+    """Return the bytes of a contiguous array without copying them."""
     return array.reshape(-1).view(np.uint8).data

@@ -1,6 +1,6 @@
-"""Check a manifest as a whole: the schema first, then what one key says about another.
+"""Check a manifest: first against the schema, then the relations between its keys.
 
-Nothing here reads a buffer. `check_values` in `validation.py` does.
+This module does not read buffers. `validation.check_values` does.
 """
 
 import math
@@ -15,12 +15,13 @@ from msb.registry import METHODS
 
 Json = dict[str, Any]
 
-# Windows opens a device when asked for one of these, whatever the extension.
+# Names of devices on Windows, with any suffix.
 _RESERVED = {"con", "prn", "aux", "nul", *(f"{port}{i}" for port in ("com", "lpt") for i in range(10))}
 
-# Coefficient k = 1..K of channel c = 0..2 is in column 3 (k - 1) + c, or in column c K + k - 1.
+# Orders of the columns of f_rest: coefficient k = 1..K of channel c = 0..2 is in column 3 (k - 1) + c, or in
+# column c K + k - 1.
 F_REST_ORDERS = ("coefficient_major", "channel_major")
-# name -> (dtypes, width of the second axis or None for a flat buffer, domains)
+# Standard buffer -> (dtypes, lengths of the second axis or None for a one-dimensional buffer, domains).
 _STANDARD: dict[str, tuple[tuple[str, ...], tuple[int, ...] | None, tuple[str, ...]]] = {
     "positions": (("float32",), (3,), ("vertex",)),
     "indices": (("uint32",), (3,), ("face",)),
@@ -35,9 +36,9 @@ _STANDARD: dict[str, tuple[tuple[str, ...], tuple[int, ...] | None, tuple[str, .
 
 
 def check_manifest(data: Any) -> list[Finding]:
-    """Return every finding about the parsed manifest `data`.
+    """Return all findings about the parsed manifest `data`.
 
-    A wrong format or major version ends the check, because the other keys then mean something else.
+    A wrong format or major version ends the check, because other keys can then have another meaning.
     """
     if not isinstance(data, dict):
         text = f"the manifest is {describe(data)}; it must be an object"
@@ -59,8 +60,8 @@ def check_manifest(data: Any) -> list[Finding]:
     return _newer_minor(data) + findings
 
 
-def refuse(findings: list[Finding], file: object) -> None:
-    """Raise the first finding that is an error."""
+def raise_first_error(findings: list[Finding], file: object) -> None:
+    """Raise the first finding that is an error; `file` is the file of the manifest."""
     for item in findings:
         if item.severity == "error":
             raise item.to_error(file)
@@ -84,7 +85,7 @@ def _check_version(data: Json) -> list[Finding]:
 def _newer_minor(data: Json) -> list[Finding]:
     if _version(data)[1] <= MINOR:
         return []
-    text = f"version {data['version']} is newer than {VERSION}: what it added is ignored"
+    text = f"version {data['version']} is newer than {VERSION}: its additions are ignored"
     return [
         finding("TRIASSET_VERSION_NEWER", text, severity="warning", pointer="/version", value=data["version"])
     ]
@@ -98,11 +99,11 @@ def _version(data: Json) -> tuple[int, int]:
 def _check_counts(data: Json) -> Iterator[Finding]:
     for key in ("face_count", "vertex_count"):
         if data[key] == 0:
-            text = f"{key} is 0; an asset draws something"
+            text = f"{key} is 0; an asset must not be empty"
             yield finding("TRIASSET_EMPTY", text, pointer=f"/{key}", value=0)
     vertices, wanted = data["vertex_count"], 3 * data["face_count"]
     if data["topology"] == "triangle_soup" and vertices != wanted:
-        text = f"vertex_count is {vertices}; a soup of {data['face_count']} faces has {wanted}"
+        text = f"vertex_count is {vertices}; a triangle soup of {data['face_count']} faces has {wanted}"
         yield finding("TRIASSET_FIELD", text, pointer="/vertex_count", value=vertices, limit=wanted)
 
 
@@ -115,11 +116,11 @@ def _check_bounds(data: Json) -> Iterator[Finding]:
 
 
 def _check_method(data: Json) -> Iterator[Finding]:
-    """Yield what is wrong with the method's name and its kernel, as far as the method is known here."""
+    """Yield findings about the method and its coverage kernel, if the method is installed."""
     name, kernel = data["method"], data["coverage"]["kernel"]
     if name not in METHODS:
-        text = f"the method {name} is not installed: only the standard tier can show the asset; "
-        text += f"there are {', '.join(METHODS)}"
+        text = f"the method {name} is not installed: only the standard tier can draw the asset; "
+        text += f"installed: {', '.join(METHODS)}"
         yield finding(
             "TRIASSET_METHOD_NOT_INSTALLED", text, severity="warning", pointer="/method", value=name
         )
@@ -137,13 +138,15 @@ def _check_settings(data: Json) -> Iterator[Finding]:
     for name, stored in data["settings"].items():
         pointer, value, degree = f"/settings/{escape(name)}", stored["value"], data["sh_degree"]
         if name not in known:
-            text = f'{data["method"]} has no setting "{shorten(name)}"; it has {", ".join(known) or "none"}'
+            text = (
+                f'the setting "{shorten(name)}" is unknown; {data["method"]} has {", ".join(known) or "none"}'
+            )
             yield finding("TRIASSET_FIELD", text, pointer=pointer, value=name)
             continue
         problem = known[name].problem(value)
         limit = None
         if problem is None and name == "sh_degree" and value > degree:
-            problem, limit = f"is at most {degree}, the degree that the asset stores", degree
+            problem, limit = f"must be at most {degree}, the degree of the asset", degree
         if problem:
             text = f"setting {name} is {describe(value)}; it {problem}"
             where: dict[str, Any] = {"pointer": f"{pointer}/value", "value": value, "limit": limit}
@@ -161,19 +164,19 @@ def _check_buffer(name: str, spec: Json, data: Json) -> Iterator[Finding]:
         text = f"buffer {name} starts at byte {offset}; it must be a multiple of {ALIGNMENT}"
         yield finding("TRIASSET_BUFFER", text, pointer=at, value=offset, limit=ALIGNMENT)
     if offset + length > 2**63 - 1:
-        text = f"buffer {name} ends at byte {offset + length}, past any file"
+        text = f"buffer {name} ends at byte {offset + length}, beyond any file"
         yield finding("TRIASSET_BUFFER", text, pointer=at)
     yield from _check_domain(name, spec, data)
     if name in _STANDARD:
         yield from _check_standard(name, spec)
     shape = spec["shape"]
-    size = math.prod(shape) * DTYPES[spec["dtype"]].itemsize  # Python integers: no product overflows
+    size = math.prod(shape) * DTYPES[spec["dtype"]].itemsize  # Python integers cannot overflow
     at = f"{pointer}/byte_length"
     if size != length:
-        text = f"buffer {name} has shape {shape} of {spec['dtype']}, {size} bytes; byte_length is {length}"
+        text = f"buffer {name} has {size} bytes (shape {shape}, {spec['dtype']}); byte_length is {length}"
         yield finding("TRIASSET_BUFFER", text, pointer=at, value=length, limit=size)
     elif size == 0:
-        yield finding("TRIASSET_BUFFER", f"buffer {name} holds no values", pointer=f"{pointer}/shape")
+        yield finding("TRIASSET_BUFFER", f"buffer {name} is empty", pointer=f"{pointer}/shape")
 
 
 def _check_domain(name: str, spec: Json, data: Json) -> Iterator[Finding]:
@@ -194,7 +197,7 @@ def _check_standard(name: str, spec: Json) -> Iterator[Finding]:
     if domain not in domains:
         text = f"buffer {name} has domain {domain}; it must be {' or '.join(domains)}"
         yield finding("TRIASSET_BUFFER", text, pointer=f"{pointer}/domain", value=domain)
-    # The width of f_rest is a matter of sh_degree, and checked with it.
+    # The width of f_rest depends on sh_degree, and is checked in `_check_required_buffers`.
     fits = len(shape) == 1 if widths is None else len(shape) == 2 and shape[1] in widths
     if not fits and name != "f_rest":
         wanted = "n" if widths is None else " or ".join(f"n x {width}" for width in widths)
@@ -206,12 +209,12 @@ def _check_required_buffers(data: Json) -> Iterator[Finding]:
     buffers, degree = data["buffers"], data["sh_degree"]
     for name in ("positions", "indices"):
         if name not in buffers:
-            text = f"the manifest declares no buffer {name}"
+            text = f"the manifest does not declare the buffer {name}"
             yield finding("TRIASSET_BUFFER", text, pointer=f"/buffers/{name}")
     width = 3 * ((degree + 1) ** 2 - 1)
     if "f_rest" not in buffers:
         if degree > 0:
-            text = f"sh_degree is {degree} but there is no buffer f_rest of width {width}"
+            text = f"sh_degree is {degree}, but the buffer f_rest of width {width} is missing"
             yield finding("TRIASSET_FIELD", text, pointer="/buffers/f_rest", limit=width)
         return
     shape, pointer = buffers["f_rest"]["shape"], "/buffers/f_rest/shape"
@@ -227,17 +230,17 @@ def _check_required_buffers(data: Json) -> Iterator[Finding]:
 
 
 def _check_textures(data: Json) -> Iterator[Finding]:
-    """Yield what is wrong with textures, and with what else belongs to them or needs them."""
+    """Yield findings about textures, their sampler, and the buffers and passes that belong to them."""
     appearance, buffers = data["appearance"], data["buffers"]
     names = [name for name in buffers if name.partition(".")[0] == "texture"]
     passes = data["required_passes"].get("standard", [])
     if appearance["kind"] != KIND:
         if PASS in passes:
-            text = f"the pass {PASS} is for an asset whose appearance.kind is {KIND}"
+            text = f"the pass {PASS} requires appearance.kind {KIND}"
             yield finding("TRIASSET_FIELD", text, pointer="/required_passes/standard")
         return
     if _version(data)[1] < MINOR:
-        text = f"version is {data['version']}; textures came with {VERSION}"
+        text = f"version is {data['version']}; textures need {VERSION}"
         yield finding("TRIASSET_FIELD", text, pointer="/version", value=data["version"], limit=VERSION)
     if PASS not in passes:
         text = f"/required_passes/standard is {describe(passes)}; textures need {PASS}"
@@ -246,12 +249,12 @@ def _check_textures(data: Json) -> Iterator[Finding]:
     wanted = ["uv", *(f"texture.{number}" for number in range(max(1, len(names))))]
     for name in wanted:
         if name not in buffers:
-            text = f"the manifest declares no buffer {name}, which textures need"
+            text = f"the manifest does not declare the buffer {name}, which textures need"
             yield finding("TRIASSET_BUFFER", text, pointer=f"/buffers/{name}")
     for name in names:
         yield from _check_texture(name, buffers[name])
     if (len(names) > 1) != ("face_texture" in buffers):
-        text = f"several textures need a buffer face_texture, and one needs none; there are {len(names)}"
+        text = f"the buffer face_texture is for several textures, and required then; there are {len(names)}"
         yield finding("TRIASSET_BUFFER", text, pointer="/buffers/face_texture")
 
 
@@ -274,13 +277,18 @@ def _check_texture(name: str, spec: Json) -> Iterator[Finding]:
     shape = spec["shape"]
     right = len(shape) == 3 and shape[2] in (3, 4) and max(shape[:2]) <= MAX_SIDE
     if not (NAME.fullmatch(name) and right and (spec["dtype"], spec["domain"]) == ("uint8", "global")):
-        text = f"buffer {name} is {spec['dtype']} {shape} of domain {spec['domain']}; a texture.N is uint8, "
-        text += f"H x W x 3 or 4, at most {MAX_SIDE} a side, of domain global"
+        text = (
+            f"buffer {name} is {spec['dtype']} {shape} of domain {spec['domain']}; a texture must be uint8, "
+        )
+        text += f"H x W x 3 or 4, at most {MAX_SIDE} per side, of domain global"
         yield finding("TRIASSET_BUFFER", text, pointer=f"/buffers/{name}/shape", value=shape, limit=MAX_SIDE)
 
 
 def _check_layout(buffers: dict[str, Json]) -> Iterator[Finding]:
-    """Yield what is wrong with how buffers share files: they must tile each file from byte 0, aligned."""
+    """Yield findings about buffers in the same file: they must fill it from byte 0, aligned and without
+    gaps.
+    """
+    # File -> (offset, length, name) of its buffers.
     files: dict[str, list[tuple[int, int, str]]] = {}
     for name, spec in buffers.items():
         files.setdefault(spec["file"], []).append((spec["offset"], spec["byte_length"], name))
@@ -288,7 +296,7 @@ def _check_layout(buffers: dict[str, Json]) -> Iterator[Finding]:
     for file, parts in files.items():
         twin = folded.setdefault(file.casefold(), file)
         if twin != file:
-            text = f'"{file}" and "{twin}" are one file where upper and lower case are not told apart'
+            text = f'"{file}" and "{twin}" are the same file on systems that ignore upper and lower case'
             pointer = f"/buffers/{parts[0][2]}/file"
             yield finding("TRIASSET_PATH", text, pointer=pointer, value=file)
         end, before = 0, ""
@@ -296,10 +304,10 @@ def _check_layout(buffers: dict[str, Json]) -> Iterator[Finding]:
             where: dict[str, Any] = {"pointer": f"/buffers/{name}/offset", "value": offset}
             start = -(-end // ALIGNMENT) * ALIGNMENT
             if offset < end:
-                text = f"buffers {before} and {name} share bytes of {file}: {name} starts at byte {offset}, "
+                text = f"buffers {before} and {name} overlap in {file}: {name} starts at byte {offset}, "
                 text += f"{before} ends at {end}"
                 yield finding("TRIASSET_BUFFER", text, **where, limit=end)
             elif offset > start:
-                text = f"bytes {end} to {offset} of {file} belong to no buffer; {name} must start at {start}"
+                text = f"bytes {end} to {offset} of {file} are unused; {name} must start at byte {start}"
                 yield finding("TRIASSET_DAMAGED", text, **where, limit=start)
             end, before = max(end, offset + length), name

@@ -1,7 +1,7 @@
-"""The two forms of an asset behind one interface: names, sizes and mapped bytes.
+"""The two forms of an asset, packed and folder, with a common interface: names, sizes and mapped bytes.
 
-The packed form is a ZIP of stored members, each starting on a 64-byte boundary, mapped as a whole: the strict
-subset of ZIP that `docs/triasset.md` describes and `msb.asset.strict_zip` reads.
+The packed form is a ZIP of stored members, each starting on a 64-byte boundary, which is mapped as a whole.
+It is the strict subset of ZIP that docs/triasset.md describes and `msb.asset.strict_zip` reads.
 """
 
 import itertools
@@ -28,16 +28,19 @@ from msb.base.files import (
 from msb.base.paths import given_path
 from msb.errors import AssetError, Finding, InputError, finding, shorten
 
+# Bytes that are read at a time for a CRC-32.
 _CRC_CHUNK = 1 << 24
+# Entries of a folder that are listed at most.
 _MAX_LISTED = 1000
-# Padding to 64 bytes and one ZIP64 record need fewer bytes than this; a longer field could hide data.
+# Maximum length of an extra field. Padding to 64 bytes and a ZIP64 record are shorter; a longer field could
+# hide data.
 _MAX_EXTRA = 128
 _DOS_FOLDER = 0x10
 _BUFFER_FILE = re.compile(r"buffers/[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}\.bin\Z")
 
 
 class _Packed(Policy):
-    """What a packed asset may hold; `file` is named in errors."""
+    """The content that a packed asset may have. Errors name `file`."""
 
     # manifest.json and the 64 buffers a manifest can declare.
     max_members = 65
@@ -61,7 +64,7 @@ class _Packed(Policy):
         return name.casefold()
 
     def check_entry(self, name: str, extra: int, attributes: int, at: int) -> None:
-        """Refuse what some extractor would make a link, folder or device of, whatever system wrote it."""
+        """Reject members that an unpacking program could turn into a link, folder or device."""
         if extra > _MAX_EXTRA:
             self.refuse("DAMAGED", f"{name} has {extra} bytes of extra data", at)
         kind = stat.S_IFMT(attributes >> 16)
@@ -80,7 +83,7 @@ class _Packed(Policy):
 
 
 class PackedContainer:
-    """A single file. What the methods of both forms do is said here."""
+    """An asset in a single file. The docstrings of its methods apply to both forms."""
 
     def __init__(self, path: Path, data: mmap.mmap | bytes) -> None:
         self.path = path
@@ -91,10 +94,10 @@ class PackedContainer:
         if name in self._members:
             return self._members[name]
         code = "TRIASSET_MANIFEST_MISSING" if name == MANIFEST_NAME else "TRIASSET_DAMAGED"
-        raise AssetError(code, f"there is no {name} in it", file=self.path, pointer=name)
+        raise AssetError(code, f"{name} is missing in it", file=self.path, pointer=name)
 
     def manifest_bytes(self) -> bytes:
-        """Return the bytes of manifest.json, of which at most one byte more than the size limit is read."""
+        """Return the bytes of manifest.json, at most one byte more than the size limit."""
         member = self._member(MANIFEST_NAME)
         start = member.offset
         return bytes(self._view[start : start + min(member.size, MAX_BYTES + 1)])
@@ -104,19 +107,21 @@ class PackedContainer:
         return self._member(file).size
 
     def map(self, file: str) -> tuple[memoryview, int]:
-        """Return mapped bytes and the offset in them at which `file` starts."""
+        """Return mapped bytes, and the offset of `file` in them."""
         return self._view, self._member(file).offset
 
     def undeclared(self, declared: set[str]) -> list[Finding]:
         """Return a finding for each file in the asset that is not `declared`."""
         return [
-            finding("TRIASSET_FILE_UNDECLARED", f"{name} is in the ZIP but no buffer declares it", file=name)
+            finding(
+                "TRIASSET_FILE_UNDECLARED", f"the ZIP contains {name}, which no buffer declares", file=name
+            )
             for name in self._members
             if name not in declared and name != MANIFEST_NAME
         ]
 
     def check_bytes(self) -> list[Finding]:
-        """Return findings about the container's own checksums; this reads the whole asset."""
+        """Return findings about the checksums of the ZIP. This reads the whole asset."""
         findings = []
         for member in self._members.values():
             crc = 0
@@ -124,7 +129,7 @@ class PackedContainer:
             for start in range(member.offset, end, _CRC_CHUNK):
                 crc = zlib.crc32(self._view[start : min(end, start + _CRC_CHUNK)], crc)
             if crc != member.crc:
-                text = f"{member.name} has CRC-32 {crc:08x}; the ZIP says {member.crc:08x}"
+                text = f"{member.name} has CRC-32 {crc:08x}, but {member.crc:08x} in the ZIP"
                 findings.append(
                     finding("TRIASSET_DAMAGED", text, file=member.name, pointer=f"byte {member.offset}")
                 )
@@ -157,12 +162,12 @@ class FolderContainer:
         return self._maps[file], 0
 
     def undeclared(self, declared: set[str]) -> list[Finding]:
-        """Return a warning for each stray file, because file managers leave such files behind."""
+        """Return a warning for each other file. It is not an error, because file managers add files."""
         names: list[str] = []
         findings: list[Finding] = []
         for folder, prefix in ((self.path, ""), (self.path / "buffers", "buffers/")):
             if prefix and not stat.S_ISDIR(_mode(folder)):
-                continue  # what should be in it is missing or behind a link: findings of their own
+                continue  # missing or a link, which is reported elsewhere
             try:
                 with os.scandir(folder) as entries:
                     names += [prefix + entry.name for entry in itertools.islice(entries, _MAX_LISTED)]
@@ -172,7 +177,7 @@ class FolderContainer:
         findings += [
             finding(
                 "TRIASSET_FILE_UNDECLARED",
-                f"{shorten(name)} is in the folder but no buffer declares it",
+                f"the folder contains {shorten(name)}, which no buffer declares",
                 severity="warning",
                 file=shorten(name),
             )
@@ -182,11 +187,11 @@ class FolderContainer:
         return findings
 
     def check_bytes(self) -> list[Finding]:
-        """Return a finding for each hard link; a folder has no checksums of its own."""
+        """Return a warning for each hard link. A folder has no checksums, unlike a ZIP."""
         return [
             finding(
                 "TRIASSET_PATH",
-                f"{file} has a second name outside or inside the folder",
+                f"{file} is a hard link: the same file has another name",
                 severity="warning",
                 file=file,
             )
@@ -196,29 +201,29 @@ class FolderContainer:
 
 
 def _map_member(path: Path, member: str, *, asset: object) -> tuple[mmap.mmap | bytes, os.stat_result]:
-    """Return a read-only mapping of the file `member` of `asset`, which lies at `path`, and its status.
+    """Return a read-only mapping of the file `member` of `asset`, whose path is `path`, and its status.
 
-    A link, pipe, device or folder is refused before it is opened; the open descriptor is checked again.
+    Links, pipes, devices and folders are rejected before they are opened, and again after opening.
     """
     try:
-        _refuse_special(path.lstat(), asset, member)
+        _reject_special(path.lstat(), asset, member)
         descriptor = _open_member(path, member)
         try:
             status = os.fstat(descriptor)
-            _refuse_special(status, asset, member)
+            _reject_special(status, asset, member)
             return map_descriptor(descriptor), status
         finally:
             os.close(descriptor)
     except (OSError, ValueError) as error:
         if is_missing(error):
             code = "TRIASSET_MANIFEST_MISSING" if member == MANIFEST_NAME else "TRIASSET_DAMAGED"
-            raise AssetError(code, f"there is no {member} in it", file=asset, pointer=member) from error
+            raise AssetError(code, f"{member} is missing in it", file=asset, pointer=member) from error
         text = f"{member} cannot be read: {system_reason(error)}"
         raise AssetError("TRIASSET_FILE_UNREADABLE", text, file=asset, pointer=member) from error
 
 
 def _open_member(path: Path, member: str) -> int:
-    """Return a descriptor of `path`; no link is followed, not even one put there just now."""
+    """Return a descriptor of `path`. Links are not followed, even if another program just created them."""
     flags = READ_ONLY | getattr(os, "O_NOFOLLOW", 0)
     if "/" not in member or os.open not in os.supports_dir_fd:
         return os.open(path, flags)
@@ -229,7 +234,8 @@ def _open_member(path: Path, member: str) -> int:
         os.close(folder)
 
 
-def _refuse_special(status: os.stat_result, asset: object, member: str) -> None:
+def _reject_special(status: os.stat_result, asset: object, member: str) -> None:
+    """Raise an error unless `status` describes a regular file."""
     if stat.S_ISLNK(status.st_mode):
         raise AssetError("TRIASSET_PATH", f"{member} is a symbolic link", file=asset, pointer=member)
     if kind := special_kind(status):
@@ -238,7 +244,7 @@ def _refuse_special(status: os.stat_result, asset: object, member: str) -> None:
 
 
 def _mode(path: Path) -> int:
-    """Return the file mode of `path` itself, 0 if there is nothing to be seen."""
+    """Return the file mode of `path`, without following links; 0 if it is not accessible."""
     try:
         return path.lstat().st_mode
     except OSError:
@@ -249,7 +255,7 @@ Container = PackedContainer | FolderContainer
 
 
 def is_asset(path: Path) -> bool:
-    """Return whether `path` is, or claims to be, an asset of either form."""
+    """Return whether `path` has the name of an asset, or is a folder with a manifest."""
     try:
         return path.suffix.lower() == ASSET_SUFFIX or (path.is_dir() and (path / MANIFEST_NAME).exists())
     except OSError as error:
@@ -257,7 +263,7 @@ def is_asset(path: Path) -> bool:
 
 
 def open_container(path: str | os.PathLike[str]) -> Container:
-    """Open the asset at `path`, of either form, without reading any values."""
+    """Open an asset of either form without reading values."""
     path = given_path(path)
     try:
         is_folder = stat.S_ISDIR(path.stat().st_mode)
@@ -269,9 +275,9 @@ def open_container(path: str | os.PathLike[str]) -> Container:
     if data[:4] not in (b"PK\x03\x04", b"PK\x05\x06"):
         tail = data[-(22 + 0xFFFF) :]
         if b"PK\x05\x06" in tail:
-            text = "there is data before the first member; a packed asset starts with it"
+            text = "it has data before the first member; a packed asset must start with a member"
             raise AssetError("TRIASSET_HOSTILE", text, file=path, pointer="byte 0")
-        what = "it is empty" if not data else "it does not start like a packed asset (a ZIP)"
+        what = "it is empty" if not data else "it is not a packed asset (a ZIP)"
         raise InputError(
             "FILE_NOT_RECOGNISED", f"{what}; a .triasset is a ZIP or a folder with manifest.json", file=path
         )

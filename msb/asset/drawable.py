@@ -1,4 +1,4 @@
-"""What every renderer needs of an asset before it draws it: drawable values, buffers of the right shape."""
+"""Checks before rendering: finite values, valid indices, required buffers and parameters."""
 
 from collections.abc import Iterable
 from typing import Any
@@ -9,36 +9,41 @@ from numpy.typing import NDArray
 from msb.asset.asset import Asset
 from msb.errors import AssetError
 
-# Values looked at together.
+# Number of values that are checked at a time.
 _CHUNK = 1 << 23
 
 
 def check_drawable(asset: Asset, names: Iterable[str] | None = None) -> None:
-    """Refuse an asset with values that cannot be drawn, in one pass over the buffers.
+    """Check that the values of an asset can be drawn, in one pass over the buffers.
 
-    Of the float buffers those in `names` are looked at, all if it is None.
+    `names` are the float buffers to check, by default all.
+
+    Raises
+    ------
+    AssetError
+        TRIASSET_VALUE_NONFINITE or TRIASSET_INDEX_OUT_OF_RANGE.
     """
     for name in asset.buffers if names is None else names:
         array = asset.buffers.get(name)
         if array is None or array.dtype.kind != "f":
             continue
         if (at := first_bad(array, infinite=name == "opacity")) is not None:
-            text = f"buffer {name} holds {array[at]} in row {at[0]}; a renderer needs finite values"
+            text = f"buffer {name} holds {array[at]} in row {at[0]}; renderers need finite values"
             raise AssetError("TRIASSET_VALUE_NONFINITE", text, file=asset.path, pointer=f"{name}[{at[0]}]")
     check_indices(asset.buffers["indices"], asset.manifest.vertex_count, asset.path)
 
 
 def first_bad(array: NDArray[Any], *, infinite: bool = False) -> tuple[int, ...] | None:
-    """Return where the first value is that is NaN or, unless `infinite` allows it, infinite; None if nowhere.
+    """Return the index of the first value of `array` (N, ...) that is NaN or infinite; None without one.
 
-    `array` (N, ...) is read once and in pieces.
+    `infinite` allows infinite values. The array is read once, in pieces.
     """
     rows = max(1, _CHUNK // max(1, array[:1].size))
     for start in range(0, len(array) if array.size else 0, rows):
         part = array[start : start + rows]
         with np.errstate(over="ignore", invalid="ignore"):
-            # The least is NaN if any is. A sum that is finite has finite terms only; others may have
-            # overflowed.
+            # A fast test: the minimum is NaN if any value is, and a finite sum has only finite terms. A sum
+            # that is not finite can also be an overflow, so look at the values then.
             total = part.min() if infinite else part.sum(dtype=np.float64)
         if np.isnan(total) if infinite else not np.isfinite(total):
             bad = np.isnan(part) if infinite else ~np.isfinite(part)
@@ -49,37 +54,37 @@ def first_bad(array: NDArray[Any], *, infinite: bool = False) -> tuple[int, ...]
 
 
 def check_indices(indices: NDArray[np.uint32], vertices: int, file: object = None) -> None:
-    """Refuse faces (F, 3) that use a vertex which is not there."""
+    """Check that faces (F, 3) only use existing vertices. Raise TRIASSET_INDEX_OUT_OF_RANGE otherwise."""
     if int(indices.max()) >= vertices:
         face, corner = map(int, np.argwhere(indices >= vertices)[0])
-        text = f"face {face} uses vertex {indices[face, corner]}, but there are {vertices}"
+        text = f"face {face} uses vertex {indices[face, corner]}, but there are {vertices} vertices"
         pointer = f"indices[{face}, {corner}]"
         raise AssetError("TRIASSET_INDEX_OUT_OF_RANGE", text, file=file, pointer=pointer)
 
 
 def required_buffer(asset: Asset, name: str, *shape: int) -> NDArray[Any]:
-    """Return a buffer the method cannot be drawn without.
+    """Return a buffer that is required to draw the method.
 
     Raises
     ------
     AssetError
-        `TRIASSET_BUFFER`: there is no such buffer, or its shape is not `shape`.
+        `TRIASSET_BUFFER`: the buffer is missing, or its shape is not `shape`.
     """
     where: dict[str, Any] = {"file": asset.path, "pointer": f"/buffers/{name}"}
     method = asset.manifest.method
     if name not in asset.buffers:
-        text = f"there is no buffer {name}; a model of {method} cannot be drawn without it"
+        text = f"the buffer {name} is missing; it is required to draw a model of {method}"
         raise AssetError("TRIASSET_BUFFER", text, **where)
     array = asset.buffers[name]
     if array.shape != shape:
-        have, want = (" x ".join(map(str, sizes)) for sizes in (array.shape, shape))
-        text = f"buffer {name} is {have}; {method} has {want}"
+        actual, expected = (" x ".join(map(str, sizes)) for sizes in (array.shape, shape))
+        text = f"buffer {name} has the shape {actual}; {method} needs {expected}"
         raise AssetError("TRIASSET_BUFFER", text, **where)
     return array
 
 
 def require(asset: Asset, section: str, key: str, value: str) -> None:
-    """Refuse an asset whose manifest does not say `value` for `key` in one of its sections of parameters.
+    """Check that a section of the manifest has the value `value` for `key`.
 
     Raises
     ------
@@ -88,5 +93,5 @@ def require(asset: Asset, section: str, key: str, value: str) -> None:
     """
     stored = getattr(asset.manifest, section).get(key)
     if stored != value:
-        text = f"{section}.{key} is {stored!r:.40}; the renderer of {asset.manifest.method} knows {value!r}"
+        text = f"{section}.{key} is {stored!r:.40}; {asset.manifest.method} only supports {value!r}"
         raise AssetError("TRIASSET_FIELD", text, file=asset.path, pointer=f"/{section}/{key}")

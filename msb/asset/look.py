@@ -1,6 +1,6 @@
-"""The standard look: the static colours of an asset, and which faces are shown.
+"""The standard-tier mesh of an asset: static colours and face selection.
 
-The renderer, the engines, `msb convert` and the viewers all use this rule to draw or write the opaque mesh.
+The renderer, the engines, `msb convert` and the viewers use these functions to draw or write the opaque mesh.
 """
 
 from collections.abc import Iterator, Mapping
@@ -16,23 +16,23 @@ from msb.asset.drawable import required_buffer
 from msb.asset.sh import SH_C0
 from msb.asset.texture import Textured, linear_to_srgb, sample, srgb_to_linear, textures_of
 
-# The colour, in all three channels, of a mesh that brings none, where light falls on it at right angles.
+# Grey value in [0, 1] of a mesh without colours, for faces that point towards the light.
 GREY = 0.8
-# The part of the light on it that comes from everywhere.
+# Fraction of the light that comes from all directions.
 AMBIENT = 0.35
-# Where the rest comes from: above, a little from the front and right; along (right, up, front).
+# Direction (right, up, front) towards the rest of the light: above, and a little to the front and right.
 _LIGHT = (0.36, 0.8, 0.48)
-# Axis -> the two others, in the order of a right-handed frame.
+# Up axis -> indices of the front and right axes in a right-handed frame.
 _AXES = {"x": (1, 2), "y": (2, 0), "z": (0, 1)}
-# Faces whose normals are made together.
+# Number of faces whose normals are computed at a time.
 _AT_ONCE = 1 << 14
 
 
 @dataclass(frozen=True)
 class StaticColors:
-    """Colours of the standard tier: values (n, 3) or (n, 4), uint8, or float32 in [0, 1].
+    """Colours of the standard tier: values (n, 3 | 4), uint8, or float32 in [0, 1].
 
-    A fourth channel is not drawn.
+    The fourth channel is not drawn.
     """
 
     values: NDArray[Any]
@@ -40,10 +40,10 @@ class StaticColors:
 
 
 def static_colors(buffers: Mapping[str, NDArray[Any]], domains: Mapping[str, str]) -> StaticColors | None:
-    """Return the colours that `buffers` bring, or clamp(C0 f_dc + 0.5, 0, 1); None if there are neither.
+    """Return the colours of the buffer `color`, or else clamp(C0 f_dc + 0.5, 0, 1); None without both.
 
-    Each colour is clamped before anything is interpolated (paper, "Standard deployment"). `domains` are
-    those of the buffers; "color" is taken before "f_dc".
+    Colours are clamped before they are interpolated (paper, "Standard deployment"). `domains` maps buffers to
+    their domains.
     """
     for name in ("color", "f_dc"):
         if name in buffers:
@@ -53,7 +53,7 @@ def static_colors(buffers: Mapping[str, NDArray[Any]], domains: Mapping[str, str
 
 
 def colors_of(asset: Asset) -> StaticColors | None:
-    """Return the `static_colors` of an asset; of one with textures what they show at its corners."""
+    """Return the `static_colors` of an asset. Textures are sampled at the corners of the faces."""
     textured = textures_of(asset)
     if textured is None:
         return tint_of(asset)
@@ -61,39 +61,40 @@ def colors_of(asset: Asset) -> StaticColors | None:
 
 
 def tint_of(asset: Asset) -> StaticColors | None:
-    """Return the `static_colors` of an asset, which are multiplied with its textures if it has any."""
+    """Return the `static_colors` of an asset without its textures, which are multiplied with them."""
     return static_colors(asset.buffers, {name: spec.domain for name, spec in asset.manifest.buffers.items()})
 
 
 def corner_colors(textured: Textured, tint: StaticColors | None, indices: NDArray[Any]) -> StaticColors:
-    """Return the sRGB colours (3F, 3) float32 of the corners: what the textures show there, times `tint`.
+    """Return the sRGB colours (3F, 3) float32 of textures at the corners of the faces, times `tint`.
 
-    What draws no textures draws these. `indices` are the faces (F, 3).
+    They are for programs that cannot draw textures. `indices` are the faces (F, 3).
     """
-    made = np.zeros((textured.uvs.size // 2, 4), np.float32)
+    # Sample each texture at the corners of its faces, in linear light (3F, 4).
+    light = np.zeros((textured.uvs.size // 2, 4), np.float32)
     faces = len(textured.uvs)
-    shown = np.zeros(faces, np.uint32) if textured.face_texture is None else textured.face_texture
+    face_texture = np.zeros(faces, np.uint32) if textured.face_texture is None else textured.face_texture
     for number, image in enumerate(textured.images):
-        rows = np.repeat(shown == number, 3)
-        made[rows] = sample([image], textured.uvs.reshape(-1, 2)[rows], textured.sampler)
+        rows = np.repeat(face_texture == number, 3)
+        light[rows] = sample([image], textured.uvs.reshape(-1, 2)[rows], textured.sampler)
     if tint is not None:
-        made *= corner_tint(tint, indices)
-    return StaticColors(np.clip(linear_to_srgb(made[:, :3]), 0, 1), "corner")
+        light *= corner_tint(tint, indices)
+    return StaticColors(np.clip(linear_to_srgb(light[:, :3]), 0, 1), "corner")
 
 
 def corner_tint(tint: StaticColors, indices: NDArray[Any]) -> NDArray[np.float32]:
     """Return colours as linear light and alpha (3F, 4) float32 at the corners of the faces (F, 3)."""
     values = tint.values if tint.values.dtype == np.float32 else tint.values / np.float32(255)
-    made = np.ones((len(values), 4), np.float32)
-    made[:, : values.shape[1]] = values
-    made[:, :3] = srgb_to_linear(made[:, :3])
+    light = np.ones((len(values), 4), np.float32)
+    light[:, : values.shape[1]] = values
+    light[:, :3] = srgb_to_linear(light[:, :3])
     if tint.domain == "corner":
-        return made
-    return np.repeat(made, 3, axis=0) if tint.domain == "face" else made[indices.reshape(-1)]
+        return light
+    return np.repeat(light, 3, axis=0) if tint.domain == "face" else light[indices.reshape(-1)]
 
 
 def drawn_colors(asset: Asset) -> StaticColors:
-    """Return the colours `asset` is drawn in: its `static_colors`, or grey that is lit."""
+    """Return the colours of the drawn mesh: its `static_colors`, or grey with shading."""
     colors = colors_of(asset)
     if colors is not None:
         return colors
@@ -102,16 +103,17 @@ def drawn_colors(asset: Asset) -> StaticColors:
 
 
 def lit_grey(vertices: NDArray[Any], faces: NDArray[Any], axis: str) -> NDArray[np.float32]:
-    """Return the colours (F, 3) of a mesh that brings none: `GREY` in `daylight`."""
+    """Return the face colours (F, 3) of a mesh without colours: `GREY`, shaded by `daylight`."""
     shade = GREY * daylight(vertices, faces, axis)
     return np.repeat(shade.astype(np.float32)[:, None], 3, axis=1)
 
 
 def daylight(vertices: NDArray[Any], faces: NDArray[Any], axis: str) -> NDArray[np.float64]:
-    """Return the brightness (F,) of each face of a plain surface in daylight; `axis`, such as "+y", is up.
+    """Return the brightness (F,) of faces: a + (1 - a) |n . l|.
 
-    It is a + (1 - a) |n . l|: n is the face's normal, l the direction of the light, a the ambient part. Both
-    sides are alike, because winding need not be consistent. Faces without a normal have a alone.
+    n is the normal of a face, l the direction of the light and a the ambient part. Both sides have the same
+    brightness, because the winding can be inconsistent. Faces without a normal get a. `axis`, such as "+y",
+    points up.
     """
     facing, light = np.zeros(len(faces)), light_toward(axis)
     for here, _, normals in normals_of(vertices, faces):
@@ -123,9 +125,10 @@ def daylight(vertices: NDArray[Any], faces: NDArray[Any], axis: str) -> NDArray[
 def normals_of(
     vertices: NDArray[Any], faces: NDArray[Any]
 ) -> Iterator[tuple[slice, NDArray[np.float64], NDArray[np.float64]]]:
-    """Yield which faces, their first corners (n, 3), and their normals (n, 3), twice their areas long.
+    """Yield chunks of faces: their slice, first corners (n, 3), and normals (n, 3) of twice the area as
+    length.
 
-    They are few enough for the cache: the first touch of new memory takes longer than all the arithmetic.
+    A chunk fits into the cache, because writing to new memory takes longer than the arithmetic.
     """
     for start in range(0, len(faces), _AT_ONCE):
         here = slice(start, start + _AT_ONCE)
@@ -135,7 +138,7 @@ def normals_of(
 
 
 def light_toward(axis: str) -> NDArray[np.float64]:
-    """Return the unit vector (3,) towards the light of `daylight`, for what is up."""
+    """Return the unit vector (3,) towards the light of `daylight`, for the up axis `axis`."""
     front, right = _AXES[axis[1]]
     up = "xyz".index(axis[1])
     sign = -1.0 if axis[0] == "-" else 1.0
@@ -145,19 +148,23 @@ def light_toward(axis: str) -> NDArray[np.float64]:
 
 
 def up_axis(asset: Asset) -> str:
-    """Return the axis of `asset` that points up, such as "+y"."""
+    """Return the up axis of `asset`, such as "+y"."""
     return known_up(asset.manifest.coordinate_frame.up, asset.manifest.method)
 
 
 def written_up(asset: Asset) -> str | None:
-    """Return the axis that points up in a mesh made of `asset`: as pages take it, but None of a mesh file."""
+    """Return the up axis for files written from `asset`; None if it is a mesh file with an unknown up
+    axis.
+    """
     frame, method = asset.manifest.coordinate_frame, asset.manifest.method
     return frame.known_up if method == "mesh" else known_up(frame.up, method)
 
 
 def known_up(stored: str, method: str | None) -> str:
-    """Return the axis that points up: as `stored`; if that is unknown, +y of a mesh file (method None or
-    "mesh"), as glTF has it, and -y of a trained scene, as COLMAP has it.
+    """Return the up axis: `stored`, or if it is "unknown" a default.
+
+    The default is +y for a mesh file (method None or "mesh"), as in glTF, and -y for a trained scene, as in
+    COLMAP.
     """
     if stored != "unknown":
         return stored
@@ -165,21 +172,23 @@ def known_up(stored: str, method: str | None) -> str:
 
 
 def baked_colors(f_dc: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return clamp(C0 f_dc + 0.5, 0, 1), the colour of the zeroth SH coefficient."""
+    """Return clamp(C0 f_dc + 0.5, 0, 1), the colour of the SH coefficients of degree 0."""
     return clamped(np.float32(SH_C0) * f_dc + np.float32(0.5))
 
 
 def clamped(colors: NDArray[Any]) -> NDArray[Any]:
-    """Return float colours clamped to [0, 1], byte colours unchanged; NaN, which drawing refuses, stays."""
+    """Return float colours clamped to [0, 1], and byte colours unchanged. NaN stays, and is reported
+    later.
+    """
     return np.clip(colors, np.float32(0), np.float32(1)) if colors.dtype.kind == "f" else colors
 
 
 def visible_faces(asset: Asset, ste_threshold: float | None) -> NDArray[np.bool_] | None:
-    """Return a mask (F,) of the faces that an STE threshold leaves; None if there is no threshold or opacity.
+    """Return the mask (F,) of faces with an opacity above the STE threshold; None without threshold or
+    opacity.
 
-    A face is shown if its opacity is above the threshold, both in float32, as in the official code
-    (GaodeRender/triangle-splatting). The standard tier reads opacity for nothing else. Where
-    it is not of faces, `TRIASSET_BUFFER` refuses it.
+    Opacity and threshold are compared as float32, as in the official code (GaodeRender/triangle-splatting).
+    The standard tier uses opacity for nothing else. Opacity of another domain raises `TRIASSET_BUFFER`.
     """
     if ste_threshold is None or "opacity" not in asset.buffers:
         return None
@@ -188,12 +197,12 @@ def visible_faces(asset: Asset, ste_threshold: float | None) -> NDArray[np.bool_
 
 
 def shown_faces(asset: Asset, ste_threshold: float | None) -> NDArray[np.uint32] | None:
-    """Return the numbers of the `visible_faces`, in ascending order; None if that is all of them."""
-    shown = visible_faces(asset, ste_threshold)
-    return None if shown is None or shown.all() else np.flatnonzero(shown).astype(np.uint32)
+    """Return the sorted indices (n,) of the `visible_faces`; None if all faces are visible."""
+    visible = visible_faces(asset, ste_threshold)
+    return None if visible is None or visible.all() else np.flatnonzero(visible).astype(np.uint32)
 
 
 def stored_threshold(asset: Asset) -> float | None:
-    """Return the STE threshold that `asset` was exported with."""
+    """Return the STE threshold in the settings of `asset`, or None."""
     stored = asset.manifest.settings.get("ste_threshold")
     return None if stored is None else cast("float | None", stored.value)

@@ -1,4 +1,4 @@
-"""The manifest as Python data: frozen dataclasses whose attributes are the manifest's keys."""
+"""The manifest as frozen dataclasses, whose attributes are the keys of the file."""
 
 from __future__ import annotations
 
@@ -11,15 +11,14 @@ import numpy as np
 from msb.registry import TIERS, SettingSource, SettingValue
 
 FORMAT = "triasset"
-# The newest version that is known; `PLAIN_VERSION` is written where there is no texture.
+# The newest supported version. Assets without textures are written as `PLAIN_VERSION`.
 VERSION = "1.1"
 PLAIN_VERSION = "1.0"
 MAJOR = 1
 MINOR = 1
 ASSET_SUFFIX = ".triasset"
 MANIFEST_NAME = "manifest.json"
-# Every buffer starts on a multiple of this many bytes: a cache line, and the most that GPUs ask of host
-# pointers.
+# Alignment of buffers in bytes: a cache line, and the strictest requirement of GPUs for host pointers.
 ALIGNMENT = 64
 
 Topology = Literal["triangle_soup", "indexed_mesh"]
@@ -36,7 +35,7 @@ DTYPES: dict[str, np.dtype[Any]] = {
 
 @dataclass(frozen=True)
 class Bounds:
-    """The axis-aligned box of all finite vertex rows, in scene units."""
+    """The axis-aligned bounding box of all finite vertices, in scene units."""
 
     min: tuple[float, float, float]
     max: tuple[float, float, float]
@@ -44,7 +43,7 @@ class Bounds:
 
 @dataclass(frozen=True)
 class BoundingSphere:
-    """A sphere around all finite vertex rows, in scene units (paper: R_bound)."""
+    """A bounding sphere of all finite vertices, in scene units (paper: R_bound)."""
 
     center: tuple[float, float, float]
     radius: float
@@ -52,7 +51,7 @@ class BoundingSphere:
 
 @dataclass(frozen=True)
 class StoredSetting:
-    """A setting of the method with its origin."""
+    """The value of a method's setting, and its origin."""
 
     value: SettingValue
     source: SettingSource
@@ -60,7 +59,7 @@ class StoredSetting:
 
 @dataclass(frozen=True)
 class SourceFile:
-    """One file the asset was made from. `path` is relative to what was exported, never absolute."""
+    """A source file of the asset. `path` is relative to the exported folder."""
 
     path: str
     sha256: str
@@ -69,14 +68,14 @@ class SourceFile:
 
 @dataclass(frozen=True)
 class Source:
-    """The files that the asset was made from."""
+    """The source files of the asset."""
 
     files: tuple[SourceFile, ...] = ()
 
 
 @dataclass(frozen=True)
 class CoordinateFrame:
-    """Axes and units of the positions. COLMAP scenes are y-down: up is "-y"."""
+    """Axes and units of the positions. In COLMAP scenes y points down: `up` is "-y"."""
 
     handedness: Literal["right"] = "right"
     up: str = "unknown"
@@ -84,16 +83,16 @@ class CoordinateFrame:
 
     @property
     def known_up(self) -> str | None:
-        """The axis that points up; None where that is not known."""
+        """The up axis; None if it is unknown."""
         return None if self.up == "unknown" else self.up
 
 
 @dataclass(frozen=True)
 class BufferSpec:
-    """Where one buffer's values are and what they mean.
+    """The declaration of a buffer: its place in a file, type, shape and domain.
 
-    `shape` has the domain's count first (V, F or 3F; anything for global), `offset` and `byte_length`
-    are bytes within `file`.
+    `shape` begins with the size of the domain (V, F or 3F; any number for "global"). `offset` and
+    `byte_length` are bytes in `file`.
     """
 
     file: str
@@ -107,7 +106,7 @@ class BufferSpec:
 
 @dataclass(frozen=True)
 class Manifest:
-    """Everything a program must know before it reads a buffer. Keys and their order are those of the file."""
+    """The description of an asset and its buffers. Keys have the order of manifest.json."""
 
     generator: str
     method: str
@@ -128,14 +127,14 @@ class Manifest:
     source: Source
     buffers: dict[str, BufferSpec]
     training: Parameters = field(default_factory=dict)
-    """What the training's files say of how it was trained; empty, and absent from the file, if nothing."""
+    """Properties of the training from its config files. If it is empty, the key is not written."""
     format: str = FORMAT
     version: str = PLAIN_VERSION
     extra: Parameters = field(default_factory=dict, repr=False)
-    """Keys of a newer minor version, kept so that a copy loses nothing."""
+    """Keys of a newer minor version, which are written again."""
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the manifest as JSON data in the file's key order."""
+        """Return the manifest as JSON data, with keys in the order of the file."""
         data: dict[str, Any] = _lists(asdict(self))
         extra = data.pop("extra")
         if not data["training"]:
@@ -145,13 +144,13 @@ class Manifest:
         return {**ordered, **data, **extra, "buffers": buffers}
 
     def to_bytes(self) -> bytes:
-        """Return manifest.json: UTF-8, two-space indent, one final line break. Same content, same bytes."""
+        """Return the bytes of manifest.json. Equal manifests give equal bytes."""
         text = json.dumps(self.to_dict(), indent=2, ensure_ascii=False, allow_nan=False)
         return (text + "\n").encode("utf-8")
 
     @classmethod
     def from_dict(cls, data: dict[str, Any]) -> Manifest:
-        """Return the manifest in `data`, which `check_manifest` has found free of errors."""
+        """Return the manifest of JSON data that `check_manifest` has accepted."""
         keys = set(cls.__dataclass_fields__) - {"extra"}
         known = {key: value for key, value in data.items() if key in keys}
         frame = data["coordinate_frame"]
@@ -183,7 +182,7 @@ def _buffer_spec(spec: dict[str, Any]) -> BufferSpec:
 
 
 def _lists(value: Any) -> Any:
-    """Return `value` with tuples turned into the lists that JSON has."""
+    """Return `value` with tuples replaced by lists, as in JSON."""
     if isinstance(value, dict):
         return {key: _lists(item) for key, item in value.items()}
     return [_lists(item) for item in value] if isinstance(value, list | tuple) else value

@@ -1,4 +1,4 @@
-"""Which near and far planes of DiffSoup the camera's matrix can hold in floating point."""
+"""Check the near and far planes of DiffSoup against the precision of the camera matrix."""
 
 from typing import Any
 
@@ -10,20 +10,26 @@ from msb.errors import UsageError
 
 
 def invert_projection(mvp: NDArray[Any], near: float, far: float) -> NDArray[Any]:
-    """Return the inverse of MVP (4, 4), for column vectors, taken in double and rounded to its dtype.
+    """Return the inverse of the model-view-projection matrix (4, 4), computed in float64 and rounded.
 
-    A view direction is the line between the points where a pixel meets the two planes, whose camera depths
-    `near` and `far` become NDC -1 and 1. The inverse must give both points with w above 0 at all pixels: a
-    far plane that rounds to infinity has w = 0, which gives no point.
+    The view direction of a pixel is the line between its points on the near and the far plane, at NDC depth
+    -1 and 1. The inverse must give w > 0 for both points at all pixels. A far plane that rounds to infinity
+    has w = 0.
+
+    Raises
+    ------
+    UsageError
+        SETTING_VALUE: the planes cannot be represented in the dtype of `mvp`.
     """
     if near < far:
         with np.errstate(all="ignore"):
             back: NDArray[Any] = inverse(mvp.astype(np.float64)).astype(mvp.dtype)
         if np.isfinite(back).all():
+            # w = across x + down y + along z + constant, with x, y and z in [-1, 1].
             across, down, along, constant = back[3]
             if constant - abs(along) - abs(across) - abs(down) > 0:
                 return back
-    text = f"settings z_near {near:g} and z_far {far:g} are no range of depths: z_near must be below z_far, "
-    text += f"and {mvp.dtype} must tell them from 0 and infinity: z_far / z_near must be below about "
+    text = f"settings z_near {near:g} and z_far {far:g} are invalid: z_near must be below z_far, and "
+    text += f"{mvp.dtype} must be able to represent their ratio: z_far / z_near must be below about "
     text += f"{1 / np.finfo(mvp.dtype).eps:.0e}"
     raise UsageError("SETTING_VALUE", text)

@@ -1,9 +1,9 @@
-"""How a long task reports its progress."""
+"""Progress of long tasks."""
 
 from collections.abc import Callable
 
-# A function called as ``progress(stage, done, total)``, in bytes. It is called often, so it must be
-# cheap.
+# A function that is called as ``progress(stage, done, total)``, with bytes. It is called often, so it must be
+# fast.
 Progress = Callable[[str, int, int], None]
 
 
@@ -15,7 +15,7 @@ class Meter:
         self._done = 0
 
     def advance(self, count: int) -> None:
-        """Report that `count` more bytes are done."""
+        """Report `count` more processed bytes."""
         self._done += count
         if self._progress is not None:
             self._progress(self._stage, self._done, self._total)

@@ -1,4 +1,4 @@
-"""Open an asset: check everything that costs milliseconds, map the buffers, read no values."""
+"""Open an asset: check the manifest and the sizes of files, and map the buffers without reading values."""
 
 import os
 from collections.abc import Mapping
@@ -10,27 +10,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msb.asset.asset import Asset
-from msb.asset.check import check_manifest, refuse
+from msb.asset.check import check_manifest, raise_first_error
 from msb.asset.container import Container, is_asset, open_container
 from msb.asset.manifest import DTYPES, Manifest
 from msb.asset.strict_json import parse_strict_json
 from msb.errors import AssetError, Finding, InputError, MsbError, finding
 
-# Codes of errors in files and folders that are no asset, such as a ZIP that torch saved.
+# Codes of errors that files of another kind can cause, such as a ZIP file of torch.
 _NO_ASSET = ("FILE_NOT_RECOGNISED", "TRIASSET_MANIFEST_MISSING", "TRIASSET_FORM")
 
 
 def load(path: str | os.PathLike[str]) -> Asset:
     """Open the `.triasset` at `path`, packed or folder.
 
-    This takes milliseconds whatever the size: the manifest, all paths and all sizes are checked, but not the
-    values and hashes, which `validate` checks. docs/triasset.md describes the format.
+    This takes milliseconds for any size, because the manifest, paths and sizes are checked, but not values
+    and hashes, which `validate` checks. docs/triasset.md describes the format.
 
     Raises
     ------
     InputError
-        There is no such asset, or it cannot be read; `FILE_NOT_RECOGNISED` if it is something else, which
-        `msb.open` may know.
+        The file does not exist or cannot be read; `FILE_NOT_RECOGNISED` if it is not an asset. `msb.open`
+        opens other kinds of files.
     AssetError
         The first finding whose severity is "error".
 
@@ -46,17 +46,17 @@ def load(path: str | os.PathLike[str]) -> Asset:
     except MsbError as error:
         if error.code not in _NO_ASSET or is_asset(Path(path)):
             raise
-        text = "it is no .triasset; msb.open takes checkpoints and mesh files, too"
+        text = "it is not a .triasset; msb.open also opens checkpoints and mesh files"
         raise InputError("FILE_NOT_RECOGNISED", text, file=path) from error
     findings, manifest = read_manifest(manifest_bytes, container)
-    refuse(findings, container.path)
+    raise_first_error(findings, container.path)
     assert manifest is not None
     buffers = map_buffers(manifest, container)
     return Asset(manifest, buffers, container.path, tuple(findings), container.path)
 
 
 def read_manifest(data: bytes, container: Container) -> tuple[list[Finding], Manifest | None]:
-    """Return all findings about a manifest and the files that it declares, and itself if none is an error."""
+    """Return all findings about a manifest and its files, and the manifest if it has no errors."""
     parsed = parse_strict_json(data, file=container.path)
     findings = check_manifest(parsed)
     if any(item.severity == "error" for item in findings):
@@ -67,7 +67,7 @@ def read_manifest(data: bytes, container: Container) -> tuple[list[Finding], Man
 
 
 def _check_files(manifest: Manifest, container: Container) -> list[Finding]:
-    """Return findings about files behind the buffers that are missing, of another size, or not declared."""
+    """Return findings about files of buffers that are missing or have a wrong size, and about other files."""
     declared: dict[str, int] = {}
     for spec in manifest.buffers.values():
         declared[spec.file] = max(declared.get(spec.file, 0), spec.offset + spec.byte_length)
@@ -94,7 +94,7 @@ def _check_files(manifest: Manifest, container: Container) -> list[Finding]:
 
 
 def map_buffers(manifest: Manifest, container: Container) -> Mapping[str, NDArray[Any]]:
-    """Return the buffers as read-only arrays on the container's mapping; their files have been checked."""
+    """Return the buffers as read-only arrays on the mapped files, which have been checked."""
     arrays = {}
     for name, spec in manifest.buffers.items():
         view, start = container.map(spec.file)
@@ -106,5 +106,6 @@ def map_buffers(manifest: Manifest, container: Container) -> Mapping[str, NDArra
 
 
 def _pointer(manifest: Manifest, file: str) -> str:
+    """Return the JSON pointer of the first declaration of a file."""
     name = next(name for name, spec in manifest.buffers.items() if spec.file == file)
     return f"/buffers/{name}/file"

@@ -1,12 +1,12 @@
-"""Check a parsed manifest against the shipped JSON Schema.
+"""Check a parsed manifest against the JSON Schema triasset.schema.json.
 
-Only the schema file says what keys there are and what they hold; this module interprets the few keywords that
-the file uses. A test compares its verdicts with those of the `jsonschema` library, which is not used here
-because reading an asset must need NumPy and the standard library only.
+The schema file defines all keys and their values. This module interprets the few keywords that the file uses.
+It does not use the `jsonschema` library, because reading an asset must only need NumPy and the standard
+library. A test compares the results of both.
 
-Two keywords are ours: `x-code` names the finding that a violation gives where it is not TRIASSET_FIELD,
-`x-closed` marks objects in which an unknown key is a warning. Integers are stricter than in JSON Schema:
-``4.0`` is not one.
+There are two additional keywords: `x-code` is the code of a violation, if it is not TRIASSET_FIELD, and
+`x-closed` marks objects whose unknown keys cause a warning. Unlike in JSON Schema, ``4.0`` is not an
+integer.
 """
 
 import json
@@ -36,14 +36,14 @@ _PLURALS = {"object": "an object", "array": "an array", "integer": "an integer",
 
 @cache
 def manifest_schema() -> Schema:
-    """Return the JSON Schema of the manifest that ships with the package."""
+    """Return the JSON Schema of the manifest."""
     text = resources.files("msb.asset").joinpath("triasset.schema.json").read_text(encoding="utf-8")
     schema: Schema = json.loads(text)
     return schema
 
 
 def check_schema(value: Any, schema: Schema, pointer: str = "") -> Iterator[Finding]:
-    """Yield a finding for everything in `value`, which stands at `pointer`, that `schema` does not allow."""
+    """Yield a finding for everything in `value` that violates `schema`; `pointer` is the place of `value`."""
     code = schema.get("x-code", "TRIASSET_FIELD")
     here = pointer or "the manifest"
     if not _has_type(value, schema.get("type")):
@@ -92,23 +92,23 @@ def _has_type(value: Any, wanted: str | list[str] | None) -> bool:
     if wanted is None:
         return True
     names = [wanted] if isinstance(wanted, str) else wanted
-    if isinstance(value, bool):  # a bool is an int to Python, but not to JSON
+    if isinstance(value, bool):  # in Python a bool is an int, in JSON it is not
         return "boolean" in names
     return any(isinstance(value, _TYPES[name]) for name in names)
 
 
 def _scalar_problems(value: Any, schema: Schema) -> Iterator[str]:
-    """Yield what `value`, of the right type, must be and is not."""
+    """Yield the rules that `value`, whose type is right, violates, as text that follows "must"."""
     if "const" in schema and value != schema["const"]:
         yield f'be "{schema["const"]}"'
     if "enum" in schema and value not in schema["enum"]:
         yield f"be one of {', '.join(schema['enum'])}"
     if isinstance(value, str):
-        if has_lone_surrogate(value):  # of a manifest made in memory
-            yield "hold no half of a surrogate pair"
+        if has_lone_surrogate(value):  # possible in a manifest that was built in memory
+            yield "not contain half of a surrogate pair"
         elif len(value) > schema.get("maxLength", len(value)):
             yield f"have at most {schema['maxLength']} characters"
-        # "$" also matches before a final line break in Python, not in JSON Schema.
+        # In Python "$" also matches before a final line break, in JSON Schema it does not.
         elif "pattern" in schema and not re.search(schema["pattern"].replace("$", r"\Z"), value):
             yield f"match {schema['pattern']}"
     elif isinstance(value, list):
@@ -116,7 +116,7 @@ def _scalar_problems(value: Any, schema: Schema) -> Iterator[str]:
         if not least <= len(value) <= most:
             yield f"have {least} items" if least == most else f"have {least} to {most} items"
     elif isinstance(value, int | float) and not isinstance(value, bool):
-        if isinstance(value, float) and not math.isfinite(value):  # of a manifest made in memory
+        if isinstance(value, float) and not math.isfinite(value):  # possible in a manifest built in memory
             yield "be finite"
         if value < schema.get("minimum", value):
             yield f"be at least {schema['minimum']}"
@@ -130,7 +130,7 @@ def _type_names(wanted: str | list[str]) -> str:
 
 
 def describe(value: Any) -> str:
-    """Return `value` for an error message: its text if short, else its kind."""
+    """Return `value` as text for an error message: its JSON if that is short, else its type."""
     if isinstance(value, dict):
         return "an object"
     if isinstance(value, list):
@@ -142,5 +142,5 @@ def describe(value: Any) -> str:
 
 
 def escape(key: str) -> str:
-    """Return `key` as a JSON pointer token (RFC 6901), shortened for display."""
+    """Return `key` as a token of a JSON pointer (RFC 6901), shortened for messages."""
     return shorten(key, 60).replace("~", "~0").replace("/", "~1")

@@ -1,4 +1,4 @@
-"""Settings of a method: stored in an asset, overridden by a call, written on a command line."""
+"""Settings of a method: values stored in an asset, overrides of a call, and assignments of a command line."""
 
 import difflib
 from collections.abc import Iterable, Mapping
@@ -15,12 +15,12 @@ _BOOLS |= {"false": False, "no": False, "off": False, "0": False}
 
 
 def effective_settings(manifest: Manifest, overrides: Mapping[str, Any] | None = None) -> dict[str, Any]:
-    """Return every setting of the asset's method: the override, else the stored value, else the default."""
+    """Return all settings of the asset's method: the override, the stored value or the default."""
     method = lookup(manifest.method)
     overrides = check_overrides(manifest.method, overrides or {})
     degree = overrides.get("sh_degree")
     if isinstance(degree, int) and degree > manifest.sh_degree:
-        text = f"setting sh_degree is {degree}; the asset stores degree {manifest.sh_degree} only"
+        text = f"setting sh_degree is {degree}; the asset only stores degree {manifest.sh_degree}"
         raise UsageError("SETTING_VALUE", text)
     values = {name: setting.default for name, setting in method.settings.items()}
     if "sh_degree" in values:
@@ -30,20 +30,26 @@ def effective_settings(manifest: Manifest, overrides: Mapping[str, Any] | None =
 
 
 def with_settings(asset: Asset, overrides: Mapping[str, Any]) -> Asset:
-    """Return `asset` as if it stored `overrides`, so that all that is made of it has them."""
+    """Return a copy of `asset` that stores `overrides` as its settings."""
     values = effective_settings(asset.manifest, overrides)
     stored = {name: StoredSetting(values[name], "flag") for name in overrides}
     return replace(asset, manifest=replace(asset.manifest, settings={**asset.manifest.settings, **stored}))
 
 
 def check_overrides(method: str, overrides: Mapping[str, Any]) -> dict[str, SettingValue]:
-    """Return `overrides` if `method` can take every name and value in it."""
+    """Return `overrides` if all names and values are valid for `method`.
+
+    Raises
+    ------
+    UsageError
+        SETTING_UNKNOWN or SETTING_VALUE.
+    """
     known = lookup(method).settings
     for name, value in overrides.items():
         if name not in known:
             valid = ", ".join(known) or "none"
             near = difflib.get_close_matches(str(name), known, 1)
-            text = f'{method} has no setting "{shorten(str(name), 40)}"; it has {valid}'
+            text = f'{method} has no setting "{shorten(str(name), 40)}"; its settings: {valid}'
             text += f"; did you mean {near[0]}?" if near else ""
             raise UsageError("SETTING_UNKNOWN", text)
         if problem := known[name].problem(value):
@@ -53,28 +59,28 @@ def check_overrides(method: str, overrides: Mapping[str, Any]) -> dict[str, Sett
 
 
 def check_modes(order: str, sampling: str) -> None:
-    """Refuse an unknown order or sampling."""
+    """Check that the order and the sampling of native rendering are known."""
     for what, value, known in (("order", order, ORDERS), ("sampling", sampling, SAMPLINGS)):
         if value not in known:
-            text = f'there is no {what} "{shorten(str(value), 40)}"; there are {", ".join(known)}'
+            text = f'the {what} "{shorten(str(value), 40)}" is unknown; use one of {", ".join(known)}'
             raise UsageError("USAGE", text)
 
 
 def parse_overrides(method: str, assignments: Iterable[str]) -> dict[str, SettingValue]:
-    """Return the settings that texts like ``gamma=20`` or ``ste_threshold=none`` assign."""
+    """Return the settings of texts such as ``gamma=20`` or ``ste_threshold=none``."""
     known = lookup(method).settings
     values: dict[str, Any] = {}
     for text in assignments:
         name, equals, value = text.partition("=")
         if not equals:
-            raise UsageError("USAGE", f'--set takes name=value; "{shorten(text, 40)}" has no "="')
+            raise UsageError("USAGE", f'--set needs NAME=VALUE; "{shorten(text, 40)}" has no "="')
         name = name.strip()
         values[name] = _parse(known[name].kind, value.strip()) if name in known else value
     return check_overrides(method, values)
 
 
 def _parse(kind: str, text: str) -> SettingValue:
-    """Return the value `text` stands for; what is no such value stays text, which the check refuses."""
+    """Return the value of `text`, or `text` itself if it is invalid, which `check_overrides` then reports."""
     if text.lower() in ("none", "null"):
         return None
     if kind == "bool":

@@ -23,10 +23,11 @@ _C3 = (
 
 
 def sh_basis(directions: Reals, degree: int) -> list[Reals]:
-    """Return B_1 .. B_K, K = (degree + 1)^2 - 1, of unit vectors (..., 3); each has the shape (...).
+    """Return the basis functions B_1 .. B_K, K = (degree + 1)^2 - 1, at unit vectors (..., 3), each of shape
+    (...).
 
-    Source: GaodeRender/triangle-splatting: submodules/diff-triangle-rasterization-2D/src/forward.cu; the
-    other methods have the same formulas in the same order of operations.
+    Source: GaodeRender/triangle-splatting: submodules/diff-triangle-rasterization-2D/src/forward.cu. The
+    other methods use the same formulas in the same order of operations.
     """
     x, y, z = directions[..., 0], directions[..., 1], directions[..., 2]
     values: list[Reals] = []

@@ -1,7 +1,7 @@
-"""Parse one JSON document from untrusted bytes, without the liberties of the standard parser.
+"""Parse a JSON document from untrusted bytes, more strictly than the standard parser.
 
-Python's `json` keeps the last of two equal keys, accepts NaN and Infinity, turns 1e999 into infinity and
-lets deep nesting end in RecursionError. A manifest that relies on any of these is refused.
+Python's `json` keeps the last of two equal keys, accepts NaN and Infinity, turns 1e999 into infinity, and
+raises RecursionError for deep nesting. All of these are errors here.
 """
 
 import json
@@ -12,18 +12,17 @@ from msb.asset.manifest import MANIFEST_NAME
 from msb.base.bounded_parsing import json_nesting
 from msb.errors import AssetError, MsbError, shorten
 
-# Most bytes of a document. A manifest of 64 buffers has about 20 kB; one MiB leaves room and bounds the
-# work.
+# Maximum size of a document in bytes. A manifest with 64 buffers has about 20 kB.
 MAX_BYTES = 1 << 20
-# Deepest nesting. The format nests 4 deep; extensions may nest further.
+# Maximum nesting. The format has 4 levels; extensions may have more.
 MAX_DEPTH = 16
-# Most digits of an integer. 2^64 has 20 digits; no field of the format needs more.
+# Maximum number of digits of an integer. 2^64 has 20 digits, and no key of the format needs more.
 MAX_DIGITS = 20
 _SURROGATE = re.compile(r"[\ud800-\udfff]")
 
 
-class _RefusedError(Exception):
-    """What is wrong with a document, and the byte where."""
+class _RejectedError(Exception):
+    """The problem of a document, as text that follows its name, and the position of the byte."""
 
     def __init__(self, message: str, byte: int | None = None) -> None:
         super().__init__(message)
@@ -39,69 +38,69 @@ def parse_strict_json(
     error: type[MsbError] = AssetError,
     code: str = "TRIASSET_MANIFEST",
 ) -> Any:
-    """Return the JSON value in `data`: one UTF-8 document without byte-order mark.
+    """Return the value of a JSON document: UTF-8 without byte-order mark.
 
-    Errors are of class `error` and name `file`, and in it the document `name`.
+    Errors have the class `error` and the code `code`. They name `file`, and in it the document `name`.
     """
     try:
         text = _decoded(data, max_bytes)
         if (depth := json_nesting(text)) > MAX_DEPTH:
-            raise _RefusedError(f"nests {depth} levels; {MAX_DEPTH} are allowed")
+            raise _RejectedError(f"has {depth} levels of nesting; {MAX_DEPTH} are allowed")
         hooks: dict[str, Any] = {"parse_float": _finite, "parse_int": _bounded_integer}
         value = json.loads(text, object_pairs_hook=_unique, parse_constant=_no_constant, **hooks)
         if has_lone_surrogate(value):
-            raise _RefusedError("escapes half of a surrogate pair, which is no character")
+            raise _RejectedError("contains half of a surrogate pair, which is not a character")
     except json.JSONDecodeError as wrong:
         message = f"{name} is not JSON: {wrong.msg} at line {wrong.lineno}, column {wrong.colno}"
         pointer = f"byte {len(text[: wrong.pos].encode())}"
         raise error(code, message, file=file, pointer=pointer) from None
-    except _RefusedError as wrong:
+    except _RejectedError as wrong:
         raise error(code, f"{name} {wrong}", file=file, pointer=wrong.pointer) from None
     return value
 
 
 def _decoded(data: bytes, max_bytes: int) -> str:
     if not data:
-        raise _RefusedError("is empty; it must hold one JSON document")
+        raise _RejectedError("is empty; it must hold one JSON document")
     if len(data) > max_bytes:
-        raise _RefusedError(f"has more than {max_bytes} bytes")
+        raise _RejectedError(f"has more than {max_bytes} bytes")
     if data.startswith(b"\xef\xbb\xbf"):
-        raise _RefusedError("starts with a byte-order mark; it must be plain UTF-8", 0)
+        raise _RejectedError("starts with a byte-order mark; it must be plain UTF-8", 0)
     try:
         return data.decode("utf-8")
     except UnicodeDecodeError as error:
         at = error.start
-        raise _RefusedError(f"is not UTF-8: byte {at} is 0x{data[at]:02x}", at) from None
+        raise _RejectedError(f"is not UTF-8: byte {at} is 0x{data[at]:02x}", at) from None
 
 
 def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     result: dict[str, Any] = {}
     for key, value in pairs:
         if key in result:
-            raise _RefusedError(f'names the key "{shorten(key)}" twice')
+            raise _RejectedError(f'has the key "{shorten(key)}" twice')
         result[key] = value
     return result
 
 
 def _no_constant(name: str) -> NoReturn:
-    raise _RefusedError(f"holds {name}; JSON numbers are finite")
+    raise _RejectedError(f"contains {name}; JSON numbers are finite")
 
 
 def _finite(text: str) -> float:
     number = float(text)
     if abs(number) == float("inf"):
-        raise _RefusedError(f"holds {shorten(text)}, which overflows")
+        raise _RejectedError(f"contains {shorten(text)}, which overflows")
     return number
 
 
 def _bounded_integer(text: str) -> int:
     if (digits := len(text.lstrip("-"))) > MAX_DIGITS:
-        raise _RefusedError(f"holds an integer of {digits} digits; {MAX_DIGITS} are allowed")
+        raise _RejectedError(f"contains an integer of {digits} digits; {MAX_DIGITS} are allowed")
     return int(text)
 
 
 def has_lone_surrogate(value: Any) -> bool:
-    """Return whether any string in the JSON data `value` cannot be written as UTF-8."""
+    """Return whether a string in the JSON data `value` cannot be encoded as UTF-8."""
     if isinstance(value, str):
         return not value.isascii() and _SURROGATE.search(value) is not None
     if isinstance(value, list):

@@ -1,9 +1,9 @@
-"""A strict reader of ZIP files with stored members: `.triasset`, and what torch writes.
+"""A strict reader of ZIP files with stored members: `.triasset` files and checkpoints of torch.
 
-Local headers tile the file from byte 0, the central directory follows, then the end record, and nothing else
-is in the file. The standard library's reader tolerates duplicate names, data before or between members, and
-headers that contradict each other. Such a file shows different content to different readers, so each of these
-is refused. Where the two kinds of archive differ, a `Policy` says so. Record layouts: PKWARE APPNOTE 6.3.10,
+The file consists of the local headers with their data, from byte 0 and without gaps, the central directory
+and the end record. The standard library tolerates duplicate names, data before or between members, and
+contradictory headers. Different readers would see different content in such a file, so it is rejected. A
+`Policy` describes the differences between the two kinds of archive. Record layouts: PKWARE APPNOTE 6.3.10,
 sections 4.3.7, 4.3.9, 4.3.12, 4.3.14 to 4.3.16, 4.4.4 and 4.5.3.
 """
 
@@ -13,31 +13,33 @@ from typing import Any, NoReturn
 
 from msb.errors import shorten
 
-# Each layout starts with the record's four-byte signature.
+# Layouts of the records. Each begins with a signature of four bytes.
 LOCAL = struct.Struct("<4s5H3I2H")
 CENTRAL = struct.Struct("<4s6H3I5H2I")
 END = struct.Struct("<4s4H2IH")
 END64 = struct.Struct("<4sQ2H2I4Q")
 LOCATOR = struct.Struct("<4sIQI")
-# Layouts of the record behind a member's data: the usual one, and that of ZIP64.
+# Layouts of the record after the data of a member: the usual one, and the one of ZIP64.
 _DESCRIPTORS = (struct.Struct("<4sI2I"), struct.Struct("<4sI2Q"))
 
-# These stand in place of a value that is in the ZIP64 record.
+# Placeholders of values that are in the ZIP64 record.
 FULL16, FULL32 = 0xFFFF, 0xFFFFFFFF
 # Flags of encrypted data, strong encryption and a masked header.
 ENCRYPTED = 0x0001 | 0x0040 | 0x2000
-# Flag: sizes and CRC follow the data.
+# Flag: sizes and CRC-32 follow the data.
 DESCRIPTOR = 0x0008
 # Flag: the name is UTF-8.
 UTF8 = 0x0800
 EXTRA_ZIP64 = 0x0001
-# Info-ZIP's Unicode path: some readers take the member's name from here.
+# Extra record of Info-ZIP with a Unicode path, which some readers use as the name of the member.
 _EXTRA_NAME = 0x7075
 
 
 @dataclass(frozen=True)
 class Member:
-    """One stored member: its bytes are `offset : offset + size` of the file, the next starts at `end`."""
+    """A stored member. Its data is `offset : offset + size` of the file, and the next member starts at
+    `end`.
+    """
 
     name: str
     crc: int
@@ -48,27 +50,27 @@ class Member:
 
 
 class Policy:
-    """What one kind of archive may hold. The checks here allow everything."""
+    """The rules of one kind of archive. The checks of this base class accept everything."""
 
     max_members: int
-    # Sizes and checksum may stand behind the data, and a local header repeat the central ZIP64 record, as
-    # torch writes both.
+    # Whether sizes and checksum may follow the data, and local headers may repeat the central ZIP64 record,
+    # as written by torch.
     descriptors = False
 
     def refuse(self, code: str, message: str, at: int) -> NoReturn:  # pragma: no cover
-        """Raise the error about byte `at`. `code` is without the prefix of the kind: FORM."""
+        """Raise an error about byte `at`. `code` has no prefix for the kind of archive, for example FORM."""
         raise NotImplementedError
 
     def name(self, raw: bytes, flags: int, at: int) -> str:
-        """Return the name that a central header spells, or refuse it."""
+        """Return the name in a central header, or reject it."""
         raise NotImplementedError
 
     def same_name(self, name: str) -> str:
-        """Return the form of a name that no two members of one archive may share."""
+        """Return a normal form of a name. No two members may have the same."""
         return name
 
     def compressed(self, name: str, method: int, at: int) -> NoReturn:
-        """Refuse a member that is not stored."""
+        """Reject a member that is compressed."""
         text = f"{shorten(name)} is compressed (method {method}); it must be stored"
         self.refuse("FORM", text, at)
 
@@ -76,16 +78,16 @@ class Policy:
         """Check the length of a central header's extra field, and its external attributes."""
 
     def check_place(self, name: str, start: int, extra: int) -> None:
-        """Check where a member's data starts, behind `extra` bytes of extra field."""
+        """Check the start of a member's data, which follows `extra` bytes of extra field."""
 
 
 def read_members(data: Any, policy: Policy) -> dict[str, Member]:
-    """Return the members of the archive `data`, a whole file, by name, in file order."""
+    """Return name -> member of an archive, whose file is `data`, in the order of the file."""
     return _Parser(data, policy).members()
 
 
 class _Parser:
-    """Parse one archive."""
+    """The parser of one archive."""
 
     def __init__(self, data: Any, policy: Policy) -> None:
         self.data, self.size, self.policy, self.refuse = data, len(data), policy, policy.refuse
@@ -94,19 +96,20 @@ class _Parser:
         return bytes(self.data[start:end])
 
     def record(self, layout: struct.Struct, at: int, signature: bytes, what: str) -> tuple[Any, ...]:
-        """Return the fields of the record at byte `at`, its signature checked and left out."""
+        """Return the fields of the record at byte `at`, without the signature, which is checked."""
         if at < 0 or at + layout.size > self.size:
             self.refuse("DAMAGED", f"{what} at byte {at} does not fit into the file", at)
         start, *fields = layout.unpack_from(self.data, at)
         if start != signature:
-            self.refuse("DAMAGED", f"there is no {what} at byte {at}", at)
+            self.refuse("DAMAGED", f"the {what} at byte {at} is missing", at)
         return tuple(fields)
 
     def members(self) -> dict[str, Member]:
+        """Return name -> member, after all checks."""
         count, start, end = self.directory()
         most = self.policy.max_members
         if count > most:
-            text = f"the archive has {count} members; there may be {most}"
+            text = f"the archive has {count} members; at most {most} are allowed"
             self.refuse("FORM", text, start)
         members: list[Member] = []
         position = start
@@ -114,7 +117,7 @@ class _Parser:
             member, position = self.central_entry(position, end)
             members.append(member)
         if position != end:
-            text = f"the central directory ends at byte {position}, its size says {end}"
+            text = f"the central directory ends at byte {position}, but at {end} according to its size"
             self.refuse("DAMAGED", text, position)
         self.check_names(members)
         members.sort(key=lambda member: member.header)
@@ -122,36 +125,43 @@ class _Parser:
         return {member.name: member for member in members}
 
     def directory(self) -> tuple[int, int, int]:
-        """Return the number of entries, and where the central directory starts and ends."""
+        """Return the number of entries, and the start and end of the central directory."""
+        # The end record must be at the very end, without a comment.
         at = self.size - END.size
         if at < 0 or self.part(at, at + 4) != b"PK\x05\x06":
             first = max(0, at - FULL16)
             end_at = self.part(first, self.size).rfind(b"PK\x05\x06")
             after = first + end_at + END.size
             if end_at >= 0 and after <= self.size:
-                self.refuse("HOSTILE", "there is data after the end of the archive", after)
-            self.refuse("DAMAGED", "the archive's end record is missing: the file is cut off", max(0, at))
+                self.refuse("HOSTILE", "it has data after the end of the archive", after)
+            self.refuse(
+                "DAMAGED", "the end record of the archive is missing: the file is truncated", max(0, at)
+            )
         disk, first_disk, here, count, length, start, comment = self.record(
             END, at, b"PK\x05\x06", "end record"
         )
         if comment:
-            self.refuse("HOSTILE", f"the end record announces {comment} more bytes", at)
+            self.refuse("HOSTILE", f"the end record declares {comment} more bytes", at)
+        # A ZIP64 end record, if there is one, precedes it and has the large values.
         end = at
         locator = at - LOCATOR.size
         if locator >= 0 and self.part(locator, locator + 4) == b"PK\x06\x07":
             here, count, length, start, end = self.end64(locator, (here, count, length, start))
         elif FULL16 in (here, count) or FULL32 in (length, start):
-            self.refuse("HOSTILE", "the end record needs a ZIP64 record that is missing", at)
+            self.refuse("HOSTILE", "the ZIP64 record for the end record is missing", at)
         if disk or first_disk or here != count:
             self.refuse("DAMAGED", "the archive is split over several files", at)
         if start + length != end:
-            # A prefix (say, of a self-extracting program) shifts the directory from where it says it is.
+            # Data before the archive, such as a self-extracting program, shifts the directory.
             code = "HOSTILE" if start + length < end else "DAMAGED"
             text = f"the central directory should end at byte {end}, but ends at {start + length}"
             self.refuse(code, text, at)
         return count, start, end
 
     def end64(self, locator: int, plain: tuple[int, int, int, int]) -> tuple[int, int, int, int, int]:
+        """Return the values of the ZIP64 end record, which must agree with the `plain` ones, and its
+        start.
+        """
         _, at, disks = self.record(LOCATOR, locator, b"PK\x06\x07", "ZIP64 locator")
         if at != locator - END64.size or disks != 1:
             self.refuse("HOSTILE", "the ZIP64 locator does not point just before itself", locator)
@@ -159,7 +169,7 @@ class _Parser:
             END64, at, b"PK\x06\x06", "ZIP64 end record"
         )
         if size != END64.size - 12 or disk or first_disk:
-            self.refuse("HOSTILE", "the ZIP64 end record is not well formed", at)
+            self.refuse("HOSTILE", "the ZIP64 end record is invalid", at)
         wide = (here, count, length, start)
         for short, full, saturated in zip(plain, wide, (FULL16, FULL16, FULL32, FULL32), strict=True):
             if short not in (full, saturated):
@@ -167,58 +177,58 @@ class _Parser:
         return here, count, length, start, at
 
     def central_entry(self, at: int, end: int) -> tuple[Member, int]:
-        """Return the member whose central header is at byte `at`, and where the next header starts."""
+        """Return the member whose central header is at byte `at`, and the start of the next header."""
         fields = self.record(CENTRAL, at, b"PK\x01\x02", "central header")
         _, _, flags, method, _, _, crc, packed, size, n_name, n_extra, n_comment, disk = fields[:13]
         attributes, header = fields[14:]
         extra = at + CENTRAL.size + n_name
         after = extra + n_extra + n_comment
         if after > end:
-            text = f"the central header at byte {at} runs over the directory's end"
+            text = f"the central header at byte {at} extends beyond the directory"
             self.refuse("DAMAGED", text, at)
         raw = self.part(at + CENTRAL.size, extra)
         name = self.policy.name(raw, flags, at)
-        shown = shorten(name)
+        label = shorten(name)
         if n_comment or disk:
-            self.refuse("DAMAGED", f"{shown} has a comment or is in another file", at)
+            self.refuse("DAMAGED", f"{label} has a comment or is in another file", at)
         if flags & ENCRYPTED:
-            self.refuse("FORM", f"{shown} is encrypted", at)
+            self.refuse("FORM", f"{label} is encrypted", at)
         if method != 0:
             self.policy.compressed(name, method, at)
         self.policy.check_entry(name, n_extra, attributes, at)
-        size, packed, header = self.sizes64(extra, n_extra, (size, packed, header), shown)
+        size, packed, header = self.sizes64(extra, n_extra, (size, packed, header), label)
         if packed != size:
-            self.refuse("HOSTILE", f"{shown}: a stored member has one size, not two", at)
+            self.refuse("HOSTILE", f"{label}: the sizes of a stored member must be equal", at)
         start = self.local_entry(name, raw, flags, (crc, size, header))
         data_end = start + size
         if flags & DESCRIPTOR:
-            data_end += self.descriptor_length(data_end, crc, size, shown)
+            data_end += self.descriptor_length(data_end, crc, size, label)
         return Member(name, crc, size, header, start, data_end), after
 
     def local_entry(self, name: str, raw: bytes, flags: int, central: tuple[int, int, int]) -> int:
-        """Check the local header against the central one; return where the data starts."""
+        """Check the local header against the central one; return the start of the data."""
         crc, size, header = central
-        shown = shorten(name)
+        label = shorten(name)
         fields = self.record(LOCAL, header, b"PK\x03\x04", "local header")
         _, local_flags, method, _, _, local_crc, packed, local_size, n_name, n_extra = fields
         extra = header + LOCAL.size + n_name
         start: int = extra + n_extra
         if start + size > self.size:
-            self.refuse("DAMAGED", f"{shown} runs over the end of the file", header)
+            self.refuse("DAMAGED", f"{label} extends beyond the end of the file", header)
         if (flags | local_flags) & DESCRIPTOR and not self.policy.descriptors:
-            text = f"{shown} keeps its sizes behind its data, not before"
+            text = f"{label} has its sizes after its data, not before"
             self.refuse("HOSTILE", text, header)
         if self.part(header + LOCAL.size, extra) != raw or (local_flags, method) != (flags, 0):
-            self.refuse("HOSTILE", f"{shown}: local and central header disagree", header)
+            self.refuse("HOSTILE", f"{label}: local and central header disagree", header)
         if self.policy.descriptors:
             local_size, packed = self.repeated_sizes64(
-                extra, n_extra, (local_size, packed), central, flags, shown
+                extra, n_extra, (local_size, packed), central, flags, label
             )
         else:
-            local_size, packed, _ = self.sizes64(extra, n_extra, (local_size, packed, 0), shown)
+            local_size, packed, _ = self.sizes64(extra, n_extra, (local_size, packed, 0), label)
         plain = (local_crc, packed, local_size)
         if plain != (crc, size, size) and not (flags & DESCRIPTOR and plain == (0, 0, 0)):
-            text = f"{shown}: local and central header disagree on its size or checksum"
+            text = f"{label}: local and central header disagree on size or checksum"
             self.refuse("HOSTILE", text, header)
         self.policy.check_place(name, start, n_extra)
         return start
@@ -230,64 +240,66 @@ class _Parser:
         short: tuple[int, int],
         central: tuple[int, int, int],
         flags: int,
-        shown: str,
+        label: str,
     ) -> tuple[int, int]:
-        """Return size and packed size of a local header as torch writes it.
+        """Return size and packed size of a local header that torch wrote.
 
-        Beyond 4 GiB the local header has sizes of 0 and repeats the central record, with the packed size
-        still 0 and with the offset, for which a local header has no field. Every value in it must be true.
+        Beyond 4 GiB the sizes in the header are 0, and its ZIP64 record repeats the central one: the size, a
+        packed size of 0, and the offset, although a local header has no field for it. All values must be
+        right.
         """
         _, size, header = central
-        wide = self.zip64(at, length, shown)
+        wide = self.zip64(at, length, label)
         sizes = [(size, size), (size, 0)] if flags & DESCRIPTOR else [(size, size)]
         if wide is not None and wide not in (*sizes, *((*pair, header) for pair in sizes), (header,)):
-            self.refuse("HOSTILE", f"{shown}: its local ZIP64 record contradicts the directory", at)
+            self.refuse("HOSTILE", f"{label}: its local ZIP64 record contradicts the directory", at)
         if wide is not None and wide[:2] == (size, size):
             return (size if short[0] == FULL32 else short[0]), (size if short[1] == FULL32 else short[1])
         return short
 
-    def descriptor_length(self, at: int, crc: int, size: int, shown: str) -> int:
-        """Check the sizes behind the data, and return how many bytes they take."""
+    def descriptor_length(self, at: int, crc: int, size: int, label: str) -> int:
+        """Check the record after the data, and return its length in bytes."""
         wanted = b"PK\x07\x08", crc, size, size
         for layout in _DESCRIPTORS:
             if at + layout.size <= self.size and layout.unpack_from(self.data, at) == wanted:
                 return layout.size
-        text = f"{shown}: what stands behind its data is not its size and checksum"
+        text = f"{label}: the record after its data does not have its size and checksum"
         return self.refuse("HOSTILE", text, at)
 
-    def sizes64(self, at: int, length: int, short: tuple[int, int, int], shown: str) -> tuple[int, int, int]:
-        """Return size, packed size and header offset, read from the ZIP64 record where they do not fit.
+    def sizes64(self, at: int, length: int, short: tuple[int, int, int], label: str) -> tuple[int, int, int]:
+        """Return size, packed size and header offset; large values come from the ZIP64 record.
 
-        Values in the record that no field asks for are refused, because only some readers would read them.
+        Additional values in the record are rejected, because only some readers would use them.
         """
         wanted = short.count(FULL32)
-        wide = self.zip64(at, length, shown)
+        wide = self.zip64(at, length, label)
         if len(wide or ()) != wanted or (wide is not None and not wanted):
-            text = f"{shown} has a ZIP64 record of {len(wide or ())} numbers where {wanted} are needed"
+            text = f"{label} has a ZIP64 record of {len(wide or ())} numbers; {wanted} are needed"
             self.refuse("HOSTILE", text, at)
         values = iter(wide or ())
         size, packed, header = (next(values) if value == FULL32 else value for value in short)
         return size, packed, header
 
-    def zip64(self, at: int, length: int, shown: str) -> tuple[int, ...] | None:
-        """Return the numbers of an extra field's ZIP64 record, None without one; others are padding."""
+    def zip64(self, at: int, length: int, label: str) -> tuple[int, ...] | None:
+        """Return the numbers in the ZIP64 record of an extra field, or None. Other records are padding."""
         wide: tuple[int, ...] | None = None
         end = at + length
         while at + 4 <= end:
             kind, size = struct.unpack_from("<2H", self.data, at)
             if at + 4 + size > end:
-                self.refuse("DAMAGED", f"{shown}: an extra record runs over its field", at)
+                self.refuse("DAMAGED", f"{label}: an extra record extends beyond its field", at)
             if kind == _EXTRA_NAME:
-                self.refuse("FORM", f"{shown} has a second name in its extra field", at)
+                self.refuse("FORM", f"{label} has a second name in its extra field", at)
             if kind == EXTRA_ZIP64:
                 if wide is not None or size not in (0, 8, 16, 24):
-                    text = f"{shown} has two ZIP64 records, or one of {size} bytes"
+                    text = f"{label} has two ZIP64 records, or one of {size} bytes"
                     self.refuse("HOSTILE", text, at)
                 wide = struct.unpack_from(f"<{size // 8}Q", self.data, at + 4)
             at += 4 + size
         return wide
 
     def check_names(self, members: list[Member]) -> None:
+        """Reject two members with the same name."""
         seen: dict[str, str] = {}
         for member in members:
             key = self.policy.same_name(member.name)
@@ -307,9 +319,9 @@ class _Parser:
                 text = f"{shorten(member.name)} overlaps the member before it"
                 self.refuse("DAMAGED", text, position)
             if member.header > position:
-                text = f"bytes {position} to {member.header} belong to no member"
+                text = f"bytes {position} to {member.header} do not belong to a member"
                 self.refuse("HOSTILE", text, position)
             position = member.end
         if position != directory:
-            text = f"bytes {position} to {directory} belong to no member"
+            text = f"bytes {position} to {directory} do not belong to a member"
             self.refuse("HOSTILE", text, position)

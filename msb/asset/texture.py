@@ -1,4 +1,4 @@
-"""Textures of an asset: what is stored, and how it is sampled; the readable twin of what kernels do."""
+"""Textures of an asset: their storage, and sampling in NumPy, which the OpenCL kernels must match."""
 
 from __future__ import annotations
 
@@ -19,34 +19,35 @@ Filter = Literal["linear", "nearest"]
 Wrap = Literal["repeat", "clamp", "mirror"]
 # `appearance.kind` of an asset with textures.
 KIND = "texture"
-# The pass of the standard tier that draws them.
+# The pass of the standard tier that draws textures.
 PASS = "opaque_unlit_texture"
-# How much below the cut-off alpha is still drawn: what interpolating equal alphas may round away.
+# Alpha may be this much below the cutoff and is still drawn. Interpolating equal values of alpha can lose as
+# much by rounding.
 ROUNDING = 1e-6
 NAME = re.compile(r"texture\.(0|[1-9][0-9]?)")
-# The most texels along a side of a texture.
+# Maximum number of texels along a side of a texture.
 MAX_SIDE = 16_384
-# The most textures of an asset, whose 64 buffers also hold positions, indices, colours, coordinates and
+# Maximum number of textures of an asset. Five of its 64 buffers are positions, indices, colours, UVs and
 # `face_texture`.
 MAX_TEXTURES = 59
-# Texels of a mip level that are made together.
+# Number of texels of a mip level that are computed at a time.
 _ROWS = 1 << 22
 
 
 @dataclass(frozen=True)
 class Sampler:
-    """How textures are read: one for all textures of an asset.
+    """How textures are sampled. All textures of an asset have the same sampler.
 
     Attributes
     ----------
     filter : {"linear", "nearest"}
-        Between texels, and between the levels of mip maps.
+        Interpolation between texels and between mip levels.
     mipmaps : bool
-        Whether distant surfaces read smaller copies of the texture.
+        Whether distant surfaces use smaller copies of the texture.
     wrap_u, wrap_v : {"repeat", "clamp", "mirror"}
-        What lies beyond 0 to 1.
+        Continuation of the texture outside 0 to 1.
     alpha_cutoff : float, optional
-        Where alpha is below it there is no surface; None: alpha is not looked at.
+        Nothing is drawn where alpha is below this value. None: alpha is ignored.
     """
 
     filter: Filter = "linear"
@@ -57,16 +58,16 @@ class Sampler:
 
     @property
     def appearance(self) -> dict[str, Any]:
-        """The manifest's `appearance` of an asset with this sampler."""
+        """The `appearance` in the manifest of an asset with this sampler."""
         return {"kind": KIND, **asdict(self)}
 
     @classmethod
     def of(cls, appearance: Mapping[str, Any]) -> Sampler:
-        """Return the sampler that a manifest's `appearance`, found free of errors, describes."""
+        """Return the sampler of a valid `appearance` in a manifest."""
         return cls(**{key: appearance[key] for key in cls.__dataclass_fields__})
 
 
-# Key of a sampler -> the words it takes.
+# Key of a sampler -> its choices.
 CHOICES: dict[str, tuple[str, ...]] = {
     "filter": get_args(Filter),
     "wrap_u": get_args(Wrap),
@@ -76,16 +77,16 @@ CHOICES: dict[str, tuple[str, ...]] = {
 
 @dataclass(frozen=True, eq=False)
 class Textured:
-    """The textures of an asset of F faces, as a renderer needs them.
+    """The textures of an asset with F faces, as renderers need them.
 
     Attributes
     ----------
     images : tuple of (H, W, 3 | 4) uint8
         sRGB; the fourth channel is alpha. Row 0 is v = 0.
     uvs : (F, 3, 2) float32
-        Of each corner; (0, 0) is the outer corner of the first texel of row 0.
+        Texture coordinates of each corner. (0, 0) is the outer corner of the first texel of row 0.
     face_texture : (F,) uint32, optional
-        Which image a face shows; None: the only one.
+        Index of the image of each face; None if there is one image.
     sampler : Sampler
     """
 
@@ -101,13 +102,13 @@ def is_textured(asset: Asset) -> bool:
 
 
 def textures_of(asset: Asset) -> Textured | None:
-    """Return the textures of `asset`, None if it has none.
+    """Return the textures of `asset`, or None.
 
     Raises
     ------
     AssetError
-        TRIASSET_VALUE_NONFINITE or TRIASSET_INDEX_OUT_OF_RANGE: a texture coordinate is not finite, or a face
-        shows a texture that is not there.
+        TRIASSET_VALUE_NONFINITE: a texture coordinate is not finite. TRIASSET_INDEX_OUT_OF_RANGE: a face uses
+        a texture that does not exist.
     """
     if not is_textured(asset):
         return None
@@ -118,21 +119,21 @@ def textures_of(asset: Asset) -> Textured | None:
 def textures_in(
     buffers: Mapping[str, NDArray[Any]], domain: str, sampler: Sampler, path: Path | None = None
 ) -> Textured:
-    """Return the textures that `buffers` hold, with the errors of `textures_of`; `domain` is that of `uv`."""
+    """Return the textures in `buffers`. Errors are as in `textures_of`; `domain` is the domain of `uv`."""
     images = texture_images(buffers)
     uvs = buffers["uv"]
     if (at := first_bad(uvs)) is not None:
         row = at[0]
-        text = f"buffer uv holds {uvs[row].tolist()} in row {row}; a renderer needs finite values"
+        text = f"buffer uv holds {uvs[row].tolist()} in row {row}; renderers need finite values"
         raise AssetError("TRIASSET_VALUE_NONFINITE", text, file=path, pointer=f"uv[{row}]")
     if domain == "vertex":
         uvs = uvs[buffers["indices"]]
-    shown = buffers.get("face_texture")
-    if shown is not None and int(shown.max()) >= len(images):
-        face = int(np.argmax(shown >= len(images)))
-        text = f"face {face} shows texture {shown[face]}, but there are {len(images)}"
+    face_texture = buffers.get("face_texture")
+    if face_texture is not None and int(face_texture.max()) >= len(images):
+        face = int(np.argmax(face_texture >= len(images)))
+        text = f"face {face} uses texture {face_texture[face]}, but there are {len(images)} textures"
         raise AssetError("TRIASSET_INDEX_OUT_OF_RANGE", text, file=path, pointer=f"face_texture[{face}]")
-    return Textured(images, uvs.reshape(-1, 3, 2), shown, sampler)
+    return Textured(images, uvs.reshape(-1, 3, 2), face_texture, sampler)
 
 
 def texture_images(buffers: Mapping[str, NDArray[Any]]) -> tuple[NDArray[np.uint8], ...]:
@@ -142,44 +143,44 @@ def texture_images(buffers: Mapping[str, NDArray[Any]]) -> tuple[NDArray[np.uint
 
 
 def srgb_to_linear(values: NDArray[Any]) -> NDArray[Any]:
-    """Return sRGB values in [0, 1] as linear light (IEC 61966-2-1), in the float type given."""
+    """Return sRGB values in [0, 1] as linear light (IEC 61966-2-1), in the same float type."""
     low = values <= 0.04045
-    made = np.where(low, values / 12.92, ((np.maximum(values, 0) + 0.055) / 1.055) ** 2.4)
-    return made.astype(values.dtype)
+    light = np.where(low, values / 12.92, ((np.maximum(values, 0) + 0.055) / 1.055) ** 2.4)
+    return light.astype(values.dtype)
 
 
 def linear_to_srgb(values: NDArray[Any]) -> NDArray[Any]:
     """Return linear light in [0, 1] as sRGB values: the inverse of `srgb_to_linear`."""
     low = values <= 0.0031308
-    made = np.where(low, values * 12.92, 1.055 * np.maximum(values, 0) ** (1 / 2.4) - 0.055)
-    return made.astype(values.dtype)
+    srgb = np.where(low, values * 12.92, 1.055 * np.maximum(values, 0) ** (1 / 2.4) - 0.055)
+    return srgb.astype(values.dtype)
 
 
-# The linear light of each byte of sRGB.
+# Linear light of the 256 sRGB bytes.
 LINEAR = srgb_to_linear(np.arange(256) / 255).astype(np.float32)
 LINEAR.flags.writeable = False
 
 
 def decoded(image: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """Return texels (..., 3 | 4) as linear light and alpha (..., 4), which is 1 where there is none."""
-    made = np.ones((*image.shape[:-1], 4), np.float32)
-    made[..., :3] = LINEAR[image[..., :3]]
+    """Return texels (..., 3 | 4) as linear light and alpha (..., 4). Alpha is 1 for 3 channels."""
+    light = np.ones((*image.shape[:-1], 4), np.float32)
+    light[..., :3] = LINEAR[image[..., :3]]
     if image.shape[-1] == 4:
-        made[..., 3] = image[..., 3] / np.float32(255)
-    return made
+        light[..., 3] = image[..., 3] / np.float32(255)
+    return light
 
 
 def encoded(values: NDArray[np.float32], channels: int) -> NDArray[np.uint8]:
-    """Return linear light and alpha (..., 4) as texels of `channels` bytes: the inverse of `decoded`."""
-    made = np.concatenate((linear_to_srgb(values[..., :3]), values[..., 3:]), axis=-1)
-    return np.asarray(np.rint(made[..., :channels] * 255).astype(np.uint8))
+    """Return linear light and alpha (..., 4) as texels of `channels` bytes (inverse of `decoded`)."""
+    texels = np.concatenate((linear_to_srgb(values[..., :3]), values[..., 3:]), axis=-1)
+    return np.asarray(np.rint(texels[..., :channels] * 255).astype(np.uint8))
 
 
 def mip_levels(image: NDArray[np.uint8]) -> list[NDArray[np.uint8]]:
-    """Return `image` and its smaller copies, each half as large, down to one texel.
+    """Return `image` and its mip levels, each half as large as the one before, down to one texel.
 
-    A texel is the mean, in linear light, of those it covers of the level before (of 3 where a side is odd),
-    rounded to bytes as a graphics card stores it.
+    A texel is the average, in linear light, of 2 x 2 texels of the level before, or of 3 along odd sides. It
+    is rounded to bytes, like in the memory of a GPU.
     """
     levels = [image]
     for size in level_sizes(*image.shape[:2])[1:]:
@@ -188,12 +189,12 @@ def mip_levels(image: NDArray[np.uint8]) -> list[NDArray[np.uint8]]:
 
 
 def levels_read(image: NDArray[np.uint8], sampler: Sampler) -> list[NDArray[np.uint8]]:
-    """Return the levels of `image` that a sampler reads: one, or with mip maps all `mip_levels`."""
+    """Return the levels of `image` that a sampler uses: one, or with mip maps all `mip_levels`."""
     return mip_levels(image) if sampler.mipmaps else [image]
 
 
 def level_sizes(height: int, width: int) -> list[tuple[int, int]]:
-    """Return height and width of each mip level of an image, the largest first."""
+    """Return height and width of each mip level of an image, beginning with the largest."""
     sizes = [(height, width)]
     while max(sizes[-1]) > 1:
         sizes.append((max(1, sizes[-1][0] // 2), max(1, sizes[-1][1] // 2)))
@@ -201,31 +202,37 @@ def level_sizes(height: int, width: int) -> list[tuple[int, int]]:
 
 
 def _halved(image: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np.uint8]:
-    """Return the next mip level, made in pieces: in floats a level takes sixteen times as much memory."""
+    """Return the next mip level of the given size. It is computed in chunks, because floats need 16 times the
+    memory of bytes.
+    """
     height, width, channels = image.shape
-    made = np.zeros((*size, channels), np.uint8)
+    level = np.zeros((*size, channels), np.uint8)
     step = max(1, _ROWS // width)
-    for start in range(0, len(made), step):
-        rows = np.arange(start, min(start + step, len(made)))
+    for start in range(0, len(level), step):
+        rows = np.arange(start, min(start + step, len(level)))
+        # Average along the columns, (rows, width, 4), then along the rows, (rows, width of the level, 4).
         down = np.zeros((len(rows), width, 4), np.float32)
-        for at, weight in _covered(height, len(made), rows):
+        for at, weight in _covered(height, len(level), rows):
             down += weight[:, None, None] * decoded(image[at])
-        across = np.zeros((len(rows), made.shape[1], 4), np.float32)
-        for at, weight in _covered(width, made.shape[1], np.arange(made.shape[1])):
+        across = np.zeros((len(rows), level.shape[1], 4), np.float32)
+        for at, weight in _covered(width, level.shape[1], np.arange(level.shape[1])):
             across += weight[:, None] * down[:, at]
-        made[rows] = encoded(across, channels)
-    return made
+        level[rows] = encoded(across, channels)
+    return level
 
 
 def _covered(
     size: int, half: int, rows: NDArray[np.intp]
 ) -> list[tuple[NDArray[np.intp], NDArray[np.float32]]]:
-    """Return which of `size` texels each of `rows` of `half` texels covers, with their weights."""
+    """Return the texels, out of `size`, that the texels `rows`, out of `half`, cover, and their weights.
+
+    The result has 1, 2 or 3 pairs of indices (n,) and weights (n,).
+    """
     if size == half:
         return [(rows, np.ones(len(rows), np.float32))]
     if size == 2 * half:
         shares: list[NDArray[Any]] = [np.full(len(rows), 0.5)] * 2
-    else:  # size is 2 half + 1: the middle one of three lies inside whole, the outer ones in part
+    else:  # size is 2 half + 1: each texel covers one texel completely and its neighbours partly
         shares = [(half - rows) / size, np.full(len(rows), half / size), (rows + 1) / size]
     return [(2 * rows + offset, share.astype(np.float32)) for offset, share in enumerate(shares)]
 
@@ -233,45 +240,46 @@ def _covered(
 def sample(
     levels: Sequence[NDArray[np.uint8]], uvs: NDArray[Any], sampler: Sampler, lod: NDArray[Any] | None = None
 ) -> NDArray[np.float32]:
-    """Return the linear light and alpha (N, 4) that `levels` of a texture show at `uvs` (N, 2).
+    """Return linear light and alpha (N, 4) of a texture with mip `levels` at `uvs` (N, 2).
 
-    `lod` (N,) is log2 of the texels of level 0 that a pixel covers; without it, and where it is at most 0,
-    level 0 is read. Between two levels the result is blended by the fraction of `lod`.
+    `lod` (N,) is log2 of the number of texels of level 0 per pixel. Level 0 is used without `lod`, and if it
+    is 0 or less. Two levels are blended by the fraction of `lod`.
     """
     if lod is None or not sampler.mipmaps or len(levels) == 1:
         return _texels(levels[0], uvs, sampler)
     lod = np.clip(lod, 0, len(levels) - 1).astype(np.float32)
     if sampler.filter == "nearest":
         lod = np.floor(lod + np.float32(0.5))
-    made = np.zeros((len(uvs), 4), np.float32)
+    light = np.zeros((len(uvs), 4), np.float32)
     for number, image in enumerate(levels):
-        share = np.maximum(1 - np.abs(lod - number), 0)
-        seen = np.flatnonzero(share)
-        made[seen] += share[seen, None] * _texels(image, uvs[seen], sampler)
-    return made
+        weight = np.maximum(1 - np.abs(lod - number), 0)
+        rows = np.flatnonzero(weight)
+        light[rows] += weight[rows, None] * _texels(image, uvs[rows], sampler)
+    return light
 
 
 def _texels(image: NDArray[np.uint8], uvs: NDArray[Any], sampler: Sampler) -> NDArray[np.float32]:
-    """Return what one level shows at `uvs` (N, 2)."""
+    """Return linear light and alpha (N, 4) of one level at `uvs` (N, 2)."""
     height, width = image.shape[:2]
     wraps = (sampler.wrap_u, width), (sampler.wrap_v, height)
     place = uvs.astype(np.float64) * (width, height)
     if sampler.filter == "nearest":
         x, y = (wrapped(np.floor(place[:, axis]), *wraps[axis]) for axis in (0, 1))
         return decoded(image[y, x])
+    # Bilinear interpolation of the four nearest texel centres.
     low = np.floor(place - 0.5)
-    share = (place - 0.5 - low).astype(np.float32)
-    made = np.zeros((len(uvs), 4), np.float32)
+    fraction = (place - 0.5 - low).astype(np.float32)
+    light = np.zeros((len(uvs), 4), np.float32)
     for right in (0, 1):
         for below in (0, 1):
             x, y = (wrapped(low[:, axis] + step, *wraps[axis]) for axis, step in ((0, right), (1, below)))
-            weight = np.abs(1 - right - share[:, 0]) * np.abs(1 - below - share[:, 1])
-            made += weight[:, None] * decoded(image[y, x])
-    return made
+            weight = np.abs(1 - right - fraction[:, 0]) * np.abs(1 - below - fraction[:, 1])
+            light += weight[:, None] * decoded(image[y, x])
+    return light
 
 
 def wrapped(texels: NDArray[Any], wrap: Wrap, size: int) -> NDArray[np.intp]:
-    """Return whole numbers of texels, which may lie outside of 0 to `size` - 1, as those that are read."""
+    """Return indices of texels, which can be outside 0 to `size` - 1, wrapped into this range."""
     if wrap == "clamp":
         inside = np.clip(texels, 0, size - 1)
     elif wrap == "repeat":

@@ -1,14 +1,14 @@
-"""Which tiers can show an asset."""
+"""Find out which tiers can draw an asset."""
 
 from msb.asset.manifest import Manifest
 from msb.registry import METHODS, Tier, lookup
 
 
 def why_not(manifest: Manifest, tier: Tier) -> str | None:
-    """Return why `tier` cannot show the asset of `manifest`, None if it can.
+    """Return the reason why `tier` cannot draw an asset, None if it can.
 
-    If the method is not installed, the manifest decides about the standard tier: where it lists passes of
-    other tiers only, there is no static colour.
+    If the method is not installed, the standard tier is supported unless the manifest lists passes for other
+    tiers only, because the asset then has no static colours.
     """
     name, passes = manifest.method, manifest.required_passes
     if name not in METHODS and tier == "standard" and passes and tier not in passes:
@@ -17,11 +17,13 @@ def why_not(manifest: Manifest, tier: Tier) -> str | None:
 
 
 def refusal(manifest: Manifest, tier: Tier) -> str | None:
-    """Return the sentence that refuses what `tier` cannot show, and names a way out; None if it can."""
+    """Return a message with the reason why `tier` cannot draw an asset, and an alternative; None if it
+    can.
+    """
     why = why_not(manifest, tier)
     if why is None:
         return None
     other: Tier = "dedicated" if tier == "standard" else "standard"
-    way_out = "msb bake makes a plain mesh of it" if tier == "standard" else "tier standard shows it"
+    way_out = "msb bake converts it to an ordinary mesh" if tier == "standard" else "use the tier standard"
     way_out = f"; {way_out}" if why_not(manifest, other) is None else ""
     return f"{manifest.method} on tier {tier}: {why}{way_out}"

@@ -1,4 +1,4 @@
-"""Check an asset completely: `load` stops at the first error, this module reports all of them."""
+"""Check an asset completely and report all errors, while `load` stops at the first one."""
 
 import hashlib
 import math
@@ -19,18 +19,17 @@ from msb.asset.reader import map_buffers, read_manifest
 from msb.asset.texture import is_textured, texture_images
 from msb.errors import AssetError, Finding, InputError, error_finding, finding, one_line
 
-# Coordinates up to this magnitude have cross products that fit into float32 (3.4e38).
+# Cross products of coordinates up to this magnitude do not overflow float32 (3.4e38).
 MAGNITUDE_LIMIT = 1e18
-# This many findings are printed.
+# Number of findings that are printed.
 SHOWN = 50
-# Tolerance of bounds, relative to the size of the box, because another writer may have rounded them to
-# float32.
+# Tolerance of the bounds, relative to the size of the box. Other programs may round them to float32.
 BOUNDS_TOLERANCE = 1e-5
 
 
 @dataclass(frozen=True)
 class Validation:
-    """The findings about one asset, and the asset itself if it could be opened.
+    """The findings about an asset, and the asset itself if it could be opened.
 
     Attributes
     ----------
@@ -51,11 +50,11 @@ class Validation:
 
     @property
     def title(self) -> str:
-        """The path, whether it is valid, and how many findings there are."""
+        """The path, the result and the number of findings, as one line."""
         counts = Counter(item.severity for item in self.findings)
         parts = [f"{count} {name}{'s' if count != 1 else ''}" for name, count in counts.items()]
-        word = "valid" if self.valid else "not valid"
-        return f"{one_line(str(self.path))}: {word}, {', '.join(parts) or 'nothing to report'}"
+        word = "valid" if self.valid else "invalid"
+        return f"{one_line(str(self.path))}: {word}, {', '.join(parts) or 'no findings'}"
 
     def __str__(self) -> str:
         lines = [f"  {item.severity} {item.code}: {item.message}" for item in self.findings[:SHOWN]]
@@ -64,9 +63,9 @@ class Validation:
 
 
 def validate(path: str | os.PathLike[str]) -> Validation:
-    """Check everything about the asset at `path`, values and hashes included.
+    """Check the asset at `path` completely, including values and hashes.
 
-    Time is linear in the number of bytes; memory is bounded by a constant, since buffers are read in pieces.
+    The time is linear in the size of the asset. Buffers are read in chunks, so that memory is constant.
     """
     try:
         container = open_container(path)
@@ -84,17 +83,18 @@ def validate(path: str | os.PathLike[str]) -> Validation:
 
 
 def _check_bytes(asset: Asset, container: Container) -> Iterator[Finding]:
+    """Yield findings about checksums of the container and hashes of the buffers."""
     yield from container.check_bytes()
     for name, spec in asset.manifest.buffers.items():
         digest = hashlib.sha256(as_bytes(asset.buffers[name])).hexdigest()
         if digest != spec.sha256:
-            text = f"buffer {name} has SHA-256 {digest[:16]}...; the manifest says {spec.sha256[:16]}..."
+            text = f"buffer {name} has SHA-256 {digest[:16]}..., but {spec.sha256[:16]}... in the manifest"
             pointer = f"/buffers/{name}/sha256"
             yield finding("TRIASSET_DAMAGED", text, pointer=pointer, value=digest, limit=spec.sha256)
 
 
 def check_values(asset: Asset) -> list[Finding]:
-    """Return findings about values of `asset` that are not finite, out of range or unlike the manifest."""
+    """Return findings about values that are not finite, out of range or contradict the manifest."""
     findings: list[Finding] = []
     for name, array in asset.buffers.items():
         if array.dtype.kind == "f":
@@ -110,16 +110,17 @@ def check_values(asset: Asset) -> list[Finding]:
 
 
 def _check_finite(name: str, array: NDArray[np.float32]) -> Iterator[Finding]:
-    # An infinite logit is an opacity of exactly 0 or 1; official loaders write it (mesh_splatting: 1.2).
+    # Infinite logits are opacities of exactly 0 or 1, which official code writes (mesh_splatting: 1.2).
     bad = np.isnan if name == "opacity" else lambda values: ~np.isfinite(values)
-    count, first = _count(array.reshape(-1), bad)  # flat: a row may be as long as the file
+    count, first = _count(array.reshape(-1), bad)  # flattened, because a row can be as long as the file
     if count:
-        text = f"buffer {name} holds {count} values that are not finite, "
+        text = f"buffer {name} contains {count} values that are not finite, "
         text += f"the first at element {first}: {array.reshape(-1)[first]}"
         yield finding("TRIASSET_VALUE_NONFINITE", text, pointer=name, value=count, limit=0)
 
 
 def _check_positions(asset: Asset) -> Iterator[Finding]:
+    # Compare the bounding box with the measured one.
     positions, manifest = asset.buffers["positions"], asset.manifest
     bounds, sphere = measure_bounds(positions)
     low, high = np.array(bounds.min), np.array(bounds.max)
@@ -128,23 +129,24 @@ def _check_positions(asset: Asset) -> Iterator[Finding]:
         stated = np.array(getattr(manifest.bounds, key))
         if np.abs(stated - measured).max() > slack:
             values = stated.tolist(), measured.tolist()
-            text = f"bounds.{key} is {values[0]}; the positions have {values[1]}"
+            text = f"bounds.{key} is {values[0]}, but {values[1]} for the positions"
             where: dict[str, Any] = {"pointer": f"/bounds/{key}", "value": values[0], "limit": values[1]}
             yield finding("TRIASSET_BOUNDS", text, **where)
+    # The bounding sphere must contain all vertices, and should not be much larger than necessary.
     center, radius = np.array(manifest.bounding_sphere.center), manifest.bounding_sphere.radius
 
     def outside(rows: NDArray[np.float32]) -> NDArray[np.bool_]:
-        with np.errstate(over="ignore"):  # a stated centre of 1e300 is infinitely far away
+        with np.errstate(over="ignore"):  # the centre can be as far away as 1e300
             squared = np.square(rows.astype(np.float64) - center).sum(axis=1)
         return np.asarray(np.sqrt(squared) > radius + slack)
 
     count, first = _count(positions, outside)
     if count:
-        text = f"{count} vertices lie outside the bounding sphere, the first is {first}"
+        text = f"{count} vertices are outside the bounding sphere, the first is {first}"
         yield finding("TRIASSET_BOUNDS", text, pointer="/bounding_sphere", value=count, limit=0)
     enough = sphere.radius + math.dist(manifest.bounding_sphere.center, sphere.center)
     if radius > 2 * enough + slack:
-        text = f"the bounding sphere has radius {radius:g}, but {enough:g} holds all vertices"
+        text = f"the bounding sphere has radius {radius:g}, but {enough:g} contains all vertices"
         where = {"pointer": "/bounding_sphere/radius", "value": radius, "limit": enough}
         yield finding("TRIASSET_BOUNDS", text, severity="warning", **where)
     largest = max(abs(value) for value in (*bounds.min, *bounds.max))
@@ -160,13 +162,13 @@ def _check_indices(asset: Asset) -> Iterator[Finding]:
     if count:
         face, corner = divmod(first, 3)
         value = int(indices[face, corner])
-        text = f"{count} indices are {vertices} or more, the first is {value} in face {face}; "
+        text = f"{count} indices are out of range, the first is {value} in face {face}; "
         text += f"there are {vertices} vertices"
         where: dict[str, Any] = {"pointer": f"indices[{face}, {corner}]", "value": value}
         yield finding("TRIASSET_INDEX_OUT_OF_RANGE", text, **where, limit=vertices - 1)
     if asset.manifest.topology == "triangle_soup" and (at := first_shared(indices)) is not None:
         value = int(indices.reshape(-1)[at])
-        text = f"index {at} of the soup is {value}; it must be {at}"
+        text = f"index {at} of the triangle soup is {value}; it must be {at}"
         where = {"pointer": f"indices[{at // 3}, {at % 3}]", "value": value, "limit": at}
         yield finding("TRIASSET_VALUE_RANGE", text, **where)
 
@@ -176,29 +178,31 @@ def _check_texturing(asset: Asset) -> Iterator[Finding]:
     count, first = _count(asset.buffers["uv"], lambda rows: (rows < 0) | (rows > 1))
     if count:
         appearance = asset.manifest.appearance
-        text = f"{count} values of uv lie outside 0 to 1, the first in row {first // 2}; there the texture "
-        text += f"goes on as wrap_u {appearance['wrap_u']} and wrap_v {appearance['wrap_v']} say"
+        text = f"{count} values of uv are outside 0 to 1, the first in row {first // 2}; there the texture "
+        text += f"continues with wrap_u {appearance['wrap_u']} and wrap_v {appearance['wrap_v']}"
         yield finding("TRIASSET_VALUE_RANGE", text, severity="info", pointer="uv", value=count)
     if textures > 1:
-        shown = asset.buffers["face_texture"]
-        count, first = _count(shown, lambda rows: rows >= textures)
+        numbers = asset.buffers["face_texture"]
+        count, first = _count(numbers, lambda rows: rows >= textures)
         if count:
-            text = f"{count} faces show a texture that is not there, the first is face {first}: "
-            text += f"{shown[first]}; there are {textures}"
-            where: dict[str, Any] = {"pointer": f"face_texture[{first}]", "value": int(shown[first])}
+            text = f"{count} faces use a texture that does not exist, the first is face {first} with texture "
+            text += f"{numbers[first]}; there are {textures} textures"
+            where: dict[str, Any] = {"pointer": f"face_texture[{first}]", "value": int(numbers[first])}
             yield finding("TRIASSET_INDEX_OUT_OF_RANGE", text, **where, limit=textures - 1)
 
 
 def _check_color(color: NDArray[np.float32]) -> Iterator[Finding]:
     count, first = _count(color, lambda rows: (rows < 0) | (rows > 1))
     if count:
-        text = f"{count} values of color lie outside 0 to 1, the first is {color.reshape(-1)[first]:g} "
+        text = f"{count} values of color are outside 0 to 1, the first is {color.reshape(-1)[first]:g} "
         text += f"at element {first}; they are clamped"
         yield finding("TRIASSET_VALUE_RANGE", text, severity="warning", pointer="color", value=count)
 
 
 def _count(array: NDArray[Any], test: Any) -> tuple[int, int]:
-    """Return how many elements (or rows, if `test` judges rows) are bad, and the first."""
+    """Return how many elements, or rows if `test` returns one value per row, fail, and the index of the
+    first.
+    """
     total, first = 0, -1
     for start in range(0, len(array), CHUNK_ROWS):
         bad = test(array[start : start + CHUNK_ROWS])

@@ -1,4 +1,4 @@
-"""Write an asset, whole or not at all. The same content gives the same bytes."""
+"""Write an asset atomically. Equal content gives equal bytes."""
 
 import os
 import struct
@@ -9,7 +9,7 @@ from typing import IO, Any, Literal, get_args
 
 from msb.asset.asset import Asset
 from msb.asset.build import CHUNK_BYTES, as_bytes
-from msb.asset.check import check_manifest, refuse
+from msb.asset.check import check_manifest, raise_first_error
 from msb.asset.manifest import ALIGNMENT, DTYPES, MANIFEST_NAME
 from msb.asset.progress import Meter, Progress
 from msb.asset.reader import load
@@ -20,12 +20,13 @@ from msb.errors import AssetError, MsbError, UsageError, shorten
 
 Form = Literal["packed", "folder"]
 FORMS: tuple[str, ...] = get_args(Form)
+# Sizes of a local header and of its ZIP64 record, in bytes.
 _LOCAL_HEADER = 30
 _ZIP64_EXTRA = 20
-# Header id Android's zipalign gave to padding in the extra field; readers skip ids they do not know.
+# Id of padding in the extra field, as in Android's zipalign. Readers skip unknown ids.
 _PADDING_ID = 0xD935
 _EPOCH = (1980, 1, 1, 0, 0, 0)
-# From this size on the ZIP64 record is written; `zipfile` would decide by itself only above 1.9 GiB.
+# Members of at least this size in bytes get a ZIP64 record.
 _ZIP64_FROM = 1 << 30
 
 
@@ -37,12 +38,20 @@ def write_asset(
     overwrite: bool = True,
     progress: Progress | None = None,
 ) -> None:
-    """Write a `.triasset` to `path`, replacing what is there only once the new one is complete.
+    """Write a `.triasset` to `path`. An existing file is replaced when the new one is complete.
 
-    "packed" is a single file (ZIP of stored, 64-byte aligned members). `progress` is called as
-    ``progress("writing", done, total)``, in bytes. Of a folder that is there only an asset is replaced.
+    Parameters
+    ----------
+    asset : Asset
+    path : path-like
+    form : {"packed", "folder"}
+        "packed" is a single file, a ZIP of stored members that are aligned to 64 bytes.
+    overwrite : bool
+        Whether an existing file may be replaced. A folder is only replaced if it is an asset.
+    progress : callable, optional
+        Called as ``progress("writing", done, total)`` with bytes.
     """
-    _refuse_unreadable(asset, path)
+    _check_readable(asset, path)
     size = sum(spec.byte_length for spec in asset.manifest.buffers.values())
     meter = Meter("writing", size, progress)
     if form == "folder":
@@ -62,7 +71,7 @@ def write_asset(
 
 
 def check_asset_folder(folder: Path) -> None:
-    """Reject an existing folder that holds anything but an asset, whose manifest lists its files."""
+    """Reject an existing folder that contains files which do not belong to an asset."""
     if not is_folder(folder) or not folder_is_taken(folder):
         return
     try:
@@ -70,39 +79,44 @@ def check_asset_folder(folder: Path) -> None:
     except MsbError:
         strays = [None]
     if strays:
-        what = "files" if strays[0] is None else shorten(strays[0], 60)
-        text = f"it holds {what}, which would be lost; name another folder"
+        what = "other files" if strays[0] is None else shorten(strays[0], 60)
+        text = f"it contains {what}, which would be lost; name another folder"
         raise UsageError("OUTPUT_EXISTS", text, file=folder)
 
 
 def write_packed(asset: Asset, file: IO[bytes]) -> None:
-    """Write a `.triasset` to an open file, as one of several that belong together."""
-    _refuse_unreadable(asset, getattr(file, "name", None))
+    """Write a packed `.triasset` to an open file, which the caller creates together with others."""
+    _check_readable(asset, getattr(file, "name", None))
     _write_packed(asset, file, Meter("writing", 0, None))
 
 
-def _refuse_unreadable(asset: Asset, path: object) -> None:
-    """Raise the error that `load` would raise of this manifest, or of buffers it does not describe."""
-    refuse(check_manifest(asset.manifest.to_dict()), path)
+def _check_readable(asset: Asset, path: object) -> None:
+    """Raise the error that `load` would raise for this manifest, or an error about buffers that do not
+    match it.
+    """
+    raise_first_error(check_manifest(asset.manifest.to_dict()), path)
     size = len(asset.manifest.to_bytes())
     if size > MAX_BYTES:
-        text = f"the manifest takes {size} bytes as written; {MAX_BYTES} are allowed"
+        text = f"the manifest has {size} bytes; {MAX_BYTES} are allowed"
         raise AssetError("TRIASSET_MANIFEST", text, file=path)
     for name, spec in asset.manifest.buffers.items():
         array = asset.buffers.get(name)
         if array is None or (array.shape, array.dtype) != (spec.shape, DTYPES[spec.dtype]):
-            there = "missing" if array is None else f"{array.dtype} {list(array.shape)}"
-            text = f"buffer {name} is {there}; the manifest declares {spec.dtype} {list(spec.shape)}"
+            actual = "missing" if array is None else f"{array.dtype} {list(array.shape)}"
+            text = f"buffer {name} is {actual}; the manifest declares {spec.dtype} {list(spec.shape)}"
             raise AssetError("TRIASSET_BUFFER", text, file=path, pointer=f"/buffers/{name}/shape")
 
 
 def _members(asset: Asset) -> Iterator[tuple[str, list[Any]]]:
-    """Yield each file of the asset with its bytes in pieces: the manifest, then the buffers in its order."""
+    """Yield the name of each file and its bytes in chunks: first the manifest, then the buffers in its
+    order.
+    """
     yield MANIFEST_NAME, [asset.manifest.to_bytes()]
     files: dict[str, list[Any]] = {}
     sizes: dict[str, int] = {}
     specs = sorted(asset.manifest.buffers.items(), key=lambda item: item[1].offset)
     for name, spec in specs:
+        # Fill the gap up to the aligned start of the buffer with zeros.
         gap = spec.offset - sizes.get(spec.file, 0)
         files.setdefault(spec.file, []).extend([bytes(gap), as_bytes(asset.buffers[name])])
         sizes[spec.file] = spec.offset + spec.byte_length
@@ -120,8 +134,7 @@ def _write_packed(asset: Asset, file: IO[bytes], meter: Meter) -> None:
 
 
 def stored_member(archive: zipfile.ZipFile, file: IO[bytes], name: str, size: int) -> IO[bytes]:
-    """Open a member of a ZIP that is written to `file`: stored, without a date, its bytes at a multiple of
-    64."""
+    """Open a member of a ZIP for writing: stored, without a date, its data aligned to 64 bytes."""
     info = zipfile.ZipInfo(name, _EPOCH)
     info.create_system = 3
     info.external_attr = 0o100644 << 16
@@ -138,10 +151,10 @@ def _pieces(chunks: list[Any]) -> Iterator[Any]:
 
 
 def _padding(start: int) -> bytes:
-    """Return an extra field that moves data from byte `start` to the next multiple of 64."""
+    """Return an extra field that moves the data from byte `start` to the next multiple of 64."""
     missing = -start % ALIGNMENT
     if missing == 0:
         return b""
-    if missing < 4:  # the field's own id and length take four bytes
+    if missing < 4:  # id and length of the record take four bytes
         missing += ALIGNMENT
     return struct.pack("<2H", _PADDING_ID, missing - 4) + bytes(missing - 4)

@@ -1,1 +1,1 @@
-"""Helpers that know nothing of meshes: atomic writes, opening files, child processes, extras."""
+"""Helpers that do not depend on meshes: atomic writes, opening files, child processes, optional packages."""

@@ -1,7 +1,7 @@
-"""Outputs that appear whole or not at all.
+"""Atomic writes: an output is either complete or does not exist.
 
-An output is written beside its place under a temporary name, then renamed. A device or a pipe is written
-through, because nothing can take its place.
+An output is written to a temporary file in the same folder, which is then renamed. Devices and pipes cannot
+be replaced, so they are written directly, after the output is complete.
 """
 
 import contextlib
@@ -25,25 +25,31 @@ from msb.errors import OutputError, UsageError
 def new_file(
     path: str | os.PathLike[str], *, size: int | None = None, overwrite: bool = True
 ) -> Iterator[BinaryIO]:
-    """Yield a binary file that takes the place of `path` when the block ends without an error.
+    """Yield a binary file that replaces `path` when the block ends without an error.
 
-    Missing parent folders are made. On any failure the temporary file is removed and `path` is as before, and
-    folders that were made for it are gone if they are empty.
-    A symbolic link at `path` is itself replaced, not what it points to; only one that leads to a device or
-    pipe is followed (`is_stream`), and written through. `size` are the bytes that will be written, if known,
-    for the error about a full disk. Without `overwrite` nothing is replaced that is there or comes meanwhile.
+    Missing parent folders are created. After an error `path` is unchanged, and the temporary file and the
+    created folders are removed. A symbolic link at `path` is replaced itself, its target is kept; a link to a
+    device or pipe is followed (`is_stream`).
+
+    Parameters
+    ----------
+    path : path-like
+    size : int, optional
+        Number of bytes that will be written. The error about a full disk reports it.
+    overwrite : bool
+        If false, an existing file is an error, even if it appears while the block runs.
     """
     target = _target(path)
     if is_stream(target):
-        with _translated(target, None), _written_through(target) as file:
+        with _output_errors(target, None), _direct_writer(target) as file:
             yield file
         return
-    temporary = _beside(target)
-    with _translated(target, size):
+    temporary = _temporary_name(target)
+    with _output_errors(target, size):
         try:
-            _refuse_existing(target, overwrite)
+            _reject_existing(target, overwrite)
             _make_parent(target)
-            _refuse_folder(target)
+            _reject_folder(target)
             with temporary.open("xb") as file:
                 yield file
                 file.flush()
@@ -55,46 +61,50 @@ def new_file(
         except BaseException:
             with contextlib.suppress(OSError):
                 temporary.unlink()
-            _remove_made(target)
+            _remove_created(target)
             raise
 
 
 @contextlib.contextmanager
 def new_files(paths: Sequence[Path], *, overwrite: bool = True) -> Iterator[Sequence[BinaryIO]]:
-    """Yield a binary file for each of `paths`; all take their places when the block ends, or none does.
+    """Yield a binary file for each of `paths`. When the block ends, either all of them are replaced or none.
 
-    They belong together, the last one as that which names the others. One alone is as `new_file` has it; of
-    several none can be a device or pipe.
+    They are replaced in the given order: list the file that refers to the others last. A single path is
+    written as by `new_file`; several paths must not include a device or pipe.
     """
     if len(paths) == 1:
         with new_file(paths[0], overwrite=overwrite) as file:
             yield [file]
         return
     targets = [_target(path) for path in paths]
-    moves = [(_beside(target), target, _beside(target)) for target in targets]
+    moves = [(_temporary_name(target), target, _temporary_name(target)) for target in targets]
     with contextlib.ExitStack() as stack:
         for temporary, target, aside in moves:
-            stack.enter_context(_translated(target, None))
+            stack.enter_context(_output_errors(target, None))
             if is_stream(target):
-                text = f"it is a device or pipe, which takes one file; {len(targets)} are to be written"
+                text = (
+                    f"it is a device or pipe, but {len(targets)} files must be written; name a regular file"
+                )
                 raise OutputError("OUTPUT_UNWRITABLE", text, file=target)
             stack.push(partial(_after_failure, target))
             stack.callback(_remove, aside)
             stack.callback(_remove, temporary)
-            _refuse_existing(target, overwrite)
+            _reject_existing(target, overwrite)
             _make_parent(target)
-            _refuse_folder(target)
+            _reject_folder(target)
+        # Write all temporary files completely before the first existing file is touched.
         files = [stack.enter_context(temporary.open("xb")) for temporary, _, _ in moves]
         yield files
         for file in files:
             file.flush()
             os.fsync(file.fileno())
+        # Keep a copy of each file that is replaced, and restore all of them after an error.
         moved = []
         try:
             for temporary, target, aside in moves:
                 was_there = os.path.lexists(target)
                 if was_there:
-                    _refuse_existing(target, overwrite)
+                    _reject_existing(target, overwrite)
                     shutil.copy2(target, aside, follow_symlinks=False)
                 moved.append((target, aside if was_there else None))
                 temporary.replace(target)
@@ -109,13 +119,13 @@ def new_files(paths: Sequence[Path], *, overwrite: bool = True) -> Iterator[Sequ
 
 @contextlib.contextmanager
 def room_for_temporaries() -> Iterator[None]:
-    """Let a block in which only temporary files are written say so, and where, if their disk is full."""
+    """Turn a full disk into an error that names the folder of temporary files, which the block writes."""
     try:
         yield
     except OSError as error:
         if error.errno not in DISK_ERRORS:
             raise
-        text = f"temporary files cannot be written: {os.strerror(error.errno)}; TMPDIR names another folder"
+        text = f"temporary files cannot be written: {os.strerror(error.errno)}; set TMPDIR to another folder"
         raise OutputError("OUTPUT_UNWRITABLE", text, file=tempfile.gettempdir()) from error
 
 
@@ -123,17 +133,17 @@ def room_for_temporaries() -> Iterator[None]:
 def new_folder(
     path: str | os.PathLike[str], *, size: int | None = None, overwrite: bool = True
 ) -> Iterator[Path]:
-    """Yield a new folder that takes the place of `path` when the block ends without an error.
+    """Yield a new folder that replaces `path` when the block ends without an error.
 
-    The old folder or file is moved aside, the new one moved in, the old one removed; `size` and `overwrite`
-    are as for `new_file`, but that an empty folder, where it stays empty, is always replaced.
+    The old folder or file is renamed, the new folder takes its name, then the old one is deleted. `size` and
+    `overwrite` have the meaning as in `new_file`, except that an empty folder is always replaced.
     """
     target = _target(path)
-    temporary, aside = _beside(target), _beside(target)
-    with _translated(target, size):
+    temporary, aside = _temporary_name(target), _temporary_name(target)
+    with _output_errors(target, size):
         try:
-            _refuse_stream(target)
-            _refuse_existing(target, overwrite or _is_empty(target))
+            _reject_stream(target)
+            _reject_existing(target, overwrite or _is_empty(target))
             _make_parent(target)
             temporary.mkdir()
             yield temporary
@@ -150,7 +160,7 @@ def new_folder(
                 raise
         except BaseException as error:
             shutil.rmtree(temporary, ignore_errors=True)
-            _remove_made(target)
+            _remove_created(target)
             if isinstance(error, OutputError) and error.file is not None:
                 error = _about_target(error, temporary, target)
             raise error
@@ -160,7 +170,7 @@ def new_folder(
 
 
 def _about_target(error: OutputError, temporary: Path, target: Path) -> OutputError:
-    """Return the error of a file in the temporary folder as one of the file it would have become."""
+    """Return an error about a file in the temporary folder as an error about the same file in `target`."""
     file = Path(str(error.file))
     if not file.is_relative_to(temporary):
         return error
@@ -168,23 +178,28 @@ def _about_target(error: OutputError, temporary: Path, target: Path) -> OutputEr
 
 
 def check_place(path: str | os.PathLike[str], *, folder: bool = False) -> None:
-    """Refuse a place where no file, or no folder, can be written, before hours are spent on what goes there.
+    """Check that a file or `folder` can be written at `path`. Call it before a long computation.
 
-    Its parent folders need not exist.
+    The parent folders need not exist.
+
+    Raises
+    ------
+    OutputError
+        OUTPUT_UNWRITABLE.
     """
     target = _target(path)
     if is_stream(target):
         if folder:
-            _refuse_stream(target)
+            _reject_stream(target)
         if not os.access(target, os.W_OK):
             text = f"it cannot be written: {os.strerror(errno.EACCES)}"
             raise OutputError("OUTPUT_UNWRITABLE", text, file=target)
         return
-    with _translated(target, None):
+    with _output_errors(target, None):
         with contextlib.suppress(FileNotFoundError, NotADirectoryError, PermissionError):
-            target.lstat()  # which leaves: a name too long
+            target.lstat()  # the error that remains: the name is too long
         if not folder:
-            _refuse_folder(target)
+            _reject_folder(target)
         above = _above(target)
         _check_folder(target, above)
         if not os.access(above, os.W_OK | os.X_OK):
@@ -193,20 +208,20 @@ def check_place(path: str | os.PathLike[str], *, folder: bool = False) -> None:
 
 
 def folder_is_taken(path: str | os.PathLike[str]) -> bool:
-    """Return whether there is anything at `path` that a new folder would replace; an empty folder is not."""
+    """Return whether a new folder at `path` would replace a file or a folder that is not empty."""
     return os.path.lexists(path) and not is_stream(path) and not _is_empty(Path(path))
 
 
-def _refuse_folder(target: Path) -> None:
+def _reject_folder(target: Path) -> None:
     if target.is_dir():
-        raise OutputError("OUTPUT_UNWRITABLE", "it is a folder; a file is to be written", file=target)
+        raise OutputError("OUTPUT_UNWRITABLE", "it is a folder; name a file", file=target)
 
 
 def is_stream(path: str | os.PathLike[str]) -> bool:
-    """Return whether what is at `path` can only be written through, never be replaced.
+    """Return whether `path` can only be written directly, because it cannot be replaced by another file.
 
-    These are devices, pipes and sockets, also by way of a link, and files this process holds open by their
-    descriptor: ``/dev/stdout``, ``/dev/fd/63``, ``/proc/self/fd/3``, whatever they lead to.
+    This holds for devices, pipes and sockets, for links to them, and for names of an open file of this
+    process, such as ``/dev/stdout``, ``/dev/fd/63`` and ``/proc/self/fd/3``.
     """
     try:
         mode = Path(path).stat().st_mode
@@ -215,21 +230,21 @@ def is_stream(path: str | os.PathLike[str]) -> bool:
     return not stat.S_ISDIR(mode) and (not stat.S_ISREG(mode) or _descriptor(path) is not None)
 
 
-# What a write fails with where the place is at fault: no room, or no way to write there.
+# Error numbers of a write that fails because of the disk, not because of the program.
 DISK_ERRORS = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO}
 _NO_SPACE = {errno.ENOSPC, errno.EDQUOT}
-# What replaces a file that is there, for who calls a function; commands name their own option instead.
+# The remedy in errors about existing files. Commands replace it by their option --force.
 REPLACES = "overwrite=True replaces it"
 _LEFTOVER = re.compile(r"\..{1,50}\.[0-9a-f]{12}\.part", re.DOTALL)
 
 
 def is_leftover(name: str) -> bool:
-    """Return whether a name is that of a temporary file or folder: a leftover, if no writer is at work."""
+    """Return whether `name` is one that this module gives to temporary files and folders."""
     return _LEFTOVER.fullmatch(name) is not None
 
 
 def remove_leftovers(folder: str | os.PathLike[str]) -> None:
-    """Remove what writers that were killed left below `folder`; nobody may be writing there."""
+    """Delete temporary files that killed processes left below `folder`. No process may be writing there."""
     for root, folders, files in os.walk(folder):
         for name in [name for name in (*folders, *files) if is_leftover(name)]:
             _remove(Path(root, name))
@@ -237,22 +252,24 @@ def remove_leftovers(folder: str | os.PathLike[str]) -> None:
 
 
 def _target(path: str | os.PathLike[str]) -> Path:
-    """Return `path` if a file system could hold something of that name."""
+    """Return `path` if its name is possible in a file system."""
     target = Path(path)
     if target.name in ("", ".."):
-        raise OutputError("OUTPUT_UNWRITABLE", "it is a folder that stays; give a name in it", file=path)
+        raise OutputError(
+            "OUTPUT_UNWRITABLE", "it is a folder that cannot be replaced; name a file in it", file=path
+        )
     try:
         possible = b"\0" not in os.fsencode(target)
     except UnicodeEncodeError:  # half of a surrogate pair
         possible = False
     if not possible:
-        raise OutputError("OUTPUT_UNWRITABLE", "this is no name a file or folder can have", file=path)
+        raise OutputError("OUTPUT_UNWRITABLE", "it is not a possible file name", file=path)
     return target
 
 
 def _descriptor(path: str | os.PathLike[str]) -> int | None:
-    """Return the number of the open file of this process that `path` is another name of."""
-    place = Path(os.path.abspath(path))  # noqa: PTH100 - the name itself, not what a link there leads to
+    """Return the file descriptor that `path` is a name of, such as 63 of ``/dev/fd/63``; else None."""
+    place = Path(os.path.abspath(path))  # noqa: PTH100 - resolve must not follow a link at `path`
     if str(place.parent) == "/dev" and place.name in _STANDARD:
         return _STANDARD.index(place.name)
     opened = ("/dev/fd", f"/proc/{os.getpid()}/fd")
@@ -260,28 +277,28 @@ def _descriptor(path: str | os.PathLike[str]) -> int | None:
 
 
 @contextlib.contextmanager
-def _written_through(target: Path) -> Iterator[BinaryIO]:
-    """Yield a file, in which a writer may seek; when the block ends without an error it goes to `target`."""
+def _direct_writer(target: Path) -> Iterator[BinaryIO]:
+    """Yield a temporary file, which allows seeking. At the end of the block it is copied to `target`."""
     with tempfile.TemporaryFile() as file:
         yield cast("BinaryIO", file)
         file.seek(0)
         number = _descriptor(target)
         if number == 1:
             sys.stdout.flush()
-        # A descriptor goes on where it is; opened by its name a regular file would be written from its start.
+        # Write at the current position of a descriptor. Opening its name would start at byte 0.
         flags = os.O_WRONLY | getattr(os, "O_BINARY", 0)
         number = os.open(target, flags) if number is None else os.dup(number)
         with os.fdopen(number, "wb") as stream:
             shutil.copyfileobj(file, stream)
 
 
-def _refuse_stream(target: Path) -> None:
+def _reject_stream(target: Path) -> None:
     if is_stream(target):
-        text = "it is a device or pipe; a folder is to be written"
+        text = "it is a device or pipe; name a folder"
         raise OutputError("OUTPUT_UNWRITABLE", text, file=target)
 
 
-def _refuse_existing(target: Path, overwrite: bool) -> None:
+def _reject_existing(target: Path, overwrite: bool) -> None:
     if not overwrite and os.path.lexists(target):
         raise _exists(target)
 
@@ -291,7 +308,7 @@ def _exists(target: Path) -> UsageError:
 
 
 def _move_to_new(temporary: Path, target: Path) -> None:
-    """Rename a file or folder to a name that nothing has; what came there meanwhile stays: an error."""
+    """Rename a file or folder, unless the new name exists by now: then the error OUTPUT_EXISTS is raised."""
     try:
         if not temporary.is_dir():
             target.hardlink_to(temporary)
@@ -302,13 +319,13 @@ def _move_to_new(temporary: Path, target: Path) -> None:
     except OSError:  # the file system has no hard links
         pass
     is_empty = temporary.is_dir() and _is_empty(target)
-    _refuse_existing(target, is_empty)
+    _reject_existing(target, is_empty)
     if is_empty and target.is_symlink():
         target.unlink()
-    elif is_empty and os.name == "nt":  # where a folder replaces nothing
+    elif is_empty and os.name == "nt":  # Windows cannot replace a folder by renaming
         target.rmdir()
     try:
-        temporary.rename(target)  # a folder replaces no file, and no folder that holds anything
+        temporary.rename(target)  # fails if the target is a file or a folder that is not empty
     except OSError as error:
         if error.errno in {errno.EEXIST, errno.ENOTEMPTY, errno.ENOTDIR}:
             raise _exists(target) from error
@@ -316,7 +333,7 @@ def _move_to_new(temporary: Path, target: Path) -> None:
 
 
 def _is_empty(target: Path) -> bool:
-    """Return whether there is a folder that holds nothing."""
+    """Return whether `target` is an empty folder."""
     try:
         return next(target.iterdir(), None) is None
     except OSError:
@@ -326,8 +343,8 @@ def _is_empty(target: Path) -> bool:
 _STANDARD = ("stdin", "stdout", "stderr")
 
 
-def _beside(target: Path) -> Path:
-    # 50 characters take at most 200 bytes: with what is added, still a name that fits into 255.
+def _temporary_name(target: Path) -> Path:
+    # 50 characters take at most 200 bytes, so that the longer name fits into the limit of 255 bytes.
     return target.with_name(f".{target.name[:50]}.{secrets.token_hex(6)}.part")
 
 
@@ -339,8 +356,8 @@ def _remove(path: Path) -> None:
             path.unlink()
 
 
-# Folders that were made for outputs; several threads may write into one of them.
-_MADE: set[Path] = set()
+# Folders that were created for outputs. Several threads can write into the same one.
+_CREATED: set[Path] = set()
 
 
 def _make_parent(target: Path) -> None:
@@ -351,13 +368,13 @@ def _make_parent(target: Path) -> None:
         _check_folder(target, _above(target))
         raise
     finally:
-        _MADE.update(place for place in missing if place.is_dir())
+        _CREATED.update(place for place in missing if place.is_dir())
 
 
-def _remove_made(target: Path) -> None:
-    """Remove the folders above an output that failed which were made for it, or for others, and are empty."""
+def _remove_created(target: Path) -> None:
+    """Delete the empty parent folders of an output that failed, if this module created them."""
     for place in target.absolute().parents:
-        if place not in _MADE:
+        if place not in _CREATED:
             return
         with contextlib.suppress(OSError):
             place.rmdir()
@@ -365,22 +382,22 @@ def _remove_made(target: Path) -> None:
 
 def _after_failure(target: Path, kind: object, *_: object) -> None:
     if kind is not None:
-        _remove_made(target)
+        _remove_created(target)
 
 
 def _above(target: Path) -> Path:
-    """Return the nearest thing above the target that exists."""
+    """Return the nearest existing parent of the target."""
     return next((place for place in target.parents if os.path.lexists(place)), Path())
 
 
 def _check_folder(target: Path, above: Path) -> None:
-    """Refuse what lies above the target but is no folder; the system's own words would be "File exists"."""
+    """Reject a target below a file. The operating system would only report "File exists"."""
     if not above.is_dir():
-        raise OutputError("OUTPUT_UNWRITABLE", f"it cannot be written: {above} is no folder", file=target)
+        raise OutputError("OUTPUT_UNWRITABLE", f"it cannot be written: {above} is not a folder", file=target)
 
 
 @contextlib.contextmanager
-def _translated(target: Path, size: int | None) -> Iterator[None]:
+def _output_errors(target: Path, size: int | None) -> Iterator[None]:
     try:
         yield
     except OSError as error:
@@ -391,7 +408,7 @@ def _translated(target: Path, size: int | None) -> Iterator[None]:
 
 
 def _space(target: Path, size: int | None) -> str:
-    """Return how much there is, and is needed if that is known; to be asked once the temporary is removed."""
+    """Return the free and the needed space as text. Call it after the temporary file was deleted."""
     try:
         free = shutil.disk_usage(_above(target.absolute())).free
     except OSError:

@@ -1,19 +1,22 @@
-"""How deep a document nests, known before a recursive parser reads it.
+"""Limit the nesting of JSON and TOML documents before a recursive parser reads them.
 
-A parser can run into Python's recursion limit at any place, also inside code that the garbage collector
-happens to run, whose errors are printed on standard error. So nesting is bounded beforehand.
+A parser that reaches Python's recursion limit can fail anywhere, even inside a destructor, whose errors are
+printed on standard error. Measuring the nesting first, without recursion, avoids this.
 """
 
 import re
 import tomllib
 from typing import Any
 
-# Protocols nest 3 deep and settings 2; a pyproject.toml holds other tools' tables too.
+# Maximum nesting of a TOML document. Our protocols have 3 levels; 32 leave room for a pyproject.toml, which
+# also has the tables of other tools.
 MAX_TOML_DEPTH = 32
 _TOO_DEEP = f"nested too deeply ({MAX_TOML_DEPTH} levels are allowed)"
-# A string may have no end. Its quantifier is possessive, so that a string of any length takes no memory.
+# Matches a string, even one without an end, or a bracket. The possessive quantifier (++) needs no memory for
+# backtracking, however long a string is.
 _JSON_TOKEN = re.compile(r'"(?:[^"\\]++|\\.)*+"?|[\[{\]}]', re.DOTALL)
-# Strings of several lines end with three quotes, before which two more may stand (TOML 1.0, String).
+# The same for TOML, with comments, dots and the characters that end a key. A multi-line string ends with
+# three quotes, which can follow up to two quotes of its text (TOML 1.0, section String).
 _TOML_TOKEN = re.compile(
     r'"""(?:[^"\\]++|\\.|"{1,2}+(?!"))*+(?:"{3,5})?+'
     r"|'''(?:[^']++|'{1,2}+(?!'))*+(?:'{3,5})?+"
@@ -23,12 +26,12 @@ _TOML_TOKEN = re.compile(
     r"|[\[{\]}.,=\n]",
     re.DOTALL,
 )
-# What ends a key -> by how much nesting grows there.
+# Character that ends a key -> change of the nesting.
 _STEPS = {"[": 1, "{": 1, "]": -1, "}": -1, ",": 0, "=": 0, "\n": 0}
 
 
 def json_nesting(text: str) -> int:
-    """Return the greatest nesting of brackets outside strings (0 if there are none)."""
+    """Return the greatest nesting of brackets outside strings, 0 without brackets."""
     return _deepest(_JSON_TOKEN, text)
 
 
@@ -38,7 +41,8 @@ def parse_toml(text: str) -> dict[str, Any]:
         raise ValueError(_TOO_DEEP)
     document = tomllib.loads(text)
     level: list[Any] = [document]
-    for _ in range(MAX_TOML_DEPTH + 1):  # a dotted key below a dotted heading
+    # A dotted key below a dotted heading nests deeper than each of them. Count the levels of the result.
+    for _ in range(MAX_TOML_DEPTH + 1):
         level = [inner for outer in level for inner in _children(outer)]
     if level:
         raise ValueError(_TOO_DEEP)
@@ -47,13 +51,13 @@ def parse_toml(text: str) -> dict[str, Any]:
 
 def _children(value: dict[str, Any] | list[Any]) -> list[Any]:
     inside = value.values() if isinstance(value, dict) else value
-    return [one for one in inside if isinstance(one, dict | list)]
+    return [child for child in inside if isinstance(child, dict | list)]
 
 
 def _deepest(token: re.Pattern[str], text: str) -> int:
-    """Return the greatest nesting of brackets or, if that is more, the most dots of one key.
+    """Return the deepest nesting of brackets, or the largest number of dots in a key if that is more.
 
-    Of dots, because the time of the TOML library goes with their square.
+    Dots count because the TOML library needs time quadratic in their number.
     """
     depth = dots = deepest = 0
     for match in token.finditer(text):

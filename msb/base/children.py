@@ -1,7 +1,7 @@
-"""Functions of ours that are called in child processes of their own, with limits.
+"""Call functions in child processes, with limits of time and memory.
 
-Foreign code that may hang, crash or take too much memory runs in one, so that it costs what was asked of it
-and nothing else. Arguments and results travel as files in a temporary folder.
+Other libraries can hang, crash or exhaust the memory. In a child process this only costs the result of the
+call. Arguments and results are exchanged as files in a temporary folder.
 """
 
 import contextlib
@@ -30,12 +30,15 @@ from msb.base.npz import write_npy
 from msb.errors import shorten
 
 Arrays = Mapping[str, NDArray[Any]]
-# A function of a module: it takes a word and named arrays, and returns JSON data and named arrays.
+# A module-level function: it takes a word and named arrays, and returns JSON data and named arrays.
 Work = Callable[[str, Arrays], tuple[Any, Arrays]]
+# Seconds between two looks at the running processes. A call takes at least 0.3 s, for the start of Python.
 _POLL = 0.02
+# Names of the files that a child writes: its result, and its standard error.
 _REPLY, _ERRORS = "reply.json", "errors"
+# Bytes that are read of these files at most.
 _MOST_REPLY, _MOST_ERRORS = 1 << 26, 1 << 16
-# The status of a child that could not write what it made: EX_IOERR of sysexits.h.
+# Exit status of a child that could not write its result: EX_IOERR of sysexits.h.
 _UNWRITTEN = 74
 _OF_MEMORY = re.compile(r"MemoryError|bad_alloc|[Oo]ut of memory|[Cc]annot allocate|Unable to allocate")
 # A constant of linux/prctl.h.
@@ -44,25 +47,23 @@ _PR_SET_PDEATHSIG = 1
 
 @dataclass(frozen=True)
 class Reply:
-    """What became of a call.
+    """The result of a call, or the reason why it has none."""
 
-    `why` says why there is neither data nor arrays, in the words of the exception or ours; it is empty where
-    there are. `ended_by` says what ended a call that did not end by itself. `seconds` are those that the
-    function took, or its limit; None where the process died.
-    """
-
+    # The two values that the function returned.
     data: Any = None
     arrays: Arrays = field(default_factory=dict)
+    # The reason why the call failed, such as the text of its exception. Empty if it succeeded.
     why: str = ""
+    # What stopped a call that did not return: its time limit, its memory limit or a crash.
     ended_by: Literal["time", "memory", "crash"] | None = None
+    # Duration of the function, or its limit if it was stopped there; None after a crash.
     seconds: float | None = None
 
 
 def run_apart(work: Work, word: str, arrays: Arrays, limits: Limits) -> Reply:
-    """Call `work(word, arrays)` in a process of its own.
+    """Call `work(word, arrays)` in a child process, and return its result.
 
-    The process is ended at its limit, by whatever ends this call (an interrupt, an error), and with this
-    process.
+    The child is killed when it reaches a limit, when this call is interrupted, and when this process ends.
     """
     return run_each(work, [word], arrays, limits)[word]
 
@@ -70,22 +71,28 @@ def run_apart(work: Work, word: str, arrays: Arrays, limits: Limits) -> Reply:
 def run_each(
     work: Work, words: Sequence[str], arrays: Arrays, limits: Limits, *, at_once: int = 1
 ) -> dict[str, Reply]:
-    """Call `work(word, arrays)` for each word as `run_apart` does, so many at once."""
+    """Call `work(word, arrays)` for each word as `run_apart` does, in `at_once` processes at a time."""
     replies: dict[str, Reply] = {}
     running: dict[str, tuple[subprocess.Popen[bytes], Path, float]] = {}
     waiting = list(words)
     with _shared_folder() as folder:
-        _give(arrays, folder)
+        _write_arguments(arrays, folder)
         try:
             while waiting or running:
+                # Start processes until `at_once` of them run.
                 while waiting and len(running) < at_once:
-                    word, own = waiting.pop(0), folder / str(len(waiting))
-                    running[word] = _start(work, word, own, limits), own, time.monotonic() + limits.seconds
-                for word, (child, own, deadline) in list(running.items()):
+                    word, place = waiting.pop(0), folder / str(len(waiting))
+                    running[word] = (
+                        _start(work, word, place, limits),
+                        place,
+                        time.monotonic() + limits.seconds,
+                    )
+                # Collect the results of processes that ended or reached the time limit.
+                for word, (child, place, deadline) in list(running.items()):
                     if child.poll() is not None:
-                        replies[word] = _reply(own, child.returncode, limits)
+                        replies[word] = _read_reply(place, child.returncode, limits)
                     elif time.monotonic() > deadline:
-                        why = f"it did not end within {limits.seconds:g} s"
+                        why = f"it timed out after {limits.seconds:g} s"
                         replies[word] = Reply(why=why, ended_by="time", seconds=limits.seconds)
                     else:
                         continue
@@ -99,9 +106,9 @@ def run_each(
 
 
 def apart() -> dict[str, Any]:
-    """Return the options of `subprocess.Popen` for a child that Ctrl-C does not reach.
+    """Return options of `subprocess.Popen` that keep Ctrl-C from the child. The parent must end it.
 
-    The parent ends it. On POSIX it gets a session of its own, on Windows a process group.
+    The child gets a new session on POSIX, and a new process group on Windows.
     """
     if sys.platform == "win32":
         return {"creationflags": subprocess.CREATE_NEW_PROCESS_GROUP}
@@ -110,10 +117,10 @@ def apart() -> dict[str, Any]:
 
 def _start(work: Work, word: str, folder: Path, limits: Limits) -> subprocess.Popen[bytes]:
     folder.mkdir()
-    # -P: a file in the current folder that is named like a module must not be run in its stead.
+    # -P: do not import a file of the current folder that has the name of a module.
     command = [sys.executable or "python3", "-P", "-m", "msb.base.children"]
     function = f"{work.__module__}:{work.__qualname__}"
-    root = str(Path(__file__).resolve().parents[2])  # where the child finds this package
+    root = str(Path(__file__).resolve().parents[2])  # so that the child imports the same msb
     path = os.pathsep.join(filter(None, [root, os.environ.get("PYTHONPATH")]))
     with (folder / _ERRORS).open("wb") as errors:
         return subprocess.Popen(
@@ -128,7 +135,7 @@ def _start(work: Work, word: str, folder: Path, limits: Limits) -> subprocess.Po
 
 
 def _end(child: subprocess.Popen[bytes]) -> None:
-    """End a child and what it has started, if it is still running, and wait until it is gone."""
+    """Kill a child that still runs, with the processes that it started, and wait for its end."""
     if child.poll() is None:
         if sys.platform == "win32":
             child.kill()
@@ -137,7 +144,8 @@ def _end(child: subprocess.Popen[bytes]) -> None:
     child.wait()
 
 
-def _reply(folder: Path, status: int, limits: Limits) -> Reply:
+def _read_reply(folder: Path, status: int, limits: Limits) -> Reply:
+    """Return the result in the folder of a child, or the reason why the call failed."""
     if status == _UNWRITTEN:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
     printed = _printed(folder)
@@ -145,9 +153,9 @@ def _reply(folder: Path, status: int, limits: Limits) -> Reply:
         reply = json.loads(read_file(folder / _REPLY, _MOST_REPLY))
         why, seconds = str(reply["why"]), float(reply["seconds"])
         if not why:
-            made = {path.stem: np.load(path, allow_pickle=False) for path in folder.glob("*.npy")}
-            return Reply(reply["data"], made, seconds=seconds)
-    except Exception:  # it wrote none, or not all of it
+            arrays = {path.stem: np.load(path, allow_pickle=False) for path in folder.glob("*.npy")}
+            return Reply(reply["data"], arrays, seconds=seconds)
+    except Exception:  # the reply is missing or incomplete: the child crashed
         how, seconds = f"status {status}", None
         with contextlib.suppress(ValueError):
             how = signal.Signals(-status).name
@@ -161,7 +169,7 @@ def _reply(folder: Path, status: int, limits: Limits) -> Reply:
 
 
 def _printed(folder: Path) -> str:
-    """Return the end of what a child wrote to standard error."""
+    """Return the end of a child's standard error as text."""
     with (folder / _ERRORS).open("rb") as file:
         file.seek(max(0, file.seek(0, os.SEEK_END) - _MOST_ERRORS))
         return file.read().decode(errors="replace")
@@ -169,7 +177,7 @@ def _printed(folder: Path) -> str:
 
 @contextlib.contextmanager
 def _shared_folder() -> Iterator[Path]:
-    """Yield a temporary folder for what children are given and what they leave."""
+    """Yield a temporary folder for the arguments and results of children."""
     with (
         room_for_temporaries(),
         tempfile.TemporaryDirectory(prefix="msb-apart-", ignore_cleanup_errors=True) as name,
@@ -177,20 +185,27 @@ def _shared_folder() -> Iterator[Path]:
         yield Path(name)
 
 
-def _give(arrays: Arrays, folder: Path) -> None:
+def _write_arguments(arrays: Arrays, folder: Path) -> None:
+    """Write the arrays that all children read."""
     (folder / "given").mkdir()
     for name, array in arrays.items():
         write_npy(folder / "given" / f"{name}.npy", array)
 
 
 def check_room(arrays: Arrays) -> None:
-    """Refuse at once a temporary folder without room for what children will be given, OUTPUT_UNWRITABLE."""
+    """Check that the temporary folder has room for the arrays that children read.
+
+    Raises
+    ------
+    OutputError
+        OUTPUT_UNWRITABLE.
+    """
     with _shared_folder() as folder:
-        _give(arrays, folder)
+        _write_arguments(arrays, folder)
 
 
 def _serve(function: str, word: str, folder: Path, memory: float) -> None:
-    """Do what a child does: call the function, and leave the reply in `folder`."""
+    """Call the function in this child process, and write its result into `folder`."""
     module, _, name = function.partition(":")
     if sys.platform == "linux":
         _end_with_parent()
@@ -204,7 +219,7 @@ def _serve(function: str, word: str, folder: Path, memory: float) -> None:
     start = time.perf_counter()
     try:
         data, arrays = work(word, given)
-    except Exception as error:  # the library's words are the result
+    except Exception as error:  # its text is reported as the reason
         why = shorten(f"{error}" or type(error).__name__, 200)
         if isinstance(error, MemoryError):
             why = f"MemoryError: {why}"
@@ -222,17 +237,17 @@ def _serve(function: str, word: str, folder: Path, memory: float) -> None:
 
 
 def _end_with_parent() -> None:
-    """Let Linux kill this process when its parent ends in whatever way."""
+    """Make Linux kill this process when its parent ends for any reason."""
     import ctypes
 
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
 
 
 def _limit_memory(gib: float) -> None:
-    """Hold this process to `gib` GiB.
+    """Limit the memory of this process to `gib` GiB.
 
-    RLIMIT_DATA counts what may be written to. RLIMIT_AS would also count what libraries only reserve, such
-    as the arenas of threads, and end them far below the memory they take.
+    RLIMIT_DATA counts writable memory. RLIMIT_AS would also count address space that libraries only reserve,
+    such as the arenas of threads, and would stop them far below the memory that they use.
     """
     import resource
 

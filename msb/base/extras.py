@@ -1,4 +1,4 @@
-"""Optional packages: whether one is installed, and the one error that says how to install it."""
+"""Optional packages: check whether they are installed, and report how to install them."""
 
 from importlib.util import find_spec
 
@@ -6,24 +6,36 @@ from msb.errors import UsageError
 
 
 def is_installed(module: str) -> bool:
-    """Return whether the top-level `module` could be imported; the module is looked for, not loaded."""
+    """Return whether the top-level `module` is installed. It is not imported."""
     return find_spec(module) is not None
 
 
 def install(extra: str) -> str:
-    """Return the command that installs `extra`, quoted for every shell."""
+    """Return the command that installs `extra`, with quotes that every shell understands."""
     return f'pip install "meshsplatbench[{extra}]"'
 
 
 def need_extra(extra: str, *modules: str, what: str, instead: str = "") -> None:
-    """Raise an error if one of `modules`, which `extra` installs, is missing.
+    """Check that `modules` are installed, which belong to `extra`.
 
-    `what` needs them, the subject of the sentence ("an MP4 film"); `instead` says what works without them, as
-    a sentence that begins in lower case.
+    Parameters
+    ----------
+    extra : str
+        Name of the extra in pyproject.toml.
+    *modules : str
+        Top-level modules.
+    what : str
+        What needs them: the subject of the message, such as "an MP4 film".
+    instead : str
+        A sentence about what works without them, in lower case.
+
+    Raises
+    ------
+    UsageError
+        EXTRA_MISSING, with the command that installs the extra.
     """
-    absent = [module for module in modules if not is_installed(module)]
-    if absent:
-        are = "is" if len(absent) == 1 else "are"
-        lacking = f"{', '.join(absent)} {are} not installed"
-        text = f"{what} needs the extra {extra} ({lacking}): {install(extra)}"
+    missing = [module for module in modules if not is_installed(module)]
+    if missing:
+        are = "is" if len(missing) == 1 else "are"
+        text = f"{what} needs the extra {extra} ({', '.join(missing)} {are} not installed): {install(extra)}"
         raise UsageError("EXTRA_MISSING", f"{text}; {instead}" if instead else text)

@@ -1,4 +1,4 @@
-"""Files that somebody else may have prepared: opened only if they are regular ones, with errors of ours."""
+"""Open files of untrusted origin: regular files only, with the errors of this project."""
 
 import contextlib
 import hashlib
@@ -11,23 +11,23 @@ from pathlib import Path
 from msb.base.paths import given_path
 from msb.errors import InputError, shorten
 
-# Flags of `os.open`. They do not block, because a file that was replaced by a pipe a moment ago must not be
-# waited for.
+# Flags of `os.open`. O_NONBLOCK: if the file was just replaced by a pipe, opening it must not wait.
 READ_ONLY = (
     os.O_RDONLY | getattr(os, "O_BINARY", 0) | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0)
 )
+# Bytes that are read and hashed at a time. Larger pieces are not faster.
 _CHUNK = 1 << 22
 
 
 def regular_file(path: str | os.PathLike[str]) -> Path:
-    """Return `path` if it is a file that can be read; a folder, pipe or device is never opened."""
+    """Return `path` if it is a readable regular file. A folder, pipe or device is not opened."""
     place = given_path(path)
     with _opened(place):
         return place
 
 
 def read_file(path: str | os.PathLike[str], most: int | None = None) -> bytes:
-    """Return the content of a regular file; if it is longer than `most` bytes, its first `most` + 1 bytes."""
+    """Return the bytes of a regular file, at most the first `most` + 1."""
     with _opened(given_path(path)) as descriptor, open(descriptor, "rb", closefd=False) as file:
         return file.read() if most is None else file.read(most + 1)
 
@@ -39,7 +39,10 @@ def map_file(path: Path, most: int | None = None) -> mmap.mmap | bytes:
 
 
 def file_sha256(path: Path, advance: Callable[[int], None] | None = None) -> str:
-    """Return the SHA-256 of a regular file's bytes, in hexadecimal digits; `advance` is told bytes done."""
+    """Return the SHA-256 of a regular file's bytes, in hexadecimal digits.
+
+    `advance` is called with the size of each piece that was hashed.
+    """
     digest = hashlib.sha256()
     with _opened(path) as descriptor:
         while chunk := os.read(descriptor, _CHUNK):
@@ -50,14 +53,14 @@ def file_sha256(path: Path, advance: Callable[[int], None] | None = None) -> str
 
 
 def is_file(path: Path) -> bool:
-    """Return whether `path` is a file we may look at; unlike `Path.is_file`, never raises."""
+    """Return whether `path` is an accessible file. Unlike `Path.is_file` it never raises an error."""
     with contextlib.suppress(OSError, ValueError):
         return path.is_file()
     return False
 
 
 def is_folder(path: Path) -> bool:
-    """Return whether `path` is a folder we may look at; unlike `Path.is_dir`, never raises."""
+    """Return whether `path` is an accessible folder. Unlike `Path.is_dir` it never raises an error."""
     with contextlib.suppress(OSError, ValueError):
         return path.is_dir()
     return False
@@ -65,7 +68,7 @@ def is_folder(path: Path) -> bool:
 
 @contextlib.contextmanager
 def _opened(path: Path) -> Iterator[int]:
-    """Yield a descriptor of the regular file at `path`: looked at before it is opened and again after."""
+    """Yield a descriptor of the regular file at `path`, whose kind is checked before and after opening it."""
     try:
         _refuse_special(path.stat(), path)
         descriptor = os.open(path, READ_ONLY)
@@ -80,11 +83,11 @@ def _opened(path: Path) -> Iterator[int]:
 
 def _refuse_special(status: os.stat_result, path: Path) -> None:
     if kind := special_kind(status):
-        raise InputError("FILE_UNREADABLE", f"it is {kind}; it must be a regular file", file=path)
+        raise InputError("FILE_UNREADABLE", f"it is {kind}; name a regular file", file=path)
 
 
 def special_kind(status: os.stat_result) -> str | None:
-    """Return in words what kind of thing lies there, or None if it is a regular file."""
+    """Return the kind of a file that is not a regular one, with its article; None for a regular file."""
     if stat.S_ISREG(status.st_mode):
         return None
     return "a folder" if stat.S_ISDIR(status.st_mode) else "a pipe, socket or device"
@@ -100,38 +103,38 @@ def map_descriptor(descriptor: int, most: int | None = None) -> mmap.mmap | byte
 
 
 def open_error(error: OSError | ValueError, path: object, what: str = "file") -> InputError:
-    """Return the error of ours for a failed look at `path`, which should be a `what`."""
+    """Return our error for an `error` of the system about `path`, which should be a `what`."""
     if is_missing(error):
-        return InputError("FILE_NOT_FOUND", f"there is no such {what}", file=path)
+        return InputError("FILE_NOT_FOUND", f"this {what} does not exist", file=path)
     return InputError("FILE_UNREADABLE", f"it cannot be read: {system_reason(error)}", file=path)
 
 
 def check_folder(path: Path, what: str = "folder") -> None:
-    """Refuse what is no folder, or not there."""
+    """Check that `path` is an existing folder; messages call it a `what`."""
     if not is_folder(path):
         if os.path.lexists(path):
-            raise InputError("FILE_UNREADABLE", f"it is no {what}", file=path)
-        raise InputError("FILE_NOT_FOUND", f"there is no such {what}", file=path)
+            raise InputError("FILE_UNREADABLE", f"it is not a {what}", file=path)
+        raise InputError("FILE_NOT_FOUND", f"this {what} does not exist", file=path)
 
 
 def is_missing(error: OSError | ValueError) -> bool:
-    """Return whether an error says that nothing is there.
+    """Return whether an error means that the file does not exist.
 
-    A `ValueError` is about names that no file can have: with a NUL, or half of a surrogate pair.
+    A `ValueError` means that its name is impossible: it holds a NUL, or half of a surrogate pair.
     """
     return isinstance(error, FileNotFoundError | NotADirectoryError | ValueError)
 
 
 def system_reason(error: OSError | ValueError) -> str:
-    """Return the operating system's words for an error."""
+    """Return the text of the operating system for an error."""
     return getattr(error, "strerror", None) or "it cannot be opened"
 
 
 def library_reason(error: Exception) -> str:
-    """Return why a library could not read a file, from the exception that it raised.
+    """Return the reason why a library could not read a file, from the exception that it raised.
 
-    A damaged file can cause any exception, also a lack of memory, where a few bytes declare gigabytes.
+    A damaged file can cause any exception. Lack of memory is one, because a few bytes can declare gigabytes.
     """
     if isinstance(error, MemoryError):
-        return "this machine has not enough memory for what it declares"
+        return "this machine does not have enough memory for the size that the file declares"
     return shorten(str(error) or type(error).__name__)

@@ -1,4 +1,4 @@
-"""Packages that import their public names on first use, and that can be called like a function."""
+"""Packages that import their public names at first use, and that can be called like a function."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class _LazyPackage(ModuleType):
         return self._function(*args, **kwargs)
 
     @property
-    def __signature__(self) -> inspect.Signature:  # what editors and notebooks show
+    def __signature__(self) -> inspect.Signature:  # editors and notebooks show it
         return inspect.signature(self._function)
 
     @property
@@ -36,16 +36,17 @@ class _LazyPackage(ModuleType):
 
 
 def make_lazy(package: str, homes: Mapping[str, str]) -> None:
-    """Import the public names of a package when they are first used.
+    """Import the public names of a package at their first use.
 
-    The help of a command thus needs no import of NumPy, although the command lives in the package that does
-    the work. A package with a public function of the same name can be called: ``msb.render(asset, camera)``
-    is ``msb.render.render(asset, camera)``, and ``msb.render.images`` is still a module.
+    A command is a module of the package that does its work. Printing its help does not import NumPy, because
+    the package does not import its other modules. A package with a public function of the same name can be
+    called: ``msb.render(asset, camera)`` is ``msb.render.render(asset, camera)``, and ``msb.render.images``
+    is still a module.
 
     Parameters
     ----------
     package : str
-        Its full name, ``__name__`` of the caller.
+        Full name of the package, which is ``__name__`` of the caller.
     homes : mapping
         Public name -> the module that defines it.
     """

@@ -1,4 +1,4 @@
-"""What a call in a child process may take: seconds of the clock, and memory where the system limits it."""
+"""Limits of time and memory for calls in child processes."""
 
 import math
 import sys
@@ -12,18 +12,20 @@ from msb.errors import UsageError
 
 @dataclass(frozen=True)
 class Limits:
-    """What one call in a child process may take.
+    """Limits of one call in a child process.
 
     Attributes
     ----------
     seconds : float
-        Of the clock, its start and its files included.
+        Elapsed time, including the start of the process and the exchange of files.
     memory : float, optional
-        GiB of memory that the process may write to (on Linux: RLIMIT_DATA); None sets no limit.
+        Writable memory in GiB (RLIMIT_DATA of Linux; other systems have no limit). None sets no limit.
     """
 
-    seconds: Annotated[float, Option("Time limit of each process of another library.")] = 60.0
-    memory: Annotated[float | None, Option("Its memory limit, in GiB.", metavar="GIB")] = 4.0
+    seconds: Annotated[float, Option("Time limit in seconds for each call of another library.")] = 60.0
+    memory: Annotated[
+        float | None, Option("Memory limit in GiB for each call of another library.", metavar="GIB")
+    ] = 4.0
 
     def __post_init__(self) -> None:
         for name, value in (("seconds", self.seconds), ("memory", self.memory)):
@@ -32,9 +34,9 @@ class Limits:
 
     @property
     def limits_memory(self) -> bool:
-        """Whether the system holds a process to its memory limit; only Linux does it as is meant here."""
+        """Whether the memory limit applies. Only Linux can limit writable memory."""
         return sys.platform == "linux" and self.memory is not None
 
     def to_dict(self) -> dict[str, float | None]:
-        """Return them as JSON data; the memory is None where there is no such limit."""
+        """Return the limits as JSON data. The memory is None if it is not limited."""
         return {"seconds": self.seconds, "memory_gib": self.memory if self.limits_memory else None}

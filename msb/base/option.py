@@ -1,7 +1,7 @@
-"""Marks that turn the fields of an options object into options of a command.
+"""Annotations that turn the fields of an options dataclass into options of a command.
 
-Write ``tier: Annotated[Tier, Option("How to draw.")] = "standard"``. A command that takes the object has an
-option for each such field.
+Example: ``tier: Annotated[Tier, Option("How to draw.")] = "standard"``. A command that takes the object has
+an option for each annotated field.
 """
 
 from dataclasses import dataclass
@@ -13,24 +13,24 @@ from msb.errors import UsageError, shorten
 
 @dataclass(frozen=True)
 class Option:
-    """The help of an option, and what the name and the type of its field do not show.
+    """The help of an option, and the properties that do not follow from the name and the type of its field.
 
     Attributes
     ----------
     help : str
-        What the option does, in one or two sentences.
+        The effect of the option, in one or two sentences.
     flags : tuple of str
-        Its spellings. The default follows the name of the field: ``--image-folder``.
+        Its names on the command line. By default the name of the field: ``--image-folder``.
     metavar : str, optional
         The word for its value in the help.
     least, most : float, optional
         The range of a number.
     count : bool
-        Whether its value is the number of times that it is given.
+        Whether its value is the number of times that it is given, as in ``-vv``.
     output : "file", "own" or "folder", optional
-        Set if the path is written. "file": the kit checks that it is new, or that ``--force`` is given.
-        "own": the command checks it. "folder": the command checks the files in it; the folder itself can be
-        an input.
+        For a path that is written. "file": `msb.cli` checks that it is new, or that ``--force`` is given.
+        "own": the command checks it. "folder": the command checks the files in it, and the folder itself can
+        be an input.
     endings : tuple of str
         Allowed endings of the name of an output file.
     """
@@ -46,22 +46,22 @@ class Option:
 
 
 class Argument(Option):
-    """The same for an argument, which has no flag. Its name is `metavar`."""
+    """The same for a positional argument. Its name is `metavar`."""
 
 
 def label_of(options: Any, name: str) -> str:
-    """Return how a field of an options object is called on a command line: ``--image-folder``."""
+    """Return the name of a field on the command line, such as ``--image-folder``."""
     option = _option(get_type_hints(type(options), include_extras=True)[name])
     return option.flags[0] if option is not None and option.flags else f"--{name.replace('_', '-')}"
 
 
 def check_values(options: Any) -> None:
-    """Check the fields of an options object: the words of a `Literal`, and the range that `Option` states.
+    """Check the values of an options object: the choices of a `Literal`, and the range of an `Option`.
 
     Raises
     ------
     UsageError
-        USAGE: a value is invalid. The message calls it as the command line does.
+        USAGE: a value is invalid. The message names the option of the command line.
     """
     for name, hint in get_type_hints(type(options), include_extras=True).items():
         value, option = getattr(options, name), _option(hint)

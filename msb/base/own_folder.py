@@ -1,6 +1,6 @@
-"""Folders that a command writes as a whole.
+"""Write a whole folder of results.
 
-The command leaves a list of its files in the folder. A later run replaces these files and keeps all others.
+The folder gets a list of the files that were written. A later run replaces these files and keeps all others.
 """
 
 import contextlib
@@ -13,18 +13,18 @@ from pathlib import Path
 from msb.base.atomic import check_place, new_folder
 from msb.errors import UsageError, shorten
 
-# Name of the list, which lies in the folder itself.
+# Name of the list in the folder.
 LIST = "msb-files.json"
 _SCHEMA = "msb.files/1"
 
 
 def check_own_folder(folder: Path) -> None:
-    """Check that `own_folder` can write a folder. Call it before a long computation, not after.
+    """Check that `own_folder` can write a folder. Call it before a long computation.
 
     Raises
     ------
     UsageError
-        OUTPUT_EXISTS: it is a file, or holds files and no list of an earlier run.
+        OUTPUT_EXISTS: it is a file, or a folder with files but without the list of an earlier run.
     OutputError
         OUTPUT_UNWRITABLE: the folder cannot be written.
     """
@@ -32,7 +32,7 @@ def check_own_folder(folder: Path) -> None:
     if os.path.lexists(folder) and not folder.is_dir():
         raise UsageError("OUTPUT_EXISTS", "it is a file; name a folder", file=folder)
     if folder.is_dir() and any(folder.iterdir()) and listed_files(folder) is None:
-        text = f"it holds files, and no {LIST} of an earlier run; name another folder"
+        text = f"it holds files, but not the {LIST} of an earlier run; name another folder"
         raise UsageError("OUTPUT_EXISTS", text, file=folder)
 
 
@@ -54,16 +54,18 @@ def own_folder(path: str | os.PathLike[str], *, overwrite: bool = True) -> Itera
     if target.is_symlink() and target.is_dir():
         target = Path(os.path.realpath(target))
     check_own_folder(target)
-    with new_folder(target, overwrite=overwrite) as made:
-        yield made
-        files = sorted(each.relative_to(made).as_posix() for each in made.rglob("*") if not each.is_dir())
-        _keep_others(target, made)
+    with new_folder(target, overwrite=overwrite) as folder:
+        yield folder
+        files = sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*") if not path.is_dir())
+        _keep_others(target, folder)
         text = json.dumps({"schema": _SCHEMA, "files": files}, indent=1) + "\n"
-        (made / LIST).write_text(text, encoding="utf-8", errors="backslashreplace")
+        (folder / LIST).write_text(text, encoding="utf-8", errors="backslashreplace")
 
 
 def _keep_others(old: Path, new: Path) -> None:
-    """Link the files of the old folder that are not in its list into the new folder."""
+    """Add the files of the old folder that are not in its list to the new folder, as hard links if
+    possible.
+    """
     listed = {*(listed_files(old) or ()), LIST}
     for root, folders, files in os.walk(old):
         if not folders and not files:
@@ -74,6 +76,7 @@ def _keep_others(old: Path, new: Path) -> None:
             if place.as_posix() in listed:
                 continue
             target = new / place
+            # A new file has the name of a file that a user added.
             if os.path.lexists(target):
                 text = f"{shorten(place.as_posix(), 60)} exists and is not in the list of an earlier run"
                 raise UsageError("OUTPUT_EXISTS", f"{text}; move it or name another folder", file=old)
@@ -85,7 +88,7 @@ def _keep_others(old: Path, new: Path) -> None:
 
 
 def listed_files(folder: Path) -> frozenset[str] | None:
-    """Return the paths in the list of a folder, relative to it; None without a list."""
+    """Return the paths in the list of a folder, relative to the folder; None if it has no valid list."""
     try:
         document = json.loads((folder / LIST).read_text(encoding="utf-8"))
         if document["schema"] == _SCHEMA:

@@ -1,4 +1,4 @@
-"""Parts that other packages bring: found by their entry points, and kept from ending a command."""
+"""Plug-ins of other packages: find them by their entry points, load them, and contain their errors."""
 
 import contextlib
 import re
@@ -11,65 +11,65 @@ from typing import Any, TypeVar
 
 from msb.errors import MsbError, shorten
 
-# The pattern of the name of a method or a metric, in files and in the entry-point groups.
+# Pattern of the names of methods and metrics, in files and in entry points.
 NAME = r"^[a-z][a-z0-9_]{0,63}$"
-Part = TypeVar("Part")
+Plugin = TypeVar("Plugin")
 
 
 class PackageWarning(UserWarning):
-    """A warning that a part of another package cannot be used; all others can."""
+    """A warning that a plug-in cannot be used. All others still can."""
 
 
 class PackageError(Exception):
-    """What is wrong with a package, in words that follow its name."""
+    """The reason why a plug-in cannot be used, as text that follows its name and a colon."""
 
 
 def installed(
-    kind: str, ours: Mapping[str, str], accept: Callable[[str, str], Part], *, pattern: str | None = NAME
-) -> dict[str, tuple[Part, str]]:
-    """Return the parts that installed packages bring; each part that cannot be used is one warning.
+    kind: str, ours: Mapping[str, str], accept: Callable[[str, str], Plugin], *, pattern: str | None = NAME
+) -> dict[str, tuple[Plugin, str]]:
+    """Return the plug-ins of installed packages. Each one that cannot be used causes one warning.
 
     Parameters
     ----------
     kind : str
-        The singular of the entry-point group: "method" reads the group `msb.methods`.
+        The entry-point group in the singular: "method" stands for the group `msb.methods`.
     ours : mapping
-        Name -> place of the built-in parts, which no package replaces.
+        Name -> module of the built-in parts, which a plug-in cannot replace.
     accept : callable
-        Takes the name and the value of an entry and returns its part; it may raise `PackageError`.
+        Takes the name and the value of an entry point and returns the plug-in. It may raise `PackageError`.
     pattern : str, optional
-        The regular expression that names must match; None allows all names.
+        Regular expression that names must match; None allows all names.
 
     Returns
     -------
     dict
-        Name -> part and value of the entry, sorted by name.
+        Name -> plug-in and value of its entry point, sorted by name.
     """
-    parts: dict[str, tuple[Part, str]] = {}
+    plugins: dict[str, tuple[Plugin, str]] = {}
     for entry in sorted(_entries(kind), key=lambda entry: (entry.name, entry.value)):
-        first = ours.get(entry.name) or parts.get(entry.name, (None, None))[1]
+        first = ours.get(entry.name) or plugins.get(entry.name, (None, None))[1]
         if first == entry.value:
-            continue  # one installation, seen twice
+            continue  # the same installation was listed twice
         try:
             if entry.name in ours:
-                raise PackageError(f"the name is taken by {first}, which is part of msb")
+                raise PackageError(f"the name belongs to {first}, which is part of msb")
             if pattern is not None and not re.match(pattern, entry.name):
                 raise PackageError(f"its name must match {pattern}")
             if first is not None:
-                text = f"the name is taken by {first}, the first in the alphabet; uninstall one of them"
+                text = f"{first} has the same name and comes first in the alphabet; uninstall one of them"
                 raise PackageError(text)
-            parts[entry.name] = accept(entry.name, entry.value), entry.value
+            plugins[entry.name] = accept(entry.name, entry.value), entry.value
         except PackageError as error:
             where = whose(kind, entry.name, entry.value or getattr(entry.dist, "name", ""))
-            warn(f"PACKAGE_LEFT_OUT: {where} is left out: {error}")
-    return parts
+            warn(f"PACKAGE_LEFT_OUT: {where} is ignored: {error}")
+    return plugins
 
 
 def _entries(kind: str) -> Iterable[EntryPoint]:
     group = f"msb.{kind}s"
     try:
         return entry_points(group=group)
-    except Exception:  # a file of one package that is no entry_points.txt must not hide those of all others
+    except Exception:  # an invalid entry_points.txt of one package must not hide all others: read each alone
         return [entry for package in distributions() for entry in _own_entries(package, kind, group)]
 
 
@@ -79,48 +79,48 @@ def _own_entries(package: Distribution, kind: str, group: str) -> Iterator[Entry
     except Exception as error:
         with contextlib.suppress(Exception):
             if f"[{group}]" in (package.read_text("entry_points.txt") or ""):
-                text = f"{kind}s of package {package.name} are left out: its entry_points.txt cannot be read"
+                text = f"{kind}s of package {package.name} are ignored: its entry_points.txt cannot be read"
                 warn(f"PACKAGE_LEFT_OUT: {text}: {shorten(str(error), 200)}")
 
 
 def whose(kind: str, name: str, value: str) -> str:
-    """Return what an entry point names as messages have it: "method facets of package msb_facets"."""
+    """Return an entry point as messages name it: "method facets of package msb_facets"."""
     return f"{kind} {shorten(name, 40)} of package {shorten(value.partition(':')[0].strip(), 80)}"
 
 
 def warn(text: str) -> None:
-    """Warn of a package; `text` begins with a code."""
+    """Issue a warning about a plug-in. `text` begins with an error code."""
     warnings.warn(text, PackageWarning, stacklevel=2)
 
 
 def load(value: str) -> Any:
-    """Return the object that an entry point's value, "module" or "module:attribute", names."""
+    """Import and return the object of an entry point, whose value is "module" or "module:attribute"."""
     module, _, attribute = (part.strip() for part in value.partition(":"))
     if not module:
-        raise PackageError("its entry point names no module")
+        raise PackageError("its entry point does not name a module")
     try:
         with contained():
-            found: Any = import_module(module)
+            loaded: Any = import_module(module)
             for part in filter(None, attribute.split(".")):
-                found = getattr(found, part)
+                loaded = getattr(loaded, part)
     except (PackageError, MsbError) as error:
         raise PackageError(f"it cannot be loaded: {error}") from error
-    return found
+    return loaded
 
 
-class Lazy(Mapping[str, Part]):
-    """A mapping that is made when it is looked into: until then nothing of a package is imported.
+class Lazy(Mapping[str, Plugin]):
+    """A mapping that is created at its first use, so that no plug-in is imported earlier.
 
     Parameters
     ----------
     make : callable
-        A function of a module, which keeps what it made.
+        Returns the mapping. It should cache it, because each access calls it.
     """
 
-    def __init__(self, make: Callable[[], Mapping[str, Part]]) -> None:
+    def __init__(self, make: Callable[[], Mapping[str, Plugin]]) -> None:
         self._make = make
 
-    def __getitem__(self, name: str) -> Part:
+    def __getitem__(self, name: str) -> Plugin:
         return self._make()[name]
 
     def __iter__(self) -> Iterator[str]:
@@ -132,10 +132,10 @@ class Lazy(Mapping[str, Part]):
 
 @contextlib.contextmanager
 def contained() -> Iterator[None]:
-    """Run code of another package: its exceptions and exits become a `PackageError`.
+    """Run code of another package and turn its exceptions and exits into `PackageError`.
 
-    Errors of msb pass unchanged. What the code prints goes to standard error, as standard output may hold
-    the result of a command.
+    Errors of msb are raised unchanged. The output of the code goes to standard error, because standard output
+    can be the JSON result of a command.
     """
     try:
         with contextlib.redirect_stdout(sys.stderr):

@@ -1,4 +1,4 @@
-"""Paths and file names as callers and other systems give them."""
+"""Paths from callers, and file names from other systems."""
 
 import os
 import re
@@ -8,31 +8,33 @@ from pathlib import Path
 
 from msb.errors import InputError, UsageError, shorten
 
-# The types that may be given as a path.
+# Types that functions accept as a path.
 PATH_TYPES = (str, os.PathLike)
 
 
 def given_path(path: str | os.PathLike[str]) -> Path:
-    """Return `path`; an empty text, which `Path` takes for the current folder, is refused."""
+    """Return `path` as a `Path`. An empty text is an error, because `Path` takes it for the current
+    folder.
+    """
     if not isinstance(path, PATH_TYPES):
-        text = f"the path is of type {type(path).__name__}; it must be text or a pathlib.Path"
+        text = f"the path is of type {type(path).__name__}; pass text or a pathlib.Path"
         raise UsageError("USAGE", text)
     if not os.fspath(path):
-        raise InputError("FILE_NOT_FOUND", "the path is empty; the current folder is called .")
+        raise InputError("FILE_NOT_FOUND", "the path is empty; use . for the current folder")
     return Path(path)
 
 
 def real_place(path: Path) -> str:
-    """Return `path` with its links resolved. A path with a NUL, which no file has, stays as it is."""
+    """Return `path` with links resolved. A path with a NUL, which cannot exist, is returned unchanged."""
     return os.path.realpath(path) if "\0" not in str(path) else str(path)
 
 
 def shell_word(text: str | os.PathLike[str]) -> str:
-    """Return the path `text` as one word of a command that sh, cmd.exe and PowerShell all read alike.
+    """Return a path as one word of a command line, quoted for sh, PowerShell and cmd.exe.
 
-    Double quotes are the only ones that all three know. What they interpret inside of these ($, %, backticks,
-    quotes) stands in single quotes, as a POSIX shell and PowerShell have it; cmd.exe has no way to say that.
-    A path that begins with a hyphen, which a command takes for an option, gets ``./`` before it.
+    Double quotes work in all three, but not around $, %, backticks and quotes. Such a path gets single
+    quotes, which cmd.exe does not understand. A path that begins with a hyphen gets ``./`` in front, so that
+    it is not taken for an option.
     """
     word = os.fspath(text)
     if word.startswith("-"):
@@ -45,14 +47,14 @@ def shell_word(text: str | os.PathLike[str]) -> str:
 def normal_form(name: str) -> str:
     """Return a file name in Unicode's composed normal form (NFC).
 
-    Archives made on macOS hold accents apart from their letters; names that look the same are then other
-    names to most file systems. Two names mean one file if this makes them equal.
+    Archives from macOS store letters and accents separately (NFD). Such a name looks the same, but other
+    systems treat it as a different one. Compare names in this form.
     """
     return name if name.isascii() else unicodedata.normalize("NFC", name)
 
 
 class SpelledFiles:
-    """Files below a folder, by names that may be spelled in another normal form than the files are.
+    """Find files below a folder even if their names are stored in another Unicode normal form.
 
     Parameters
     ----------
@@ -64,7 +66,7 @@ class SpelledFiles:
         self._listed: dict[Path, dict[str, list[str]]] = {}
 
     def find(self, name: str) -> Path:
-        """Return the path below the folder that `name`, with forward slashes, means; it need not exist."""
+        """Return the path of `name`, which has forward slashes, below the folder. It need not exist."""
         place = self._root
         for part in name.split("/"):
             place /= part if part.isascii() else self._as_stored(place, part)
@@ -77,13 +79,11 @@ class SpelledFiles:
                 stored = sorted(os.listdir(folder))  # noqa: PTH208 - names, no paths
             except (OSError, ValueError):
                 stored = []
-            for each in stored:
-                names.setdefault(normal_form(each), []).append(each)
+            for entry in stored:
+                names.setdefault(normal_form(entry), []).append(entry)
         alike = self._listed[folder].get(normal_form(name), [name])
         if len(alike) > 1:
-            text = (
-                f"{len(alike)} files in it are called {shorten(alike[0], 60)} in different Unicode normal "
-                "forms; leave one of them"
-            )
+            name = shorten(alike[0], 60)
+            text = f"it holds {len(alike)} files named {name} in different Unicode normal forms; keep one"
             raise InputError("FILE_UNREADABLE", text, file=folder)
         return alike[0]

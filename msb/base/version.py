@@ -1,3 +1,3 @@
-"""The one place the version is written."""
+"""The version of msb. It is written nowhere else."""
 
 __version__ = "0.2.0"

@@ -1,8 +1,7 @@
-"""The programs `msb` and `msb-audit`, and the kit that turns a function into a command.
+"""The programs `msb` and `msb-audit`, and the modules that turn a function into a command.
 
-A command lives in the package that does the work, in `command.py` or `commands/`. The kit knows none of them.
-`msb.cli.commands` lists their modules, and finds commands of other packages in the entry-point group
-`msb.commands`.
+A command is in the package that does the work, in `command.py` or `commands/`. `msb.cli.commands` lists the
+modules of all commands, and finds commands of other packages in the entry-point group `msb.commands`.
 """
 
 import sys
@@ -15,7 +14,7 @@ def _print_warning(message: Warning | str, category: type[Warning], *rest: Any, 
     from msb.errors import one_line
 
     if category.__module__.startswith("msb."):
-        print(one_line(f"warning: {message}"), file=sys.stderr)  # noqa: T201 - before a command has its Output
+        print(one_line(f"warning: {message}"), file=sys.stderr)  # noqa: T201 - no command has started yet
     else:
         _show(message, category, *rest, **more)
 
@@ -24,7 +23,7 @@ _show = warnings.showwarning
 
 
 def main(command: str | None = None) -> None:
-    """Run `msb`, or a program of one `command`."""
+    """Run `msb`, or the program of a single `command`."""
     warnings.showwarning = _print_warning
     from msb.cli.app import app, single
     from msb.cli.process import run

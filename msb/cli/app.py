@@ -11,8 +11,8 @@ from msb.cli.command import Command, epilog
 from msb.errors import UsageError
 
 _SETTINGS = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
-# Plain help text loads in a third of the time of framed help, and looks the same in a pipe. The library's own
-# options for completion are off, because `msb completion` prints the script.
+# Plain help text loads in a third of the time of framed help, and looks the same in a pipe. Typer's options
+# for completion are off, because `msb completion` prints the script.
 _PLAIN: dict[str, Any] = {
     "rich_markup_mode": None,
     "context_settings": _SETTINGS,
@@ -22,30 +22,30 @@ _PLAIN: dict[str, Any] = {
 
 
 class _Root(TyperGroup):
-    """The list of commands under its headings. A command is loaded at its first use."""
+    """The list of commands under headings. A command is imported at its first use."""
 
     def list_commands(self, ctx: Any) -> list[str]:
         del ctx
         return [name for entries in commands.listed().values() for name in entries]
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        """Return a command, or None if no command has this name."""
+        """Return a command, or None if there is no such command."""
         if self.commands.get(cmd_name) is None:
             try:
                 function = commands.find(cmd_name)
             except UsageError:
                 if not ctx.resilient_parsing:
                     raise
-                function = None  # a command that cannot be loaded is no completion
+                function = None  # completion skips commands that cannot be loaded
             if function is None:
-                # The library looks for similar names here.
+                # Typer looks for similar names in this dictionary.
                 self.commands.update(dict.fromkeys(self.list_commands(ctx)))  # type: ignore[arg-type]
                 return None
             self.commands[cmd_name] = get_command(_alone(function, cmd_name))
         return self.commands[cmd_name]
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
-        """Write a section per heading."""
+        """Write a section for each heading."""
         del ctx
         for title, entries in commands.listed().items():
             with formatter.section(title):
@@ -53,7 +53,7 @@ class _Root(TyperGroup):
 
 
 def single(name: str) -> typer.Typer:
-    """Return a program of one command."""
+    """Return the program of a single command."""
     return _alone(commands.find(name), name)
 
 
@@ -65,7 +65,7 @@ def _alone(function: Any, name: str) -> typer.Typer:
 
 
 def print_version() -> None:
-    """Print our version, and those of the file format and of the libraries that compute."""
+    """Print the versions of msb, the file format, NumPy and PyOpenCL."""
     from importlib.metadata import PackageNotFoundError, version
 
     from msb.asset.manifest import FORMAT, VERSION
@@ -88,7 +88,7 @@ def _version(requested: bool) -> None:
 
 
 Version = Annotated[
-    bool, typer.Option("--version", callback=_version, is_eager=True, help="Print versions and stop.")
+    bool, typer.Option("--version", callback=_version, is_eager=True, help="Print versions and exit.")
 ]
 
 
@@ -103,7 +103,7 @@ app = typer.Typer(
 @app.callback(invoke_without_command=True)
 def _root(context: typer.Context, version: Version = False) -> None:
     """Decide whether a trained triangle or mesh splatting model is a usable graphics asset."""
-    del version  # handled before
+    del version  # its callback has handled it
     if context.invoked_subcommand is None:
         from msb.cli.output import echo
 

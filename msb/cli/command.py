@@ -1,15 +1,16 @@
 """Turn a function into a command. The dataclasses that the function takes become options.
 
-A function that is decorated with `command` takes parameters of these kinds:
+A function that is decorated with `command` has parameters of these kinds:
 
-- A dataclass. Its fields become options, as their `Option` says, and the function receives the object. With a
-  tuple of names, ``Annotated[Views, ("cameras", "size")]``, only these fields become options. The others keep
-  their defaults. `Output` is such a dataclass; if the function takes one, all paths are checked before it
+- A dataclass. Its fields with an `Option` become options, and the function receives the object. With a tuple
+of
+  names, ``Annotated[Views, ("cameras", "size")]``, only these fields become options, and the others keep
+  their defaults. `Output` is such a dataclass; if the function takes it, all paths are checked before it
   runs.
 - Anything else that is annotated with an `Argument` or `Option`.
-- `Typed`, the parameters on the command line.
+- `Typed`, the parameters that are on the command line.
 
-A parameter of type Path is an input, unless the `output` of its `Option` says that it is written.
+A parameter of type Path is an input, unless the `output` of its `Option` is set.
 """
 
 import contextlib
@@ -33,7 +34,7 @@ from msb.errors import MsbError, UsageError, shorten
 
 @dataclass(frozen=True)
 class Everywhere:
-    """The options of every command. If a command declares an option of the same name, that one counts."""
+    """The options of every command. A command can replace one by an option of the same name."""
 
     color: Annotated[
         Literal["auto", "always", "never"] | None,
@@ -47,17 +48,17 @@ class Everywhere:
 
 
 class Typed(dict[str, str]):
-    """The parameters on the command line: name -> label, such as ``size`` -> ``--size``."""
+    """The parameters that are on the command line: name -> label, such as ``size`` -> ``--size``."""
 
     def reject(self, names: Iterable[str], text: str) -> None:
-        """Raise UsageError if one of these parameters is on the command line. `text` follows its label."""
+        """Raise a UsageError if one of these parameters is on the command line. `text` follows its label."""
         for name in names:
             if name in self:
                 raise UsageError("USAGE", f"{self[name]} {text}")
 
 
 class _Declared(NamedTuple):
-    """A parameter of a command line."""
+    """A parameter of a command: its name in the function, its type, its `Option` and its default."""
 
     name: str
     type: Any
@@ -66,7 +67,7 @@ class _Declared(NamedTuple):
 
     @property
     def label(self) -> str:
-        """Its name in the help."""
+        """The name in the help."""
         if isinstance(self.option, Argument):
             return str(self.option.metavar).rstrip(".")
         flag = next((flag for flag in self.flags if flag.startswith("--")), self.flags[0])
@@ -74,21 +75,21 @@ class _Declared(NamedTuple):
 
     @property
     def flags(self) -> tuple[str, ...]:
-        """Its spellings on the command line."""
+        """The names on the command line."""
         return self.option.flags or (f"--{self.name.replace('_', '-')}",)
 
     @property
     def is_path(self) -> bool:
-        """Whether its value is a path or several paths."""
+        """Whether the value is a path or several paths."""
         return Path in (self.type, *get_args(self.type))
 
     @property
     def parameter(self) -> inspect.Parameter:
-        """The parameter in the form that the command-line library reads."""
+        """The parameter in the form that typer reads."""
         option, kind = self.option, self.type
         if get_origin(kind) is tuple:
             kind = list[get_args(kind)[0]]  # type: ignore[misc]
-        if get_origin(kind) in (Union, UnionType):  # its first type is the one of command lines
+        if get_origin(kind) in (Union, UnionType):  # values of the command line have the first type
             kind = get_args(kind)[0] | None
         default = [] if self.default == () else self.default
         number = {int: "N", float: "X"}.get(
@@ -99,61 +100,62 @@ class _Declared(NamedTuple):
             "metavar": option.metavar or (None if option.count else number),
             "min": option.least,
             "max": option.most,
-            # The reader of a file reports what is wrong with it, with a code and a status.
+            # Typer must not check files: their readers report errors with a code and an exit status.
             "readable": False,
         }
         if isinstance(option, Argument):
-            info = typer.Argument(hidden=True, **shared)  # `Command` writes its line of the help
+            info = typer.Argument(hidden=True, **shared)  # `Command` writes arguments into the help
         else:
             info = typer.Option(*self.flags, count=option.count, show_default=not option.count, **shared)
-        given = inspect.Parameter.empty if default is MISSING else default
+        default = inspect.Parameter.empty if default is MISSING else default
         return inspect.Parameter(
-            self.name, inspect.Parameter.KEYWORD_ONLY, default=given, annotation=Annotated[kind, info]
+            self.name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=Annotated[kind, info]
         )
 
 
 class _Group(NamedTuple):
-    """A dataclass that a function takes, and its options."""
+    """A dataclass that a function takes, and the options of its fields."""
 
     kind: type
     declared: tuple[_Declared, ...]
 
     def build(self, values: Mapping[str, Any]) -> Any:
-        """Return the object with its part of the values of all options."""
-        return self.kind(**{each.name: values[each.name] for each in self.declared})
+        """Return the object, with its fields taken from the values of all options."""
+        return self.kind(**{parameter.name: values[parameter.name] for parameter in self.declared})
 
 
 def plain_words(text: str, error: Any) -> str:
-    """Return the `text` of an error of the command-line library as one line that names the wrong value."""
+    """Return the `text` of an error of typer as one line that contains the invalid value."""
     text = " ".join(text.split()).rstrip(".").replace("Value error, ", "")
     before, separator, wanted = text.partition("Input should be ")
     if not separator:
         return text
-    given = shorten(str(error.__cause__.errors()[0]["input"]), 40)
-    return f'{before}it is "{given}"; it must be {wanted.partition(", unable")[0]}'
+    value = shorten(str(error.__cause__.errors()[0]["input"]), 40)
+    return f'{before}it is "{value}"; it must be {wanted.partition(", unable")[0]}'
 
 
+# Matches an empty word, or an option with an empty value.
 _EMPTY = re.compile(r"(--[\w-]+=)?")
 
 
 class Command(TyperCommand):
-    """A command of the library, with a section for arguments in its help. An empty word is an error."""
+    """A command of typer with a section for arguments in its help. Empty words are errors."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Parse, and reject empty words: an unset variable of a shell would become the current folder."""
-        # Without interspersed options the words belong to another program.
+        """Parse the words, and reject empty ones: an unset shell variable would mean the current folder."""
+        # Commands without interspersed options pass their words to another program, which may get empty ones.
         checks = ctx.allow_interspersed_args and not ctx.resilient_parsing
         if checks and any(_EMPTY.fullmatch(word) for word in args):
-            ctx.fail("an argument or the value of an option is empty; . is the current folder")
+            ctx.fail("an argument or the value of an option is empty; use . for the current folder")
         return super().parse_args(ctx, args)
 
     def collect_usage_pieces(self, ctx: Any) -> list[str]:
-        """Return the words of the usage, with optional arguments in brackets."""
+        """Return the words of the usage line, with optional arguments in brackets."""
         words = [(param, str(param.metavar)) for param in self._arguments(ctx)]
         return ["[OPTIONS]", *(word if param.required else f"[{word}]" for param, word in words)]
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
-        """Write the arguments, then the library's list of options."""
+        """Write the arguments, then the options."""
         if arguments := self._arguments(ctx):
             with formatter.section("Arguments"):
                 formatter.write_dl([(param.metavar, param.help) for param in arguments])
@@ -171,7 +173,7 @@ def require(condition: object, text: str) -> None:
 
 @contextlib.contextmanager
 def option_value(label: str) -> Iterator[None]:
-    """Turn an error about a value into an error of usage that names the option."""
+    """Turn an error about a value into a usage error that names the option `label`."""
     try:
         yield
     except MsbError as error:
@@ -184,11 +186,11 @@ def command(*examples: str, name: str = "", **settings: Any) -> Callable[..., An
     Parameters
     ----------
     *examples : str
-        Command lines that run on the demo data, for the end of the help.
+        Command lines that run on the demo data. They end the help.
     name : str
         The name of the command; by default the name of the function.
     **settings
-        Context settings of the command-line library.
+        Context settings of typer.
     """
     named = {"epilog": epilog(*examples), "settings": settings, **({"name": name} if name else {})}
     return functools.partial(_command, named)
@@ -198,22 +200,22 @@ def _command(named: dict[str, Any], function: Callable[..., Any]) -> Callable[..
     groups: dict[str, _Group] = {}
     declared: list[_Declared] = []
     taken = inspect.signature(function, eval_str=True).parameters
-    for each in taken.values():
-        kind, *marks = (
-            get_args(each.annotation) if get_origin(each.annotation) is Annotated else [each.annotation]
-        )
+    # First the options of this function, then the options of every command.
+    for parameter in taken.values():
+        annotation = parameter.annotation
+        kind, *marks = get_args(annotation) if get_origin(annotation) is Annotated else [annotation]
         if kind is Typed:
             continue
         if isinstance(kind, type) and is_dataclass(kind):
             names = next((mark for mark in marks if isinstance(mark, tuple)), None)
-            groups[each.name] = _Group(kind, tuple(_fields(kind, names)))
-            declared += groups[each.name].declared
+            groups[parameter.name] = _Group(kind, tuple(_fields(kind, names)))
+            declared += groups[parameter.name].declared
         else:
             option = next(mark for mark in marks if isinstance(mark, Option))
-            default = MISSING if each.default is inspect.Parameter.empty else each.default
-            declared.append(_Declared(each.name, kind, option, default))
-    own = {each.name for each in declared}
-    everywhere = tuple(each for each in _fields(Everywhere, None) if each.name not in own)
+            default = MISSING if parameter.default is inspect.Parameter.empty else parameter.default
+            declared.append(_Declared(parameter.name, kind, option, default))
+    names_of_command = {each.name for each in declared}
+    everywhere = tuple(each for each in _fields(Everywhere, None) if each.name not in names_of_command)
     declared += everywhere
     outputs = next((key for key, group in groups.items() if issubclass(group.kind, Output)), None)
 
@@ -233,6 +235,7 @@ def _command(named: dict[str, Any], function: Callable[..., Any]) -> Callable[..
                 objects[outputs].reword(error)
             raise
 
+    # Typer reads the options from the signature of `run`, and `msb.cli.app` reads the other attributes.
     functools.update_wrapper(run, function)
     context = inspect.Parameter("context", inspect.Parameter.KEYWORD_ONLY, annotation=typer.Context)
     run.__signature__ = inspect.Signature([context, *(each.parameter for each in declared)])  # type: ignore[attr-defined]
@@ -243,6 +246,7 @@ def _command(named: dict[str, Any], function: Callable[..., Any]) -> Callable[..
 
 
 def _fields(kind: type, names: tuple[str, ...] | None) -> Iterator[_Declared]:
+    """Yield the options of the fields of a dataclass, of all fields or of those in `names`."""
     hints = get_type_hints(kind, include_extras=True)
     known = {field.name: field for field in fields(kind)}
     for name in names or known:
@@ -252,7 +256,7 @@ def _fields(kind: type, names: tuple[str, ...] | None) -> Iterator[_Declared]:
 
 
 def _prepare(everywhere: Everywhere) -> None:
-    """Set the environment variables of colour, which child processes inherit, and open the log."""
+    """Set the environment variables of --color, which child processes inherit, and open the log."""
     for variable, value in (("FORCE_COLOR", "always"), ("NO_COLOR", "never")):
         if everywhere.color is not None:
             os.environ.pop(variable, None)
@@ -263,33 +267,33 @@ def _prepare(everywhere: Everywhere) -> None:
 
 
 def _check_paths(declared: Sequence[_Declared], values: dict[str, Any], output: Output) -> None:
-    """Reject an output that is an input or another output, that exists, or whose name ends wrongly."""
+    """Reject an output that is also an input or another output, that exists, or that has the wrong suffix."""
     paths = [
-        (each, path)
-        for each in declared
-        if each.is_path and (value := values.get(each.name)) is not None
+        (parameter, path)
+        for parameter in declared
+        if parameter.is_path and (value := values.get(parameter.name)) is not None
         for path in (value if isinstance(value, tuple) else (value,))
     ]
-    for each, path in paths:
-        if each.option.output is None:
+    for parameter, path in paths:
+        if parameter.option.output is None:
             output.add_input(path)
-    for each, path in paths:
-        if each.option.output in ("file", "own"):
-            output.add_output(path, each.label)
-        if each.option.endings and path.suffix.lower() not in each.option.endings:
-            endings = ", ".join(each.option.endings)
-            text = f'{each.label} is "{path.name}"; it must end in {endings}'
+    for parameter, path in paths:
+        if parameter.option.output in ("file", "own"):
+            output.add_output(path, parameter.label)
+        if parameter.option.endings and path.suffix.lower() not in parameter.option.endings:
+            endings = ", ".join(parameter.option.endings)
+            text = f'{parameter.label} is "{path.name}"; it must end in {endings}'
             raise UsageError("USAGE", text)
-        if each.option.output == "file":
+        if parameter.option.output == "file":
             output.check_free(path)
 
 
 _EXIT_TABLE = (
-    "Exit status: 0 done, 1 a gate or validation failed, 2 wrong usage, 3 input\n"
-    "missing or not valid, 4 not supported, 5 no OpenCL device, 130 interrupted."
+    "Exit status: 0 success, 1 a gate or validation failed, 2 wrong usage, 3 invalid\n"
+    "or missing input, 4 not supported, 5 no OpenCL device, 130 interrupted."
 )
 
-_DEMO_DATA = "The examples' files are there after: msb demo-data data_stubs"
+_DEMO_DATA = "Create the files of the examples with: msb demo-data data_stubs"
 
 
 def epilog(*examples: str) -> str:

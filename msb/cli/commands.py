@@ -1,4 +1,4 @@
-"""Find commands: ours are in one table, those of other packages are entry points of the group `msb.commands`.
+"""Find commands: built-in ones in a table, others in the entry-point group `msb.commands`.
 
 The module of a command is imported when the command or its help is used, not for the list of commands.
 """
@@ -13,48 +13,56 @@ from msb.base.packages import PackageError, installed, load, whose
 from msb.errors import UsageError
 
 
-class Place(NamedTuple):
+class Entry(NamedTuple):
     """The module of a command, and its line in the list of commands."""
 
     module: str
     help: str
 
 
-# Heading -> command -> its place. The folder of a command can be missing, if its capability was removed.
-BUILT_IN: dict[str, dict[str, Place]] = {
-    "Look at a mesh": {
-        "audit": Place("msb.api.commands.audit", "Count a mesh's faults and say what it can be used for."),
-        "view": Place("msb_viewers.commands.view", "See those faults, in a window, a picture or a page."),
-        "trial": Place("msb.trial.command", "Try what artists do with it: unwrap, decimate, collide, print."),
-        "repair": Place("msb.repair.command", "Make it manifold without changing its look."),
-        "info": Place("msb.api.commands.info", "Show what an asset or a mesh file holds."),
-        "validate": Place("msb.api.commands.validate", "List everything that is wrong with a file."),
+# Heading -> command -> module. The folder of a module is missing if its capability was removed.
+BUILT_IN: dict[str, dict[str, Entry]] = {
+    "Check and repair a mesh": {
+        "audit": Entry(
+            "msb.api.commands.audit", "Count the defects of a mesh and report which uses it allows."
+        ),
+        "view": Entry("msb_viewers.commands.view", "Show the defects in a window, an image or a web page."),
+        "trial": Entry("msb.trial.command", "Try common tasks on it: unwrap, decimate, collide, print."),
+        "repair": Entry("msb.repair.command", "Make it manifold without changing its appearance."),
+        "info": Entry("msb.api.commands.info", "Show the contents of an asset or a mesh file."),
+        "validate": Entry("msb.api.commands.validate", "Check a file completely and list all errors."),
     },
-    "Take a model out": {
-        "export": Place("msb.adapters.command", "Turn a trained checkpoint into an asset, without PyTorch."),
-        "convert": Place("msb.delivery.command", "Write an asset or mesh in another format."),
-        "bake": Place("msb.bake.command", "Make a plain mesh that looks like the model, and state its loss."),
-        "why": Place("msb.why.command", "Say why an export looks worse than the render, in dB."),
-        "methods": Place("msb.report.commands.methods", "List each method, and what each tier keeps of it."),
+    "Export a model": {
+        "export": Entry("msb.adapters.command", "Convert a trained checkpoint to an asset, without PyTorch."),
+        "convert": Entry("msb.delivery.command", "Write an asset or mesh in another format."),
+        "bake": Entry("msb.bake.command", "Make an ordinary mesh that looks like the model."),
+        "why": Entry("msb.why.command", "Explain why an export looks worse than the render, in dB."),
+        "methods": Entry("msb.report.commands.methods", "List the methods, and their features on each tier."),
     },
-    "Draw": {
-        "render": Place("msb.render.commands.render", "Draw images, depths and face ids."),
-        "compare": Place("msb_viewers.commands.compare", "See a model's tiers beside its photographs."),
-        "web": Place("msb.engines.command", "Write a page that shows a model in any browser."),
-        "bench": Place("msb.bench.commands.bench", "Measure how fast an asset is drawn, and its memory."),
+    "Render": {
+        "render": Entry("msb.render.commands.render", "Render images, depth maps and face ids."),
+        "compare": Entry(
+            "msb_viewers.commands.compare", "Compare the tiers of a model with its photographs."
+        ),
+        "web": Entry("msb.engines.command", "Write a web page that shows a model in any browser."),
+        "bench": Entry("msb.bench.commands.bench", "Measure frame rate and memory of an asset."),
     },
     "Benchmark": {
-        "scenes": Place("msb.scenes.command", "Check scenes: their images, their splits, what is missing."),
-        "run": Place("msb.bench.commands.run", "Evaluate methods on scenes under one protocol."),
-        "eval": Place("msb.bench.commands.eval", "Compare images with photographs: PSNR, SSIM, LPIPS."),
-        "submit": Place("msb.report.commands.submit", "Pack results into one file to be published."),
-        "report": Place("msb.report.commands.report", "Make tables, charts and verdicts from results."),
-        "track": Place("msb.bench.commands.track", "Record time and memory of a training."),
-        "demo-data": Place("msb.api.commands.demo_data", "Write small scenes and models to try."),
+        "scenes": Entry("msb.scenes.command", "Check scenes: images, splits, missing files."),
+        "run": Entry("msb.bench.commands.run", "Evaluate methods on scenes under one protocol."),
+        "eval": Entry("msb.bench.commands.eval", "Compare images with photographs: PSNR, SSIM, LPIPS."),
+        "submit": Entry("msb.report.commands.submit", "Package results into a single file for publication."),
+        "report": Entry("msb.report.commands.report", "Make tables, charts and conclusions from results."),
+        "track": Entry("msb.bench.commands.track", "Run a training and record its time and memory."),
+        "demo-data": Entry(
+            "msb.api.commands.demo_data", "Write small scenes and models to try the commands on."
+        ),
     },
-    "Machine": {
-        "devices": Place("msb.render.commands.devices", "List what can compute and draw on this machine."),
-        "completion": Place("msb.cli.completion", "Print the script for completion at the Tab key."),
+    "This machine": {
+        "devices": Entry(
+            "msb.render.commands.devices", "List the devices of this machine that compute and draw."
+        ),
+        "completion": Entry("msb.cli.completion", "Print a script for completion with the Tab key."),
     },
 }
 _OTHERS = "From other packages"
@@ -62,32 +70,34 @@ _NAME = r"^[a-z][a-z0-9-]{0,39}$"
 
 
 def listed() -> dict[str, dict[str, str]]:
-    """Return heading -> command -> its line of help, for all installed commands. No module is loaded."""
-    found = {
-        title: {name: place.help for name, place in places.items() if not _missing(place.module)}
+    """Return heading -> command -> its line of help, for all installed commands. No module is imported."""
+    ours = {
+        title: {name: place.help for name, place in places.items() if not _missing_package(place.module)}
         for title, places in BUILT_IN.items()
     }
-    others = {name: f"From package {re.split('[.:]', value)[0]}." for name, value in _theirs().items()}
-    return {title: entries for title, entries in {**found, _OTHERS: others}.items() if entries}
+    others = {
+        name: f"From package {re.split('[.:]', value)[0]}." for name, value in _plugin_commands().items()
+    }
+    return {title: entries for title, entries in {**ours, _OTHERS: others}.items() if entries}
 
 
 def find(name: str) -> Any:
-    """Return the function of a command, or None if no command has this name.
+    """Return the function of a command, or None if there is no such command.
 
     Raises
     ------
     UsageError
-        EXTRA_MISSING: the folder of one of our commands was removed. PACKAGE_LEFT_OUT: the command of another
+        EXTRA_MISSING: the folder of a built-in command was removed. PACKAGE_LEFT_OUT: the command of another
         package cannot be loaded.
     """
     for places in BUILT_IN.values():
         if name in places:
             module = places[name].module
-            if package := _missing(module):
+            if package := _missing_package(module):
                 text = f"msb {name} needs {package}, which is not part of this installation"
                 raise UsageError("EXTRA_MISSING", text)
             return _function_in(import_module(module), name)
-    if (value := _theirs().get(name)) is None:
+    if (value := _plugin_commands().get(name)) is None:
         return None
     try:
         return _function_in(load(value), name)
@@ -95,27 +105,27 @@ def find(name: str) -> Any:
         raise UsageError("PACKAGE_LEFT_OUT", f"{whose('command', name, value)}: {error}") from error
 
 
-def _missing(module: str) -> str:
+def _missing_package(module: str) -> str:
     """Return the package of a command if it is not installed, else an empty text."""
     parts = module.split(".")
     package = parts[0] if parts[0] != "msb" else ".".join(parts[:2])
     spec = find_spec(package)
-    # A folder that holds only compiled files of removed modules is a package without an origin.
+    # A folder that only holds compiled files of removed modules is a package without an origin.
     return "" if spec is not None and spec.origin is not None else package
 
 
-def _theirs() -> dict[str, str]:
+def _plugin_commands() -> dict[str, str]:
     """Return the commands of other packages: name -> value of its entry point."""
     ours = {name: place.module for places in BUILT_IN.values() for name, place in places.items()}
-    found = installed("command", ours, lambda _, value: value, pattern=_NAME)
-    return {name: value for name, (value, _) in found.items()}
+    plugins = installed("command", ours, lambda _, value: value, pattern=_NAME)
+    return {name: value for name, (value, _) in plugins.items()}
 
 
-def _function_in(found: Any, name: str) -> Any:
-    """Return the decorated function of a command: `found` itself, or the one in the module `found`."""
-    members = vars(found).values() if isinstance(found, ModuleType) else [found]
+def _function_in(loaded: Any, name: str) -> Any:
+    """Return the decorated function of a command: `loaded` itself, or the function in the module `loaded`."""
+    members = vars(loaded).values() if isinstance(loaded, ModuleType) else [loaded]
     functions = [member for member in members if hasattr(member, "declared")]
     named = [function for function in functions if function.name == name] or functions
     if len(named) != 1:
-        raise PackageError("it does not name a function that is decorated by msb.cli.command.command")
+        raise PackageError("it does not name a function with the decorator msb.cli.command.command")
     return named[0]

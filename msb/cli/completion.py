@@ -16,7 +16,7 @@ def completion(
 ) -> None:
     """Print a completion script for msb and msb-audit.
 
-    It belongs where the shell looks for completions:
+    Save it where the shell looks for completions:
 
     \b
     bash        ~/.local/share/bash-completion/completions/msb
@@ -24,7 +24,7 @@ def completion(
     fish        ~/.config/fish/completions/msb.fish
     PowerShell  msb completion powershell >> $PROFILE
     """
-    # The library does not export this name. Its documented option --show-completion guesses the shell.
+    # Typer does not export this function, but its documented option --show-completion guesses the shell.
     from typer.completion import get_completion_script  # type: ignore[attr-defined]
 
     for name in ("msb", "msb-audit"):

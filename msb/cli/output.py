@@ -1,4 +1,4 @@
-"""Print results on standard output and notes on standard error; write files whole."""
+"""Print results on standard output and notes on standard error, and check the paths of outputs."""
 
 from __future__ import annotations
 
@@ -31,16 +31,18 @@ if TYPE_CHECKING:
 
 STDOUT = "-"
 _STDOUT_NAMES = (STDOUT, "/dev/stdout", "/dev/fd/1", "/proc/self/fd/1")
+# Columns that a table may use even in a narrower terminal.
 _LEAST_WIDTH = 80
+# Replacements for arrows on streams that cannot print them.
 _PLAIN = str.maketrans({"↑": "(up)", "↓": "(down)"})
 
 
-# A text of a table, or a text and its style.
+# The text of a table cell, or a text and its style.
 Cell = str | tuple[str, str]
 
 
 def file_option(text: str, *flags: str, endings: tuple[str, ...] = ()) -> Option:
-    """Return the option of an output file, whose name must have one of these endings if any are given."""
+    """Return the `Option` of an output file. Its name must have one of the `endings`, if any are given."""
     return Option(text, flags, "FILE", output="file", endings=endings)
 
 
@@ -48,27 +50,25 @@ def file_option(text: str, *flags: str, endings: tuple[str, ...] = ()) -> Option
 class Output:
     """The options of output, and the functions that print results and check output paths.
 
-    If a file is "-" or ``/dev/stdout``, it takes standard output, and the text for people is not printed.
+    If an output file is "-" or ``/dev/stdout``, it is written to standard output instead of the text.
     """
 
     json_file: Annotated[
         Path | None,
-        file_option("Write JSON to FILE; - is standard output, and nothing else.", "--json"),
+        file_option("Write JSON to FILE, or to standard output (-) instead of text.", "--json"),
     ] = None
-    quiet: Annotated[bool, Option("Say less: no progress, no notes, short results.", ("--quiet", "-q"))] = (
-        False
-    )
+    quiet: Annotated[bool, Option("Print errors and short results only.", ("--quiet", "-q"))] = False
     verbose: Annotated[
-        int, Option("Say more; twice: also each step and its time.", ("--verbose", "-v"), count=True)
+        int, Option("Print details; -vv also prints each step and its time.", ("--verbose", "-v"), count=True)
     ] = 0
-    force: Annotated[bool, Option("Replace outputs that exist.", ("--force", "-f"))] = False
+    force: Annotated[bool, Option("Replace existing outputs.", ("--force", "-f"))] = False
     json_lines: Annotated[
         Path | None,
-        file_option("Write one line of JSON per input to FILE; - as above.", "--jsonl"),
+        file_option("Write one line of JSON per input to FILE, or to standard output (-).", "--jsonl"),
     ] = None
     csv_file: Annotated[
         Path | None,
-        file_option("Write one row per item to FILE; - is standard output.", "--csv"),
+        file_option("Write one row per item to FILE, or to standard output (-).", "--csv"),
     ] = None
     fail_fast: Annotated[bool, Option("Stop at the first input that fails.")] = False
     _inputs: set[object] = field(default_factory=set, init=False)
@@ -84,18 +84,18 @@ class Output:
 
     @property
     def prints_text(self) -> bool:
-        """Whether the result for people goes to standard output."""
+        """Whether the text of the result is printed."""
         return not any(map(is_stdout, (self.json_file, self.json_lines, self.csv_file)))
 
     @property
     def shows_progress(self) -> bool:
-        """Whether bars and spinners are drawn: on a terminal, beside a result for people."""
+        """Whether progress bars are shown: on a terminal, if the text of the result is printed."""
         return self.prints_text and not self.quiet and sys.stderr.isatty()
 
     def console(self) -> Console:
         """Return the console for results. Rich applies FORCE_COLOR and TERM=dumb; NO_COLOR gives plain text.
 
-        Tables have at least 80 columns: narrower terminals break their lines, not their numbers.
+        It has at least 80 columns. A narrower terminal then wraps the lines of a table, not its numbers.
         """
         from rich.console import Console
 
@@ -119,9 +119,9 @@ class Output:
         Parameters
         ----------
         headers : sequence of str
-            Titles of the columns; the line is omitted if this is empty.
+            Titles of the columns. Without titles the line is omitted.
         rows : iterable
-            Sequences of cells.
+            The cells of each row.
         right : iterable of int
             Columns that are aligned to the right.
         gap : int
@@ -152,7 +152,9 @@ class Output:
         console.print(table)
 
     def line(self, *parts: Cell) -> None:
-        """Print texts in their styles as one line. The terminal wraps it, so that a path can be copied."""
+        """Print texts in their styles as one line. Only the terminal wraps it, so that a path can be
+        copied.
+        """
         from rich.text import Text
 
         texts = (part if isinstance(part, tuple) else (part, "") for part in parts)
@@ -161,7 +163,7 @@ class Output:
     def note(self, text: str, *, level: int = 0) -> None:
         """Print a note on standard error if --verbose is at least `level`. A log file gets every note.
 
-        A note of level 0 begins with "note: ", or with "warning: " if the text says so.
+        At level 0 the text gets the prefix "note: ", unless it begins with "note: " or "warning: ".
         """
         text = one_line(text)
         if level == 0 and not text.startswith(("note: ", "warning: ")):
@@ -172,12 +174,12 @@ class Output:
 
     @contextlib.contextmanager
     def progress(self, text: str) -> Iterator[None]:
-        """Show `text` with a spinner on a terminal while the block runs. With -vv print its time."""
+        """Show `text` with a spinner on a terminal while the block runs. With -vv print the time."""
         start = time.perf_counter()
         if self.shows_progress:
             from rich.console import Console
 
-            with Console(stderr=True).status(text, spinner="line"):  # of ASCII
+            with Console(stderr=True).status(text, spinner="line"):  # ASCII characters only
                 yield
         else:
             yield
@@ -185,7 +187,9 @@ class Output:
 
     @contextlib.contextmanager
     def bars(self, unit: Literal["bytes", "steps"] = "bytes") -> Iterator[Progress]:
-        """Yield a function that draws a bar per stage on a terminal. With -v print their times."""
+        """Yield a function that shows a progress bar for each stage on a terminal. With -v print their
+        times.
+        """
         begun: list[tuple[str, float]] = []
         with self._bars("DownloadColumn" if unit == "bytes" else "MofNCompleteColumn") as bars:
             tasks: dict[str, Any] = {}
@@ -204,11 +208,11 @@ class Output:
             spent[stage] = spent.get(stage, 0.0) + stop - start
         if spent:
             times = (f"{stage} {seconds:.1f} s" for stage, seconds in spent.items())
-            self.note(f"time went to: {', '.join(times)}", level=1)
+            self.note(f"time: {', '.join(times)}", level=1)
 
     @contextlib.contextmanager
     def counted(self, text: str, total: int) -> Iterator[Callable[[], None]]:
-        """Yield a function to call after each of `total` steps. It draws a bar on a terminal."""
+        """Yield a function to call after each of `total` steps. It shows a progress bar on a terminal."""
         with self._bars("MofNCompleteColumn") as bars:
             if bars is None:
                 yield lambda: None
@@ -234,20 +238,20 @@ class Output:
             yield bars
 
     def add_input(self, path: Path) -> None:
-        """Register a path that is read: no output may be the same file."""
+        """Register a path that is read. Outputs must not be the same file."""
         self._inputs.add(_identity(path))
 
     def add_inputs(self, paths: Iterable[Path]) -> None:
-        """Register the files in a folder, or that match a pattern. Then check all outputs again."""
+        """Register the files of a folder or pattern, and check all registered outputs again."""
         for path in paths:
             self.add_input(path)
         for _, path in self._outputs.values():
             self._check_apart(path)
 
     def add_output(self, path: Path, label: str) -> None:
-        """Register a path that is written. It must differ from all inputs and from all other outputs.
+        """Register a path that is written. It must differ from all inputs and other outputs.
 
-        A device or pipe can take several outputs.
+        Several outputs may go to the same device or pipe.
         """
         if is_stdout(path) or is_stream(path):
             return
@@ -257,7 +261,8 @@ class Output:
             raise UsageError("USAGE", f"{label} and {other} name the same file", file=path)
 
     def check_free(self, path: Path | None, *, folder: bool = False) -> None:
-        """Reject an output that is an input, that exists without --force, or that cannot be written.
+        """Reject an output that is an input, that exists while --force is not given, or that cannot be
+        written.
 
         Without --force an existing `folder` must be empty. Devices and pipes are always accepted.
         """
@@ -267,20 +272,22 @@ class Output:
         taken = folder_is_taken(path) if folder else os.path.lexists(path) and not is_stream(path)
         if taken and not self.may_replace(path):
             if not folder and is_folder(path):
-                check_place(path)  # --force would not replace a folder by a file
+                check_place(path)  # reports that even --force cannot replace a folder by a file
             raise UsageError("OUTPUT_EXISTS", f"it exists; {self._remedy}", file=path)
         check_place(path, folder=folder)
         if not is_stream(path):
             place = os.path.join(os.path.realpath(path.parent), path.name)  # noqa: PTH118 - a link is replaced
             if place in self._checked:
-                raise UsageError("USAGE", "two outputs would be written to it; name them apart", file=path)
+                raise UsageError(
+                    "USAGE", "two outputs would be written to it; use different names", file=path
+                )
             self._checked.add(place)
 
     def check_folder(self, folder: Path, *, replace: bool | None = None) -> None:
         """Check a folder that `msb.base.own_folder` will write; `replace` is --force by default.
 
-        The folder must be new or empty. With `replace` it may also hold files of an earlier run, but no input
-        among them.
+        The folder must be new or empty. With `replace` it may hold files of an earlier run, unless one of
+        them is an input.
         """
         if folder_is_taken(folder) and not (self.force if replace is None else replace):
             raise UsageError("OUTPUT_EXISTS", f"it exists; {self._remedy}", file=folder)
@@ -288,11 +295,11 @@ class Output:
         self._check_apart(folder)
         files = [folder / name for name in listed_files(folder) or ()]
         for place in {*files, *(above for file in files for above in file.parents)} - {*folder.parents}:
-            self._check_apart(place)  # an input can be a folder among the files
+            self._check_apart(place)  # an input can also be a folder of these files
 
     def may_replace(self, path: Path) -> bool:
-        """Return whether a file at `path` may be replaced, also one that appears while the command runs."""
-        del path  # for classes that look at the file
+        """Return whether a file at `path` may be replaced, even if it appears while the command runs."""
+        del path  # subclasses use it
         return self.force
 
     def _check_apart(self, path: Path) -> None:
@@ -300,11 +307,11 @@ class Output:
             raise UsageError("USAGE", "it is an input; write the output to another file", file=path)
 
     def reword(self, error: MsbError) -> None:
-        """Name the option --force in an error of the library, which knows only the parameter `overwrite`."""
+        """Replace the parameter `overwrite` in the message of an error by the option --force."""
         error.message = error.message.replace(REPLACES, self._remedy)
 
     def write_json(self, data: Any) -> None:
-        """Write a document, or a list of documents, to the file of --json, if it was given."""
+        """Write a document, or a list of documents, to the file of --json, if the option was given."""
         if self.json_file is None:
             return
         data = [_signed(document) for document in data] if isinstance(data, list) else _signed(data)
@@ -312,7 +319,7 @@ class Output:
         self._write(self.json_file, text)
 
     def write_documents(self, documents: Sequence[dict[str, Any]]) -> None:
-        """Write one document per input: to --json as a document or a list, to --jsonl as lines."""
+        """Write one document per input: to --json as a document or a list, to --jsonl one per line."""
         self.write_json(documents[0] if len(documents) == 1 else list(documents))
         if self.json_lines is not None:
             signed = map(_signed, documents)
@@ -320,7 +327,7 @@ class Output:
             self._write(self.json_lines, "".join(f"{line}\n" for line in lines))
 
     def write_csv(self, columns: Sequence[str], rows: Sequence[dict[str, Any]]) -> None:
-        """Write `rows` to the file of --csv, if it was given. Texts are changed by `formula_safe`."""
+        """Write `rows` to the file of --csv, if the option was given. Texts are escaped by `formula_safe`."""
         if self.csv_file is None:
             return
         import csv
@@ -333,7 +340,7 @@ class Output:
         self._write(self.csv_file, text.getvalue())
 
     def _write(self, path: Path, text: str) -> None:
-        # A file name need not be text: its odd bytes become \udcXX, which JSON reads back as they were.
+        # Bytes of file names that are not UTF-8 become \udcXX in JSON, and readers can restore them.
         data = text.encode(errors="backslashreplace")
         if is_stdout(path):
             sys.stdout.flush()
@@ -358,28 +365,28 @@ def is_stdout(path: Path | None) -> bool:
 
 
 def _identity(path: Path) -> object:
-    """Return a key that is equal for two paths of the same file: its inode, or its place if it is new."""
+    """Return a key that is equal for all paths of the same file: its inode, or the path of a new file."""
     try:
         status = path.stat()
-    except (OSError, ValueError):  # the file does not exist, or the name is invalid, which its use reports
+    except (OSError, ValueError):  # the file does not exist, or its name is impossible
         return real_place(path)
     return status.st_dev, status.st_ino
 
 
 def _signed(document: dict[str, Any]) -> dict[str, Any]:
-    """Return `document` with our version after its schema."""
+    """Return `document` with the version of msb after its schema."""
     return {"schema": document["schema"], "tool_version": __version__, **document}
 
 
 def echo(text: str = "") -> None:
     """Print lines of a result on standard output.
 
-    On a stream of ASCII arrows become words, and other characters become escapes. (typer.echo writes UTF-8 in
-    any case.)
+    On an ASCII stream arrows become words, and other characters become escapes. (typer.echo always writes
+    UTF-8.)
     """
     if not (sys.stdout.encoding or "").lower().startswith("utf"):
         text = text.translate(_PLAIN)
-    print(text)  # noqa: T201 - all lines of results are printed here
+    print(text)  # noqa: T201 - the only place that prints results
 
 
 def say(text: str) -> None:
@@ -397,20 +404,20 @@ def report_error(error: MsbError) -> int:
 def _print_aside(text: str) -> None:
     """Print on standard error. If that is closed or full, the text is lost."""
     try:
-        print(text, file=sys.stderr)  # noqa: T201 - all notes and errors are printed here
+        print(text, file=sys.stderr)  # noqa: T201 - the only place that prints notes and errors
     except OSError:
         silence(sys.stderr)
 
 
 def silence(stream: IO[str]) -> None:
-    """Discard what `stream` still holds and what will be written to it, also when the interpreter ends."""
+    """Discard the buffer of `stream` and everything that is written to it later."""
     nowhere = os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, stream.fileno())
     os.close(nowhere)
 
 
 def log(text: str, level: str) -> None:
-    """Write `text` to the log file, if there is one. An error is printed once, and the log ends."""
+    """Write `text` to the log file, if there is one. After an error the log is closed."""
     if not _LOG:
         return
     stamp = time.strftime("%Y-%m-%dT%H:%M:%S%z")
@@ -436,7 +443,7 @@ def open_log(path: Path) -> None:
         if not is_stream(path):
             _check_log(path)
         path.parent.mkdir(parents=True, exist_ok=True)
-        # Open as long as the process lives; every line is flushed.
+        # The file stays open until the process ends, and every line is flushed.
         _LOG[:] = [path.open("a", encoding="utf-8", errors="backslashreplace")]
     except OSError as error:
         raise _log_error(path, error) from error
@@ -444,7 +451,7 @@ def open_log(path: Path) -> None:
 
 
 def _check_log(path: Path) -> None:
-    """Reject a file that does not begin like our logs."""
+    """Reject an existing file that does not begin like a log of msb."""
     with contextlib.suppress(FileNotFoundError), path.open("rb") as file:
         begin = file.read(_LOG_BEGINS_WITHIN)
         if begin and not _LOG_BEGINS.match(begin):
@@ -459,7 +466,7 @@ _LOG: list[IO[str]] = []
 
 
 def setting_text(value: object) -> str:
-    """Return the value of a setting as text, with the digits that a float32 has."""
+    """Return the value of a setting as text, with the 7 digits of a float32."""
     if value is None:
         return "none"
     return f"{value:.7g}" if isinstance(value, float) else str(value)

@@ -1,4 +1,4 @@
-"""Run a command: prepare streams and signals, and turn each exception into one line and an exit status."""
+"""Run a command: prepare streams and signals, and turn exceptions into a line of text and an exit status."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ from msb.errors import EXIT_INTERRUPTED, EXIT_OK, MsbError, OutputError, UsageEr
 if TYPE_CHECKING:
     import typer
 
-# EX_SOFTWARE, the exit status of a bug in this program.
+# Exit status of a bug in this program: EX_SOFTWARE of sysexits.h.
 _INTERNAL = 70
-# Packages of this project. Folders in them can be removed, each with its capability.
+# Packages of this project. Their folders can be removed, together with a capability.
 _OURS = {"msb", "msb_viewers"}
 _NOT_READABLE = {errno.EACCES, errno.EPERM, errno.ENAMETOOLONG}
 
 
 def run(app: typer.Typer, name: str) -> int:
-    """Run `app` on the process's arguments and return the exit status.
+    """Run `app` on the arguments of this process and return the exit status.
 
-    Errors go to standard error as ``CODE: FILE: what is wrong ...``, with a traceback only if ``--debug`` is
+    Errors go to standard error as a line ``CODE: FILE: message``, with a traceback only if ``--debug`` is
     given.
     """
     _open_closed_streams()
@@ -42,7 +42,7 @@ def run(app: typer.Typer, name: str) -> int:
 def _run(app: typer.Typer, name: str) -> int:
     debug = "--debug" in sys.argv
     for stream in (sys.stdout, sys.stderr):
-        # File names can hold bytes that are not text, and terminals can lack characters.
+        # File names can contain bytes that are not text, and terminals can lack characters.
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
     try:
@@ -50,7 +50,7 @@ def _run(app: typer.Typer, name: str) -> int:
 
         command = get_command(app)
         if _is_completing():
-            # The library calls this only for its own two options, which are off, and does not export it.
+            # Typer calls this only for its two completion options, which are off, and does not export it.
             from typer.completion import completion_init  # type: ignore[attr-defined]
 
             completion_init()
@@ -60,7 +60,7 @@ def _run(app: typer.Typer, name: str) -> int:
     except KeyboardInterrupt:
         return EXIT_INTERRUPTED
     except (BrokenPipeError, SystemExit) as error:
-        # The reader of a pipe ended, as in `| head`: no error. typer and rich would end with status 1.
+        # The reader of a pipe ended, as in `| head`. This is not an error, but typer and rich exit with 1.
         if not isinstance(error.__context__ if isinstance(error, SystemExit) else error, BrokenPipeError):
             raise
         silence(sys.stdout)
@@ -76,10 +76,10 @@ def _run(app: typer.Typer, name: str) -> int:
 
 
 def _interruption(error: BaseException) -> int | None:
-    """Return the exit status of the interruption that led to `error`, None if there was none.
+    """Return the exit status of the interruption that led to `error`; None if no interruption did.
 
-    An interruption can be replaced by another error while files are closed, for example by that of a
-    half-written archive.
+    While files are closed after an interruption, another error can replace it, for example the error of an
+    incomplete archive.
     """
     before = error.__context__
     while before is not None:
@@ -93,14 +93,16 @@ def _interruption(error: BaseException) -> int | None:
 
 @contextlib.contextmanager
 def _ending_on_signals() -> Iterator[None]:
-    """End by an exception on SIGTERM and SIGHUP, which removes temporary files, unless they are handled."""
+    """Raise an exception on SIGTERM and SIGHUP, so that temporary files are removed, unless they are
+    handled.
+    """
 
     def end(number: int, _frame: object) -> None:
-        raise SystemExit(128 + number)  # as shells report a signal
+        raise SystemExit(128 + number)  # the status that shells report for a signal
 
     taken = []
     if threading.current_thread() is threading.main_thread():
-        # There is no SIGHUP on Windows.
+        # Windows has no SIGHUP.
         numbers = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
         taken = [number for number in numbers if signal.getsignal(number) == signal.SIG_DFL]
     for number in taken:
@@ -113,7 +115,9 @@ def _ending_on_signals() -> Iterator[None]:
 
 
 def _open_closed_streams() -> None:
-    """Open closed standard streams on the null device; otherwise the next file would take their number."""
+    """Open closed standard streams on the null device. Otherwise the next open file would get their
+    number.
+    """
     for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
         if getattr(sys, name) is None:
             setattr(sys, name, Path(os.devnull).open(mode, encoding="utf-8"))  # noqa: SIM115 - never closed
@@ -122,17 +126,17 @@ def _open_closed_streams() -> None:
 def _output_error(error: Exception) -> OutputError | None:
     """Return the error to report if `error` comes from writing to standard output, else None.
 
-    `msb.base.atomic` reports files that cannot be written, and errors of opening have a file name.
+    Other files are excluded: `msb.base.atomic` has its own errors, and errors of opening have a file name.
     """
     if not isinstance(error, OSError) or error.filename is not None or error.errno not in DISK_ERRORS:
         return None
-    silence(sys.stdout)  # its buffer would fail again
+    silence(sys.stdout)  # writing its buffer would fail again
     text = f"it cannot be written: {error.strerror}"
     return OutputError("OUTPUT_UNWRITABLE", text, file="standard output or a temporary file")
 
 
 def _is_completing() -> bool:
-    """Return whether the script of `msb completion` asks for completions."""
+    """Return whether this process was started by the script of `msb completion`."""
     return any(key.startswith("_MSB") and key.endswith("_COMPLETE") for key in os.environ)
 
 
@@ -142,23 +146,23 @@ def _as_msb_error(error: Exception, name: str) -> MsbError | None:
     if isinstance(error, ModuleNotFoundError) and (error.name or "").partition(".")[0] in _OURS:
         text = f"this needs {error.name}, which is not part of this installation"
         return UsageError("EXTRA_MISSING", text)
-    if hasattr(error, "format_message"):  # the command-line library's own usage errors
+    if hasattr(error, "format_message"):  # usage errors of typer
         return UsageError("USAGE", _usage_text(error, name))
     if isinstance(error, OSError) and error.filename is not None and error.errno in _NOT_READABLE:
-        # Path.exists can raise it. Output files have another error.
+        # For example Path.exists can raise it. Output files have another error.
         from msb.base.files import open_error
 
         return open_error(error, error.filename)
     if isinstance(error, MemoryError):
-        say("OUT_OF_MEMORY: there is not enough memory for this input")
+        say("OUT_OF_MEMORY: this machine does not have enough memory for this input")
         return None
     text = f"{type(error).__name__}: {shorten(str(error), 200)}"
-    say(f"INTERNAL: {text}; this is a bug of ours, --debug shows where")
+    say(f"INTERNAL: {text}; this is a bug in msb, --debug shows where")
     return None
 
 
 def _usage_text(error: Any, name: str) -> str:
-    """Return the error text, a similar option if the option is unknown, and the usage."""
+    """Return the text of a usage error, a similar option if the option is unknown, and the usage."""
     from msb.cli.command import plain_words
 
     text = plain_words(str(error.format_message()), error)

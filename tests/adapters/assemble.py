@@ -1,4 +1,4 @@
-"""Write pickles instruction by instruction, and the files around them, so that all of them can lie."""
+"""Build pickles from single instructions, and the files around them, to create invalid checkpoints."""
 
 import struct
 from collections.abc import Callable
@@ -13,7 +13,7 @@ VALUES = struct.pack("<6f", 1, 2, 3, 4, 5, 6)
 
 @dataclass(frozen=True)
 class Case:
-    """One bad checkpoint: its name, the code it gives, and what makes its bytes."""
+    """A bad checkpoint: its name, its error code, and a function that returns its bytes."""
 
     name: str
     code: str
@@ -47,7 +47,7 @@ def name(module: str, what: str) -> bytes:
 
 
 def row(*items: bytes) -> bytes:
-    """Return a tuple."""
+    """Return the instructions for a tuple."""
     return b"(" + b"".join(items) + b"t"
 
 
@@ -72,7 +72,7 @@ def storage(
     place: bytes = text("cuda:0"),
     more: bytes = b"",
 ) -> bytes:
-    """Return a persistent id and the instruction that follows it."""
+    """Return the instructions for the persistent id of a storage."""
     number = count if isinstance(count, bytes) else integer(count)
     key = text(key) if isinstance(key, str) else key
     return row(tag, name("torch", kind), key, place, number, more) + b"Q"
@@ -86,7 +86,7 @@ def tensor(
     offset: int = 0,
     more: tuple[bytes, ...] = (b"\x89", ORDERED),
 ) -> bytes:
-    """Return a call that rebuilds a tensor."""
+    """Return the instructions for a tensor."""
     on = storage() if on is None else on
     return call(REBUILD, on, integer(offset), integers(size), integers(stride), *more)
 
@@ -120,7 +120,7 @@ def entries(
     version: bytes | None = b"3\n",
     byteorder: bytes | None = b"little",
 ) -> list[Entry]:
-    """Return the members of an archive as torch names them."""
+    """Return the members of an archive of torch."""
     storages = {"0": VALUES} if data is None else data
     parts: list[tuple[str, bytes | None]] = [
         ("data.pkl", pickle),
@@ -135,14 +135,14 @@ def entries(
 
 
 def torch_entry(path: str, content: bytes) -> Entry:
-    """Return a member as torch stores it: sizes and checksum stand behind the data."""
+    """Return a member as torch stores it, with sizes and checksum after the data."""
     entry = Entry(path, content, both={"flags": 0x808}, local={"crc": 0, "packed": 0, "size": 0})
     entry.after = described(entry.fields()["crc"], len(content))
     return entry
 
 
 def archive(pickle: bytes = GOOD, data: dict[str, bytes] | None = None, **more: Any) -> bytes:
-    """Return an archive of `torch.save`, with the ZIP64 end record torch always writes."""
+    """Return an archive of `torch.save`, which always has a ZIP64 end record."""
     return forge(entries(pickle, data, **more), end64={})
 
 
@@ -158,6 +158,6 @@ def legacy(
     keys: bytes = b"\x80\x02](" + text("0") + b"e.",
     storages: bytes = struct.pack("<q", 6) + VALUES,
 ) -> bytes:
-    """Return a file as torch wrote it before 1.6."""
+    """Return a file in the layout before torch 1.6."""
     value = program(mapping(w=tensor(storage(more=b"N")))) if value is None else value
     return magic + version + system + value + keys + storages

@@ -1,4 +1,6 @@
-"""Checkpoints that are something else, archives that lie, and files of before torch 1.6 that do."""
+"""Bad checkpoints: other kinds of files, invalid archives, and invalid files in the layout of
+torch before version 1.6.
+"""
 
 import io
 import struct
@@ -31,7 +33,7 @@ def bad(label: str, code: str, make: bytes | Callable[[], bytes]) -> Case:
 
 
 def member(label: str, code: str, which: int = 0, **changes: Fields) -> Case:
-    """Return a case in which fields of one member's headers (data.pkl, if not said) are others."""
+    """Return a case with changed fields in the headers of a member, by default data.pkl."""
 
     def make() -> list[Entry]:
         parts = entries()
@@ -118,7 +120,7 @@ ZIP_CASES = [
     ),
 ]
 
-# --- files of before torch 1.6 ------------------------------------------------------------------------
+# --- files in the older layout ------------------------------------------------------------------------
 
 SIX = struct.pack("<q", 6) + VALUES
 KEYS = b"\x80\x02](" + text("0") + b"e."

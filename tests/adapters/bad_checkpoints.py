@@ -1,4 +1,4 @@
-"""Every bad checkpoint there is. Nothing in them is random: the same release writes the same bytes."""
+"""All bad checkpoints. Nothing in them is random, so the bytes are the same each time."""
 
 from pathlib import Path
 from typing import Any

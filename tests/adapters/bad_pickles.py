@@ -1,4 +1,4 @@
-"""Checkpoints whose data.pkl is a bad program, or does wrong with its stack, memo, calls and results."""
+"""Checkpoints whose data.pkl is invalid: wrong names, opcodes, endings, calls or results."""
 
 import pickletools
 from collections.abc import Callable
@@ -27,9 +27,9 @@ def bad(label: str, code: str, make: bytes | Callable[[], bytes]) -> Case:
     return Case(f"pickle_{label}", f"CHECKPOINT_{code}", lambda: archive(build()))
 
 
-# --- names: what a stranger would call ---------------------------------------------------------------
+# --- names that an attacker would call ----------------------------------------------------------------
 
-STRANGERS = """
+HARMFUL_NAMES = """
 os.system subprocess.Popen builtins.eval builtins.getattr builtins.__import__ builtins.set runpy._run_code
 pickle.loads importlib.import_module operator.methodcaller functools.partial types.CodeType sys.modules
 copyreg._reconstructor collections.defaultdict collections.ordereddict codecs.encode torch.load torch.Size
@@ -49,7 +49,7 @@ def attack(module: str, what: str) -> bytes:
 
 
 NAME_CASES = [
-    *(bad(f"name_{full}", "HOSTILE", attack(*full.rsplit(".", 1))) for full in STRANGERS.split()),
+    *(bad(f"name_{full}", "HOSTILE", attack(*full.rsplit(".", 1))) for full in HARMFUL_NAMES.split()),
     *(bad(f"name_{label}", "HOSTILE", attack(m, n)) for label, m, n in ODD_NAMES),
     bad("name_too_long", "HOSTILE", program(name("x" * 300, "y"))),
     bad(
@@ -65,9 +65,9 @@ NAME_CASES = [
     bad("name_not_utf8", "HOSTILE", b"\x80\x02c\xff\xfe\nx\n."),
 ]
 
-# --- instructions we do not have ----------------------------------------------------------------------
+# --- opcodes that the reader refuses ------------------------------------------------------------------
 
-USED = """
+SUPPORTED = """
 PROTO FRAME STOP MARK NONE NEWTRUE NEWFALSE BININT BININT1 BININT2 BINFLOAT LONG1 LONG4 BINUNICODE
 SHORT_BINUNICODE BINUNICODE8 BINBYTES SHORT_BINBYTES BINBYTES8 EMPTY_LIST APPEND APPENDS EMPTY_TUPLE TUPLE
 TUPLE1 TUPLE2 TUPLE3 EMPTY_DICT SETITEM SETITEMS BINPUT LONG_BINPUT MEMOIZE BINGET LONG_BINGET GLOBAL
@@ -90,14 +90,14 @@ OPCODE_CASES = [
             program(b"(N" + op.code.encode("latin1") + ARGUMENTS.get(op.name, b"1\n"), protocol=4),
         )
         for op in pickletools.opcodes
-        if op.name not in USED.split()
+        if op.name not in SUPPORTED.split()
     ),
     bad("opcode_zero", "HOSTILE", program(b"\0")),
     bad("protocol_0", "FORM", program(b"N", protocol=0)),
     bad("protocol_early_memoize", "FORM", program(b"N\x94")),
 ]
 
-# --- where it ends ------------------------------------------------------------------------------------
+# --- invalid endings ----------------------------------------------------------------------------------
 
 END_CASES = [
     bad("empty", "DAMAGED", b""),
@@ -176,12 +176,12 @@ CALL_CASES = [
 # --- results ------------------------------------------------------------------------------------------
 
 
-def laughs(levels: int) -> bytes:
-    """Lists that hold the one before twice."""
+def nested_lists(levels: int) -> bytes:
+    """Return nested lists. Each list holds the previous list twice."""
     parts = [b"]q\0"]
     for level in range(1, levels):
         parts.append(b"](h%ch%ceq%c" % (level - 1, level - 1, level))
-    # All lists are on the stack; a tuple of the lot keeps one result.
+    # All lists are on the stack. One tuple of them all is the result.
     return program(b"(", *parts, b"t")
 
 
@@ -194,7 +194,7 @@ RESULT_CASES = [
         "HOSTILE",
         program(b"(]q\0" + b"".join(b"]h%caq%c" % (n - 1, n) for n in range(1, 70)) + b"t"),
     ),
-    bad("laughs", "HOSTILE", laughs(40)),
+    bad("laughs", "HOSTILE", nested_lists(40)),
     bad("many_opcodes", "FORM", lambda: program(b"(" + b"N" * MAX_OPCODES + b"t")),
     bad("too_large", "FORM", lambda: program(text(b"x" * (16 << 20)))),
 ]

@@ -1,4 +1,4 @@
-"""Checkpoints whose storages and tensors do not fit each other or the file, or are of kinds not read."""
+"""Bad checkpoints: storages and tensors that do not match each other or the file, or are unsupported."""
 
 from msb.adapters.checkpoint.names import OTHER_TENSORS
 from tests.adapters.assemble import (
@@ -53,14 +53,14 @@ WINDOW_CASES = [
 ]
 
 
-def made(label: str, *arguments: bytes) -> Case:
+def bad_call(label: str, *arguments: bytes) -> Case:
     return bad(f"made_{label}", "HOSTILE", call(REBUILD, *arguments))
 
 
 SIZE, STRIDE, REST = integers((2, 3)), integers((3, 1)), (b"\x89", ORDERED)
 ARGUMENT_CASES = [
-    made("of_list", b"]", b"K\0", SIZE, STRIDE, *REST),
-    made("offset_text", storage(), text("0"), SIZE, STRIDE, *REST),
+    bad_call("of_list", b"]", b"K\0", SIZE, STRIDE, *REST),
+    bad_call("offset_text", storage(), text("0"), SIZE, STRIDE, *REST),
     bad("parameter_alone", "HOSTILE", call(name("torch._utils", "_rebuild_parameter"), tensor())),
 ]
 

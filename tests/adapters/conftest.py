@@ -1,4 +1,4 @@
-"""What imports torch is left to the session that has it."""
+"""Tests that need torch run in a separate session."""
 
 from pathlib import Path
 
@@ -6,6 +6,6 @@ import pytest
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
-    """Say that the module which compares with torch is none of an ordinary session's."""
+    """Collect the comparison with torch only in the session of the mark `torch`."""
     ours = collection_path.name == "test_against_torch.py"
     return True if ours and config.option.markexpr != "torch" else None

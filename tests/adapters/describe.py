@@ -1,4 +1,6 @@
-"""What a checkpoint holds, as JSON plus arrays: to compare two readers, and to keep what torch said."""
+"""Describe the content of a checkpoint as JSON and arrays, to compare two readers and to store expected
+values.
+"""
 
 from typing import Any
 
@@ -8,7 +10,7 @@ from msb.adapters.checkpoint import BFloat16Array
 
 
 def describe(value: Any, arrays: list[np.ndarray]) -> Any:
-    """Return `value` as JSON in which every type and bit is told apart; its arrays are appended to a list."""
+    """Return `value` as JSON that distinguishes all types and bits. Arrays are appended to `arrays`."""
     if type(value) is dict:
         return ["dict", [[describe(key, arrays), describe(item, arrays)] for key, item in value.items()]]
     if type(value) in (list, tuple):
@@ -26,9 +28,9 @@ def describe(value: Any, arrays: list[np.ndarray]) -> Any:
     return [type(value).__name__, value]
 
 
-def assert_same_arrays(found: list[np.ndarray], wanted: list[np.ndarray]) -> None:
-    """Check that arrays agree bit for bit, NaN and negative zero included."""
-    assert len(found) == len(wanted)
-    for ours, theirs in zip(found, wanted, strict=True):
+def assert_same_arrays(actual: list[np.ndarray], expected: list[np.ndarray]) -> None:
+    """Check that arrays agree in all bits, including NaN and negative zero."""
+    assert len(actual) == len(expected)
+    for ours, theirs in zip(actual, expected, strict=True):
         assert (ours.dtype, ours.shape) == (theirs.dtype, theirs.shape)
         assert ours.tobytes() == theirs.tobytes()

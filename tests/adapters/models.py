@@ -1,4 +1,4 @@
-"""Small good models of each method, as values and as folders, for tests to change and break."""
+"""Small valid models of each method, as values and as folders, which tests change."""
 
 import json
 from pathlib import Path
@@ -90,7 +90,7 @@ VALUES = {
 
 
 def place(method: str) -> str:
-    """Return where the training of `method` writes its model, below its output folder."""
+    """Return the path of the model in an output folder of `method`."""
     files = METHODS[method].files or (f"point_cloud/iteration_{{n}}/{STATE_DICT}",)
     return files[0].format(n=30000)
 

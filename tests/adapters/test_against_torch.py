@@ -1,4 +1,4 @@
-"""The same files read by torch and by us: the same types, values and bits."""
+"""Compare the reader of checkpoints with torch: types, values and bits."""
 
 import random
 from pathlib import Path
@@ -10,7 +10,7 @@ from msb.adapters.checkpoint import read_checkpoint
 from tests.adapters.describe import assert_same_arrays, describe
 
 torch = pytest.importorskip("torch", reason="torch is not installed; golden files stand in for it")
-from tests.adapters import torch_samples  # noqa: E402 it imports torch
+from tests.adapters import torch_samples  # noqa: E402 - it imports torch
 
 pytestmark = [pytest.mark.torch, pytest.mark.slow, pytest.mark.oracle]
 
@@ -20,10 +20,10 @@ def both(path: Path, *, weights_only: bool = True) -> None:
     allowed = [np._core.multiarray.scalar, np.dtype, *(type(np.dtype(code)) for code in "?bBhHiIlLefd")]
     with torch.serialization.safe_globals(allowed):
         theirs = torch.load(path, map_location="cpu", weights_only=weights_only)
-    found, wanted = [], []
+    actual, expected = [], []
     ours = read_checkpoint(path)
-    assert describe(ours, found) == describe(torch_samples.plain(theirs), wanted)
-    assert_same_arrays(found, wanted)
+    assert describe(ours, actual) == describe(torch_samples.plain(theirs), expected)
+    assert_same_arrays(actual, expected)
 
 
 @pytest.mark.parametrize("location", ["cpu", "cuda:0", "cuda:13", "mps"])
@@ -32,7 +32,7 @@ def both(path: Path, *, weights_only: bool = True) -> None:
 def test_same_as_torch(sample: str, variant: str, location: str, tmp_path: Path) -> None:
     path = tmp_path / "sample.pt"
     torch_samples.save(torch_samples.SAMPLES[sample](), path, variant, location)
-    # torch's own careful reader knows the instructions of protocol 2 alone.
+    # The safe reader of torch only supports protocol 2.
     both(path, weights_only=variant.endswith("2"))
 
 

@@ -1,4 +1,4 @@
-"""Models that are damaged, incomplete or of another method: a code each, and the key at fault."""
+"""Models that are damaged, incomplete or belong to another method."""
 
 import math
 import re
@@ -49,7 +49,7 @@ BROKEN: list[tuple[str, str, Callable[[Any], Any] | None, str]] = [
     ("diffsoup", "color_mlp", lambda a: {k: v for k, v in a.items() if k != "mlp.4.bias"}, "LAYOUT"),
     ("diffsoup", "color_mlp", lambda a: {**a, "mlp.0.weight": a["mlp.0.weight"][:8]}, "LAYOUT"),
 ]
-"""Method, key, what it becomes (None: removed), and the end of the code."""
+"""Method, key, its change (None: it is removed), and the end of the error code."""
 
 
 @pytest.mark.parametrize(("method", "key", "change", "code"), BROKEN)
@@ -99,7 +99,7 @@ def test_two_dts_tuple(bad: list[Any], code: str, tmp_path: Path) -> None:
         ("diffsoup", "V"),
     ],
 )
-def test_keys_that_nearly_fit_name_the_nearest_method(method: str, key: str, tmp_path: Path) -> None:
+def test_similar_keys_name_the_most_similar_method(method: str, key: str, tmp_path: Path) -> None:
     value = VALUES[method]()
     value["my_" + key.strip("_")] = value.pop(key)
     assert key in refused(write_model(tmp_path, method, value)).message
@@ -118,7 +118,7 @@ def test_a_model_of_another_method_is_named(method: str, tmp_path: Path) -> None
             assert method in error.message
 
 
-def test_a_stranger_is_named_by_its_keys(tmp_path: Path) -> None:
+def test_an_unknown_model_is_described_by_its_keys(tmp_path: Path) -> None:
     models.write_torch(tmp_path / "model.pt", {"weights": np.zeros(3, np.float32), "epoch": 3})
     error = refused(tmp_path / "model.pt")
     assert error.code == "CHECKPOINT_UNKNOWN"
@@ -131,7 +131,7 @@ def test_a_stranger_is_named_by_its_keys(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("method", VALUES)
-def test_every_prefix_of_a_model_is_refused(method: str, tmp_path: Path) -> None:
+def test_every_truncated_model_is_rejected(method: str, tmp_path: Path) -> None:
     folder = write_model(tmp_path, method, VALUES[method]())
     file = next(path for path in folder.rglob("*") if path.is_file())
     data = file.read_bytes()
@@ -150,7 +150,7 @@ def gaussians(path: Path, scales: int) -> Path:
     return path
 
 
-def test_three_dgs_is_recognised_and_refused(tmp_path: Path) -> None:
+def test_three_dgs_is_recognised_and_rejected(tmp_path: Path) -> None:
     gaussians(tmp_path / "run" / "point_cloud" / "iteration_7000" / "point_cloud.ply", 3)
     captured = (3, *[np.zeros((2, 3), np.float32)] * 11)
     (tmp_path / "other").mkdir()
@@ -176,7 +176,7 @@ def test_two_dgs_needs_its_mesh(tmp_path: Path) -> None:
     assert msb.export(fused, method="mesh").manifest.method == "mesh"
 
 
-def test_web_export_without_meta_takes_defaults_and_says_so(tmp_path: Path) -> None:
+def test_a_web_export_without_meta_uses_defaults_with_a_warning(tmp_path: Path) -> None:
     folder = write_web_export(tmp_path / "scene", level=2)
     assert msb.export(folder).manifest.settings["layout"].value == "synthetic"
     (folder / "meta.json").unlink()
@@ -188,13 +188,13 @@ def test_web_export_without_meta_takes_defaults_and_says_so(tmp_path: Path) -> N
 
 
 def bomb(data: bytes) -> bytes:
-    """Return a PNG that says that it is 60,000 x 60,000."""
+    """Return a PNG that declares a size of 60,000 x 60,000."""
     head = data[12:16] + (60000).to_bytes(4, "big") * 2 + data[24:29]
     return data[:12] + head + zlib.crc32(head).to_bytes(4, "big") + data[33:]
 
 
 def beyond_float32(data: bytes) -> bytes:
-    """Return the decoder with a number that float32 cannot hold."""
+    """Return the decoder with a number beyond the range of float32."""
     return re.sub(rb'("b3": \[)[^,]+', rb"\g<1>1e39", data)
 
 
@@ -210,7 +210,7 @@ WEB: dict[str, tuple[str, Any, str]] = {
     "other face count": ("meta.json", b'{"num_faces": 5}', "DAMAGED"),
     "wrong level": ("meta.json", b'{"level": 5}', "DAMAGED"),
 }
-"""A file of the export, what it becomes, and the end of the code."""
+"""A file of the export, its change, and the end of the error code."""
 
 
 @pytest.mark.parametrize("case", WEB)
@@ -251,7 +251,7 @@ def test_infinite_logits_are_opacities_of_exactly_0_and_1(tmp_path: Path) -> Non
     assert msb.export(write_model(tmp_path, "two_dts", model)).buffers["opacity"][0] == np.inf
 
 
-def test_features_that_are_no_sigmoid_are_warned_about(tmp_path: Path) -> None:
+def test_features_outside_0_to_1_are_warned_about(tmp_path: Path) -> None:
     model = models.diffsoup()
     model["feat_acc"][0, 0, 0] = 1.5
     asset = msb.export(write_model(tmp_path, "diffsoup", model))
@@ -266,13 +266,13 @@ def test_features_that_are_no_sigmoid_are_warned_about(tmp_path: Path) -> None:
         ({"sh_degree": 4}, "SETTING_VALUE"),
     ],
 )
-def test_wrong_settings_are_refused(settings: dict[str, Any], code: str, tmp_path: Path) -> None:
+def test_wrong_settings_are_rejected(settings: dict[str, Any], code: str, tmp_path: Path) -> None:
     folder = write_model(tmp_path, "two_dts", models.two_dts())
     with pytest.raises(UsageError, match=code):
         msb.export(folder, settings=settings)
 
 
-def test_a_degree_that_is_not_stored_cannot_be_asked_for(tmp_path: Path) -> None:
+def test_a_degree_that_is_not_stored_is_rejected(tmp_path: Path) -> None:
     folder = write_model(tmp_path, "mesh_splatting", models.mesh_splatting(coefficients=3))
     with pytest.raises(UsageError, match="SETTING_VALUE"):
         msb.export(folder, settings={"sh_degree": 2})

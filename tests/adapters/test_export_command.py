@@ -20,7 +20,7 @@ RING = GOLDEN / "two_dts" / "ring_solid" / "checkpoint"
 CHECKPOINT = ROOT / "data_stubs" / "checkpoint"
 
 
-def test_the_asset_is_that_of_the_function_and_json_holds_its_manifest(here: Here, tmp_path: Path) -> None:
+def test_the_command_writes_the_asset_of_the_function(here: Here, tmp_path: Path) -> None:
     target = tmp_path / "ring.triasset"
     result = here("export", "--json", "-", RING, target)
     assert (result.status, result.err) == (0, "")
@@ -30,7 +30,7 @@ def test_the_asset_is_that_of_the_function_and_json_holds_its_manifest(here: Her
     assert here("validate", "-q", target).status == 0
 
 
-def test_the_size_is_that_of_all_files_of_a_folder(here: Here, tmp_path: Path) -> None:
+def test_the_size_of_a_folder_counts_all_files(here: Here, tmp_path: Path) -> None:
     (line,) = here("export", "-q", "--form", "folder", CHECKPOINT, tmp_path / "c.triasset").out.splitlines()
     files = [path for path in (tmp_path / "c.triasset").rglob("*") if path.is_file()]
     assert line.endswith(f", {sum(path.stat().st_size for path in files):,} bytes")
@@ -58,7 +58,7 @@ def test_set_overrides_settings_and_is_recorded(here: Here, tmp_path: Path) -> N
         here("export", "--force", "--set", text, RING, target).ends(2, f"{code}: ")
 
 
-def test_statuses_of_what_cannot_be_exported(here: Here, tmp_path: Path) -> None:
+def test_exit_statuses_of_failed_exports(here: Here, tmp_path: Path) -> None:
     gaussians(tmp_path / "gs" / "point_cloud" / "iteration_7000" / "point_cloud.ply", 3)
     values = models.mesh_splatting()
     values["triangles_points"][values["_triangle_indices"][0, 0], 1] = np.nan
@@ -74,7 +74,7 @@ def test_statuses_of_what_cannot_be_exported(here: Here, tmp_path: Path) -> None
     ):
         here("export", *args).ends(status, f"{code}: ")
         assert not target.exists()
-    assert here("audit", "--json", "-", model).json["counts"]["nonfinite_faces"] > 0  # it is audited
+    assert here("audit", "--json", "-", model).json["counts"]["nonfinite_faces"] > 0  # the audit accepts NaN
     here("audit", tmp_path / "gs").ends(4, "UNSUPPORTED_METHOD: ")
 
 
@@ -89,5 +89,5 @@ def test_a_missing_config_is_a_warning(here: Here, tmp_path: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.skipif(os.name == "nt", reason="pseudo-terminals are POSIX")
 def test_stages_have_bars_on_a_terminal(tmp_path: Path) -> None:
-    shown = on_terminal("export", RING, tmp_path / "a.triasset")
-    assert all(stage in shown for stage in ("hashing the source", "hashing buffers", "writing"))
+    output = on_terminal("export", RING, tmp_path / "a.triasset")
+    assert all(stage in output for stage in ("hashing the source", "hashing buffers", "writing"))

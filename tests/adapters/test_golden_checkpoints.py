@@ -1,4 +1,4 @@
-"""Checkpoints that are read: what torch and the methods wrote; tensors are views on the mapped file."""
+"""Valid checkpoints of torch and of the methods; their tensors are views of the mapped file."""
 
 import json
 import mmap
@@ -35,16 +35,16 @@ FILES = sorted(path.name for path in GOLDEN.glob("*.pt"))
 
 
 @pytest.mark.parametrize("file", FILES)
-def test_a_file_of_torch_holds_what_torch_says(file: str) -> None:
+def test_files_of_torch_have_the_expected_content(file: str) -> None:
     sample = file.rpartition("_")[0]
     expected = json.loads((GOLDEN / "expected.json").read_text())[sample]
-    found: list[np.ndarray] = []
-    assert describe(read_checkpoint(GOLDEN / file), found) == expected
+    arrays: list[np.ndarray] = []
+    assert describe(read_checkpoint(GOLDEN / file), arrays) == expected
     with np.load(GOLDEN / "expected.npz") as kept:
-        assert_same_arrays(found, [kept[f"{sample}/{i}"] for i in range(len(found))])
+        assert_same_arrays(arrays, [kept[f"{sample}/{i}"] for i in range(len(arrays))])
 
 
-# --- the methods' files, whose tensors test_golden_exports.py compares
+# --- files of the methods (test_golden_exports.py compares their tensors)
 
 
 @pytest.mark.parametrize(
@@ -66,7 +66,7 @@ def test_files_of_the_methods_are_read_whole(shared: Path, pattern: str, least: 
 
 
 @pytest.mark.parametrize("make", [archive, legacy])
-def test_what_the_bad_checkpoints_are_made_from_is_good(make: Callable[[], bytes], tmp_path: Path) -> None:
+def test_the_templates_of_bad_checkpoints_are_valid(make: Callable[[], bytes], tmp_path: Path) -> None:
     (tmp_path / "good.pt").write_bytes(make())
     value = read_checkpoint(tmp_path / "good.pt")
     assert list(value) == ["w"]
@@ -83,7 +83,7 @@ def test_the_byte_at_fault_is_named(tmp_path: Path) -> None:
 
 
 def mapping_below(array: np.ndarray) -> object:
-    """Return what an array is at last a view on."""
+    """Return the object whose memory an array uses."""
     below: object = array
     while isinstance(below, np.ndarray | memoryview):
         below = below.base if isinstance(below, np.ndarray) else below.obj
@@ -122,7 +122,7 @@ def test_the_mapping_outlives_the_name_of_the_file(tmp_path: Path) -> None:
 
 
 def wide_entry(member: str, content: bytes, size: int, at: int) -> Entry:
-    """Return a member as torch writes it beyond 4 GiB."""
+    """Return a member as torch writes it for more than 4 GiB."""
     wide = (*((size, size) if size >= FULL32 else ()), *((at,) if at >= FULL32 else ()))
     flags = {"flags": 0x808 if size else 0x800, "crc": 0, "extra": zip64(*wide) if wide else b""}
     short = {"size": min(size, FULL32), "packed": min(size, FULL32), "offset": min(at, FULL32)}
@@ -132,7 +132,7 @@ def wide_entry(member: str, content: bytes, size: int, at: int) -> Entry:
 
 
 def test_storages_beyond_4_gib(tmp_path: Path) -> None:
-    """The headers are those torch 2.13 writes; the bytes are a hole in the file."""
+    """Torch 2.13 writes the same headers. The file is sparse."""
     count = (1 << 32) + 100
     big = tensor(storage("ByteStorage", "1", count), (count,), (1,))
     empty = tensor(storage(key="2", count=0), (0,), (1,))

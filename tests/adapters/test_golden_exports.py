@@ -1,4 +1,4 @@
-"""Every golden scene exported, and compared tensor by tensor with what its checkpoint holds."""
+"""Exports of all golden scenes, compared with the tensors of their checkpoints."""
 
 import math
 from pathlib import Path
@@ -72,9 +72,9 @@ def test_settings_and_their_sources(scene: Path) -> None:
     assert asset.warnings == ()
     assert [finding for finding in check_values(asset) if finding.severity == "error"] == []
     assert asset.manifest.method == scene.parent.name
-    found = {key: (s.value, s.source) for key, s in asset.manifest.settings.items()}
+    settings = {key: (s.value, s.source) for key, s in asset.manifest.settings.items()}
     for key, expected in SETTINGS[scene.name].items():
-        assert found[key] == expected
+        assert settings[key] == expected
 
 
 @pytest.mark.parametrize("scene", scenes("two_dts"), ids=name)
@@ -95,12 +95,12 @@ def test_two_dts_tensors(scene: Path) -> None:
 
 
 @pytest.mark.parametrize("scene", ["orb_diffuse", "ring_solid"])
-def test_two_dts_ply_holds_what_the_checkpoint_holds_above_the_threshold(scene: str) -> None:
+def test_a_two_dts_ply_agrees_with_the_checkpoint(scene: str) -> None:
     folder = GOLDEN / "two_dts" / scene / "checkpoint"
     from_ply = msb.export(next((folder / "point_cloud").iterdir()))
     from_torch = msb.export(folder)
     keep = np.ones(from_torch.manifest.face_count, bool)
-    if scene == "ring_solid":  # the official PLY leaves out what STE hides, and writes the constant 10
+    if scene == "ring_solid":  # the official PLY omits faces that STE hides, and stores an opacity of 10
         keep = 1 / (1 + np.exp(-from_torch.buffers["opacity"].astype(np.float64))) > 0.3
         assert (from_ply.buffers["opacity"] == 10).all()
     else:
@@ -196,7 +196,7 @@ def test_sources_are_named_relative_and_hashed() -> None:
     assert len(asset.manifest.source.files) == 2
 
 
-def test_standard_tier_of_a_soup_repeats_the_face_colour_and_drops_what_ste_hides() -> None:
+def test_the_standard_tier_of_two_dts_applies_the_ste_threshold() -> None:
     asset = msb.export(scenes("two_dts")[1] / "checkpoint")
     mesh = mesh_from_asset(asset)
     keep = 1 / (1 + np.exp(-asset.buffers["opacity"].astype(np.float64))) > 0.3
@@ -218,7 +218,7 @@ def assert_soup(asset: msb.Asset, vertices: np.ndarray) -> None:
 
 
 def assert_rest(asset: msb.Asset, rest: np.ndarray) -> None:
-    """Column 3 (k - 1) + c is coefficient k of channel c, as the manifest says."""
+    """Check f_rest: column 3 (k - 1) + c is coefficient k of channel c."""
     assert asset.manifest.sh_degree == {0: 0, 3: 1, 8: 2, 15: 3}[rest.shape[1]]
     if rest.shape[1] == 0:
         assert "f_rest" not in asset.buffers

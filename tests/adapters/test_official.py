@@ -1,4 +1,4 @@
-"""What the methods' own exporters write, against files that they wrote."""
+"""Official exports, compared with files of the official exporters."""
 
 import filecmp
 from pathlib import Path
@@ -27,7 +27,7 @@ def test_two_dts(official: str, tmp_path: Path) -> None:
         assert (a is None) == (b is None)
         if a is not None:
             if official.endswith(".glb") and field == "vertex_colors":
-                a = srgb_colors(a)  # ours says that it holds sRGB, theirs is taken at glTF's word
+                a = srgb_colors(a)  # the reader converts the colours of the official file as defined by glTF
             assert a.dtype == b.dtype
             np.testing.assert_array_equal(a, b)
 
@@ -42,7 +42,7 @@ def test_two_dts_with_culling_writes_each_face_once(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("box", [[-0.5, -0.5, 0.5, 0.5], [-0.5, -0.5, -0.4, 0.5, 0.5, 0.4]])
-def test_two_dts_leaves_out_what_lies_outside_the_scene_box(box: list[float], tmp_path: Path) -> None:
+def test_two_dts_omits_faces_outside_the_scene_box(box: list[float], tmp_path: Path) -> None:
     values = two_dts(200)
     folder = write_model(tmp_path / "run", "two_dts", (values, {}, box, 1.0))
     asset = msb.export(folder)
@@ -68,7 +68,7 @@ def test_triangle_splatting(tmp_path: Path) -> None:
     expected = np.array([line.split() for line in theirs[2 + vertices :]], int)
     np.testing.assert_array_equal(faces[:, :4], expected[:, :4])
     off_by = np.abs(faces[:, 4:] - expected[:, 4:])
-    assert off_by.max() <= 1  # a borderline value may be cut off to its neighbour
+    assert off_by.max() <= 1  # truncation of a borderline value can differ by 1
     assert np.count_nonzero(off_by) <= 3
 
 
@@ -102,7 +102,7 @@ def test_diffsoup(scene: Path, form: str, tmp_path: Path) -> None:
     np.testing.assert_array_equal(ours.faces, theirs.faces)
 
 
-def test_mesh_splatting_takes_its_own_ply_back(tmp_path: Path) -> None:
+def test_mesh_splatting_reads_its_official_ply(tmp_path: Path) -> None:
     asset = msb.export(scenes("mesh_splatting")[0] / "checkpoint")
     write_official(asset, tmp_path / "mesh.ply")
     again = msb.export(tmp_path / "mesh.ply", method="mesh_splatting")

@@ -1,4 +1,4 @@
-"""Which file of an output folder holds the model or the mesh, and where the settings beside it come from."""
+"""Find the model in an output folder, and settings in configs, logs and cfg_args."""
 
 import shutil
 from pathlib import Path
@@ -24,26 +24,16 @@ TORUS = GOLDEN / "triangle_splatting" / "torus_sh0_white" / "checkpoint"
 
 
 def test_the_latest_iteration_is_the_largest_number() -> None:
-    asset = msb.export(TORUS)  # "7000" > "30000" as text
-    assert asset.manifest.face_count == 2136
+    asset = msb.export(TORUS)  # as text "7000" is larger than "30000"
+    assert (asset.manifest.face_count, asset.warnings) == (2136, ())
+    inside = msb.export(TORUS / "point_cloud" / "iteration_30000" / "point_cloud_state_dict.pt")
+    assert inside.manifest.face_count == 2136
     older = msb.export(TORUS / "point_cloud" / "iteration_7000")
     assert older.manifest.face_count == 40
     assert older.manifest.source.files[0].path.startswith("point_cloud/iteration_7000/")
 
 
-@pytest.mark.parametrize(
-    "inside",
-    [
-        "",
-        "point_cloud/iteration_30000/point_cloud_state_dict.pt",
-    ],
-)
-def test_any_level_of_the_folder_will_do(inside: str) -> None:
-    asset = msb.export(TORUS / inside)
-    assert (asset.manifest.face_count, asset.warnings) == (2136, ())
-
-
-def test_a_folder_around_one_checkpoint_stands_for_it(tmp_path: Path) -> None:
+def test_a_folder_with_a_single_checkpoint_is_accepted(tmp_path: Path) -> None:
     write_model(tmp_path / "a" / "run", "diffsoup", models.diffsoup())
     asset = msb.export(tmp_path / "a")
     assert (asset.manifest.method, asset.opened_from) == ("diffsoup", tmp_path / "a" / "run")
@@ -59,12 +49,12 @@ def test_the_folder_of_web_exports(tmp_path: Path) -> None:
     assert msb.export(tmp_path / "data" / "garden" / "mesh.ply").manifest.method == "diffsoup"
 
 
-def test_an_asset_is_no_checkpoint_and_is_said_to_be_one() -> None:
+def test_an_asset_is_not_a_checkpoint() -> None:
     with pytest.raises(CheckpointError, match="CHECKPOINT_NOT_RECOGNISED"):
         msb.export(ROOT / "data_stubs" / "splat_like.triasset")
 
 
-def test_a_folder_with_one_bare_model_is_that_model_and_of_several_one_is_to_be_given(tmp_path: Path) -> None:
+def test_a_folder_with_a_single_model_file_is_accepted(tmp_path: Path) -> None:
     file = write_model(tmp_path / "run", "triangle_splatting", VALUES["triangle_splatting"]())
     model = next(file.rglob("*.pt"))
     (tmp_path / "r").mkdir()
@@ -77,7 +67,7 @@ def test_a_folder_with_one_bare_model_is_that_model_and_of_several_one_is_to_be_
             read(tmp_path / "r")
 
 
-def test_a_latest_iteration_without_its_model_is_not_passed_over(tmp_path: Path) -> None:
+def test_a_last_iteration_without_a_model_is_an_error(tmp_path: Path) -> None:
     shutil.copytree(TORUS, tmp_path / "run")
     (tmp_path / "run" / "point_cloud" / "iteration_100000").mkdir()
     with pytest.raises(CheckpointError, match=r"CHECKPOINT_FILE_MISSING: .*iteration_100000"):
@@ -92,10 +82,10 @@ def test_without_a_config_there_are_defaults_and_one_warning(tmp_path: Path) -> 
     folder = write_model(tmp_path, "two_dts", models.two_dts())
     asset = msb.export(folder)
     assert [w.code for w in asset.warnings] == ["CHECKPOINT_CONFIG_MISSING"]
-    found = settings_of(folder)
-    assert found["rasterizer"] == ("2D", "default")
-    assert found["gamma"] == (1.0, "checkpoint")
-    assert found["sh_degree"] == (3, "checkpoint")
+    settings = settings_of(folder)
+    assert settings["rasterizer"] == ("2D", "default")
+    assert settings["gamma"] == (1.0, "checkpoint")
+    assert settings["sh_degree"] == (3, "checkpoint")
 
 
 CONFIG = (
@@ -107,23 +97,23 @@ CONFIG = (
 def test_a_yaml_in_the_folder_a_given_config_and_flags(tmp_path: Path) -> None:
     folder = write_model(tmp_path / "run", "two_dts", models.two_dts())
     (folder / "config.yaml").write_text(CONFIG)
-    found = settings_of(folder)
-    assert found["rasterizer"] == ("3D", "config")
-    assert found["sh_degree"] == (2, "config")
-    assert found["ste_threshold"] == (0.25, "config")
-    assert found["back_culling"] == (False, "default")
+    settings = settings_of(folder)
+    assert settings["rasterizer"] == ("3D", "config")
+    assert settings["sh_degree"] == (2, "config")
+    assert settings["ste_threshold"] == (0.25, "config")
+    assert settings["back_culling"] == (False, "default")
     assert msb.export(folder).manifest.appearance["background"] == "#000000"
     (tmp_path / "other.yml").write_text("model:\n  rasterizer_type: 2D\n  render_up_scale: 2\n")
-    found = settings_of(
+    settings = settings_of(
         folder, config=tmp_path / "other.yml", settings={"ste_threshold": None, "gamma": 20.0}
     )
-    assert found["rasterizer"] == ("2D", "config")
-    assert found["render_up_scale"] == (2, "config")
-    assert found["ste_threshold"] == (None, "flag")
-    assert found["gamma"] == (20.0, "flag")
+    assert settings["rasterizer"] == ("2D", "config")
+    assert settings["render_up_scale"] == (2, "config")
+    assert settings["ste_threshold"] == (None, "flag")
+    assert settings["gamma"] == (20.0, "flag")
 
 
-def test_the_latest_log_with_a_config_counts(tmp_path: Path) -> None:
+def test_the_last_log_with_a_config_is_used(tmp_path: Path) -> None:
     folder = tmp_path / "run"
     shutil.copytree(GOLDEN / "two_dts" / "ring_solid" / "checkpoint", folder)
     log = next((folder / "log").iterdir())
@@ -154,9 +144,7 @@ def test_a_degree_above_the_stored_one_is_lowered_with_a_warning(tmp_path: Path)
         "render_up_scale: [2]",
     ],
 )
-def test_a_config_value_that_cannot_be_is_an_error_unless_a_flag_replaces_it(
-    line: str, tmp_path: Path
-) -> None:
+def test_an_invalid_config_value_is_an_error_unless_overridden(line: str, tmp_path: Path) -> None:
     folder = write_model(tmp_path, "two_dts", models.two_dts())
     (folder / "config.yaml").write_text(f"model:\n  {line}\n")
     with pytest.raises(CheckpointError, match="CHECKPOINT_CONFIG") as caught:
@@ -182,13 +170,13 @@ HOSTILE_YAML = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize("case", HOSTILE_YAML)
-def test_a_hostile_config_is_ignored_with_a_warning_and_refused_if_given(case: str, tmp_path: Path) -> None:
+def test_a_hostile_config_is_ignored_or_rejected(case: str, tmp_path: Path) -> None:
     folder = write_model(tmp_path / "run", "two_dts", models.two_dts())
     (folder / "config.yaml").write_text(HOSTILE_YAML[case])
     asset = msb.export(folder)
     assert [w.code for w in asset.warnings] in (
         ["CHECKPOINT_CONFIG", "CHECKPOINT_CONFIG_MISSING"],
-        [] if case == "long" else None,  # cut off where the limit is, it is still a config
+        [] if case == "long" else None,  # truncated at the limit, it is still a valid config
     )
     assert asset.manifest.settings["rasterizer"].value in ("2D", "3D")
     if asset.warnings:
@@ -199,9 +187,7 @@ def test_a_hostile_config_is_ignored_with_a_warning_and_refused_if_given(case: s
 
 
 @pytest.mark.parametrize(("config", "code"), [("nothing.yaml", "FILE_NOT_FOUND"), ("there.yaml", "USAGE")])
-def test_a_config_that_no_training_of_the_method_has_is_not_ignored(
-    config: str, code: str, tmp_path: Path
-) -> None:
+def test_an_unused_config_is_an_error(config: str, code: str, tmp_path: Path) -> None:
     (tmp_path / "there.yaml").write_text("model:\n  rasterizer_type: 3D\n")
     with pytest.raises((InputError, UsageError), match=code):
         msb.export("data_stubs/checkpoint", config=tmp_path / config)
@@ -238,7 +224,7 @@ def test_cfg_args_are_literals(text: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("method", ["triangle_splatting", "mesh_splatting"])
-def test_what_cfg_args_say_of_the_training_is_kept_without_a_path(method: str, tmp_path: Path) -> None:
+def test_cfg_args_become_properties_of_the_training(method: str, tmp_path: Path) -> None:
     folder = write_model(tmp_path, method, getattr(models, method)())
     values = r"source_path='/home/me/s', images='C:\\me\\images_2/', resolution=-1, white_background=True"
     (tmp_path / "cfg_args").write_text(f"Namespace({values}, eval=False)")
@@ -261,7 +247,7 @@ def test_what_cfg_args_say_of_the_training_is_kept_without_a_path(method: str, t
         ("eval=True", "unknown"),
     ],
 )
-def test_what_is_up_follows_from_the_scene_that_cfg_args_name(values: str, up: str, tmp_path: Path) -> None:
+def test_the_up_axis_follows_from_cfg_args(values: str, up: str, tmp_path: Path) -> None:
     folder = write_model(tmp_path, "triangle_splatting", models.triangle_splatting())
     (tmp_path / "cfg_args").write_text(f"Namespace({values})")
     assert msb.export(folder).manifest.coordinate_frame.up == up
@@ -273,7 +259,7 @@ def test_diffsoup_keeps_the_size_of_its_training(tmp_path: Path) -> None:
     assert kept.training == {"width": 80, "height": 60}
 
 
-def test_a_checkpoint_without_cfg_args_is_complete_but_for_the_background(tmp_path: Path) -> None:
+def test_a_checkpoint_without_cfg_args_has_no_background(tmp_path: Path) -> None:
     asset = msb.export(write_model(tmp_path, "triangle_splatting", models.triangle_splatting()))
     assert [w.code for w in asset.warnings] == ["CHECKPOINT_CONFIG_MISSING"]
     assert "background" not in asset.manifest.appearance
@@ -284,9 +270,9 @@ def test_optional_keys_of_mesh_splatting(tmp_path: Path) -> None:
     del values["features_rest"], values["active_sh_degree"], values["pixel_count"]
     asset = msb.export(write_model(tmp_path, "mesh_splatting", values))
     assert asset.manifest.sh_degree == 0
-    found = {k: (s.value, s.source) for k, s in asset.manifest.settings.items()}
-    assert found["sh_degree"] == (0, "default")
-    assert found["opacity_floor"] == (0.9999, "default")
+    settings = {k: (s.value, s.source) for k, s in asset.manifest.settings.items()}
+    assert settings["sh_degree"] == (0, "default")
+    assert settings["opacity_floor"] == (0.9999, "default")
 
 
 def test_diffsoup_up_axis_and_layout_overrides(tmp_path: Path) -> None:
@@ -308,20 +294,20 @@ MADE = msb.open(PEBBLE / "milo")
 
 
 @pytest.mark.parametrize("method", PLACES)
-def test_folder_and_file_are_that_method_and_show_the_surface(method: str) -> None:
+def test_meshes_of_a_method_are_recognised(method: str) -> None:
     folder, file = PEBBLE / method, PEBBLE / method / PLACES[method]
     asset = msb.open(folder)
     assert asset.manifest.method == method == detect(file) == detect(file.parent)
     np.testing.assert_allclose(asset.buffers["positions"], MADE.buffers["positions"], atol=1e-6)
     assert is_textured(asset) is (file.suffix == ".obj")
-    assert expand(folder) == [folder]  # one model, not a folder of meshes
-    found = msb.open(file).manifest.source.files
-    assert found == asset.manifest.source.files
-    assert found[0].path == PLACES[method]
+    assert expand(folder) == [folder]  # it is a model, not a folder of meshes
+    sources = msb.open(file).manifest.source.files
+    assert sources == asset.manifest.source.files
+    assert sources[0].path == PLACES[method]
     assert asset.audit().counts.faces == MADE.audit().counts.faces
 
 
-def test_what_the_training_says_of_background_split_and_up_is_kept() -> None:
+def test_background_and_split_of_the_training_are_stored() -> None:
     manifest = msb.open(PEBBLE / "gaussian_wrapping").manifest
     assert manifest.appearance["background"] == "#ffffff"
     assert manifest.training == {"eval": True, "images": "images", "resolution": -1}
@@ -347,16 +333,14 @@ def test_what_the_training_says_of_background_split_and_up_is_kept() -> None:
         ),
     ],
 )
-def test_of_several_the_best_is_taken_beside_the_gaussians(
-    tmp_path: Path, names: tuple[str, ...], best: str
-) -> None:
+def test_the_preferred_mesh_of_several_is_used(tmp_path: Path, names: tuple[str, ...], best: str) -> None:
     for name in (*names, "point_cloud/iteration_30000/point_cloud.ply"):
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         shutil.copy(PEBBLE / "milo" / PLACES["milo"], tmp_path / name)
     assert msb.open(tmp_path).manifest.source.files[0].path == best
 
 
-def test_of_meshes_of_one_rank_one_is_to_be_given(tmp_path: Path) -> None:
+def test_equally_ranked_meshes_are_an_error(tmp_path: Path) -> None:
     source = PEBBLE / "sugar" / PLACES["sugar"]
     for name in ("sugarfine_level01.obj", "sugarfine_level03.obj"):
         shutil.copy(source, tmp_path / name)

@@ -1,6 +1,6 @@
-"""What torch is asked to save; `python -m tests.adapters.torch_samples` writes tests/golden/checkpoints.
+"""Sample values for torch.save. `python -m tests.adapters.torch_samples` writes tests/golden/checkpoints.
 
-Run by hand where torch is installed (the kept files are of torch 2.13); the tests read the files without it.
+Run it manually with torch (the stored files are from torch 2.13). The tests read the files without torch.
 """
 
 import json
@@ -130,7 +130,7 @@ VARIANTS = {
 
 
 def save(value: Any, path: Path, variant: str, location: str = "cpu") -> None:
-    """Save `value` in one of the variants; `location` is where storages claim to be."""
+    """Save `value` in a variant; `location` is the stored device of storages."""
     new, protocol = VARIANTS[variant]
     with warnings.catch_warnings(), mock.patch("torch.serialization.location_tag", return_value=location):
         warnings.simplefilter("ignore")
@@ -138,7 +138,7 @@ def save(value: Any, path: Path, variant: str, location: str = "cpu") -> None:
 
 
 def plain(value: Any) -> Any:
-    """Return a value torch loaded as our reader should give it."""
+    """Convert a value that torch loaded to the result expected from `read_checkpoint`."""
     if isinstance(value, torch.Tensor):
         value = value.detach()
         if value.dtype == torch.bfloat16:
@@ -152,7 +152,7 @@ def plain(value: Any) -> Any:
 
 
 def write_golden() -> None:
-    """Write the kept files and what torch says is in them."""
+    """Write the files and their content according to torch."""
     GOLDEN.mkdir(parents=True, exist_ok=True)
     expected: dict[str, Any] = {}
     kept: dict[str, np.ndarray] = {}
@@ -164,7 +164,7 @@ def write_golden() -> None:
             arrays: list[np.ndarray] = []
             described = describe(plain(loaded), arrays)
             assert expected.setdefault(name, described) == described
-            # As contiguous arrays; NumPy would give a 0-dimensional one an axis.
+            # Make arrays contiguous without adding an axis to 0-dimensional ones.
             kept |= {f"{name}/{i}": np.array(array, order="C") for i, array in enumerate(arrays)}
     (GOLDEN / "expected.json").write_text(json.dumps(expected) + "\n", encoding="utf-8")
     np.savez_compressed(GOLDEN / "expected.npz", **kept)

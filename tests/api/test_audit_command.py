@@ -45,10 +45,10 @@ def codes(err: str) -> list[str]:
     return [line.partition(":")[0] for line in err.splitlines()]
 
 
-# --- what is printed and written -----------------------------------------------------------------------
+# --- printed and written results -----------------------------------------------------------------------
 
 
-def test_json_holds_the_contract_and_nothing_else_is_on_stdout(here: Here, demo_asset: Path) -> None:
+def test_json_has_the_documented_keys(here: Here, demo_asset: Path) -> None:
     result = here("audit", "--json", "-", "-v", demo_asset)
     data = result.json
     assert result.status == 0
@@ -58,10 +58,10 @@ def test_json_holds_the_contract_and_nothing_else_is_on_stdout(here: Here, demo_
     assert set(data["metrics"]) >= METRIC_KEYS
     assert data["welded"] is data["cross_check"] is None
     assert all(isinstance(ms, float) for ms in data["timings_ms"].values())
-    assert all(stage in result.err for stage in data["timings_ms"])  # -v: on the other stream
+    assert all(stage in result.err for stage in data["timings_ms"])  # -v prints the times on standard error
 
 
-def test_text_begins_and_ends_with_the_verdict_and_names_a_place_once(here: Here, demo_asset: Path) -> None:
+def test_the_text_begins_and_ends_with_the_verdict(here: Here, demo_asset: Path) -> None:
     result = here("audit", demo_asset)
     lines = result.out.strip().splitlines()
     assert (result.err, lines[0]) == ("", lines[-1])
@@ -74,7 +74,7 @@ def test_text_begins_and_ends_with_the_verdict_and_names_a_place_once(here: Here
     assert here("audit", "-q", demo_asset).out == f"{lines[0]}\n"
 
 
-def test_the_advice_merges_what_is_closed_once_vertices_are_merged(here: Here, tmp_path: Path) -> None:
+def test_the_suggested_repair_closes_the_mesh(here: Here, tmp_path: Path) -> None:
     points, faces = np.eye(4, 3, dtype=np.float32), np.array([[0, 1, 2], [0, 2, 3], [0, 3, 1], [1, 3, 2]])
     path, merged = mesh_file(tmp_path / "tetrahedron.stl", points, faces), tmp_path / "merged.glb"
     (line,) = (line for line in here("audit", path).out.splitlines() if "msb repair" in line)
@@ -85,7 +85,7 @@ def test_the_advice_merges_what_is_closed_once_vertices_are_merged(here: Here, t
     assert "msb repair" not in here("audit", merged).out
 
 
-def test_advice_fits_what_a_mesh_is(here: Here, tmp_path: Path) -> None:
+def test_suggestions_depend_on_the_mesh(here: Here, tmp_path: Path) -> None:
     corners = np.random.default_rng(0).uniform(-1, 1, (12, 3)), np.arange(12).reshape(-1, 3)
     alone = here("audit", mesh_file(tmp_path / "alone.ply", *corners)).out
     trained = here("audit", "data_stubs/models/pebble/triangle_splatting").out
@@ -95,7 +95,7 @@ def test_advice_fits_what_a_mesh_is(here: Here, tmp_path: Path) -> None:
         assert {word for word in ("msb repair", "msb web", "msb bake", "msb why") if word in text} == wanted
         assert "--weld exact" not in text
     assert "msb trial" in trained
-    assert "msb trial" not in flat  # it does not render
+    assert "msb trial" not in flat  # it has no visible faces
     assert "--weld exact" in here("audit", apart).out
 
 
@@ -103,7 +103,7 @@ def test_a_soup_with_a_degenerate_row_is_a_soup(here: Here, tmp_path: Path) -> N
     corners = np.random.default_rng(0).uniform(-1, 1, (600, 3))
     rows = [*np.arange(600).reshape(-1, 3).tolist(), [0, 0, 1]]
     soup = mesh_file(tmp_path / "soup.off", corners, np.array(rows))
-    assert here("audit", soup).out.splitlines()[1].startswith("triangle soup, ")
+    assert here("audit", soup).out.splitlines()[1].startswith("triangle soup")
     here("audit", "-q", "--json", "-", "--fail-on-verdict", "bad", soup)
     assert here("audit", "-q", "--fail-on-verdict", "bad", soup).status == 1
 
@@ -117,7 +117,7 @@ def test_the_papers_row_stands_beside_ours(here: Here, demo_asset: Path) -> None
     assert f"{paper_row('mesh_connectivity', scene='mean')['vf_ratio']:.2f}" == row[0]
 
 
-def test_a_weld_is_shown_beside(here: Here, tmp_path: Path) -> None:
+def test_a_weld_adds_a_row(here: Here, tmp_path: Path) -> None:
     path = mesh_file(tmp_path / "tetra.stl", *TETRAHEDRON)
     data = here("audit", "--weld", "exact", "--json", "-", path).json
     assert (data["topology"], data["is_soup"], data["counts"]["components"]) == ("triangle_soup", True, 4)
@@ -147,7 +147,7 @@ def test_both_forms_of_an_asset_and_its_checkpoint_give_the_same_counts(
     model = here("audit", "--json", "-", RING).json
     assert (model["method"], model["counts"]["faces"]) == ("two_dts", 3984)
     assert here("audit", "--json", "-", RING / "ckpt" / "60000.ckpt").json["counts"] == model["counts"]
-    # The official PLY leaves out the faces that a threshold hides.
+    # The official PLY omits the faces that a threshold hides.
     assert here("audit", "--json", "-", RING / "point_cloud" / "60000.ply").json["counts"]["faces"] < 3984
 
 
@@ -178,12 +178,12 @@ def test_several_inputs_give_a_list_a_table_and_the_worst_status(
     assert {item["path"].removeprefix(f"{tmp_path}/") for item in result.json} == {*names}
     errors = [item["error"]["code"] for item in result.json if "error" in item]
     assert errors == codes(result.err) == ["FILE_NOT_FOUND", "MESH_FILE_TRUNCATED"]
-    shown = here("audit", "--fail-on-verdict", "limited", tmp_path).out.splitlines()
-    rows = {row[0]: row[1:3] for row in (line.split() for line in shown[-6:-2])}
+    lines = here("audit", "--fail-on-verdict", "limited", tmp_path).out.splitlines()
+    rows = {row[0]: row[1:3] for row in (line.split() for line in lines[-6:-2])}
     assert rows[str(book)] == ["BAD", "3"]
     assert rows[str(closed)] == ["OK", "4"]
     assert rows[str(tmp_path / "torn.ply")] == ["-", "-"]
-    numbers = [int(word) for word in shown[-1].split() if word.isdigit()]
+    numbers = [int(word) for word in lines[-1].split() if word.isdigit()]
     assert numbers == [4, 1, 0, 2, 2, 1]  # meshes: ok, limited, bad; failed a gate; not read
     assert len(here("audit", "-q", book, closed).out.splitlines()) == 3
 
@@ -265,7 +265,7 @@ def test_profiles_gate_for_a_purpose(
 ) -> None:
     result = here("audit", "-q", "--profile", profile, book, closed)
     lines = result.err.splitlines()
-    assert all(line.startswith(f"GATE_FAILED: {book}: ") for line in lines)  # the closed one passes
+    assert all(line.startswith(f"GATE_FAILED: {book}: ") for line in lines)  # the closed mesh passes
     assert {line.removeprefix(f"GATE_FAILED: {book}: ").split()[0] for line in lines} == failing
 
 
@@ -291,7 +291,7 @@ def test_the_verdict_gates_at_a_level_and_worse(here: Here, book: Path, closed: 
     assert here("audit", "--fail-on-verdict", "ok", closed).status == 2
 
 
-def test_a_gate_on_a_ratio_over_nothing_fails(here: Here, tmp_path: Path) -> None:
+def test_a_gate_on_an_undefined_ratio_fails(here: Here, tmp_path: Path) -> None:
     path = tmp_path / "points.off"
     path.write_text("OFF\n3 0 0\n0 0 0\n1 0 0\n0 1 0\n")
     result = here("audit", "--fail-on", "nonmanifold_edge_ratio>0", path)
@@ -307,8 +307,8 @@ def test_a_peer_that_disagrees_fails_the_audit(
     here: Here, closed: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     row = {"peer": "igl", "quantity": "components", "theirs": 2, "ours": 1, "verdict": "disagrees"}
-    made = SimpleNamespace(skipped={}, to_rows=lambda: ({**row, "version": "1", "why": "?"},))
-    monkeypatch.setattr("msb.topology.crosscheck.cross_check", lambda *_: made)
+    check = SimpleNamespace(skipped={}, to_rows=lambda: ({**row, "version": "1", "why": "?"},))
+    monkeypatch.setattr("msb.topology.crosscheck.cross_check", lambda *_: check)
     result = here("audit", "-q", "--cross-check", closed)
     assert (result.status, codes(result.err)) == (1, ["CROSS_CHECK_DISAGREES"])
 

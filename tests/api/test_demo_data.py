@@ -1,4 +1,4 @@
-"""`msb demo-data`: the folder with everything that examples name."""
+"""`msb demo-data`: the folder with the files of all examples."""
 
 import tomllib
 from pathlib import Path
@@ -30,7 +30,7 @@ def test_it_writes_all_data_and_no_script(here: Here, tmp_path: Path) -> None:
     assert here("demo-data", "-q", tmp_path / "empty").status == 0
 
 
-def test_it_is_small_enough_for_a_wheel_and_all_of_the_stubs_that_is_data() -> None:
+def test_the_demo_data_is_small_and_complete() -> None:
     assert sum(map(len, shipped().values())) < 8_000_000
     scripts = {path.name for path in (*STUBS.glob("*.py"), *(file.parent for file in STUBS.glob("*/*.py")))}
     assert {path.name for path in STUBS.iterdir()} - scripts - {"__pycache__", "results"} == set(CONTENTS)

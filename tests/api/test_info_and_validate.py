@@ -21,13 +21,13 @@ __all__ = ["here"]
 
 @pytest.mark.parametrize("path", ["data_stubs/checkpoint", "tests/golden/meshes/synthetic_splat_small.ply"])
 def test_info_reads_meshes_and_checkpoints(here: Here, path: str) -> None:
-    found = here("info", "--json", "-", path).json
-    assert (found["schema"], found["path"]) == ("msb.info/1", path)
-    assert found["manifest"]["face_count"] > 0
+    document = here("info", "--json", "-", path).json
+    assert (document["schema"], document["path"]) == ("msb.info/1", path)
+    assert document["manifest"]["face_count"] > 0
     assert here("info", path).status == 0
 
 
-def test_the_checkpoint_that_is_opened_of_a_folder_is_named(here: Here) -> None:
+def test_the_opened_checkpoint_in_a_folder_is_named(here: Here) -> None:
     place = ROOT / "data_stubs"
     (note,) = here("info", place).err.splitlines()
     assert note.startswith("note: ")
@@ -51,13 +51,13 @@ def test_info_describes_textures_and_how_they_are_read(here: Here, tmp_path: Pat
     assert all(word in text for word in ("2 of 8 x 4", "nearest", "clamp along v"))
 
 
-def test_info_of_a_background_that_is_not_stated(here: Here, tmp_path: Path) -> None:
+def test_info_marks_a_default_background(here: Here, tmp_path: Path) -> None:
     values = models.triangle_splatting()
     model = write_model(tmp_path, "triangle_splatting", values)
     stated, unknown = here("info", "data_stubs/models/walled/triangle_splatting"), here("info", model)
     rows = [[line.split() for line in each.out.splitlines()] for each in (stated, unknown)]
     assert ["background", "black"] in rows[0]
-    assert any(row[:2] == ["background", "black;"] for row in rows[1])
+    assert any(row[:3] == ["background", "black", "(not"] for row in rows[1])
 
 
 def test_validate_of_a_good_asset(here: Here, demo_asset: Path) -> None:
@@ -66,17 +66,19 @@ def test_validate_of_a_good_asset(here: Here, demo_asset: Path) -> None:
     assert data == {**about, "valid": True, "findings": [], "truncated": False}
 
 
-def test_validate_lists_errors_first_and_not_endlessly(here: Here, demo_asset: Path, tmp_path: Path) -> None:
+def test_validate_lists_errors_first_and_limits_their_number(
+    here: Here, demo_asset: Path, tmp_path: Path
+) -> None:
     path = tmp_path / "bad.triasset"
     library.save(library.load(demo_asset), path, form="folder")
     positions = np.fromfile(path / "buffers" / "positions.bin", "<f4")
     positions[4] = np.nan
     positions.tofile(path / "buffers" / "positions.bin")
     result = here("validate", "--json", "-", path)
-    found = {item["code"]: item for item in result.json["findings"]}
+    findings = {item["code"]: item for item in result.json["findings"]}
     assert (result.status, result.json["valid"]) == (1, False)
-    assert found["TRIASSET_DAMAGED"]["pointer"] == "/buffers/positions/sha256"
-    assert found["TRIASSET_VALUE_NONFINITE"]["severity"] == "error"
+    assert findings["TRIASSET_DAMAGED"]["pointer"] == "/buffers/positions/sha256"
+    assert findings["TRIASSET_VALUE_NONFINITE"]["severity"] == "error"
     manifest = json.loads((path / "manifest.json").read_text())
     manifest |= {f"key{number}": 0 for number in range(2000)} | {"sh_degree": 7}
     (path / "manifest.json").write_text(json.dumps(manifest))
@@ -101,7 +103,7 @@ def test_degenerate_faces_are_infos_and_status_0(here: Here, tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize("folder", ["two_dts/ring_solid", "diffsoup/ico_l2_white"])
-def test_validate_judges_the_asset_that_would_be_made(here: Here, folder: str, tmp_path: Path) -> None:
+def test_validate_checks_the_converted_asset(here: Here, folder: str, tmp_path: Path) -> None:
     assert here("validate", GOLDEN / folder / "checkpoint").status == 0
     values = models.triangle_splatting()
     values["sigma"][0] = np.nan
@@ -112,8 +114,8 @@ def test_validate_judges_the_asset_that_would_be_made(here: Here, folder: str, t
 
 
 def test_codes_are_explained_by_name_or_all(here: Here) -> None:
-    one = here("validate", "--explain", "triasset_damaged", "--json", "-").json
-    assert (one["code"], one["exit_status"]) == ("TRIASSET_DAMAGED", 3)
+    explained = here("validate", "--explain", "triasset_damaged", "--json", "-").json
+    assert (explained["code"], explained["exit_status"]) == ("TRIASSET_DAMAGED", 3)
     wrong = here("validate", "--explain", "TRIASSET_DAMAGE")
     assert (wrong.status, wrong.err.split(":")[0]) == (2, "NAME_UNKNOWN")
     assert "TRIASSET_DAMAGED" in wrong.err

@@ -1,4 +1,4 @@
-"""From paths to assets and back: `msb.open`, `msb.load`, `msb.save`, and what else takes a path."""
+"""Open and save files: `msb.open`, `msb.load`, `msb.save`, and other functions with paths."""
 
 import importlib
 import inspect
@@ -22,7 +22,7 @@ from tests.conftest import ROOT, of_the_whole
 CHECKPOINT = ROOT / "data_stubs" / "checkpoint"
 DIFFSOUP = ROOT / "tests" / "tiny" / "models" / "walled" / "diffsoup"
 NEAR = [[1.0, 0, 0], [1 + 1e-12, 0, 0], [1, 1, 0], [1, 0, 1]]
-"""Two points that float64 tells apart and float32 does not."""
+"""Two points that differ in float64 but not in float32."""
 FACES = [[0, 1, 2], [0, 1, 3]]
 
 
@@ -66,14 +66,14 @@ def test_an_asset_a_checkpoint_and_a_mesh_file_are_opened(
     assert msb.open(mesh_file, method="mesh_splatting").manifest.method == "mesh_splatting"
 
 
-def test_another_method_than_the_one_asked_for_is_refused(demo_asset: Path) -> None:
+def test_a_model_of_another_method_is_rejected(demo_asset: Path) -> None:
     for path in (demo_asset, CHECKPOINT):
         with pytest.raises(CheckpointError, match="CHECKPOINT_METHOD"):
             msb.open(path, method="two_dts")
 
 
 @pytest.mark.parametrize("given", [3, None, b"a.triasset", ["a.triasset"], np.zeros(3)], ids=repr)
-def test_what_is_no_path_is_refused(given: Any) -> None:
+def test_values_that_are_not_paths_are_rejected(given: Any) -> None:
     for read in (msb.open, msb.load, msb.export):
         with pytest.raises(UsageError, match=r"^USAGE: "):
             read(given)
@@ -81,7 +81,7 @@ def test_what_is_no_path_is_refused(given: Any) -> None:
         msb.audit(given)
 
 
-def test_load_names_open_for_all_but_an_asset(mesh_file: Path, tmp_path: Path) -> None:
+def test_load_suggests_open_for_other_files(mesh_file: Path, tmp_path: Path) -> None:
     for path in (mesh_file, CHECKPOINT, next(CHECKPOINT.rglob("*.pt")), tmp_path):
         with pytest.raises(InputError, match=r"FILE_NOT_RECOGNISED: .*msb"):
             msb.load(path)
@@ -98,19 +98,19 @@ def test_the_audit_of_a_path_is_that_of_the_command(
     demo_asset: Path, mesh_file: Path, weld: tuple[str, ...]
 ) -> None:
     for path in (demo_asset, CHECKPOINT, mesh_file):
-        found = msb.audit(path, weld="exact" if weld else None).to_dict()
-        assert comparable(found) == audited(path, *weld), path
+        result = msb.audit(path, weld="exact" if weld else None).to_dict()
+        assert comparable(result) == audited(path, *weld), path
     assert msb.audit(mesh_file).counts.zero_area_faces == 0
     assert msb.audit(msb.open(mesh_file)).counts.zero_area_faces == 2
 
 
 @pytest.mark.parametrize("read", [msb.audit, msb.open, msb.load, msb.export, msb.repair, msb.validate])
-def test_a_path_that_no_file_can_have_is_not_found(read: Callable[[str], Any]) -> None:
+def test_an_impossible_path_is_not_found(read: Callable[[str], Any]) -> None:
     with pytest.raises(InputError, match=r"FILE_NOT_FOUND: nul\\x00"):
         read("nul\0")
 
 
-def test_what_is_not_finite_is_audited_but_not_opened(tmp_path: Path) -> None:
+def test_a_mesh_with_nan_is_audited_but_not_opened(tmp_path: Path) -> None:
     points = np.array([[0, 0, np.nan], *NEAR[1:]])
     with (tmp_path / "nan.ply").open("wb") as file:
         file.write(b"ply\nformat binary_little_endian 1.0\nelement vertex 4\nproperty double x\n")
@@ -140,7 +140,7 @@ def test_an_asset_is_saved_in_the_format_of_its_suffix(demo_asset: Path, tmp_pat
         assert (read_mesh(path).vertex_colors is None) == (suffix == ".stl")
 
 
-def test_a_folder_is_not_replaced_unless_told(demo_asset: Path, tmp_path: Path) -> None:
+def test_a_folder_is_only_replaced_with_overwrite(demo_asset: Path, tmp_path: Path) -> None:
     asset, path = msb.load(demo_asset), tmp_path / "a.triasset"
     msb.save(asset, path, form="folder")
     assert path.is_dir()
@@ -165,7 +165,7 @@ def test_a_folder_is_not_replaced_unless_told(demo_asset: Path, tmp_path: Path) 
     ],
     ids=repr,
 )
-def test_what_cannot_be_saved_is_wrong_usage(
+def test_invalid_arguments_of_save_are_wrong_usage(
     changed: dict[str, Any], demo_asset: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -175,14 +175,14 @@ def test_what_cannot_be_saved_is_wrong_usage(
     assert not list(tmp_path.iterdir())
 
 
-def test_an_asset_without_static_colours_is_no_mesh_file(tmp_path: Path) -> None:
+def test_an_asset_without_static_colours_cannot_be_a_mesh_file(tmp_path: Path) -> None:
     with pytest.raises(Unsupported, match="UNSUPPORTED_TIER"):
         msb.save(msb.open(DIFFSOUP), tmp_path / "a.glb")
     assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.slow
-def test_validate_says_of_any_path_what_the_command_says(tmp_path: Path, mesh_file: Path) -> None:
+def test_validate_agrees_with_the_command(tmp_path: Path, mesh_file: Path) -> None:
     broken = tmp_path / "broken.obj"
     broken.write_text(f"{mesh_file.read_text()}f 1 1 2\nf 9 1 2\n")
     degenerate = tmp_path / "degenerate.obj"
@@ -192,12 +192,12 @@ def test_validate_says_of_any_path_what_the_command_says(tmp_path: Path, mesh_fi
         (degenerate, True, ["TRIASSET_FACE_REPEATED_INDEX", "TRIASSET_FACE_ZERO_AREA"]),
         (broken, False, ["MESH_INDEX_OUT_OF_RANGE"]),
     ):
-        found = msb.validate(path)
-        assert found.valid is valid
-        assert [item.code for item in found.findings] == codes
+        result = msb.validate(path)
+        assert result.valid is valid
+        assert [item.code for item in result.findings] == codes
         done = run_msb(["validate", str(path)], ROOT, {})
-        assert done.stdout.decode().splitlines()[0] == found.title == str(found).splitlines()[0]
-        assert all(code in str(found) for code in codes)
+        assert done.stdout.decode().splitlines()[0] == result.title == str(result).splitlines()[0]
+        assert all(code in str(result) for code in codes)
     with pytest.raises(InputError, match="FILE_NOT_FOUND"):
         msb.validate(tmp_path / "nothing.ply")
 

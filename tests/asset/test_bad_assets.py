@@ -1,4 +1,4 @@
-"""Every bad asset has its code, its words in one clear line, and no partial result."""
+"""Each bad asset gives an error with its code and a clear message in one line."""
 
 import contextlib
 import json
@@ -25,7 +25,7 @@ NOBODY = 65534
 
 @pytest.fixture
 def folder() -> Iterator[Path]:
-    """A folder that every user may enter, which those of `tmp_path` are not."""
+    """A folder that all users can access, unlike `tmp_path`."""
     root = Path(tempfile.mkdtemp(prefix="msb-bad-"))
     root.chmod(0o755)
     yield root
@@ -37,14 +37,14 @@ def folder() -> Iterator[Path]:
 
 @contextlib.contextmanager
 def checked_permissions() -> Iterator[None]:
-    """Give up root's right to read everything, inside the block."""
+    """Run the block without the privileges of root."""
     if os.geteuid() != 0:
         yield
         return
     try:
         os.seteuid(NOBODY)
     except OSError as error:
-        pytest.skip(f"root may read everything, and cannot become nobody here: {error}")
+        pytest.skip(f"root can read all files, and cannot drop its privileges: {error}")
     try:
         yield
     finally:
@@ -68,7 +68,7 @@ def test_load_and_validate_give_a_bad_asset_its_code(case: Case, folder: Path) -
     path = write_case(case, folder)
     if case.denied:
         parts(mesh()).write_packed(folder / "good")
-        load(folder / "good")  # codecs and the like are imported while we may
+        load(folder / "good")  # import codecs while the files can be read
     with permissions(case):
         if case.found_by == "load" and case.severity == "error":
             with pytest.raises((AssetError, InputError)) as caught:
@@ -104,7 +104,7 @@ def test_load_and_validate_give_a_bad_asset_its_code(case: Case, folder: Path) -
 
 
 @pytest.mark.parametrize("make", [mesh, soup, decoder])
-def test_what_the_bad_assets_are_made_from_is_good(make, tmp_path: Path) -> None:
+def test_the_templates_of_bad_assets_are_valid(make, tmp_path: Path) -> None:
     parts(make()).write_packed(tmp_path / "packed")
     parts(make()).write_folder(tmp_path / "folder")
     for path in (tmp_path / "packed", tmp_path / "folder"):
@@ -116,8 +116,8 @@ def test_every_code_of_the_format_has_a_case() -> None:
     assert {case.code for case in CASES if case.code.startswith("TRIASSET_")} == TRIASSET_CODES
 
 
-def test_a_link_put_in_place_at_the_last_moment_is_not_followed(tmp_path: Path, monkeypatch) -> None:
-    """Between the look at `buffers` and the opening of a file in it, somebody swaps the folder for a link."""
+def test_a_link_created_after_the_check_is_not_followed(tmp_path: Path, monkeypatch) -> None:
+    """Another process replaces `buffers` by a link after it was checked and before a file in it is opened."""
     path, outside = tmp_path / "a.triasset", tmp_path / "outside"
     parts(mesh()).write_folder(path)
     parts(mesh()).write_folder(outside)

@@ -1,4 +1,4 @@
-"""An asset built in memory is complete, canonical and checked."""
+"""Building an asset in memory: complete manifests, canonical arrays, and errors."""
 
 import hashlib
 
@@ -52,7 +52,7 @@ def test_bounds_are_exact_and_the_sphere_holds_every_vertex(points: np.ndarray) 
 
 
 @given(POINTS, st.sampled_from([np.nan, np.inf, -np.inf]))
-def test_bounds_are_those_of_the_finite_rows(points: np.ndarray, bad: float) -> None:
+def test_bounds_ignore_rows_that_are_not_finite(points: np.ndarray, bad: float) -> None:
     spoilt = np.concatenate([points, np.full((1, 3), bad, np.float32)])
     spoilt[-1, 0] = 0
     assert measure_bounds(spoilt) == measure_bounds(points)
@@ -64,7 +64,7 @@ def test_minus_zero_is_written_as_zero() -> None:
     assert sphere.radius == 0
 
 
-def test_arrays_are_kept_where_they_can_be() -> None:
+def test_contiguous_arrays_are_not_copied() -> None:
     positions, indices = TRIANGLE.copy(), FACE.copy()
     asset = build_asset({"positions": positions, "indices": indices}, {})
     assert np.shares_memory(asset.buffers["positions"], positions)
@@ -87,7 +87,7 @@ def test_every_method_makes_a_valid_manifest_from_its_defaults(method: str) -> N
     assert set(manifest.required_passes) == {tier for tier in TIERS if METHODS[method].supports(tier)}
 
 
-def test_what_no_asset_can_hold_is_refused() -> None:
+def test_invalid_buffers_are_rejected() -> None:
     good = {"positions": TRIANGLE, "indices": FACE}
     nan = TRIANGLE.copy()
     nan[1, 1] = np.nan
@@ -104,7 +104,7 @@ def test_what_no_asset_can_hold_is_refused() -> None:
     refused("BUFFER", {**good, "Bad": TRIANGLE}, {"Bad": "vertex"})
 
 
-def test_what_no_manifest_can_hold_is_refused() -> None:
+def test_invalid_descriptions_are_rejected() -> None:
     good = {"positions": TRIANGLE, "indices": FACE}
     undecodable = SourceFile("cam\udcff.pt", SHA_OF_NOTHING, 0)
     for wrong in (

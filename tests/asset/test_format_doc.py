@@ -1,4 +1,4 @@
-"""The reader and the hexdump that docs/triasset.md shows are right."""
+"""The reader and the hexdump in docs/triasset.md are right."""
 
 import re
 from pathlib import Path
@@ -41,5 +41,5 @@ def test_the_hexdump_is_what_the_writer_writes(tmp_path: Path) -> None:
     data = (tmp_path / "a").read_bytes()
     start = data.rindex(b"PK\x03\x04")
     assert start % 64 == 48
-    shown = bytes.fromhex("".join(line.split("    ")[0] for line in code_block("text").splitlines()))
-    assert data[start : data.index(b"PK\x01\x02")] == shown
+    expected = bytes.fromhex("".join(line.split("    ")[0] for line in code_block("text").splitlines()))
+    assert data[start : data.index(b"PK\x01\x02")] == expected

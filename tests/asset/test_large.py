@@ -1,4 +1,4 @@
-"""Assets larger than memory maps to be afraid of: opened without reading or copying them."""
+"""Assets of several GiB are opened without reading or copying them."""
 
 import json
 import os
@@ -18,7 +18,7 @@ GIB = 1 << 30
 
 
 def large(vertices: int) -> Parts:
-    """Return a mesh whose positions are said to be `vertices` rows; their bytes are not made."""
+    """Return a mesh that declares `vertices` positions, without their bytes."""
     good = parts(mesh())
     good.manifest["vertex_count"] = vertices
     spec = good.manifest["buffers"]["positions"]
@@ -29,19 +29,19 @@ def large(vertices: int) -> Parts:
 
 
 def entry(name: str, data: bytes, size: int, at: int) -> Entry:
-    """Return a member with ZIP64 records where 32 bits do not do."""
+    """Return a member with ZIP64 records for values of more than 32 bits."""
     short = min(size, FULL32)
-    made = Entry(name, data, both={"size": short, "packed": short})
+    member = Entry(name, data, both={"size": short, "packed": short})
     wide = [size, size] if size >= FULL32 else []
     if wide:
-        made.local["extra"] = zip64(*wide) + padding(at + 30 + len(name) + 20)
+        member.local["extra"] = zip64(*wide) + padding(at + 30 + len(name) + 20)
     values = wide + ([at] if at >= FULL32 else [])
-    made.central = {"offset": min(at, FULL32), "extra": zip64(*values) if values else b""}
-    return made
+    member.central = {"offset": min(at, FULL32), "extra": zip64(*values) if values else b""}
+    return member
 
 
 def write_large(folder: Path, form: str) -> Path:
-    """Write an asset of 6 GiB of holes and return its path."""
+    """Write a sparse asset of 6 GiB and return its path."""
     good, path = large(6 * GIB // 15), folder / "large.triasset"
     if form == "packed":
         sizes = {spec["file"]: spec["byte_length"] for spec in good.manifest["buffers"].values()}

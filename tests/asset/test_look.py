@@ -1,4 +1,4 @@
-"""The standard look is one rule for all that draw it or write it."""
+"""Colours and face selection of the standard tier are the same everywhere."""
 
 from dataclasses import fields, replace
 from pathlib import Path
@@ -27,14 +27,14 @@ TAME = np.array([[1, 0, 0.5], [1, 0.25, 0], [0, 0, 1]], np.float32)
 
 
 def wild(domain: str = "vertex") -> Asset:
-    """Return one triangle whose colours leave [0, 1]."""
+    """Return a triangle with colours outside [0, 1]."""
     buffers = {"positions": np.eye(3, dtype=np.float32), "indices": np.array([[0, 1, 2]], np.uint32)}
     buffers["color"] = WILD[:1] if domain == "face" else WILD
     return build_asset(buffers, {"color": domain}, Description())
 
 
 @pytest.mark.parametrize("domain", ["vertex", "face", "corner"])
-def test_colours_are_written_and_shown_as_clamped_as_they_are_drawn(tmp_path: Path, domain: str) -> None:
+def test_clamped_colours_are_the_same_everywhere(tmp_path: Path, domain: str) -> None:
     asset, expected = wild(domain), TAME[:1] if domain == "face" else TAME
     assert np.array_equal(drawn_colors(asset).values, expected)
     mesh = mesh_from_asset(asset)
@@ -44,8 +44,8 @@ def test_colours_are_written_and_shown_as_clamped_as_they_are_drawn(tmp_path: Pa
     assert np.array_equal(engine.engine_mesh(asset, {}).colors, np.broadcast_to(expected, (3, 3)))
     write_asset(asset, tmp_path / "a.triasset")
     viewed_mesh = pytest.importorskip("msb_viewers.viewed_mesh")
-    shown = viewed_mesh.read_viewed_mesh(tmp_path / "a.triasset").colors
-    assert np.array_equal(shown.values, viewed_mesh.color_bytes(expected))
+    viewed = viewed_mesh.read_viewed_mesh(tmp_path / "a.triasset").colors
+    assert np.array_equal(viewed.values, viewed_mesh.color_bytes(expected))
 
 
 def test_the_same_faces_are_shown_everywhere(tmp_path: Path) -> None:
@@ -54,28 +54,28 @@ def test_the_same_faces_are_shown_everywhere(tmp_path: Path) -> None:
     opacity = np.linspace(-3, 3, asset.manifest.face_count, dtype=np.float32)
     opacity = opacity.reshape(asset.buffers["opacity"].shape)
     asset = replace(asset, buffers=MappingProxyType({**asset.buffers, "opacity": opacity}))
-    shown = shown_faces(asset, stored_threshold(asset))
-    assert 0 < len(shown) < asset.manifest.face_count
-    assert len(mesh_from_asset(asset).faces) == len(shown)
+    selected = shown_faces(asset, stored_threshold(asset))
+    assert 0 < len(selected) < asset.manifest.face_count
+    assert len(mesh_from_asset(asset).faces) == len(selected)
     write_official(asset, tmp_path / "a.ply")
-    assert len(read_mesh(tmp_path / "a.ply").faces) in (len(shown), 2 * len(shown))
+    assert len(read_mesh(tmp_path / "a.ply").faces) in (len(selected), 2 * len(selected))
     engine = pytest.importorskip("msb.engines.engine")
-    assert np.array_equal(engine.engine_mesh(asset, {}).numbers, shown)
+    assert np.array_equal(engine.engine_mesh(asset, {}).numbers, selected)
 
 
 @pytest.mark.parametrize("domain", ["vertex", "corner"])
-def test_a_threshold_takes_no_other_opacities_for_those_of_faces(domain: str) -> None:
+def test_a_threshold_needs_opacity_of_faces(domain: str) -> None:
     asset = soup("two_dts", random_triangles(1, 2))
     buffers = {**asset.buffers, "opacity": np.zeros(6, np.float32)}
     kept = {field.name: getattr(asset.manifest, field.name) for field in fields(Description)}
     domains = {name: spec.domain for name, spec in asset.manifest.buffers.items()} | {"opacity": domain}
-    made = build_asset(buffers, domains, Description(**kept))
+    built = build_asset(buffers, domains, Description(**kept))
     with pytest.raises(AssetError, match="TRIASSET_BUFFER"):
-        shown_faces(made, 0.75)
+        shown_faces(built, 0.75)
 
 
 @pytest.mark.parametrize("place", [0.1, 0.3, 0.7, 0.9])
-def test_every_tier_hides_the_same_faces_where_rounding_decides(place: float) -> None:
+def test_every_tier_rounds_opacity_alike(place: float) -> None:
     logits = np.linspace(-4, 4, 4001, dtype=np.float32)
     stepped = arithmetic.sigmoid(logits)
     once = (1 / (1 + np.exp(-logits.astype(np.float64)))).astype(np.float32)

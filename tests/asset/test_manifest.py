@@ -1,4 +1,4 @@
-"""The manifest as data: what is kept, what is ignored, and that both forms are judged alike."""
+"""The manifest: versions, unknown keys, and equal findings for both forms of an asset."""
 
 import json
 import zipfile
@@ -39,11 +39,11 @@ def test_a_manifest_survives_its_own_bytes(make) -> None:
 
 
 @pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.name)
-def test_a_shipped_asset_has_nothing_to_complain_of(path: Path) -> None:
+def test_shipped_assets_are_valid(path: Path) -> None:
     assert validate(path).findings == ()
 
 
-def test_a_newer_minor_version_is_read_with_a_warning_and_loses_nothing(tmp_path: Path) -> None:
+def test_a_newer_minor_version_is_read_with_a_warning(tmp_path: Path) -> None:
     lod = {"levels": [1, 2.5, None, True, "\u00e9\U0001f600"], "deep": {"a": {"b": []}}}
     newer = parts(mesh()).change("/version", "1.7").change("/lod", lod).change("/extra", "a key of that name")
     asset = reloaded(newer, tmp_path)
@@ -67,8 +67,8 @@ def test_whole_numbers_may_stand_for_floats(tmp_path: Path) -> None:
     assert asset.manifest == mesh().manifest
 
 
-def test_a_wrong_version_is_said_before_anything_else(tmp_path: Path) -> None:
-    """Of a version 2 we know nothing, so other keys are not complained about."""
+def test_an_unsupported_version_is_the_only_finding(tmp_path: Path) -> None:
+    """Other keys are not checked, because their meaning in version 2 is unknown."""
     (tmp_path / "a").mkdir()
     (tmp_path / "a/manifest.json").write_text('{"format": "triasset", "version": "2.0", "buffers": 3}')
     assert [item.code for item in validate(tmp_path / "a").findings] == ["TRIASSET_VERSION_UNSUPPORTED"]
@@ -86,7 +86,7 @@ BOTH_FORMS = [case for case in (*FIELD_CASES, *BUFFER_CASES, *VALUE_CASES) if ca
 
 @pytest.mark.slow
 @pytest.mark.parametrize("case", BOTH_FORMS, ids=lambda case: case.name)
-def test_a_bad_asset_is_judged_alike_in_both_forms(case: Case, tmp_path: Path) -> None:
+def test_both_forms_of_a_bad_asset_have_the_same_findings(case: Case, tmp_path: Path) -> None:
     path = write_case(case, tmp_path)
     other = tmp_path / "other"
     with zipfile.ZipFile(path) as archive:
@@ -95,7 +95,7 @@ def test_a_bad_asset_is_judged_alike_in_both_forms(case: Case, tmp_path: Path) -
     assert first == second
 
 
-def test_an_asset_prints_what_it_is(tmp_path: Path) -> None:
+def test_an_asset_has_a_text_for_people_and_notebooks(tmp_path: Path) -> None:
     asset = reloaded(parts(mesh()), tmp_path)
     assert "4 faces" in repr(asset)
     assert "ok" not in repr(asset)
@@ -105,7 +105,7 @@ def test_an_asset_prints_what_it_is(tmp_path: Path) -> None:
     assert "&lt;i&gt;" in replace(asset, opened_from=Path("<i>"))._repr_html_()
 
 
-def test_an_asset_has_the_verbs(tmp_path: Path) -> None:
+def test_an_asset_has_the_functions_of_the_package(tmp_path: Path) -> None:
     asset = msb.open(ROOT / "data_stubs/checkpoint")
     assert asset.audit(weld="exact").welded is not None
     fixed = asset.repair(["orient"], weld="exact")

@@ -1,4 +1,4 @@
-"""The shipped JSON Schema is one, says what the code knows, and is judged by us as by `jsonschema`."""
+"""The JSON Schema: validity, agreement with the code, and results compared with `jsonschema`."""
 
 import copy
 import random
@@ -38,7 +38,7 @@ KEYS = ["x", "positions", "indices", "Bad Name", "a.b", "value", "min", "files",
 
 
 def subschemas(schema: dict[str, Any]) -> Iterator[dict[str, Any]]:
-    """Yield `schema` and every schema inside it."""
+    """Yield `schema` and all schemas inside it."""
     yield schema
     for key in ("properties",):
         for inner in schema.get(key, {}).values():
@@ -91,7 +91,7 @@ def test_it_is_a_schema_of_draft_2020_12() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("make", [mesh, soup, decoder])
-def test_we_judge_mutated_manifests_as_jsonschema_does(make: Any) -> None:
+def test_results_for_mutated_manifests_agree_with_jsonschema(make: Any) -> None:
     good = parts(make()).manifest
     validator = jsonschema.Draft202012Validator(SCHEMA)
     rng = random.Random(make.__name__)
@@ -104,7 +104,7 @@ def test_we_judge_mutated_manifests_as_jsonschema_does(make: Any) -> None:
     assert 25 < sum(verdicts) < 375
 
 
-def test_only_keywords_we_interpret_are_used() -> None:
+def test_only_supported_keywords_are_used() -> None:
     known = {"type", "const", "enum", "pattern", "minimum", "maximum", "minItems", "maxItems", "maxLength"}
     known |= {"maxProperties", "required", "properties", "additionalProperties", "propertyNames", "items"}
     used = {key for schema in subschemas(SCHEMA) for key in schema}
@@ -116,7 +116,7 @@ def test_every_code_it_names_is_registered() -> None:
     assert {schema["x-code"] for schema in subschemas(SCHEMA) if "x-code" in schema} <= AssetError.codes
 
 
-def test_no_object_lets_an_unknown_key_pass_in_silence() -> None:
+def test_every_object_reports_unknown_keys() -> None:
     for schema in subschemas(SCHEMA):
         if schema.get("type") == "object":
             assert schema.get("x-closed", False) != ("additionalProperties" in schema)
@@ -165,5 +165,5 @@ def test_the_manifest_has_the_keys_of_its_dataclass() -> None:
 
 
 @pytest.mark.parametrize("wrong", [{"eval": 0}, {"images": "/home/me/images"}, {"width": 0}, {"seed": 1}])
-def test_a_training_that_is_not_as_described_is_a_finding(wrong: dict[str, Any]) -> None:
+def test_invalid_keys_of_training_are_findings(wrong: dict[str, Any]) -> None:
     assert check_manifest(replace(mesh().manifest, training=wrong).to_dict())

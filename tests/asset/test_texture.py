@@ -1,4 +1,4 @@
-"""Textures: levels, sampling, colours for who knows no texture, and the way through a mesh."""
+"""Textures: mip levels, sampling, colours at corners, and conversion from and to a mesh."""
 
 from itertools import pairwise
 
@@ -17,7 +17,7 @@ def noise(height: int, width: int, channels: int = 3) -> np.ndarray:
     return np.random.default_rng(height).integers(0, 256, shape, dtype=np.uint8)
 
 
-def test_the_two_curves_undo_each_other() -> None:
+def test_srgb_and_linear_light_are_inverse() -> None:
     values = np.linspace(0, 1, 1001)
     assert np.abs(linear_to_srgb(srgb_to_linear(values)) - values).max() < 1e-6
     assert np.array_equal(np.rint(linear_to_srgb(LINEAR) * 255), np.arange(256))
@@ -29,7 +29,7 @@ def test_each_level_keeps_the_light_of_the_one_before(height: int, width: int) -
     assert levels[-1].shape == (1, 1, 4)
     for before, level in pairwise(levels):
         assert level.shape[:2] == tuple(max(1, side // 2) for side in before.shape[:2])
-        # Rounding to bytes moves a texel by half a level of sRGB: at most 0.0045 of linear light.
+        # Rounding to bytes changes a texel by at most half an sRGB level, 0.0045 in linear light.
         assert np.abs(decoded(before).mean((0, 1)) - decoded(level).mean((0, 1))).max() < 0.0045
 
 
@@ -46,14 +46,14 @@ def test_texels_are_read_at_their_centres_and_blended_between_in_linear_light() 
 @pytest.mark.parametrize(
     ("wrap", "expected"), [("repeat", [3, 0, 3]), ("clamp", [0, 3, 0]), ("mirror", [0, 3, 0])]
 )
-def test_beyond_the_texture_it_goes_on_as_the_sampler_says(wrap: str, expected: list[int]) -> None:
+def test_wrap_modes_continue_the_texture(wrap: str, expected: list[int]) -> None:
     image = noise(1, 4)
     uvs = np.array([[-0.1, 0.5], [1.1, 0.5], [-1.1 if wrap == "repeat" else -0.2, 0.5]])
-    shown = sample([image], uvs, Sampler(filter="nearest", wrap_u=wrap, wrap_v=wrap))
-    assert np.array_equal(shown[:2, :3], LINEAR[image[0, expected[:2]]])
+    colors = sample([image], uvs, Sampler(filter="nearest", wrap_u=wrap, wrap_v=wrap))
+    assert np.array_equal(colors[:2, :3], LINEAR[image[0, expected[:2]]])
 
 
-def test_a_level_is_the_mean_of_its_neighbours_by_the_fraction() -> None:
+def test_levels_are_blended_by_the_fraction() -> None:
     levels = mip_levels(noise(8, 8))
     uv = np.full((4, 2), 0.3)
     at = sample(levels, uv, Sampler(), np.array([-3, 1, 1.25, 99], np.float32))
@@ -65,7 +65,7 @@ def test_a_level_is_the_mean_of_its_neighbours_by_the_fraction() -> None:
     )
 
 
-def test_who_knows_no_texture_shows_its_colours_at_the_corners() -> None:
+def test_textures_are_sampled_at_corners() -> None:
     asset = textured()
     colors = colors_of(asset)
     assert colors is not None
@@ -74,14 +74,14 @@ def test_who_knows_no_texture_shows_its_colours_at_the_corners() -> None:
     assert np.allclose(colors.values[0], linear_to_srgb(bottom_left))
 
 
-def test_an_asset_becomes_a_mesh_and_comes_back_with_its_textures() -> None:
+def test_textures_survive_the_conversion_to_a_mesh() -> None:
     asset = textured()
     again = asset_from_mesh(mesh_from_asset(asset))
     assert again.manifest == asset.manifest
     assert all(np.array_equal(again.buffers[name], array) for name, array in asset.buffers.items())
 
 
-def test_colours_and_coordinates_of_vertices_stay_with_them() -> None:
+def test_vertex_colours_and_uvs_survive_the_conversion() -> None:
     square = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]], np.float32)
     mesh = Mesh(
         square,

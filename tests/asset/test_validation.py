@@ -1,4 +1,4 @@
-"""`validate` reports everything at once, says where, and needs little memory."""
+"""`validate` reports all findings with their places."""
 
 from pathlib import Path
 
@@ -47,7 +47,7 @@ def test_all_findings_of_the_values_are_reported(tmp_path: Path) -> None:
     assert findings["TRIASSET_DAMAGED"].pointer == "/buffers/indices/sha256"
 
 
-def test_textures_that_are_not_there_are_errors_and_coordinates_outside_are_none(tmp_path: Path) -> None:
+def test_missing_textures_are_errors_and_uvs_outside_0_to_1_infos(tmp_path: Path) -> None:
     bad = parts(textured()).set_array("face_texture", np.array([0, 2], np.uint32))
     bad.set_array("uv", textured().buffers["uv"] * 2).write_packed(tmp_path / "a")
     uv, index = validate(tmp_path / "a").findings
@@ -57,7 +57,7 @@ def test_textures_that_are_not_there_are_errors_and_coordinates_outside_are_none
         textures_of(load(tmp_path / "a"))
 
 
-def test_a_container_says_at_which_byte(tmp_path: Path) -> None:
+def test_an_error_of_the_container_names_the_byte(tmp_path: Path) -> None:
     data = forge(parts(mesh()).entries())
     start = data.rindex(b"PK\x03\x04")
     (tmp_path / "a").write_bytes(data[: start + 8] + b"\x08" + data[start + 9 :])
@@ -71,7 +71,7 @@ def test_bounds_rounded_to_float32_are_good_enough(tmp_path: Path) -> None:
     assert report(parts(soup()).change("/bounds", rounded), tmp_path / "a") == []
 
 
-def test_the_first_bad_element_is_found_behind_the_first_chunk() -> None:
+def test_a_bad_element_in_the_second_chunk_is_found() -> None:
     vertices = (1 << 20) + 5
     positions = np.zeros((vertices, 3), np.float32)
     asset = build_asset({"positions": positions, "indices": np.zeros((1, 3), np.uint32)}, {})

@@ -1,4 +1,4 @@
-"""What child processes of test_children.py do; each takes a word and arrays, as `msb.base.children.Work`."""
+"""Functions for the child processes of test_children.py, of the type `msb.base.children.Work`."""
 
 import errno
 import os
@@ -15,15 +15,15 @@ Result = tuple[Any, Arrays]
 
 
 def describe(word: str, arrays: Arrays) -> Result:
-    """Return what came, and twice the numbers; a file of that name is left in the current folder."""
-    told = {name: [array.dtype.str, *array.shape] for name, array in arrays.items()}
+    """Return the arguments and twice the arrays, and leave a file in the current folder."""
+    shapes = {name: [array.dtype.str, *array.shape] for name, array in arrays.items()}
     print("libraries print")
     with open("left behind", "w", encoding="ascii"):  # noqa: PTH123
-        return {"word": word, "arrays": told}, {name: 2 * array for name, array in arrays.items()}
+        return {"word": word, "arrays": shapes}, {name: 2 * array for name, array in arrays.items()}
 
 
 def misbehave(word: str, arrays: Arrays) -> Result:
-    """Fail in the way that the word names."""
+    """Fail in the way of the word."""
     if word == "hang":
         time.sleep(600)
     elif word == "hang with a child":

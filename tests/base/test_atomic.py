@@ -1,4 +1,4 @@
-"""What is written is there whole or not at all; whatever fails, and whenever, what was there stays."""
+"""Atomic writes: after any failure the old file or folder is unchanged."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ import os
 import signal
 import subprocess
 import sys
+import threading
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -47,11 +49,11 @@ def fail_half_way(path: Path, kind: str, error: BaseException) -> None:
 
 
 def held(folder: Path) -> dict[str, bytes]:
-    """Return all files below a folder."""
+    """Return relative path -> bytes of all files in a folder."""
     return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
-def test_an_empty_folder_is_free_while_it_is_empty(tmp_path: Path) -> None:
+def test_only_an_empty_folder_is_replaced(tmp_path: Path) -> None:
     place, link = tmp_path / "place", tmp_path / "link"
     place.mkdir()
     link.symlink_to("place")
@@ -68,7 +70,7 @@ def test_an_empty_folder_is_free_while_it_is_empty(tmp_path: Path) -> None:
 
 
 def raiser(error: BaseException, after: int = 0) -> Callable[..., Any]:
-    """Return what stands in for a call of the system: after so many calls it raises `error`."""
+    """Return a replacement of a system call that raises `error` in the call after `after` calls."""
     calls = iter(range(after + 1))
 
     def fail(*_args: object, **_keywords: object) -> None:
@@ -79,7 +81,7 @@ def raiser(error: BaseException, after: int = 0) -> Callable[..., Any]:
 
 
 @KINDS
-def test_what_is_there_is_replaced_and_parents_are_made(kind: str, tmp_path: Path) -> None:
+def test_existing_outputs_are_replaced_and_parents_created(kind: str, tmp_path: Path) -> None:
     for content in (b"old", b"new"):
         write(tmp_path / "x" / "y", kind, content)
         assert held(tmp_path) == {"x/y" if kind == "file" else "x/y/a": content}
@@ -115,7 +117,7 @@ def test_a_call_of_the_system_fails(
 ) -> None:
     write(tmp_path / "a", kind, b"old")
     before = held(tmp_path)
-    after = call == "mkdir"  # the first makes the parents
+    after = call == "mkdir"  # the first call creates the parents
     monkeypatch.setattr(owner, call, raiser(error, after))
     with pytest.raises(OutputError if isinstance(error, OSError) else KeyboardInterrupt):
         write(tmp_path / "a", kind)
@@ -125,7 +127,7 @@ def test_a_call_of_the_system_fails(
 
 
 @pytest.mark.parametrize("error", [BROKEN, KeyboardInterrupt()], ids=repr)
-def test_a_folder_that_cannot_move_in_is_moved_back(
+def test_the_old_folder_is_restored_if_renaming_fails(
     error: BaseException, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     write(tmp_path / "a", "folder", b"old")
@@ -145,7 +147,7 @@ def test_a_folder_that_cannot_move_in_is_moved_back(
 
 @KINDS
 @pytest.mark.parametrize("links", [True, False])
-def test_without_overwrite_what_is_there_or_comes_meanwhile_stays(
+def test_without_overwrite_existing_outputs_are_kept(
     kind: str, links: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def refuse(*_: object) -> None:
@@ -165,8 +167,27 @@ def test_without_overwrite_what_is_there_or_comes_meanwhile_stays(
     assert {(tmp_path / name).read_bytes() for name in ("old", "new")} == {b"theirs"}
 
 
+def test_only_one_of_eight_writers_creates_a_file(tmp_path: Path) -> None:
+    together = threading.Barrier(8)
+
+    def create(number: int) -> str:
+        try:
+            with new_file(tmp_path / "a", overwrite=False) as file:
+                file.write(str(number).encode())
+                together.wait()
+        except UsageError as error:
+            return error.code
+        return str(number)
+
+    with ThreadPoolExecutor(8) as pool:
+        results = list(pool.map(create, range(8)))
+    (winner,) = set(results) - {"OUTPUT_EXISTS"}
+    assert results.count("OUTPUT_EXISTS") == 7
+    assert held(tmp_path) == {"a": winner.encode()}
+
+
 @pytest.mark.parametrize("kind", ["file", "folder", "files"])
-def test_folders_that_were_made_for_nothing_are_gone(
+def test_created_folders_are_removed_after_a_failure(
     kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -189,7 +210,7 @@ def test_folders_that_were_made_for_nothing_are_gone(
 
 
 @pytest.mark.parametrize("number", [errno.ENOSPC, errno.EDQUOT])
-def test_the_error_says_what_is_free_and_needed(number: int, tmp_path: Path) -> None:
+def test_the_error_reports_free_and_needed_space(number: int, tmp_path: Path) -> None:
     with pytest.raises(OutputError, match=r"[\d,]+ bytes .* 7 are"):  # noqa: SIM117
         with new_file(tmp_path / "a", size=7):
             raise OSError(number, os.strerror(number))
@@ -246,7 +267,7 @@ def test_the_longest_names(kind: str, name: str, tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == [name]
 
 
-def test_what_stands_in_the_way(tmp_path: Path) -> None:
+def test_files_and_folders_in_the_way(tmp_path: Path) -> None:
     write(tmp_path / "file", "file", b"kept")
     write(tmp_path / "folder", "folder", b"kept")
     with pytest.raises(OutputError, match="OUTPUT_UNWRITABLE"):
@@ -259,9 +280,9 @@ def test_what_stands_in_the_way(tmp_path: Path) -> None:
     assert held(tmp_path) == {"file/a": b"new", "folder/a": b"kept"}
 
 
-@pytest.mark.skipif(os.name == "nt", reason="links need a right of their own there")
+@pytest.mark.skipif(os.name == "nt", reason="links need special rights on Windows")
 @KINDS
-def test_a_link_is_replaced_and_not_what_it_leads_to(kind: str, tmp_path: Path) -> None:
+def test_a_link_is_replaced_and_its_target_is_kept(kind: str, tmp_path: Path) -> None:
     (tmp_path / "kept").write_bytes(b"kept")
     for name, leads_to in (("dangling", "nowhere"), ("link", "kept")):
         (tmp_path / name).symlink_to(leads_to)

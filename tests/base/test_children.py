@@ -1,4 +1,4 @@
-"""Functions in child processes: what they make comes back; a hang, a crash or a hunger costs them alone."""
+"""Functions in child processes: results, time and memory limits, crashes and interrupts."""
 
 import os
 import signal
@@ -30,7 +30,7 @@ def test_data_and_arrays_travel_both_ways(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: Any
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    for name in ("numpy.py", "json.py"):  # files of the current folder are not run
+    for name in ("numpy.py", "json.py"):  # files of the current folder must not be imported
         (tmp_path / name).write_text("raise SystemExit('taken over')")
     given = {"mesh.faces": np.arange(6, dtype=np.int32).reshape(2, 3), "points": np.ones((2, 3), np.float32)}
     reply = run_apart(describe, "a word", given, Limits())
@@ -56,7 +56,7 @@ def test_data_and_arrays_travel_both_ways(
         ("bad_alloc", "4 GiB", "memory"),
     ],
 )
-def test_the_reason_is_that_of_the_library_or_the_system(way: str, why: str, ended_by: str | None) -> None:
+def test_the_reason_of_a_failure_is_reported(way: str, why: str, ended_by: str | None) -> None:
     reply = fail(way)
     assert (reply.data, reply.arrays, reply.ended_by) == (None, {}, ended_by)
     assert why in reply.why
@@ -72,9 +72,9 @@ def test_a_hang_ends_at_its_limit() -> None:
 
 @pytest.mark.slow
 @LINUX
-def test_a_hang_takes_its_children_along(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_children_of_a_hanging_process_are_killed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("TMPDIR", str(tmp_path))
-    monkeypatch.setattr(tempfile, "tempdir", None)  # which remembers the folder
+    monkeypatch.setattr(tempfile, "tempdir", None)  # it caches the folder
     assert fail("hang with a child", Limits(10.0)).ended_by == "time"
     assert is_gone(int((tmp_path / "pid").read_text()))
     assert [path.name for path in tmp_path.iterdir()] == ["pid"]
@@ -87,7 +87,7 @@ def test_too_much_memory_is_reported_with_the_limit() -> None:
     assert "1 GiB" in reply.why
 
 
-def test_one_that_crashes_costs_no_other() -> None:
+def test_a_crash_does_not_affect_other_calls() -> None:
     replies = run_each(misbehave, ["abort", "one", "raise", "two"], {}, Limits(), at_once=2)
     assert {word: reply.data for word, reply in replies.items()} == {
         "abort": None,
@@ -132,21 +132,21 @@ def test_a_child_ends_with_a_parent_that_is_killed(tmp_path: Path) -> None:
     variables = {**os.environ, "PYTHONPATH": str(ROOT), "TMPDIR": str(tmp_path)}
     parent = subprocess.Popen([sys.executable, "-c", code], env=variables)
     deadline = time.monotonic() + 60
-    told = tmp_path / "pid"
-    while not (told.exists() and told.read_text()) and time.monotonic() < deadline:
+    pid_file = tmp_path / "pid"
+    while not (pid_file.exists() and pid_file.read_text()) and time.monotonic() < deadline:
         time.sleep(0.05)
-    grandchild = int(told.read_text())
+    grandchild = int(pid_file.read_text())
     child = int(Path(f"/proc/{grandchild}/stat").read_text("ascii").rpartition(")")[2].split()[1])
     parent.kill()
     parent.wait()
     try:
         assert is_gone(child)
     finally:
-        os.kill(grandchild, signal.SIGKILL)  # which nobody promised to end
+        os.kill(grandchild, signal.SIGKILL)  # grandchildren are not killed automatically
 
 
 def is_gone(number: int) -> bool:
-    """Return whether a process ends within a while; one that nobody waited for is a zombie."""
+    """Return whether a process ends within 20 s. A zombie counts as ended."""
     deadline = time.monotonic() + 20
     while time.monotonic() < deadline:
         try:

@@ -1,4 +1,4 @@
-"""What the Python API says where an extra is not installed: one code, one status, the extra by name."""
+"""Errors of the Python API about extras that are not installed."""
 
 import json
 import subprocess
@@ -25,7 +25,7 @@ CALLS = {
     "window": ("view", "gl.GlProbe.start()"),
     "topology figure": ("view", "figure.write_figure(None, Path('t.png'))"),
 }
-"""What is called -> the extra it needs, and the call."""
+"""Name -> the required extra, and the call."""
 DRIVER = """
 import json, sys
 from pathlib import Path
@@ -38,14 +38,14 @@ from msb.errors import MsbError
 from msb.render import images
 from msb.report import figures, pages
 from msb_viewers import figure, gl
-image, found = np.zeros((8, 8, 3), np.float32), {}
+image, errors = np.zeros((8, 8, 3), np.float32), {}
 Path("a.exr").touch()
 for name, call in calls.items():
     try:
         eval(call)
     except MsbError as error:
-        found[name] = [error.code, error.exit_status, str(error)]
-print(json.dumps([found, sorted(path.name for path in Path().iterdir())]))
+        errors[name] = [error.code, error.exit_status, str(error)]
+print(json.dumps([errors, sorted(path.name for path in Path().iterdir())]))
 """
 ABSENT = ("skimage", "matplotlib", "jinja2", "OpenEXR", "psutil", "filelock", "av")
 ABSENT += ("torch", "lpips", "distributed", "pyvista", "vtkmodules")
@@ -62,15 +62,15 @@ def test_the_api_names_the_extra_and_leaves_nothing_behind(tmp_path: Path) -> No
         env={"PYTHONPATH": f"{ROOT}:{ROOT / 'viewers'}"},
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
-    found, left = json.loads(done.stdout)
+    errors, left = json.loads(done.stdout)
     for name, (extra, _) in CALLS.items():
-        code, status, text = found[name]
+        code, status, text = errors[name]
         assert (code, status) == ("EXTRA_MISSING", 2)
         assert install(extra) in text
     assert left == ["a.exr"]
 
 
-def test_what_is_there_is_not_asked_for() -> None:
+def test_only_missing_modules_are_reported() -> None:
     need_extra("bench", "numpy", what="this")
     with pytest.raises(UsageError, match=r"EXTRA_MISSING: .*no_such.*") as info:
         need_extra("bench", "numpy", "no_such", what="this", instead="that needs none")

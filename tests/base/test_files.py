@@ -1,4 +1,4 @@
-"""Files are opened by one function: regular ones only, with the same two codes whoever asks."""
+"""Only regular files are opened, and all readers raise the same two codes for others."""
 
 import hashlib
 import os
@@ -44,7 +44,7 @@ def test_only_regular_files_are_opened(opener: str, places: dict[str, Path]) -> 
         assert caught.value.file == str(path)
 
 
-def test_one_byte_more_than_asked_for_tells_a_longer_file(tmp_path: Path) -> None:
+def test_read_file_returns_one_byte_more_than_the_limit(tmp_path: Path) -> None:
     path = tmp_path / "a"
     path.write_bytes(b"12345")
     assert [read_file(path, most) for most in (None, 5, 4, 0)] == [b"12345", b"12345", b"12345", b"1"]

@@ -8,7 +8,7 @@ from msb.base.matrices import inverse
 
 
 def exact_inverse(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The adjugate over the determinant, in fractions: rounded once, at the end."""
+    """Return the adjugate divided by the determinant, computed with fractions and rounded at the end."""
     rows = [[Fraction(float(value)) for value in row] for row in matrix]
 
     def minor(of: list[list[Fraction]], row: int, column: int) -> list[list[Fraction]]:
@@ -26,17 +26,17 @@ def exact_inverse(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
         )
 
     whole, size = determinant(rows), range(len(rows))
-    found = [[(-1) ** (i + j) * determinant(minor(rows, j, i)) / whole for j in size] for i in size]
-    return np.array(found, np.float64)
+    adjugate = [[(-1) ** (i + j) * determinant(minor(rows, j, i)) / whole for j in size] for i in size]
+    return np.array(adjugate, np.float64)
 
 
 @pytest.mark.parametrize("size", [1, 3, 4])
-def test_an_inverse_is_the_exact_one_but_for_its_rounding(size: int) -> None:
+def test_the_inverse_agrees_with_exact_arithmetic(size: int) -> None:
     rng = np.random.default_rng(size)
     for number in range(50):
         matrix = rng.normal(size=(size, size)) * 10.0 ** rng.integers(-3, 4, size)
         if number % 2 and size > 1:
-            matrix[0, 0] = 0  # the first pivot lies below
+            matrix[0, 0] = 0  # the first pivot is in another row
         before = matrix.copy()
         expected = exact_inverse(matrix)
         condition = np.linalg.norm(matrix) * np.linalg.norm(expected)

@@ -1,4 +1,4 @@
-"""Folders that a command writes as a whole: what is replaced, what stays, and what an error leaves."""
+"""Folders of results: replaced files, other files, and the state after an error."""
 
 import errno
 import json
@@ -14,22 +14,22 @@ from msb.errors import OutputError, UsageError
 
 
 def write(folder: Path, *names: str, overwrite: bool = True) -> None:
-    """Write files that hold their own names."""
-    with own_folder(folder, overwrite=overwrite) as made:
+    """Write files that contain their names."""
+    with own_folder(folder, overwrite=overwrite) as new:
         for name in names:
-            (made / name).parent.mkdir(exist_ok=True)
-            (made / name).write_text(name)
+            (new / name).parent.mkdir(exist_ok=True)
+            (new / name).write_text(name)
 
 
 def contents(folder: Path) -> dict[str, str]:
-    """Return name -> text of all files but the list."""
+    """Return name -> text of all files except the list."""
     files = (path for path in folder.rglob("*") if path.is_file() and path.name != LIST)
     return {path.relative_to(folder).as_posix(): path.read_text() for path in files}
 
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    """Return a folder of an earlier run to which a user added files, a link and an empty folder."""
+    """Return a folder of an earlier run with additional files, a link and an empty folder of a user."""
     folder = tmp_path / "out"
     write(folder, "a", "b", "sub/c")
     (folder / "mine").write_text("mine")
@@ -71,15 +71,15 @@ def test_after_a_failure_the_old_folder_is_whole(
         monkeypatch.setattr(os, "link", fail)
         monkeypatch.setattr(shutil, "copy2", fail)
     wanted = OutputError if isinstance(failure, OSError) else KeyboardInterrupt
-    with pytest.raises(wanted), own_folder(folder) as made:  # noqa: PT012 - the block is what fails
-        (made / "a").write_text("new")
+    with pytest.raises(wanted), own_folder(folder) as new:  # noqa: PT012 - the block has to fail
+        (new / "a").write_text("new")
         if step == "writing":
             fail()
     assert (contents(folder), listed_files(folder)) == (before, files)
     assert [path.name for path in folder.parent.iterdir()] == ["out"]
 
 
-def test_a_new_file_replaces_no_file_of_somebody_else(folder: Path) -> None:
+def test_a_new_file_does_not_replace_a_file_of_a_user(folder: Path) -> None:
     before = contents(folder)
     for name in ("mine", "sub"):
         with pytest.raises((UsageError, OutputError)):
@@ -100,7 +100,7 @@ def test_a_link_to_a_folder_stays_a_link(folder: Path) -> None:
     "text",
     ["", "[]", "{}", '{"schema": "other/1", "files": ["a"]}', '{"schema": "msb.files/1"}', "[" * 99999],
 )
-def test_a_folder_without_a_list_of_ours_is_not_written(tmp_path: Path, text: str) -> None:
+def test_a_folder_without_a_valid_list_is_not_written(tmp_path: Path, text: str) -> None:
     (tmp_path / "a").write_text("mine")
     (tmp_path / LIST).write_text(text)
     with pytest.raises(UsageError) as caught:

@@ -1,4 +1,4 @@
-"""Packages of others that exit, print or hold the wrong thing are left out; commands go on."""
+"""Plug-ins that exit, print or are invalid are ignored."""
 
 import sys
 from collections.abc import Callable, Iterator
@@ -16,7 +16,7 @@ Install = Callable[..., Path]
 
 @pytest.fixture
 def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Install]:
-    """Install modules, and entry points as they stand in their file."""
+    """Return a function that installs modules and an entry_points.txt."""
     monkeypatch.syspath_prepend(tmp_path)
 
     def forget() -> None:
@@ -47,13 +47,15 @@ WAYS = {
 
 
 @pytest.mark.parametrize(("text", "why"), WAYS.items())
-def test_what_cannot_be_loaded_is_a_package_error(package: Install, text: str, why: str) -> None:
+def test_a_module_that_cannot_be_loaded_is_a_package_error(package: Install, text: str, why: str) -> None:
     package("", their_part=text)
     with pytest.raises(PackageError, match=why):
         load("their_part:Part")
 
 
-def test_what_a_package_prints_is_no_result(package: Install, capsys: pytest.CaptureFixture[str]) -> None:
+def test_output_of_a_package_goes_to_standard_error(
+    package: Install, capsys: pytest.CaptureFixture[str]
+) -> None:
     package("", their_part="print('hello')\n")
     load("their_part")
     with contained():
@@ -66,7 +68,7 @@ def test_ctrl_c_passes() -> None:
         raise KeyboardInterrupt
 
 
-def test_of_two_packages_of_one_name_the_first_in_the_alphabet_is_taken(package: Install) -> None:
+def test_the_first_of_two_plugins_with_the_same_name_is_used(package: Install) -> None:
     package("[msb.renderers]\nx = their_b:X\nx = their_a:X\nstandard = their_c:X\n")
     with pytest.warns(PackageWarning, match="PACKAGE_LEFT_OUT") as caught:
         assert renderers() == {**BUILT_IN, **ENGINES, "x": "their_a:X"}
@@ -74,11 +76,11 @@ def test_of_two_packages_of_one_name_the_first_in_the_alphabet_is_taken(package:
     assert "their_b" in str(caught[1].message)
 
 
-def test_any_group_is_read_and_names_are_held_to_a_pattern(package: Install) -> None:
+def test_names_must_match_the_pattern_of_their_group(package: Install) -> None:
     package("[msb.commands]\nown-thing = their_a:x\nNo = their_a:x\n")
     with pytest.warns(PackageWarning, match="No"):
-        found = installed("command", {}, lambda name, _: name, pattern=r"^[a-z-]+$")
-    assert found == {"own-thing": ("own-thing", "their_a:x")}
+        commands = installed("command", {}, lambda name, _: name, pattern=r"^[a-z-]+$")
+    assert commands == {"own-thing": ("own-thing", "their_a:x")}
 
 
 def test_an_entry_point_file_that_cannot_be_read_hides_no_other(
@@ -123,7 +125,7 @@ def test_using_a_broken_renderer_names_its_package(
 
 
 @pytest.mark.parametrize("text", [*WAYS, "X = 3", "class X:\n    def missing(): raise SystemExit"])
-def test_what_is_missing_of_a_broken_renderer_is_said(package: Install, text: str) -> None:
+def test_a_broken_renderer_has_a_reason(package: Install, text: str) -> None:
     package("[msb.renderers]\nx = their_x:X\ny =\n", their_x=text)
     assert what_is_missing("x")
     assert what_is_missing("y")

@@ -1,4 +1,4 @@
-"""Paths as callers give them, and names that another system spelled in another Unicode normal form."""
+"""Empty paths, and file names in another Unicode normal form."""
 
 import shutil
 import unicodedata
@@ -55,7 +55,7 @@ def test_an_empty_path_is_not_the_current_folder(
 
 @pytest.fixture
 def both_forms(tmp_path: Path) -> None:
-    """Skip where the file system takes the two spellings for one name (macOS)."""
+    """Skip if the file system treats both forms as the same name (macOS)."""
     (tmp_path / COMPOSED).touch()
     if (tmp_path / DECOMPOSED).exists():
         pytest.skip("this file system knows one spelling only")
@@ -68,7 +68,7 @@ def picture(path: Path) -> Path:
 
 
 @pytest.mark.usefixtures("both_forms")
-def test_images_pair_whose_names_differ_in_their_normal_form_only(tmp_path: Path) -> None:
+def test_images_are_paired_across_normal_forms(tmp_path: Path) -> None:
     pred = picture(tmp_path / "pred" / DECOMPOSED / f"{DECOMPOSED}.png")
     gt = picture(tmp_path / "gt" / COMPOSED / f"{COMPOSED}.png")
     pairs = metrics.pair_images(tmp_path / "pred", tmp_path / "gt")
@@ -76,7 +76,7 @@ def test_images_pair_whose_names_differ_in_their_normal_form_only(tmp_path: Path
 
 
 @pytest.mark.usefixtures("both_forms")
-def test_two_images_of_one_name_in_two_normal_forms_are_refused(tmp_path: Path) -> None:
+def test_two_images_with_the_same_name_in_two_normal_forms_are_rejected(tmp_path: Path) -> None:
     for name in (COMPOSED, DECOMPOSED):
         picture(tmp_path / "pred" / f"{name}.png")
     with pytest.raises(MetricError, match="METRIC_IMAGE_NAMES"):
@@ -90,7 +90,7 @@ def renamed(folder: Path, file: str, old: str, new: str) -> None:
 
 
 @pytest.mark.usefixtures("both_forms")
-def test_cameras_find_photographs_that_are_spelled_otherwise(tmp_path: Path) -> None:
+def test_cameras_find_photographs_across_normal_forms(tmp_path: Path) -> None:
     scene = shutil.copytree(SCENE, tmp_path / "pebble")
     renamed(scene, "transforms_test.json", "test/r_0", f"{COMPOSED}/r_{COMPOSED}_0")
     for photograph in (scene / "test").glob("r_0*"):

@@ -1,4 +1,4 @@
-"""The command line as its users meet it: a child process with its exit status and two streams."""
+"""Fixtures that run commands and return exit status, standard output and standard error."""
 
 import contextlib
 import json
@@ -24,17 +24,17 @@ from tests.cli.forks import run_msb
 from tests.conftest import ROOT
 
 INSTALLED = [name for entries in listed().values() for name in entries]
-"""The commands whose capability is installed, in the order of the help."""
+"""The installed commands, in the order of the help."""
 
 
 def of_installed(*lines: str) -> list[str]:
-    """Return the command lines whose command is installed."""
+    """Return the command lines of installed commands."""
     return [line for line in lines if line.split()[0] in INSTALLED]
 
 
 @dataclass(frozen=True)
 class Result:
-    """What a command left behind."""
+    """The exit status and the output of a command."""
 
     status: int
     out: str
@@ -42,11 +42,11 @@ class Result:
 
     @property
     def json(self) -> Any:
-        """The one JSON document on standard output."""
+        """The JSON document on standard output."""
         return json.loads(self.out, parse_constant=lambda name: pytest.fail(f"bare {name} in JSON"))
 
     def ends(self, status: int, begin: str) -> None:
-        """Check that it ended with this status, and one line on standard error alone that begins so."""
+        """Check the status, and that the only output is a line on standard error with this beginning."""
         assert (self.status, self.out, self.err.count("\n")) == (status, "", 1), self
         assert self.err.startswith(begin), self
 
@@ -56,9 +56,9 @@ Here = Callable[..., Result]
 
 
 class Msb(Protocol):
-    """Run a command, whose first words may be one text: ``msb("audit --json -", path)``.
+    """Run a command. The first argument can have several words: ``msb("audit --json -", path)``.
 
-    If a `status` is given it must end with this one.
+    The exit status must be `status`, if it is given.
     """
 
     def __call__(self, *args: object, status: int | None = None, cwd: Path = ROOT, **env: str) -> Result: ...
@@ -80,13 +80,13 @@ def msb() -> Msb:
 
 
 def mesh_file(path: Path, points: np.ndarray, faces: np.ndarray) -> Path:
-    """Write a mesh to a file of the format that its suffix names; return the file."""
+    """Write a mesh in the format of the suffix of `path`; return `path`."""
     write_mesh(Mesh(points, faces.astype(np.int64)), path, suffix=path.suffix)
     return path
 
 
 def on_terminal(*args: object) -> str:
-    """Run `msb` in a process whose two streams are a terminal; return what is shown there, status 0."""
+    """Run `msb` in a process with a terminal, check that it succeeds, and return its output."""
     import pty
 
     clean = {key: value for key, value in os.environ.items() if key not in {"NO_COLOR", "FORCE_COLOR"}}
@@ -101,7 +101,7 @@ def on_terminal(*args: object) -> str:
     )
     os.close(side)
     data = b""
-    with contextlib.suppress(OSError):  # what Linux says at the end
+    with contextlib.suppress(OSError):  # the error of Linux at the end
         while part := os.read(main, 65536):
             data += part
     os.close(main)
@@ -111,7 +111,7 @@ def on_terminal(*args: object) -> str:
 
 @pytest.fixture
 def here(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Here:
-    """Return a function that runs `msb` in this process, called like `Msb`, in a tenth of the time."""
+    """Return a function like `Msb` that runs `msb` in this process, which is ten times as fast."""
     group = get_command(app)
     monkeypatch.setattr("typer.main.get_command", lambda _: group)
 
@@ -128,7 +128,9 @@ def here(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) ->
 
 @pytest.fixture
 def refused(here: Here) -> Refused:
-    """Return a function that runs a command in this process and returns the one line it ends on, status 2."""
+    """Return a function that runs a command in this process, checks for status 2, and returns the error
+    line.
+    """
 
     def line_of(line: str | list[str]) -> str:
         result = here(*(shlex.split(line) if isinstance(line, str) else line))
@@ -140,13 +142,13 @@ def refused(here: Here) -> Refused:
 
 @pytest.fixture(scope="session")
 def tried() -> list[Tried]:
-    """Every device, tried once."""
+    """The results of trying all devices."""
     return try_devices()
 
 
 @pytest.fixture
 def devices(here: Here, tried: list[Tried], monkeypatch: pytest.MonkeyPatch) -> Here:
-    """Return a function that runs `msb devices` in this process, which tries no device again."""
+    """Return a function that runs `msb devices` in this process with the results of `tried`."""
     monkeypatch.setattr("msb.cl.devices.try_devices", lambda: tried)
     for variable in ("MSB_DEVICE", "PYOPENCL_CTX"):
         monkeypatch.setenv(variable, "")

@@ -1,4 +1,4 @@
-"""`msb` in processes of its own that are forked from one that has imported it: a tenth of a start's time."""
+"""Run `msb` in processes that are forked from a server which has imported it. This saves 90 % of the time."""
 
 import atexit
 import json
@@ -13,9 +13,9 @@ from pathlib import Path
 from tests.conftest import ROOT
 
 SECONDS = 600
-"""After which a command is killed."""
+"""Time limit of a command."""
 STARTS = ("PYTHON", "LC_", "LANG", "LD_")
-"""Beginnings of the names of variables that an interpreter reads when it starts."""
+"""Prefixes of variables that Python reads at its start, so that forking is not possible."""
 IMPORTED = [
     "msb.adapters.exporter",
     "msb.adapters.tensors",
@@ -44,7 +44,7 @@ IMPORTED = [
     "sqlite3",
     "yaml",
 ]
-"""What commands import when they run; not pyopencl, whose loader must start in the child."""
+"""Modules that commands import. pyopencl is omitted, because its loader must start in the child."""
 SERVER = """
 import contextlib, functools, gc, json, os, pathlib, pkgutil, signal, sys
 from importlib import import_module
@@ -56,14 +56,14 @@ seconds, *imported = sys.argv[1:]
 imported += [module.name for module in pkgutil.iter_modules(msb.cli.__path__, "msb.cli.")]
 imported += [place.module for places in BUILT_IN.values() for place in places.values()]
 for name in imported:
-    with contextlib.suppress(ModuleNotFoundError):  # a capability that was removed, or an extra
+    with contextlib.suppress(ModuleNotFoundError):  # a removed capability or a missing extra
         import_module(name)
-# What the library makes of the same commands is the same.
+# Typer builds the same objects for the same commands, so cache them.
 typer.main.get_command = functools.cache(typer.main.get_command)
 typer.main.get_command(import_module("msb.cli.app").app)
 if WRITTEN in os.environ:
     keep_written(pathlib.Path(os.environ[WRITTEN]))
-gc.freeze()  # else a collection in a child copies all of the memory
+gc.freeze()  # otherwise garbage collection in a child would copy all of its memory
 for line in sys.stdin:
     wanted = json.loads(line)
     if not (child := os.fork()):
@@ -86,7 +86,7 @@ msb.cli.main()
 
 @cache
 def _server() -> tuple[subprocess.Popen[str], Path]:
-    """Start the process that is forked; return it and a new folder for what its children print."""
+    """Start the server; return it and a new folder for the output of its children."""
     folder = tempfile.TemporaryDirectory(prefix="msb-forks-", ignore_cleanup_errors=True)
     process = subprocess.Popen(
         [sys.executable, "-c", SERVER, str(SECONDS), *IMPORTED],
@@ -94,11 +94,11 @@ def _server() -> tuple[subprocess.Popen[str], Path]:
         stdout=subprocess.PIPE,
         text=True,
         cwd=ROOT,
-        # A second thread, of a library for linear algebra, would not live on in a child.
+        # Threads of a linear algebra library would not exist in a forked child.
         env={**os.environ, "PYTHONPATH": _PATH, "OPENBLAS_NUM_THREADS": "1"},
     )
     atexit.register(folder.cleanup)
-    atexit.register(process.communicate)  # it ends with its input
+    atexit.register(process.communicate)  # it exits at the end of its input
     return process, Path(folder.name)
 
 
@@ -106,7 +106,7 @@ _PATH = os.pathsep.join(filter(None, [str(ROOT), str(ROOT / "viewers"), os.envir
 
 
 def run_msb(args: list[str], cwd: Path, env: Mapping[str, str | None]) -> subprocess.CompletedProcess[bytes]:
-    """Run `msb` in `cwd` with this process's variables and those of `env`; None takes one away."""
+    """Run `msb` in `cwd` with the variables of this process, changed by `env`; None removes one."""
     merged = {**os.environ, "PYTHONPATH": _PATH, **env}
     wanted = {name: value for name, value in merged.items() if value is not None}
     if not hasattr(os, "fork") or any(name.startswith(STARTS) for name in env):

@@ -1,4 +1,4 @@
-"""What holds for all commands: JSON, notes and logs, colour."""
+"""Common properties of all commands: JSON, notes, logs and colours."""
 
 import os
 import re
@@ -32,7 +32,7 @@ LINES = of_installed(
 
 @pytest.mark.slow
 @pytest.mark.parametrize("line", LINES)
-def test_a_document_names_its_schema_and_our_version(msb: Msb, tmp_path: Path, line: str) -> None:
+def test_a_document_has_its_schema_and_the_version(msb: Msb, tmp_path: Path, line: str) -> None:
     document = msb(f"{line} --json -".replace("OUT", str(tmp_path)), status=0).json
     assert re.fullmatch(r"msb\.[a-z]+/\d+", document["schema"])
     assert re.fullmatch(r"\d+\.\d+\.\d+", document["tool_version"])
@@ -49,7 +49,7 @@ def test_keys_are_documented_of_eleven_commands() -> None:
 
 
 def _documented_keys() -> dict[str, set[str]]:
-    """Return the keys that the table of docs/cli.md explains, by command."""
+    """Return command -> keys in the table of docs/cli.md."""
     text = (ROOT / "docs" / "cli.md").read_text(encoding="utf-8")
     table = text.partition("| Command | Key | What it is |")[2].partition("\n\n")[0]
     keys: dict[str, set[str]] = {}
@@ -62,7 +62,7 @@ def _documented_keys() -> dict[str, set[str]]:
 
 
 @pytest.mark.slow
-def test_steps_are_told_with_vv_and_logged_in_any_case(msb: Msb, tmp_path: Path) -> None:
+def test_steps_are_printed_with_vv_and_always_logged(msb: Msb, tmp_path: Path) -> None:
     log = tmp_path / "new" / "msb.log"
     assert msb("audit", "-q", "--log-file", log, ASSET).err == ""
     first = log.read_text(encoding="utf-8").splitlines()
@@ -93,26 +93,28 @@ def test_steps_are_told_with_vv_and_logged_in_any_case(msb: Msb, tmp_path: Path)
         ((), {"FORCE_COLOR": "1", "NO_COLOR": "1"}, False),
     ],
 )
-def test_colour_is_as_asked_for(msb: Msb, args: tuple[str, ...], env: dict[str, str], colored: bool) -> None:
+def test_colour_follows_options_and_variables(
+    msb: Msb, args: tuple[str, ...], env: dict[str, str], colored: bool
+) -> None:
     result = msb("validate", *args, ASSET, **{"TERM": "xterm-256color", **env})
     assert ("\x1b[" in result.out) is colored
 
 
 @pytest.mark.slow
 @pytest.mark.skipif(os.name == "nt", reason="pseudo-terminals are POSIX")
-def test_on_a_terminal_results_for_programs_stay_alone() -> None:
-    """Neither a spinner nor an escape sequence, on either stream, when both are the terminal."""
-    shown = {option: on_terminal("validate", *option.split(), ASSET) for option in ("--json -", "-q")}
-    assert "\x1b" not in shown["--json -"]
-    assert shown["--json -"].startswith("{")
-    assert "\x1b[1mvalid\x1b[0m" in shown["-q"]
+def test_json_on_a_terminal_has_no_escape_sequences() -> None:
+    """On a terminal JSON has neither progress nor escape sequences."""
+    outputs = {option: on_terminal("validate", *option.split(), ASSET) for option in ("--json -", "-q")}
+    assert "\x1b" not in outputs["--json -"]
+    assert outputs["--json -"].startswith("{")
+    assert "\x1b[1mvalid\x1b[0m" in outputs["-q"]
 
 
 @pytest.mark.parametrize("force", [(), ("--force",)])
 @pytest.mark.parametrize(
     "text", [b"glTF\2\0\0\0", b"ply\nformat ascii 1.0\n", b"\n", b"2024-01-01 10:00 INFO a\n"]
 )
-def test_a_file_that_is_no_log_is_not_added_to(
+def test_a_file_that_is_not_a_log_is_not_changed(
     tmp_path: Path, refused: Refused, text: bytes, force: tuple[str, ...]
 ) -> None:
     (tmp_path / "a.glb").write_bytes(text)
@@ -124,7 +126,7 @@ def test_a_file_that_is_no_log_is_not_added_to(
 
 
 @pytest.mark.slow
-def test_a_log_is_added_to_where_there_is_none_an_empty_one_or_one_of_ours(msb: Msb, tmp_path: Path) -> None:
+def test_a_log_is_created_or_extended(msb: Msb, tmp_path: Path) -> None:
     (tmp_path / "log").touch()
     for lines in (1, 2):
         msb("completion", "--log-file", tmp_path / "log", "bash", status=0)
@@ -133,6 +135,6 @@ def test_a_log_is_added_to_where_there_is_none_an_empty_one_or_one_of_ours(msb: 
     msb("completion", "--log-file", tmp_path / "null", "bash", status=0)
 
 
-def test_an_input_that_is_not_there_is_not_made_by_the_log(tmp_path: Path, refused: Refused) -> None:
+def test_the_log_does_not_create_a_missing_input(tmp_path: Path, refused: Refused) -> None:
     assert refused(f"audit --log-file {tmp_path}/a.ply {tmp_path}/a.ply").startswith("USAGE: ")
     assert list(tmp_path.iterdir()) == []

@@ -1,6 +1,6 @@
-"""Every command where things are missing or odd: extras, OpenCL, a home, a locale, file names, a terminal.
+"""Commands in unusual environments: without extras, OpenCL or a home, odd locales and file names, terminals.
 
-Commands that share an environment run one after the other in one process, which is several times as fast.
+Commands with the same environment run in the same process, which is several times as fast.
 """
 
 import json
@@ -27,12 +27,12 @@ EXTRAS = ("pyvista", "vtk", "igl", "pymeshlab", "manifold3d", "networkx", "torch
 EXTRAS += ("xatlas", "fast_simplification", "coacd", "dask", "distributed", "pynvml", "wgpu", "bpy")
 EXTRAS += ("skimage", "matplotlib", "jinja2", "OpenEXR", "psutil", "filelock", "av", "trimesh")
 EXTRAS += ("pxr", "usd_validation_nvidia")
-"""What the extras bring."""
+"""Modules of the extras."""
 DRIVER = """
 import json, os, sys
 commands, absent = json.load(sys.stdin)
 commands = [[os.fsdecode(word.encode("latin-1")) for word in words] for words in commands]
-sys.modules.update(dict.fromkeys(absent))  # importing them fails, looking for them finds nothing
+sys.modules.update(dict.fromkeys(absent))  # their import fails
 from msb.cli import main
 for words in commands:
     sys.argv = ["msb", *words]
@@ -50,7 +50,7 @@ for words in commands:
 
 @dataclass(frozen=True)
 class Ended:
-    """How one command of several ended."""
+    """The exit status and output of a command."""
 
     words: tuple[str, ...]
     status: int
@@ -59,7 +59,7 @@ class Ended:
 
 
 def words_of(lines: str) -> list[tuple[str, ...]]:
-    """Return the words of lines of installed commands; ASSET is an asset, SMALL a small image."""
+    """Return the words of command lines, for installed commands. ASSET and SMALL are abbreviations."""
     small = "--turntable 1 --size 32x24 -o"
     lines = lines.replace("SMALL", small).replace("ASSET", ASSET)
     return [tuple(shlex.split(line)) for line in of_installed(*lines.strip().splitlines())]
@@ -68,13 +68,13 @@ def words_of(lines: str) -> list[tuple[str, ...]]:
 def run_all(
     commands: list[tuple[str, ...]], cwd: Path, absent: tuple[str, ...] = (), **env: str | None
 ) -> list[Ended]:
-    """Run the commands in one process; a variable that is None is not set."""
+    """Run commands in one process. Variables in `env` that are None are removed."""
     wanted = {**os.environ, "PYTHONPATH": f"{ROOT}{os.pathsep}{ROOT / 'viewers'}", **env}
     done = subprocess.run(
         [sys.executable, "-c", DRIVER],
-        # Bytes, as a shell passes them on: the process may see other characters in them than we do.
+        # Pass the bytes of words, because the process can have another encoding.
         input=json.dumps(
-            [[[os.fsencode(w).decode("latin-1") for w in one] for one in commands], absent]
+            [[[os.fsencode(w).decode("latin-1") for w in command] for command in commands], absent]
         ).encode(),
         capture_output=True,
         cwd=cwd,
@@ -89,7 +89,7 @@ def run_all(
 
 @pytest.fixture
 def work(tmp_path: Path) -> Path:
-    """Return a folder with the data that examples use."""
+    """Return a folder with the data of the examples."""
     (tmp_path / "tests").symlink_to(ROOT / "tests")
     link_demo(tmp_path)
     return tmp_path
@@ -97,7 +97,7 @@ def work(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def nowhere(tmp_path: Path) -> str:
-    """Return a folder in which nobody, root included, can write: it is below a file."""
+    """Return a folder that not even root can create, because it is below a file."""
     (tmp_path / "file").touch()
     return str(tmp_path / "file" / "folder")
 
@@ -133,12 +133,12 @@ def test_a_missing_extra_is_named_in_one_line(work: Path) -> None:
         web --out w.html ASSET
         web --tier dedicated --no-verify --cameras data_stubs/views.json --scale 0.1 --out d.html ASSET""")
     *ended, dry = run_all([*named, *whole, DRY], work, EXTRAS, MSB_BLENDER=None)
-    for one in ended[: len(named)]:
-        line = one.err.decode()
-        assert (one.status, one.out, len(line.splitlines())) == (2, b"", 1), line
+    for result in ended[: len(named)]:
+        line = result.err.decode()
+        assert (result.status, result.out, len(line.splitlines())) == (2, b"", 1), line
         assert line.startswith(("EXTRA_MISSING: ", "ENGINE_MISSING: "))
-        assert f"meshsplatbench[{named[one.words]}]" in line
-    assert {one.words: one.err for one in ended[len(named) :] if one.status} == {}
+        assert f"meshsplatbench[{named[result.words]}]" in line
+    assert {result.words: result.err for result in ended[len(named) :] if result.status} == {}
     assert dry.status == 3
     assert b"\nEXTRA_MISSING: " in dry.err
     assert not {"e", "r", "paper", "track.json", "f.mp4", "f.png", "w", "b"} & {
@@ -168,12 +168,12 @@ def test_without_opencl_all_but_drawing_works(work: Path, nowhere: str) -> None:
         web --out w.html ASSET
         web --tier dedicated --no-verify --cameras data_stubs/views.json --scale 0.1 --out d.html ASSET""")
     *ended, dry = run_all([*needs, *works, DRY], work, OCL_ICD_VENDORS=nowhere)
-    for one in ended[: len(needs)]:
-        line = one.err.decode()
-        assert (one.status, one.out, len(line.splitlines())) == (5, b"", 1), line
+    for result in ended[: len(needs)]:
+        line = result.err.decode()
+        assert (result.status, result.out, len(line.splitlines())) == (5, b"", 1), line
         assert line.startswith("DEVICE_NOT_FOUND: ")
         assert "OCL_ICD_VENDORS" in line
-    assert {one.words[0]: one.status for one in ended[len(needs) :] if one.status} == {}
+    assert {result.words[0]: result.status for result in ended[len(needs) :] if result.status} == {}
     assert dry.status == 3
     assert b"\nDEVICE_NOT_FOUND: " in dry.err
 
@@ -183,9 +183,9 @@ def test_neither_home_nor_cache_is_needed(work: Path, nowhere: str) -> None:
     commands = words_of("render SMALL r ASSET\nreport --paper -o paper --format html")
     places = ("HOME", "XDG_CACHE_HOME", "XDG_CONFIG_HOME", "TMPDIR", "MPLCONFIGDIR")
     ended = run_all(commands, work, POCL_CACHE_DIR=None, **dict.fromkeys(places, nowhere))
-    assert [(one.status, one.err) for one in ended] == [(0, b"")] * len(commands)
-    (one,) = run_all([("info", ASSET)], work, **dict.fromkeys(places))
-    assert one.status == 0
+    assert [(result.status, result.err) for result in ended] == [(0, b"")] * len(commands)
+    (result,) = run_all([("info", ASSET)], work, **dict.fromkeys(places))
+    assert result.status == 0
 
 
 def test_a_pocl_cache_that_cannot_be_written_is_named(msb: Msb, nowhere: str) -> None:
@@ -199,7 +199,7 @@ def test_a_pocl_cache_that_cannot_be_written_is_named(msb: Msb, nowhere: str) ->
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("env", "shown"),
+    ("env", "name"),
     [
         ({"PYTHONIOENCODING": "ascii"}, r"V\xf6gel \u7f51"),
         (
@@ -210,7 +210,7 @@ def test_a_pocl_cache_that_cannot_be_written_is_named(msb: Msb, nowhere: str) ->
     ],
     ids=["ascii", "C", "latin-1"],
 )
-def test_a_stream_gets_what_it_can_write(work: Path, env: dict[str, str | None], shown: str) -> None:
+def test_a_stream_gets_what_it_can_write(work: Path, env: dict[str, str | None], name: str) -> None:
     (work / "Vögel 网.triasset").symlink_to(ROOT / ASSET)
     commands: list[tuple[str, ...]] = [
         ("audit", "Vögel 网.triasset"),
@@ -221,11 +221,11 @@ def test_a_stream_gets_what_it_can_write(work: Path, env: dict[str, str | None],
         ("audit", "--help"),
     ]
     ended = run_all(commands, work, **env)
-    assert {one.words: one.status for one in ended if one.status} == {("audit", "网.ply"): 3}
+    assert {result.words: result.status for result in ended if result.status} == {("audit", "网.ply"): 3}
     encoding = "latin-1" if env["PYTHONIOENCODING"] == "latin-1" else "ascii"
-    text = {one.words: (one.out + one.err).decode(encoding) for one in ended}
-    assert text["audit", "Vögel 网.triasset"].startswith(f"{shown}.triasset: BAD")
-    assert f"{shown}.triasset" in text["info", "Vögel 网.triasset"]
+    text = {result.words: (result.out + result.err).decode(encoding) for result in ended}
+    assert text["audit", "Vögel 网.triasset"].startswith(f"{name}.triasset: BAD")
+    assert f"{name}.triasset" in text["info", "Vögel 网.triasset"]
     assert (work / "网.ply").exists()
 
 
@@ -234,7 +234,7 @@ NAMES = (
     os.fsdecode(b"bytes\xff\xe4"),
     "ü" * 110,
 )
-"""All that a shell, a terminal, markup or a URL could take for something else; no UTF-8; long."""
+"""Characters with a meaning for shells, terminals, markup and URLs; invalid UTF-8; a long name."""
 
 
 @pytest.mark.slow
@@ -251,11 +251,11 @@ def test_any_file_name_will_do(tmp_path: Path) -> None:
             ("convert", f"{place}.triasset", f"{place}.obj"),
             *([("view", "--html", f"{place}v.html", f"{place}.triasset")] if "view" in INSTALLED else []),
         ]
-    for one in run_all(commands, tmp_path):
-        assert one.status == 0, one.err
-        text = one.out.decode()
-        # An output is named as it is, for the next program; an input as a terminal can show it.
-        assert one.words[0] in ("convert", "view") or all(c.isprintable() or c == "\n" for c in text)
+    for result in run_all(commands, tmp_path):
+        assert result.status == 0, result.err
+        text = result.out.decode()
+        # Names of outputs are printed unchanged, for other programs; names of inputs are escaped.
+        assert result.words[0] in ("convert", "view") or all(c.isprintable() or c == "\n" for c in text)
     for name in NAMES:
         document = json.loads((tmp_path / name / f"{name}.json").read_bytes())
         assert document["path"].endswith(f"{name}.triasset")
@@ -263,7 +263,7 @@ def test_any_file_name_will_do(tmp_path: Path) -> None:
 
 
 NOT_HERE = {"compare", "devices", "view"}
-"""Two open a window; tests/render/test_devices_command.py runs the examples of the other one."""
+"""compare and view open a window; tests/render/test_devices_command.py runs the examples of devices."""
 
 
 @pytest.mark.slow
@@ -282,10 +282,10 @@ def test_every_help_example_runs(work: Path, which: str) -> None:
                 examples.append(tuple(shortened(line_words)[1:]))
     assert {words[0] for words in examples} >= {*names} - NOT_HERE
     ended = run_all(list(dict.fromkeys(examples)), work)
-    assert {one.words: one.err for one in ended if one.status or b"Traceback" in one.err} == {}
+    assert {result.words: result.err for result in ended if result.status or b"Traceback" in result.err} == {}
 
 
-def test_numbers_stay_whole_in_40_columns(msb: Msb) -> None:
+def test_numbers_are_not_wrapped_in_40_columns(msb: Msb) -> None:
     lines = msb("audit", ASSET, COLUMNS="40", TERM="xterm").out.splitlines()
     row = next(line for line in lines if line.startswith("this mesh"))
     assert row.split() == ["this", "mesh", "0.52", "6.46", "0.47", "0.17", "0.74", "0.72", "0.72", "5,799"]
@@ -294,7 +294,7 @@ def test_numbers_stay_whole_in_40_columns(msb: Msb) -> None:
 @pytest.mark.slow
 @pytest.mark.skipif(os.name == "nt", reason="pipes are closed otherwise there")
 @pytest.mark.parametrize("line", ["audit --help", f"audit --json - {ASSET}"])
-def test_a_reader_that_left_is_no_error(line: str) -> None:
+def test_a_closed_pipe_is_not_an_error(line: str) -> None:
     reader, writer = os.pipe()
     os.close(reader)
     with os.fdopen(writer, "wb") as pipe:

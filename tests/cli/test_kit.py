@@ -1,4 +1,4 @@
-"""The kit: options from dataclasses, help, wrong usage, and commands of other packages."""
+"""Options from dataclasses, help, wrong usage, and commands of other packages."""
 
 import json
 import os
@@ -10,7 +10,7 @@ import pytest
 
 from msb.base.packages import PackageWarning
 from msb.cli import commands
-from msb.cli.commands import BUILT_IN, Place
+from msb.cli.commands import BUILT_IN, Entry
 from msb.errors import UsageError
 from tests.cli.conftest import INSTALLED, Here, Msb, Refused
 from tests.cli.forks import run_msb
@@ -59,7 +59,7 @@ def weigh(
 
 @pytest.fixture
 def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Return a folder in the search path where a package with the command `weigh-it` is installed."""
+    """Return a folder in the search path that has a package with the command `weigh-it`."""
     site = tmp_path / "site"
     info = site / "weighing-1.0.dist-info"
     info.mkdir(parents=True)
@@ -122,7 +122,7 @@ def test_a_similar_name_and_the_usage_are_shown(refused: Refused, site: Path, li
     assert meant in refused(line)
 
 
-def test_flags_and_lists_may_be_given_again(here: Here) -> None:
+def test_flags_and_lists_can_be_repeated(here: Here) -> None:
     result = here("audit", "-q", "-q", "-f", "-f", "--fail-on", "faces<1", "--fail-on", "faces<2", ASSET)
     assert (result.status, result.err) == (0, "")
 
@@ -146,9 +146,9 @@ def test_empty_words_of_another_program_are_passed_on(here: Here, tmp_path: Path
 
 
 def test_no_command_shows_the_list_under_headings(here: Here) -> None:
-    shown, helped = here(), here("--help")
-    assert (shown.status, shown.out) == (0, helped.out)
-    listed = re.findall(r"^  ([a-z-]+)  +[A-Z]", shown.out, re.MULTILINE)
+    output, helped = here(), here("--help")
+    assert (output.status, output.out) == (0, helped.out)
+    listed = re.findall(r"^  ([a-z-]+)  +[A-Z]", output.out, re.MULTILINE)
     assert [name for name in listed if name != "--version"] == INSTALLED
     assert here("-h").out == helped.out
 
@@ -171,7 +171,7 @@ def test_version_is_one_line(here: Here) -> None:
 # --- commands of other packages ------------------------------------------------------------------------
 
 
-def test_a_command_of_another_package_is_listed_helped_and_run(site: Path) -> None:
+def test_a_command_of_another_package_works(site: Path) -> None:
     path = {"PYTHONPATH": os.pathsep.join([str(site), str(ROOT), str(ROOT / "viewers")])}
     listed = run_msb(["--help"], ROOT, path)
     assert re.search(r"^  weigh-it +\S.*weighing", listed.stdout.decode(), re.MULTILINE)
@@ -190,7 +190,7 @@ def test_a_command_of_another_package_is_listed_helped_and_run(site: Path) -> No
         "weigh-it = raising",
     ],
 )
-def test_a_broken_command_is_one_line_and_hides_no_other(here: Here, site: Path, entry: str) -> None:
+def test_a_broken_command_does_not_affect_others(here: Here, site: Path, entry: str) -> None:
     (site / "raising.py").write_text("raise SystemExit(7)\n")
     (site / "weighing-1.0.dist-info" / "entry_points.txt").write_text(f"[msb.commands]\n{entry}\n")
     listed = here("--help")
@@ -202,7 +202,7 @@ def test_a_broken_command_is_one_line_and_hides_no_other(here: Here, site: Path,
 
 
 @pytest.mark.parametrize("entry", ["audit = weighing:weigh", "Weigh! = weighing:weigh"])
-def test_a_name_that_is_taken_or_invalid_is_a_warning(site: Path, entry: str) -> None:
+def test_a_duplicate_or_invalid_name_is_a_warning(site: Path, entry: str) -> None:
     (site / "weighing-1.0.dist-info" / "entry_points.txt").write_text(f"[msb.commands]\n{entry}\n")
     with pytest.warns(PackageWarning, match="PACKAGE_LEFT_OUT"):
         listed = commands.listed()
@@ -217,10 +217,8 @@ def test_a_module_without_a_value_can_be_named(here: Here, site: Path) -> None:
 # --- capabilities that were removed --------------------------------------------------------------------
 
 
-def test_a_command_of_a_removed_folder_is_not_listed_and_names_it(
-    here: Here, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    removed = Place("msb.removed.command", "It was removed.")
+def test_a_command_of_a_removed_folder_is_not_listed(here: Here, monkeypatch: pytest.MonkeyPatch) -> None:
+    removed = Entry("msb.removed.command", "It was removed.")
     monkeypatch.setitem(BUILT_IN, "Gone", {"removed": removed})
     assert "removed" not in here("--help").out
     here("removed", "x").ends(2, "EXTRA_MISSING: msb removed needs msb.removed")
@@ -233,7 +231,7 @@ def test_a_folder_of_compiled_files_only_counts_as_removed(
 ) -> None:
     (tmp_path / "leftover_package" / "__pycache__").mkdir(parents=True)
     monkeypatch.syspath_prepend(str(tmp_path))
-    monkeypatch.setitem(BUILT_IN, "Gone", {"removed": Place("leftover_package.command", "")})
+    monkeypatch.setitem(BUILT_IN, "Gone", {"removed": Entry("leftover_package.command", "")})
     assert "Gone" not in commands.listed()
 
 

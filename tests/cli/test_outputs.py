@@ -1,4 +1,4 @@
-"""Output paths: devices and pipes, inputs, other outputs, existing files, and files that appear meanwhile."""
+"""Paths of outputs: devices and pipes, inputs, other outputs, existing files, and files that appear later."""
 
 import contextlib
 import json
@@ -30,7 +30,7 @@ POSIX = pytest.mark.skipif(os.name == "nt", reason="devices and pipes with names
 
 @contextlib.contextmanager
 def reading(pipe: Path) -> Iterator[list[bytes]]:
-    """Make a pipe and read from it. After the block the list holds what was read."""
+    """Create a pipe and read from it. After the block the list contains the data."""
     os.mkfifo(pipe)
     data: list[bytes] = []
     reader = threading.Thread(target=lambda: data.append(pipe.read_bytes()), daemon=True)
@@ -78,7 +78,7 @@ def test_a_descriptor_is_written_from_its_position(tmp_path: Path) -> None:
 
 
 @POSIX
-def test_the_systems_name_of_standard_output_means_it(msb: Msb) -> None:
+def test_dev_stdout_means_standard_output(msb: Msb) -> None:
     assert msb("info", "--json", "/dev/stdout", ASSET).json == msb("info", "--json", "-", ASSET).json
     msb("audit", "--json", "/dev/stdout", "--csv", "-", ASSET).ends(2, "USAGE: --json and --csv")
 
@@ -86,7 +86,7 @@ def test_the_systems_name_of_standard_output_means_it(msb: Msb) -> None:
 # --- inputs and other outputs --------------------------------------------------------------------------
 
 
-def test_two_outputs_into_one_file_are_rejected_in_any_spelling(here: Here, tmp_path: Path) -> None:
+def test_two_outputs_to_the_same_file_are_rejected(here: Here, tmp_path: Path) -> None:
     (tmp_path / "o").write_bytes(b"mine")
     (tmp_path / "hard").hardlink_to(tmp_path / "o")
     (tmp_path / "soft").symlink_to("o")
@@ -128,7 +128,7 @@ def test_an_output_that_is_an_input_is_rejected(
     line: str, name: str, tmp_path: Path, refused: Refused
 ) -> None:
     place = tmp_path / "a.csv"
-    if name != "new.csv":  # a path that does not exist yet counts, too
+    if name != "new.csv":  # also for a path that does not exist yet
         place.write_bytes(b"mine")
         (tmp_path / "hard.csv").hardlink_to(place)
         (tmp_path / "soft.csv").symlink_to(place)
@@ -149,7 +149,9 @@ def test_an_output_that_is_an_input_is_rejected(
         "validate -f --jsonl {0}/link {0}",
     ),
 )
-def test_an_output_is_no_input_of_a_folder_or_pattern(line: str, tmp_path: Path, refused: Refused) -> None:
+def test_an_output_must_not_be_an_input_of_a_folder_or_pattern(
+    line: str, tmp_path: Path, refused: Refused
+) -> None:
     folder = tmp_path / "q"
     folder.mkdir()
     mesh = mesh_file(folder / "a.obj", *TETRAHEDRON)
@@ -161,7 +163,7 @@ def test_an_output_is_no_input_of_a_folder_or_pattern(line: str, tmp_path: Path,
     assert (folder / "link").is_symlink()
 
 
-def test_outputs_beside_the_inputs_of_a_pattern_are_written(here: Here, tmp_path: Path) -> None:
+def test_outputs_next_to_the_inputs_of_a_pattern_are_written(here: Here, tmp_path: Path) -> None:
     mesh_file(tmp_path / "a.obj", *TETRAHEDRON)
     for force in ((), ("-f",)):
         assert here("convert", *force, "--to", "ply", tmp_path / "*.obj", tmp_path).status == 0
@@ -171,7 +173,7 @@ def test_outputs_beside_the_inputs_of_a_pattern_are_written(here: Here, tmp_path
 # --- files that exist, or appear while a command runs --------------------------------------------------
 
 
-def test_an_existing_file_needs_force_and_a_folder_is_no_file(here: Here, tmp_path: Path) -> None:
+def test_an_existing_file_needs_force(here: Here, tmp_path: Path) -> None:
     for option in ("--json", "--csv"):
         (tmp_path / "o").write_text("mine")
         here("audit", option, tmp_path / "o", ASSET).ends(2, "OUTPUT_EXISTS: ")
@@ -187,7 +189,7 @@ RUN = "run -o {0} --scene data_stubs/scenes/nerf_synthetic/pebble data_stubs/mod
 
 
 @pytest.mark.parametrize("line", of_installed(RUN, "scenes {0}"))
-def test_a_file_is_no_folder(here: Here, tmp_path: Path, line: str) -> None:
+def test_a_file_is_not_a_folder(here: Here, tmp_path: Path, line: str) -> None:
     (tmp_path / "file").write_text("mine")
     assert here(line.format(tmp_path / "file")).status == 3
     assert (tmp_path / "file").read_text() == "mine"
@@ -202,7 +204,7 @@ def test_a_link_is_replaced_and_its_target_stays(here: Here, tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize(("line", "name"), [("audit -q --elements", "a.npz"), ("convert {}", "a.triasset")])
-def test_a_file_that_appears_meanwhile_is_kept(
+def test_a_file_that_appears_during_the_run_is_kept(
     here: Here, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, line: str, name: str
 ) -> None:
     out, mesh, check = tmp_path / name, mesh_file(tmp_path / "m.off", *TETRAHEDRON), Output.check_free
@@ -217,7 +219,7 @@ def test_a_file_that_appears_meanwhile_is_kept(
     assert (result.status, result.err.split(":")[0]) == (2, "OUTPUT_EXISTS")
     assert out.read_text() == "precious"
     out.unlink()
-    if "{}" not in line:  # an error in a document names the option, too
+    if "{}" not in line:  # errors in documents name the option, too
         error = here("audit", "-q", "--json", "-", "--elements", out, "missing", mesh).json[1]["error"]
         assert error["code"] == "OUTPUT_EXISTS"
         assert "--force" in error["message"]
@@ -289,7 +291,7 @@ WRITTEN = {
     "json_file", "json_lines", "csv_file", "elements", "log_file", "target", "out", "film", "screenshot",
     "figure", "html", "maps", "save", "outputs",
 }  # fmt: skip
-"""Parameters that are written. All other paths are read, or are folders for files."""
+"""Names of parameters for outputs. All other paths are inputs, or folders for files."""
 
 
 @pytest.mark.parametrize("name", INSTALLED)
@@ -311,7 +313,7 @@ def test_the_paths_that_a_command_writes_are_marked(name: str) -> None:
         "web -o out.glb a.ply",
     ),
 )
-def test_a_wrong_ending_is_rejected(line: str, here: Here, tmp_path: Path) -> None:
+def test_a_wrong_suffix_is_rejected(line: str, here: Here, tmp_path: Path) -> None:
     mesh_file(tmp_path / "a.ply", *TETRAHEDRON)
     words = [
         str(tmp_path / word) if word in ("a", "a.ply") or "out." in word else word for word in line.split()

@@ -1,4 +1,4 @@
-"""Options that contradict each other or would change nothing are errors of usage that name the option."""
+"""Options that contradict each other or have no effect are usage errors that name the option."""
 
 import shlex
 
@@ -29,6 +29,7 @@ REJECTED = """
     bake -o a.glb --cameras c --up +y y                          --up
     bench --camera 0 y                                           --camera
     bench --fail-slower 10% y                                    --fail-slower
+    compare y                                                    Missing
     compare --html a.html --camera 0 y                           --camera
     compare --html a.html --image-folder i y                     --image-folder
     compare --html a.html --scale 2 y                            --scale

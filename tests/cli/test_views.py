@@ -1,4 +1,4 @@
-"""Commands use the cameras of the training, and need a device that exists."""
+"""Commands use the cameras of the training and report devices that do not exist."""
 
 from pathlib import Path
 
@@ -12,7 +12,7 @@ from tests.test_views import CAPTURE
 
 @pytest.mark.slow
 @pytest.mark.skipif("trial" not in INSTALLED, reason="msb.trial is not installed")
-def test_the_cameras_of_the_training_judge_trial_and_why(msb: Msb) -> None:
+def test_trial_uses_the_cameras_of_the_training(msb: Msb) -> None:
     result = msb("trial", "--task", "decimate_50", "--json", "-", CAPTURE)
     cameras = result.json["cameras"]
     assert (cameras["count"], cameras["from"]) == (12, "training")
@@ -31,10 +31,10 @@ def test_uniform_renderings_have_no_numbers(here: Here, tmp_path: Path) -> None:
         with Image.open(path) as image:
             image.save(tmp_path / "true" / f"{path.stem}.png")
             Image.new("RGB", image.size, "white").save(tmp_path / "empty" / f"{path.stem}.png")
-    found = here("eval", "--json", "-", tmp_path / "empty", tmp_path / "true").json
-    assert set(found["mean"].values()) == {None}
-    assert found["images"][0]["psnr"] is None
-    assert found["reason"] in here("eval", tmp_path / "empty", tmp_path / "true").err
+    document = here("eval", "--json", "-", tmp_path / "empty", tmp_path / "true").json
+    assert set(document["mean"].values()) == {None}
+    assert document["images"][0]["psnr"] is None
+    assert document["reason"] in here("eval", tmp_path / "empty", tmp_path / "true").err
 
 
 @pytest.mark.skipif("web" not in INSTALLED, reason="msb.engines is not installed")
@@ -58,7 +58,7 @@ def test_a_page_has_the_cameras_of_the_training(msb: Msb, tmp_path: Path, tier: 
     ("device", "status", "code"),
     [("foo", 5, "DEVICE_NOT_FOUND"), ("nan", 5, "DEVICE_NOT_FOUND"), (":", 2, "DEVICE_SELECTOR")],
 )
-def test_a_device_that_is_not_there_is_refused(
+def test_a_missing_device_is_an_error(
     here: Here, tmp_path: Path, command: str, device: str, status: int, code: str
 ) -> None:
     result = here(*command.replace("NEW", str(tmp_path / "new")).split(), "--device", device)

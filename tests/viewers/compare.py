@@ -1,4 +1,4 @@
-"""Comparisons to test with: the demo asset's checkpoint at small sizes, and shots of one colour."""
+"""Comparisons for tests: the demo checkpoint with small cameras, and images of uniform colour."""
 
 from functools import cache
 from pathlib import Path
@@ -28,7 +28,7 @@ def small_cameras(count: int = 3) -> list[msb.Camera]:
 
 
 def photographs(folder: Path, colors: list[tuple[int, int, int]]) -> list[View]:
-    """Return views whose photographs are of one colour each."""
+    """Return views with photographs of uniform colour."""
     folder.mkdir(parents=True, exist_ok=True)
     chosen = small_cameras(len(colors))
     for camera, color in zip(chosen, colors, strict=True):
@@ -43,7 +43,7 @@ def comparison(views: list[View] | None = None, tiers: tuple[str, ...] = TIERS, 
 
 
 def flat_shots(tiers: tuple[str, ...], size: tuple[int, int] = (WIDTH, HEIGHT)) -> dict[str, Shot]:
-    """Return a shot of one colour for each tier, by its place among the labels."""
+    """Return an image of uniform colour for each tier."""
     return {tier: flat_shot(tier, FLAT[tier], size) for tier in tiers}
 
 

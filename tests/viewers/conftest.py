@@ -1,4 +1,4 @@
-"""Meshes with faults in known places, and a GL stack or the reason why there is none."""
+"""Fixtures of the viewers: meshes with known defects, and a check for OpenGL."""
 
 import importlib.util
 import os
@@ -18,9 +18,9 @@ from tests.conftest import ROOT
 HAS_PYVISTA = importlib.util.find_spec("pyvista") is not None
 
 
-@pytest.hookimpl(tryfirst=True)  # before tests are chosen by their marks
+@pytest.hookimpl(tryfirst=True)  # before tests are selected by marks
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark what opens a window as slow."""
+    """Mark tests that open a window as slow."""
     for item in items:
         if "gl" in getattr(item, "fixturenames", ()):
             item.add_marker("slow")
@@ -28,7 +28,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 @pytest.fixture(scope="session")
 def gl() -> None:
-    """Skip where nothing can be drawn, with the message a user would get."""
+    """Skip the test if VTK cannot draw, with the message of the command."""
     try:
         probe = GlProbe.start()
         try:
@@ -51,7 +51,7 @@ def square(size: float, depth: float, *, left: float = 0.0) -> list[list[float]]
 
 
 def mouse(viewer: Any, x: float, y: float, *events: str) -> None:
-    """Put the mouse on a pixel, from the top left, and have the window told of events."""
+    """Move the mouse to a pixel (from the top left), and send events to the window."""
     interactor = viewer.plotter.iren.interactor
     interactor.SetEventInformation(int(x), viewer.size[1] - 1 - int(y), 0, 0, "\0", 0, None)
     for event in events:
@@ -64,10 +64,10 @@ RED, GREEN = (200, 30, 30), (30, 160, 60)
 
 @pytest.fixture(scope="session")
 def faults() -> ViewModel:
-    """One of each fault, apart from each other, all facing +z; y is up.
+    """A mesh with one defect of each kind. All faces point towards +z; y is up.
 
-    Vertices 0 to 4: two triangles that meet in vertex 2 only (a bow-tie). 5 to 9: three faces at one edge
-    (5, 6). 10 to 12: a face stored twice. 13 and 14: a face that names a vertex twice, with 0. 15: unused.
+    Vertices 0 to 4: two triangles that only share vertex 2 (a bow-tie). 5 to 9: three faces at the edge
+    (5, 6). 10 to 12: a duplicate face. 13 and 14: a face that lists a vertex twice. 15: unused.
     """
     points = [
         *([-3, 0, 0], [-3, 1, 0], [-2, 0.5, 0], [-1, 0, 0], [-1, 1, 0]),
@@ -89,7 +89,7 @@ def demo(demo_asset: Path) -> ViewModel:
 
 @pytest.fixture
 def no_pyvista(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
-    """Return an environment in which VTK and pyvista cannot be imported."""
+    """Return environment variables that make imports of VTK and pyvista fail."""
     folder = tmp_path_factory.mktemp("blocked")
     (folder / "sitecustomize.py").write_text(
         "import importlib.util as u, sys\n"

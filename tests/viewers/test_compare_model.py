@@ -1,4 +1,4 @@
-"""Views, tiers, layouts and differences of a comparison: plain data, nothing drawn."""
+"""The data of a comparison: views, tiers, layouts and differences."""
 
 import math
 from pathlib import Path
@@ -13,14 +13,10 @@ from msb.asset import Description, build_asset
 from msb.errors import SceneError, Unsupported, UsageError
 from msb.scenes.around import around
 from msb_viewers.deployment.arrange import arrange
-from msb_viewers.deployment.difference import (
-    decibel_text,
-    scale_colors,
-    squared_error,
-)
+from msb_viewers.deployment.difference import decibel_text, scale_colors, squared_error
 from msb_viewers.deployment.shots import Comparison, TierRenderers, choose_tiers
 from msb_viewers.deployment.state import LAYOUTS, CompareState
-from msb_viewers.deployment.views import Surroundings, View, dataset_views, read_photograph, sized
+from msb_viewers.deployment.views import View, dataset_views, read_photograph
 from tests.conftest import TETRAHEDRON
 from tests.viewers.compare import (
     HEIGHT,
@@ -32,7 +28,7 @@ from tests.viewers.compare import (
 )
 
 
-def test_the_maps_mean_is_the_psnr() -> None:
+def test_the_average_of_the_map_gives_the_psnr() -> None:
     random = np.random.default_rng(0)
     a, b = random.integers(0, 256, (2, 20, 30, 3), np.uint8)
     mean = float(squared_error(a, b).astype(np.float64).mean())
@@ -68,21 +64,7 @@ def test_transparent_photographs_lie_over_the_background(tmp_path: Path) -> None
     assert image[0, 0].tolist() == [51, 204, 204]
 
 
-def test_the_first_view_and_the_turntable_see_everything() -> None:
-    asset = checkpoint_asset()
-    around = Surroundings.of(asset)
-    points = asset.buffers["positions"].astype(float)
-    cameras = [sized(around.first_camera(), 900, 500), sized(around.first_camera(), 300, 700)]
-    cameras += [view.camera for view in around.turntable(5, 320, 240)]
-    for camera in cameras:
-        pixels, depth = camera.project(points)
-        assert (depth > 0).all()
-        assert ((pixels >= 0) & (pixels <= [camera.width, camera.height])).all()
-        assert np.ptp(pixels, axis=0).max() > 0.6 * min(camera.width, camera.height)
-    assert -Surroundings.of(asset, "+z").first_camera().world_to_camera[1, 2] > 0.9
-
-
-def test_paths_are_those_the_method_and_the_dataset_have(tmp_path: Path) -> None:
+def test_default_tiers_depend_on_photographs(tmp_path: Path) -> None:
     asset = checkpoint_asset()
     assert choose_tiers(asset, [], None) == (("reference", "dedicated", "standard"), {})
     views = photographs(tmp_path, [(0, 0, 0)])
@@ -93,7 +75,7 @@ def test_paths_are_those_the_method_and_the_dataset_have(tmp_path: Path) -> None
             choose_tiers(asset, [], wanted)
 
 
-def test_a_tier_the_method_lacks_says_why() -> None:
+def test_an_unsupported_tier_has_a_reason() -> None:
     buffers = {"positions": TETRAHEDRON[0], "indices": TETRAHEDRON[1].astype(np.uint32)}
     asset = build_asset(buffers, {}, Description(method="mesh"))
     tiers, missing = choose_tiers(asset, [], None)
@@ -103,7 +85,7 @@ def test_a_tier_the_method_lacks_says_why() -> None:
         choose_tiers(asset, [], ["dedicated"])
 
 
-def test_what_was_baked_is_a_look_of_its_own_on_the_standard_tier() -> None:
+def test_a_baked_mesh_is_drawn_on_the_standard_tier() -> None:
     points, faces = TETRAHEDRON[0], TETRAHEDRON[1].astype(np.uint32)
     plain, baked = (
         build_asset(
@@ -117,15 +99,15 @@ def test_what_was_baked_is_a_look_of_its_own_on_the_standard_tier() -> None:
     assert (tiers, missing) == (("standard", "baked"), {})
     with pytest.raises(UsageError, match="NAME_UNKNOWN"):
         choose_tiers(plain, [], ["baked"])
-    scene = Comparison("plain", plain, tiers, missing, background=(0.0, 0.0, 0.0), baked=baked)
-    assert CompareState.first(scene).pair == ("standard", "baked")
     view = View("around", around(plain, 1, 40, 30)[0])
+    scene = Comparison("plain", plain, tiers, missing, (view,), background=(0.0, 0.0, 0.0), baked=baked)
+    assert CompareState.first(scene).pair == ("standard", "baked")
     with TierRenderers(scene) as renderers:
         shots = [renderers.shoot(tier, view).image for tier in tiers]
     assert [int(shot.max()) for shot in shots] == [51, 153]
 
 
-def test_a_reference_that_takes_minutes_is_left_out_where_it_is_waited_for(
+def test_a_slow_reference_tier_needs_a_request(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr("msb_viewers.deployment.shots.MOST_REFERENCE_FACES", 10)
@@ -134,7 +116,7 @@ def test_a_reference_that_takes_minutes_is_left_out_where_it_is_waited_for(
     assert "reference" in choose_tiers(asset, [], ["reference"])[0]
 
 
-def test_the_pair_is_at_first_the_truth_and_the_last_path(tmp_path: Path) -> None:
+def test_the_default_pair_is_truth_and_the_last_tier(tmp_path: Path) -> None:
     assert CompareState.first(comparison()).pair == ("dedicated", "standard")
     views = photographs(tmp_path, [(1, 1, 1)])
     scene = comparison(views, ("truth", "reference", "dedicated", "standard"))
@@ -145,16 +127,6 @@ def test_the_pair_is_at_first_the_truth_and_the_last_path(tmp_path: Path) -> Non
             CompareState.first(scene, pair=pair)
     with pytest.raises(UsageError, match="NAME_UNKNOWN"):
         CompareState.first(comparison(tiers=("standard",)), layout="difference")
-
-
-def test_the_dataset_decides_the_size_of_a_view_else_its_place_does() -> None:
-    state = CompareState.first(comparison())
-    assert state.view((900, 700)) is state.comparison.views[0]
-    for layout in LAYOUTS:
-        state = CompareState.first(comparison([]), layout=layout)
-        box, camera = state.cells((1000, 700))[0].box, state.view((1000, 700)).camera
-        assert (camera.width, camera.height) == (box.width, box.height)
-        assert camera.fx == camera.fy
 
 
 @pytest.mark.parametrize("size", [(1280, 800), (390, 844), (2560, 1440)])
@@ -176,7 +148,7 @@ def test_nothing_overlaps_and_all_is_inside(size: tuple[int, int], layout: Any, 
             assert apart or cell.caption.bottom <= other.box.top or other.caption.bottom <= cell.box.top
 
 
-def test_bad_photographs_are_refused(tmp_path: Path) -> None:
+def test_bad_photographs_are_rejected(tmp_path: Path) -> None:
     camera = small_cameras(1)[0]
     with pytest.raises(UsageError, match="USAGE"):
         dataset_views([camera], tmp_path / "none")

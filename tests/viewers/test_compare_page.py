@@ -1,4 +1,4 @@
-"""The deployment page: its pictures and figures are the renderers', and a browser compares them alike."""
+"""The page and the image of a comparison, and its maps and PSNRs in a browser."""
 
 import base64
 import io
@@ -47,19 +47,19 @@ SHOTS = {
 }
 
 
-def made(name: str = "demo.triasset", **more: Any) -> str:
+def page_text(name: str = "demo.triasset", **more: Any) -> str:
     scene = replace(comparison(missing={"reference": "no time"}), name=name)
     state = CompareState.first(scene, **more)
     return page(state, [page_view(view, SHOTS) for view in scene.views]).decode()
 
 
 def meta_of(text: str) -> dict[str, Any]:
-    found = re.search(r'id="meta">(.*?)</script>', text, re.DOTALL)
-    return json.loads(found[1])
+    result = re.search(r'id="meta">(.*?)</script>', text, re.DOTALL)
+    return json.loads(result[1])
 
 
-def test_the_page_holds_every_picture_exactly() -> None:
-    meta = meta_of(made())
+def test_the_page_contains_lossless_images() -> None:
+    meta = meta_of(page_text())
     assert len(meta["views"]) == 3
     for view in meta["views"]:
         for tier, shot in SHOTS.items():
@@ -93,18 +93,18 @@ def test_a_browser_draws_the_same_map_and_figures(in_browser: Callable[..., Any]
       result.table = byId("scores").textContent;
       result.wide = document.documentElement.scrollWidth <= innerWidth;
       return result;"""
-    found = in_browser(made().encode(), script, size=(1280, 900))
+    result = in_browser(page_text().encode(), script, size=(1280, 900))
     a, b = SHOTS["dedicated"].image, SHOTS["standard"].image
     wanted = colorize(squared_error(a, b), 0.25).reshape(-1)
-    assert np.abs(np.array(found["map"]) - wanted).max() <= 6  # a step of the scale, at most
+    assert np.abs(np.array(result["map"]) - wanted).max() <= 6  # one step of the colour scale
     text = f"{metrics.psnr(a, b):.2f}"
-    assert found["figure"] == f"{text} dB"
-    assert found["figures"] == 3
-    assert "no <b>time</b>" in found["side"]
-    assert (found["at"], found["back"]) == (1, 2)
-    assert found["clip"] == "inset(0px 0px 0px 25%)"
-    assert found["table"].count(text) == 4  # three cameras and the mean
-    assert found["wide"]
+    assert result["figure"] == f"{text} dB"
+    assert result["figures"] == 3
+    assert "no <b>time</b>" in result["side"]
+    assert (result["at"], result["back"]) == (1, 2)
+    assert result["clip"] == "inset(0px 0px 0px 25%)"
+    assert result["table"].count(text) == 4  # three cameras and the average
+    assert result["wide"]
 
 
 @pytest.mark.slow
@@ -113,10 +113,10 @@ def test_a_phone_shows_it_without_scrolling_sideways(in_browser: Callable[..., A
     script = """await Promise.all([...document.images].map((image) => image.decode().catch(() => {})));
       return [...document.querySelectorAll("main *, header *, #controls *")]
         .filter((n) => n.getBoundingClientRect().right > 392).map((n) => n.tagName + n.className);"""
-    assert in_browser(made(layout=layout).encode(), script, size=(390, 900)) == []
+    assert in_browser(page_text(layout=layout).encode(), script, size=(390, 900)) == []
 
 
-def test_equal_pictures_are_identical_not_infinite() -> None:
+def test_equal_images_have_no_infinite_psnr() -> None:
     shots = {tier: flat_shot(tier, (1, 2, 3)) for tier in ("dedicated", "standard")}
     assert page_view(comparison().views[0], shots)["decibels"] == {"dedicated standard": "identical"}
 
@@ -124,7 +124,7 @@ def test_equal_pictures_are_identical_not_infinite() -> None:
 ALL = ("truth", "reference", "dedicated", "standard")
 
 
-def test_each_path_gives_what_msb_render_gives(tmp_path: Path) -> None:
+def test_each_tier_has_the_image_of_msb_render(tmp_path: Path) -> None:
     color = (0.25, 0.5, 1.0)
     settings = {"supersample": 1}
     views = photographs(tmp_path, [(10, 20, 30)])
@@ -146,7 +146,7 @@ def test_each_path_gives_what_msb_render_gives(tmp_path: Path) -> None:
     assert shots["standard"].where.startswith("OpenCL on ")
 
 
-def test_a_path_without_a_picture_says_why() -> None:
+def test_a_tier_without_an_image_has_a_reason() -> None:
     scene = comparison(missing={"standard": "no colour"}, tiers=ALL)
     with TierRenderers(scene) as renderers:
         view = scene.views[0]
@@ -159,7 +159,7 @@ def middle(image: np.ndarray, box: Box, across: float = 0.5, down: float = 0.5) 
     return tuple(int(value) for value in image[y, x])
 
 
-def test_side_by_side_shows_each_path_in_its_place(tmp_path: Path) -> None:
+def test_side_by_side_shows_each_tier_in_its_box(tmp_path: Path) -> None:
     state = CompareState.first(comparison(photographs(tmp_path, [(0, 0, 0)]), ALL))
     composed = compose(state, flat_shots(ALL), (1280, 800))
     assert list(composed.pictures) == list(ALL)
@@ -185,8 +185,8 @@ def test_the_difference_is_coloured_and_measured() -> None:
         "dedicated": flat_shot("dedicated", (100, 100, 100)),
         "standard": flat_shot("standard", (151, 151, 151)),
     }
-    found = decibels(shots["dedicated"], shots["standard"])
-    assert found == metrics.psnr(shots["dedicated"].image, shots["standard"].image)
+    result = decibels(shots["dedicated"], shots["standard"])
+    assert result == metrics.psnr(shots["dedicated"].image, shots["standard"].image)
     composed = compose(state, shots, (1000, 700))
     wanted = scale_colors()[int(51 / TOP)]
     assert np.abs(np.array(middle(composed.image, composed.pictures["difference"])) - wanted).max() <= 2
@@ -194,10 +194,10 @@ def test_the_difference_is_coloured_and_measured() -> None:
     box = composed.pictures["difference"]
     below = composed.image[box.bottom : box.bottom + 90, box.left + 4 : box.right - 4].astype(int)
     ends = np.abs(below[:, [0, -1]] - scale_colors()[[0, -1]]).max(axis=(1, 2))
-    assert (ends <= 8).sum() >= 8  # rows of the legend's bar
+    assert (ends <= 8).sum() >= 8  # rows of the colour scale
 
 
-def test_a_tier_without_a_picture_has_a_placeholder_in_every_layout() -> None:
+def test_a_tier_without_an_image_has_a_placeholder() -> None:
     shots = {tier: Shot(tier, why="too little memory") for tier in ("reference", "dedicated", "standard")}
     for layout in LAYOUTS:
         composed = compose(CompareState.first(comparison(), layout=layout), shots, (1000, 700))
@@ -207,7 +207,7 @@ def test_a_tier_without_a_picture_has_a_placeholder_in_every_layout() -> None:
 
 @pytest.mark.parametrize("layout", LAYOUTS)
 @pytest.mark.parametrize("size", [(64, 64), (200, 1200), (2560, 300)])
-def test_pictures_of_any_shape_and_long_names_are_no_error(layout: Any, size: tuple[int, int]) -> None:
+def test_any_image_size_and_long_names_are_composed(layout: Any, size: tuple[int, int]) -> None:
     state = CompareState.first(replace(comparison(), name="a very long name " * 20), layout=layout)
     image = compose(state, flat_shots(state.comparison.tiers), size).image
     assert image.shape == (size[1], size[0], 3)

@@ -1,4 +1,4 @@
-"""What is shown of a mesh: layers and counts as the audit has them, framing, components, notes."""
+"""The data of a view: layers and counts of the audit, first view, components, notes."""
 
 from pathlib import Path
 
@@ -9,7 +9,7 @@ from msb_viewers.model import CLEAN_NOTE, EMPTY_NOTE, SOUP_NOTE, ViewModel
 from msb_viewers.page import page
 from msb_viewers.palette import ADDED, DELETED, REPAIR_STYLES, STYLES
 from msb_viewers.repaired import build_repaired_model
-from msb_viewers.stage import cluster
+from msb_viewers.stage import simplify
 from msb_viewers.state import ViewState
 from msb_viewers.viewed_mesh import ViewedMesh, read_viewed_mesh
 from tests.conftest import BOOK, TETRAHEDRON
@@ -28,18 +28,18 @@ def test_layers_count_what_the_audit_counts(demo: ViewModel) -> None:
     assert sum(group.components for group in demo.size_classes()) == counts.components - 1
 
 
-def test_each_fault_is_in_its_layer(faults: ViewModel) -> None:
-    found = {kind: sorted(layer.vertices.reshape(-1).tolist()) for kind, layer in faults.layers.items()}
-    assert found["nonmanifold_edges"] == [5, 6]
-    assert found["multifan_vertices"] == [2]
-    assert found["nonmanifold_edge_endpoints"] == [5, 6]
-    assert found["duplicate_faces"] == [10, 11, 12]
-    assert found["degenerate_faces"] == [13, 14, 14]
-    # Vertices of a face that names one twice have no proper face: they count as unused too.
-    assert found["unreferenced_vertices"] == [13, 14, 15]
+def test_each_defect_is_in_its_layer(faults: ViewModel) -> None:
+    vertices_of = {kind: sorted(layer.vertices.reshape(-1).tolist()) for kind, layer in faults.layers.items()}
+    assert vertices_of["nonmanifold_edges"] == [5, 6]
+    assert vertices_of["multifan_vertices"] == [2]
+    assert vertices_of["nonmanifold_edge_endpoints"] == [5, 6]
+    assert vertices_of["duplicate_faces"] == [10, 11, 12]
+    assert vertices_of["degenerate_faces"] == [13, 14, 14]
+    # Vertices that are only used by a face that lists a vertex twice count as unused.
+    assert vertices_of["unreferenced_vertices"] == [13, 14, 15]
 
 
-def test_positions_are_the_stored_ones_moved_and_scaled() -> None:
+def test_positions_are_transformed_to_view_units() -> None:
     far = np.array([1e7, -2e7, 5e6])
     model = model_of(TETRAHEDRON[0].astype(np.float64) * 0.01 + far, TETRAHEDRON[1])
     assert np.linalg.norm(model.points, axis=1).max() == pytest.approx(1, abs=1e-6)
@@ -47,16 +47,16 @@ def test_positions_are_the_stored_ones_moved_and_scaled() -> None:
     assert np.abs(back - model.analysis.vertices).max() < 1e-8
 
 
-def test_a_few_far_vertices_do_not_make_the_rest_a_dot() -> None:
+def test_a_few_distant_vertices_do_not_shrink_the_first_view() -> None:
     random = np.random.default_rng(0)
     points = random.normal(size=(300, 3))
     points[:3] *= 1e6
     model = model_of(points, np.arange(300).reshape(-1, 3))
     assert np.quantile(np.linalg.norm(model.points, axis=1), 0.9) > 0.3
-    assert any("far vertices" in note for note in model.notes)
+    assert any("distant vertices" in note for note in model.notes)
 
 
-def test_faces_that_are_not_finite_are_said_and_not_drawn() -> None:
+def test_faces_that_are_not_finite_are_not_drawn() -> None:
     points = TETRAHEDRON[0].astype(np.float64)
     points[3, 1] = np.nan
     model = model_of(points, TETRAHEDRON[1])
@@ -64,7 +64,7 @@ def test_faces_that_are_not_finite_are_said_and_not_drawn() -> None:
     assert np.isfinite(model.points).all()
 
 
-def test_what_is_too_far_away_to_draw_is_neither_drawn_nor_marked() -> None:
+def test_positions_beyond_float32_are_not_drawn() -> None:
     points = np.concatenate([np.random.default_rng(0).normal(size=(300, 3)), [[1e200, 0, 0], [0, 1, 0]]])
     faces = np.concatenate([np.arange(300).reshape(-1, 3), [[0, 300, 301]]])
     model = model_of(points, faces)
@@ -79,13 +79,13 @@ def test_any_size_gives_finite_positions(scale: float) -> None:
     assert model.drawn.all()
 
 
-def test_the_note_says_what_a_mesh_is() -> None:
+def test_notes_describe_clean_empty_and_soup_meshes() -> None:
     assert CLEAN_NOTE in model_of(*TETRAHEDRON).notes
     assert CLEAN_NOTE not in model_of(*BOOK).notes
     assert EMPTY_NOTE in model_of(np.zeros((2, 3)), []).notes
     soup = model_of(np.random.default_rng(0).normal(size=(9, 3)), np.arange(9).reshape(3, 3))
     assert SOUP_NOTE in soup.notes
-    assert "boundary_edges" not in soup.shown_by_default()
+    assert "boundary_edges" not in soup.default_layers()
 
 
 def test_no_two_layers_differ_by_colour_alone() -> None:
@@ -96,7 +96,7 @@ def test_no_two_layers_differ_by_colour_alone() -> None:
     assert len(set(looks)) == len(looks)
 
 
-def test_colours_of_an_asset_are_the_standard_tiers(demo_asset: Path) -> None:
+def test_colours_of_an_asset_are_those_of_the_standard_tier(demo_asset: Path) -> None:
     import msb
     from msb.meshes.assets import mesh_from_asset
 
@@ -106,8 +106,8 @@ def test_colours_of_an_asset_are_the_standard_tiers(demo_asset: Path) -> None:
     assert np.abs(mesh.colors.values / 255 - wanted).max() <= 0.5 / 255 + 1e-6
 
 
-def test_a_stand_in_is_coarse_and_keeps_its_place(demo: ViewModel) -> None:
-    faces, origin = cluster(demo.points, demo.faces, target=2000)
+def test_a_simplified_mesh_has_the_target_size_and_the_same_position(demo: ViewModel) -> None:
+    faces, origin = simplify(demo.points, demo.faces, target=2000)
     assert 500 < len(faces) <= 4000
     assert (np.diff(np.sort(faces, axis=1), axis=1) > 0).all()
     assert (np.diff(origin) > 0).all()
@@ -124,7 +124,7 @@ def counts(model: ViewModel) -> dict[str, int]:
     return {kind: len(layer) for kind, layer in model.layers.items()}
 
 
-def test_deleted_faces_are_red_added_ones_green_and_all_are_layers_of_the_mesh_as_stored() -> None:
+def test_deleted_and_added_faces_are_layers_with_colours() -> None:
     points, faces = TETRAHEDRON
     points = np.concatenate([points, [[2, 2, 2]]]).astype(np.float32)
     model = repaired((points, faces), (points, np.concatenate([faces[1:], [[0, 1, 4]]])))
@@ -135,7 +135,7 @@ def test_deleted_faces_are_red_added_ones_green_and_all_are_layers_of_the_mesh_a
     assert np.allclose(corners, points[[0, 1, 4]], atol=1e-6)
 
 
-def test_a_cut_edge_is_drawn_between_its_vertices_and_can_be_flown_to() -> None:
+def test_a_cut_edge_is_a_layer_and_can_be_selected() -> None:
     points, faces = BOOK
     apart = points[faces.reshape(-1)], np.arange(9).reshape(-1, 3)
     model = repaired(BOOK, apart)
@@ -154,7 +154,7 @@ def test_a_repair_that_changes_nothing_has_empty_layers_and_a_page() -> None:
     assert b"deleted_faces" in page(model, state, "+y")
 
 
-def test_what_was_turned_upright_in_a_glb_lies_where_it_was() -> None:
+def test_a_repaired_glb_is_rotated_back() -> None:
     points, faces = TETRAHEDRON
     before = ViewedMesh("a.triasset", Path("a"), points, faces, up="-y")
     after = ViewedMesh("b.glb", Path("b"), points * [1, -1, -1], faces, up="+y")

@@ -1,4 +1,4 @@
-"""The page: its data are the model's, it asks nobody for anything, and no name breaks out of it."""
+"""The pages of the viewers: their data, no requests to a network, and escaping of file names."""
 
 import base64
 import re
@@ -12,7 +12,7 @@ import pytest
 from msb_viewers.model import ViewModel
 from msb_viewers.page import page
 from msb_viewers.state import ViewState
-from tests.viewers.test_compare_page import made, meta_of
+from tests.viewers.test_compare_page import meta_of, page_text
 
 
 def parts(model: ViewModel) -> tuple[str, dict[str, Any], dict[str, np.ndarray]]:
@@ -35,10 +35,10 @@ def test_the_page_holds_the_model(faults: ViewModel) -> None:
     for layer in meta["layers"]:
         assert layer["count"] == len(faults.layers[layer["kind"]])
         assert len(arrays[layer["kind"]]) == layer["count"] * layer["each"]
-    assert set(meta["visible"]) == faults.shown_by_default()
+    assert set(meta["visible"]) == faults.default_layers()
 
 
-def test_size_classes_are_the_models(demo: ViewModel) -> None:
+def test_size_classes_of_the_page_agree_with_the_model(demo: ViewModel) -> None:
     classes = demo.size_class_of_faces()
     assert (classes[demo.face_component == 0] == 0).all()
     _, meta, _ = parts(demo)
@@ -48,17 +48,17 @@ def test_size_classes_are_the_models(demo: ViewModel) -> None:
 
 
 @pytest.mark.parametrize("viewer", ["view", "compare"])
-def test_a_page_asks_nobody_for_anything(viewer: str, faults: ViewModel) -> None:
-    text = parts(faults)[0] if viewer == "view" else made()
+def test_a_page_loads_nothing(viewer: str, faults: ViewModel) -> None:
+    text = parts(faults)[0] if viewer == "view" else page_text()
     assert "default-src 'none'" in text
     addresses = set(re.findall(r"https?://[^\s\"']+", text))
-    assert addresses <= {"http://www.w3.org/2000/svg"}  # a name, not a place
+    assert addresses <= {"http://www.w3.org/2000/svg"}  # the name of the SVG namespace
     assert not re.search(r"\b(fetch|XMLHttpRequest|import)\s*\(|src=|href=", text)
 
 
 @pytest.mark.parametrize("viewer", ["view", "compare"])
-def test_a_hostile_name_stays_text(viewer: str, faults: ViewModel) -> None:
+def test_a_hostile_name_is_escaped(viewer: str, faults: ViewModel) -> None:
     name = "</script><script>alert(1)</script>@DATA@"
-    text = parts(replace(faults, name=name))[0] if viewer == "view" else made(name)
+    text = parts(replace(faults, name=name))[0] if viewer == "view" else page_text(name)
     assert meta_of(text)["name"] == name
     assert text.count("<script") == 3

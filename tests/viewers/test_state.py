@@ -1,11 +1,11 @@
-"""Switches, stepping, isolation, the legend's text; picking and fans: all without a window."""
+"""State, legend, picking and fans of the viewer, without a window."""
 
 import numpy as np
 import pytest
 
 from msb.errors import UsageError
 from msb_viewers.camera import Pose, default_pose, element_pose, up_vector
-from msb_viewers.fans import neighbourhood
+from msb_viewers.fans import find_neighbourhood
 from msb_viewers.legend import legend_panel
 from msb_viewers.model import ViewModel
 from msb_viewers.picking import pick
@@ -46,12 +46,12 @@ def test_isolating_counts_by_size(demo: ViewModel) -> None:
     assert state.component == 0
     state.isolate_next(1)
     assert state.component == 1
-    state.isolate_chosen()
+    state.isolate_selection()
     assert state.component is None
 
 
 @pytest.mark.parametrize("scale", [0.62, 1.0, 2.0])
-def test_panels_know_what_a_click_means(faults: ViewModel, scale: float) -> None:
+def test_rows_of_the_legend_have_actions(faults: ViewModel, scale: float) -> None:
     panel = legend_panel(ViewState.first(faults), scale)
     actions = [action for _, _, action in panel.targets]
     assert actions == [*faults.layers, "components", "help"]
@@ -65,7 +65,7 @@ def test_panels_know_what_a_click_means(faults: ViewModel, scale: float) -> None
     assert help_panel(HELP, scale).image.shape[2] == 4
 
 
-def test_elements_are_named_on_the_command_line(demo: ViewModel) -> None:
+def test_names_of_elements_and_layers_are_parsed(demo: ViewModel) -> None:
     assert parse_element(demo, "boundary_edges:3") == ("boundary_edges", 2)
     assert parse_kinds(demo, ["all"]) == {kind for kind, layer in demo.layers.items() if len(layer)}
     assert parse_kinds(demo, ["none"]) == set()
@@ -77,15 +77,15 @@ def test_elements_are_named_on_the_command_line(demo: ViewModel) -> None:
 
 
 @pytest.mark.parametrize("axis", ["+x", "-x", "+y", "-y", "+z", "-z"])
-def test_the_first_view_has_up_up_and_sees_the_unit_sphere(axis: str) -> None:
+def test_the_first_view_shows_the_unit_sphere_upright(axis: str) -> None:
     pose = default_pose(axis, 1.5)
     assert pose.eye @ up_vector(axis) > 0
     assert pose.up.tolist() == up_vector(axis).tolist()
     assert np.sin(np.radians(15)) * pose.distance == pytest.approx(1.04)
 
 
-def test_a_flight_ends_where_the_element_is_not_hidden() -> None:
-    # A small triangle inside of a box that is open at the top only.
+def test_the_view_of_an_element_is_not_hidden() -> None:
+    # A small triangle in a box that is only open at the top.
     box = [[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]
     walls = [[0, 1, 3], [0, 3, 2], [4, 5, 7], [4, 7, 6], [0, 1, 5], [0, 5, 4], [0, 2, 6], [0, 6, 4]]
     walls += [[1, 3, 7], [1, 7, 5]]
@@ -96,7 +96,7 @@ def test_a_flight_ends_where_the_element_is_not_hidden() -> None:
     assert way[1] / np.linalg.norm(way) > 0.6
 
 
-def test_picking_goes_through_what_the_box_clips_away() -> None:
+def test_picking_ignores_clipped_faces() -> None:
     points = np.array([[-1, -1, 0], [1, -1, 0], [0, 1, 0], [-1, -1, 1], [1, -1, 1], [0, 1, 1]], np.float32)
     faces = np.arange(6).reshape(2, 3)
     ray = np.array([0.0, 0.0, 5.0]), np.array([0.0, 0.0, -1.0])
@@ -106,7 +106,7 @@ def test_picking_goes_through_what_the_box_clips_away() -> None:
     assert pick(points, faces, allowed, *ray, box).face == 0
 
 
-def test_picking_agrees_with_a_slow_obvious_search(demo: ViewModel) -> None:
+def test_picking_agrees_with_brute_force(demo: ViewModel) -> None:
     random = np.random.default_rng(2)
     triangles = demo.points[demo.faces].astype(np.float64)
     for _ in range(12):
@@ -130,16 +130,16 @@ def test_picking_agrees_with_a_slow_obvious_search(demo: ViewModel) -> None:
 
 
 def test_fans_of_a_bow_tie_are_apart(faults: ViewModel) -> None:
-    around = neighbourhood(faults, 2)
+    around = find_neighbourhood(faults, 2)
     assert (around.fan_count, around.group_count, around.on_crowded_edge) == (2, 2, False)
     assert sorted(fan.faces.tolist() for fan in around.fans) == [[0], [1]]
-    one, other = (fan.triangles.reshape(-1, 3) @ around.frame[:2].T for fan in around.fans)
-    gap = np.linalg.norm(one[:, None] - other[None], axis=2).min()
+    first, second = (fan.triangles.reshape(-1, 3) @ around.frame[:2].T for fan in around.fans)
+    gap = np.linalg.norm(first[:, None] - second[None], axis=2).min()
     assert gap > 0.5
 
 
 def test_fans_on_a_crowded_edge_are_one_face_each(faults: ViewModel) -> None:
-    around = neighbourhood(faults, 5)
+    around = find_neighbourhood(faults, 5)
     assert around.fan_count == 3
     assert around.group_count == 1
     assert around.on_crowded_edge
@@ -148,11 +148,11 @@ def test_fans_on_a_crowded_edge_are_one_face_each(faults: ViewModel) -> None:
     assert len(around.lines()) == 3
 
 
-def test_fans_of_every_vertex_are_those_of_the_audit(demo: ViewModel) -> None:
+def test_fans_of_every_vertex_agree_with_the_audit(demo: ViewModel) -> None:
     wanted = demo.analysis.fans.fans_per_vertex
     for vertex in np.random.default_rng(0).choice(len(wanted), 40, replace=False).tolist():
-        around = neighbourhood(demo, vertex)
-        shown = len(around.fans)
-        assert shown == min(wanted[vertex], 12)
+        around = find_neighbourhood(demo, vertex)
+        fan_count = len(around.fans)
+        assert fan_count == min(wanted[vertex], 12)
         parts = [face for fan in around.fans for face in fan.faces.tolist()]
         assert len(parts) == len(set(parts))

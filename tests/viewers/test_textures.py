@@ -1,4 +1,4 @@
-"""Textures: the window shows what the standard tier draws, and the page holds all that it needs."""
+"""Textures in the window and on the page, compared with the standard tier."""
 
 import io
 from collections.abc import Callable
@@ -30,14 +30,14 @@ EYE = np.array([0.2, 0.1, 2.6])
 
 
 def textured(sampler: Sampler, **more: Any) -> msb.Asset:
-    """Return two squares side by side, each with a texture, whose coordinates reach far beyond 0 to 1."""
+    """Return two squares with two textures and texture coordinates far outside 0 to 1."""
     x, y = np.meshgrid([-1.0, 0.0, 1.0], [-0.6, 0.6])
     points = np.stack([x, y, 0 * x], axis=-1).reshape(-1, 3).astype(np.float32)
     faces = np.array([[0, 1, 3], [1, 2, 4], [1, 4, 3], [2, 5, 4]])
     images = np.random.default_rng(3).integers(0, 256, (2, 8, 4, 4), np.uint8)
-    shown = np.array([0, 1, 0, 1], np.uint32)
+    numbers = np.array([0, 1, 0, 1], np.uint32)
     uvs = (points[:, :2] * (1.3, 2.2) + 0.4).astype(np.float32)
-    mesh = Mesh(points, faces, vertex_uvs=uvs, textures=tuple(images), face_textures=shown, sampler=sampler)
+    mesh = Mesh(points, faces, vertex_uvs=uvs, textures=tuple(images), face_textures=numbers, sampler=sampler)
     return asset_from_mesh(replace(mesh, **more))
 
 
@@ -58,7 +58,7 @@ SAMPLERS = pytest.mark.parametrize(
 
 
 def same(seen: np.ndarray, asset: msb.Asset, model: ViewModel) -> bool:
-    """Return whether a picture is that of the standard tier, but for rims, which are smoothed."""
+    """Return whether an image agrees with the standard tier, except at smoothed edges."""
     eye = EYE * model.scale + model.center
     camera = msb.Camera.look_at(eye, model.center, up=(0, 1, 0), width=240, height=200, fov_y=FOV_Y)
     background = [value / 255 for value in BACKGROUND]
@@ -88,7 +88,7 @@ def test_the_page_shows_what_the_standard_tier_draws(
     state = replace(ViewState.first(model), visible=set())
     eye = EYE.tolist()
     script = f"""
-      const ready = () => surface && !waiting && meta.skin.textures.every((one) => one.texture);
+      const ready = () => surface && !waiting && meta.skin.textures.every((item) => item.texture);
       while (!ready()) await new Promise(requestAnimationFrame);
       state.legend = false;
       Object.assign(camera, {{ direction: {eye}, up: [0, 1, 0], distance: Math.hypot(...{eye}) }});
@@ -97,12 +97,12 @@ def test_the_page_shows_what_the_standard_tier_draws(
       gl.readPixels(0, 0, canvas.width, canvas.height, gl.RGBA, gl.UNSIGNED_BYTE, bytes);
       return Array.from(bytes);
     """
-    found = in_browser(page(model, state, "+y"), script, size=(240, 200))
-    seen = np.array(found).reshape(200, 240, 4)[::-1, :, :3]
+    result = in_browser(page(model, state, "+y"), script, size=(240, 200))
+    seen = np.array(result).reshape(200, 240, 4)[::-1, :, :3]
     assert same(seen, asset, model)
 
 
-def test_the_page_holds_textures_and_the_faces_of_each_together() -> None:
+def test_faces_with_the_same_texture_are_contiguous_on_the_page() -> None:
     asset = textured(Sampler(wrap_v="mirror"))
     model = model_of(asset)
     _, meta, arrays = parts(model)
@@ -113,19 +113,19 @@ def test_the_page_holds_textures_and_the_faces_of_each_together() -> None:
     assert "colors" not in arrays
     skin = meta["skin"]
     assert (skin["wrap_u"], skin["wrap_v"], skin["tinted"]) == ("repeat", "mirror", False)
-    for number, one in enumerate(skin["textures"]):
-        assert one["faces"] == 2
-        image = np.array(Image.open(io.BytesIO(arrays[one["name"]].tobytes())))
+    for number, texture in enumerate(skin["textures"]):
+        assert texture["faces"] == 2
+        image = np.array(Image.open(io.BytesIO(arrays[texture["name"]].tobytes())))
         assert (image == asset.buffers[f"texture.{number}"]).all()
 
 
-def test_alpha_that_equals_the_cut_off_is_not_below_it_where_it_is_a_byte() -> None:
+def test_rounding_to_bytes_does_not_move_alpha_below_the_cutoff() -> None:
     tint = np.full((6, 4), (1, 1, 1, 0.7), np.float32)
     skin = model_of(textured(Sampler(alpha_cutoff=0.7), vertex_colors=tint)).skin
     assert skin.tint[0, 3] / 255 >= skin.cutoff
 
 
-def test_textures_that_cannot_be_drawn_are_said_and_the_surface_is_seen() -> None:
+def test_a_mesh_with_invalid_textures_is_drawn_without_them() -> None:
     asset = textured(Sampler())
     uvs = asset.buffers["uv"].copy()
     uvs[2] = np.nan

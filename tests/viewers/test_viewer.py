@@ -1,4 +1,4 @@
-"""The real viewer, off-screen: what must be seen is looked for at the pixels where it must be."""
+"""The viewer off-screen: check the colours of pixels where elements must be visible."""
 
 from collections.abc import Iterator
 from contextlib import ExitStack, closing
@@ -20,7 +20,7 @@ FRONT = Pose(np.array([0.0, 0.0, 4.2]), np.zeros(3), np.array([0.0, 1.0, 0.0]))
 
 @pytest.fixture
 def opened(gl: None) -> Iterator[Any]:
-    """Return a function that opens a viewer, bare and looking along -z, and closes it in the end."""
+    """Return a function that opens a viewer without panels, looking along -z. It is closed after the test."""
     with ExitStack() as stack:
 
         def start(
@@ -68,7 +68,7 @@ def test_colours_of_any_domain_reach_their_faces(opened: Any, domain: Any) -> No
     assert tuple(around(viewer.image(), middle(viewer, [4, 5, 6]), 0)[0]) == BACKGROUND
 
 
-def test_layers_are_seen_where_their_elements_are_and_go_again(opened: Any, faults: ViewModel) -> None:
+def test_layers_are_drawn_at_their_elements_and_can_be_hidden(opened: Any, faults: ViewModel) -> None:
     viewer = opened(faults)
     assert tuple(viewer.image()[2, 2]) == BACKGROUND
     for kind, vertices in {
@@ -87,13 +87,13 @@ def test_layers_are_seen_where_their_elements_are_and_go_again(opened: Any, faul
             assert has(viewer.image(), place, style.color, 7) == on, kind
 
 
-def test_a_click_picks_the_vertex_whose_fans_are_then_shown(opened: Any, faults: ViewModel) -> None:
+def test_a_click_selects_a_vertex_and_shows_its_fans(opened: Any, faults: ViewModel) -> None:
     viewer = opened(faults)
     x, y = viewer.project(faults.points[2][None])[0]
     viewer.controls.click(int(x) - 4, int(y))
     assert viewer.state.vertex == 2
-    assert len(viewer.inset.shown.fans) == 2
-    picture = viewer._pictures["fans"]
+    assert len(viewer.inset.neighbourhood.fans) == 2
+    picture = viewer._overlays["fans"]
     corner = viewer.image()[-picture.size[0] :, -picture.size[0] :]
     for color in FAN_COLORS[:2]:
         assert (np.abs(corner.astype(int) - color) <= 3).all(axis=2).sum() > 200
@@ -102,7 +102,17 @@ def test_a_click_picks_the_vertex_whose_fans_are_then_shown(opened: Any, faults:
     assert not (np.abs(viewer.image().astype(int) - FAN_COLORS[0]) <= 3).all(axis=2).any()
 
 
-def test_stepping_flies_to_the_element_and_rings_it(opened: Any, demo: ViewModel) -> None:
+def test_a_click_on_a_row_of_the_legend_switches_its_layer(opened: Any, faults: ViewModel) -> None:
+    viewer = opened(faults, plain=False, size=(1280, 800))
+    viewer.controls.attach()
+    for top, bottom, action in viewer._legend.targets:
+        if action in faults.layers and len(faults.layers[action]):
+            before = action in viewer.state.visible
+            mouse(viewer, 30, 12 + (top + bottom) // 2, PRESS, RELEASE)
+            assert (action in viewer.state.visible) != before, action
+
+
+def test_stepping_goes_to_the_element_and_marks_it(opened: Any, demo: ViewModel) -> None:
     viewer = opened(demo)
     viewer.state.active = "nonmanifold_edges"
     before = viewer.pose
@@ -128,7 +138,7 @@ def test_the_box_clips_surface_and_layers(opened: Any, faults: ViewModel) -> Non
     assert tuple(around(image, left, 0)[0]) == BACKGROUND
     assert tuple(around(image, right, 0)[0]) == GREEN
     assert not has(image, middle(viewer, [0, 1]), STYLES["boundary_edges"].color)
-    viewer.controls.key("k")  # off: there is a box
+    viewer.controls.key("k")  # the box is switched off
     assert tuple(around(viewer.image(), left, 0)[0]) == RED
     viewer.controls.key("k")
     assert viewer.stage.box is not None
@@ -164,13 +174,13 @@ def test_events_of_the_window_reach_the_controls(opened: Any, faults: ViewModel)
 
 
 def test_the_figure_has_four_panels_with_their_marks(gl: None, demo: ViewModel) -> None:
-    from msb_viewers.figure import PANELS, panel_images
+    from msb_viewers.figure import COLUMNS, render_columns
 
-    images = panel_images(demo, side=240)
+    images = render_columns(demo, side=240)
     assert len(images) == 4
-    for panel, (whole, close) in zip(PANELS, images, strict=True):
+    for column, (whole, close) in zip(COLUMNS, images, strict=True):
         for image in (whole, close):
             assert image.shape == (240, 240, 3)
-            for kind in panel.kinds[:1]:
+            for kind in column.kinds[:1]:
                 near = np.abs(image.astype(int) - STYLES[kind].color).max(axis=2) < 60
-                assert near.sum() > 20, (panel.title, kind)
+                assert near.sum() > 20, (column.title, kind)

@@ -1,5 +1,6 @@
-"""The viewers, which show what is wrong with a mesh. pyvista is loaded only when something is drawn.
+"""The topology viewer (`msb view`) and the comparison of tiers (`msb compare`).
 
-What is shown is plain data (`model`, `state`, `camera`, `picking`). `drawing`, `stage`, `fans`, `window`,
-`viewer` and `controls` bring it to VTK, `page` to a browser, `figure` to paper. `deployment` compares tiers.
+`model`, `state`, `camera` and `picking` hold and compute plain data. `drawing`, `stage`, `fans`, `viewer` and
+`controls` show it with VTK, `page` in a browser, and `figure` as a figure for print. `deployment` compares
+tiers. pyvista is imported only when something is drawn.
 """

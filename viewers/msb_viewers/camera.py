@@ -1,4 +1,4 @@
-"""Cameras: the first view of a mesh, and a clear view of one element. They are plain arrays."""
+"""Poses of the camera: the first view of a mesh, and views of an element or a component."""
 
 import math
 from dataclasses import dataclass
@@ -9,17 +9,22 @@ from numpy.typing import NDArray
 
 from msb_viewers.model import ViewModel
 
+# Vertical field of view in radians.
 FOV_Y = math.radians(30)
-# Angles of the first view, in radians: it shows three sides of a thing, none of them edge-on.
+# Angles of the first view in radians. It shows three sides of an object, none of them edge-on.
 AZIMUTH, ELEVATION = math.radians(35), math.radians(20)
+# Distance of a view relative to the smallest distance that shows the whole mesh.
 _MARGIN = 1.04
-# Distance from an element, in radii of the faces around it, which then fill about half of the window.
+# Distance from an element, in radii of the faces around it. These then fill about half of the window.
 _NEIGHBOURHOOD = 4.5
 
 
 @dataclass(frozen=True, eq=False)
 class Pose:
-    """A camera: its place, the point it looks at and its up vector, (3,) float64 each, in drawn units."""
+    """The position of a camera, the point it looks at, and its up vector, each (3,) float64 in view units.
+
+    View units are the coordinates of `ViewModel.points`.
+    """
 
     eye: NDArray[np.float64]
     target: NDArray[np.float64]
@@ -32,7 +37,7 @@ class Pose:
 
 
 def up_vector(axis: str) -> NDArray[np.float64]:
-    """Return "+y" and the like as a unit vector.
+    """Return an axis such as "+y" as a unit vector.
 
     >>> up_vector("-z").tolist()
     [0.0, 0.0, -1.0]
@@ -43,9 +48,9 @@ def up_vector(axis: str) -> NDArray[np.float64]:
 
 
 def default_pose(axis: str, aspect: float) -> Pose:
-    """Return the first view: the unit sphere fills the part of a window that is free, of this aspect."""
+    """Return the first view. The unit sphere fills the free part of a window with this aspect."""
     up = up_vector(axis)
-    # The two other axes, in the order that makes a right-handed frame with `up` last.
+    # The two other axes, so that (first, second, up) is a right-handed frame.
     first = np.roll(np.abs(up), 1)
     second = np.cross(up, first)
     level = math.cos(AZIMUTH) * first + math.sin(AZIMUTH) * second
@@ -54,33 +59,36 @@ def default_pose(axis: str, aspect: float) -> Pose:
 
 
 def element_pose(model: ViewModel, vertices: NDArray[Any], current: Pose) -> Pose | None:
-    """Return a view of one element (k,) that the rest of the mesh does not hide, if there is one.
+    """Return a view of an element with `vertices` (k,) that other faces do not hide, if there is one.
 
-    None where the element has no finite position. Rays from the element towards the eye are cast along 50
-    directions against the faces near enough to be in the way; among the clear ones the best sees the faces at
-    the element face-on and turns least from the `current` view.
+    The result is None if the element has no finite position. The direction is chosen among about 100
+    candidates. Directions with no faces between element and camera are preferred, then directions that see
+    the faces at the element frontally, and that are close to the `current` view.
     """
     if not bool(model.finite(vertices[None])[0]):
         return None
+    # The faces at the element, their radius, and the distance of the camera.
     points, faces = model.points, model.faces
     target = points[vertices].astype(np.float64).mean(axis=0)
     touching = np.zeros(len(points), bool)
     touching[vertices] = True
-    here = np.flatnonzero(touching[faces].any(axis=1) & model.drawn)
-    around = points[faces[here]].reshape(-1, 3) if len(here) else points[vertices]
+    nearby = np.flatnonzero(touching[faces].any(axis=1) & model.drawn)
+    around = points[faces[nearby]].reshape(-1, 3) if len(nearby) else points[vertices]
     radius = float(np.linalg.norm(around - target, axis=1).max(initial=0.0))
     distance = _NEIGHBOURHOOD * (radius if radius > 1e-7 else 0.02)
+    # Other faces that can be between the element and the camera.
     blockers = np.flatnonzero(_may_reach(points, faces, target, distance) & model.drawn)
-    blockers = np.setdiff1d(blockers, here, assume_unique=True)
+    blockers = np.setdiff1d(blockers, nearby, assume_unique=True)
+    # Candidate directions (m, 3): the current one, the normals of the faces, and 48 on a sphere.
     prefer = _unit(current.eye - current.target)
-    normals = _normals(points[faces[here]].astype(np.float64))
+    normals = _normals(points[faces[nearby]].astype(np.float64))
     directions = np.concatenate([prefer[None], normals, -normals, sphere(48)])[:120]
     facing = np.abs(directions @ normals.T).mean(axis=1) if len(normals) else np.ones(len(directions))
-    # From the middle and from near each corner, so that all of the element is seen.
+    # Count the faces that rays from the centre and from points near the vertices pass through, (m,).
     spots = [target, *(target + 0.7 * (points[vertices].astype(np.float64) - target))]
     triangles = points[faces[blockers]].astype(np.float64)
     hidden = sum(_hits(triangles, spot, directions, distance) for spot in spots)
-    if len(vertices) > 1:  # along its own direction an edge is a point
+    if len(vertices) > 1:  # do not look along an edge
         along = _unit(points[vertices[1]].astype(np.float64) - points[vertices[0]])
         facing = facing + 1 - np.abs(directions @ along)
     score = facing + 0.5 * (directions @ prefer) - 10.0 * np.minimum(hidden, 9)
@@ -90,7 +98,7 @@ def element_pose(model: ViewModel, vertices: NDArray[Any], current: Pose) -> Pos
 
 
 def component_pose(model: ViewModel, component: int, current: Pose, aspect: float) -> Pose | None:
-    """Return a view that one component fills, from where one looks now; None if nothing of it is drawn."""
+    """Return a view in the current direction that a component fills; None if no face of it is drawn."""
     faces = model.faces[model.faces_of(component)]
     if len(faces) == 0:
         return None
@@ -101,7 +109,7 @@ def component_pose(model: ViewModel, component: int, current: Pose, aspect: floa
 
 
 def _fitting(aspect: float) -> float:
-    """Return the distance, in radii, from which a sphere fills a window of this aspect."""
+    """Return the distance, in radii, from a sphere that fills a window with this aspect."""
     narrow = min(FOV_Y, 2 * math.atan(math.tan(FOV_Y / 2) * max(aspect, 0.1)))
     return _MARGIN / math.sin(narrow / 2)
 
@@ -109,7 +117,8 @@ def _fitting(aspect: float) -> float:
 def _may_reach(
     points: NDArray[np.float32], faces: NDArray[Any], target: NDArray[np.float64], reach: float
 ) -> NDArray[np.bool_]:
-    """Return which faces are not all on one outer side of the cube of half-width `reach` around `target`."""
+    """Return a mask (F,) of faces that can intersect the cube of half-width `reach` around `target`."""
+    # A bit per side of the cube for each vertex outside it. A face with a common bit is outside.
     code = np.zeros(len(points), np.uint8)
     for axis in range(3):
         away = points[:, axis] - np.float32(target[axis])
@@ -124,17 +133,20 @@ def _hits(
     directions: NDArray[np.float64],
     reach: float,
 ) -> NDArray[Any]:
-    """Return through how many triangles (n, 3, 3) a ray along each unit direction (m, 3) passes."""
+    """Return the number (m,) of triangles (n, 3, 3) that the ray along each unit direction (m, 3) hits.
+
+    Rays start at `origin` and have the length `reach`.
+    """
     a, b, c = (triangles[:, k] - origin for k in range(3))
     normal = np.cross(b - a, c - a)
     height = (normal * a).sum(axis=1)
     counts = np.zeros(len(directions), int)
     for row, direction in enumerate(directions):
-        # The signs of three volumes say on which side of each corner pair the ray passes.
+        # The ray passes inside the triangle if three volumes have the same sign.
         sides = np.stack([np.cross(p, q) @ direction for p, q in ((a, b), (b, c), (c, a))])
         inside = (sides > 0).all(axis=0) | (sides < 0).all(axis=0)
         along = normal @ direction
-        # Met after height / along; compared without the division.
+        # The distance is height / along. Compare without dividing.
         counts[row] = np.count_nonzero(
             inside & (height * along > 0) & (np.abs(height) < reach * np.abs(along))
         )
@@ -142,13 +154,14 @@ def _hits(
 
 
 def _normals(triangles: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return up to 24 unit normals of triangles (n, 3, 3) with an area."""
     cross = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     length = np.linalg.norm(cross, axis=1, keepdims=True)
     return np.asarray(cross[length[:, 0] > 0] / length[length[:, 0] > 0])[:24]
 
 
 def sphere(count: int) -> NDArray[np.float64]:
-    """Return directions spread evenly over the sphere (a Fibonacci lattice)."""
+    """Return `count` unit vectors that cover the sphere evenly (a Fibonacci lattice)."""
     index = np.arange(count) + 0.5
     height = 1 - 2 * index / count
     angle = np.pi * (1 + math.sqrt(5)) * index

@@ -1,4 +1,4 @@
-"""Keys, clicks and the clipping box of the topology viewer."""
+"""Keyboard, mouse and clipping box of the topology viewer."""
 
 from __future__ import annotations
 
@@ -11,12 +11,13 @@ import numpy as np
 if TYPE_CHECKING:
     from msb_viewers.viewer import TopologyViewer
 
-# First size of the clipping box, in radii of what the first view frames.
+# Half-width of the clipping box at first, in radii of the framed sphere.
 _BOX = 1.02
-# A click may move the mouse by at most this many pixels between press and release.
+# Maximum distance in pixels between press and release of a click.
 _CLICK = 4
-# Priority of our handlers; VTK's own interactor style, which uses most keys, comes later.
+# Priority of these handlers. The interactor style of VTK, which uses most keys, has a lower one.
 _FIRST = 10.0
+# Names of keys in VTK or X11, and other names for a key -> name in `TopologyControls.keys`.
 _NAMES = {
     "[": "bracketleft",
     "]": "bracketright",
@@ -26,9 +27,9 @@ _NAMES = {
 
 
 class TopologyControls:
-    """Keys and mouse as actions on a viewer. `key` and `click` also work without a window.
+    """Keyboard and mouse actions on a viewer. `key` and `click` also work without a window.
 
-    Pixels are counted from the top left.
+    The origin of pixels is the top left corner.
     """
 
     def __init__(self, viewer: TopologyViewer) -> None:
@@ -39,9 +40,9 @@ class TopologyControls:
             "tab": state.next_layer,
             "n": lambda: self._step(1),
             "p": lambda: self._step(-1),
-            "f": viewer.fly_to_chosen,
+            "f": viewer.fly_to_selection,
             "c": state.next_coloring,
-            "i": lambda: self._isolate(state.isolate_chosen),
+            "i": lambda: self._isolate(state.isolate_selection),
             "bracketleft": lambda: self._isolate(lambda: state.isolate_next(-1)),
             "bracketright": lambda: self._isolate(lambda: state.isolate_next(1)),
             "k": self._toggle_box,
@@ -61,7 +62,7 @@ class TopologyControls:
         self._widget: Any = None
 
     def key(self, name: str) -> bool:
-        """Do what a key does; return whether it does anything."""
+        """Perform the action of a key; return whether it has one."""
         name = key_name(name)
         if name == "q":
             if self.interactor is not None:
@@ -75,7 +76,7 @@ class TopologyControls:
         return True
 
     def click(self, x: int, y: int) -> None:
-        """Do what a click at a pixel does: on a row of the legend, or on a vertex."""
+        """Perform the action of a click at a pixel: on a row of the legend, or on a vertex."""
         action = self.viewer.legend_hit(x, y)
         if action is None:
             self.viewer.pick(x + 0.5, y + 0.5)
@@ -89,30 +90,30 @@ class TopologyControls:
         self.viewer.refresh()
 
     def press(self, x: int, y: int) -> bool:
-        """Remember where the left button goes down; return whether that is on the legend."""
+        """Store the pixel where the left button is pressed; return whether it is on the legend."""
         self._pressed = x, y
         return self.viewer.legend_hit(x, y) is not None
 
     def release(self, x: int, y: int) -> bool:
-        """Click, unless the mouse was dragged."""
+        """Perform a click, unless the mouse was dragged."""
         pressed, self._pressed = self._pressed, None
         if pressed is not None and max(abs(x - pressed[0]), abs(y - pressed[1])) <= _CLICK:
             self.click(x, y)
         return False
 
-    def moving(self, on: bool) -> None:
-        """Draw stand-ins while the view moves, everything when it rests."""
+    def set_moving(self, on: bool) -> None:
+        """Draw simplified meshes while the view moves, and everything when it stops."""
         self.viewer.stage.moving = on
         self.viewer.stage.sync(self.viewer.state)
         self.viewer.render()
 
-    def turned(self) -> None:
-        """Fit sizes and depth to the view that VTK has turned, moved or zoomed."""
+    def adapt_view(self) -> None:
+        """Adapt sizes and depth range after VTK rotated, moved or zoomed the view."""
         self.viewer.stage.resize(self.viewer.pixels_per_unit())
         self.viewer.fit_depth()
 
     def attach(self) -> None:
-        """Listen to the window's events."""
+        """Handle the events of the window."""
         if self.interactor is not None:
             return
         self.interactor = self.viewer.plotter.iren.interactor
@@ -127,20 +128,20 @@ class TopologyControls:
         ):
             _listen(self.interactor, event, handler)
         style = self.interactor.GetInteractorStyle()
-        style.AddObserver("StartInteractionEvent", lambda *_: self.moving(True))
-        style.AddObserver("InteractionEvent", lambda *_: self.turned())
+        style.AddObserver("StartInteractionEvent", lambda *_: self.set_moving(True))
+        style.AddObserver("InteractionEvent", lambda *_: self.adapt_view())
         style.AddObserver("EndInteractionEvent", lambda *_: self._on_rest())
         for event in ("MouseWheelForwardEvent", "MouseWheelBackwardEvent"):
-            style.AddObserver(event, lambda *_: self.turned(), -1.0)
+            style.AddObserver(event, lambda *_: self.adapt_view(), -1.0)
 
     def toggle_help(self) -> None:
-        """Show the keys, or not."""
+        """Show or hide the list of keys."""
         self.viewer.state.help = not self.viewer.state.help
 
     def _save(self) -> None:
-        path = _free_name(self.viewer.name)
+        path = _free_name(self.viewer.model.name)
         self.viewer.screenshot(path)
-        self.viewer.state.message = f"saved {path.name}"
+        self.viewer.state.message = f"Saved {path.name}"
 
     def _pixel(self) -> tuple[int, int]:
         x, y = self.interactor.GetEventPosition()
@@ -151,7 +152,7 @@ class TopologyControls:
         return True
 
     def _on_rest(self) -> None:
-        self.moving(False)
+        self.set_moving(False)
         self.release(*self._pixel())
 
     def _on_resize(self) -> bool:
@@ -162,18 +163,18 @@ class TopologyControls:
         return False
 
     def _toggle_box(self) -> None:
-        """Switch the clipping box; on a window it has handles to drag."""
+        """Switch the clipping box on or off. In a window it has handles to drag."""
         viewer = self.viewer
         if viewer.stage.box is not None:
             viewer.set_box(None)
             if self._widget is not None:
                 self._widget.Off()
                 self._widget = None
-            viewer.state.message = "clipping box: off"
+            viewer.state.message = "Clipping box: off"
             return
         box = np.array([[-_BOX, _BOX]] * 3)
         viewer.set_box(box)
-        viewer.state.message = "clipping box: drag the handles of its sides; K: off"
+        viewer.state.message = "Clipping box: drag the handles on its sides; K: off"
         if self.interactor is not None:
             self._widget = viewer.plotter.add_box_widget(
                 lambda data: viewer.set_box(np.array(data.GetBounds()).reshape(3, 2)),
@@ -187,7 +188,7 @@ class TopologyControls:
 
     def _step(self, by: int) -> None:
         if self.viewer.state.step(by):
-            self.viewer.fly_to_chosen()
+            self.viewer.fly_to_selection()
 
     def _isolate(self, choose: Callable[[], object]) -> None:
         choose()
@@ -203,18 +204,18 @@ class TopologyControls:
 
 
 def _listen(target: Any, event: str, handler: Callable[[], bool]) -> None:
-    """Call `handler` at an event of VTK; where it returns True, nobody else hears of it."""
+    """Call `handler` for an event of VTK. If it returns True, no other handler is called."""
     tag: list[int] = []
 
-    def called(caller: Any, _name: str) -> None:
+    def handle(caller: Any, _name: str) -> None:
         if handler() and tag:
             caller.GetCommand(tag[0]).SetAbortFlag(1)
 
-    tag.append(target.AddObserver(event, called, _FIRST))
+    tag.append(target.AddObserver(event, handle, _FIRST))
 
 
 def _free_name(name: str) -> Path:
-    """Return where a screenshot of the file called `name` goes: a name in the present folder not yet used."""
+    """Return an unused file name in the current folder for a screenshot of the file `name`."""
     stem = Path(name).stem or "mesh"
     number = 1
     while (path := Path(f"{stem}_view_{number}.png")).exists():
@@ -223,7 +224,7 @@ def _free_name(name: str) -> Path:
 
 
 def key_name(name: str) -> str:
-    """Return what a key is called here, whatever part of the keyboard it is on.
+    """Return the name of a key in `TopologyControls.keys`, also for keys of the numeric keypad.
 
     >>> key_name("KP_1"), key_name("Home"), key_name("[")
     ('1', 'home', 'bracketleft')

@@ -1,6 +1,6 @@
-"""From arrays to VTK actors: unlit surfaces, lines, shaped markers, and pictures laid over the view.
+"""Create VTK actors from arrays: unlit surfaces, lines, markers, and images over the view.
 
-Everything of VTK is imported inside the functions: nothing here loads it before something is drawn.
+VTK is imported inside the functions, so that importing this module does not load it.
 """
 
 from collections.abc import Iterable
@@ -13,7 +13,8 @@ from msb.asset.texture import Sampler
 from msb_viewers.palette import Color, unit
 
 _SHAPES = {
-    # Distance from the middle in p, a vec2 in [-1, 1]^2; above 1 is outside, just below it the dark rim.
+    # GLSL expressions of the distance from the centre at p, a vec2 in [-1, 1]^2. The marker covers distances
+    # up to 1, and its dark rim begins just below 1.
     "disc": "length(p)",
     "diamond": "abs(p.x) + abs(p.y)",
     "square": "max(abs(p.x), abs(p.y)) * 1.05",
@@ -41,20 +42,22 @@ _TEXEL = """
   vec3 curve = 1.055 * pow(light, vec3(1.0 / 2.4)) - 0.055;
   gl_FragData[0] = vec4(mix(12.92 * light, curve, step(0.0031308, light)), 1.0);
 """
-_FOLDED = {
-    # How coordinate {c} is wrapped where the two differ: VTK has one way for both. Half a texel is {rim}.
+_WRAP_CODE = {
+    # GLSL code for wrapping coordinate {c} if u and v wrap differently, because VTK has one mode for both.
+    # {rim} is half a texel.
     "repeat": "",
     "mirror": "place.{c} = clamp(1.0 - abs(mod(place.{c}, 2.0) - 1.0), {rim}, 1.0 - {rim}); ",
     "clamp": "place.{c} = clamp(place.{c}, {rim}, 1.0 - {rim}); ",
 }
-# Wrap -> VTK's number of it (`vtkTexture.ClampToEdge`, `Repeat`, `MirroredRepeat`).
+# Wrap -> constant of VTK (`vtkTexture.ClampToEdge`, `Repeat`, `MirroredRepeat`).
 _WRAPS = {"clamp": 0, "repeat": 1, "mirror": 2}
-# Shift of marks towards the viewer, in units of depth resolution: they lie on their surface.
+# Offset of markers and lines towards the camera, in units of depth resolution, so that the surface does not
+# hide them.
 _POINT_OFFSET, _LINE_OFFSET = -16.0, -8.0
 
 
-def quiet() -> None:
-    """Keep VTK from writing to standard error: what matters is checked and said in our own words."""
+def silence_vtk() -> None:
+    """Keep VTK from writing to standard error. Relevant errors are detected and reported separately."""
     from vtkmodules.vtkCommonCore import vtkLogger, vtkObject
 
     vtkLogger.SetStderrVerbosity(vtkLogger.VERBOSITY_OFF)
@@ -70,9 +73,10 @@ def surface(
     shade: float = 0.0,
     color: Color = (205, 205, 205),
 ) -> Any:
-    """Return an actor of triangles (n, 3), in `colors` (V | n | 3n, 3) of sRGB bytes or in one `color`.
+    """Return an actor of triangles (n, 3) with `colors` (V | n | 3n, 3), sRGB bytes, or a uniform `color`.
 
-    `domain` is vertex, face or corner. A face seen edge-on is darker by `shade`, in [0, 1]; 0 is unlit.
+    `domain` of the colours is vertex, face or corner. `shade` in [0, 1] is how much darker a face is that is
+    seen edge-on; 0 is unlit.
     """
     if domain == "corner" and colors is not None:
         points = points[faces].reshape(-1, 3)
@@ -88,11 +92,11 @@ def surface(
             mapper.SetScalarModeToUsePointData()
         mapper.SetScalarVisibility(True)
         mapper.SetColorModeToDirectScalars()
-    look = actor.GetProperty()
-    look.SetLighting(shade > 0)
+    appearance = actor.GetProperty()
+    appearance.SetLighting(shade > 0)
     if shade > 0:
-        look.SetAmbient(1 - shade)
-        look.SetDiffuse(shade)
+        appearance.SetAmbient(1 - shade)
+        appearance.SetDiffuse(shade)
     return actor
 
 
@@ -105,21 +109,22 @@ def textured(
     tint: NDArray[np.uint8] | None,
     cutoff: float,
 ) -> Any:
-    """Return an unlit actor of triangles (n, 3) that show `image` (H, W, 3 | 4) at `uvs` (n, 3, 2).
+    """Return an unlit actor of triangles (n, 3) with the texture `image` (H, W, 3 | 4) at `uvs` (n, 3, 2).
 
-    Colours `tint` (3n, 4) of the corners are multiplied with it, and nothing is drawn where alpha is below
-    `cutoff`. As on the standard tier texels are filtered, and colours multiplied, in linear light; but tints
-    are decoded at pixels, not at corners.
+    The texture is multiplied with corner colours `tint` (3n, 4), and not drawn where alpha is below `cutoff`.
+    Filtering and multiplication are in linear light, as on the standard tier. Unlike there, tints are decoded
+    at pixels, not at corners.
     """
     from vtkmodules.vtkCommonDataModel import vtkImageData
     from vtkmodules.vtkRenderingCore import vtkTexture
 
+    # The surface with white or tinted corners, and texture coordinates.
     white = np.full((faces.size, 4), 255, np.uint8) if tint is None else tint
     actor = surface(points, faces, white, "corner")
     actor.GetMapper().GetInput().GetPointData().SetTCoords(_vtk(uvs.reshape(-1, 2)))
     height, width, channels = image.shape
     data = vtkImageData()
-    data.SetDimensions(width, height, 1)  # the first row is v = 0, here as there
+    data.SetDimensions(width, height, 1)  # row 0 is v = 0 in VTK, too
     data.GetPointData().SetScalars(_vtk(image.reshape(-1, channels)))
     texture = vtkTexture()
     texture.SetInputData(data)
@@ -128,21 +133,22 @@ def textured(
     texture.SetInterpolate(sampler.filter == "linear")
     texture.SetMipmap(sampler.mipmaps)
     texture.SetMaximumAnisotropicFiltering(1.0)
+    # Different wrap modes of u and v are implemented in the shader.
     wraps = sampler.wrap_u, sampler.wrap_v
     texture.SetWrap(_WRAPS[wraps[0]] if wraps[0] == wraps[1] else vtkTexture.Repeat)
-    folded = ""
+    wrap_code = ""
     if wraps[0] != wraps[1]:
         sides = zip("xy", wraps, (width, height), strict=True)
-        folded = "".join(_FOLDED[wrap].format(c=axis, rim=0.5 / size) for axis, wrap, size in sides)
+        wrap_code = "".join(_WRAP_CODE[wrap].format(c=axis, rim=0.5 / size) for axis, wrap, size in sides)
     actor.SetTexture(texture)
-    actor.ForceOpaqueOn()  # alpha is looked at where there is a cut-off, and blended nowhere
-    code = _TEXEL.format(place=folded, cutoff=f"{cutoff:.9f}")
+    actor.ForceOpaqueOn()  # alpha is only used for the cutoff, not for blending
+    code = _TEXEL.format(place=wrap_code, cutoff=f"{cutoff:.9f}")
     actor.GetShaderProperty().AddFragmentShaderReplacement("//VTK::TCoord::Impl", True, code, False)
     return actor
 
 
 def segments(ends: NDArray[np.float32], color: Color, width: float, *, dashed: bool = False) -> Any:
-    """Return an actor of unlit lines between pairs of points (n, 2, 3), `width` pixels wide."""
+    """Return an actor of unlit lines between pairs of points (n, 2, 3); `width` is in pixels."""
     if dashed:
         ends = dashes(ends)
     points = np.ascontiguousarray(ends.reshape(-1, 3))
@@ -161,7 +167,7 @@ def dashes(ends: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def markers(points: NDArray[np.float32], color: Color, shape: str, size: float) -> Any:
-    """Return an actor of flat marks (n, 3) of a shape, `size` pixels wide, with a dark rim."""
+    """Return an actor of flat markers at `points` (n, 3) with a dark rim; `size` is in pixels."""
     points = np.ascontiguousarray(points)
     actor = _actor(_poly(points, np.arange(len(points), dtype=np.int32)[:, None], "SetVerts"), color)
     actor.GetProperty().SetLighting(False)
@@ -176,7 +182,7 @@ def markers(points: NDArray[np.float32], color: Color, shape: str, size: float) 
 
 
 def clip(actors: Iterable[Any], box: NDArray[Any] | None) -> None:
-    """Draw only what of the actors is inside of a box (3, 2) of low and high; None draws all."""
+    """Draw only the part of the actors inside a box (3, 2), low and high per axis; None draws everything."""
     from vtkmodules.vtkCommonDataModel import vtkPlane
 
     planes = []
@@ -195,8 +201,8 @@ def clip(actors: Iterable[Any], box: NDArray[Any] | None) -> None:
             mapper.AddClippingPlane(plane)
 
 
-class Picture:
-    """An RGBA picture laid over a renderer, pixel for pixel."""
+class Overlay:
+    """An RGBA image over a renderer, drawn pixel by pixel."""
 
     def __init__(self) -> None:
         from vtkmodules.vtkRenderingCore import vtkActor2D, vtkImageMapper
@@ -222,15 +228,16 @@ class Picture:
         self.actor.SetVisibility(True)
 
     def place(self, left: int, bottom: int) -> None:
-        """Put the lower left corner at a pixel of the renderer's window."""
+        """Put the lower left corner at a pixel of the window."""
         self.actor.SetDisplayPosition(left, bottom)
 
     def hide(self) -> None:
-        """Show nothing."""
+        """Hide the image."""
         self.actor.SetVisibility(False)
 
 
 def _actor(data: Any, color: Color) -> Any:
+    """Return an actor of poly data in a uniform colour."""
     from vtkmodules.vtkRenderingCore import vtkActor, vtkMapper, vtkPolyDataMapper
 
     vtkMapper.SetResolveCoincidentTopologyToPolygonOffset()
@@ -245,7 +252,7 @@ def _actor(data: Any, color: Color) -> Any:
 
 
 def _poly(points: NDArray[np.float32], cells: NDArray[Any], setter: str) -> Any:
-    """Return poly data whose points (V, 3) and cells (n, k) VTK shares with NumPy where types allow it."""
+    """Return poly data with points (V, 3) and cells (n, k). VTK shares the arrays if their types match."""
     from vtkmodules.vtkCommonCore import vtkPoints
     from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkPolyData
 
@@ -266,5 +273,5 @@ def _poly(points: NDArray[np.float32], cells: NDArray[Any], setter: str) -> Any:
 def _vtk(array: NDArray[Any]) -> Any:
     from vtkmodules.util.numpy_support import numpy_to_vtk
 
-    # Not a copy: the VTK array keeps the NumPy array alive.
+    # Without a copy. The VTK array holds a reference to the NumPy array.
     return numpy_to_vtk(np.ascontiguousarray(array), deep=False)

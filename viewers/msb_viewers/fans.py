@@ -1,4 +1,7 @@
-"""The fan inspector: the fans at a vertex, drawn apart in a corner of the window."""
+"""The fan inspector: the fans at a vertex, drawn separately in a corner of the window.
+
+A fan is a set of faces at a vertex that are connected across edges of two faces.
+"""
 
 from dataclasses import dataclass
 from typing import Any
@@ -12,22 +15,22 @@ from msb_viewers.model import ViewModel
 from msb_viewers.palette import FAN_COLORS, INK, STYLES
 from msb_viewers.sheet import Panel, list_panel
 
-# The least distance by which a fan is moved, in radii of the faces at the vertex.
+# Minimum displacement of a fan, in radii of the faces at the vertex.
 _APART = 0.6
-# The length of the circle that each fan gets, in the same radii.
+# Length of the circle for each fan, in the same radii.
 _ROOM = 0.9
-# At most this many fans are drawn; more would cover each other. The text counts all.
+# Maximum number of fans that are drawn. More would overlap; the text counts all of them.
 _MOST_FANS = 12
-# The most lines of text; the drawing shows the other fans, too.
+# Maximum number of lines of text.
 _MOST_LINES = 8
 
 
 @dataclass(frozen=True, eq=False)
 class Fan:
-    """Faces (n,) at a vertex that are joined across two-face edges, and where they are drawn.
+    """A fan: its faces (n,), and their positions in the drawing.
 
-    `triangles` (n, 3, 3) are in radii of the neighbourhood, from the vertex, moved by `offset`; `boundary`
-    and `crowded` (k, 2, 3) are the fan's edges at the vertex that have one face, and more than two.
+    `triangles` (n, 3, 3) are relative to the vertex, in radii of its neighbourhood, and moved by `offset`.
+    `boundary` and `crowded` (k, 2, 3) are edges at the vertex with one face and with more than two.
     """
 
     number: int
@@ -41,20 +44,20 @@ class Fan:
 
 @dataclass(frozen=True, eq=False)
 class Neighbourhood:
-    """All fans at a vertex, and what the audit says about the vertex."""
+    """All fans at a vertex, and the counts of the audit."""
 
     fans: tuple[Fan, ...]
     fan_count: int
     group_count: int
     on_crowded_edge: bool
-    # (3, 3) rows: right, up and towards the eye, for the view in which the fans lie side by side.
+    # (3, 3), rows are right, up and towards the camera, for the view with the fans side by side.
     frame: NDArray[np.float64]
 
     @property
     def verdict(self) -> str:
-        """What the vertex is, in words."""
+        """The kind of the vertex as text."""
         if self.fan_count == 0:
-            return "no proper face uses it"
+            return "no valid face uses it"
         if self.fan_count == 1:
             return "manifold: one fan"
         kinds = ["bow-tie"] if self.group_count > 1 else []
@@ -62,7 +65,7 @@ class Neighbourhood:
         return f"non-manifold: {self.fan_count} fans ({', '.join(kinds)})"
 
     def lines(self) -> list[str]:
-        """Return one line of text for each drawn fan."""
+        """Return a line of text for each fan that is drawn, and the number of others."""
         texts = [
             f"fan {fan.number}: {_plural(len(fan.faces), 'face')}, {'closed' if fan.closed else 'open'}"
             for fan in self.fans
@@ -71,27 +74,30 @@ class Neighbourhood:
         return [*texts, f"and {_plural(more, 'more fan')}"] if more else texts
 
 
-def neighbourhood(model: ViewModel, vertex: int) -> Neighbourhood:
+def find_neighbourhood(model: ViewModel, vertex: int) -> Neighbourhood:
     """Return the fans at `vertex`, each moved away from it. O(F) time."""
+    # Valid faces (n,) with a corner at the vertex, and the fan of each.
     analysis, faces = model.analysis, model.faces
     rows, corners = np.nonzero(faces == vertex)
     fan_of = analysis.fans.corner_fan[3 * rows + corners]
     proper = (fan_of >= 0) & model.drawn[rows]
     rows, corners, fan_of = rows[proper], corners[proper], fan_of[proper]
+    # Their corners (n, 3, 3) relative to the vertex, scaled to radius 1.
     center = model.points[vertex].astype(np.float64)
     triangles = model.points[faces[rows]].astype(np.float64) - center
     radius = float(np.linalg.norm(triangles, axis=2).max(initial=0.0)) or 1.0
     triangles /= radius
     fan_numbers, part = np.unique(fan_of, return_inverse=True)
-    # The largest fans first: they are what the eye takes for the surface.
+    # The largest fans first, because they look like the surface.
     order = np.argsort(-np.bincount(part, minlength=len(fan_numbers)), kind="stable")[:_MOST_FANS]
+    # Move each fan along the direction of its centroid in the plane of the view.
     frame = _frame(triangles, part)
     towards = np.array([triangles[part == index].mean(axis=(0, 1)) for index in order]).reshape(-1, 3)
     offsets = _spread(towards @ frame[:2].T) @ frame[:2]
     fans = []
     for number, (index, offset) in enumerate(zip(order, offsets, strict=True), 1):
-        chosen = part == index
-        fans.append(_fan(model, number, rows[chosen], corners[chosen], triangles[chosen], offset))
+        of_fan = part == index
+        fans.append(_fan(model, number, rows[of_fan], corners[of_fan], triangles[of_fan], offset))
     return Neighbourhood(
         fans=tuple(fans),
         fan_count=int(analysis.fans.fans_per_vertex[vertex]),
@@ -109,13 +115,15 @@ def _fan(
     triangles: NDArray[np.float64],
     offset: NDArray[np.float64],
 ) -> Fan:
-    # The two half-edges of each face at the vertex: the one that leaves it and the one that comes in.
+    """Return a fan of the faces `rows` (n,), whose `corners` (n,) are at the vertex."""
+    # The two half-edges of each face at the vertex, and the vertices at their far ends.
     leaving, coming = 3 * rows + corners, 3 * rows + (corners + 2) % 3
     faces_at_edge = model.analysis.mesh.multiplicity
     edge = model.analysis.mesh.edge
     index = np.arange(len(rows))
     far = np.concatenate([triangles[index, (corners + 1) % 3], triangles[index, (corners + 2) % 3]])
     number_of = np.concatenate([edge[leaving], edge[coming]])
+    # Edges at the vertex without repeats, with their number of faces.
     _, once = np.unique(number_of, return_index=True)
     count = faces_at_edge[number_of[once]]
     spokes = np.stack([np.zeros((len(once), 3)), far[once]], axis=1) + offset
@@ -131,9 +139,9 @@ def _fan(
 
 
 def _spread(directions: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return offsets (n, 2) on a circle: in the order of the fans' own directions, evenly apart.
+    """Return offsets (n, 2) at equal angles on a circle, in the order of the `directions` (n, 2) of the fans.
 
-    The circle is as large as the fans need, each of them being up to one radius long.
+    The circle is large enough for fans of radius 1.
     """
     count = len(directions)
     if count < 2:
@@ -142,19 +150,20 @@ def _spread(directions: NDArray[np.float64]) -> NDArray[np.float64]:
     place = np.zeros(count)
     place[np.argsort(angle, kind="stable")] = np.arange(count)
     even = 2 * np.pi * place / count
-    # Turned as a whole to where the fans are, so that each moves little.
+    # Rotate all angles so that the fans move as little as possible.
     even += float(np.angle(np.exp(1j * (angle - even)).mean()))
     radius = max(_APART, _ROOM * count / (2 * np.pi))
     return radius * np.stack([np.cos(even), np.sin(even)], axis=1)
 
 
 def _frame(triangles: NDArray[np.float64], part: NDArray[Any]) -> NDArray[np.float64]:
-    """Return right, up and forward (3, 3) such that the fan seen most edge-on is seen as well as can be.
+    """Return a frame (3, 3) of right, up and towards the camera that shows all fans well.
 
     `part` (n,) is the fan of each of the `triangles` (n, 3, 3).
     """
     if len(triangles) == 0:
         return np.eye(3)
+    # Projected area of each fan in 128 directions, relative to its area.
     normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     directions = sphere(128)
     seen = np.zeros((part.max() + 1, len(directions)))
@@ -163,7 +172,7 @@ def _frame(triangles: NDArray[np.float64], part: NDArray[Any]) -> NDArray[np.flo
     share = seen[whole > 0] / whole[whole > 0, None]
     if len(share) == 0:
         return np.eye(3)
-    # The worst fan first; among like views the one that shows most of all of them.
+    # Maximise the worst visibility of a fan, then the average of all fans.
     forward = directions[int(np.argmax(share.min(axis=0) + 0.1 * share.mean(axis=0)))]
     right = np.cross(np.eye(3)[int(np.argmin(np.abs(forward)))], forward)
     right /= np.linalg.norm(right)
@@ -175,7 +184,7 @@ def _plural(count: int, word: str) -> str:
 
 
 class Inset:
-    """A renderer of its own in the lower right corner, and the text above it."""
+    """The renderer in the lower right corner that draws the fans, and the text above it."""
 
     def __init__(self, window: Any, layer: int) -> None:
         from vtkmodules.vtkRenderingCore import vtkRenderer
@@ -185,33 +194,34 @@ class Inset:
         self.renderer.InteractiveOff()
         self.renderer.DrawOff()
         window.AddRenderer(self.renderer)
-        self.shown: Neighbourhood | None = None
+        self.neighbourhood: Neighbourhood | None = None
         self.panel: Panel | None = None
 
     def show(self, model: ViewModel, vertex: int | None, scale: float) -> str:
-        """Show the fans of a vertex, or nothing; return what to say of it."""
+        """Show the fans of a vertex, or nothing if it is None; return the message for the status line."""
         self.renderer.RemoveAllViewProps()
         self.renderer.SetDraw(vertex is not None)
         if vertex is None:
-            self.shown = self.panel = None
+            self.neighbourhood = self.panel = None
             return ""
-        self.shown = neighbourhood(model, vertex)
-        for fan in self.shown.fans:
+        around = self.neighbourhood = find_neighbourhood(model, vertex)
+        for fan in around.fans:
             for actor in fan_actors(fan):
                 self.renderer.AddActor(actor)
             self.renderer.AddViewProp(number_label(fan, scale))
-        self._look(self.shown)
+        self._set_camera(around)
         lines: list[Any] = [
-            (text, FAN_COLORS[index % len(FAN_COLORS)] if index < len(self.shown.fans) else None)
-            for index, text in enumerate(self.shown.lines())
+            (text, FAN_COLORS[index % len(FAN_COLORS)] if index < len(around.fans) else None)
+            for index, text in enumerate(around.lines())
         ]
-        self.panel = list_panel(f"Vertex {vertex:,}", self.shown.verdict, lines[:_MOST_LINES], scale)
-        return f"vertex {vertex}: {self.shown.verdict}"
+        self.panel = list_panel(f"Vertex {vertex:,}", around.verdict, lines[:_MOST_LINES], scale)
+        return f"Vertex {vertex}: {around.verdict}"
 
-    def _look(self, shown: Neighbourhood) -> None:
-        parts = [fan.triangles.reshape(-1, 3) for fan in shown.fans]
+    def _set_camera(self, around: Neighbourhood) -> None:
+        """Look at all fans along the frame of the neighbourhood."""
+        parts = [fan.triangles.reshape(-1, 3) for fan in around.fans]
         points = np.concatenate(parts) if parts else np.zeros((1, 3))
-        frame = shown.frame
+        frame = around.frame
         flat = points @ frame.T
         low, high = flat.min(axis=0), flat.max(axis=0)
         middle = (low + high) / 2 @ frame
@@ -219,14 +229,14 @@ class Inset:
         camera.SetFocalPoint(*middle)
         camera.SetPosition(*(middle + 10 * frame[2]))
         camera.SetViewUp(*frame[1])
-        # Without perspective: nothing of what is laid side by side covers the rest.
+        # Without perspective, so that fans side by side do not cover each other.
         camera.SetParallelProjection(True)
         camera.SetParallelScale(1.1 * max(float((high - low)[:2].max()) / 2, 1e-3))
         self.renderer.ResetCameraClippingRange()
 
 
 def fan_actors(fan: Fan) -> list[Any]:
-    """Return the actors of one fan: faces in its colour, outlines, boundary and crowded edges, its vertex."""
+    """Return the actors of a fan: its faces, outlines, boundary and non-manifold edges, and the vertex."""
     color = FAN_COLORS[(fan.number - 1) % len(FAN_COLORS)]
     points = fan.triangles.reshape(-1, 3).astype(np.float32)
     faces = np.arange(len(points), dtype=np.int32).reshape(-1, 3)
@@ -244,7 +254,7 @@ def fan_actors(fan: Fan) -> list[Any]:
 
 
 def number_label(fan: Fan, scale: float) -> Any:
-    """Return the fan's number as text beside its faces' middle."""
+    """Return the number of a fan as text at the centroid of its faces."""
     from vtkmodules.vtkRenderingCore import vtkTextActor
 
     middle = fan.triangles.mean(axis=(0, 1))
@@ -253,23 +263,23 @@ def number_label(fan: Fan, scale: float) -> Any:
     place = text.GetPositionCoordinate()
     place.SetCoordinateSystemToWorld()
     place.SetValue(*map(float, middle))
-    look = text.GetTextProperty()
-    look.SetFontSize(max(round(16 * scale), 9))
-    look.BoldOn()
-    look.SetColor(0.0, 0.0, 0.0)
-    look.SetJustificationToCentered()
-    look.SetVerticalJustificationToCentered()
+    font = text.GetTextProperty()
+    font.SetFontSize(max(round(16 * scale), 9))
+    font.BoldOn()
+    font.SetColor(0.0, 0.0, 0.0)
+    font.SetJustificationToCentered()
+    font.SetVerticalJustificationToCentered()
     return text
 
 
 def size_of(window: tuple[int, int], panel: Panel) -> int:
-    """Return the side of the square the fans are drawn in: what is left under the text, in pixels."""
+    """Return the side in pixels of the square for the fans, which is below the text."""
     width, height = window
     return max(min(int(panel.image.shape[1]), height - int(panel.image.shape[0]) - 40, width // 3), 60)
 
 
 def background(panel: Panel, side: int) -> NDArray[np.uint8]:
-    """Return the text's picture with white room of `side` pixels for the fans below."""
+    """Return the image of the text with a white square of `side` pixels below it for the fans."""
     height, width = panel.image.shape[:2]
     image = np.zeros((height + side, width, 4), np.uint8)
     image[:] = 255

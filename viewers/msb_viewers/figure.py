@@ -1,4 +1,6 @@
-"""The paper's figure of topology diagnostics for any mesh: four panels, whole and close up."""
+"""The paper's figure of topology diagnostics for any mesh: four columns, each with an overview and a
+close-up.
+"""
 
 from __future__ import annotations
 
@@ -21,99 +23,107 @@ if TYPE_CHECKING:
     from msb_viewers.model import ViewModel
     from msb_viewers.viewer import TopologyViewer
 
-# Side of one view in pixels: 3.2 inches of paper at 200 dots per inch.
+# Side of an image in pixels: 3.2 inches on paper at 200 dots per inch.
 _SIDE = 640
-# Distance of a close-up, relative to that which the viewer flies to.
+# Distance of a close-up, relative to the distance of `element_pose`.
 _CLOSER = 0.9
+# Dots per inch of the file.
 _DPI = 130
-# Factor by which marks are enlarged, because a view is shown at about 400 pixels.
+# Magnification of lines and markers, because an image is shown at about 400 pixels.
 _BOOST = 1.4
 
 
 @dataclass(frozen=True)
-class Panel:
-    """One column: its title, the layers drawn, and how the mesh is coloured."""
+class Column:
+    """A column of the figure."""
 
     title: str
+    # The layers that are drawn.
     kinds: tuple[str, ...]
+    # The colouring of the mesh.
     coloring: str
+    # The text in place of a close-up if there is no such element.
     nothing: str
 
 
-PANELS = (
-    Panel("(a) Boundary edges", ("boundary_edges",), "grey", "no boundary edge"),
-    Panel("(b) Non-manifold edges", ("nonmanifold_edges",), "grey", "no non-manifold edge"),
-    Panel(
+COLUMNS = (
+    Column("(a) Boundary edges", ("boundary_edges",), "grey", "no boundary edges"),
+    Column("(b) Non-manifold edges", ("nonmanifold_edges",), "grey", "no non-manifold edges"),
+    Column(
         "(c) Non-manifold vertices",
         ("multifan_vertices", "nonmanifold_edge_endpoints"),
         "grey",
-        "no non-manifold vertex",
+        "no non-manifold vertices",
     ),
-    Panel("(d) Edge-connected components", (), "components", "one component"),
+    Column("(d) Edge-connected components", (), "components", "one component"),
 )
 
 
 def write_figure(model: ViewModel, path: Path, *, up: str | None = None, dpi: int = _DPI) -> None:
-    """Write the figure: each diagnosis on the whole mesh, and one place of it close up."""
+    """Write the figure: each diagnosis on the whole mesh and as a close-up of an example."""
     from msb.base.atomic import new_file
 
     need_extra("view", "matplotlib", what="a figure")
     buffer = io.BytesIO()
     kind = path.suffix.lower()[1:]
-    # No date in the file: the same mesh gives the same bytes.
+    # No date in the file, so that the same mesh gives the same bytes.
     stamp: dict[str, Any] = {"png": {"Software": None}, "svg": {"Date": None}, "pdf": {"CreationDate": None}}
-    compose(model, panel_images(model, up)).savefig(
+    compose(model, render_columns(model, up)).savefig(
         buffer, format=kind, dpi=dpi, metadata=stamp[kind], facecolor="white"
     )
     with new_file(path) as file:
         file.write(buffer.getvalue())
 
 
-def panel_images(
+def render_columns(
     model: ViewModel, up: str | None = None, side: int = _SIDE
 ) -> list[tuple[NDArray[np.uint8], NDArray[np.uint8] | None]]:
-    """Return for each panel the whole mesh and a close-up, (side, side, 3) uint8; None if there is none."""
+    """Return an overview and a close-up for each column, (side, side, 3) uint8. A close-up can be None."""
     from msb_viewers.viewer import TopologyViewer
 
     viewer = TopologyViewer(model, size=(side, side), off_screen=True, up=up)
     try:
         viewer.plotter.set_background("white")
         viewer.stage.boost = _BOOST
-        return [_views(viewer, panel) for panel in PANELS]
+        return [_render_column(viewer, column) for column in COLUMNS]
     finally:
         viewer.close()
 
 
-def _views(viewer: TopologyViewer, panel: Panel) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | None]:
+def _render_column(
+    viewer: TopologyViewer, column: Column
+) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | None]:
     model, state = viewer.model, viewer.state
     state.legend, state.message = False, ""
-    state.coloring = panel.coloring  # type: ignore[assignment]
-    state.visible = {kind for kind in panel.kinds if len(model.layers[kind])}
+    state.coloring = column.coloring  # type: ignore[assignment]
+    state.visible = {kind for kind in column.kinds if len(model.layers[kind])}
     if model.soup:
         state.visible.discard("boundary_edges")
     viewer.home()
     whole = viewer.image()
-    pose = _close_up(viewer, panel)
+    pose = _close_up(viewer, column)
     if pose is None:
         return whole, None
     viewer.pose = pose
     return whole, viewer.image()
 
 
-def _close_up(viewer: TopologyViewer, panel: Panel) -> Pose | None:
-    """Return a view of an example: an element of the largest component, as near to the eye as possible."""
+def _close_up(viewer: TopologyViewer, column: Column) -> Pose | None:
+    """Return the pose for an example: the element nearest to the camera, preferably in the largest
+    component.
+    """
     model = viewer.model
-    if panel.kinds:
-        shown = [kind for kind in panel.kinds if kind in viewer.state.visible]
-        if not shown:
+    if column.kinds:
+        visible = [kind for kind in column.kinds if kind in viewer.state.visible]
+        if not visible:
             return None
-        rows = model.rows(shown[0], 0)
-        rows = rows if len(rows) else model.rows(shown[0])
-        candidates = model.layers[shown[0]].vertices[rows]
+        rows = model.rows(visible[0], 0)
+        rows = rows if len(rows) else model.rows(visible[0])
+        candidates = model.layers[visible[0]].vertices[rows]
     else:
         if len(model.sizes) < 2:
             return None
-        # A component of middling size among the larger ones, not the largest.
+        # One of the 12 largest components after the first.
         first = np.flatnonzero((model.face_component >= 1) & (model.face_component <= 12) & model.drawn)
         candidates = model.faces[first]
     if len(candidates) == 0:
@@ -128,96 +138,92 @@ def _close_up(viewer: TopologyViewer, panel: Panel) -> Pose | None:
 
 def compose(model: ViewModel, images: list[tuple[NDArray[np.uint8], NDArray[np.uint8] | None]]) -> Figure:
     """Return the matplotlib figure of four columns with titles, counts and legends."""
-    need_extra("view", "matplotlib", what="a figure")
-    logging.getLogger("matplotlib").setLevel(logging.ERROR)  # a cache it cannot write is no news to a user
+    logging.getLogger("matplotlib").setLevel(logging.ERROR)  # it would warn about a read-only cache
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(13.2, 7.9), facecolor="white")
-    FigureCanvasAgg(figure)
     close = any(pair[1] is not None for pair in images)
     rows = 2 if close else 1
-    figure.set_size_inches(13.2, 7.9 if close else 4.5)
+    figure = Figure(figsize=(13.2, 7.9 if close else 4.5), facecolor="white")
+    FigureCanvasAgg(figure)
     grid = figure.add_gridspec(
         rows, 4, left=0.012, right=0.988, bottom=0.1 if close else 0.17, top=0.925 if close else 0.86,
         wspace=0.035, hspace=0.035,
     )  # fmt: skip
-    for column, (panel, pair) in enumerate(zip(PANELS, images, strict=True)):
+    for number, (column, pair) in enumerate(zip(COLUMNS, images, strict=True)):
         for row, image in enumerate(pair[:rows]):
-            axes = figure.add_subplot(grid[row, column])
+            axes = figure.add_subplot(grid[row, number])
             axes.set_xticks([])
             axes.set_yticks([])
             for spine in axes.spines.values():
                 spine.set_color("#b4b6ba")
             if image is None:
-                axes.text(0.5, 0.5, _absence(model, panel), ha="center", va="center", fontsize=11, wrap=True)
+                axes.text(
+                    0.5, 0.5, _placeholder(model, column), ha="center", va="center", fontsize=11, wrap=True
+                )
                 axes.set_xlim(0, 1)
                 axes.set_ylim(0, 1)
                 axes.set_box_aspect(1)
             else:
                 axes.imshow(image)
             if row == 0:
-                axes.set_title(f"{panel.title}\n", fontsize=12, fontweight="bold", pad=4)
-                axes.text(0.5, 1.02, _count(model, panel), ha="center", va="bottom", fontsize=10,
+                axes.set_title(f"{column.title}\n", fontsize=12, fontweight="bold", pad=4)
+                axes.text(0.5, 1.02, _count(model, column), ha="center", va="bottom", fontsize=10,
                           transform=axes.transAxes)  # fmt: skip
             if row == rows - 1:
-                _legend(axes, model, panel)
+                _legend(axes, model, column)
     return figure
 
 
-def _absence(model: ViewModel, panel: Panel) -> str:
-    if model.soup and "boundary_edges" in panel.kinds:
-        return "triangle soup:\nevery edge is a boundary,\nnone is drawn"
-    return panel.nothing
+def _placeholder(model: ViewModel, column: Column) -> str:
+    if model.soup and "boundary_edges" in column.kinds:
+        return "triangle soup:\nno vertices are shared,\nso every edge is a boundary"
+    return column.nothing
 
 
-def _count(model: ViewModel, panel: Panel) -> str:
+def _count(model: ViewModel, column: Column) -> str:
     from msb.topology.verdict import percent
 
     counts = model.audit.counts
-    if panel.coloring == "components":
+    if column.coloring == "components":
         largest = percent(counts.largest_component_faces, counts.faces)
         return f"{counts.components:,}; the largest has {largest} of the faces"
-    if len(panel.kinds) > 1:
+    if len(column.kinds) > 1:
         part, whole, what = counts.nonmanifold_vertices, counts.vertices, "vertices"
     else:
-        part, whole, what = len(model.layers[panel.kinds[0]]), counts.edges, "edges"
+        part, whole, what = len(model.layers[column.kinds[0]]), counts.edges, "edges"
     return f"{part:,} of {whole:,} {what} ({percent(part, whole)})"
 
 
-def _legend(axes: Any, model: ViewModel, panel: Panel) -> None:
+def _legend(axes: Any, model: ViewModel, column: Column) -> None:
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
     shapes = {"disc": "o", "diamond": "D"}
     names = {
-        "boundary_edges": "boundary edge (one face), thin line",
-        "nonmanifold_edges": "edge of more than two faces, thick line",
-        "multifan_vertices": "several fans (bow-tie), disc: {:,}",
-        "nonmanifold_edge_endpoints": "on a non-manifold edge, diamond: {:,}",
+        "boundary_edges": "boundary edge (one face)",
+        "nonmanifold_edges": "non-manifold edge (more than two faces)",
+        "multifan_vertices": "vertex with several fans (bow-tie): {:,}",
+        "nonmanifold_edge_endpoints": "vertex of a non-manifold edge: {:,}",
     }
     handles: list[Any] = []
-    for kind in panel.kinds:
+    for kind in column.kinds:
         style = STYLES[kind]
-        label = names[kind].format(len(model.layers[kind]))
+        look: dict[str, Any] = {"linewidth": style.width * 0.8}
         if style.marker:
-            mark: dict[str, Any] = {
-                "marker": shapes[style.marker],
-                "markersize": style.size * 0.55,
-                "markeredgecolor": "black",
-            }
-            handles.append(Line2D([], [], linestyle="none", color=unit(style.color), label=label, **mark))
-        else:
-            handles.append(Line2D([], [], color=unit(style.color), linewidth=style.width * 0.8, label=label))
-    if panel.coloring == "components":
+            look = {"marker": shapes[style.marker], "markersize": style.size * 0.55}
+            look |= {"markeredgecolor": "black", "linestyle": "none"}
+        label = names[kind].format(len(model.layers[kind]))
+        handles.append(Line2D([], [], color=unit(style.color), label=label, **look))
+    if column.coloring == "components":
         from msb_viewers.palette import size_label
 
         handles.append(Patch(facecolor=unit(NEUTRAL), edgecolor="black", linewidth=0.5, label="largest"))
         for group in reversed(model.size_classes()):
             label = f"{size_label(group.low, group.high).replace(' faces', '').replace(' face', '')}"
             handles.append(Patch(facecolor=unit(group.color), edgecolor="black", linewidth=0.5, label=label))
-    columns = 4 if panel.coloring == "components" else 1
-    title = "faces in a component" if panel.coloring == "components" else None
+    columns = 4 if column.coloring == "components" else 1
+    title = "faces in a component" if column.coloring == "components" else None
     axes.legend(
         handles=handles, loc="upper center", bbox_to_anchor=(0.5, -0.015), frameon=False, fontsize=9.5,
         ncols=columns, title=title, title_fontsize=9.5, handlelength=1.6, columnspacing=1, borderaxespad=0.2,

@@ -1,4 +1,4 @@
-"""Whether VTK can draw. A child process finds out, because without a GL stack VTK ends the process."""
+"""Check whether VTK can draw, in a child process, because VTK ends the process if there is no OpenGL."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from msb.base.extras import need_extra
 from msb.errors import UsageError
 
+# Program of the child process: it draws 8 x 8 pixels and reads them.
 PROBE = """
 from vtkmodules.vtkCommonCore import vtkLogger, vtkObject
 vtkLogger.SetStderrVerbosity(vtkLogger.VERBOSITY_OFF)
@@ -29,36 +30,35 @@ pixels = picture.GetOutput().GetPointData().GetScalars()
 print("drawn" if pixels.GetTuple3(0) == (255.0, 0.0, 255.0) else "black")
 """
 NO_GL = (
-    "VTK found no way to draw: neither a display, nor EGL, nor OSMesa. Install one of them: on Debian and "
+    "VTK cannot draw: there is neither a display, nor EGL, nor OSMesa. Install one of them: on Debian and "
     "Ubuntu apt install libegl1 libgl1-mesa-dri (or libosmesa6), on Fedora dnf install mesa-libEGL "
-    "mesa-dri-drivers, without root conda install -c conda-forge mesalib. --html needs none of this"
+    "mesa-dri-drivers, without root conda install -c conda-forge mesalib. --html works without them"
 )
 NO_DISPLAY = (
-    "there is no display to open a window on; msb view draws without one, given --screenshot FILE.png or "
-    "--html FILE.html"
+    "a window needs a display; without one use msb view --screenshot FILE.png or msb view --html FILE.html"
 )
-# Seconds to wait. A software GL on a loaded machine takes a few; a hanging driver must not hang us.
+# Time limit in seconds. Software OpenGL on a busy machine takes a few; a driver can hang.
 _SECONDS = 60
 
 
 @dataclass
 class GlProbe:
-    """A question to a child process; other work can go on until `check` is called."""
+    """A test in a child process, which runs until `check` is called."""
 
     process: subprocess.Popen[str] | None
 
     @classmethod
     def start(cls) -> GlProbe:
-        """Ask whether VTK can draw."""
-        need_extra("view", "pyvista", "vtkmodules", what="the viewer", instead="pages (--html) need none")
+        """Start the test whether VTK can draw."""
+        need_extra("view", "pyvista", "vtkmodules", what="the viewer", instead="--html works without it")
         if sys.platform in ("win32", "darwin"):
-            return cls(None)  # both bring a GL stack
+            return cls(None)  # OpenGL is part of the system
         command = [sys.executable, "-c", PROBE]
         quiet = subprocess.DEVNULL
         return cls(subprocess.Popen(command, stdin=quiet, stdout=subprocess.PIPE, stderr=quiet, text=True))
 
     def check(self) -> None:
-        """Wait for the answer."""
+        """Wait for the result, and raise VIEW_NO_DISPLAY if VTK cannot draw."""
         if self.process is None:
             return
         try:
@@ -71,7 +71,7 @@ class GlProbe:
             raise UsageError("VIEW_NO_DISPLAY", NO_GL)
 
     def close(self) -> None:
-        """End the child if it still runs."""
+        """Kill the child if it still runs."""
         if self.process is not None and self.process.poll() is None:
             self.process.kill()
             self.process.wait()
@@ -80,7 +80,7 @@ class GlProbe:
 
 
 def check_display() -> None:
-    """Refuse to open a window where there is nothing to open it on."""
+    """Check that there is a display for a window, and raise VIEW_NO_DISPLAY otherwise."""
     if sys.platform in ("win32", "darwin"):
         return
     if not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):

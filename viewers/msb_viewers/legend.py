@@ -1,11 +1,11 @@
-"""The topology viewer's legend as a picture, and which row of it a click meets."""
+"""The legend of the topology viewer as an image, with the action of each row."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
 from msb_viewers.palette import BLACK, HIGHLIGHT, INK, NEUTRAL, SIZE_CLASSES, Color, Style, size_label
-from msb_viewers.sheet import EDGE, FAINT, LEGEND_WIDTH, PAD, ROW, Panel, Sheet, grown, shortened
+from msb_viewers.sheet import EDGE, FAINT, LEGEND_WIDTH, PAD, ROW, Panel, Sheet, draw_panel, shorten_text
 
 if TYPE_CHECKING:
     from PIL.ImageDraw import ImageDraw as Draw
@@ -14,8 +14,8 @@ if TYPE_CHECKING:
 
 
 def legend_panel(state: ViewState, scale: float = 1.0) -> Panel:
-    """Return the legend: what is shown, check boxes, counts, keys and the verdict."""
-    return grown(lambda sheet: _legend(sheet, state), LEGEND_WIDTH, scale)
+    """Return the legend: counts, verdict, and a row with check box, number and key for each layer."""
+    return draw_panel(lambda sheet: _legend(sheet, state), LEGEND_WIDTH, scale)
 
 
 def _legend(sheet: Sheet, state: ViewState) -> None:
@@ -23,7 +23,7 @@ def _legend(sheet: Sheet, state: ViewState) -> None:
 
     model = state.model
     face = sheet.font(15, bold=True)
-    title = shortened(model.name, face, sheet.width - 2 * sheet.px(PAD))
+    title = shorten_text(model.name, face, sheet.width - 2 * sheet.px(PAD))
     sheet.draw.text((sheet.px(PAD), sheet.y), title, INK, face)
     sheet.y += sheet.px(23)
     counts = model.audit.counts
@@ -53,9 +53,9 @@ def _layer_row(sheet: Sheet, state: ViewState, kind: str) -> None:
     color = INK if count else FAINT
     _check_box(sheet, on=kind in state.visible, color=color)
     middle = (sheet.px(51), top + sheet.px(ROW) / 2)
-    symbol(sheet.draw, style, middle, sheet.px(28), sheet.scale)
+    draw_symbol(sheet.draw, style, middle, sheet.px(28), sheet.scale)
     sheet.text(72, style.label, 12.5, color, bold=active)
-    if active:  # what N and P step through
+    if active:  # mark the layer of the keys N and P
         x, y, r = sheet.px(4), top + sheet.px(ROW) / 2, sheet.px(5)
         sheet.draw.polygon([(x, y - r), (x, y + r), (x + r, y)], HIGHLIGHT)
     sheet.text(-28, f"{count:,}", 12.5, color)
@@ -80,6 +80,7 @@ def _component_row(sheet: Sheet, state: ViewState) -> None:
     sheet.targets.append((top, sheet.y, "components"))
     if not on or not len(state.model.sizes):
         return
+    # One row for each class of sizes, beginning with the largest component.
     rows = [(NEUTRAL, f"largest: {int(state.model.sizes[0]):,} faces", 1)]
     rows += [(c.color, size_label(c.low, c.high), c.components) for c in reversed(state.model.size_classes())]
     for color, label, count in rows:
@@ -100,8 +101,8 @@ def _check_box(sheet: Sheet, *, on: bool, color: Color) -> None:
         sheet.draw.line(path, color, sheet.px(2.2))
 
 
-def symbol(draw: Draw, style: Style, middle: tuple[float, float], width: float, scale: float) -> None:
-    """Draw a layer's line and marker around `middle`, as the view draws them."""
+def draw_symbol(draw: Draw, style: Style, middle: tuple[float, float], width: float, scale: float) -> None:
+    """Draw the line and marker of a layer at `middle`, as in the view."""
     x, y = middle
     if style.width:
         thick = max(round(style.width * scale), 1)
@@ -112,11 +113,11 @@ def symbol(draw: Draw, style: Style, middle: tuple[float, float], width: float, 
         else:
             draw.line((x - width / 2, y, x + width / 2, y), style.color, thick)
     if style.marker is not None:
-        marker(draw, style, (x, y), min(max(style.size * scale / 2, 3.0), 6.5 * scale))
+        draw_marker(draw, style, (x, y), min(max(style.size * scale / 2, 3.0), 6.5 * scale))
 
 
-def marker(draw: Draw, style: Style, middle: tuple[float, float], r: float) -> None:
-    """Draw a layer's marker of radius `r` with its dark rim."""
+def draw_marker(draw: Draw, style: Style, middle: tuple[float, float], r: float) -> None:
+    """Draw the marker of a layer with radius `r` and a dark rim."""
     x, y = middle
     box = (x - r, y - r, x + r, y + r)
     if style.marker == "disc":
@@ -132,8 +133,3 @@ def marker(draw: Draw, style: Style, middle: tuple[float, float], r: float) -> N
             draw.line((x - r, y - sign * r, x + r, y + sign * r), BLACK, max(round(r * 0.75), 3))
         for sign in (1, -1):
             draw.line((x - r, y - sign * r, x + r, y + sign * r), style.color, max(round(r * 0.4), 1))
-
-
-def legend_width(scale: float) -> int:
-    """Return the width of the legend in pixels."""
-    return round(LEGEND_WIDTH * scale)

@@ -1,4 +1,4 @@
-"""What the topology viewer shows, as plain arrays: no window, no VTK, nothing that needs a display."""
+"""The data of the topology viewer as arrays. It needs neither VTK nor a display."""
 
 from dataclasses import dataclass, replace
 from typing import Any
@@ -12,9 +12,12 @@ from msb.topology.analysis import Analysis
 from msb_viewers.palette import NEUTRAL, SIZE_CLASSES, STYLES, Style
 from msb_viewers.viewed_mesh import Colors, Skin, ViewedMesh
 
-SOUP_NOTE = "Triangle soup: no two faces share a vertex, so every edge is a boundary; these are not drawn."
-CLEAN_NOTE = "Nothing wrong: closed, manifold, consistently wound."
-EMPTY_NOTE = "There is no face to draw."
+SOUP_NOTE = (
+    "Triangle soup: the triangles share no vertices, so every edge is a boundary edge and none is drawn."
+)
+CLEAN_NOTE = "No defects: closed, manifold, consistently wound."
+EMPTY_NOTE = "The mesh has no faces to draw."
+# Layers by severity, the most severe first.
 _WORST_FIRST = (
     "degenerate_faces",
     "duplicate_faces",
@@ -23,17 +26,20 @@ _WORST_FIRST = (
     "multifan_vertices",
     "boundary_edges",
 )
-_SHOWN_AT_FIRST = 12_000
+# Maximum number of elements that are visible at first. With more elements the view is hard to read.
+_VISIBLE_AT_FIRST = 12_000
+# Vertices that are sampled for the first view.
 _FRAMING_SAMPLE = 100_000
-# The first view ignores far vertices if they make the sphere this many times as wide as 95 % of them.
+# The first view ignores distant vertices if the sphere of all vertices has more than this many times the
+# radius of 95 % of them.
 _FAR_OUT = 4.0
 
 
 @dataclass(frozen=True, eq=False)
 class Layer:
-    """The elements of one kind: their numbers in the audit (n,) and their vertices (n, 1 | 2 | 3), integers.
+    """The elements of one kind: their indices in the audit (n,) and their vertices (n, 1 | 2 | 3), integers.
 
-    An edge's number is its place in the order of vertex pairs.
+    Edges are indexed in the order of their vertex pairs.
     """
 
     style: Style
@@ -46,7 +52,7 @@ class Layer:
 
 @dataclass(frozen=True)
 class SizeClass:
-    """The components of `low` to `high` faces, both included, and their colour."""
+    """The number of components with `low` to `high` faces (inclusive), and their colour."""
 
     low: int
     high: int | None
@@ -56,13 +62,13 @@ class SizeClass:
 
 @dataclass(frozen=True, eq=False)
 class ViewModel:
-    """A mesh and everything that can be shown of it.
+    """A mesh, its audit, and everything that a view can show.
 
-    Positions are moved and scaled so that what the first view frames is the unit sphere: float32 is then
-    precise enough for any georeferenced mesh, and nothing overflows. A stored position is
-    ``center + scale * point``; a vertex that is not `drawable` is at the origin, and no drawn face uses it.
-    `face_component` is 0 in the largest component and -1 in repeated-index rows; `sizes` are the faces of
-    each component, descending; `layers` are by kind, in the legend's order.
+    `points` (V, 3) are in view units: the stored position is ``center + scale * point``, and the first view
+    shows the unit sphere. float32 is then precise enough for georeferenced meshes, and cannot overflow. A
+    vertex that is not `drawable` is at the origin, and no face in `drawn` uses it. `face_component` (F,) is 0
+    in the largest component, and -1 for faces that list a vertex twice. `sizes` are the numbers of faces of
+    the components in descending order. `layers` maps kinds to layers, in the order of the legend.
     """
 
     name: str
@@ -85,53 +91,54 @@ class ViewModel:
 
     @property
     def soup(self) -> bool:
-        """Whether no vertex is used by two faces, and there are at least two faces."""
+        """Whether the faces share no vertices, and there are at least two."""
         return self.audit.topology == "triangle_soup" and len(self.faces) > 1
 
     @property
     def extent(self) -> float:
-        """Distance from the origin to the farthest point, in drawn units."""
+        """Distance from the origin to the farthest point, in view units."""
         return float(np.sqrt((self.points.astype(np.float64) ** 2).sum(axis=1).max(initial=0.0)))
 
     def finite(self, vertices: NDArray[Any]) -> NDArray[np.bool_]:
-        """Return whether all of an element's vertices (n, k) can be drawn."""
+        """Return a mask (n,) of elements whose `vertices` (n, k) can all be drawn."""
         return np.asarray(self.drawable[vertices].all(axis=1))
 
-    def shown_by_default(self) -> set[str]:
-        """Return the kinds that are on at first: the worst, as many as one can tell apart from afar.
+    def default_layers(self) -> set[str]:
+        """Return the layers that are visible at first: the most severe ones, up to a number of elements.
 
-        The boundary of a soup, where every edge is one, is never among them.
+        The boundary edges of a triangle soup, which are all its edges, are never visible at first.
         """
-        shown: set[str] = set()
+        visible: set[str] = set()
         total = 0
         for kind in _WORST_FIRST if _WORST_FIRST[0] in self.layers else self.layers:
             count = len(self.layers[kind])
             if count == 0 or (self.soup and kind == "boundary_edges"):
                 continue
             total += count
-            if shown and total > _SHOWN_AT_FIRST:
+            if visible and total > _VISIBLE_AT_FIRST:
                 break
-            shown.add(kind)
-        return shown
+            visible.add(kind)
+        return visible
 
     def positions(self, kind: str, *, component: int | None = None) -> NDArray[np.float32]:
-        """Return the corners (n, k, 3) of a layer's drawable elements, of one component if asked for."""
+        """Return the vertex positions (n, k, 3) of the drawable elements of a layer, or of one component."""
         return np.asarray(self.points[self.layers[kind].vertices[self.rows(kind, component)]])
 
     def rows(self, kind: str, component: int | None = None) -> NDArray[Any]:
-        """Return which rows of a layer can be drawn: finite, and with `component` only that one's."""
+        """Return the indices (n,) of the drawable elements of a layer, or of one component."""
         layer = self.layers[kind]
         keep = self.finite(layer.vertices)
         if component is not None:
-            keep &= self._belongs(layer, component)
+            keep &= self._in_component(layer, component)
         return np.flatnonzero(keep)
 
-    def _belongs(self, layer: Layer, component: int) -> NDArray[np.bool_]:
+    def _in_component(self, layer: Layer, component: int) -> NDArray[np.bool_]:
+        """Return a mask (n,) of the elements of a layer that belong to a component."""
         inside = self.face_component == component
         if layer.style.of == "face":
             return np.asarray(inside[layer.numbers])
         if layer.style.of == "edge":
-            # All faces at an edge are of one component: any of them tells.
+            # All faces at an edge belong to the same component. Use the first one.
             mesh = self.analysis.mesh
             return np.asarray(inside[mesh.edge_halfedges[mesh.edge_offsets[layer.numbers]] // 3])
         marked = np.zeros(len(self.points), bool)
@@ -139,48 +146,52 @@ class ViewModel:
         return np.asarray(marked[layer.numbers])
 
     def faces_of(self, component: int | None) -> NDArray[Any]:
-        """Return the numbers of the faces to draw, of one component or all."""
+        """Return the indices of the faces to draw, of one component or of all."""
         return np.flatnonzero(
             self.drawn if component is None else self.drawn & (self.face_component == component)
         )
 
     def _class_of_components(self) -> NDArray[np.uint8]:
+        """Return for each component 0 for the largest, else 1 + its index in SIZE_CLASSES."""
         lows = np.array([low for low, _, _ in SIZE_CLASSES])
-        found = np.searchsorted(lows, self.sizes, "right").astype(np.uint8)
-        found[:1] = 0
-        return found
+        classes = np.searchsorted(lows, self.sizes, "right").astype(np.uint8)
+        classes[:1] = 0
+        return classes
 
     def size_class_of_faces(self) -> NDArray[np.uint8]:
-        """Return for each face (F,) 0 in the largest component, else 1 + the place in SIZE_CLASSES."""
-        # The last entry is what -1, a repeated-index row, looks up; it has no area to see.
+        """Return for each face (F,) 0 in the largest component, else 1 + its index in SIZE_CLASSES."""
+        # Component -1, of faces that list a vertex twice, uses the last entry. They are invisible.
         return np.asarray(np.append(self._class_of_components(), np.uint8(0))[self.face_component])
 
     def component_colors(self) -> NDArray[np.uint8]:
-        """Return a colour for each face (F, 3): neutral in the largest component, else by size."""
+        """Return a colour for each face (F, 3): neutral in the largest component, else by the size of its
+        own.
+        """
         table = np.array([NEUTRAL, *(color for _, _, color in SIZE_CLASSES)], np.uint8)
         return np.asarray(table[self.size_class_of_faces()])
 
     def size_classes(self) -> list[SizeClass]:
-        """Return the classes of all components but the largest, smallest first; empty ones are left out."""
+        """Return the classes of all components except the largest, smallest first, without empty classes."""
         of_component = self._class_of_components()
         classes = []
         for place, (low, high, color) in enumerate(SIZE_CLASSES, 1):
-            chosen = self.sizes[of_component == place]
-            if len(chosen):
-                classes.append(SizeClass(low, high, color, len(chosen)))
+            count = int(np.count_nonzero(of_component == place))
+            if count:
+                classes.append(SizeClass(low, high, color, count))
         return classes
 
 
 def build_model(mesh: ViewedMesh, audit: Audit, analysis: Analysis) -> ViewModel:
-    """Return what is to be shown of `mesh`, of which `audit_arrays` made `audit` and `analysis`.
+    """Return the data of a view of `mesh`, with its `audit` and `analysis` from `audit_arrays`.
 
-    O(V + F) time beyond the audit's; about 12 V + 17 F bytes and the overlays beyond what the audit holds.
+    O(V + F) time, and about 12 V + 17 F bytes besides the memory of the audit and the layers.
     """
     from msb.topology.elements import find_elements
 
     elements = find_elements(analysis)
     drawable = np.isfinite(analysis.vertices).all(axis=1)
-    center, scale, cropped = framing(analysis.vertices, drawable & analysis.referenced)
+    # Transform the positions to view units, (V, 3) float32.
+    center, scale, cropped = frame_vertices(analysis.vertices, drawable & analysis.referenced)
     points = np.zeros(analysis.vertices.shape, np.float32)
     with np.errstate(over="ignore"):
         points[drawable] = (analysis.vertices[drawable].astype(np.float64) - center) / scale
@@ -211,10 +222,11 @@ def build_model(mesh: ViewedMesh, audit: Audit, analysis: Analysis) -> ViewModel
 
 
 def _layers(analysis: Analysis, groups: dict[str, Any]) -> dict[str, Layer]:
+    """Return the layers of the audit's groups of elements."""
     mesh = analysis.mesh
     layers = {}
     for kind, style in STYLES.items():
-        if kind == "degenerate_faces":  # two counts of the audit, one look
+        if kind == "degenerate_faces":  # two counts of the audit in one layer
             both = [groups["repeated_index_faces"], groups["zero_area_faces"]]
             numbers = np.sort(np.concatenate([group.numbers for group in both]))
             vertices = mesh.faces[numbers]
@@ -224,38 +236,44 @@ def _layers(analysis: Analysis, groups: dict[str, Any]) -> dict[str, Layer]:
     return layers
 
 
-def framing(vertices: NDArray[Any], use: NDArray[np.bool_]) -> tuple[NDArray[np.float64], float, str | None]:
-    """Return centre and radius of the sphere to look at, and what to say if it is not all of the mesh.
+def frame_vertices(
+    vertices: NDArray[Any], use: NDArray[np.bool_]
+) -> tuple[NDArray[np.float64], float, str | None]:
+    """Return centre and radius of the sphere of the first view, and a note if it does not contain all
+    vertices.
 
-    Only the rows of `vertices` (V, 3) where `use` (V,) is true count; their centre is in their own units.
-    It is the bounding sphere of the box, unless a few far vertices, such as outdoor backgrounds, make it many
-    times as wide as the part that holds nearly all of the mesh.
+    Only vertices (V, 3) with `use` (V,) count. The sphere is the bounding sphere of their box. If a few
+    distant vertices, such as an outdoor background, make it much larger than the sphere of 95 % of the
+    vertices, it is the latter.
     """
+    # The sphere of all vertices.
     rows = np.flatnonzero(use)
     if len(rows) == 0:
         return np.zeros(3), 1.0, None
-    seen = np.asarray(vertices[rows], np.float64)
-    low, high = seen.min(axis=0), seen.max(axis=0)
+    used = np.asarray(vertices[rows], np.float64)
+    low, high = used.min(axis=0), used.max(axis=0)
     center = low / 2 + high / 2
-    radius = _largest_distance(seen, center)
-    sample = seen[:: max(len(seen) // _FRAMING_SAMPLE, 1)]
+    radius = _largest_distance(used, center)
+    # The sphere around the median of a sample that contains 95 % of it.
+    sample = used[:: max(len(used) // _FRAMING_SAMPLE, 1)]
     middle = np.median(sample, axis=0)
     with np.errstate(over="ignore"):
         distance = np.abs(sample - middle).max(axis=1)
     near = sample[distance <= np.quantile(distance, 0.95)]
     inner = _largest_distance(near, middle)
     if len(near) > 3 and inner > 0 and radius > _FAR_OUT * inner:
-        outside = int(np.count_nonzero(np.abs(seen - middle).max(axis=1) > inner))
-        text = f"{outside:,} far vertices lie outside the first view; Home shows 95 % of the vertices."
+        outside = int(np.count_nonzero(np.abs(used - middle).max(axis=1) > inner))
+        text = f"{outside:,} distant vertices are outside the first view, which shows 95 % of the vertices."
         return middle, 1.1 * inner, text
     return center, radius if radius > 0 else 1.0, None
 
 
 def _largest_distance(points: NDArray[np.float64], center: NDArray[np.float64]) -> float:
+    """Return the largest distance of points (n, 3) from `center`, without overflow."""
     with np.errstate(over="ignore"):
         away = np.abs(points - center)
     scale = float(away.max(initial=0.0))
-    if not 0 < scale < np.inf:  # all in one point, or further apart than float64 can say
+    if not 0 < scale < np.inf:  # all points are equal, or the distance overflows
         return 0.0 if scale == 0 else float(np.finfo(np.float64).max) / 4
     return scale * float(np.sqrt(((away / scale) ** 2).sum(axis=1).max()))
 
@@ -271,5 +289,5 @@ def _notes(model: ViewModel) -> list[str]:
         notes.append(CLEAN_NOTE)
     if hidden:
         faces = "face" if hidden == 1 else "faces"
-        notes.append(f"Not drawn: {hidden:,} {faces} with a corner that is not finite.")
+        notes.append(f"Not drawn: {hidden:,} {faces} with coordinates that are not finite.")
     return notes

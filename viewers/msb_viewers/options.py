@@ -1,4 +1,4 @@
-"""What the topology viewer shows at first. It loads nothing, so that a command's help can name it."""
+"""Options of the first view. This module imports no viewer, so that the help of the command is fast."""
 
 from dataclasses import dataclass
 from typing import Annotated, Literal
@@ -8,16 +8,16 @@ from msb.base.option import Option
 
 @dataclass(frozen=True)
 class ViewOptions:
-    """What to show at first."""
+    """The layers, colours and position of the first view."""
 
     show: Annotated[
         tuple[str, ...],
-        Option("Layers that are on: names, all or none. May be given again.", metavar="LAYERS"),
+        Option("Visible layers: names, all or none. May be given again.", metavar="LAYERS"),
     ] = ()
     at: Annotated[
         str | None,
         Option(
-            "Fly to the N-th element of a layer, or to vertex V, whose fans are drawn apart.",
+            "Go to the N-th element of a layer, or to vertex V and show its fans.",
             ("--at", "--vertex"),
             metavar="LAYER:N|V",
         ),
@@ -25,5 +25,5 @@ class ViewOptions:
     component: Annotated[int | None, Option("Show only the N-th largest component.", least=1)] = None
     colors: Annotated[
         Literal["own", "components", "grey"] | None,
-        Option("How the mesh is coloured. Default: its own colours."),
+        Option("Colouring of the mesh: its own colours (default), by component, or grey."),
     ] = None

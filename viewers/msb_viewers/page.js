@@ -1,8 +1,9 @@
-// The topology viewer's page.
+// The page of the topology viewer.
 const canvas = byId("view");
 const state = { coloring: meta.colored ? "own" : "grey", visible: new Set(meta.visible), active: meta.active,
   cursor: {}, chosen: null, legend: innerWidth > 640 };
 
+// Decompress the arrays of the page: name -> typed array.
 async function unpack() {
   const element = byId("data");
   const text = element.textContent;
@@ -16,7 +17,7 @@ async function unpack() {
   return arrays;
 }
 
-// Small vectors and column-major matrices.
+// Vectors of three numbers, and 4 x 4 matrices in column-major order.
 const sub = (a, b) => a.map((x, i) => x - b[i]);
 const add = (a, b, s = 1) => a.map((x, i) => x + s * b[i]);
 const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
@@ -32,6 +33,7 @@ const times = (a, b) => {
   return m;
 };
 
+// The camera looks at `target` from `distance` in `direction`. The legend takes `free()` pixels on the left.
 const camera = { direction: meta.direction, up: meta.up, target: [0, 0, 0], distance: 1, near: 0 };
 const free = () => (state.legend && canvas.clientWidth > 640 ? byId("legend").offsetWidth + 12 : 0);
 function home() {
@@ -54,7 +56,7 @@ function matrices() {
   return times(projection, view);
 }
 
-// Lines and markers are drawn as if this part of the distance nearer: they lie on the surface, not in it.
+// Offset of lines and markers towards the camera, relative to their distance, so that the surface does not hide them.
 const NEARER = 0.0015;
 const SURFACE = [`#version 300 es
   in vec3 position; in vec4 color; in vec2 uv; uniform mat4 matrix; out vec4 shade; out vec3 place; out vec2 at;
@@ -75,7 +77,7 @@ const SURFACE = [`#version 300 es
     float facing = dark > 0.0 ? abs(dot(normal, light == vec3(0.0) ? normalize(eye - place) : light)) : 1.0;
     result = vec4(shade.rgb * (1.0 - dark * (1.0 - facing)), 1.0);
   }`];
-// A line is a quad of two triangles around its two ends, wide in pixels.
+// A line is a quad around its two ends. Its width is in pixels.
 const LINE = [`#version 300 es
   in vec3 one; in vec3 other; uniform mat4 matrix; uniform vec2 size; uniform float width; uniform float nearer; uniform float depth; out float along;
   void main() {
@@ -129,11 +131,13 @@ function upload(array) {
   gl.bufferData(gl.ARRAY_BUFFER, array, gl.STATIC_DRAW);
   return buffer;
 }
+// Positions of vertices, three numbers each.
 function gathered(indices) {
   const out = new Float32Array(indices.length * 3);
   for (let i = 0; i < indices.length; i++) for (let k = 0; k < 3; k++) out[3 * i + k] = data.points[3 * indices[i] + k];
   return out;
 }
+// Colours of the corners of all faces for the current colouring, RGBA bytes.
 function cornerColors() {
   const faces = data.faces, out = new Uint8Array(faces.length * 4).fill(255);
   const put = (i, from, at) => { for (let k = 0; k < 3; k++) out[4 * i + k] = from[3 * at + k]; };
@@ -148,20 +152,20 @@ function cornerColors() {
   } else for (let i = 0; i < faces.length; i++) put(i, meta.grey, 0);
   return out;
 }
-// The textures, decoded by the browser and as large as the card takes them; sRGB, so that they are filtered as light.
+// Upload the textures, scaled down to the maximum size of the GPU. In sRGB format they are filtered in linear light.
 async function textures() {
   const { filter, mipmaps, wrap_u, wrap_v } = meta.skin, largest = gl.getParameter(gl.MAX_TEXTURE_SIZE);
   const wrap = { repeat: gl.REPEAT, clamp: gl.CLAMP_TO_EDGE, mirror: gl.MIRRORED_REPEAT };
   const near = filter === "linear" ? gl.LINEAR : gl.NEAREST;
   const far = !mipmaps ? near : filter === "linear" ? gl.LINEAR_MIPMAP_LINEAR : gl.NEAREST_MIPMAP_NEAREST;
   const plain = { premultiplyAlpha: "none", colorSpaceConversion: "none" };
-  for (const one of meta.skin.textures) {
-    const file = new Blob([data[one.name]], { type: "image/png" });
+  for (const item of meta.skin.textures) {
+    const file = new Blob([data[item.name]], { type: "image/png" });
     let image = await createImageBitmap(file, plain);
     const over = Math.max(image.width, image.height) / largest;
     if (over > 1) image = await createImageBitmap(file, { ...plain, resizeWidth: Math.floor(image.width / over) || 1, resizeHeight: Math.floor(image.height / over) || 1 });
-    one.texture = gl.createTexture();
-    gl.bindTexture(gl.TEXTURE_2D, one.texture);
+    item.texture = gl.createTexture();
+    gl.bindTexture(gl.TEXTURE_2D, item.texture);
     gl.texImage2D(gl.TEXTURE_2D, 0, gl.SRGB8_ALPHA8, gl.RGBA, gl.UNSIGNED_BYTE, image);
     if (mipmaps) gl.generateMipmap(gl.TEXTURE_2D);
     for (const [name, value] of [["WRAP_S", wrap[wrap_u]], ["WRAP_T", wrap[wrap_v]], ["MAG_FILTER", near], ["MIN_FILTER", far]])
@@ -178,22 +182,24 @@ function drawTextured(to) {
     first += faces;
   }
 }
+// Line segments of elements: edges as they are, the outlines of faces.
 function segmentsOf(vertices, each) {
   if (each !== 3) return vertices;
   const out = new Uint32Array(vertices.length * 2);
   for (let i = 0; i < vertices.length; i++) { out[2 * i] = vertices[i]; out[2 * i + 1] = vertices[i - (i % 3) + ((i + 1) % 3)]; }
   return out;
 }
+// Centroids of elements with `each` vertices.
 function middles(vertices, each) {
   const out = new Float32Array(vertices.length / each * 3);
   for (let i = 0; i < vertices.length; i++) for (let k = 0; k < 3; k++) out[3 * Math.floor(i / each) + k] += data.points[3 * vertices[i] + k] / each;
   return out;
 }
 function drawable(vertices, each, style) {
-  const made = { style, lines: null, points: null };
-  if (style.width) { made.lines = upload(gathered(segmentsOf(vertices, each))); made.count = each === 3 ? vertices.length : vertices.length / 2; }
-  if (style.marker) { made.points = upload(middles(vertices, each)); made.marks = vertices.length / each; }
-  return made;
+  const item = { style, lines: null, points: null };
+  if (style.width) { item.lines = upload(gathered(segmentsOf(vertices, each))); item.count = each === 3 ? vertices.length : vertices.length / 2; }
+  if (style.marker) { item.points = upload(middles(vertices, each)); item.marks = vertices.length / each; }
+  return item;
 }
 function drawLayer(item, matrix, scale, nearer) {
   const { style } = item, color = style.color.map((c) => c / 255), ratio = devicePixelRatio;
@@ -246,8 +252,8 @@ function draw() {
     surface.coloring = state.coloring;
   }
   gl.useProgram(p);
-  const given = [["position", surface.places, 3, gl.FLOAT], ["color", surface.colors, 4, gl.UNSIGNED_BYTE], ["uv", surface.uvs, 2, gl.FLOAT]].filter((one) => one[1]);
-  given.forEach(([name, buffer, width, type]) => {
+  const attributes = [["position", surface.places, 3, gl.FLOAT], ["color", surface.colors, 4, gl.UNSIGNED_BYTE], ["uv", surface.uvs, 2, gl.FLOAT]].filter((attribute) => attribute[1]);
+  attributes.forEach(([name, buffer, width, type]) => {
     gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
     gl.enableVertexAttribArray(at(name));
     gl.vertexAttribPointer(at(name), width, type, type !== gl.FLOAT, 0, 0);
@@ -259,7 +265,7 @@ function draw() {
   gl.uniform1i(to("textured"), 0);
   if (meta.skin && state.coloring === "own") drawTextured(to);
   else gl.drawArrays(gl.TRIANGLES, 0, data.faces.length);
-  given.forEach(([name]) => gl.disableVertexAttribArray(at(name)));
+  attributes.forEach(([name]) => gl.disableVertexAttribArray(at(name)));
   const pixels = meta.edge * canvas.clientHeight / (2 * camera.distance * Math.tan(meta.fov / 2));
   const scale = Math.min(Math.max(pixels / 40, 0.2), 1);
   for (const layer of meta.layers) if (state.visible.has(layer.kind)) {
@@ -308,7 +314,7 @@ function legend() {
   const buttons = make("div", undefined, "buttons");
   const select = make("select");
   select.setAttribute("aria-label", "colours");
-  for (const [value, text] of [["own", "own colours"], ["components", `components by size (${meta.components.toLocaleString("en")})`], ["grey", "grey"]])
+  for (const [value, text] of [["own", "mesh colours"], ["components", `components by size (${meta.components.toLocaleString("en")})`], ["grey", "grey"]])
     if (value !== "own" || meta.colored) select.append(new Option(text, value, false, value === state.coloring));
   select.onchange = () => { state.coloring = select.value; legend(); redraw(); };
   buttons.append(select);
@@ -325,18 +331,18 @@ function legend() {
   }
   box.append(buttons);
 }
-const help = () => showKeys([["1 ... 8", "switch a layer"], ["0", "all layers on, or off"], ["Tab", "the next layer to step through"], ["N / P", "fly to its next / previous element"],
-    ["C", "own colours, components, grey"], ["L", "legend on or off"], ["Home", "the first view"], ["arrows", "turn"], ["+ / -", "zoom"],
-    ["drag", "turn; with Shift: move; wheel: zoom"], ["H", "this help"]]);
+const help = () => showKeys([["1 ... 8", "show or hide a layer"], ["0", "show or hide all layers"], ["Tab", "select the layer for N and P"], ["N / P", "go to its next / previous element"],
+    ["C", "colours: mesh, components, grey"], ["L", "show or hide the legend"], ["Home", "first view"], ["arrows", "rotate"], ["+ / -", "zoom"],
+    ["drag", "rotate; with Shift: move; wheel: zoom"], ["H", "this help"]]);
 const layerOf = (kind) => meta.layers.find((layer) => layer.kind === kind);
 function toggle(kind) {
-  if (!layerOf(kind).count) { say(`${layerOf(kind).label}: there are none`); return; }
+  if (!layerOf(kind).count) { say(`${layerOf(kind).label}: 0`); return; }
   if (!state.visible.delete(kind)) { state.visible.add(kind); state.active = kind; }
   legend(); redraw();
 }
 function step(by) {
   const layer = layerOf(state.active), { kind, each, count } = layer;
-  if (!count) { say(`${layer.label}: there are none`); return; }
+  if (!count) { say(`${layer.label}: 0`); return; }
   const last = state.cursor[kind];
   const at = last === undefined ? (by > 0 ? 0 : count - 1) : (last + by + count) % count;
   state.cursor[kind] = at;
@@ -393,7 +399,7 @@ async function start() {
   document.title = `${meta.name} - msb view`;
   legend();
   gl = canvas.getContext("webgl2", { antialias: true, preserveDrawingBuffer: true });
-  if (!gl) { say("This browser has no WebGL 2; the counts above need none."); return; }
+  if (!gl) { say("This browser does not support WebGL 2, so the mesh cannot be drawn."); return; }
   data = await unpack();
   programs = { surface: program(SURFACE), line: program(LINE), marker: program(MARKER) };
   surface = { places: upload(gathered(data.faces)), uvs: meta.skin && upload(data.uvs) };
@@ -401,10 +407,10 @@ async function start() {
     Object.assign(meta, { colored: false, skin: null });
     state.coloring = "grey";
     legend();
-    say("This browser cannot hold the textures, so the mesh is grey.");
+    say("This browser cannot load the textures, so the mesh is grey.");
   });
   home(); controls(); redraw();
-  // #nonmanifold_edges:17 in the address opens the page there.
+  // An address that ends in #nonmanifold_edges:17 opens the page at this element.
   const [kind, number] = location.hash.slice(1).split(":");
   if (layerOf(kind)?.count && number > 0) { state.active = kind; state.cursor[kind] = number - 2; step(1); }
 }

@@ -1,4 +1,4 @@
-"""`--html`: the viewer as one file for browsers with WebGL 2, offline; it is made without pyvista."""
+"""`msb view --html`: the viewer as a single HTML file for browsers with WebGL 2. pyvista is not needed."""
 
 import base64
 import zlib
@@ -15,16 +15,16 @@ from msb_viewers.camera import FOV_Y, default_pose
 from msb_viewers.model import ViewModel
 from msb_viewers.palette import BACKGROUND, HIGHLIGHT, NEUTRAL, SIZE_CLASSES, size_label
 from msb_viewers.state import ViewState
-from msb_viewers.template import filled
+from msb_viewers.template import build_page
 
-# With more faces a browser needs gigabytes: 3 corners of 16 bytes each, twice while it loads.
+# Number of faces above which browsers need gigabytes: 3 corners of 16 bytes each, twice while loading.
 LARGE = 2_000_000
 
 
 def write_page(
     model: ViewModel, path: Path, *, state: ViewState | None = None, up: str | None = None
 ) -> None:
-    """Write `model` as a page; `state` and `up` are as in the window."""
+    """Write `model` as a page. `state` and `up` are as in `TopologyViewer`."""
     from msb.base.atomic import new_file
 
     with new_file(path) as file:
@@ -32,7 +32,8 @@ def write_page(
 
 
 def page(model: ViewModel, state: ViewState, up: str) -> bytes:
-    """Return the page, UTF-8."""
+    """Return the page as UTF-8."""
+    # All arrays are compressed into one block, each aligned to 4 bytes.
     arrays = page_arrays(model)
     layout: dict[str, dict[str, Any]] = {}
     offset = 0
@@ -46,15 +47,16 @@ def page(model: ViewModel, state: ViewState, up: str) -> bytes:
         packed.append(packer.compress(bytes(-array.nbytes % 4)))
     packed.append(packer.flush())
     meta = {**_meta(model, state, up), "arrays": layout}
-    return filled("msb_viewers", meta, base64.b64encode(b"".join(packed)))
+    return build_page("msb_viewers", meta, base64.b64encode(b"".join(packed)))
 
 
 def page_arrays(model: ViewModel) -> dict[str, NDArray[Any]]:
-    """Return what the page draws, by name, each flat and little-endian: float32, uint32 or uint8."""
+    """Return the arrays of the page by name, one-dimensional and little-endian: float32, uint32 or uint8."""
+    # Faces with the same texture must be contiguous.
     rows = model.faces_of(None)
     textures = _by_texture(model)
     if textures:
-        rows = np.concatenate([some for _, some in textures])
+        rows = np.concatenate([faces for _, faces in textures])
     arrays: dict[str, NDArray[Any]] = {
         "points": model.points.reshape(-1).astype("<f4", copy=False),
         "faces": model.faces[rows].reshape(-1).astype("<u4"),
@@ -80,26 +82,27 @@ def page_arrays(model: ViewModel) -> dict[str, NDArray[Any]]:
 
 
 def _by_texture(model: ViewModel) -> list[tuple[int, NDArray[Any]]]:
-    """Return the textures that are seen, each with the faces that show it: these lie together in the page."""
+    """Return the number of each visible texture and its faces (n,)."""
     return [] if model.skin is None else model.skin.by_texture(model.faces_of(None))
 
 
 def _skin(model: ViewModel) -> dict[str, Any] | None:
-    """Return what the page needs to know of the textures beside their images."""
+    """Return the properties of the textures that the page needs, without their images."""
     if model.skin is None:
         return None
-    shown = [{"name": f"texture.{number}", "faces": len(rows)} for number, rows in _by_texture(model)]
+    textures = [{"name": f"texture.{number}", "faces": len(rows)} for number, rows in _by_texture(model)]
     return {
         **asdict(model.skin.textured.sampler),
-        "textures": shown,
+        "textures": textures,
         "tinted": model.skin.tint is not None,
         "cutoff": model.skin.cutoff,
     }
 
 
 def _meta(model: ViewModel, state: ViewState, up: str) -> dict[str, Any]:
+    """Return the data of the page that is not in arrays: texts, layers, colours and the first view."""
     from msb.topology.verdict import judge
-    from msb_viewers.stage import mean_edge
+    from msb_viewers.stage import median_edge
 
     counts = model.audit.counts
     method = f"{model.method}: " if model.method else ""
@@ -134,7 +137,7 @@ def _meta(model: ViewModel, state: ViewState, up: str) -> dict[str, Any]:
         "up": pose.up.tolist(),
         "fov": FOV_Y,
         "extent": model.extent,
-        "edge": mean_edge(model),
+        "edge": median_edge(model),
         "center": model.center.tolist(),
         "scale": model.scale,
     }

@@ -1,7 +1,7 @@
-"""How each kind of element looks: a colour and, always, a shape, a line style or a text beside it.
+"""Colours, line styles and markers of all kinds of elements.
 
-Colours are those of Okabe and Ito (M. Okabe and K. Ito, Color Universal Design, 2008), which stay apart
-under the common kinds of colour blindness. No two kinds differ by colour alone.
+The colours are from Okabe and Ito (M. Okabe and K. Ito, Color Universal Design, 2008), and can be
+distinguished with the common kinds of colour blindness. Different kinds never differ by colour alone.
 """
 
 from dataclasses import dataclass
@@ -26,18 +26,18 @@ PURPLE: Color = (204, 121, 167)
 BACKGROUND: Color = (246, 246, 244)
 # The colour of a mesh without colours, and of the largest component.
 NEUTRAL: Color = (205, 205, 205)
-# The colour of the ring around the chosen element; no layer's colour is near it.
+# The colour of the ring around the selected element. No layer has a similar colour.
 HIGHLIGHT: Color = (200, 0, 110)
-# The colours of the fans of a vertex; each fan also carries its number.
+# The colours of the fans of a vertex. Each fan also has a number.
 FAN_COLORS = (SKY, ORANGE, GREEN, PURPLE, YELLOW, VERMILLION, BLUE)
 
 
 @dataclass(frozen=True)
 class Style:
-    """One layer's look, and the key that switches it.
+    """The style of a layer, and the key that switches it.
 
-    `kind` is the audit's name of the elements (docs/definitions.md). `width` of lines and `size` of markers
-    are in pixels at the finest zoom; a width of 0 draws none.
+    `kind` is the name of the elements in the audit (docs/definitions.md). `width` of lines and `size` of
+    markers are in pixels at the closest zoom; a width of 0 draws no lines.
     """
 
     kind: str
@@ -57,10 +57,10 @@ STYLES: dict[str, Style] = {
     for style in (
         Style("boundary_edges", "Boundary edges", "1", BLUE, "edge", width=2.0),
         Style("nonmanifold_edges", "Non-manifold edges", "2", VERMILLION, "edge", width=5.0),
-        Style("multifan_vertices", "Vertices: several fans", "3", PURPLE, "vertex", marker="disc", size=15),
+        Style("multifan_vertices", "Bow-tie vertices", "3", PURPLE, "vertex", marker="disc", size=15),
         Style(
             "nonmanifold_edge_endpoints",
-            "Vertices: on a non-m. edge",
+            "Ends of non-manifold edges",
             "4",
             ORANGE,
             "vertex",
@@ -71,7 +71,9 @@ STYLES: dict[str, Style] = {
             "degenerate_faces", "Degenerate faces", "5", YELLOW, "face", width=3.0, marker="cross", size=17
         ),
         Style("duplicate_faces", "Duplicate faces", "6", SKY, "face", width=3.0, marker="square", size=13),
-        Style("inconsistent_winding_edges", "Winding flips", "7", GREEN, "edge", width=2.5, line="dashed"),
+        Style(
+            "inconsistent_winding_edges", "Inconsistent winding", "7", GREEN, "edge", width=2.5, line="dashed"
+        ),
         Style(
             "unreferenced_vertices",
             "Unused vertices",
@@ -86,7 +88,7 @@ STYLES: dict[str, Style] = {
 
 DELETED: Color = (217, 26, 26)
 ADDED: Color = (26, 166, 60)
-# The layers of a mesh and what a repair made of it, instead.
+# The layers of a comparison of a mesh before and after a repair.
 REPAIR_STYLES: dict[str, Style] = {
     style.kind: style
     for style in (
@@ -96,10 +98,10 @@ REPAIR_STYLES: dict[str, Style] = {
     )
 }
 
-# Components other than the largest by their number of faces: from, to (both included), colour.
+# Size classes of components other than the largest: number of faces from, to (inclusive), colour.
 SIZE_CLASSES: tuple[tuple[int, int | None, Color], ...] = (
-    # Light to dark with size, so that the order survives without hue; steps of the plasma scale of
-    # matplotlib (S. van der Walt and N. Smith, 2015), none of them near the neutral grey.
+    # From light to dark, so that the order is visible without hue. The colours are from the plasma scale of
+    # matplotlib (S. van der Walt and N. Smith, 2015), and none is similar to the neutral grey.
     (1, 1, (240, 249, 33)),
     (2, 3, (253, 180, 47)),
     (4, 9, (237, 121, 83)),
@@ -110,7 +112,7 @@ SIZE_CLASSES: tuple[tuple[int, int | None, Color], ...] = (
 
 
 def size_label(low: int, high: int | None) -> str:
-    """Return the text of a size class.
+    """Return the label of a size class.
 
     >>> size_label(2, 3), size_label(1, 1), size_label(1000, None)
     ('2 to 3 faces', '1 face', '1,000 faces or more')
@@ -121,5 +123,5 @@ def size_label(low: int, high: int | None) -> str:
 
 
 def unit(color: Color) -> tuple[float, float, float]:
-    """Return a colour as three numbers in [0, 1]."""
+    """Return a colour as three floats in [0, 1]."""
     return color[0] / 255, color[1] / 255, color[2] / 255

@@ -1,4 +1,4 @@
-"""Which face and vertex lie under a pixel, in NumPy: the same on soups and indexed meshes, GL or not."""
+"""Find the face and vertex under a pixel, in NumPy. It works for triangle soups and without OpenGL."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True)
 class Hit:
-    """What a ray met first: a face, its corner nearest to the ray, and how far along the ray."""
+    """The first hit of a ray: a face, its corner nearest to the ray, and the distance along the ray."""
 
     face: int
     vertex: int
@@ -24,14 +24,15 @@ def pick(
     direction: NDArray[Any],
     box: NDArray[Any] | None = None,
 ) -> Hit | None:
-    """Return the first of the `allowed` faces (F,) that a ray from `eye` along a unit vector meets.
+    """Return the first of the `allowed` faces (F,) that a ray from `eye` along a unit vector hits.
 
-    A face is clipped away outside of `box` (3, 2). O(V + F) time, 13 V + 4 F bytes: vertices are projected
-    along the ray, faces all on one side of it are dropped by a byte a corner, the few left are intersected.
+    Hits outside of `box` (3, 2) do not count. O(V + F) time, 13 V + 4 F bytes.
     """
     if not allowed.any():
         return None
     direction = np.asarray(direction, np.float64)
+    # Project the vertices along the ray. Keep faces with vertices on both sides of it along both axes; the
+    # code of a vertex has two bits, for the sides.
     side = np.cross(direction, np.eye(3)[int(np.argmin(np.abs(direction)))])
     side /= np.linalg.norm(side)
     frame = np.stack([side, np.cross(direction, side), direction], axis=1)
@@ -42,15 +43,16 @@ def pick(
     rows = np.flatnonzero(around)
     if len(rows) == 0:
         return None
-    # The survivors once more, in double precision.
+    # Intersect the remaining faces (n, 3, 3) with the ray in float64.
     local = (points[faces[rows]].astype(np.float64) - np.asarray(eye, np.float64)) @ frame
     u, v, t = local[..., 0], local[..., 1], local[..., 2]
-    sides = u * np.roll(v, -1, axis=1) - v * np.roll(u, -1, axis=1)  # of the corner pairs 01, 12, 20
+    sides = u * np.roll(v, -1, axis=1) - v * np.roll(u, -1, axis=1)  # for the edges 01, 12, 20
     area = sides.sum(axis=1)
     inside = ((sides >= 0).all(axis=1) | (sides <= 0).all(axis=1)) & (area != 0)
     weights = np.roll(sides, -1, axis=1)[inside] / area[inside, None]
     depth = (weights * t[inside]).sum(axis=1)
     rows, local = rows[inside], local[inside]
+    # Take the nearest hit in front of the eye and inside the box.
     keep = depth > 0
     if box is not None:
         met = np.asarray(eye, np.float64) + depth[:, None] * direction

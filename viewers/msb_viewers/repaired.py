@@ -1,4 +1,6 @@
-"""A mesh and what a repair made of it, in one view: deleted and added faces, and cut edges, as layers."""
+"""Compare a mesh before and after a repair in one view, with deleted and added faces and cut edges as
+layers.
+"""
 
 from dataclasses import replace
 from typing import Any
@@ -10,15 +12,16 @@ from msb_viewers.model import CLEAN_NOTE, SOUP_NOTE, Layer, ViewModel, build_mod
 from msb_viewers.palette import ADDED, DELETED, REPAIR_STYLES
 from msb_viewers.viewed_mesh import Colors, ViewedMesh
 
-# Grey of black and of white faces: light enough for the colours to stand out.
+# Grey values of black and white faces, light enough for the colours of the layers to stand out.
 _DARKEST, _LIGHTEST = 140, 230
 
 
 def build_repaired_model(before: ViewedMesh, after: ViewedMesh) -> ViewModel:
-    """Return all faces of a mesh as stored, and those that a repair added.
+    """Return a view of all faces of the mesh before the repair, and of the faces that the repair added.
 
-    Faces that were kept are grey, deleted ones red, added ones green; the numbers of faces and vertices are
-    those of the mesh as stored. The repair may be anybody's: faces are known by the places of their corners.
+    Unchanged faces are grey, deleted ones red and added ones green. Indices of faces and vertices refer to
+    the mesh before the repair. Faces are matched by the positions of their corners, so that repairs of any
+    program can be shown.
     """
     from msb.meshes.transform import turned
     from msb.topology import audit_arrays
@@ -26,9 +29,10 @@ def build_repaired_model(before: ViewedMesh, after: ViewedMesh) -> ViewModel:
     from msb.topology.difference import find_difference
     from msb.topology.verdict import judge
 
-    placed = turned(after.vertices, after.up, before.up)  # a .glb was turned upright
+    placed = turned(after.vertices, after.up, before.up)  # files such as .glb are rotated upright
     old, new = mesh_arrays(before.vertices, before.faces), mesh_arrays(placed, after.faces)
     change = find_difference(old, new)
+    # The mesh before the repair, followed by the added faces and the vertices after the repair.
     (points, faces), count = old, len(old[1])
     added = new[1][change.added].astype(np.int64) + len(points)
     union = replace(
@@ -46,7 +50,7 @@ def build_repaired_model(before: ViewedMesh, after: ViewedMesh) -> ViewModel:
     numbers = {
         "deleted_faces": (change.deleted, mesh.faces),
         "added_faces": (count + np.arange(len(added)), mesh.faces),
-        # Edges are in the order of their vertices, so those of the mesh as stored come first.
+        # Edges are sorted by their vertices, so that the edges before the repair come first.
         "cut_edges": (change.cut, mesh.edge_vertices),
     }
     layers = {
@@ -54,9 +58,9 @@ def build_repaired_model(before: ViewedMesh, after: ViewedMesh) -> ViewModel:
     }
     verdict = judge(audit_arrays(*new, attributes=after.attributes)[0])
     deleted, cut = len(change.deleted), len(change.cut)
-    what = f"faces deleted: {deleted:,}, added: {len(added):,}; edges cut: {cut:,}"
+    what = f"{deleted:,} faces deleted, {len(added):,} added, {cut:,} edges cut"
     notes = (
-        f"{after.name}: {what}; it is {verdict.word}",
+        f"{after.name}: {what}; its verdict is {verdict.word}",
         *(note for note in model.notes if note not in (SOUP_NOTE, CLEAN_NOTE)),
     )
     return replace(model, layers=layers, notes=notes)
@@ -65,6 +69,7 @@ def build_repaired_model(before: ViewedMesh, after: ViewedMesh) -> ViewModel:
 def _colors(
     before: ViewedMesh, faces: NDArray[Any], deleted: NDArray[np.int64], added: int
 ) -> NDArray[np.uint8]:
+    """Return the colours (F + added, 3) of the faces: grey by brightness, red if deleted, green if added."""
     light = np.full(len(faces), 200.0)
     if before.colors is not None:
         light = before.colors.values.mean(axis=1)

@@ -1,4 +1,4 @@
-"""Text as pictures: sheets of lines, lists and paragraphs that a viewer lays over its window."""
+"""Draw text panels as images, which a viewer draws over its window: lines, lists and paragraphs."""
 
 from __future__ import annotations
 
@@ -21,25 +21,27 @@ if TYPE_CHECKING:
 FAINT: Color = (120, 122, 128)
 PAPER = (255, 255, 255, 246)
 EDGE = (190, 192, 196, 255)
-# Width of a legend, height of a row and width of the free border, in pixels at scale 1.
+# Width of a legend, height of a row and width of the margin, in pixels at scale 1.
 LEGEND_WIDTH, ROW, PAD = 322, 25, 12
 
-# The least and the greatest scale of text; smaller text cannot be read.
+# Minimum and maximum scale of text. Smaller text is not legible.
 _SMALLEST, _LARGEST = 0.62, 2.0
 
 
 @dataclass(frozen=True, eq=False)
 class Panel:
-    """A picture (H, W, 4), and what a click on it means.
+    """An image (H, W, 4), and the actions of clicks on it.
 
-    `targets` are rows of pixels, from and to, and what they stand for: a layer, "components" or "help".
+    `targets` are ranges of pixel rows (from, to) with an action: a layer, "components" or "help".
     """
 
     image: NDArray[np.uint8]
     targets: tuple[tuple[int, int, str], ...] = ()
 
     def hit(self, x: float, y: float) -> str | None:
-        """Return the action of the row at x, y pixels from the top left corner, if there is one."""
+        """Return the action at x, y pixels from the top left corner: "" without one, None outside the
+        panel.
+        """
         height, width = self.image.shape[:2]
         if not (0 <= x < width and 0 <= y < height):
             return None
@@ -48,7 +50,7 @@ class Panel:
 
 @lru_cache(maxsize=32)
 def font(size: int, *, bold: bool = False) -> FreeTypeFont | ImageFont:
-    """Return DejaVu Sans, which comes with matplotlib, or else Pillow's own font."""
+    """Return DejaVu Sans, which is part of matplotlib, or the default font of Pillow."""
     from PIL import ImageFont
 
     spec = find_spec("matplotlib")
@@ -61,7 +63,7 @@ def font(size: int, *, bold: bool = False) -> FreeTypeFont | ImageFont:
 
 
 class Sheet:
-    """A picture that grows downwards: drawn once to find its height, once for good."""
+    """An image that is written from top to bottom. `draw_panel` draws it twice, first to find its height."""
 
     def __init__(self, width: int, height: int, scale: float) -> None:
         from PIL import Image, ImageDraw
@@ -73,42 +75,44 @@ class Sheet:
         self.targets: list[tuple[int, int, str]] = []
 
     def px(self, value: float) -> int:
+        """Return a length at scale 1 in pixels, at least one."""
         return max(round(value * self.scale), 1)
 
     def font(self, size: float, *, bold: bool = False) -> Any:
+        """Return the font of a size at scale 1."""
         return font(max(round(size * self.scale), 7), bold=bold)
 
     def text(self, x: float, text: str, size: float = 13, color: Color = INK, **options: Any) -> None:
-        """Write on the middle of the present row; a negative x is from the right."""
+        """Write text in the current row, vertically centred. A negative x is the distance from the right."""
         anchor = "lm" if x >= 0 else "rm"
         place = self.px(x) if x >= 0 else self.width - self.px(-x)
         middle = self.y + self.px(ROW) / 2
         self.draw.text((place, middle), text, color, self.font(size, **options), anchor=anchor)
 
     def paragraph(self, text: str, size: float = 12, color: Color = INK, **options: Any) -> None:
-        """Write wrapped text and go on below it."""
+        """Write wrap_text text, and continue below it."""
         face = self.font(size, **options)
-        for line in wrapped(text, face, self.width - 2 * self.px(PAD)):
+        for line in wrap_text(text, face, self.width - 2 * self.px(PAD)):
             self.draw.text((self.px(PAD), self.y), line, color, face)
             self.y += self.px(size * 1.35)
 
 
-def wrapped(text: str, face: Any, width: float) -> list[str]:
-    """Return `text` in lines at most `width` pixels wide; a word that is wider is cut short."""
+def wrap_text(text: str, face: Any, width: float) -> list[str]:
+    """Return the lines of `text`, each at most `width` pixels wide. Longer words are shorten_text."""
     lines: list[str] = []
     line = ""
     for word in text.split():
-        fitted = shortened(word, face, width)
-        longer = f"{line} {fitted}".strip()
+        fitting = shorten_text(word, face, width)
+        longer = f"{line} {fitting}".strip()
         if line and face.getlength(longer) > width:
             lines.append(line)
-            longer = fitted
+            longer = fitting
         line = longer
     return [*lines, line] if line else lines
 
 
-def shortened(text: str, face: Any, width: float) -> str:
-    """Return `text`, with dots in its middle if it is wider than `width` pixels."""
+def shorten_text(text: str, face: Any, width: float) -> str:
+    """Return `text`, with its middle replaced by dots if it is wider than `width` pixels."""
     if face.getlength(text) <= width:
         return text
     keep = len(text) - 1
@@ -122,7 +126,7 @@ def shortened(text: str, face: Any, width: float) -> str:
 
 
 def help_panel(rows: Iterable[tuple[str, str]], scale: float = 1.0) -> Panel:
-    """Return the list of keys and what each does."""
+    """Return the list of keys and their actions."""
 
     def write(sheet: Sheet) -> None:
         sheet.paragraph("Keys and mouse", 15, bold=True)
@@ -133,25 +137,25 @@ def help_panel(rows: Iterable[tuple[str, str]], scale: float = 1.0) -> Panel:
             sheet.y += sheet.px(22)
         sheet.y += sheet.px(8)
 
-    return grown(write, 400, scale)
+    return draw_panel(write, 400, scale)
 
 
 def line_panel(text: str, width: int, scale: float = 1.0) -> Panel:
-    """Return one line of text, as wide as it needs, at most `width` pixels; then it is cut in the middle."""
+    """Return one line of text, shorten_text in the middle if it is wider than `width` pixels."""
     face = font(max(round(13 * scale), 8))
-    shown = shortened(text, face, width - 24 * scale)
-    wide = min(int(face.getlength(shown) + 24 * scale), width) / scale
+    short = shorten_text(text, face, width - 24 * scale)
+    wide = min(int(face.getlength(short) + 24 * scale), width) / scale
 
     def write(sheet: Sheet) -> None:
         sheet.y = 0
-        sheet.text(12, shown)
+        sheet.text(12, short)
         sheet.y += sheet.px(ROW)
 
-    return grown(write, wide, scale)
+    return draw_panel(write, wide, scale)
 
 
 def list_panel(title: str, text: str, lines: list[tuple[str, Color | None]], scale: float = 1.0) -> Panel:
-    """Return a title, a text, and lines with a swatch of their colour: what the fan inspector says."""
+    """Return a title, a text, and lines with a colour swatch, for the fan inspector."""
 
     def write(sheet: Sheet) -> None:
         sheet.paragraph(title, 13, bold=True)
@@ -168,11 +172,13 @@ def list_panel(title: str, text: str, lines: list[tuple[str, Color | None]], sca
             sheet.y += sheet.px(20)
         sheet.y += sheet.px(6)
 
-    return grown(write, LEGEND_WIDTH, scale)
+    return draw_panel(write, LEGEND_WIDTH, scale)
 
 
-def grown(write: Callable[[Sheet], None], width: float, scale: float) -> Panel:
-    """Return what `write` writes on a sheet `width` wide at scale 1, as high as it needs."""
+def draw_panel(write: Callable[[Sheet], None], width: float, scale: float) -> Panel:
+    """Return the panel that `write` writes; `width` is in pixels at scale 1, the height follows from the
+    text.
+    """
     trial = Sheet(round(width * scale), 4, scale)
     write(trial)
     sheet = Sheet(round(width * scale), trial.y + 1, scale)
@@ -182,7 +188,7 @@ def grown(write: Callable[[Sheet], None], width: float, scale: float) -> Panel:
 
 
 def text_scale(size: tuple[int, int]) -> float:
-    """Return the scale of all text in a window of `size` pixels.
+    """Return the scale of text in a window of `size` pixels.
 
     >>> text_scale((1280, 800)), text_scale((320, 200))
     (1.0, 0.62)
@@ -191,7 +197,7 @@ def text_scale(size: tuple[int, int]) -> float:
 
 
 def write_png(image: NDArray[np.uint8], path: Path) -> None:
-    """Write a picture (H, W, 3)."""
+    """Write an image (H, W, 3) as a PNG file."""
     from PIL import Image
 
     from msb.base.atomic import new_file

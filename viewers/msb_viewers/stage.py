@@ -1,4 +1,4 @@
-"""The actors of one model: its surface, the stand-in while moving, and the layers. No window of its own."""
+"""The VTK actors of a model: its surface, a simplified mesh for moving views, and the layers."""
 
 from typing import Any
 
@@ -12,24 +12,25 @@ from msb_viewers.palette import Style
 from msb_viewers.state import ViewState
 from msb_viewers.viewed_mesh import Skin, color_bytes
 
-# The most and fewest faces of a stand-in; a mesh of fewer than the fewest needs none.
+# Maximum and minimum number of faces of a simplified mesh. A mesh with fewer faces is not simplified.
 _MOST_FACES, _LEAST_FACES = 300_000, 30_000
-# A picture that takes at most this many seconds is drawn in full while the view moves, too.
+# Maximum time of a frame in seconds for drawing the full mesh while the view moves: 20 frames per second.
 _FLUID_SECONDS = 0.05
-# While the view moves, a layer shows at most one element for this many faces of the stand-in.
+# Faces of the simplified mesh per element of a layer, while the view moves.
 _MARKS = 5
-# Lines and markers have their full size where a mean edge takes at least this many pixels.
+# Lines and markers have their full size if the median edge has at least this length in pixels.
 _FULL_SIZE = 40.0
+# Minimum scale of lines and markers.
 _LEAST = 0.2
-# How much components are shaded for shape; their lightness means their size.
+# Strength of shading of components in [0, 1]. It is weak, because lightness indicates their size.
 _SHADE_COMPONENTS = 0.25
 
 
 class Stage:
-    """Actors made when they are first needed and kept while they stay right.
+    """The actors of a model. They are created when they are needed, and kept as long as they are valid.
 
-    While the view is `moving`, stand-ins are drawn if the last picture at rest took too many `seconds`. Lines
-    and markers are drawn `boost` times as large, for pictures that are printed small.
+    While the view is `moving`, simplified meshes are drawn if the last full frame took too many `seconds`.
+    `boost` enlarges lines and markers, for images that are printed small.
     """
 
     def __init__(self, model: ViewModel, back: Any, front: Any) -> None:
@@ -44,37 +45,40 @@ class Stage:
         self._layers: dict[str, tuple[Any, list[Any], list[Any]]] = {}
         self._coarse: tuple[NDArray[Any], NDArray[Any]] | None = None
         self._budget: int | None = None
-        self._edge = mean_edge(model)
+        self._edge = median_edge(model)
         self._size = 1.0
         self._through = False
 
     def sync(self, state: ViewState) -> None:
-        """Make, show and hide actors as `state` has it."""
+        """Create, show and hide actors according to `state`."""
         faces = self.model.faces_of(state.component)
         key = (state.coloring, state.component)
         if self._surface_of != key:
             self._remove(self._surface + self._stand_in)
             self._surface_of, self._stand_in = key, []
             self._surface = [self._add(actor) for actor in self._make_surface(state, faces)]
+        # While the view moves, a simplified mesh replaces the surface if that is too slow.
         if self.moving and not self._stand_in:
-            self._budget = budget(len(faces), self.seconds)
-        stand_in_wanted = self.moving and self._budget is not None
-        if stand_in_wanted and not self._stand_in:
+            self._budget = face_budget(len(faces), self.seconds)
+        simplified = self.moving and self._budget is not None
+        if simplified and not self._stand_in:
             self._stand_in = [self._add(self._make_stand_in(state))]
         for actor in self._surface:
-            actor.SetVisibility(not stand_in_wanted and len(faces) > 0)
+            actor.SetVisibility(not simplified and len(faces) > 0)
         for actor in self._stand_in:
-            actor.SetVisibility(stand_in_wanted)
+            actor.SetVisibility(simplified)
         self._sync_layers(state)
         drawing.clip(self.actors(), self.box)
 
     def actors(self) -> list[Any]:
-        """Return every actor there is."""
+        """Return all actors."""
         layers = [actor for _, full, thin in self._layers.values() for actor in (*full, *thin)]
         return self._surface + self._stand_in + layers
 
     def resize(self, pixels_per_unit: float) -> None:
-        """Scale lines and markers to the zoom: full size close up, fine where elements crowd."""
+        """Adapt the size of lines and markers to the zoom. They are thinner if edges are short on the
+        screen.
+        """
         size = float(np.clip(self._edge * pixels_per_unit / _FULL_SIZE, _LEAST, 1.0))
         if abs(size - self._size) > 0.02:
             self._size = size
@@ -82,8 +86,9 @@ class Stage:
                 self._scale(kind)
 
     def _sync_layers(self, state: ViewState) -> None:
+        """Create, show and hide the actors of the layers."""
         if state.through != self._through:
-            # In front of everything: the other renderer knows nothing of the surface's depth.
+            # Actors in the other renderer are drawn over the surface.
             self._through = state.through
             self._forget_layers(set(self._layers))
         self._forget_layers({kind for kind, entry in self._layers.items() if entry[0] != state.component})
@@ -105,13 +110,13 @@ class Stage:
         self._scale(kind)
 
     def _thin(self, kind: str, component: int | None) -> list[Any]:
-        """Return the actors that stand in for a layer of many elements while the view moves."""
+        """Return actors of a sample of a layer with many elements, for moving views."""
         corners = self.model.positions(kind, component=component)
         most = max((self._budget or _MOST_FACES) // _MARKS, 1)
         if len(corners) <= most:
             return []
-        some = corners[:: -(-len(corners) // most)]
-        thin = [self._add(actor, over=True) for actor in layer_actors(self.model.layers[kind].style, some)]
+        sample = corners[:: -(-len(corners) // most)]
+        thin = [self._add(actor, over=True) for actor in layer_actors(self.model.layers[kind].style, sample)]
         for actor in thin:
             self._scale_actor(kind, actor)
         return thin
@@ -126,20 +131,20 @@ class Stage:
             self._scale_actor(kind, actor)
 
     def _scale_actor(self, kind: str, actor: Any) -> None:
-        look = actor.GetProperty()
+        appearance = actor.GetProperty()
         style = self.model.layers[kind].style
-        look.SetLineWidth(max(style.width * self._size, 0.8) * self.boost)
-        look.SetPointSize(max(style.size * self._size, 3.0) * self.boost)
+        appearance.SetLineWidth(max(style.width * self._size, 0.8) * self.boost)
+        appearance.SetPointSize(max(style.size * self._size, 3.0) * self.boost)
 
     def _make_surface(self, state: ViewState, rows: NDArray[Any]) -> list[Any]:
-        """Return the actors of some faces: one, or one for each texture that they show."""
+        """Return the actors of the faces `rows`: one, or one for each of their textures."""
         everything = len(rows) == len(self.model.faces)
         faces = self.model.faces if everything else self.model.faces[rows]
         colors = self.model.colors
         if state.coloring != "own" or colors is None:
-            return [self._meaningful(state, faces, rows)]
+            return [self._plain_surface(state, faces, rows)]
         if self.model.skin is not None and len(rows):
-            return [self._textured(self.model.skin, *one) for one in self.model.skin.by_texture(rows)]
+            return [self._textured(self.model.skin, *part) for part in self.model.skin.by_texture(rows)]
         values = colors.values
         if colors.domain == "face" and not everything:
             values = values[rows]
@@ -148,32 +153,35 @@ class Stage:
         return [drawing.surface(self.model.points, faces, values, colors.domain)]
 
     def _textured(self, skin: Skin, number: int, rows: NDArray[Any]) -> Any:
-        """Return the actor of the faces `rows`, which show texture `number`."""
+        """Return the actor of the faces `rows`, which have the texture `number`."""
         tint = None if skin.tint is None else skin.tint.reshape(-1, 3, 4)[rows].reshape(-1, 4)
-        held = skin.textured
-        look = (held.uvs[rows], held.images[number], held.sampler, tint, skin.cutoff)
-        return drawing.textured(self.model.points, self.model.faces[rows], *look)
+        textures = skin.textured
+        appearance = (textures.uvs[rows], textures.images[number], textures.sampler, tint, skin.cutoff)
+        return drawing.textured(self.model.points, self.model.faces[rows], *appearance)
 
     def _make_stand_in(self, state: ViewState) -> Any:
+        """Return the actor of a simplified mesh, in the colours of the surface."""
         model = self.model
         coarse = self._coarse
         if coarse is None or state.component is not None:
             rows = model.faces_of(state.component)
-            faces, origin = cluster(model.points, model.faces[rows], self._budget or _MOST_FACES)
+            faces, origin = simplify(model.points, model.faces[rows], self._budget or _MOST_FACES)
             coarse = faces, rows[origin]
             if state.component is None:
                 self._coarse = coarse
         faces, origin = coarse
         colors = model.colors
         if state.coloring != "own" or colors is None:
-            return self._meaningful(state, faces, origin)
+            return self._plain_surface(state, faces, origin)
         if colors.domain == "vertex":
             return drawing.surface(model.points, faces, colors.values, "vertex")
         first = origin * (3 if colors.domain == "corner" else 1)
         return drawing.surface(model.points, faces, colors.values[first], "face")
 
-    def _meaningful(self, state: ViewState, faces: NDArray[Any], origin: NDArray[Any]) -> Any:
-        """Return faces in grey, or in the colour of the component of the face each came from."""
+    def _plain_surface(self, state: ViewState, faces: NDArray[Any], origin: NDArray[Any]) -> Any:
+        """Return faces (n, 3) in grey, or in the colours of the components of the original faces `origin`
+        (n,).
+        """
         if state.coloring != "components":
             points = self.model.points
             return drawing.surface(points, faces, color_bytes(lit_grey(points, faces, self.model.up)), "face")
@@ -191,11 +199,11 @@ class Stage:
 
 
 def layer_actors(style: Style, corners: NDArray[np.float32]) -> list[Any]:
-    """Return the actors that draw elements (n, k, 3) of a kind: lines, markers, or both."""
+    """Return the actors of elements with positions (n, k, 3): lines, markers, or both."""
     actors = []
     if style.width:
         ends = corners
-        if style.of == "face":  # outlines
+        if style.of == "face":  # draw the outlines of faces
             ends = np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [2, 0]]])
         actors.append(drawing.segments(ends, style.color, style.width, dashed=style.line == "dashed"))
     if style.marker is not None:
@@ -203,8 +211,8 @@ def layer_actors(style: Style, corners: NDArray[np.float32]) -> list[Any]:
     return actors
 
 
-def mean_edge(model: ViewModel) -> float:
-    """Return the median length of a sample of edges, in drawn units."""
+def median_edge(model: ViewModel) -> float:
+    """Return the median length of a sample of edges, in view units."""
     pairs = model.analysis.mesh.edge_vertices
     pairs = pairs[:: max(len(pairs) // 20_000, 1)]
     pairs = pairs[model.finite(pairs)] if len(pairs) else pairs
@@ -213,27 +221,28 @@ def mean_edge(model: ViewModel) -> float:
     return float(np.median(np.linalg.norm(model.points[pairs[:, 0]] - model.points[pairs[:, 1]], axis=1)))
 
 
-def budget(faces: int, seconds: float) -> int | None:
-    """Return how many faces to draw while moving, if all of them take `seconds`; None: all of them.
+def face_budget(faces: int, seconds: float) -> int | None:
+    """Return the number of faces to draw while the view moves, if all need `seconds`; None means all.
 
-    >>> budget(1_000_000, 0.02), budget(1_000_000, 0.5), budget(4_000_000, 0.1), budget(10_000, 1.0)
-    (None, 100000, 300000, None)
+    >>> face_budget(1_000_000, 0.02), face_budget(1_000_000, 0.5), face_budget(4_000_000, 0.1)
+    (None, 100000, 300000)
+    >>> face_budget(10_000, 1.0)
     """
     if seconds <= _FLUID_SECONDS or faces <= _LEAST_FACES:
         return None
     return int(min(max(faces * _FLUID_SECONDS / seconds, _LEAST_FACES), _MOST_FACES))
 
 
-def cluster(
+def simplify(
     points: NDArray[np.float32], faces: NDArray[Any], target: int = _MOST_FACES
 ) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Return a coarse stand-in of a mesh: its faces (f, 3), and of which face (f,) each is, for its colour.
+    """Return the faces (f, 3) of a simplified mesh, and the original face (f,) of each, for its colour.
 
-    There are `target` faces within a factor of two; a cell of a grid is stood for by its first vertex.
-    Vertex clustering (J. Rossignac and P. Borrel, Multi-resolution 3D approximations for rendering complex
-    scenes, 1993). Where there are far more faces than wanted they are sampled first, so time stays O(V + F)
-    with one sort of the sample.
+    The number of faces is `target` within a factor of two. Method: vertex clustering (J. Rossignac and P.
+    Borrel, Multi-resolution 3D approximations for rendering complex scenes, 1993). O(V + F) time, with a sort
+    of at most 4 `target` faces.
     """
+    # If there are very many faces, use a random sample.
     sample = np.arange(len(faces))
     if len(faces) > 4 * target:
         sample = np.random.default_rng(0).choice(len(faces), 4 * target, replace=False)
@@ -242,9 +251,10 @@ def cluster(
     if len(some) == 0:
         return some, sample
     low, high = points[some].reshape(-1, 3).min(axis=0), points[some].reshape(-1, 3).max(axis=0)
-    # A surface through an n^3 grid meets a few n^2 cells, each with about four faces.
+    # A surface in a grid of n^3 cells intersects a few n^2 cells, with about four faces each.
     cells = max(int(np.sqrt(target / 4)), 8)
     size = max(float((high - low).max()) / cells, 1e-9)
+    # Replace each vertex by the first vertex in its cell, (V,).
     used = np.unique(some)
     place = np.floor((points[used] - low) / size).astype(np.int64)
     key = (place[:, 0] * (cells + 2) + place[:, 1]) * (cells + 2) + place[:, 2]
@@ -252,6 +262,7 @@ def cluster(
     stand_in = np.zeros(len(points), some.dtype)
     stand_in[used] = used[first][inverse]
     coarse = stand_in[some]
+    # Keep faces with three different vertices, and each of them once.
     a, b, c = coarse.T
     whole = np.flatnonzero((a != b) & (b != c) & (c != a))
     rows = np.sort(coarse[whole], axis=1).astype(np.int64)

@@ -1,4 +1,4 @@
-"""What is switched on, chosen and isolated, and what each key does to it. It needs no window."""
+"""The state of the topology viewer: visible layers, selection, isolated component. It needs no window."""
 
 from __future__ import annotations
 
@@ -15,141 +15,143 @@ from msb_viewers.options import ViewOptions
 Coloring = Literal["own", "components", "grey"]
 COLORINGS: tuple[Coloring, ...] = ("own", "components", "grey")
 
-# Key -> what it does, as the help shows it.
+# Key and its action, as listed in the help of the viewer.
 HELP: tuple[tuple[str, str], ...] = (
-    ("1 ... 8", "switch a layer (or click its row)"),
-    ("0", "all layers on, or off"),
-    ("Tab", "choose the layer to step through"),
-    ("N / P", "fly to its next / previous element"),
-    ("click", "pick a vertex: its fans drawn apart"),
-    ("F", "fly to what is chosen"),
-    ("C", "own colours, components, grey"),
-    ("I", "show only the chosen component, or all"),
+    ("1 ... 8", "show or hide a layer (or click its row)"),
+    ("0", "show or hide all layers"),
+    ("Tab", "select the layer for N and P"),
+    ("N / P", "go to its next / previous element"),
+    ("click", "select a vertex and show its fans"),
+    ("F", "zoom to the selection"),
+    ("C", "colours: mesh, components, grey"),
+    ("I", "show only the selected component, or all"),
     ("[ / ]", "show only the next larger / smaller one"),
     ("K", "clipping box: drag its handles"),
-    ("X", "see layers through the surface"),
-    ("L", "legend on or off"),
+    ("X", "show layers through the surface"),
+    ("L", "show or hide the legend"),
     ("S", "save a screenshot"),
-    ("Home", "the first view"),
-    ("Esc", "let go of what is chosen and isolated"),
+    ("Home", "first view"),
+    ("Esc", "clear selection, show all components"),
     ("Q", "close"),
-    ("drag", "turn; Shift: move; wheel: zoom"),
+    ("drag", "rotate; with Shift: move; wheel: zoom"),
     ("H", "this help"),
 )
 
 
 @dataclass(eq=False)
 class ViewState:
-    """The viewer's switches.
-
-    N and P step through the `active` layer; `cursor` is the place in each layer where they were last.
-    `element` is chosen, a kind and a place in its layer; of `vertex` the fans are shown; `component` is the
-    only one drawn.
-    """
+    """The state of the viewer."""
 
     model: ViewModel
+    # Kinds of the visible layers.
     visible: set[str] = field(default_factory=set)
+    # The layer of the keys N and P, and the last element of each layer that they went to.
     active: str = "nonmanifold_edges"
     cursor: dict[str, int] = field(default_factory=dict)
     coloring: Coloring = "own"
+    # The only component that is drawn, counted by size from 0; None draws all.
     component: int | None = None
+    # The selected element: a kind, and an index in its layer.
     element: tuple[str, int] | None = None
+    # The selected vertex, whose fans are shown.
     vertex: int | None = None
     help: bool = False
     legend: bool = True
+    # Whether layers are drawn over the surface.
     through: bool = False
+    # The text of the status line.
     message: str = ""
 
     @classmethod
     def first(cls, model: ViewModel) -> ViewState:
-        """Return the state a viewer opens with."""
-        state = cls(model, model.shown_by_default(), coloring="own" if model.colors else "grey")
-        shown = [kind for kind in model.layers if kind in state.visible]
-        if shown or state.active not in model.layers:
-            state.active = (shown or list(model.layers))[0]
+        """Return the default state for a model."""
+        state = cls(model, model.default_layers(), coloring="own" if model.colors else "grey")
+        visible = [kind for kind in model.layers if kind in state.visible]
+        if visible or state.active not in model.layers:
+            state.active = (visible or list(model.layers))[0]
         state.message = "H: help" if not model.notes else model.notes[0]
-        state.message += " 1: draw them" if SOUP_NOTE in model.notes[:1] else ""
+        state.message += " Key 1 draws them." if SOUP_NOTE in model.notes[:1] else ""
         return state
 
     @classmethod
     def of(cls, model: ViewModel, options: ViewOptions) -> ViewState:
-        """Return the state that `options` describe."""
+        """Return the state for the options of the command."""
         state = cls.first(model)
         if options.show:
             state.visible = parse_kinds(model, options.show)
             state.active = next((kind for kind in model.layers if kind in state.visible), state.active)
         if options.colors is not None:
             if options.colors == "own" and model.colors is None:
-                raise UsageError("NAME_UNKNOWN", "--colors own: the mesh has no colours of its own")
+                raise UsageError("NAME_UNKNOWN", "--colors own: the mesh has no colours")
             state.coloring = options.colors
         if options.component is not None:
             if options.component > len(model.sizes):
-                text = f"--component {options.component}: there are {len(model.sizes)}"
+                text = f"--component is {options.component}, but there are {len(model.sizes)} components"
                 raise UsageError("NAME_UNKNOWN", text)
             state.isolate(options.component - 1)
         if options.at is not None and options.at.isascii() and options.at.isdigit():
             last = len(model.points) - 1
             if len(options.at) > 12 or int(options.at) > last:
-                raise UsageError("NAME_UNKNOWN", f"--at {options.at[:12]}: the last vertex is {last}")
+                raise UsageError("NAME_UNKNOWN", f"--at is {options.at[:12]}, but the last vertex is {last}")
             state.choose_vertex(int(options.at))
         elif options.at is not None:
             state.choose(*parse_element(model, options.at))
         return state
 
     def toggle(self, kind: str) -> None:
-        """Switch a layer; what is switched on becomes the layer to step through."""
+        """Show or hide a layer. A layer that is shown becomes the active one."""
         layer = self.model.layers[kind]
         if kind in self.visible:
             self.visible.discard(kind)
-            self.message = f"{layer.style.label}: off"
+            self.message = f"{layer.style.label}: hidden"
             return
         self.active = kind
         if len(layer) == 0:
-            self.message = f"{layer.style.label}: there are none"
+            self.message = f"{layer.style.label}: 0"
             return
         self.visible.add(kind)
         self.message = f"{layer.style.label}: {len(layer):,}"
 
     def toggle_all(self) -> None:
-        """Switch all layers off if any is on, else all on."""
+        """Hide all layers if any is visible, else show all."""
         self.visible = set() if self.visible else {k for k, layer in self.model.layers.items() if len(layer)}
-        self.message = "all layers on" if self.visible else "all layers off"
+        self.message = "All layers are shown" if self.visible else "All layers are hidden"
 
     def next_layer(self) -> None:
-        """Make the next layer that has elements the active one."""
+        """Activate the next layer that has elements."""
         kinds = [kind for kind, layer in self.model.layers.items() if len(layer)]
         if not kinds:
-            self.message = "there is nothing to step through"
+            self.message = "All layers are empty"
             return
         at = kinds.index(self.active) + 1 if self.active in kinds else 0
         self.active = kinds[at % len(kinds)]
-        self.message = f"N / P step through: {self.model.layers[self.active].style.label}"
+        self.message = f"N / P: next / previous of {self.model.layers[self.active].style.label.lower()}"
 
     def next_coloring(self) -> None:
-        """Go on to the next way to colour the mesh; own colours only where there are some."""
+        """Switch to the next colouring. Meshes without colours skip their own."""
         choices = [c for c in COLORINGS if c != "own" or self.model.colors is not None]
         at = choices.index(self.coloring) + 1 if self.coloring in choices else 0
         self.coloring = choices[at % len(choices)]
-        self.message = {"own": "its own colours", "grey": "grey"}.get(self.coloring, "components by size")
+        self.message = {"own": "Mesh colours", "grey": "Grey"}.get(self.coloring, "Components by size")
 
     def toggle_components(self) -> None:
-        """Colour components by size, or the mesh as it is."""
+        """Switch between colours of components and of the mesh."""
         plain: Coloring = "own" if self.model.colors is not None else "grey"
         self.coloring = "components" if self.coloring != "components" else plain
 
     def toggle_through(self) -> None:
-        """See layers through the surface, or not."""
+        """Switch whether layers are drawn over the surface."""
         self.through = not self.through
-        self.message = "layers are seen through the surface" if self.through else "the surface hides layers"
+        self.message = "Layers are drawn over the surface" if self.through else "The surface hides layers"
 
     def step(self, by: int) -> bool:
-        """Choose the next element of the active layer that can be flown to; return whether there is one."""
+        """Select the next (+1) or previous (-1) element of the active layer; return whether there is one."""
         layer = self.model.layers[self.active]
         label = layer.style.label
         rows = self.model.rows(self.active, self.component)
         if len(rows) == 0:
             where = "" if self.component is None else " in this component"
-            self.message = f"{label}: there are none{where}"
+            self.message = f"{label}: 0{where}"
             return False
         if self.active not in self.cursor:
             at = 0 if by > 0 else len(rows) - 1
@@ -160,19 +162,19 @@ class ViewState:
         return True
 
     def choose(self, kind: str, place: int) -> None:
-        """Choose one element by its place in its layer."""
+        """Select an element by its index in its layer."""
         self.visible.add(kind)
         self.active, self.cursor[kind], self.element, self.vertex = kind, place, (kind, place), None
         self.message = self.describe(kind, place)
 
     def choose_vertex(self, vertex: int | None) -> None:
-        """Choose a vertex for the fan inspector, or none."""
+        """Select a vertex for the fan inspector, or none."""
         self.vertex, self.element = vertex, None
         if vertex is None:
-            self.message = "nothing there to pick"
+            self.message = "No face at this point"
 
     def describe(self, kind: str, place: int) -> str:
-        """Return one line about an element."""
+        """Return the status line about an element."""
         layer = self.model.layers[kind]
         number, vertices = int(layer.numbers[place]), layer.vertices[place].tolist()
         words = [f"{layer.style.label}: {place + 1:,} of {len(layer):,}"]
@@ -188,25 +190,25 @@ class ViewState:
         if component is not None:
             words.append(self.describe_component(component))
         if not self.model.finite(layer.vertices[place][None])[0]:
-            words.append("it has no finite position")
+            words.append("its position is not finite")
         return " · ".join(words)
 
     def describe_component(self, component: int) -> str:
-        """Return a few words about a component."""
+        """Return the number and the size of a component as text."""
         count = len(self.model.sizes)
         size = int(self.model.sizes[component])
         return f"component {component + 1:,} of {count:,}, {size:,} face{'' if size == 1 else 's'}"
 
     def component_of(self, kind: str, place: int) -> int | None:
-        """Return the component an element lies in; of a vertex the largest."""
+        """Return the component of an element. For a vertex it is the largest one."""
         layer, model = self.model.layers[kind], self.model
         number = int(layer.numbers[place])
         if layer.style.of == "vertex":
             return self.component_of_vertex(number)
         mesh = model.analysis.mesh
         face = number if layer.style.of == "face" else int(mesh.halfedges_of(number)[0]) // 3
-        found = int(model.face_component[face])
-        return found if found >= 0 else None
+        component = int(model.face_component[face])
+        return component if component >= 0 else None
 
     def component_of_vertex(self, vertex: int) -> int | None:
         """Return the largest component with a face at a vertex."""
@@ -214,43 +216,43 @@ class ViewState:
         at = at[at >= 0]
         return int(at.min()) if len(at) else None
 
-    def isolate_chosen(self) -> None:
-        """Show only the component of what is chosen, or all again."""
+    def isolate_selection(self) -> None:
+        """Show only the component of the selection (without one the largest), or all components again."""
         if self.component is not None:
-            self.component, self.message = None, "all components"
+            self.component, self.message = None, "All components are shown"
             return
-        found = None
+        component = None
         if self.element is not None:
-            found = self.component_of(*self.element)
+            component = self.component_of(*self.element)
         elif self.vertex is not None:
-            found = self.component_of_vertex(self.vertex)
+            component = self.component_of_vertex(self.vertex)
         elif len(self.model.sizes):
-            found = 0
-        self.isolate(found)
+            component = 0
+        self.isolate(component)
 
     def isolate(self, component: int | None) -> None:
         """Show only one component, counted by size from 0; None shows all."""
         if component is None or not 0 <= component < len(self.model.sizes):
-            self.component, self.message = None, "there is no component to isolate"
+            self.component, self.message = None, "There is no such component"
             return
         self.component = component
-        self.message = f"only {self.describe_component(component)}"
+        self.message = f"Only {self.describe_component(component)}"
 
     def isolate_next(self, by: int) -> None:
-        """Go on to the next smaller (+1) or larger (-1) component."""
+        """Show only the next smaller (+1) or larger (-1) component."""
         count = len(self.model.sizes)
         start = self.component if self.component is not None else (-1 if by > 0 else count)
         self.isolate((start + by) % count if count else None)
 
     def release(self) -> None:
-        """Choose nothing, isolate nothing."""
+        """Clear the selection and show all components."""
         self.element = self.vertex = self.component = None
         self.help = False
         self.message = ""
 
 
 def parse_kinds(model: ViewModel, texts: Iterable[str]) -> set[str]:
-    """Return the layers named in texts like "boundary_edges,duplicate_faces", "all" or "none"."""
+    """Return the layers of texts such as "boundary_edges,duplicate_faces", "all" or "none"."""
     kinds: set[str] = set()
     for word in ",".join(texts).replace(" ", "").split(","):
         if word == "all":
@@ -258,20 +260,23 @@ def parse_kinds(model: ViewModel, texts: Iterable[str]) -> set[str]:
         elif word in model.layers:
             kinds.add(word)
         elif word not in ("none", ""):
-            text = f'there is no layer "{shorten(word, 40)}"; there are all, none, {", ".join(model.layers)}'
+            known = ", ".join(model.layers)
+            text = f'--show: the layer "{shorten(word, 40)}" is unknown; use all, none, {known}'
             raise UsageError("NAME_UNKNOWN", text)
     return kinds
 
 
 def parse_element(model: ViewModel, text: str) -> tuple[str, int]:
-    """Return kind and place of "KIND:N", the N-th element of a layer, counted from 1."""
+    """Return kind and index of "KIND:N", the N-th element of a layer, counted from 1."""
     kind, _, number = text.partition(":")
     if kind not in model.layers:
         known = ", ".join(model.layers)
-        raise UsageError("NAME_UNKNOWN", f'--at: there is no layer "{shorten(kind, 40)}"; there are {known}')
+        raise UsageError(
+            "NAME_UNKNOWN", f'--at: the layer "{shorten(kind, 40)}" is unknown; use one of {known}'
+        )
     count = len(model.layers[kind])
     if not (number.isascii() and number.isdigit() and len(number) < 12 and 1 <= int(number) <= count):
-        which = f"1 to {count}" if count else "none at all"
-        text = f'--at: "{shorten(number, 20)}" is no element of {kind}; there are {which}'
+        valid = f"use 1 to {count}" if count else "the layer is empty"
+        text = f'--at: "{shorten(number, 20)}" is not an element of {kind}; {valid}'
         raise UsageError("NAME_UNKNOWN", text)
     return kind, int(number) - 1

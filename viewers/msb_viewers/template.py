@@ -1,4 +1,4 @@
-"""Pages of one file that load nothing: the shell of both viewers, a viewer's own parts, and its data."""
+"""Build self-contained HTML pages: a common shell, the parts of a viewer, and its data."""
 
 import json
 import re
@@ -6,24 +6,25 @@ from collections.abc import Mapping
 from importlib.resources import files
 from typing import Any
 
+# A placeholder in shell.html.
 _MARK = re.compile(r"@([A-Z]+)@")
 
 
-def filled(package: str, meta: Mapping[str, Any], data: bytes = b"") -> bytes:
-    """Return a page, UTF-8, with the style, body and script that lie in a package as page.css, .html and .js.
+def build_page(package: str, meta: Mapping[str, Any], data: bytes = b"") -> bytes:
+    """Return a page as UTF-8, with the files page.css, page.html and page.js of a package.
 
-    `meta` is what the script reads under that name; `data` is ASCII without "<". What replaces a mark of the
-    shell is not searched again, because a file name may look like a mark.
+    `meta` is the JSON data of the script, and `data` is ASCII text without "<". Inserted text is not searched
+    for placeholders, because it can contain file names.
     """
-    shell, own = files("msb_viewers"), files(package)
-    # "</" would end the element it stands in, whatever a file is called.
+    shell, viewer = files("msb_viewers"), files(package)
+    # "</" in a file name would end the script element.
     text = json.dumps(meta, allow_nan=False).replace("<", "\\u003c")
     values = {
         "META": text.encode(),
         "DATA": data,
-        "SCRIPT": (shell / "shell.js").read_bytes() + (own / "page.js").read_bytes(),
-        "STYLE": (shell / "shell.css").read_bytes() + (own / "page.css").read_bytes(),
-        "BODY": (own / "page.html").read_bytes(),
+        "SCRIPT": (shell / "shell.js").read_bytes() + (viewer / "page.js").read_bytes(),
+        "STYLE": (shell / "shell.css").read_bytes() + (viewer / "page.css").read_bytes(),
+        "BODY": (viewer / "page.html").read_bytes(),
     }
     parts = _MARK.split((shell / "shell.html").read_text("utf-8"))
     return b"".join(values[part] if index % 2 else part.encode() for index, part in enumerate(parts))

@@ -1,4 +1,4 @@
-"""The mesh that a viewer shows: exactly as it is audited, with its own colours."""
+"""The mesh of a viewer: the stored mesh with its colours and textures."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,12 +13,12 @@ from msb.asset.texture import ROUNDING, Textured
 from msb.topology.seams import Attributes
 
 Domain = Literal["vertex", "face", "corner"]
-NO_COLOR = "its colours depend on the view and have no static part: drawn in grey"
+NO_COLOR = "its colours depend on the direction of view; drawn in grey"
 
 
 @dataclass(frozen=True, eq=False)
 class Colors:
-    """Colours (V | F | 3F, 3) as sRGB bytes, which are shown unlit and unchanged."""
+    """Colours (V | F | 3F, 3) as sRGB bytes, which are drawn unlit."""
 
     values: NDArray[np.uint8]
     domain: Domain
@@ -26,9 +26,9 @@ class Colors:
 
 @dataclass(frozen=True, eq=False)
 class Skin:
-    """The textures of a mesh, and colours (3F, 4) of its corners, sRGB bytes and alpha.
+    """The textures of a mesh, and colours `tint` (3F, 4) of its corners, sRGB bytes and alpha.
 
-    Both are multiplied in linear light.
+    They are multiplied in linear light.
     """
 
     textured: Textured
@@ -36,24 +36,24 @@ class Skin:
 
     @property
     def cutoff(self) -> float:
-        """The alpha of both together below which nothing is drawn."""
+        """The product of the alphas below which nothing is drawn."""
         return (self.textured.sampler.alpha_cutoff or 0.0) - ROUNDING
 
     def by_texture(self, rows: NDArray[Any]) -> list[tuple[int, NDArray[Any]]]:
-        """Return the textures that faces `rows` show, each with those that show it, in their order."""
-        shown = self.textured.face_texture
-        if shown is None:
+        """Return the number of each texture of the faces `rows`, with its faces (n,)."""
+        numbers = self.textured.face_texture
+        if numbers is None:
             return [(0, rows)]
-        return [(int(number), rows[shown[rows] == number]) for number in np.unique(shown[rows])]
+        return [(int(number), rows[numbers[rows] == number]) for number in np.unique(numbers[rows])]
 
 
 @dataclass(frozen=True, eq=False)
 class ViewedMesh:
-    """A mesh to look at: as stored, nothing is checked yet.
+    """A stored mesh, whose values are not checked.
 
-    `colors` of a mesh with a `skin` are what that shows at the corners, for what draws no textures. `up` is
-    an axis such as "+y", or "unknown"; `notes` are what the viewer has to say about how it is drawn;
-    `attributes` is what vertices may be doubled for at seams.
+    For a mesh with a `skin` the `colors` are sampled at the corners, for drawing without textures. `up` is an
+    axis such as "+y", or "unknown". `notes` are messages about the drawing. `attributes` are the attributes
+    whose seams can duplicate vertices.
     """
 
     name: str
@@ -76,48 +76,50 @@ def read_viewed_mesh(path: Path) -> ViewedMesh:
 
 
 def viewed_mesh(mesh: StoredMesh, path: Path) -> ViewedMesh:
-    """Return a mesh that was read from `path` in the colours the standard tier draws it in.
+    """Return a mesh from the file `path` with the colours of the standard tier.
 
-    It has all stored faces, even those that an STE threshold hides, because the audit counts them.
+    It has all stored faces, including faces that an STE threshold hides, because the audit counts them.
     """
     from msb.asset.look import static_colors
     from msb.errors import AssetError
 
-    skin, found = None, static_colors(mesh.buffers, mesh.domains)
+    skin, static = None, static_colors(mesh.buffers, mesh.domains)
     notes = []
     try:
-        skin, found = _skin(mesh, found)
-    except AssetError as error:  # what is wrong with the surface is to be seen all the same
+        skin, static = _skin(mesh, static)
+    except AssetError as error:  # draw the mesh without textures
         notes.append(f"{error.code}: {error.message}; its textures are not drawn")
-    colors = None if found is None else Colors(color_bytes(found.values), found.domain)
+    colors = None if static is None else Colors(color_bytes(static.values), static.domain)
     if colors is None and mesh.method not in (None, "mesh"):
         notes.append(NO_COLOR)
-    notes += [f"{each.code}: {each.message}" for each in mesh.warnings]
+    notes += [f"{warning.code}: {warning.message}" for warning in mesh.warnings]
     place = (path.name, path, mesh.vertices, mesh.faces)
     return ViewedMesh(*place, colors, mesh.method, mesh.up, tuple(notes), mesh.attributes, skin)
 
 
 def _skin(mesh: StoredMesh, tint: StaticColors | None) -> tuple[Skin | None, StaticColors | None]:
-    """Return the textures of `mesh`, if it has any, and the colours it has without them."""
+    """Return the textures of `mesh`, or None, and its colours for drawing without textures."""
     from msb.asset.look import corner_colors, corner_tint
     from msb.asset.texture import encoded, textures_in
 
     faces = mesh.faces
     inside = faces.size and 0 <= faces.min() <= faces.max() < len(mesh.vertices)
-    if mesh.sampler is None or not inside:  # the audit will say which vertex there is not
+    if mesh.sampler is None or not inside:  # the audit will report an invalid index
         return None, tint
     textured = textures_in(mesh.buffers, mesh.domains["uv"], mesh.sampler)
     colors = corner_colors(textured, tint, faces)
     if tint is None:
         return Skin(textured, None), colors
     light = np.nan_to_num(corner_tint(tint, faces), nan=0.0)
-    made = encoded(light, 4)
-    made[:, 3] = np.ceil(light[:, 3] * 255)  # what is drawn with the alpha as stored is not cut off
-    return Skin(textured, made), colors
+    texels = encoded(light, 4)
+    texels[:, 3] = np.ceil(
+        light[:, 3] * 255
+    )  # round up, so that rounding does not move alpha below the cutoff
+    return Skin(textured, texels), colors
 
 
 def color_bytes(values: NDArray[Any]) -> NDArray[np.uint8]:
-    """Return colours (n, 3 | 4) as bytes (n, 3): floor(255 c + 0.5); alpha is left out, NaN becomes 0."""
+    """Return colours (n, 3 | 4) as bytes (n, 3): floor(255 c + 0.5), without alpha. NaN becomes 0."""
     rgb = values[:, :3]
     if rgb.dtype == np.uint8:
         return np.ascontiguousarray(rgb)

@@ -1,35 +1,41 @@
-"""The topology viewer: a window, or a picture of what the window would show."""
+"""The topology viewer: a window, or an image of its content."""
 
 import math
 import time
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from msb.base.matrices import inverse
+from msb.errors import UsageError
 from msb_viewers import drawing
 from msb_viewers.camera import FOV_Y, Pose, component_pose, default_pose, element_pose
 from msb_viewers.controls import TopologyControls
 from msb_viewers.fans import Inset, background, size_of
-from msb_viewers.legend import legend_panel, legend_width
+from msb_viewers.gl import NO_DISPLAY
+from msb_viewers.legend import legend_panel
 from msb_viewers.model import ViewModel
-from msb_viewers.palette import HIGHLIGHT
+from msb_viewers.palette import BACKGROUND, HIGHLIGHT, unit
 from msb_viewers.picking import pick
-from msb_viewers.sheet import Panel, help_panel, line_panel
+from msb_viewers.sheet import LEGEND_WIDTH, Panel, help_panel, line_panel, text_scale, write_png
 from msb_viewers.stage import Stage
 from msb_viewers.state import HELP, ViewState
-from msb_viewers.window import GAP, Window
 
+# Distance between panels and the border of the window, in pixels at scale 1.
+_GAP = 12
+# Samples per pixel that smooth the edges of faces and lines while the view rests.
 _SAMPLES = 4
+# Frames of a flight to an element; at 60 frames per second a quarter of a second.
 _FLIGHT_FRAMES = 14
 
 
-class TopologyViewer(Window):
-    """A mesh with its offending elements, in a window or off-screen.
+class TopologyViewer:
+    """A view of a mesh and its defects, in a window or off-screen. Only `show` needs a window.
 
-    `up` is the axis that is up, such as "+y", instead of the model's own; `state` is what is switched on at
-    first.
+    `up` is the axis that points up, such as "+y"; by default the axis of the model. `state` is the first
+    state.
     """
 
     def __init__(
@@ -41,11 +47,24 @@ class TopologyViewer(Window):
         up: str | None = None,
         state: ViewState | None = None,
     ) -> None:
+        import pyvista
         from vtkmodules.vtkRenderingCore import vtkRenderer
 
-        super().__init__(model.name, size, off_screen=off_screen)
+        drawing.silence_vtk()
+        self.off_screen = off_screen
+        self.plotter = pyvista.Plotter(off_screen=off_screen, window_size=list(size), lighting="none")
+        self.window = self.plotter.ren_win
+        if not off_screen and self.window.GetClassName() in ("vtkEGLRenderWindow", "vtkOSOpenGLRenderWindow"):
+            self.plotter.close()
+            raise UsageError("VIEW_NO_DISPLAY", NO_DISPLAY)
+        self.title = f"{model.name} - msb view"
+        self.window.SetWindowName(self.title)
+        self.plotter.set_background(unit(BACKGROUND))
+        self.plotter.camera_set = True  # otherwise the first frame would reset the camera
+        self.renderer = self.plotter.renderer
+        self.camera = self.renderer.GetActiveCamera()
         self.model, self.up, self._extent = model, up or model.up, model.extent
-        self.state: ViewState = state or ViewState.first(model)
+        self.state = state or ViewState.first(model)
         self.renderer.SetTwoSidedLighting(True)
         self.renderer.SetAutomaticLightCreation(True)
         self.front = vtkRenderer()
@@ -57,32 +76,72 @@ class TopologyViewer(Window):
         self.front.SetActiveCamera(self.camera)
         self.stage = Stage(model, self.renderer, self.front)
         self.inset = Inset(self.window, layer=2)
-        self._pictures = {name: drawing.Picture() for name in ("legend", "help", "status", "fans")}
-        for picture in self._pictures.values():
+        self._overlays = {name: drawing.Overlay() for name in ("legend", "help", "status", "fans")}
+        for picture in self._overlays.values():
             self.front.AddViewProp(picture.actor)
         self._legend: Panel | None = None
         self._marks: list[Any] = []
         self._shown_vertex: tuple[int | None, float] = (None, 0.0)
-        self.controls: TopologyControls = TopologyControls(self)
+        self.controls = TopologyControls(self)
         self.home()
         self.refresh()
 
-    # What is shown -----------------------------------------------------------------------------------
+    # --- window
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height of the window in pixels."""
+        width, height = self.window.GetSize()
+        return int(width), int(height)
+
+    @property
+    def scale(self) -> float:
+        """The scale of all text, which follows the size of the window."""
+        return text_scale(self.size)
+
+    @property
+    def pose(self) -> Pose:
+        """The pose of VTK's camera."""
+        places = (self.camera.GetPosition(), self.camera.GetFocalPoint(), self.camera.GetViewUp())
+        return Pose(*(np.array(place, np.float64) for place in places))
+
+    @pose.setter
+    def pose(self, pose: Pose) -> None:
+        self.camera.SetPosition(*pose.eye)
+        self.camera.SetFocalPoint(*pose.target)
+        self.camera.SetViewUp(*pose.up)
+
+    def image(self) -> NDArray[np.uint8]:
+        """Draw and return the window (H, W, 3), row 0 at the top."""
+        self.refresh()
+        return np.asarray(self.plotter.screenshot(None, return_img=True), np.uint8)[..., :3]
+
+    def screenshot(self, path: Path) -> None:
+        """Write the window to a PNG file."""
+        write_png(self.image(), path)
+
+    def show(self) -> None:
+        """Open the window, and return when it is closed."""
+        self.controls.attach()
+        self.refresh()
+        self.plotter.show(auto_close=True, title=self.title)
+
+    # --- drawing
 
     def refresh(self) -> None:
-        """Bring the window up to date with the state, and draw."""
+        """Update the window from the state, and draw it."""
         self.stage.sync(self.state)
-        self._mark()
+        self._mark_selection()
         self._show_fans()
         self.center()
         self._show_text()
         self.render()
 
     def render(self) -> None:
-        """Draw, lines and markers sized to the zoom."""
+        """Draw the window, with lines and markers for the current zoom."""
         self.stage.resize(self.pixels_per_unit())
         self.fit_depth()
-        # Samples smooth the rims of faces and lines; what lies inside a face keeps its exact colour.
+        # Multisampling smooths edges and does not change colours inside of faces.
         self.window.SetMultiSamples(0 if self.stage.moving else _SAMPLES)
         start = time.perf_counter()
         self.window.Render()
@@ -91,29 +150,31 @@ class TopologyViewer(Window):
             self.stage.seconds = time.perf_counter() - start
 
     def pixels_per_unit(self) -> float:
-        """Return how many pixels one drawn unit takes at the distance that is looked at."""
+        """Return the size of a view unit in pixels, at the distance of the point that the camera looks at."""
         return self.size[1] / (2 * max(self.pose.distance, 1e-9) * math.tan(FOV_Y / 2))
 
-    # Where from --------------------------------------------------------------------------------------
+    # --- camera
 
     def home(self) -> None:
-        """Go to the first view, centred in what the legend leaves free."""
+        """Go to the first view, centred in the area without the legend."""
         self.pose = default_pose(self.up, self._aspect())
         self.center()
 
     def center(self) -> None:
-        """Move the middle of the view to the middle of what the legend leaves free."""
-        fans = self._pictures["fans"]
-        right = fans.size[0] + round(GAP * self.scale) if fans.actor.GetVisibility() else 0
+        """Centre the view in the area without the legend and the fans."""
+        fans = self._overlays["fans"]
+        right = fans.size[0] + round(_GAP * self.scale) if fans.actor.GetVisibility() else 0
         self.camera.SetWindowCenter((right - self._taken()) / self.size[0], 0.0)
 
     def fly(self, pose: Pose) -> None:
-        """Go to a view, on a window in small steps."""
+        """Go to a pose; in a window with an animation."""
         start = self.pose
         for step in range(1, _FLIGHT_FRAMES if not self.off_screen else 0):
             t = step / _FLIGHT_FRAMES
             t = t * t * (3 - 2 * t)
-            parts = [(1 - t) * a + t * b for a, b in zip(_parts(start), _parts(pose), strict=True)]
+            parts = [
+                (1 - t) * a + t * b for a, b in zip(vars(start).values(), vars(pose).values(), strict=True)
+            ]
             self.pose = Pose(*parts)
             self.stage.moving = True
             self.stage.sync(self.state)
@@ -121,18 +182,18 @@ class TopologyViewer(Window):
         self.stage.moving = False
         self.pose = pose
 
-    def fly_to_chosen(self) -> None:
-        """Fly to the chosen element or vertex, if it has a place."""
-        vertices = self._chosen_vertices()
+    def fly_to_selection(self) -> None:
+        """Go to the selected element or vertex, if its position is finite."""
+        vertices = self._selected_vertices()
         if vertices is None:
-            self.state.message = "nothing is chosen; click a vertex, or step with N and P"
+            self.state.message = "Nothing is selected: click a vertex, or use N and P"
             return
         pose = element_pose(self.model, vertices, self.pose)
         if pose is not None:
             self.fly(pose)
 
     def fly_to_component(self) -> None:
-        """Fly to the component that alone is drawn, or to the first view."""
+        """Go to the isolated component, or to the first view."""
         component = self.state.component
         if component is None:
             self.home()
@@ -142,7 +203,7 @@ class TopologyViewer(Window):
             self.fly(pose)
 
     def project(self, points: NDArray[Any]) -> NDArray[np.float64]:
-        """Return the pixels (n, 2) of drawn positions (n, 3): x to the right, y down from the top left."""
+        """Return the pixels (n, 2) of positions (n, 3) in view units; the origin is the top left corner."""
         width, height = self.size
         matrix = self._matrix()
         ends = np.concatenate([points, np.ones((len(points), 1))], axis=1) @ matrix.T
@@ -151,7 +212,8 @@ class TopologyViewer(Window):
         return np.stack([(device[:, 0] + 1) / 2 * width, (1 - device[:, 1]) / 2 * height], axis=1)
 
     def pick(self, x: float, y: float) -> int | None:
-        """Choose the vertex nearest to a pixel on the face drawn there; return it, or None."""
+        """Select the vertex nearest to a pixel on the face at this pixel; return it, or None."""
+        # The ray through the pixel, from its points on the near and far planes.
         width, height = self.size
         back = inverse(self._matrix())
         device = np.array([2 * x / width - 1, 1 - 2 * y / height])
@@ -167,7 +229,7 @@ class TopologyViewer(Window):
         return self.state.vertex
 
     def fit_depth(self) -> None:
-        """Keep the near plane as far as the nearest thing, and never so near that depth loses its steps."""
+        """Set near and far planes around the mesh, with a ratio that keeps the depth buffer precise."""
         pose, extent = self.pose, self._extent
         away = float(np.linalg.norm(pose.eye))
         far = extent + away
@@ -175,56 +237,57 @@ class TopologyViewer(Window):
         self.camera.SetClippingRange(near, far * 1.01)
 
     def set_box(self, box: NDArray[Any] | None) -> None:
-        """Draw only what is inside of a box (3, 2) in drawn units; None draws all."""
+        """Draw only the part inside a box (3, 2) in view units; None draws everything."""
         self.stage.box = None if box is None else np.asarray(box, np.float64)
         drawing.clip(self.stage.actors(), self.stage.box)
 
-    # Using it ----------------------------------------------------------------------------------------
+    # --- legend and end
 
     def close(self) -> None:
+        """Release the window and everything that VTK holds. It can be called twice."""
         self.window.RemoveRenderer(self.front)
         self.window.RemoveRenderer(self.inset.renderer)
-        super().close()
+        self.plotter.close()
 
     def legend_hit(self, x: float, y: float) -> str | None:
-        """Return what the legend has at a pixel: an action, "" for its background, None beside it."""
+        """Return the action of the legend at a pixel: "" for its background, None outside."""
         if self._legend is None:
             return None
-        gap = round(GAP * self.scale)
+        gap = round(_GAP * self.scale)
         return self._legend.hit(x - gap, y - gap)
 
-    # Parts -------------------------------------------------------------------------------------------
+    # --- parts
 
     def _taken(self) -> int:
-        """Return the width the legend takes at the left, in pixels."""
+        """Return the width of the legend and its margin in pixels."""
         if not self.state.legend:
             return 0
-        return legend_width(self.scale) + round(GAP * self.scale)
+        return round(LEGEND_WIDTH * self.scale) + round(_GAP * self.scale)
 
     def _aspect(self) -> float:
-        """Return width over height of what the legend leaves free."""
+        """Return width over height of the area without the legend."""
         width, height = self.size
         return (width - self._taken()) / height
 
     def _matrix(self) -> NDArray[np.float64]:
-        """Return the matrix (4, 4) from drawn positions to device coordinates in [-1, 1]."""
+        """Return the matrix (4, 4) from view units to device coordinates in [-1, 1]."""
         width, height = self.size
         self.fit_depth()
         matrix = self.camera.GetCompositeProjectionTransformMatrix(width / height, -1.0, 1.0)
         return np.array([[matrix.GetElement(i, j) for j in range(4)] for i in range(4)])
 
-    def _chosen_vertices(self) -> NDArray[Any] | None:
+    def _selected_vertices(self) -> NDArray[Any] | None:
         if self.state.element is not None:
             kind, place = self.state.element
             return np.asarray(self.model.layers[kind].vertices[place])
         return None if self.state.vertex is None else np.array([self.state.vertex])
 
-    def _mark(self) -> None:
-        """Ring what is chosen, in front of everything."""
+    def _mark_selection(self) -> None:
+        """Draw a ring around the selection, in front of everything."""
         for actor in self._marks:
             self.front.RemoveActor(actor)
         self._marks = []
-        vertices = self._chosen_vertices()
+        vertices = self._selected_vertices()
         if vertices is None or not self.model.finite(vertices[None])[0]:
             return
         corners = self.model.points[vertices]
@@ -236,22 +299,24 @@ class TopologyViewer(Window):
             self.front.AddActor(actor)
 
     def _show_fans(self) -> None:
-        wanted = (self.state.vertex, self.scale)
-        if wanted == self._shown_vertex and self.state.vertex is None:
+        """Show the fans of the selected vertex in the lower right corner."""
+        request = (self.state.vertex, self.scale)
+        if request == self._shown_vertex and self.state.vertex is None:
             return
-        if wanted != self._shown_vertex:
+        # Create the actors and the text only if vertex or scale changed.
+        if request != self._shown_vertex:
             text = self.inset.show(self.model, self.state.vertex, self.scale)
             if text:
                 at = self.state.component_of_vertex(int(self.state.vertex or 0))
                 of = "" if at is None else f" · {self.state.describe_component(at)}"
                 self.state.message = text + of
-            self._shown_vertex = wanted
-        picture, panel = self._pictures["fans"], self.inset.panel
+            self._shown_vertex = request
+        picture, panel = self._overlays["fans"], self.inset.panel
         self.inset.renderer.SetDraw(panel is not None and not self.state.help)
         if panel is None or self.state.help:
             picture.hide()
             return
-        (width, height), gap = self.size, round(GAP * self.scale)
+        (width, height), gap = self.size, round(_GAP * self.scale)
         side = size_of(self.size, panel)
         picture.set(background(panel, side))
         left = width - picture.size[0] - gap
@@ -261,18 +326,19 @@ class TopologyViewer(Window):
         self.inset.renderer.SetViewport(x / width, gap / height, (x + side) / width, (gap + side) / height)
 
     def _show_text(self) -> None:
+        """Show the panels of text: legend, status line and help."""
         (width, height), scale = self.size, self.scale
-        gap = round(GAP * scale)
+        gap = round(_GAP * scale)
         self._legend = None
-        legend = self._pictures["legend"]
+        legend = self._overlays["legend"]
         if self.state.legend:
             self._legend = legend_panel(self.state, scale)
             legend.set(self._legend.image)
             legend.place(gap, height - gap - legend.size[1])
         else:
             legend.hide()
-        status = self._pictures["status"]
-        fans = self._pictures["fans"]
+        status = self._overlays["status"]
+        fans = self._overlays["fans"]
         taken = fans.size[0] + gap if fans.actor.GetVisibility() else 0
         left = self._taken() + gap if self.state.legend and legend.size[1] > height - 5 * gap else gap
         if self.state.message and width - left - taken > 120:
@@ -280,7 +346,7 @@ class TopologyViewer(Window):
             status.place(left, gap)
         else:
             status.hide()
-        helping = self._pictures["help"]
+        helping = self._overlays["help"]
         if self.state.help:
             helping.set(help_panel(HELP, scale).image)
             free = self._taken()
@@ -288,7 +354,3 @@ class TopologyViewer(Window):
             helping.place(min(max(x, 0), max(width - helping.size[0], 0)), (height - helping.size[1]) // 2)
         else:
             helping.hide()
-
-
-def _parts(pose: Pose) -> tuple[NDArray[np.float64], ...]:
-    return pose.eye, pose.target, pose.up

@@ -1,6 +1,6 @@
-"""Read files of `torch.save` (.pt, .ckpt) without torch; nothing in them is ever imported or executed.
+"""Read files of `torch.save` (.pt, .ckpt) without torch, and without importing or executing anything in them.
 
-`docs/checkpoints.md` says what is read and what is refused.
+docs/checkpoints.md lists the supported and the rejected contents.
 """
 
 from msb.adapters.checkpoint.reader import read_checkpoint

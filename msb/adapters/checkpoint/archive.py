@@ -1,12 +1,11 @@
-"""The archive `torch.save` writes since torch 1.6: its members and what they say.
+"""Read the archives that `torch.save` writes since torch 1.6.
 
-All names start with one folder, which is called like the file's stem, or ``archive`` when saved into an open
-file. It holds ``data.pkl``, ``data/0``, ``data/1`` ... (one per storage), ``version`` and, in newer files,
-``byteorder``. We need none of its other members (``.format_version``, ``.storage_alignment``,
-``.data/serialization_id``). It differs from a packed `.triasset`: sizes and checksum also come behind the
-data (bit 3 of the flags), the end record always has a ZIP64 twin, and the local header's extra field is
-filled up so that data starts on a 64-byte boundary. Sources: pytorch/pytorch `torch/serialization.py`,
-`caffe2/serialize/versions.h`, `caffe2/serialize/inline_container.cc`.
+All members are in one folder, which has the name of the file or ``archive``. They are ``data.pkl``,
+``data/0``, ``data/1`` ... (one per storage), ``version`` and, in newer files, ``byteorder``. The other
+members (``.format_version``, ``.storage_alignment``, ``.data/serialization_id``) are not needed. Unlike in a
+packed `.triasset`, sizes and checksum also follow the data (bit 3 of the flags), there is always a ZIP64 end
+record, and padding in the extra field of local headers aligns the data to 64 bytes. Sources: pytorch/pytorch
+`torch/serialization.py`, `caffe2/serialize/versions.h`, `caffe2/serialize/inline_container.cc`.
 """
 
 import zlib
@@ -17,14 +16,15 @@ from msb.adapters.checkpoint.tensors import Extent, Refusal, Storages
 from msb.asset.strict_zip import Member, Policy, read_members
 from msb.errors import shorten
 
-# Most bytes of data.pkl. It holds no tensor's values, so it has kilobytes in practice; a million losses take
-# 9 MiB.
+# Maximum size of data.pkl in bytes. Without the values of tensors it has some kilobytes; a list of a million
+# losses takes 9 MiB.
 MAX_PICKLE = 16 << 20
-# Most members. There is one per tensor and a handful more: the methods' files have below 30, large models
-# thousands.
+# Maximum number of members: one per tensor and a few more. Files of the methods have fewer than 30, large
+# models thousands.
 MAX_MEMBERS = 20_000
+# Maximum number of bytes in the name of a member.
 MAX_NAME = 500
-# Versions that are read. torch accepts versions up to 10 and writes 3; version 1 had another layout.
+# Supported versions. torch accepts up to 10 and writes 3; version 1 had another layout.
 VERSIONS = range(2, 11)
 _PICKLE, _DATA = "data.pkl", "data/"
 
@@ -35,12 +35,14 @@ def _is_script(name: str) -> bool:
 
 
 def _refuse_script(name: str) -> NoReturn:
-    """Raise the error that the archive is a program."""
+    """Raise an error: the archive is a TorchScript program."""
     text = f"it holds a TorchScript program ({shorten(name, 40)}); a saved state is needed"
     raise Refusal("CHECKPOINT_NOT_RECOGNISED", text)
 
 
 class _Torch(Policy):
+    """The rules for archives of torch."""
+
     max_members = MAX_MEMBERS
     descriptors = True
 
@@ -57,18 +59,19 @@ class _Torch(Policy):
         return name
 
     def compressed(self, name: str, method: int, at: int) -> NoReturn:
-        """Refuse a compressed member; for source code, which torch compresses, say that it is a program."""
+        """Reject a compressed member. If it is source code, which torch compresses, report the program."""
         if _is_script(name):
             _refuse_script(name)
         super().compressed(name, method, at)
 
 
 def read_archive(view: memoryview) -> Any:
-    """Return what is saved in the archive `view`."""
+    """Return the value that was saved in the archive `view`."""
     members = read_members(view, _Torch())
     root = _root(members)
     _check_version(view, members.get(f"{root}version"))
     _check_byte_order(view, members.get(f"{root}byteorder"))
+    # Storage key -> place of its bytes. The pickle refers to storages by key.
     prefix = root + _DATA
     places = {
         name[len(prefix) :]: Extent(member.offset, member.size)
@@ -78,23 +81,25 @@ def read_archive(view: memoryview) -> Any:
     program = _program(view, members[root + _PICKLE])
     value, end = run_pickle(program, Storages(view, places), where="data.pkl ")
     if end != len(program):
-        text = f"data.pkl goes on for {len(program) - end} bytes after its end"
+        text = f"data.pkl has {len(program) - end} bytes after its end"
         raise Refusal("CHECKPOINT_HOSTILE", text, at=f"data.pkl byte {end}")
     return value
 
 
 def _root(members: dict[str, Member]) -> str:
-    """Return the folder of the only data.pkl, with its slash."""
+    """Return the folder of data.pkl, with a slash at the end. There must be only one."""
     roots = [name[: -len(_PICKLE)] for name in members if name == _PICKLE or name.endswith("/" + _PICKLE)]
     for name in filter(_is_script, members):
         _refuse_script(name)
     if not roots:
-        raise Refusal("CHECKPOINT_NOT_RECOGNISED", "it is an archive without torch's data.pkl")
+        raise Refusal(
+            "CHECKPOINT_NOT_RECOGNISED", "it is an archive without data.pkl, which torch always writes"
+        )
     if len(roots) > 1:
-        raise Refusal("CHECKPOINT_HOSTILE", f"it holds {len(roots)} files data.pkl; torch writes one")
+        raise Refusal("CHECKPOINT_HOSTILE", f"it contains {len(roots)} files data.pkl; torch writes one")
     root = roots[0]
     if root.count("/") != 1 or root in ("/", "./", "../"):
-        text = f"data.pkl is in {shorten(repr(root), 40)}; it has to be in one folder"
+        text = f"data.pkl is in {shorten(repr(root), 40)}; it must be in a single folder"
         raise Refusal("CHECKPOINT_FORM", text)
     return root
 
@@ -104,9 +109,9 @@ def _program(view: memoryview, member: Member) -> bytes:
         text = f"data.pkl has {member.size} bytes; at most {MAX_PICKLE} are read"
         raise Refusal("CHECKPOINT_FORM", text)
     program = bytes(view[member.offset : member.offset + member.size])
-    # torch can be told not to compute checksums; it then writes 0.
+    # torch has an option to omit checksums, and writes 0 then.
     if member.crc and zlib.crc32(program) != member.crc:
-        text = f"data.pkl has CRC-32 {zlib.crc32(program):08x}; the archive says {member.crc:08x}"
+        text = f"data.pkl has CRC-32 {zlib.crc32(program):08x}, but {member.crc:08x} in the archive"
         raise Refusal("CHECKPOINT_DAMAGED", text, at=f"byte {member.offset}")
     return program
 
@@ -120,12 +125,12 @@ def _check_version(view: memoryview, member: Member | None) -> None:
     text = _small_text(view, member) if member else ""
     if not (text.isascii() and text.isdigit() and len(text) < 4 and int(text) in VERSIONS):
         version = f'"{shorten(text)}"' if member else "missing"
-        what = f"its version is {version}; {VERSIONS.start} to {VERSIONS.stop - 1} are read"
+        what = f"its version is {version}; {VERSIONS.start} to {VERSIONS.stop - 1} are supported"
         raise Refusal("CHECKPOINT_FORM", what)
 
 
 def _check_byte_order(view: memoryview, member: Member | None) -> None:
-    """Older files do not say; they come from little-endian machines."""
+    """Check the byte order. Older files do not state it, and are little-endian."""
     text = _small_text(view, member) if member else "little"
     if text != "little":
-        raise Refusal("CHECKPOINT_FORM", f'its byte order is "{shorten(text)}"; only little is read')
+        raise Refusal("CHECKPOINT_FORM", f'its byte order is "{shorten(text)}"; only little is supported')

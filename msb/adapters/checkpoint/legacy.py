@@ -1,10 +1,10 @@
-"""The layout `torch.save` wrote before torch 1.6, and still writes when asked: pickles, then raw storages.
+"""Read the layout of `torch.save` before torch 1.6, which is still an option: pickles, then raw storages.
 
-Five pickles follow each other: a magic number, the number 1001, facts about the machine, the saved value, and
-the list of storage keys in file order. Then come the storages, each a 64-bit count of elements and the
-elements. The place of a storage follows from the types of the storages before it, which only the saved value
-names. So its pickle is run twice: first to learn what it declares, then with every storage in place. Source:
-pytorch/pytorch `torch/serialization.py` (`_legacy_save`).
+The file has five pickles: a magic number, the number 1001, properties of the machine, the saved value, and
+the list of storage keys in the order of the file. Then follow the storages, each a 64-bit count of elements
+and the elements. The position of a storage depends on the types of the storages before it, and only the saved
+value has these types. So its pickle is interpreted twice: first to collect the declared storages, then with
+their positions. Source: pytorch/pytorch `torch/serialization.py` (`_legacy_save`).
 """
 
 import re
@@ -17,7 +17,7 @@ from msb.adapters.checkpoint.tensors import DeclaredStorages, Extent, Refusal, S
 
 MAGIC_NUMBER = 0x1950A86A20F9469CFC6C
 PROTOCOL_VERSION = 1001
-# Most storages of a file; an archive may have as many members.
+# Maximum number of storages of a file, as many as members of an archive.
 MAX_STORAGES = 20_000
 
 _COUNT = struct.Struct("<q")
@@ -27,18 +27,19 @@ _START = re.compile(
 
 
 def is_legacy(head: bytes) -> bool:
-    """Return whether a file that starts with `head` is of this layout."""
+    """Return whether a file that begins with the bytes `head` has this layout."""
     return _START.match(head) is not None
 
 
 def read_legacy(view: memoryview) -> Any:
-    """Return what is saved in the file `view`."""
+    """Return the value that was saved in the file `view`."""
     position = 0
     header = []
     for _ in range(3):
         value, position = _pickle_at(view, position)
         header.append(value)
     _check_header(*header)
+    # First run: which storages are declared. Then find their places, and run again.
     start = position
     declared = DeclaredStorages()
     _, position = _pickle_at(view, start, declared)
@@ -48,7 +49,7 @@ def read_legacy(view: memoryview) -> Any:
 
 
 def _pickle_at(view: memoryview, start: int, storages: Storages | None = None) -> tuple[Any, int]:
-    """Return the value of the pickle at byte `start` of the file, and where it ends."""
+    """Return the value of the pickle at byte `start` of the file, and its end."""
     data = bytes(view[start : start + MAX_PICKLE])
     try:
         value, end = run_pickle(data, storages, origin=start)
@@ -61,40 +62,41 @@ def _pickle_at(view: memoryview, start: int, storages: Storages | None = None) -
 
 
 def _check_header(magic: Any, version: Any, system: Any) -> None:
+    """Check the values of the first three pickles."""
     if type(magic) is not int or magic != MAGIC_NUMBER:
-        raise Refusal("CHECKPOINT_DAMAGED", "it does not start with torch's magic number alone")
+        raise Refusal("CHECKPOINT_DAMAGED", "it does not start with the magic number of torch")
     if type(version) is not int or version != PROTOCOL_VERSION:
-        text = f"torch's magic number is not followed by the number {PROTOCOL_VERSION}"
+        text = f"the number {PROTOCOL_VERSION} does not follow the magic number of torch"
         raise Refusal("CHECKPOINT_DAMAGED", text)
     little = system.get("little_endian") if type(system) is dict else None
     if type(little) is not bool:
-        text = "it does not say whether it was written on a little-endian machine"
+        text = "it does not state the byte order of its machine"
         raise Refusal("CHECKPOINT_DAMAGED", text)
     if not little:
         raise Refusal("CHECKPOINT_FORM", "it was written on a big-endian machine")
 
 
 def _places(view: memoryview, position: int, keys: Any, declared: DeclaredStorages) -> dict[str, Extent]:
-    """Return where the storages are, which fill the rest of the file in the order of `keys`."""
+    """Return the places of the storages, which fill the rest of the file in the order of `keys`."""
     known = declared.declared
     if len(known) > MAX_STORAGES or type(keys) is not list or len(keys) != len(known):
-        text = f"the list of keys is not that of {len(known)} storages"
+        text = f"the list of keys does not match the {len(known)} storages"
         raise Refusal("CHECKPOINT_DAMAGED", text, at=f"byte {position}")
     places: dict[str, Extent] = {}
     for key in keys:
         at = f"byte {position}"
         if type(key) is not str or key not in known or key in places:
-            text = "the list of keys names a storage that no tensor uses, or one twice"
+            text = "the list of keys has a storage that no tensor uses, or a storage twice"
             raise Refusal("CHECKPOINT_DAMAGED", text, at=at)
         storage = known[key]
         assert storage.kind.dtype is not None
         length = storage.count * storage.kind.dtype.itemsize
         end = position + _COUNT.size + length
         if end > len(view):
-            raise Refusal("CHECKPOINT_DAMAGED", f"the file ends before storage {key} does", at=at)
+            raise Refusal("CHECKPOINT_DAMAGED", f"the file ends before storage {key} is complete", at=at)
         (count,) = _COUNT.unpack_from(view, position)
         if count != storage.count:
-            text = f"storage {key} has {count} elements; the pickle says {storage.count}"
+            text = f"storage {key} has {count} elements, but {storage.count} in the pickle"
             raise Refusal("CHECKPOINT_DAMAGED", text, at=at)
         places[key] = Extent(position + _COUNT.size, length)
         position = end

@@ -1,7 +1,7 @@
-"""The closed list of names a checkpoint's pickle may use, and what each stands for here.
+"""The names that the pickle of a checkpoint may use, and their meanings.
 
-A name in the file selects one of our own functions, which work on inert records. Nothing is looked up in a
-module, so no name, however spelt, can reach code: a name outside the list is refused before any call.
+A name in the file selects a function of this module. Names are never looked up in other modules, so a file
+cannot reach other code. A name outside the list is rejected before any call.
 """
 
 from collections.abc import Callable
@@ -13,15 +13,14 @@ import numpy as np
 from msb.adapters.checkpoint.tensors import BFloat16Array, Refusal, Storages, StorageType, rebuild_tensor
 from msb.errors import shorten
 
-# Most characters that `_codecs.encode` takes; it only ever carries a NumPy scalar, of at most 8 bytes.
-#
-# Longer text could be sent through it again and again, with a copy each time.
+# Maximum length of the text for `_codecs.encode`, which is only used for NumPy scalars of at most 8 bytes. A
+# file could encode a longer text again and again, with a copy each time.
 MAX_ENCODED = 64
 
 
 @dataclass(frozen=True)
 class Function:
-    """A name that stands for a call; `apply` gets the file's storages and the arguments."""
+    """The meaning of a function name. `apply` gets the storages of the file and the arguments."""
 
     name: str
     apply: Callable[[Storages, tuple[Any, ...]], Any]
@@ -29,14 +28,14 @@ class Function:
 
 @dataclass(frozen=True)
 class ScalarType:
-    """A `numpy.dtype` of numbers, always little-endian."""
+    """A `numpy.dtype` of little-endian numbers."""
 
     dtype: np.dtype[Any]
 
     def accepts_state(self, state: Any) -> bool:
-        """Return whether `state` is what NumPy saves for a little-endian number without fields."""
-        # Version, byte order, then nothing about fields, sizes or flags (numpy: `dtype.__reduce__`). Types
-        # first: arrays and other things from the file may not be compared.
+        """Return whether `state` is the state that NumPy saves for a little-endian number without fields."""
+        # Version, byte order, then empty values for fields, sizes and flags (numpy: `dtype.__reduce__`).
+        # Check the types first, because arrays from the file must not be compared.
         if type(state) is not tuple or any(type(item) not in (int, str, type(None)) for item in state):
             return False
         return state in ((3, "<", None, None, None, -1, -1, 0), (3, "|", None, None, None, -1, -1, 0))
@@ -49,25 +48,27 @@ _SCALAR_TYPES = {
 
 
 def _ordered_dict(_: Storages, arguments: tuple[Any, ...]) -> dict[Any, Any]:
-    if arguments:  # Python 2 gave the items here; Python 3 adds them one by one
-        raise Refusal("CHECKPOINT_HOSTILE", "an OrderedDict is made with arguments; only an empty one is")
+    if arguments:  # Python 2 passed the items; Python 3 adds them one by one
+        raise Refusal("CHECKPOINT_HOSTILE", "an OrderedDict has arguments; only empty ones are supported")
     return {}
 
 
 def _parameter(_: Storages, arguments: tuple[Any, ...]) -> Any:
-    """A Parameter is its tensor; the other two arguments are about training."""
+    """Return the tensor of a Parameter. The other two arguments only matter for training."""
     if len(arguments) != 3 or not isinstance(arguments[0], np.ndarray | BFloat16Array):
-        raise Refusal("CHECKPOINT_HOSTILE", "a Parameter is made from something else than a tensor")
+        raise Refusal("CHECKPOINT_HOSTILE", "the first argument of a Parameter is not a tensor")
     return arguments[0]
 
 
 def _encode(_: Storages, arguments: tuple[Any, ...]) -> bytes:
-    """Bytes as protocol 2 has to write them: text in which each character is a byte."""
+    """Return bytes that protocol 2 stores as text with a character for each byte."""
     if len(arguments) != 2 or any(type(item) is not str for item in arguments) or arguments[1] != "latin1":
-        raise Refusal("CHECKPOINT_HOSTILE", "only text encoded as latin1 stands for bytes")
+        raise Refusal("CHECKPOINT_HOSTILE", "bytes must be stored as text that is encoded as latin1")
     text: str = arguments[0]
     if len(text) > MAX_ENCODED or any(ord(character) > 255 for character in text):
-        message = f"bytes in text are {len(text)} long or not bytes; at most {MAX_ENCODED} are taken"
+        message = (
+            f"text for bytes has {len(text)} characters or invalid ones; at most {MAX_ENCODED} are allowed"
+        )
         raise Refusal("CHECKPOINT_HOSTILE", message)
     return text.encode("latin1")
 
@@ -75,17 +76,17 @@ def _encode(_: Storages, arguments: tuple[Any, ...]) -> bytes:
 def _scalar_type(_: Storages, arguments: tuple[Any, ...]) -> ScalarType:
     name = arguments[0] if len(arguments) == 3 else None
     if type(name) is not str or name not in _SCALAR_TYPES:
-        text = f"the NumPy type {shorten(repr(name), 30) if type(name) is str else ''} is not a plain number"
+        text = f"the NumPy type {shorten(repr(name), 30) if type(name) is str else ''} is not a number type"
         raise Refusal("CHECKPOINT_FORM", text)
     return _SCALAR_TYPES[name]
 
 
 def _scalar(_: Storages, arguments: tuple[Any, ...]) -> float | int | bool:
     if len(arguments) != 2 or type(arguments[0]) is not ScalarType or type(arguments[1]) is not bytes:
-        raise Refusal("CHECKPOINT_FORM", "a NumPy scalar is not made from a type and bytes")
+        raise Refusal("CHECKPOINT_FORM", "the arguments of a NumPy scalar are not a type and bytes")
     dtype, raw = arguments[0].dtype, arguments[1]
     if len(raw) != dtype.itemsize or (dtype == np.bool_ and raw > b"\x01"):
-        raise Refusal("CHECKPOINT_FORM", f"a NumPy {dtype.name} has {len(raw)} bytes, or odd ones")
+        raise Refusal("CHECKPOINT_FORM", f"a NumPy {dtype.name} has {len(raw)} bytes, or an invalid value")
     value: float | int | bool = np.frombuffer(raw, dtype)[0].item()
     return value
 
@@ -109,7 +110,7 @@ def _storage_types() -> dict[tuple[str, str], StorageType]:
     return {("torch", kind.name): kind for kind in types}
 
 
-# (module, name) -> what it stands for. Joined by a dot, different pairs would be the same text.
+# (module, name) -> meaning. The pairs are not joined by a dot, because different pairs could then be equal.
 NAMES: dict[tuple[str, str], Function | StorageType] = {
     **_storage_types(),
     ("torch.storage", "UntypedStorage"): StorageType("UntypedStorage", None),
@@ -122,30 +123,33 @@ NAMES: dict[tuple[str, str], Function | StorageType] = {
     ("_codecs", "encode"): Function("encode", _encode),
 }
 
-# Names in `torch._utils` of kinds of tensors that are not read; a message of its own says so.
+# Names in `torch._utils` -> unsupported kinds of tensors, for a clear message.
 OTHER_TENSORS = {
-    "_rebuild_tensor": "of before torch 0.4",
+    "_rebuild_tensor": "written before torch 0.4",
     "_rebuild_tensor_v3": "of a type with untyped storage (uint16, float8, ...)",
-    "_rebuild_parameter_with_state": "with attributes of its own",
+    "_rebuild_parameter_with_state": "with additional attributes",
     "_rebuild_sparse_tensor": "sparse",
     "_rebuild_sparse_csr_tensor": "sparse",
     "_rebuild_nested_tensor": "nested",
     "_rebuild_qtensor": "quantised",
     "_rebuild_meta_tensor_no_storage": "without data (on the meta device)",
     "_rebuild_wrapper_subclass": "of a subclass",
-    "_rebuild_device_tensor_from_numpy": "in the form of a foreign device",
-    "_rebuild_device_tensor_from_cpu_tensor": "in the form of a foreign device",
+    "_rebuild_device_tensor_from_numpy": "in the format of another device",
+    "_rebuild_device_tensor_from_cpu_tensor": "in the format of another device",
 }
 
 
 def find(module: str, name: str) -> Function | StorageType:
-    """Return what a name in the pickle stands for."""
+    """Return the meaning of a name in the pickle, or reject it."""
     meaning = NAMES.get((module, name))
     if meaning is None and module == "torch._utils" and name in OTHER_TENSORS:
-        raise Refusal("CHECKPOINT_FORM", f"a tensor is {OTHER_TENSORS[name]}; save it as a dense one")
+        raise Refusal("CHECKPOINT_FORM", f"a tensor is {OTHER_TENSORS[name]}; save it as a dense tensor")
     if meaning is None:
-        text = f"it asks for {shorten(f'{module}.{name}')}; nothing but tensors and plain values is read"
+        text = f"it refers to {shorten(f'{module}.{name}')}; only tensors and plain values are supported"
         raise Refusal("CHECKPOINT_HOSTILE", text)
     if type(meaning) is StorageType and meaning.dtype is None:
-        raise Refusal("CHECKPOINT_FORM", f"a tensor keeps its values in {meaning.name}; convert it first")
+        raise Refusal(
+            "CHECKPOINT_FORM",
+            f"a tensor stores its values in a {meaning.name}, which is not supported; convert it first",
+        )
     return meaning

@@ -1,10 +1,10 @@
-"""A closed interpreter for the part of pickle that checkpoints use.
+"""A safe interpreter for the part of pickle that checkpoints use.
 
-A pickle is a program for a small stack machine. Python's own interpreter imports and calls whatever the
-program names, which is why a pickle from a stranger must never be loaded. This interpreter knows the 40
-instructions that dicts, lists, tuples, text, numbers and tensors need; names select functions from the list
-in `names.py`, and every other instruction or name ends the reading. Sources for the meaning of instructions:
-the comments of python/cpython `Lib/pickletools.py`, and PEP 3154 for protocol 4.
+A pickle is a program for a small stack machine. Python's interpreter imports and calls everything that the
+program names, so an untrusted pickle must never be loaded with it. This interpreter has the 40 instructions
+that are needed for dicts, lists, tuples, text, numbers and tensors. Names select functions from the list in
+`names.py`. Any other instruction or name is an error. Sources for the meaning of instructions: the comments
+of python/cpython `Lib/pickletools.py`, and PEP 3154 for protocol 4.
 """
 
 from __future__ import annotations
@@ -19,26 +19,26 @@ from msb.adapters.checkpoint.tensors import DeclaredStorages, Refusal, Unfinishe
 if TYPE_CHECKING:
     from msb.adapters.checkpoint.tensors import Storages
 
-# Most instructions of a pickle. A few thousand are usual; a list with the loss of each training step adds 10
-# 000. An instruction can cost some hundred bytes (an empty dict, a tensor), so this limit also bounds memory,
-# at some hundred MiB.
+# Maximum number of instructions. A few thousand are usual, and a list with the loss of each training step
+# adds 10,000. An instruction can need some hundred bytes (an empty dict, a tensor), so this also limits the
+# memory to some hundred MiB.
 MAX_OPCODES = 1_000_000
-# Most entries of the memo. Each costs an instruction to set and one to make the value that it holds.
+# Maximum number of memo entries. An entry needs an instruction for its value and one to store it.
 MAX_MEMO = 500_000
-# Most bytes of an integer. No size or seed is longer; torch's own magic number has 10 bytes.
+# Maximum size of an integer in bytes. Sizes and seeds are shorter; the magic number of torch has 10 bytes.
 MAX_INTEGER_BYTES = 16
-# Most bytes in one line of the instruction GLOBAL.
+# Maximum length of a line of the instruction GLOBAL, in bytes.
 MAX_NAME = 200
-# Protocols that are read. 2 is torch's default; files that torch wrote with 5 have never been seen.
+# Supported protocols. torch uses 2 by default; no file of torch with protocol 5 is known.
 PROTOCOLS = range(2, 5)
 
 _MISSING = object()
 _U8, _U16, _I32, _U32, _U64 = (struct.Struct(f"<{code}") for code in "BHiIQ")
-_F64 = struct.Struct(">d")  # the one number in a pickle that is big-endian
+_F64 = struct.Struct(">d")  # the only big-endian number in a pickle
 
 
 class _Machine:
-    """One run over `data`, to the STOP instruction."""
+    """The state of the stack machine while it runs the program `data`."""
 
     def __init__(self, data: bytes, storages: Storages) -> None:
         self.data, self.storages = data, storages
@@ -46,14 +46,14 @@ class _Machine:
         self.protocol = 0
         self.frame_end: int | None = None
         self.stack: list[Any] = []
+        # The stacks below the open marks.
         self.below: list[list[Any]] = []
-        """What is on the stack under each mark that is still open."""
         self.memo: dict[int, Any] = {}
+        # id -> dictionary that was an OrderedDict. Only these can have attributes.
         self.ordered: dict[int, dict[Any, Any]] = {}
-        """The dictionaries that were OrderedDicts, by id: only these may have attributes."""
 
     def run(self) -> Any:
-        """Follow the program and return its result."""
+        """Run the program to the STOP instruction and return its result."""
         for _ in range(MAX_OPCODES):
             self.at = self.position
             if self.position >= len(self.data):
@@ -62,7 +62,7 @@ class _Machine:
             self.position += 1
             follow = INSTRUCTIONS.get(code)
             if follow is None:
-                text = f"instruction {code:#04x} is not one that plain data and tensors need"
+                text = f"instruction {code:#04x} is not needed for plain data and tensors"
                 raise Refusal("CHECKPOINT_HOSTILE", text)
             if _SINCE.get(code, PROTOCOLS.start) > self.protocol and code != 0x80:
                 text = f"instruction {code:#04x} does not belong to protocol {self.protocol}"
@@ -76,10 +76,10 @@ class _Machine:
     # --- arguments
 
     def take(self, count: int) -> bytes:
-        """Return the next `count` bytes of the program."""
+        """Read and return the next `count` bytes of the program."""
         end = self.position + count
         if end > len(self.data):
-            text = f"an instruction announces {count} bytes, {len(self.data) - self.position} are left"
+            text = f"an instruction declares {count} bytes, but {len(self.data) - self.position} are left"
             raise Unfinished("CHECKPOINT_DAMAGED", text)
         taken = self.data[self.position : end]
         self.position = end
@@ -89,7 +89,7 @@ class _Machine:
         return layout.unpack(self.take(layout.size))[0]
 
     def line(self) -> str:
-        """Return the next line, without its end, as a name."""
+        """Read the next line and return it as a name."""
         end = self.data.find(b"\n", self.position, self.position + MAX_NAME + 1)
         if end < 0:
             text = f"a name does not end within {MAX_NAME} bytes"
@@ -105,7 +105,7 @@ class _Machine:
 
     def pop(self) -> Any:
         if not self.stack:
-            raise Refusal("CHECKPOINT_HOSTILE", "the stack is empty, or empty down to the last mark")
+            raise Refusal("CHECKPOINT_HOSTILE", "the stack is empty above the last mark")
         return self.stack.pop()
 
     def top(self) -> Any:
@@ -114,14 +114,14 @@ class _Machine:
 
     def pop_to_mark(self) -> list[Any]:
         if not self.below:
-            raise Refusal("CHECKPOINT_HOSTILE", "items are collected down to a mark that was never set")
+            raise Refusal("CHECKPOINT_HOSTILE", "items are collected above a mark that was never set")
         items, self.stack = self.stack, self.below.pop()
         return items
 
     def put(self, index: int, *, memoize: bool = False) -> None:
-        """Remember the top of the stack. Protocol 4 numbers by itself (MEMOIZE), others say the number."""
+        """Store the top of the stack in the memo. Only protocol 4 has entries without a number (MEMOIZE)."""
         if memoize != (self.protocol >= 4) or index in self.memo:
-            text = f"memo entry {index} is set twice, or not in the way of protocol {self.protocol}"
+            text = f"memo entry {index} is set twice, or by an instruction of another protocol"
             raise Refusal("CHECKPOINT_HOSTILE", text)
         if len(self.memo) >= MAX_MEMO:
             raise Refusal("CHECKPOINT_HOSTILE", f"more than {MAX_MEMO} memo entries")
@@ -130,7 +130,7 @@ class _Machine:
     def get(self, index: int) -> None:
         value = self.memo.get(index, _MISSING)
         if value is _MISSING:
-            raise Refusal("CHECKPOINT_HOSTILE", f"memo entry {index} is used but not set")
+            raise Refusal("CHECKPOINT_HOSTILE", f"memo entry {index} is used before it is set")
         self.push(value)
 
     # --- the protocol and its frames
@@ -138,19 +138,19 @@ class _Machine:
     def set_protocol(self) -> None:
         version = self.number(_U8)
         if self.protocol or version not in PROTOCOLS:
-            text = f"the pickle says protocol {version}, or says it twice; 2 to 4 are read"
+            text = f"the pickle has protocol {version}, or states it twice; 2 to 4 are supported"
             raise Refusal("CHECKPOINT_FORM", text)
         self.protocol = version
 
     def open_frame(self) -> None:
         length = self.number(_U64)
         if self.frame_end is not None or length > len(self.data) - self.position:
-            text = f"a frame announces {length} bytes and does not fit, or starts inside another"
+            text = f"a frame of {length} bytes does not fit, or starts inside another frame"
             raise Refusal("CHECKPOINT_HOSTILE", text)
         self.frame_end = self.position + length
 
     def check_frame(self) -> None:
-        """A frame ends between two instructions, and the last one with the program."""
+        """Check that a frame ends between two instructions."""
         if self.frame_end is None or self.position < self.frame_end:
             return
         if self.position > self.frame_end:
@@ -159,11 +159,11 @@ class _Machine:
 
     def stop(self) -> None:
         if self.below:
-            raise Refusal("CHECKPOINT_HOSTILE", "a mark is still open at the end")
+            raise Refusal("CHECKPOINT_HOSTILE", "a mark is open at the end")
         if len(self.stack) != 1:
             raise Refusal("CHECKPOINT_HOSTILE", f"{len(self.stack)} values are left instead of one")
         if self.frame_end is not None and self.frame_end != self.position:
-            raise Refusal("CHECKPOINT_HOSTILE", "the last frame is longer than what is in it")
+            raise Refusal("CHECKPOINT_HOSTILE", "the last frame is longer than its content")
 
     # --- values
 
@@ -177,7 +177,7 @@ class _Machine:
     def push_integer(self, layout: struct.Struct) -> None:
         length = self.number(layout)
         if not 0 <= length <= MAX_INTEGER_BYTES:
-            text = f"an integer of {length} bytes; at most {MAX_INTEGER_BYTES} are read"
+            text = f"an integer has {length} bytes; at most {MAX_INTEGER_BYTES} are supported"
             raise Refusal("CHECKPOINT_HOSTILE", text)
         self.push(int.from_bytes(self.take(length), "little", signed=True))
 
@@ -188,21 +188,23 @@ class _Machine:
     def append(self, items: list[Any]) -> None:
         target = self.top()
         if type(target) is not list:
-            raise Refusal("CHECKPOINT_HOSTILE", f"an item for a {type(target).__name__}, which is no list")
+            raise Refusal(
+                "CHECKPOINT_HOSTILE", f"an item is appended to a {type(target).__name__}, not to a list"
+            )
         target += items
 
     def set_items(self, items: list[Any]) -> None:
         target = self.top()
         if type(target) is not dict or len(items) % 2:
-            text = f"keys and values for a {type(target).__name__}; a dict and pairs are needed"
+            text = f"keys and values are added to a {type(target).__name__}; a dict and pairs are needed"
             raise Refusal("CHECKPOINT_HOSTILE", text)
         for key, value in zip(items[::2], items[1::2], strict=True):
-            # Only what hashes fast whatever its value: a tuple can take 2^50 steps.
+            # Only types with a fast hash: hashing a nested tuple can take 2^50 steps.
             if type(key) is not str and not (type(key) is int and -(1 << 63) <= key < 1 << 63):
-                text = f"a key is a {type(key).__name__}; text and 64-bit integers are read"
+                text = f"a key is a {type(key).__name__}; text and 64-bit integers are supported"
                 raise Refusal("CHECKPOINT_FORM", text)
             if key in target:
-                raise Refusal("CHECKPOINT_HOSTILE", "a dictionary gets the same key twice")
+                raise Refusal("CHECKPOINT_HOSTILE", "a dictionary has the same key twice")
             target[key] = value
 
     def pop_pair(self) -> list[Any]:
@@ -214,7 +216,7 @@ class _Machine:
     def name_from_stack(self) -> None:
         module, name = self.pop_pair()
         if type(module) is not str or type(name) is not str:
-            raise Refusal("CHECKPOINT_HOSTILE", "a name that is no text")
+            raise Refusal("CHECKPOINT_HOSTILE", "a name is not text")
         self.push(find(module, name))
 
     def call(self) -> None:
@@ -228,14 +230,16 @@ class _Machine:
         self.push(result)
 
     def build(self) -> None:
-        """Attributes (`_metadata` of a state dict) are dropped; a NumPy type may say what it already is."""
+        """Ignore the attributes of an OrderedDict (`_metadata`), and the state of a NumPy type if it is
+        the default.
+        """
         state, target = self.pop(), self.top()
         if id(target) in self.ordered:
             accepted = type(state) is dict
         else:
             accepted = type(target) is ScalarType and target.accepts_state(state)
         if not accepted:
-            text = f"a {type(target).__name__} gets a state it cannot have"
+            text = f"a {type(target).__name__} has an invalid state"
             raise Refusal("CHECKPOINT_HOSTILE", text)
 
 
@@ -258,7 +262,7 @@ def _push_bytes(layout: struct.Struct) -> Callable[[_Machine], None]:
     return lambda machine: machine.push(machine.take(machine.number(layout)))
 
 
-# Byte -> instruction; the names in comments are those of the standard library's `pickletools`.
+# Byte -> instruction. The comments have the names in `pickletools` of the standard library.
 INSTRUCTIONS: dict[int, Callable[[_Machine], None]] = {
     0x80: _Machine.set_protocol,  # PROTO
     0x2E: _Machine.stop,  # STOP
@@ -301,17 +305,17 @@ INSTRUCTIONS: dict[int, Callable[[_Machine], None]] = {
     0x94: lambda m: m.put(len(m.memo), memoize=True),  # MEMOIZE
     0x93: _Machine.name_from_stack,  # STACK_GLOBAL
 }
-# Byte -> the first protocol that has the instruction, where it is not 2, for which 0 and 1 count too.
+# Byte -> first protocol with the instruction. All other instructions belong to protocol 2 or earlier.
 _SINCE = dict.fromkeys(b"\x42\x43", 3) | dict.fromkeys(b"\x95\x8c\x8d\x8e\x94\x93", 4)
 
 
 def run_pickle(
     data: bytes, storages: Storages | None = None, *, where: str = "", origin: int = 0
 ) -> tuple[Any, int]:
-    """Follow the pickle that `data` begins with; return its value and the position after it.
+    """Run the pickle at the beginning of `data`; return its value and its end.
 
-    Without `storages` persistent ids are noted and lead nowhere. `where` and `origin` are for error
-    messages: "data.pkl " if positions count in that member, and what to add to them.
+    Without `storages` the declared storages are only collected. `where` and `origin` are for error messages:
+    the name of the member, such as "data.pkl ", and the position of `data` in the file.
     """
     machine = _Machine(data, DeclaredStorages() if storages is None else storages)
     try:

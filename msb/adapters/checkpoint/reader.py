@@ -1,4 +1,4 @@
-"""Recognise the kind of a checkpoint file, and read it: the one function that the adapters call."""
+"""The function `read_checkpoint`, which recognises the layout of a checkpoint file and reads it."""
 
 import os
 from collections.abc import Iterator
@@ -14,30 +14,29 @@ from msb.base.files import map_file
 from msb.errors import CheckpointError
 
 _END_RECORD = b"PK\x05\x06"
-# Bytes of a ZIP's end record and the longest comment behind it.
+# Size of the end record of a ZIP with the longest comment, in bytes.
 _LONGEST_TAIL = 22 + 0xFFFF
-# Most levels of containers in containers. The methods' files nest 5 deep; recursive code may go 1000
-# deep.
+# Maximum nesting of lists, tuples and dictionaries. Files of the methods have 5 levels; recursive code fails
+# at 1000.
 MAX_DEPTH = 64
-# Most values that a walk may meet which does not remember where it was.
-#
-# A list may hold a second list twice, that list a third one twice, and so on: 30 levels are 10^9 values
-# in 200 bytes ("billion laughs"). No file that we read shares lists or dictionaries at all.
+# Maximum number of values, if shared lists and dictionaries are counted each time. A list can contain a
+# second list twice, which contains a third list twice, and so on: 30 levels are 10^9 values in 200 bytes
+# ("billion laughs"). Files of the methods do not share lists or dictionaries.
 MAX_VALUES = 1_000_000
 
-# What is said of a file of which nothing else is known.
-STRANGE = "it does not start like a file of torch.save"
+# The message for files of an unknown kind.
+STRANGE = "it was not written by torch.save"
 
 _LEAVES = (str, bytes, int, float, bool, type(None), np.ndarray, BFloat16Array)
 _CONTAINERS = (dict, list, tuple)
 
 
 def read_checkpoint(path: str | os.PathLike[str]) -> Any:
-    """Return what `torch.save` wrote to `path`, without torch and without executing anything in it.
+    """Return the value that `torch.save` wrote to `path`, without torch and without executing anything in it.
 
-    That is dictionaries (an OrderedDict becomes a dict), lists, tuples, text, bytes, numbers, bools and
-    None. A tensor or Parameter is a read-only NumPy view on the mapped file, of the saved shape and strides;
-    bfloat16 is a `BFloat16Array`. A NumPy scalar is a Python number.
+    The value consists of dictionaries, lists, tuples, text, bytes, numbers, bools and None. A tensor or
+    Parameter is a read-only NumPy view of the mapped file, with the saved shape and strides; bfloat16 is a
+    `BFloat16Array`. An OrderedDict becomes a dict, a NumPy scalar a Python number.
     """
     path = Path(path)
     data = map_file(path)
@@ -55,11 +54,11 @@ def _read(view: memoryview) -> Any:
         return read_archive(view)
     if is_legacy(head):
         return read_legacy(view)
-    raise _stranger(view, head)
+    raise _unknown_file(view, head)
 
 
-def _stranger(view: memoryview, head: bytes) -> Refusal:
-    """Return why a file that is of neither layout is refused: what it is, if that can be told."""
+def _unknown_file(view: memoryview, head: bytes) -> Refusal:
+    """Return the error for a file with neither layout, with its kind if that is known."""
     if not head:
         return Refusal("CHECKPOINT_DAMAGED", "the file is empty")
     if head[257:262] == b"ustar":
@@ -69,10 +68,12 @@ def _stranger(view: memoryview, head: bytes) -> Refusal:
         text = "it is a safetensors file; the .pt or .ckpt file of the method is needed"
         return Refusal("CHECKPOINT_NOT_RECOGNISED", text)
     if head[0] == 0x80 and head[1:2] <= b"\x05":
-        text = "it is a pickle that torch.save did not write; load it where it is trusted and torch.save it"
+        text = (
+            "it is a pickle that was not written by torch.save; if you trust it, load it and use torch.save"
+        )
         return Refusal("CHECKPOINT_FORM", text)
     if _END_RECORD in bytes(view[-_LONGEST_TAIL:]):
-        text = "there is data before the archive's first member"
+        text = "it has data before the first member of the archive"
         return Refusal("CHECKPOINT_HOSTILE", text, at="byte 0")
     if head.startswith(b"version https://git-lfs"):
         return Refusal("CHECKPOINT_NOT_RECOGNISED", "it is a Git LFS pointer, not the file itself")
@@ -80,13 +81,15 @@ def _stranger(view: memoryview, head: bytes) -> Refusal:
 
 
 def _is_safetensors(view: memoryview, head: bytes) -> bool:
-    """A 64-bit length, then that many bytes of a JSON object."""
+    """Return whether a file begins with a 64-bit length and a JSON object of this length."""
     length = int.from_bytes(head[:8], "little")
     return len(head) > 8 and head[8:9] == b"{" and length <= len(view) - 8
 
 
 class _Node:
-    """A container on the path from the root: the values not yet visited, and its depth and size so far."""
+    """A container on the path from the root, with an iterator over its other values, its height and its
+    size.
+    """
 
     def __init__(self, container: Any) -> None:
         self.container = container
@@ -100,10 +103,12 @@ class _Node:
 
 
 def _check_structure(root: Any) -> None:
-    """Refuse a result that is no plain data or that a naive walk would not survive.
+    """Reject a value that is not plain data, contains itself, or is too large or too deep for recursive code.
 
-    Time and memory are linear in the number of distinct containers, whatever they share.
+    Time and memory are linear in the number of different containers, even if they are shared.
     """
+    # Depth-first search without recursion. `known` has the finished containers by id, `open_now` those on the
+    # path.
     path = [_Node([root])]
     known: dict[int, _Node] = {}
     open_now: set[int] = set()
@@ -113,7 +118,7 @@ def _check_structure(root: Any) -> None:
             if type(value) in _LEAVES:
                 node.add(0, 1)
             elif type(value) not in _CONTAINERS:
-                text = f"the file holds a bare {type(value).__name__.lower()} where data should be"
+                text = f"the file contains a {type(value).__name__.lower()}, which is not plain data"
                 raise Refusal("CHECKPOINT_FORM", text)
             elif id(value) in open_now:
                 raise Refusal("CHECKPOINT_HOSTILE", f"a {type(value).__name__} contains itself")
@@ -133,10 +138,10 @@ def _check_structure(root: Any) -> None:
 
 
 def _check_limits(node: _Node, above: int) -> None:
-    # The outermost list is ours, hence one more of everything.
+    # The outermost list was added by `_check_structure`, so every limit is one higher.
     if max(node.height, above) > MAX_DEPTH + 1:
-        text = f"lists, tuples and dictionaries nest more than {MAX_DEPTH} deep"
+        text = f"lists, tuples and dictionaries have more than {MAX_DEPTH} levels of nesting"
         raise Refusal("CHECKPOINT_HOSTILE", text)
     if node.count > MAX_VALUES + 1:
-        text = f"shared lists or dictionaries amount to more than {MAX_VALUES} values"
+        text = f"shared lists and dictionaries contain more than {MAX_VALUES} values"
         raise Refusal("CHECKPOINT_HOSTILE", text)

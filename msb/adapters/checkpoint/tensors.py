@@ -1,7 +1,7 @@
-"""Storages and tensors of a checkpoint as read-only NumPy views on the mapped file.
+"""Storages and tensors of a checkpoint as read-only NumPy views of the mapped file.
 
-A tensor is a window into a storage: an offset, a size and a stride per axis, all in elements. Everything is
-checked with Python integers, which do not wrap, before NumPy sees it. Sources for what torch writes:
+A tensor is a window of a storage: an offset, and a size and a stride for each axis, in elements. All of them
+are checked with Python integers, which cannot overflow, before NumPy uses them. Sources for the format:
 pytorch/pytorch, `torch/_utils.py` (the arguments of a tensor) and `torch/serialization.py` (persistent ids).
 """
 
@@ -17,10 +17,10 @@ import numpy as np
 
 from msb.errors import shorten
 
-# Most axes of a tensor, which every supported NumPy can hold; model tensors have at most 4.
+# Maximum number of axes, the limit of NumPy. Tensors of models have at most 4.
 MAX_AXES = 32
-# Most elements of a tensor. An axis of length 0 counts as 1, because the sizes of an empty tensor must not
-# overflow in NumPy either.
+# Maximum number of elements. An axis of length 0 counts as 1, because NumPy must not overflow for empty
+# tensors either.
 MAX_ELEMENTS = 1 << 48
 
 _PLACEHOLDER = np.zeros(0, np.uint8)
@@ -28,7 +28,7 @@ _KEY = re.compile(r"[0-9]{1,20}\Z")
 
 
 class Refusal(Exception):
-    """A reason to refuse the file; `read_checkpoint` makes a `CheckpointError` of it.
+    """An error in the file. `read_checkpoint` turns it into a `CheckpointError`.
 
     Parameters
     ----------
@@ -45,12 +45,12 @@ class Refusal(Exception):
 
 
 class Unfinished(Refusal):
-    """The pickle goes on behind the bytes there are."""
+    """The bytes end before the pickle does."""
 
 
 @dataclass(frozen=True)
 class StorageType:
-    """One of torch's storage classes. `dtype` is None for a type that is not read."""
+    """A storage class of torch. `dtype` is None for unsupported types."""
 
     name: str
     dtype: np.dtype[Any] | None
@@ -59,7 +59,7 @@ class StorageType:
 
 @dataclass(frozen=True)
 class Storage:
-    """A run of `count` elements; their bytes start at `offset` of the file."""
+    """A storage of `count` elements. Its bytes start at `offset` of the file."""
 
     key: str
     kind: StorageType
@@ -69,7 +69,7 @@ class Storage:
 
 @dataclass(frozen=True, eq=False)
 class BFloat16Array:
-    """A bfloat16 tensor, which NumPy has no type for: the upper halves of float32 numbers, as uint16."""
+    """A bfloat16 tensor: the upper halves of float32 numbers as uint16. NumPy has no bfloat16."""
 
     bits: np.ndarray
 
@@ -78,30 +78,30 @@ class BFloat16Array:
         return self.bits.shape
 
     def to_float32(self) -> np.ndarray:
-        """Return the numbers as float32, which is exact; this copies."""
+        """Return a copy as float32, which is exact."""
         wide = self.bits.astype(np.uint32) << np.uint32(16)
         return np.asarray(wide).view(np.float32)
 
 
 class Extent(NamedTuple):
-    """Where the bytes of a storage are in the file."""
+    """Offset and length of the bytes of a storage in the file."""
 
     offset: int
     length: int
 
 
 class Storages:
-    """The storages of the file `view`, which lie at `places` by key, and the tensors on them."""
+    """The storages of the file `view`, which are at `places` (by key), and their tensors."""
 
     def __init__(self, view: memoryview, places: Mapping[str, Extent]) -> None:
         self.view, self.places = view, places
         self.declared: dict[str, Storage] = {}
 
     def storage(self, reference: Any) -> Storage:
-        """Return the storage that a persistent id refers to.
+        """Return the storage of a persistent id.
 
-        It is ``("storage", type, key, location, count)``, with None behind it in files of before torch 1.6.
-        The location (``cuda:0``, ``cpu``) only says where the storage was when it was saved.
+        The id is ``("storage", type, key, location, count)``, followed by None in files before torch 1.6. The
+        location (``cuda:0``, ``cpu``) is the device of the training, and is ignored.
         """
         code = "CHECKPOINT_HOSTILE"
         if (
@@ -109,40 +109,39 @@ class Storages:
             or len(reference) not in (5, 6)
             or (reference[5:] and reference[5] is not None)
         ):
-            raise Refusal(code, "a persistent id is not the tuple of 5 that stands for a storage")
+            raise Refusal(code, "a persistent id is not the tuple of 5 values of a storage")
         tag, kind, key, location, count = reference[:5]
         if type(tag) is not str or tag != "storage" or type(kind) is not StorageType:
-            raise Refusal(code, "a persistent id refers to something else than a storage")
+            raise Refusal(code, "a persistent id does not refer to a storage")
         if type(key) is not str or not _KEY.match(key) or type(location) is not str:
-            raise Refusal(code, "the key of a storage is not a number in text, or its location is no text")
+            raise Refusal(code, "the key of a storage is not a number as text, or its location is not text")
         if type(count) is not int or count < 0:
-            raise Refusal(code, f"storage {key} does not say how many elements it has")
+            raise Refusal(code, f"storage {key} does not state its number of elements")
         known = self.declared.get(key)
         if known is None:
             known = self.declared[key] = Storage(key, kind, count, self.locate(key, kind, count))
         elif (known.kind, known.count) != (kind, count):
-            text = (
-                f"storage {key} is {known.count} x {known.kind.name}, elsewhere {_count(count)} x {kind.name}"
-            )
+            first, second = f"{known.count} x {known.kind.name}", f"{_count(count)} x {kind.name}"
+            text = f"storage {key} is declared as {first} and as {second}"
             raise Refusal("CHECKPOINT_HOSTILE", text)
         return known
 
     def locate(self, key: str, kind: StorageType, count: int) -> int:
-        """Return where the storage starts in the file, its size and values checked."""
+        """Return the start of a storage in the file, after checks of its size and values."""
         if key not in self.places:
-            raise Refusal("CHECKPOINT_DAMAGED", f"the archive has no data/{key}")
-        assert kind.dtype is not None  # the machine refuses the names of other types
+            raise Refusal("CHECKPOINT_DAMAGED", f"data/{key} is missing in the archive")
+        assert kind.dtype is not None  # `names.find` rejects other types
         offset, length = self.places[key]
         wanted = count * kind.dtype.itemsize
         if length != wanted:
-            text = f"storage {key} has {length} bytes; the pickle says {_count(count)} x {kind.name}"
+            text = f"storage {key} has {length} bytes, but {_count(count)} x {kind.name} in the pickle"
             raise Refusal("CHECKPOINT_DAMAGED", text)
         if kind.dtype == np.bool_ and length and np.frombuffer(self.view, np.uint8, length, offset).max() > 1:
-            raise Refusal("CHECKPOINT_DAMAGED", f"storage {key} holds booleans other than 0 and 1")
+            raise Refusal("CHECKPOINT_DAMAGED", f"storage {key} has booleans other than 0 and 1")
         return offset
 
     def tensor(self, storage: Storage, offset: int, window: Window) -> Any:
-        """Return the view on `storage` from element `offset` on."""
+        """Return the view of `storage` that begins at element `offset`."""
         dtype = storage.kind.dtype
         assert dtype is not None
         array: np.ndarray = np.ndarray(
@@ -156,7 +155,7 @@ class Storages:
 
 
 class DeclaredStorages(Storages):
-    """A stand-in for `Storages` before their places are known; it collects them and makes no tensors."""
+    """Used while the places of storages are unknown: it collects them, and returns empty tensors."""
 
     def __init__(self) -> None:
         super().__init__(memoryview(b""), {})
@@ -176,19 +175,19 @@ class Window(NamedTuple):
 
 
 def rebuild_tensor(storages: Storages, arguments: tuple[Any, ...]) -> Any:
-    """Return the tensor that ``torch._utils._rebuild_tensor_v2`` would be called for.
+    """Return the tensor of a call of ``torch._utils._rebuild_tensor_v2``.
 
-    The arguments are storage, offset, size, stride, requires_grad and hooks; the last two matter only for
+    The arguments are storage, offset, size, stride, requires_grad and hooks. The last two only matter for
     training.
     """
     code = "CHECKPOINT_HOSTILE"
     if len(arguments) != 6:
-        raise Refusal(code, f"a tensor is made from {len(arguments)} values, not from 6")
+        raise Refusal(code, f"a tensor has {len(arguments)} arguments instead of 6")
     storage, offset, size, stride = arguments[:4]
     if type(storage) is not Storage:
-        raise Refusal(code, "a tensor is made from something else than a storage")
+        raise Refusal(code, "the first argument of a tensor is not a storage")
     if not (_is_integers(size) and _is_integers(stride) and type(offset) is int):
-        raise Refusal(code, f"size, stride or offset of a tensor on storage {storage.key} are not integers")
+        raise Refusal(code, f"size, stride or offset of a tensor in storage {storage.key} are not integers")
     window = _checked_window(storage, offset, size, stride)
     return storages.tensor(storage, offset if math.prod(size) else 0, window)
 
@@ -198,14 +197,15 @@ def _is_integers(value: Any) -> bool:
 
 
 def _checked_window(storage: Storage, offset: int, size: tuple[int, ...], stride: tuple[int, ...]) -> Window:
-    """Check that the window lies in the storage; return it with strides that NumPy takes."""
-    where = f"a tensor on storage {storage.key}"
+    """Check that a window is inside its storage; return it with strides that NumPy accepts."""
+    where = f"a tensor in storage {storage.key}"
     if len(size) > MAX_AXES or any(n < 0 for n in size) or math.prod(n or 1 for n in size) > MAX_ELEMENTS:
-        text = f"{where} has {len(size)} axes of {_list(size)}; at most {MAX_AXES} axes, none negative"
+        text = f"{where} has {len(size)} axes of {_list(size)}; at most {MAX_AXES} axes are allowed"
         raise Refusal("CHECKPOINT_HOSTILE", text)
     if len(stride) != len(size) or any(step < 0 for step in stride):
         text = f"{where} of size {_list(size)} has the strides {_list(stride)}"
         raise Refusal("CHECKPOINT_HOSTILE", text)
+    # Index of the last element of the tensor in the storage.
     elements = math.prod(size)
     last = offset + sum((n - 1) * step for n, step in zip(size, stride, strict=True)) if elements else offset
     if offset < 0 or last > storage.count or (elements and last == storage.count):
@@ -214,14 +214,14 @@ def _checked_window(storage: Storage, offset: int, size: tuple[int, ...], stride
     if elements > storage.count:
         text = f"{where} has {_count(elements)} elements; the storage has {_count(storage.count)}"
         raise Refusal("CHECKPOINT_FORM", text)
-    # The stride along an axis of length 1 (or of an empty tensor) is arbitrary and may not even fit.
+    # The stride of an axis of length 1, or of an empty tensor, is arbitrary and can be too large for NumPy.
     return Window(
         size, tuple(step if n > 1 and elements else 1 for n, step in zip(size, stride, strict=True))
     )
 
 
 def _count(number: int) -> str:
-    """Return a count from the file as text of bounded length."""
+    """Return a number from the file as text of limited length."""
     return shorten(str(number), 24)
 
 

@@ -1,1 +1,1 @@
-"""The commands that look at a file and tell what it holds."""
+"""The commands `msb audit`, `msb info`, `msb validate` and `msb demo-data`."""

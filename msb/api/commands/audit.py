@@ -1,4 +1,4 @@
-"""`msb audit` and `msb-audit`: is the mesh structurally usable?"""
+"""`msb audit` and `msb-audit`: decide whether the structure of a mesh is usable."""
 
 from __future__ import annotations
 
@@ -20,24 +20,26 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class AuditOptions:
-    """What is audited beside the mesh as it is stored, and what is shown and written of it."""
+    """Additional audits, and what to show and write."""
 
     weld: Annotated[
         str | None, Option("Also audit with coincident vertices merged.", metavar="exact|EPS")
     ] = None
     cross_check: Annotated[
-        bool, Option("Ask libigl, PyMeshLab, manifold3d, trimesh, NetworkX and NVIDIA about the mesh.")
+        bool, Option("Compare the counts with libigl, PyMeshLab, manifold3d, trimesh, NetworkX and NVIDIA.")
     ] = False
     elements: Annotated[
         Path | None,
         file_option(
-            "Write the offending elements to a .vtp, .csv or .npz file.", endings=(".vtp", ".csv", ".npz")
+            "Write the defective elements to a .vtp, .csv or .npz file.", endings=(".vtp", ".csv", ".npz")
         ),
     ] = None
-    view: Annotated[bool, Option("Then show the mesh in a window, as msb view does; one mesh only.")] = False
-    paper: Annotated[bool, Option("Show the paper's mean row beside ours.")] = False
-    explain: Annotated[str | None, Option("Print how a quantity is defined, and stop.", metavar="KEY")] = None
-    version: Annotated[bool, Option("Print versions and stop.")] = False
+    view: Annotated[bool, Option("Then show the mesh in a window, like msb view; one mesh only.")] = False
+    paper: Annotated[bool, Option("Also show the paper's average row.")] = False
+    explain: Annotated[str | None, Option("Print the definition of a quantity and exit.", metavar="KEY")] = (
+        None
+    )
+    version: Annotated[bool, Option("Print versions and exit.")] = False
 
 
 @command(
@@ -64,18 +66,21 @@ def audit(
 ) -> int:
     """Audit the structure of meshes exactly as they are stored.
 
-    The audit says how vertices are shared, where the surface is open, non-manifold or in pieces, and whether
-    a technical artist can use it. Nothing is merged or repaired first. Several meshes end with one table.
+    The audit reports how vertices are shared, where the surface is open, non-manifold or in pieces, and
+    whether a technical artist can use the mesh. Nothing is merged or repaired first. With several meshes a
+    table is printed at the end.
     """
-    alone = options.version or options.explain is not None
-    require(paths or alone, "Missing PATH. Pass a .triasset, mesh file or checkpoint, or a folder of these")
+    prints_only = options.version or options.explain is not None
+    require(
+        paths or prints_only, "Missing PATH. Pass a .triasset, mesh file or checkpoint, or a folder of these"
+    )
     if paths:
-        typed.reject(["explain", "version"], "stands alone, without PATH")
-    if alone:
+        typed.reject(["explain", "version"], "cannot be combined with PATH")
+    if prints_only:
         gates = ["fail_on", "fail_on_verdict", "profile"]
-        typed.reject(["elements", "csv_file", *gates], "needs a mesh")
+        typed.reject(["elements", "csv_file", *gates], "needs PATH")
     if options.version:
-        typed.reject(["json_file", "json_lines", "explain"], "does not go with --version")
+        typed.reject(["json_file", "json_lines", "explain"], "cannot be combined with --version")
         from msb.cli.app import print_version
 
         print_version()
@@ -92,7 +97,9 @@ def audit(
 
 
 class _Task:
-    """One run of the command: options are parsed before any mesh is read, then mesh after mesh."""
+    """A run of the command. Options are parsed before any mesh is read, then the meshes are audited in
+    turn.
+    """
 
     def __init__(self, options: AuditOptions, conditions: GateOptions, output: Output) -> None:
         from msb.topology.weld import parse_weld
@@ -101,6 +108,7 @@ class _Task:
         self.gates = conditions.gates()
         with option_value("--weld"):
             self.weld = None if options.weld is None else parse_weld(options.weld)
+        # VTK is tested in the background while the mesh is read.
         self.probe = None
         if options.view:
             from msb_viewers.commands.window import Window, open_probe
@@ -111,12 +119,12 @@ class _Task:
         self.seen: tuple[Path, StoredMesh, Audit, Analysis] | None = None
 
     def run(self, paths: tuple[Path, ...]) -> int:
-        """Audit everything below `paths`; return the highest exit status of all."""
+        """Audit all inputs in `paths`; return the highest exit status."""
         from msb.api.command_files import for_each
         from msb.topology.audit import SCHEMA
 
         single = [f"--{name}" for name in ("elements", "view") if getattr(self.options, name)]
-        status, documents = for_each(paths, SCHEMA, self.output, self.audit_one, single)
+        status, documents = for_each(paths, SCHEMA, self.output, self.audit_mesh, single)
         if len(documents) > 1 and self.output.prints_text:
             self.print_all(documents)
         if len(documents) > 1 or self.audits:
@@ -126,8 +134,8 @@ class _Task:
             self.open_window(*self.seen)
         return status
 
-    def audit_one(self, path: Path, alone: bool) -> tuple[dict[str, Any], int]:
-        """Audit the mesh at `path` and print it; return the JSON data, and the status of the gates."""
+    def audit_mesh(self, path: Path, alone: bool) -> tuple[dict[str, Any], int]:
+        """Audit the mesh at `path` and print the report; return its JSON data and the status of the gates."""
         from msb.api.auditing import audit_stored
         from msb.api.command_files import note_warnings
         from msb.api.commands.audit_text import print_audit
@@ -135,17 +143,19 @@ class _Task:
 
         with self.output.progress(f"reading {path.name}"):
             mesh = read_stored(path, images=self.options.view)
-        # What a file holds beside its triangles is nothing that an audit counts.
-        note_warnings((one for one in mesh.warnings if one.severity != "info"), path, self.output)
+        # Infos about ignored parts of a file, such as normals, do not concern the audit.
+        warnings = (warning for warning in mesh.warnings if warning.severity != "info")
+        note_warnings(warnings, path, self.output)
         with self.output.progress(f"auditing {path.name}: {len(mesh.faces):,} faces"):
             result, analysis = audit_stored(mesh, weld=self.weld)
         if self.options.cross_check:
-            result = self.ask_peers(result, analysis, mesh, path)
+            result = self.compare_libraries(result, analysis, mesh, path)
         if self.options.elements is not None:
             from msb.api.elements import write_elements
             from msb.topology.elements import find_elements
 
             write_elements(find_elements(analysis), self.options.elements, overwrite=self.output.force)
+        # Print the report, after a blank line if it is not the first one.
         times = ", ".join(f"{stage} {time:.1f} ms" for stage, time in result.timings_ms.items())
         self.output.note(f"{path}: {result.computed_by}: {times}", level=1)
         if self.output.prints_text:
@@ -154,13 +164,14 @@ class _Task:
             print_audit(result, self.output, paper=self.options.paper, hint=alone)
         self.audits[str(path)] = result
         self.seen = path, mesh, result, analysis
+        # Evaluate the gates. Each one that fails is a line on standard error.
         failed = [error for gate in self.gates if (error := gate.check(result, path))]
         self.failed_gates += bool(failed)
         failed += _disagreements(result, path)
         return result.to_dict(), max(map(report_error, failed), default=0)
 
     def open_window(self, path: Path, mesh: StoredMesh, result: Audit, analysis: Analysis) -> None:
-        """Show the mesh that was audited."""
+        """Show the audited mesh in a window."""
         from msb_viewers.commands.view import present
         from msb_viewers.commands.window import Window
         from msb_viewers.model import build_model
@@ -171,32 +182,33 @@ class _Task:
             self.probe.check()
         present(build_model(viewed_mesh(mesh, path), result, analysis), ViewOptions(), Window(), self.output)
 
-    def ask_peers(self, result: Audit, analysis: Analysis, mesh: StoredMesh, path: Path) -> Audit:
-        """Return the audit with the verdicts of the peers."""
+    def compare_libraries(self, result: Audit, analysis: Analysis, mesh: StoredMesh, path: Path) -> Audit:
+        """Return the audit with the comparison with other libraries."""
         from msb.topology.crosscheck import cross_check
 
-        with self.output.progress(f"asking the peers about {path.name}"):
+        with self.output.progress(f"comparing {path.name} with other libraries"):
             check = cross_check(mesh.vertices, mesh.faces, result, analysis)
         for what, why in check.skipped.items():
-            # A whole peer is worth a note; a single quantity that does not apply only if asked for more.
+            # Report a library that is skipped. Single quantities that do not apply are only reported with -v.
             self.output.note(f"{path}: {what} skipped: {why}", level=1 if " " in what else 0)
         return replace(result, cross_check=check.to_rows())
 
     def print_all(self, documents: list[dict[str, Any]]) -> None:
-        """Print a row for each mesh and a line of totals; with --quiet the totals alone."""
+        """Print a row for each mesh and a line of totals; with --quiet only the totals."""
         from msb.api.commands.audit_text import print_summary, totals
 
-        audits = [(each["path"], self.audits.get(each["path"], each)) for each in documents]
+        audits = [(document["path"], self.audits.get(document["path"], document)) for document in documents]
         if not self.output.quiet:
             echo()
             print_summary(audits, self.output)
             echo()
-        echo(totals([one for _, one in audits], self.failed_gates if self.gates else None))
+        echo(totals([audit for _, audit in audits], self.failed_gates if self.gates else None))
 
 
 def _disagreements(result: Audit, path: Path) -> list[GateFailed]:
+    """Return an error for each count that another library contradicts."""
     texts = [
-        f"{row['peer']} says {row['quantity']} is {row['theirs']}, we say {row['ours']}"
+        f"{row['quantity']} is {row['ours']}, but {row['theirs']} for {row['peer']}"
         for row in result.cross_check or ()
         if row["verdict"] == "disagrees"
     ]
@@ -204,4 +216,5 @@ def _disagreements(result: Audit, path: Path) -> list[GateFailed]:
 
 
 def _row(data: dict[str, Any]) -> dict[str, Any]:
+    """Return the row of --csv for the JSON data of an audit."""
     return {**{key: data[key] for key in ("path", "method", "topology")}, **data["counts"], **data["metrics"]}

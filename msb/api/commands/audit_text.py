@@ -1,4 +1,4 @@
-"""Print an audit for people: verdict, the paper's eight columns, defects, verdict; of several one table."""
+"""Print an audit as text: verdict, the paper's eight columns, defects, verdict. Several end with a table."""
 
 from collections.abc import Iterable, Sequence
 from typing import Any
@@ -26,35 +26,36 @@ _COLUMNS = (
 _DEFECTS = (
     ("nonmanifold_edges", "edge", "edges", "non-manifold edges"),
     ("nonmanifold_vertices", "vertex", "vertices", "non-manifold vertices"),
-    ("multifan_vertices", "vertex", "vertices", "  in several fans (bow-ties)"),
+    ("multifan_vertices", "vertex", "vertices", "  with several fans (bow-ties)"),
     ("boundary_edges", "edge", "edges", "boundary edges"),
-    ("seam_vertices", "vertex", "vertices", "vertices doubled at seams"),
-    ("inconsistent_winding_edges", "edge", "edges", "edges where winding flips"),
+    ("seam_vertices", "vertex", "vertices", "vertices duplicated at seams"),
+    ("inconsistent_winding_edges", "edge", "edges", "edges with inconsistent winding"),
     ("duplicate_faces", "face", "faces", "duplicate faces"),
-    ("repeated_index_faces", "face", "faces", "faces naming a vertex twice"),
+    ("repeated_index_faces", "face", "faces", "faces listing a vertex twice"),
     ("zero_area_faces", "face", "faces", "zero-area faces"),
     ("nonfinite_faces", "face", "faces", "faces without a finite area"),
-    ("unreferenced_vertices", "vertex", "vertices", "vertices no face uses"),
+    ("unreferenced_vertices", "vertex", "vertices", "unused vertices"),
 )
-# Verdict level -> colour. The word on the terminal says the same without the colour.
+# Verdict level -> colour of its word, which has the same meaning without colour.
 _STYLES: dict[Level, str] = {"ok": "green", "limited": "yellow", "bad": "red"}
 _VERDICTS = {"agrees": "agrees", "differs_by_definition": "by definition", "disagrees": "DISAGREES"}
 
 
 def print_audit(audit: Audit, output: Output, *, paper: bool = False, hint: bool = True) -> None:
-    """Print the report of one audit, with --quiet the verdict alone.
+    """Print the report of an audit; with --quiet only the verdict.
 
-    With `paper` its mean row of MeshSplatting stands under ours. With `hint` `msb trial` is pointed to, which
-    tries what the verdict can only say of the structure, and what helps a soup.
+    `paper` adds the paper's average row of MeshSplatting. `hint` adds commands to run next.
     """
     _print_verdict(audit, output)
     if output.quiet:
         return
+    # Line 2: what kind of mesh it is, and its size.
     counts = audit.counts
-    kind = "triangle soup" if counts.all_apart else "indexed mesh"
+    kind = "triangle soup (triangles that share no vertices)" if counts.all_apart else "indexed mesh"
     method = f", {audit.method}" if audit.method else ""
     output.line(f"{kind}, {counts.vertices:,} vertices, {counts.faces:,} faces{method}")
     output.line("")
+    # The table of metrics: this mesh, the welded mesh and the paper's average.
     rows: list[tuple[str, dict[str, Any]]] = [("this mesh", audit.to_dict()["metrics"])]
     if audit.welded:
         weld = audit.welded.weld
@@ -76,27 +77,27 @@ def print_audit(audit: Audit, output: Output, *, paper: bool = False, hint: bool
     if audit.cross_check is not None:
         _print_cross_check(audit.cross_check, output)
     output.line("")
-    if hint and audit.path is not None and str(audit.path).isprintable():  # else a terminal would act on it
+    if hint and audit.path is not None and str(audit.path).isprintable():  # a terminal could interpret others
         path = shell_word(audit.path)
-        if helps := advice(audit, "-o merged.glb", path):
-            output.line((helps, "dim"))
+        if command := advice(audit, "-o merged.glb", path):
+            output.line((command, "dim"))
         if judge(audit).renders:
-            output.line((f"What tools make of it: msb trial {path}", "dim"))
+            output.line((f"To try common tasks on it: msb trial {path}", "dim"))
     _print_verdict(audit, output)
 
 
 def _print_verdict(audit: Audit, output: Output) -> None:
-    """Print the verdict on one line, after the name of the mesh."""
+    """Print the name of the mesh and its verdict on one line."""
     verdict = judge(audit)
     coincide = audit.judged.corners_coincide
     joins = coincide and audit.welded is None and not audit.judged.closed_once_merged
-    hint = " (--weld exact shows what merging coincident vertices would give)" if joins else ""
+    hint = " Run again with --weld exact to see the result of merging." if joins else ""
     word = (verdict.word, _STYLES[verdict.level])
-    output.line((one_line(audit.path or "mesh"), "bold"), ": ", word, f": {verdict.sentence}{hint}.")
+    output.line((one_line(audit.path or "mesh"), "bold"), ": ", word, f": {verdict.sentence}.{hint}")
 
 
 def print_summary(audits: Iterable[tuple[str, Audit | dict[str, Any]]], output: Output) -> None:
-    """Print a row for each mesh, of a failed one its document's error; in a pipe every row is one line."""
+    """Print a row for each mesh, or the code of its error. In a pipe every row is one line."""
     rows: list[tuple[Cell, ...]] = []
     for path, audit in audits:
         if isinstance(audit, dict):
@@ -105,11 +106,12 @@ def print_summary(audits: Iterable[tuple[str, Audit | dict[str, Any]]], output: 
             verdict = judge(audit)
             word = (verdict.word, _STYLES[verdict.level])
             rows.append((one_line(path), word, f"{audit.counts.faces:,}", verdict.reason or "-"))
-    output.table(("File", "Verdict", "Faces", "First reason"), rows, right=[2], whole=True)
+    output.table(("File", "Verdict", "Faces", "Main reason"), rows, right=[2], whole=True)
 
 
 def totals(audits: Sequence[Audit | dict[str, Any]], failed_gates: int | None = None) -> str:
-    """Return how many meshes have each verdict, and how many failed a gate if there were gates."""
+    """Return the number of meshes with each verdict, and of meshes that failed a gate, if there are gates."""
+    # Failed inputs are documents (dicts) with an error.
     levels = [audit.verdict for audit in audits if not isinstance(audit, dict)]
     parts = [f"{levels.count(level)} {level}" for level in _STYLES]
     unread = len(audits) - len(levels)
@@ -122,7 +124,7 @@ def _print_defects(audit: Audit, output: Output) -> None:
     counts = vars(audit.counts)
     soup = audit.judged.counts.all_apart
     if soup and counts["boundary_edges"]:
-        output.line("Every edge is a boundary edge: that is what a triangle soup means.")
+        output.line("Every edge is a boundary edge, because the triangles share no vertices.")
     rows: list[tuple[str, ...]] = []
     above: list[str] = []
     for key, noun, whole, label in _DEFECTS:
@@ -130,47 +132,48 @@ def _print_defects(audit: Audit, output: Output) -> None:
         if count == 0 or (key == "boundary_edges" and soup):
             continue
         places = [_where(noun, sample) for sample in audit.samples.get(key, ())]
-        if key == "multifan_vertices":  # these are non-manifold vertices, too: each place is named once
+        if key == "multifan_vertices":  # they are also in the row above: do not repeat their positions
             places = [place for place in places if place not in above] or ["as above"]
         above = places
         rows.append((label, f"{count:,}", percent(count, counts[whole]), "\n".join(places)))
     if rows:
-        output.table(("Found", "Count", "Share", "The first three, and where"), rows, right=[1, 2])
+        output.table(("Defect", "Count", "Share", "First three and their positions"), rows, right=[1, 2])
     elif not soup:
-        output.line("Nothing found: no boundary, no non-manifold or degenerate element.")
+        output.line("No defects: no boundary edges, non-manifold elements or degenerate faces.")
 
 
 def _where(noun: str, sample: Sample) -> str:
+    """Return the name and the position of an element: "edge 3-7 at 0.1 0.2 0.3"."""
     place = " ".join(f"{x:.3g}" for x in sample.coordinates[0])
-    # An edge is known by its two vertices; its number is an accident of our numbering.
+    # An edge is identified by its two vertices, because its index only exists in msb.
     name = "-".join(map(str, sample.vertices)) if noun == "edge" else str(sample.element)
     return f"{noun} {name} at {place}"
 
 
 def _print_cross_check(rows: Sequence[dict[str, Any]], output: Output) -> None:
-    """Print how many quantities each peer confirms, then those it does not; with -v all of them."""
+    """Print how many quantities each library confirms, then the others. With -v print all quantities."""
     peers: dict[str, list[dict[str, Any]]] = {}
     for row in rows:
         peers.setdefault(f"{row['peer']} {row['version']}", []).append(row)
     output.line("")
     output.table(
-        ("Peer", "Agrees", "Differs by definition", "Disagrees"),
+        ("Library", "Agrees", "Differs by definition", "Disagrees"),
         [
-            (peer, *(str(sum(row["verdict"] == verdict for row in own)) for verdict in _VERDICTS))
-            for peer, own in peers.items()
+            (peer, *(str(sum(row["verdict"] == verdict for row in of_peer)) for verdict in _VERDICTS))
+            for peer, of_peer in peers.items()
         ],
         right=[1, 2, 3],
     )
-    shown = [row for row in rows if output.verbose or row["verdict"] != "agrees"]
-    if not shown:
+    details = [row for row in rows if output.verbose or row["verdict"] != "agrees"]
+    if not details:
         return
     output.line("")
     cells = [
         (row["peer"], row["quantity"], *map(_value, (row["ours"], row["theirs"])), _VERDICTS[row["verdict"]])
-        for row in shown
+        for row in details
     ]
-    output.table(("Peer", "Quantity", "Ours", "Theirs", ""), cells, right=[2, 3])
-    reasons = {row["why"]: row["peer"] for row in shown if row["verdict"] != "agrees" and row["why"]}
+    output.table(("Library", "Quantity", "msb", "Library's", ""), cells, right=[2, 3])
+    reasons = {row["why"]: row["peer"] for row in details if row["verdict"] != "agrees" and row["why"]}
     for why, peer in reasons.items():
         output.line((f"{peer}: {why}", "dim"))
 

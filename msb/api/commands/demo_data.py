@@ -1,4 +1,4 @@
-"""`msb demo-data`: the scenes and models that the examples use."""
+"""`msb demo-data`: write the scenes and models of the examples."""
 
 from pathlib import Path
 from typing import Annotated
@@ -11,14 +11,14 @@ from msb.cli.output import PlainOutput, echo
 
 @command("msb demo-data out/demo-data")
 def demo_data(
-    target: Annotated[Path, Argument("The folder to write.", metavar="DIR", output="own")],
+    target: Annotated[Path, Argument("Folder to write.", metavar="DIR", output="own")],
     output: PlainOutput,
 ) -> None:
-    """Write small scenes, trained models and protocols to try every command on: 8 MB, no network.
+    """Write small scenes, trained models and protocols to try every command on (8 MB, no download).
 
-    There is a scene in the layout of each dataset, models of them by four methods, a checkpoint, an asset
-    with the faults of trained ones, cameras, and two protocols: of two scenes, and of all. --force replaces
-    demo data in DIR, and keeps every other file there.
+    The data has a scene in the layout of each dataset, models of these scenes by four methods, a checkpoint,
+    an asset with the typical defects of trained models, cameras, and two protocols: one for two scenes and
+    one for all. --force replaces demo data in DIR and keeps all other files.
     """
     from msb.api.demo import PROTOCOL, RESULTS, write_demo
 

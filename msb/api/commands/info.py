@@ -1,4 +1,4 @@
-"""`msb info`: an asset on one screen."""
+"""`msb info`: show the contents of an asset on one screen."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ if TYPE_CHECKING:
 
 @command("msb info data_stubs/splat_like.triasset", "msb info --json - data_stubs/checkpoint")
 def info(path: Source, output: JsonOutput) -> None:
-    """Show what an asset, checkpoint or mesh file holds: method, counts, bounds, settings and buffers.
+    """Show the contents of an asset, checkpoint or mesh file: method, counts, bounds, settings and buffers.
 
-    Of a .triasset the command reads the manifest and checks paths and sizes. It does not read values; msb
-    validate does. Of a mesh file or checkpoint it shows the asset that msb convert would write.
+    For a .triasset the command reads the manifest and checks paths and sizes, but not values, as msb validate
+    does. For a mesh file or checkpoint it shows the asset that msb convert would write.
     """
     from msb.api.command_files import open_asset
 
@@ -46,25 +46,26 @@ def _print(asset: Asset, path: Path, size: int, output: Output) -> None:
     skin = _skin(_textures(m), Sampler.of(m.appearance)) if is_textured(asset) else None
     apart = {"background", *(Sampler.__dataclass_fields__ if skin else ())}
     look = {name: value for name, value in m.appearance.items() if name not in apart}
-    axis = frame.up if frame.up != "unknown" else f"unknown, drawn as {up_axis(asset)}"
+    axis = frame.up if frame.up != "unknown" else f"unknown (drawn with {up_axis(asset)} up)"
+    # A row per property; rows that do not apply are omitted.
     rows: list[tuple[str, str]] = [
         (
-            "asset",
+            "file",
             f"{path} (triasset {m.version}, {m.generator})"
             if asset.path
-            else f"{asset.opened_from or path}, not yet one",
+            else f"{asset.opened_from or path} (not a .triasset)",
         ),
         ("method", m.method if m.method == method.title else f"{m.method} ({method.title})"),
         ("topology", f"{m.topology.replace('_', ' ')}, {m.vertex_count:,} vertices, {m.face_count:,} faces"),
         ("bounds", f"{_point(m.bounds.min)} to {_point(m.bounds.max)}"),
-        ("sphere", f"radius {m.bounding_sphere.radius:.6g} around {_point(m.bounding_sphere.center)}"),
+        ("sphere", f"radius {m.bounding_sphere.radius:.6g}, centre {_point(m.bounding_sphere.center)}"),
         ("appearance", f"{_parameters(look)}; SH degree {m.sh_degree}; {m.color_space}"),
         *([("textures", skin)] if skin else []),
         ("coverage", f"{_parameters(m.coverage)}; opacity {_parameters(m.opacity)}"),
         ("compositing", _parameters(m.compositing)),
         ("background", _background(m)),
         *([("training", _training(m))] if m.training else []),
-        ("frame", f"{frame.handedness}-handed, up {axis}, {frame.units} units"),
+        ("frame", f"{frame.handedness}-handed, up axis {axis}, {frame.units} units"),
         *((f"tier {tier}", _tier(m, tier)) for tier in TIERS),
         *(("setting", f"{name} = {setting_text(s.value)} ({s.source})") for name, s in m.settings.items()),
         *(
@@ -74,6 +75,7 @@ def _print(asset: Asset, path: Path, size: int, output: Output) -> None:
     ]
     output.table((), ((label, shorten(text, 200)) for label, text in rows))
     echo()
+    # The table of buffers, with their total size.
     buffers = [
         (name, " x ".join(map(str, spec.shape)), spec.dtype, spec.domain, f"{spec.byte_length:,}")
         for name, spec in m.buffers.items()
@@ -83,7 +85,7 @@ def _print(asset: Asset, path: Path, size: int, output: Output) -> None:
 
 
 def _textures(manifest: Manifest) -> list[dict[str, Any]]:
-    """Return the size of each texture, in their order; the manifest says how they are read."""
+    """Return the size of each texture, in their order. The manifest has the sampler."""
     from msb.asset.texture import NAME
 
     names = sorted(
@@ -94,14 +96,14 @@ def _textures(manifest: Manifest) -> list[dict[str, Any]]:
 
 
 def _skin(textures: list[dict[str, Any]], sampler: Sampler) -> str:
-    """Return textures and their sampler in words."""
-    sizes = Counter(f"{one['width']} x {one['height']}" for one in textures)
+    """Return the number and sizes of textures and their sampler as text."""
+    sizes = Counter(f"{texture['width']} x {texture['height']}" for texture in textures)
     numbers = ", ".join(size if count == 1 else f"{count} of {size}" for size, count in sizes.items())
     wraps = (sampler.wrap_u, sampler.wrap_v)
     words = [sampler.filter, "mip maps" if sampler.mipmaps else "no mip maps"]
     words.append(wraps[0] if wraps[0] == wraps[1] else f"{wraps[0]} along u, {wraps[1]} along v")
     if sampler.alpha_cutoff is not None:
-        words.append(f"nothing where alpha is below {sampler.alpha_cutoff:g}")
+        words.append(f"alpha cutoff {sampler.alpha_cutoff:g}")
     return f"{numbers}; {', '.join(words)}"
 
 
@@ -109,14 +111,14 @@ def _background(manifest: Manifest) -> str:
     from msb.scenes.datasets import color_name, own_background, stated_background
 
     name = color_name(own_background(manifest))
-    return name if stated_background(manifest) else f"{name}; the asset states none"
+    return name if stated_background(manifest) else f"{name} (not stated by the asset)"
 
 
 def _training(manifest: Manifest) -> str:
-    """Return in words what the training's files say."""
+    """Return the properties of the training as text."""
     texts = {name: f"{name} {value}" for name, value in manifest.training.items() if name != "eval"}
-    if (held_back := manifest.training.get("eval")) is not None:
-        texts["eval"] = "test views held back" if held_back else "on the test views, too"
+    if (held_out := manifest.training.get("eval")) is not None:
+        texts["eval"] = "test views held out" if held_out else "trained on the test views, too"
     return ", ".join(texts.values())
 
 

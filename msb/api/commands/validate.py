@@ -1,4 +1,4 @@
-"""`msb validate`: everything that is wrong with an asset, each finding with its code."""
+"""`msb validate`: report everything that is wrong with an asset, each finding with its code."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from msb.asset import Validation
 
 SCHEMA = "msb.validate/1"
-# JSON holds this many findings of an asset; a hostile manifest of 1 MiB can cause 90 000.
+# Maximum number of findings of an asset in JSON. A hostile manifest of 1 MiB can cause 90,000.
 MAX_FINDINGS = 1000
 
 
@@ -31,18 +31,20 @@ def validate(
         Argument("Assets, mesh files, or folders of these.", metavar="PATH..."),
     ] = (),
     *,
-    explain: Annotated[str | None, Option("Print what a code means, and stop.", metavar="CODE|all")] = None,
+    explain: Annotated[
+        str | None, Option("Print the meaning of an error code and exit.", metavar="CODE|all")
+    ] = None,
     output: LinesOutput,
     typed: Typed,
 ) -> None:
     """Check assets completely: container, manifest, sizes, hashes and values.
 
     Errors make the command fail with status 1; warnings and infos do not. A mesh file or checkpoint is
-    judged by the asset that would be made of it.
+    converted to an asset in memory, which is checked.
     """
     require(paths or explain, "Missing PATH. Pass a .triasset, a mesh file or a folder of these")
     if paths:
-        typed.reject(["explain"], "stands alone, without PATH")
+        typed.reject(["explain"], "cannot be combined with PATH")
     if explain is not None:
         _explain(explain, output)
         return
@@ -71,8 +73,8 @@ def _print(validation: Validation, output: Output) -> None:
     from msb.asset.validation import SHOWN
 
     console = output.console()
-    path, _, said = validation.title.rpartition(": ")
-    word, _, counts = said.partition(",")
+    path, _, summary = validation.title.rpartition(": ")
+    word, _, counts = summary.partition(",")
     console.print(f"{escape(path)}: [bold]{word}[/bold],{counts}", soft_wrap=True)
     if not validation.findings or output.quiet:
         return
@@ -97,7 +99,7 @@ def _explain(name: str, output: Output) -> None:
     if code != "ALL" and code not in explained_codes():
         near = ", ".join(difflib.get_close_matches(code, explained_codes(), 3, 0.4))
         hint = f"did you mean {near}?" if near else "--explain all lists them"
-        raise UsageError("NAME_UNKNOWN", f'there is no code "{name}"; {hint}')
+        raise UsageError("NAME_UNKNOWN", f'the code "{name}" is unknown; {hint}')
     documents = [
         {
             "schema": "msb.code/1",

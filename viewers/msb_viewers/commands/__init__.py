@@ -1,1 +1,1 @@
-"""The commands that show a mesh or compare the looks of a model."""
+"""The commands `msb view` and `msb compare`."""

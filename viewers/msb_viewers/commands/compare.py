@@ -1,4 +1,4 @@
-"""`msb compare`: a model's tiers beside its photographs, as a page or a picture."""
+"""`msb compare`: compare the tiers of a model with its photographs, on a page or in an image."""
 
 from __future__ import annotations
 
@@ -19,40 +19,41 @@ if TYPE_CHECKING:
     from msb_viewers.deployment.state import CompareState
     from msb_viewers.deployment.views import View
 
-# The number of views on a page without cameras, and their width and height in pixels.
+# Number, width and height in pixels of the views if there are neither given cameras nor cameras of the
+# training.
 TURNTABLE = (8, 640, 480)
 
 
 @dataclass(frozen=True)
 class CompareOptions:
-    """What is compared, and how it is shown at first."""
+    """Compared tiers and photographs, and the layout at first."""
 
     image_folder: Annotated[
         Path | None,
         Option(
-            "The photographs' folder in the scene, e.g. images_2, or any other. Default: where the dataset "
-            "says, or else the largest that are there.",
+            "Folder of the photographs: its name in the scene, e.g. images_2, or any path. Default: the "
+            "folder of the dataset, or else the one with the largest images.",
             ("--image-folder", "--images"),
             metavar="NAME|FOLDER",
         ),
     ] = None
     scale: Annotated[
-        float | None, Option("Size of the pictures relative to the cameras' own.", metavar="FACTOR")
+        float | None, Option("Size of the images relative to the cameras.", metavar="FACTOR")
     ] = None
-    layout: Annotated[Literal["side", "wipe", "difference"], Option("How pictures are shown (at first).")] = (
+    layout: Annotated[Literal["side", "wipe", "difference"], Option("Layout of the images (at first).")] = (
         "side"
     )
     tiers: Annotated[
         tuple[str, ...],
         Option(
-            "Some of reference, dedicated, standard, baked and truth (photographs). Default: all.",
+            "Tiers to show: reference, dedicated, standard, baked, truth (photographs). Default: all.",
             metavar="TIERS",
         ),
     ] = ()
     baked: Annotated[
-        Path | None, Option("Also show this plain asset, which msb bake made of it.", metavar="FILE")
+        Path | None, Option("Also show this mesh, which msb bake made from the model.", metavar="FILE")
     ] = None
-    pair: Annotated[str | None, Option("Tiers that wipe and difference show at first.", metavar="A,B")] = None
+    pair: Annotated[str | None, Option("The two tiers of wipe and difference.", metavar="A,B")] = None
 
     def __post_init__(self) -> None:
         if self.scale is not None:
@@ -60,8 +61,8 @@ class CompareOptions:
 
 
 @dataclass(frozen=True)
-class _Wish:
-    """All that was asked for."""
+class _Request:
+    """All options of the command."""
 
     options: CompareOptions
     views: Views
@@ -84,98 +85,106 @@ def compare(
     output: PlainOutput,
     typed: Typed,
 ) -> None:
-    """Compare a model's tiers with each other and with the dataset's photographs.
+    """Compare the tiers of a model with each other and with the photographs of the dataset.
 
-    Pictures stand side by side, with a wipe, or as a map of their difference with its PSNR. --html writes a
-    page of all views that switches between these layouts, --screenshot a picture of the first view. Without
-    --cameras the views are those of its training where they lie beside it, else from around.
+    Images are shown side by side, with a wipe, or as a map of their difference with the PSNR. --html writes a
+    page of all views that can switch between these layouts, --screenshot an image of the first view. Without
+    --cameras the cameras of the training are used, if they are found next to the model, otherwise a
+    turntable.
     """
     if views.cameras is None:
         typed.reject(["camera", "image_folder", "scale"], NO_CAMERAS)
-    require(window.written, "compare has no file to write; pass --html FILE.html or --screenshot FILE.png")
-    wish = _Wish(options, views, drawing, window)
-    _write(_read(path, wish, output), wish, output)
+    require(window.written, "Missing output. Pass --html FILE.html or --screenshot FILE.png")
+    request = _Request(options, views, drawing, window)
+    _write(_read(path, request, output), request, output)
 
 
-def _read(path: Path, wish: _Wish, output: Output) -> CompareState:
+def _read(path: Path, request: _Request, output: Output) -> CompareState:
     from msb.api.command_files import open_asset
     from msb_viewers.deployment.state import CompareState
 
     asset = open_asset(path, output)
-    views, said = _chosen(asset, wish) if wish.views.cameras is None else (_given(wish), "")
-    comparison = _comparison(asset, path, views, wish, output)
-    options = wish.options
+    views, source = _choose(asset, request) if request.views.cameras is None else (_read_cameras(request), "")
+    comparison = _comparison(asset, path, views, request, output)
+    options = request.options
     with about(path):
-        state = CompareState.first(comparison, layout=options.layout, pair=options.pair, up=wish.window.up)
-    if said:
-        output.note(f"views: {said}")
+        state = CompareState.first(comparison, layout=options.layout, pair=options.pair)
+    if source:
+        output.note(f"views: {source}")
     return state
 
 
-def _comparison(asset: Asset, path: Path, views: list[View], wish: _Wish, output: Output) -> Comparison:
+def _comparison(asset: Asset, path: Path, views: list[View], request: _Request, output: Output) -> Comparison:
     from msb.api.command_files import open_baked
     from msb.asset.settings import effective_settings
     from msb.scenes.datasets import over_another, stated_background
     from msb_viewers.deployment.shots import Comparison, choose_tiers
 
-    cameras, drawing = wish.views.cameras, wish.drawing
+    cameras, drawing = request.views.cameras, request.drawing
     photographs = any(view.photograph for view in views)
     if cameras is not None and not photographs:
-        output.note(f"{cameras}: no photograph of its cameras is there; --image-folder names them")
-    baked = None if wish.options.baked is None else open_baked(wish.options.baked, asset, output)
-    tiers, missing = choose_tiers(asset, views, wish.options.tiers or None, baked=baked)
-    if not wish.options.tiers and "reference" not in tiers:
-        text = f"{asset.manifest.face_count:,} faces take NumPy minutes a view; --tiers names it if wanted"
-        output.note(f"{path.name}: the reference is left out: {text}")
+        output.note(f"{cameras}: no photographs were found for these cameras; pass --image-folder")
+    baked = None if request.options.baked is None else open_baked(request.options.baked, asset, output)
+    tiers, missing = choose_tiers(asset, views, request.options.tiers or None, baked=baked)
+    if not request.options.tiers and "reference" not in tiers:
+        text = (
+            f"{asset.manifest.face_count:,} faces take minutes per view; name it with --tiers to include it"
+        )
+        output.note(f"{path.name}: the reference tier is omitted: {text}")
     settings = drawing.settings(asset)
-    effective_settings(asset.manifest, settings)  # refuses what the asset cannot be drawn with
-    color = wish.views.color(asset)
-    own = stated_background(asset.manifest)
-    if own not in (None, color) and photographs:
-        output.note(over_another(own, color).to_line(path))
-    made = (path.name, asset, tiers, missing, tuple(views), settings, drawing.supersample, color)
-    return Comparison(*made, drawing.device, baked)
+    effective_settings(asset.manifest, settings)  # rejects invalid settings
+    color = request.views.color(asset)
+    stated = stated_background(asset.manifest)
+    if stated not in (None, color) and photographs:
+        output.note(over_another(stated, color).to_line(path))
+    content = (path.name, asset, tiers, missing, tuple(views), settings, drawing.supersample, color)
+    return Comparison(*content, drawing.device, baked)
 
 
-def _chosen(asset: Asset, wish: _Wish) -> tuple[list[View], str]:
-    """Return the views of the training or from inside, none where it is to be turned, and their words."""
+def _choose(asset: Asset, request: _Request) -> tuple[list[View], str]:
+    """Return the default views of a model and their description; --up sets the axis of a turntable."""
+    from msb.scenes.around import around
     from msb.views import choose_views
-    from msb_viewers.deployment.views import views_at
+    from msb_viewers.deployment.views import View, views_at
 
-    chosen = choose_views(asset, device=wish.drawing.device)
+    chosen = choose_views(asset, device=request.drawing.device)
     if chosen.origin == "turntable":
-        return [], chosen.said
+        cameras = around(asset, *TURNTABLE, up=request.window.up)
+        views = [View(f"view {index}", camera, why="") for index, camera in enumerate(cameras, 1)]
+        return views, chosen.said
     views = views_at(chosen.cameras, chosen.place or Path(), None, None)
-    sizes = [min(1.0, max(TURNTABLE[1:]) / max(one.camera.width, one.camera.height)) for one in views]
+    # Large images of the training are scaled down.
+    sizes = [min(1.0, max(TURNTABLE[1:]) / max(view.camera.width, view.camera.height)) for view in views]
     return [
-        replace(one, camera=one.camera.scaled(size)) for one, size in zip(views, sizes, strict=True)
+        replace(view, camera=view.camera.scaled(size)) for view, size in zip(views, sizes, strict=True)
     ], chosen.said
 
 
-def _given(wish: _Wish) -> list[View]:
+def _read_cameras(request: _Request) -> list[View]:
+    """Return the views of --cameras, with their photographs."""
     from msb.scenes import read_cameras
     from msb_viewers.deployment.views import views_at
 
-    place = wish.views.cameras or Path()
-    cameras = wish.views.of(read_cameras(place))
-    return views_at(cameras, place, wish.options.image_folder, wish.options.scale)
+    place = request.views.cameras or Path()
+    cameras = request.views.of(read_cameras(place))
+    return views_at(cameras, place, request.options.image_folder, request.options.scale)
 
 
-def _write(state: CompareState, wish: _Wish, output: Output) -> None:
+def _write(state: CompareState, request: _Request, output: Output) -> None:
     from msb_viewers.deployment.compose import compose
     from msb_viewers.deployment.page import write_page
     from msb_viewers.deployment.shots import TierRenderers
     from msb_viewers.sheet import write_png
 
-    window = wish.window
+    window = request.window
     with TierRenderers(state.comparison) as renderers:
         if window.html is not None:
-            views = list(state.comparison.views) or state.around.turntable(*TURNTABLE)
+            views = list(state.comparison.views)
             with output.counted("drawing", len(views)) as step:
                 write_page(state, renderers, views, window.html, step=step)
         if window.screenshot is not None:
             with output.progress(f"writing {window.screenshot.name}"):
-                shots = renderers.shoot_all(state.view(window.pixels), state.wanted_tiers())
+                shots = renderers.shoot_all(state.comparison.views[0], state.wanted_tiers())
                 write_png(compose(state, shots, window.pixels).image, window.screenshot)
     if not output.quiet:
         echo("\n".join(map(str, window.written)))

@@ -1,4 +1,4 @@
-"""`msb view`: see what is wrong with a mesh, on a window or in a file."""
+"""`msb view`: show the defects of a mesh, in a window or in a file."""
 
 from __future__ import annotations
 
@@ -31,24 +31,23 @@ def view(
     *,
     repaired: Annotated[
         Path | None,
-        Option("Show what a repair of ASSET, OUT, deleted, added and cut, as the layers.", metavar="OUT"),
+        Option("Compare with OUT, a repair of ASSET: deleted and added faces, cut edges.", metavar="OUT"),
     ] = None,
     window: Window,
     options: ViewOptions,
     output: PlainOutput,
 ) -> None:
-    """See what is wrong with a mesh: edges, vertices, faces and components the audit complains about.
+    """Show the defects of a mesh: edges, vertices, faces and components that the audit reports.
 
-    The command opens a window; with --screenshot, --figure or --html it writes these instead and needs no
+    The command opens a window. With --screenshot, --figure or --html it writes files instead, and needs no
     display. Layers: boundary_edges, nonmanifold_edges, multifan_vertices, nonmanifold_edge_endpoints,
     degenerate_faces, duplicate_faces, inconsistent_winding_edges, unreferenced_vertices; with --repaired
     deleted_faces (red), added_faces (green), cut_edges.
 
-    msb compare shows what deployment makes of a model's look; msb web writes a page that shows it as engines
-    do.
+    To compare the rendering of tiers use msb compare; for a page of the mesh as in engines use msb web.
     """
     both = repaired is not None and window.figure is not None
-    require(not both, "--figure does not go with --repaired; --screenshot does")
+    require(not both, "--figure cannot be combined with --repaired; use --screenshot")
     probe = open_probe(window)
     try:
         model = _audited(path, output) if repaired is None else _read_repaired(path, repaired, output)
@@ -61,7 +60,7 @@ def view(
 
 
 def present(model: ViewModel, options: ViewOptions, window: Window, output: Output) -> None:
-    """Write what is asked for, or open the window and return when it is closed."""
+    """Write the requested files, or open a window and return when it is closed."""
     from msb_viewers.state import ViewState
 
     state = ViewState.of(model, options)
@@ -71,9 +70,7 @@ def present(model: ViewModel, options: ViewOptions, window: Window, output: Outp
         from msb_viewers.page import LARGE, write_page
 
         if len(model.faces) > LARGE:
-            output.note(
-                f"warning: {window.html}: {len(model.faces):,} faces are more than most browsers hold"
-            )
+            output.note(f"warning: {window.html}: {len(model.faces):,} faces are too many for most browsers")
         with output.progress(f"writing {window.html.name}"):
             write_page(model, window.html, state=state, up=window.up)
     if window.figure is not None:
@@ -92,7 +89,7 @@ def present(model: ViewModel, options: ViewOptions, window: Window, output: Outp
                 )
                 stack.callback(viewer.close)
                 if options.at is not None:
-                    viewer.fly_to_chosen()
+                    viewer.fly_to_selection()
                 elif options.component is not None:
                     viewer.fly_to_component()
                 if window.screenshot is not None:
@@ -117,8 +114,8 @@ def _read_mesh(path: Path, output: Output) -> ViewedMesh:
 
     inputs = expand(path)
     if len(inputs) > 1:
-        names = ", ".join(each.name for each in inputs[:4])
-        raise UsageError("USAGE", f"one mesh at a time; this folder holds {len(inputs)}: {names}", file=path)
+        names = ", ".join(place.name for place in inputs[:4])
+        raise UsageError("USAGE", f"it holds {len(inputs)} meshes ({names}); pass one of them", file=path)
     with output.progress(f"reading {inputs[0].name}"):
         return read_viewed_mesh(inputs[0])
 

@@ -1,4 +1,4 @@
-"""Options that `msb view` and `msb compare` share: the files to write, and the size of a picture."""
+"""Options that `msb view` and `msb compare` share: output files, and size and up axis of the image."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,49 +13,49 @@ from msb_viewers.gl import GlProbe
 
 @dataclass(frozen=True)
 class Window:
-    """The files to write, and the size and up axis of the picture. Without one `msb view` opens a window."""
+    """Output files, and size and up axis of the image. Without an output file `msb view` opens a window."""
 
     screenshot: Annotated[
         Path | None,
-        file_option("Write a picture: .png.", endings=(".png",)),
+        file_option("Write an image (.png).", endings=(".png",)),
     ] = None
     figure: Annotated[
         Path | None,
-        file_option("Write the four-panel figure: .png, .svg or .pdf.", endings=(".png", ".svg", ".pdf")),
+        file_option("Write a figure for print (.png, .svg, .pdf).", endings=(".png", ".svg", ".pdf")),
     ] = None
     html: Annotated[
         Path | None,
-        file_option("Write a page that any browser opens, offline.", endings=(".html", ".htm")),
+        file_option("Write a web page that works offline in any browser.", endings=(".html", ".htm")),
     ] = None
-    up: Annotated[Up | None, Option("Axis that points up. Default: the asset's.")] = None
-    size: Annotated[str, Option("Width and height of the picture in pixels.", metavar="WxH")] = "1280x800"
+    up: Annotated[Up | None, Option("Axis that points up. Default: the axis of the asset.")] = None
+    size: Annotated[str, Option("Width and height of the image in pixels.", metavar="WxH")] = "1280x800"
 
     def __post_init__(self) -> None:
-        self.pixels  # noqa: B018 - refuses what is no size, before anything is read
+        self.pixels  # noqa: B018 - rejects an invalid size before anything is read
 
     @property
     def written(self) -> list[Path]:
-        """What is to be written."""
+        """The output files."""
         return [path for path in (self.html, self.figure, self.screenshot) if path is not None]
 
     @property
     def pixels(self) -> tuple[int, int]:
-        """Width and height."""
+        """Width and height in pixels."""
         if (size := pixels_of(self.size)) is None:
             raise not_a_size(self.size)
         width, height = size
         if not (64 <= width <= MOST_PIXELS and 64 <= height <= MOST_PIXELS):
-            text = f"--size is {width}x{height}; it must be from 64 to {MOST_PIXELS} each way"
+            text = f"--size is {width}x{height}; width and height must be 64 to {MOST_PIXELS}"
             raise UsageError("USAGE", text)
         return width, height
 
 
 def open_probe(window: Window) -> GlProbe | None:
-    """Ask whether GL can draw, if it is needed, and whether there is a display; GL's answer comes later."""
+    """Start the test of OpenGL, if it is needed, and check that there is a display for a window."""
     from msb_viewers.gl import GlProbe, check_display
 
     if window.written == [window.html]:
-        return None  # a page needs neither
+        return None  # a page needs neither OpenGL nor a display
     probe = GlProbe.start()
     if not window.written:
         try:

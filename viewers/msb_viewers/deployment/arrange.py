@@ -1,4 +1,4 @@
-"""The place of each picture in the composed one, in boxes of whole pixels, from the layout alone."""
+"""Compute the position of each panel in the composed image, in pixels."""
 
 from __future__ import annotations
 
@@ -9,17 +9,19 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from msb_viewers.deployment.state import Layout
 
-# Heights of gaps, title, captions and the scale of differences, in pixels at scale 1.
+# Heights of gaps, title, captions and the colour scale of differences, in pixels at scale 1.
 _GAP, _HEAD, _CAPTION, _BAR = 10, 72, 64, 48
-# The least width and height of a picture in pixels, however small the whole is.
+# Minimum width and height of a panel in pixels.
 _LEAST = 16
-# The part of the width that A and B take beside their difference.
+# Fraction of the width for the panels A and B next to their difference.
 _THUMBNAIL = 0.3
 
 
 @dataclass(frozen=True)
 class Box:
-    """A rectangle of pixels, from the top left; `right` and `bottom` are the first pixels beyond it."""
+    """A rectangle of pixels; the origin is the top left. `right` and `bottom` are the first pixels
+    outside.
+    """
 
     left: int
     top: int
@@ -35,7 +37,7 @@ class Box:
         return self.top + self.height
 
     def fitting(self, width: int, height: int) -> Box:
-        """Return the largest box of this shape in the middle of it."""
+        """Return the largest box with the aspect of `width` x `height` in the centre of this box."""
         factor = min(self.width / width, self.height / height)
         wide, high = max(round(width * factor), 1), max(round(height * factor), 1)
         return Box(self.left + (self.width - wide) // 2, self.top + (self.height - high) // 2, wide, high)
@@ -43,7 +45,7 @@ class Box:
 
 @dataclass(frozen=True)
 class Cell:
-    """A place for a picture (a tier, "wipe" or "difference") that is fitted into it, and its caption's."""
+    """The boxes of a panel (a tier, "wipe" or "difference") and its caption."""
 
     kind: str
     box: Box
@@ -57,12 +59,11 @@ def arrange(
     size: tuple[int, int],
     scale: float,
     *,
-    aspect: float | None = None,
+    aspect: float,
 ) -> list[Cell]:
-    """Return the cells of a picture of `size` pixels.
+    """Return the cells of an image of `size` pixels.
 
-    `tiers` are those that the layout "side" shows; `aspect` is width over height of the pictures, None if
-    they take any shape.
+    `tiers` are the tiers of the layout "side". `aspect` is width over height of the images.
     """
     gap, caption, top = round(_GAP * scale), round(_CAPTION * scale), round(_HEAD * scale)
     area = Box(gap, top, size[0] - 2 * gap, size[1] - top - gap)
@@ -82,8 +83,8 @@ def arrange(
     ]
 
 
-def _grid(tiers: Sequence[str], area: Box, gap: int, caption: int, aspect: float | None) -> list[Cell]:
-    """Return cells in the number of columns that makes pictures largest."""
+def _grid(tiers: Sequence[str], area: Box, gap: int, caption: int, aspect: float) -> list[Cell]:
+    """Return cells in as many columns as make the images largest."""
     best: tuple[float, list[Cell]] = (-1.0, [])
     for columns in range(1, len(tiers) + 1):
         rows = -(-len(tiers) // columns)
@@ -103,13 +104,14 @@ def _grid(tiers: Sequence[str], area: Box, gap: int, caption: int, aspect: float
             for index, tier in enumerate(tiers)
         ]
         box = cells[0].box
-        worth = float(min(box.width, box.height)) if aspect is None else min(box.width / aspect, box.height)
-        if worth > best[0]:
-            best = worth, cells
+        image_height = min(box.width / aspect, box.height)
+        if image_height > best[0]:
+            best = image_height, cells
     return best[1]
 
 
 def _cell(kind: str, box: Box, caption: int) -> Cell:
+    """Return a cell whose caption takes the lower `caption` pixels of `box`."""
     high = max(box.height - caption, _LEAST)
     return Cell(
         kind,

@@ -1,4 +1,4 @@
-"""The picture that is composed, and what is drawn on it: pictures, lines of text, badges, a divider."""
+"""The canvas of the composed image, with functions to draw images, text, labels and the divider of a wipe."""
 
 from typing import Any
 
@@ -7,14 +7,14 @@ from numpy.typing import NDArray
 
 from msb_viewers.deployment.arrange import Box
 from msb_viewers.palette import BACKGROUND, INK, WHITE, Color
-from msb_viewers.sheet import FAINT, font, shortened, wrapped
+from msb_viewers.sheet import FAINT, font, shorten_text, wrap_text
 
 _EMPTY: Color = (226, 227, 229)
 _BADGE: Color = (60, 64, 72)
 
 
 class Canvas:
-    """A picture to draw on; lengths and font sizes are in pixels at scale 1."""
+    """An image to draw on. Lengths and font sizes are in pixels at scale 1."""
 
     def __init__(self, size: tuple[int, int], scale: float) -> None:
         from PIL import Image, ImageDraw
@@ -43,23 +43,23 @@ class Canvas:
         anchor: str = "la",
         room: float | None = None,
     ) -> float:
-        """Write a line, with dots in its middle if it takes more than `room`; return its width."""
+        """Write a line, shortened in the middle if it is wider than `room`; return its width."""
         face = self.font(size, bold=bold)
-        shown = text if room is None else shortened(text, face, max(room, 1))
-        self.draw.text((x, y), shown, color, face, anchor=anchor)
-        return float(face.getlength(shown))
+        line = text if room is None else shorten_text(text, face, max(room, 1))
+        self.draw.text((x, y), line, color, face, anchor=anchor)
+        return float(face.getlength(line))
 
     def paste(self, image: NDArray[np.uint8], box: Box) -> None:
-        """Put a picture (H, W, 3) at the corner of `box`."""
+        """Draw an image (H, W, 3) at the upper left corner of `box`."""
         from PIL import Image
 
         self.picture.paste(Image.fromarray(np.ascontiguousarray(image)), (box.left, box.top))
 
     def placeholder(self, box: Box, title: str, text: str) -> None:
-        """Fill a box in which there is no picture, and say why."""
+        """Fill a box without an image, and write the reason into it."""
         self.draw.rectangle((box.left, box.top, box.right - 1, box.bottom - 1), _EMPTY)
         face, high = self.font(13), self.px(18)
-        lines = wrapped(text, face, max(box.width - 2 * self.px(16), 1))
+        lines = wrap_text(text, face, max(box.width - 2 * self.px(16), 1))
         x = box.left + box.width / 2
         y = box.top + (box.height - high * len(lines)) / 2
         if title:
@@ -69,14 +69,14 @@ class Canvas:
             self.write(x, y + high * (index + 0.5), line, 13, anchor="mm")
 
     def badge(self, letter: str, x: float, y: float) -> float:
-        """Write a letter on a dark square whose left side is at `x`; return the width of both."""
+        """Draw a letter on a dark square whose left side is at `x`; return its width with the margin."""
         half = self.px(9)
         self.draw.rounded_rectangle((x, y - half, x + 2 * half, y + half), self.px(3), _BADGE)
         self.write(x + half, y, letter, 13, WHITE, bold=True, anchor="mm")
         return 2 * half + self.px(6)
 
     def chip(self, letter: str, text: str, x: float, y: float, *, from_right: bool = False) -> None:
-        """Write a letter and a text on paper in a corner of a picture: its upper left or right."""
+        """Draw a label with a letter and a text in the upper left or right corner of an image."""
         face = self.font(13, bold=True)
         width, high = face.getlength(text) + self.px(34), self.px(26)
         left = x - width - self.px(6) if from_right else x + self.px(6)
@@ -86,7 +86,7 @@ class Canvas:
         self.write(left + self.px(4) + after, top + high / 2, text, 13, bold=True, anchor="lm")
 
     def divider(self, x: float, box: Box) -> None:
-        """Draw the wipe's line over a picture, with a handle in its middle."""
+        """Draw the divider of a wipe over an image, with a handle in the middle."""
         self.draw.line((x, box.top, x, box.bottom - 1), INK, self.px(3))
         self.draw.line((x, box.top, x, box.bottom - 1), WHITE, self.px(1))
         y, r = box.top + box.height / 2, self.px(11)

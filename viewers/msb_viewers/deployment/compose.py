@@ -1,4 +1,4 @@
-"""A comparison as one picture: panels, captions, the divider of a wipe, the scale. It needs no VTK."""
+"""Compose a comparison as one image: panels, captions, the divider of a wipe, the colour scale."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from msb_viewers.deployment.difference import (
     TOP,
     colorize,
     decibel_text,
-    fitted,
+    resize,
     scale_colors,
     squared_error,
 )
@@ -24,7 +24,7 @@ from msb_viewers.palette import INK
 from msb_viewers.sheet import FAINT, text_scale
 
 _LAYOUTS = {"side": "side by side", "wipe": "wipe", "difference": "difference"}
-# The least width of a caption, in pixels at scale 1, if there is room below a narrower picture.
+# Minimum width of a caption in pixels at scale 1, if the cell of a narrow image is wide enough.
 _LEAST_CAPTION = 300
 # Distance between lines of a caption, in pixels at scale 1.
 _LINE = 18
@@ -32,105 +32,111 @@ _LINE = 18
 
 @dataclass(frozen=True, eq=False)
 class Composition:
-    """The picture (H, W, 3), and the place of each tier, of "wipe" or of "difference" in it."""
+    """The image (H, W, 3), and the box of each tier, of "wipe" or of "difference" in it."""
 
     image: NDArray[np.uint8]
     pictures: dict[str, Box]
 
 
 def compose(state: CompareState, shots: Mapping[str, Shot], size: tuple[int, int]) -> Composition:
-    """Return a picture of `size` pixels that shows the shots of one view."""
-    return _Sheet(state, shots, Canvas(size, text_scale(size))).draw()
+    """Return an image of `size` pixels with the shots of one view."""
+    return _Composer(state, shots, Canvas(size, text_scale(size))).draw()
 
 
 def decibels(a: Shot | None, b: Shot | None) -> float | None:
-    """Return the PSNR of two shots; None where one has no picture or they are of two sizes."""
+    """Return the PSNR of two shots in dB; None if one has no image, or their sizes differ."""
     if a is None or b is None or a is b or a.image is None or b.image is None:
         return None
     return psnr(a.image, b.image) if a.image.shape == b.image.shape else None
 
 
 @dataclass(eq=False)
-class _Sheet:
-    """A composition that is being drawn."""
+class _Composer:
+    """The image while it is drawn."""
 
     state: CompareState
     shots: Mapping[str, Shot]
     canvas: Canvas
 
     def draw(self) -> Composition:
+        """Draw all cells and the title."""
         size = next((shot.image.shape for shot in self.shots.values() if shot.image is not None), None)
-        pictures = {cell.kind: self.cell(cell) for cell in self.state.cells(self.canvas.size)}
-        self.title(size)
+        pictures = {cell.kind: self.draw_cell(cell) for cell in self.state.cells(self.canvas.size)}
+        self.draw_title(size)
         return Composition(np.array(self.canvas.picture), pictures)
 
-    def cell(self, cell: Cell) -> Box:
-        """Draw a cell; its caption stands close below the picture."""
+    def draw_cell(self, cell: Cell) -> Box:
+        """Draw a cell, with its caption directly below the image."""
         if cell.kind == "wipe":
-            box, write = self.wipe(cell.box), self.pair_captions
+            box, write = self.draw_wipe(cell.box), self.draw_pair_captions
         elif cell.kind == "difference":
-            box, write = self.difference(cell.box), self.scale
+            box, write = self.draw_difference(cell.box), self.draw_scale
         else:
-            box = self.panel(cell.kind, cell.box)
-            write = partial(self.caption, cell.kind)
+            box = self.draw_tier(cell.kind, cell.box)
+            write = partial(self.draw_caption, cell.kind)
         wide = box.width >= self.canvas.px(_LEAST_CAPTION)
         across = box if wide else cell.box
         write(Box(across.left, box.bottom, across.width, cell.caption.height))
         return box
 
-    def panel(self, tier: str, cell: Box) -> Box:
-        image = self.image(tier)
+    def draw_tier(self, tier: str, cell: Box) -> Box:
+        """Draw the image of a tier, and return its box."""
+        image = self.image_of(tier)
         if image is None:
-            return self.empty(cell, tier)
+            return self.draw_missing(cell, tier)
         box = cell.fitting(image.shape[1], image.shape[0])
-        self.canvas.paste(fitted(image, box.width, box.height), box)
+        self.canvas.paste(resize(image, box.width, box.height), box)
         return box
 
-    def pair_captions(self, box: Box) -> None:
+    def draw_pair_captions(self, box: Box) -> None:
+        """Draw the captions of A and B side by side."""
         gap = self.canvas.px(20)
         half = (box.width - gap) // 2
         for index, tier in enumerate(self.state.pair):
-            self.caption(tier, Box(box.left + index * (half + gap), box.top, half, box.height))
+            self.draw_caption(tier, Box(box.left + index * (half + gap), box.top, half, box.height))
 
-    def wipe(self, cell: Box) -> Box:
+    def draw_wipe(self, cell: Box) -> Box:
+        """Draw A left and B right of a divider, and return the box."""
         a, b = self.state.pair
-        first, second = self.image(a), self.image(b)
+        first, second = self.image_of(a), self.image_of(b)
         if first is None or second is None:
-            return self.empty(cell, a if first is None else b)
+            return self.draw_missing(cell, a if first is None else b)
         box = cell.fitting(first.shape[1], first.shape[0])
         x = box.width // 2
-        picture = fitted(first, box.width, box.height).copy()
-        picture[:, x:] = fitted(second, box.width, box.height)[:, x:]
+        picture = resize(first, box.width, box.height).copy()
+        picture[:, x:] = resize(second, box.width, box.height)[:, x:]
         self.canvas.paste(picture, box)
         self.canvas.divider(box.left + x, box)
         self.canvas.chip("A", LABELS[a], box.left, box.top)
         self.canvas.chip("B", LABELS[b], box.right, box.top, from_right=True)
         return box
 
-    def difference(self, cell: Box) -> Box:
+    def draw_difference(self, cell: Box) -> Box:
+        """Draw the map of the difference of A and B, and return its box."""
         a, b = self.state.pair
-        first, second = self.image(a), self.image(b)
+        first, second = self.image_of(a), self.image_of(b)
         if first is None or second is None:
-            return self.empty(cell, a if first is None else b)
+            return self.draw_missing(cell, a if first is None else b)
         if first.shape != second.shape:
-            return self.placeholder(cell, "", "the two images have different sizes")
+            return self.draw_placeholder(cell, "", "the two images have different sizes")
         box = cell.fitting(first.shape[1], first.shape[0])
-        squared = fitted(squared_error(first, second), box.width, box.height)
+        squared = resize(squared_error(first, second), box.width, box.height)
         self.canvas.paste(colorize(squared, TOP), box)
         return box
 
-    def scale(self, box: Box) -> None:
-        """Draw the figure, and what the colours mean."""
+    def draw_scale(self, box: Box) -> None:
+        """Draw the PSNR and the colour scale of a difference."""
         canvas, px = self.canvas, self.canvas.px
-        found = decibels(*(self.shots.get(tier) for tier in self.state.pair))
-        if found is None:
+        value = decibels(*(self.shots.get(tier) for tier in self.state.pair))
+        if value is None:
             return
         a, b = (LABELS[tier].lower() for tier in self.state.pair)
         y = box.top + px(18)
-        width = canvas.write(box.left, y, decibel_text(found), 20, bold=True, anchor="lm")
+        width = canvas.write(box.left, y, decibel_text(value), 20, bold=True, anchor="lm")
         left = box.left + width + px(12)
-        text = f"PSNR of B, {b}, to A, {a}, both as 8-bit pictures"
+        text = f"PSNR of B ({b}) with respect to A ({a}), both as 8-bit images"
         canvas.write(left, y + px(1), text, 12, FAINT, anchor="lm", room=box.right - left)
+        # The scale from black (0) to the brightest colour (TOP), with five labels.
         bar = Box(box.left, box.top + px(36), box.width, px(14))
         colors = scale_colors()[np.linspace(0, 255, bar.width).astype(int)]
         canvas.paste(np.repeat(colors[None], bar.height, axis=0), bar)
@@ -138,7 +144,7 @@ class _Sheet:
         for index in range(5):
             x = bar.left + round((bar.width - 1) * index / 4)
             canvas.draw.line((x, bar.bottom, x, bar.bottom + px(4)), INK)
-            text = f"{TOP * index / 4:g}" + (" and more" if index == 4 else "")
+            text = f"{TOP * index / 4:g}" + (" or more" if index == 4 else "")
             canvas.write(
                 x,
                 bar.bottom + px(12),
@@ -146,25 +152,27 @@ class _Sheet:
                 11,
                 anchor=("l" if index == 0 else "r" if index == 4 else "m") + "m",
             )
-        words = "difference at a pixel: root mean square over red, green and blue; black to white is 1"
+        words = "difference per pixel: root mean square of red, green and blue; 1 is black to white"
         canvas.write(box.left, bar.bottom + px(29), words, 11, FAINT, anchor="lm", room=box.width)
 
-    def caption(self, tier: str, box: Box) -> None:
+    def draw_caption(self, tier: str, box: Box) -> None:
+        """Draw letter, name, PSNR, and times of a tier below its image."""
         canvas, px, pair = self.canvas, self.canvas.px, self.state.pair
         x, y = float(box.left), box.top + px(14)
         if tier in pair and pair[0] != pair[1]:
             x += canvas.badge("AB"[pair.index(tier)], x, y)
-        found = decibels(self.shots.get(pair[0]), self.shots.get(tier))
+        value = decibels(self.shots.get(pair[0]), self.shots.get(tier))
         room = box.right - x
-        if found is not None:
-            text = f"{decibel_text(found)} to A"
+        if value is not None:
+            text = f"{decibel_text(value)} to A"
             room -= canvas.write(box.right, y, text, 13, bold=True, anchor="rm") + px(8)
         canvas.write(x, y, LABELS[tier], 14, bold=True, anchor="lm", room=room)
         for row, line in enumerate(caption_lines(self.shots.get(tier))):
             place = y + px(_LINE * (row + 1))
             canvas.write(box.left, place, line, 12, FAINT, anchor="lm", room=box.width)
 
-    def title(self, size: tuple[int, ...] | None) -> None:
+    def draw_title(self, size: tuple[int, ...] | None) -> None:
+        """Draw the name of the asset, the camera, the settings and the layout."""
         canvas, px, state = self.canvas, self.canvas.px, self.state
         scene = state.comparison
         left, right = px(12), canvas.size[0] - px(12)
@@ -179,30 +187,29 @@ class _Sheet:
         canvas.write(left, px(37), camera_text(state, size), 12, anchor="lm", room=right - left)
         canvas.write(left, px(56), scene.settings_text(), 12, FAINT, anchor="lm", room=right - left)
 
-    def image(self, tier: str) -> NDArray[np.uint8] | None:
+    def image_of(self, tier: str) -> NDArray[np.uint8] | None:
         shot = self.shots.get(tier)
         return None if shot is None else shot.image
 
-    def empty(self, cell: Box, tier: str) -> Box:
-        """Say in the place of a tier's picture why there is none."""
-        return self.placeholder(cell, "N/A", self.shots[tier].why)
+    def draw_missing(self, cell: Box, tier: str) -> Box:
+        """Draw the reason why a tier has no image."""
+        return self.draw_placeholder(cell, "N/A", self.shots[tier].why)
 
-    def placeholder(self, cell: Box, title: str, text: str) -> Box:
-        aspect = self.state.aspect
-        box = cell if aspect is None else cell.fitting(round(1000 * aspect), 1000)
+    def draw_placeholder(self, cell: Box, title: str, text: str) -> Box:
+        box = cell.fitting(round(1000 * self.state.aspect), 1000)
         self.canvas.placeholder(box, title, text)
         return box
 
 
 def camera_text(state: CompareState, size: tuple[int, ...] | None) -> str:
-    """Return which camera is shown, and the size (H, W, ...) of its pictures."""
+    """Return the number and name of the camera, and the size (H, W, ...) of its images."""
     pixels = "" if size is None else f", {size[1]} x {size[0]} pixels"
     views = state.comparison.views
-    return f"camera 1 of {len(views)}: {views[0].name}{pixels}" if views else f"free camera{pixels}"
+    return f"camera 1 of {len(views)}: {views[0].name}{pixels}"
 
 
 def caption_lines(shot: Shot | None) -> list[str]:
-    """Return the lines below a tier's picture: the time it took, what it holds, and what computed it."""
+    """Return the lines below an image: time, device memory, size, and what computed it."""
     if shot is None or shot.image is None:
         return []
     parts = []

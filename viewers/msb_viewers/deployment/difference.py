@@ -1,4 +1,4 @@
-"""How far two pictures are apart: at each pixel, as a colour, and as one number in dB."""
+"""The difference of two images: a colour for each pixel, and a PSNR in dB."""
 
 import math
 from functools import cache
@@ -7,31 +7,31 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-# Colours from no difference to the largest shown, evenly spaced, with linear interpolation. They follow
+# Colours from no difference to the largest one, evenly spaced, with linear interpolation. They follow
 # matplotlib's magma scale (S. van der Walt and N. Smith, 2015) within 3 / 255. The scale is perceptually
-# uniform and ordered by lightness, so every kind of colour blindness reads it alike.
+# uniform and ordered by lightness, so that it also works with colour blindness.
 ERROR_SCALE = (
     (0, 0, 4), (10, 8, 34), (29, 17, 70), (54, 16, 106), (80, 18, 124), (105, 28, 129), (130, 38, 129),
     (156, 46, 127), (182, 55, 121), (207, 65, 112), (230, 81, 99), (245, 105, 92), (251, 135, 97),
     (254, 165, 113), (254, 195, 135), (253, 224, 162), (252, 253, 191),
 )  # fmt: skip
-# The differences for which the brightest colour can stand.
+# Values of the difference for the brightest colour.
 TOPS = (1.0, 0.5, 0.25, 0.1, 0.05, 0.02)
-# The difference for which it stands at first.
+# The value at first.
 TOP = 0.25
 
 
 def squared_error(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """Return for each pixel (H, W) the mean over channels of the squared difference, in [0, 1].
+    """Return the squared difference of each pixel (H, W), averaged over channels, in [0, 1].
 
-    Its mean over all pixels is what the PSNR of the two is made of.
+    Its average over all pixels is the mean squared error of the PSNR.
     """
     away = a.astype(np.float32) - b.astype(np.float32)
     return np.asarray(np.einsum("hwc,hwc->hw", away, away) / np.float32(3 * 255**2))
 
 
 def colorize(squared: NDArray[np.float32], top: float) -> NDArray[np.uint8]:
-    """Return the colours (H, W, 3) of differences given squared; those of `top` and more are brightest."""
+    """Return colours (H, W, 3) for squared differences (H, W). Differences from `top` on are brightest."""
     place = np.sqrt(squared) * np.float32(255 / top)
     return scale_colors()[np.minimum(place, 255).astype(np.uint8)]
 
@@ -45,7 +45,7 @@ def scale_colors() -> NDArray[np.uint8]:
 
 
 def decibel_text(value: float) -> str:
-    """Return a PSNR in words.
+    """Return a PSNR as text.
 
     >>> decibel_text(31.26), decibel_text(math.inf)
     ('31.26 dB', 'identical')
@@ -53,13 +53,13 @@ def decibel_text(value: float) -> str:
     return "identical" if math.isinf(value) else f"{value:.2f} dB"
 
 
-def fitted(image: NDArray[Any], width: int, height: int) -> NDArray[Any]:
-    """Return a picture, or squared differences, at another size: averaged or repeated."""
+def resize(image: NDArray[Any], width: int, height: int) -> NDArray[Any]:
+    """Return an image, or squared differences, at another size."""
     from PIL import Image
 
     if image.shape[:2] == (height, width):
         return image
-    # What is smoothed is what was computed; what is enlarged shows its pixels.
+    # Average pixels if the image becomes smaller, and repeat them if it becomes larger.
     smaller = width < image.shape[1] or height < image.shape[0]
     filtering = Image.Resampling.BOX if smaller else Image.Resampling.NEAREST
     return np.asarray(Image.fromarray(image).resize((width, height), filtering))

@@ -1,11 +1,11 @@
-// The deployment viewer's page.
+// The page of the comparison.
 const state = { layout: meta.layout, pair: meta.pair.slice(), at: 0, divider: 0.5, top: meta.top };
 const LAYOUTS = [["side", "Side by side"], ["wipe", "Wipe"], ["difference", "Difference"]];
 const label = (tier) => meta.tiers.find((p) => p.tier === tier).label;
 const shot = (tier, at = state.at) => meta.views[at].shots[tier];
 const drawable = meta.tiers.filter((p) => p.drawable).map((p) => p.tier);
 
-// PSNR in dB between two tiers: a number, "identical", or undefined where one has no picture.
+// PSNR in dB between two tiers: a number, "identical", or undefined if an image is missing.
 const decibels = (a, b, at = state.at) => meta.views[at].decibels[a < b ? `${a} ${b}` : `${b} ${a}`];
 const inWords = (value) => (typeof value === "number" ? `${value.toFixed(2)} dB` : value);
 
@@ -29,8 +29,8 @@ function caption(tier) {
   const box = make("figcaption"), top = make("div", undefined, "top"), at = state.pair.indexOf(tier);
   if (at >= 0 && state.pair[0] !== state.pair[1]) top.append(make("span", "AB"[at], "badge"));
   top.append(make("b", label(tier)));
-  const found = tier === state.pair[0] ? undefined : decibels(state.pair[0], tier);
-  if (found !== undefined) top.append(make("b", `${inWords(found)} to A`, "found"));
+  const value = tier === state.pair[0] ? undefined : decibels(state.pair[0], tier);
+  if (value !== undefined) top.append(make("b", `${inWords(value)} to A`, "found"));
   box.append(top, ...shot(tier).lines.map((line) => make("div", line, "faint")));
   return box;
 }
@@ -51,7 +51,7 @@ function drawWipe() {
   const box = byId("wipe"), missing = absent();
   if (missing) { box.replaceChildren(picture(missing), caption(missing)); return; }
   const [a, b] = state.pair, view = meta.views[state.at], frame = make("div", undefined, "wipe");
-  // As large as fits, but no taller than the window leaves room for.
+  // As large as possible, but not higher than the window.
   frame.style.maxWidth = `min(100%, ${(76 * view.width / view.height).toFixed(1)}vh)`;
   const [left, right] = [picture(a, true), picture(b, true)], line = make("div", undefined, "line"), across = make("input");
   Object.assign(across, { type: "range", min: 0, max: 1000, id: "across" });
@@ -105,7 +105,7 @@ async function drawMap() {
   if (missing) { box.replaceChildren(picture(missing), caption(missing)); return; }
   const [a, b] = state.pair, [first, second] = await Promise.all([pixels(a), pixels(b)]);
   if (number !== drawing) return;
-  // At each pixel the root mean square over red, green and blue, as in the window.
+  // The root mean square of red, green and blue at each pixel, as in `difference.py`.
   const out = new ImageData(first.width, first.height), x = first.data, y = second.data;
   for (let i = 0; i < x.length; i += 4) {
     const squared = (x[i] - y[i]) ** 2 + (x[i + 1] - y[i + 1]) ** 2 + (x[i + 2] - y[i + 2]) ** 2;
@@ -125,9 +125,9 @@ async function drawMap() {
   bar.id = "bar";
   bar.style.background = `linear-gradient(to right, ${meta.scale.map((c) => `rgb(${c})`).join(", ")})`;
   ticks.id = "ticks";
-  for (let i = 0; i < 5; i++) ticks.append(make("span", `${state.top * i / 4}${i === 4 && state.top < 1 ? " and more" : ""}`));
-  box.replaceChildren(canvas, figure, make("div", `PSNR of B, ${label(b).toLowerCase()}, to A, ${label(a).toLowerCase()}, both as 8-bit pictures`, "faint"),
-    bar, ticks, make("div", "difference at a pixel: root mean square over red, green and blue; black to white is 1", "faint"), pairFigures());
+  for (let i = 0; i < 5; i++) ticks.append(make("span", `${state.top * i / 4}${i === 4 && state.top < 1 ? " or more" : ""}`));
+  box.replaceChildren(canvas, figure, make("div", `PSNR of B (${label(b).toLowerCase()}) with respect to A (${label(a).toLowerCase()}), both as 8-bit images`, "faint"),
+    bar, ticks, make("div", "difference per pixel: root mean square of red, green and blue; 1 is black to white", "faint"), pairFigures());
   canvas.classList.toggle("large", canvas.clientWidth > first.width);
 }
 
@@ -135,7 +135,7 @@ function scores() {
   const box = byId("scores"), others = drawable.filter((tier) => tier !== state.pair[0]);
   if (!others.length) { box.replaceChildren(); return; }
   const table = make("table"), head = table.createTHead().insertRow(), body = table.createTBody(), foot = table.createTFoot().insertRow();
-  table.createCaption().textContent = `PSNR in dB to A, ${label(state.pair[0]).toLowerCase()}`;
+  table.createCaption().textContent = `PSNR in dB with respect to A (${label(state.pair[0]).toLowerCase()})`;
   const header = (row, text) => { const cell = make("th", text); row.append(cell); return cell; };
   ["Camera", ...others.map(label)].forEach((text) => header(head, text));
   meta.views.forEach((view, at) => {
@@ -148,10 +148,10 @@ function scores() {
       row.insertCell().textContent = value === undefined ? "N/A" : typeof value === "number" ? value.toFixed(2) : value;
     }
   });
-  header(foot, `mean of ${meta.views.length}`);
+  header(foot, `average of ${meta.views.length}`);
   for (const tier of others) {
     const values = meta.views.map((_, at) => decibels(state.pair[0], tier, at));
-    // Identical pictures count as much as msb.metrics lets them.
+    // Identical images count with the maximum PSNR of msb.metrics.
     const known = values.filter((v) => v !== undefined).map((v) => (v === "identical" ? meta.cap : v));
     foot.insertCell().textContent = known.length === values.length ? (known.reduce((x, y) => x + y, 0) / known.length).toFixed(2) : "N/A";
   }
@@ -190,7 +190,7 @@ function controls() {
     parts.push(choice(`Camera ${state.at + 1} of ${meta.views.length}`, meta.views.map((v, i) => [i, v.name]), state.at, (at) => { state.at = Number(at); }), steps);
   }
   if (state.layout === "difference")
-    parts.push(choice("brightest", meta.tops.map((t) => [t, t]), state.top, (top) => { state.top = Number(top); }));
+    parts.push(choice("brightest at", meta.tops.map((t) => [t, t]), state.top, (top) => { state.top = Number(top); }));
   parts.push(button("Help (H)", help));
   byId("controls").replaceChildren(...parts);
 }
@@ -204,7 +204,7 @@ function draw() {
   if (state.layout === "wipe") drawWipe();
   if (state.layout === "difference") drawMap();
   scores();
-  // What had the focus was made anew.
+  // The controls were replaced: restore the keyboard focus.
   [...byId("controls").querySelectorAll("button, select")].find((node) => had && node.textContent === had)?.focus();
 }
 const setLayout = (layout) => { if (layout === "side" || drawable.length > 1) { state.layout = layout; draw(); } };
@@ -217,8 +217,8 @@ function next(side) {
   if (choices.length) state.pair[side] = choices[(choices.indexOf(state.pair[side]) + 1) % choices.length];
 }
 const step = (by) => { state.at = (state.at + by + meta.views.length) % meta.views.length; draw(); };
-const help = () => showKeys([["1 / 2 / 3", "side by side, wipe, difference"], ["A / B", "next tier for picture A, for picture B"],
-  ["N / P", "next / previous camera"], ["+ / -", "brighten / darken the difference"], ["← / →", "move the wipe's divider; or drag it"], ["H", "this help"]]);
+const help = () => showKeys([["1 / 2 / 3", "side by side, wipe, difference"], ["A / B", "next tier for image A / image B"],
+  ["N / P", "next / previous camera"], ["+ / -", "brighten / darken the difference"], ["← / →", "move the divider of the wipe, or drag it"], ["H", "this help"]]);
 onkeydown = (event) => {
   if (event.ctrlKey || event.metaKey || event.altKey || ["SELECT", "INPUT"].includes(event.target.tagName)) return;
   const bright = (by) => { state.top = meta.tops[Math.min(Math.max(meta.tops.indexOf(state.top) + by, 0), meta.tops.length - 1)]; draw(); };
@@ -231,7 +231,7 @@ onkeydown = (event) => {
 };
 document.title = `${meta.name} - msb compare`;
 byId("head").append(make("h1", meta.name), make("p", meta.subtitle), make("p", meta.settings, "faint"));
-// #view=3&layout=wipe in the address opens the page there.
+// An address that ends in #view=3&layout=wipe opens the page at this view and layout.
 const wanted = new URLSearchParams(location.hash.slice(1));
 if (wanted.get("view") > 0 && wanted.get("view") <= meta.views.length) state.at = wanted.get("view") - 1;
 if (LAYOUTS.some(([key]) => key === wanted.get("layout"))) state.layout = wanted.get("layout");

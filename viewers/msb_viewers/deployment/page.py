@@ -1,4 +1,4 @@
-"""`msb compare --html`: pictures of every tier from every camera as one page, for any browser, offline."""
+"""`msb compare --html`: images of all tiers from all cameras on a single page, which works offline."""
 
 import base64
 import io
@@ -10,13 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from msb.metrics import psnr
-from msb_viewers.deployment.compose import caption_lines
+from msb_viewers.deployment.compose import caption_lines, decibels
 from msb_viewers.deployment.difference import ERROR_SCALE, TOP, TOPS
 from msb_viewers.deployment.shots import LABELS, Shot, TierRenderers
 from msb_viewers.deployment.state import CompareState
 from msb_viewers.deployment.views import View
-from msb_viewers.template import filled
+from msb_viewers.template import build_page
 
 
 def write_page(
@@ -27,7 +26,7 @@ def write_page(
     *,
     step: Callable[[], None] = lambda: None,
 ) -> None:
-    """Write a page of all `views`, drawn now; `step` is called after each of them."""
+    """Render all `views` and write a page of them. `step` is called after each view."""
     from msb.base.atomic import new_file
 
     rows = []
@@ -39,7 +38,7 @@ def write_page(
 
 
 def page(state: CompareState, rows: list[dict[str, Any]]) -> bytes:
-    """Return the page, UTF-8, of the views that `page_view` made."""
+    """Return the page as UTF-8; `rows` are results of `page_view`."""
     from msb.metrics.images import PSNR_CAP
 
     scene = state.comparison
@@ -59,17 +58,16 @@ def page(state: CompareState, rows: list[dict[str, Any]]) -> bytes:
         ],
         "views": rows,
     }
-    return filled("msb_viewers.deployment", meta)
+    return build_page("msb_viewers.deployment", meta)
 
 
 def page_view(view: View, shots: Mapping[str, Shot]) -> dict[str, Any]:
-    """Return what the page has of one camera: pictures as data, captions, PSNRs of all pairs."""
+    """Return the data of a view: images, captions and the PSNRs of all pairs of tiers."""
     psnrs: dict[str, float | str] = {}
     for a in sorted(shots):
         for b in sorted(shots):
-            first, second = shots[a].image, shots[b].image
-            if a < b and first is not None and second is not None:
-                value = psnr(first, second)
+            value = decibels(shots[a], shots[b]) if a < b else None
+            if value is not None:
                 psnrs[f"{a} {b}"] = "identical" if math.isinf(value) else value
     return {
         "name": view.name,
@@ -88,7 +86,7 @@ def page_view(view: View, shots: Mapping[str, Shot]) -> dict[str, Any]:
 
 
 def _data(image: NDArray[np.uint8]) -> str:
-    """Return a picture as the address of a PNG: no pixel is changed, so the page can compare them itself."""
+    """Return an image as a data URL of a PNG. It is lossless, so that the page can compute differences."""
     from PIL import Image
 
     buffer = io.BytesIO()

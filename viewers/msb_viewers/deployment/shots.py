@@ -1,4 +1,4 @@
-"""What is compared, and the pictures: what each tier makes of one camera, or why it makes nothing."""
+"""The compared tiers, and their images: the rendering of each tier, or the reason why it is missing."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 TRUTH: Final = "truth"
 REFERENCE: Final = "reference"
 BAKED: Final = "baked"
-# Tier -> its title, in the order they are shown. The truth, a photograph, and what a bake made stand beside
-# the tiers.
+# Tier -> title, in the order of the comparison. Photographs ("truth") and a baked mesh are treated like
+# tiers.
 LABELS = {
     TRUTH: "Ground truth",
     REFERENCE: "Reference",
@@ -29,16 +29,17 @@ LABELS = {
     "standard": "Standard",
     BAKED: "Baked",
 }
-# An asset of more faces gets its reference only when asked for: NumPy takes minutes for it.
+# Number of faces above which the reference tier is only drawn on request, because NumPy takes minutes.
 MOST_REFERENCE_FACES = 200_000
 
 
 @dataclass(frozen=True, eq=False)
 class Shot:
-    """What a tier made of a camera: the picture (H, W, 3) as `msb render` writes it, or `why` there is none.
+    """The result of a tier for a camera: the image (H, W, 3) of `msb render`, or the reason `why` it is
+    missing.
 
-    `milliseconds` are those of the device's commands without reading back, or of NumPy; `nbytes` is what the
-    tier holds on the device; `where` is what computed it.
+    `milliseconds` is the time on the device without reading back, or the time of NumPy. `nbytes` is the
+    device memory of the tier, and `where` is the device.
     """
 
     tier: str
@@ -51,18 +52,18 @@ class Shot:
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """What is compared, and how it is drawn.
+    """The compared tiers and views, and the options of rendering.
 
-    `missing` says for a tier why the method does not have it; without `views`, those of a dataset, the views
-    are from around; `settings` override the asset's; `supersample` is of the standard tier, on which `baked`,
-    a plain asset made of it, is drawn, too.
+    `missing` maps tiers to the reason why the method does not support them. `settings` override the settings
+    of the asset. `supersample` applies to the standard tier and to the mesh `baked`, which is also drawn on
+    it.
     """
 
     name: str
     asset: Asset
     tiers: tuple[str, ...]
     missing: Mapping[str, str]
-    views: tuple[View, ...] = ()
+    views: tuple[View, ...]
     settings: Mapping[str, Any] = field(default_factory=dict)
     supersample: int = 1
     background: tuple[float, float, float] = (1.0, 1.0, 1.0)
@@ -71,11 +72,11 @@ class Comparison:
 
     @property
     def drawable(self) -> tuple[str, ...]:
-        """The tiers that can give a picture."""
+        """The tiers that have an image."""
         return tuple(tier for tier in self.tiers if tier not in self.missing)
 
     def settings_text(self) -> str:
-        """Return the settings in force, with a star at those overridden, and the background."""
+        """Return the settings as text, with a star at overridden ones, and the background."""
         from msb.asset.settings import effective_settings
 
         values = effective_settings(self.asset.manifest, self.settings)
@@ -97,10 +98,10 @@ def choose_tiers(
     *,
     baked: Asset | None = None,
 ) -> tuple[tuple[str, ...], dict[str, str]]:
-    """Return the tiers to show, and why some of them have no picture.
+    """Return the tiers of a comparison, and the reasons why some of them have no image.
 
-    `wanted` None means all, the truth if there is a photograph, and what was `baked` if that is given. A
-    reference that takes minutes is left out unless it is requested.
+    By default these are all tiers, photographs if there are any, and `baked` if it is given. A reference tier
+    that would take minutes is only included on request (`wanted`).
     """
     from msb.render.backend import check_supported
 
@@ -115,14 +116,15 @@ def choose_tiers(
         names = [name for text in wanted for name in text.replace(" ", "").split(",")]
         for name in names:
             if name not in LABELS:
-                text = f'there is no tier "{shorten(name, 40)}"; there are {", ".join(LABELS)}'
+                text = f'the tier "{shorten(name, 40)}" is unknown; use some of {", ".join(LABELS)}'
                 raise UsageError("NAME_UNKNOWN", text)
         if TRUTH in names and not photographs:
-            text = "there is no ground truth: no camera has a photograph; --cameras and --images name them"
+            text = "ground truth needs photographs, but no camera has one; pass --cameras and --image-folder"
             raise UsageError("NAME_UNKNOWN", text)
         if BAKED in names and baked is None:
-            raise UsageError("NAME_UNKNOWN", "there is no baked asset; --baked FILE names it")
+            raise UsageError("NAME_UNKNOWN", "the tier baked needs a baked mesh; pass --baked FILE")
         chosen = tuple(tier for tier in LABELS if tier in names)
+    # Tiers that the method does not support are missing. If all are, raise the first reason.
     missing: dict[str, str] = {}
     first: Unsupported | None = None
     for tier in chosen:
@@ -140,9 +142,9 @@ def choose_tiers(
 
 
 class TierRenderers:
-    """Draws what a comparison shows. A tier's renderer is made when it is first needed.
+    """The renderers of a comparison. They are created when they are needed.
 
-    `close` it, or use it in a ``with`` block.
+    Call `close`, or use it in a ``with`` block.
     """
 
     def __init__(self, comparison: Comparison) -> None:
@@ -151,7 +153,7 @@ class TierRenderers:
         self._device: Device | None = None
 
     def shoot(self, tier: str, view: View) -> Shot:
-        """Return what `tier` makes of a view."""
+        """Render a view on a tier."""
         if tier in self.comparison.missing:
             return Shot(tier, why=self.comparison.missing[tier])
         if tier == TRUTH:
@@ -165,12 +167,12 @@ class TierRenderers:
         return Shot(tier, to_bytes(frame.image), "", spent, nbytes, self._where(tier))
 
     def shoot_all(self, view: View, tiers: Iterable[str] | None = None) -> dict[str, Shot]:
-        """Return a shot of each tier shown, or of `tiers`, from one view."""
+        """Render a view on all tiers, or on `tiers`."""
         chosen = self.comparison.tiers if tiers is None else tiers
         return {tier: self.shoot(tier, view) for tier in chosen}
 
     def close(self) -> None:
-        """Release all renderers. Twice is harmless."""
+        """Release all renderers. It can be called twice."""
         for renderer in self._renderers.values():
             renderer.close()
         self._renderers.clear()

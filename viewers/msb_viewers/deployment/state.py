@@ -1,4 +1,4 @@
-"""How a comparison is shown: its layout, the two tiers that are compared, and the camera."""
+"""The state of a comparison: its layout, and the two tiers of wipe and difference."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from typing import Literal, get_args
 from msb.errors import UsageError, shorten
 from msb_viewers.deployment.arrange import Cell, arrange
 from msb_viewers.deployment.shots import BAKED, REFERENCE, TRUTH, Comparison
-from msb_viewers.deployment.views import Surroundings, View, sized
 from msb_viewers.sheet import text_scale
 
 Layout = Literal["side", "wipe", "difference"]
@@ -17,15 +16,14 @@ LAYOUTS: tuple[Layout, ...] = get_args(Layout)
 
 @dataclass(frozen=True, eq=False)
 class CompareState:
-    """How a comparison is shown.
+    """The layout of a comparison.
 
-    `pair` are the tiers A and B, which wipe and difference show; PSNRs are against A. They are equal if only
-    one exists.
+    `pair` are the tiers A and B of wipe and difference. PSNRs are with respect to A. They are equal if there
+    is only one tier.
     """
 
     comparison: Comparison
     pair: tuple[str, str]
-    around: Surroundings
     layout: Layout = "side"
 
     @classmethod
@@ -35,47 +33,34 @@ class CompareState:
         *,
         layout: Layout = "side",
         pair: str | None = None,
-        up: str | None = None,
     ) -> CompareState:
-        """Return how to show a comparison; `pair` is like "reference,standard", `up` like "+z"."""
+        """Return the first state of a comparison; `pair` is a text such as "reference,standard"."""
         chosen = _default_pair(comparison) if pair is None else _parse_pair(comparison, pair)
         if layout != "side" and chosen[0] == chosen[1]:
-            text = f"--layout {layout} takes two tiers; only {chosen[0]} has a picture"
+            text = f"--layout {layout} needs two tiers, but only {chosen[0]} has an image"
             raise UsageError("NAME_UNKNOWN", text)
-        return cls(comparison, chosen, Surroundings.of(comparison.asset, up), layout)
+        return cls(comparison, chosen, layout)
 
     @property
-    def aspect(self) -> float | None:
-        """Width over height of the pictures; None if they take the shape of their place."""
-        if not self.comparison.views:
-            return None
+    def aspect(self) -> float:
+        """Width over height of the images of the first view."""
         camera = self.comparison.views[0].camera
         return camera.width / camera.height
 
-    def view(self, size: tuple[int, int]) -> View:
-        """Return the first camera, or a view of all of the asset that fits a picture of `size` pixels.
-
-        A dataset's camera has the dataset's size, so that its PSNRs are those of the protocol.
-        """
-        if self.comparison.views:
-            return self.comparison.views[0]
-        box = self.cells(size)[0].box
-        return View("free", sized(self.around.first_camera(), box.width, box.height))
-
     def cells(self, size: tuple[int, int]) -> list[Cell]:
-        """Return the places of the pictures in one of `size` pixels."""
+        """Return the positions of the panels in an image of `size` pixels."""
         tiers = self.comparison.tiers
         return arrange(self.layout, tiers, self.pair, size, text_scale(size), aspect=self.aspect)
 
     def wanted_tiers(self) -> tuple[str, ...]:
-        """Return the tiers whose pictures the layout shows."""
+        """Return the tiers that the layout shows."""
         if self.layout == "side":
             return self.comparison.tiers
         return tuple(tier for tier in self.comparison.tiers if tier in self.pair)
 
 
 def _default_pair(comparison: Comparison) -> tuple[str, str]:
-    """Return the truth, or else the method's own look, and what was baked, or the tier furthest from it."""
+    """Return the photographs or native rendering as A, and the baked mesh or standard tier as B."""
     tiers = comparison.drawable
     first = next(tier for tier in (TRUTH, "dedicated", REFERENCE, "standard", BAKED) if tier in tiers)
     rest = [tier for tier in (BAKED, "standard", "dedicated", REFERENCE) if tier in tiers and tier != first]
@@ -86,14 +71,11 @@ def _parse_pair(comparison: Comparison, text: str) -> tuple[str, str]:
     names = [name.strip() for name in text.split(",")]
     known = comparison.drawable
     if len(names) != 2 or names[0] == names[1]:
-        shown = shorten(text, 40)
-        raise UsageError(
-            "NAME_UNKNOWN", f'--pair is "{shown}"; it must be two tiers, like dedicated,standard'
-        )
+        problem = f'--pair is "{shorten(text, 40)}"; it must be two tiers, such as dedicated,standard'
+        raise UsageError("NAME_UNKNOWN", problem)
     for name in names:
         if name not in known:
             why = comparison.missing.get(name)
-            shown = shorten(name, 40)
-            text = f'--pair: "{shown}" has no picture here' + (f": {why}" if why else "")
-            raise UsageError("NAME_UNKNOWN", f"{text}; there are {', '.join(known)}")
+            problem = f'--pair: the tier "{shorten(name, 40)}" has no image' + (f": {why}" if why else "")
+            raise UsageError("NAME_UNKNOWN", f"{problem}; use two of {', '.join(known)}")
     return names[0], names[1]

@@ -1,33 +1,25 @@
-"""The views to compare from: a dataset's cameras with their photographs, or views around the asset."""
+"""The views of a comparison: cameras with their photographs."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from msb.asset import Asset
-from msb.asset.look import up_axis
 from msb.base.paths import SpelledFiles
 from msb.errors import UsageError
 from msb.scenes import Camera
-from msb_viewers.camera import ELEVATION, FOV_Y, Pose, default_pose, up_vector
-from msb_viewers.deployment.difference import fitted
-from msb_viewers.model import framing
+from msb_viewers.deployment.difference import resize
 
-# Width and height in pixels of the camera that a free view starts from; windows scale it.
-SIDE = 1000
 _NO_PHOTOGRAPH = "the dataset has no photograph for this camera"
 
 
 @dataclass(frozen=True)
 class View:
-    """A camera, of the size at which pictures are compared, its photograph, or `why` there is none."""
+    """A camera with the size of the compared images, and its photograph or the reason `why` it is missing."""
 
     name: str
     camera: Camera
@@ -44,116 +36,62 @@ def dataset_views(
 ) -> list[View]:
     """Return a view for each camera, with its photograph if there is one.
 
-    Photographs have the cameras' names and any suffix in the folder `images`; else the dataset says where
-    they are, or they are in the folder `beside`. `scale` is relative to the photographs, or to the cameras.
+    Photographs in the folder `images` have the names of the cameras, with any suffix. By default the dataset
+    gives their paths, or they are in the folder `beside`. `scale` is relative to the photographs, or to
+    cameras without photographs.
     """
     if images is not None and not images.is_dir():
-        raise UsageError("USAGE", "--image-folder: there is no such folder", file=images)
+        raise UsageError("USAGE", "--image-folder: the folder does not exist", file=images)
     views = []
     folder = images or beside
     files = None if folder is None else SpelledFiles(folder)
     for index, camera in enumerate(cameras):
-        photograph = _photograph(camera, files, anew=images is not None)
+        photograph = _find_photograph(camera, files, by_name=images is not None)
         if photograph is not None:
             from msb.scenes import image_size
 
             camera = camera.resized(*image_size(photograph))
         if scale is not None:
             camera = camera.scaled(scale)
-        why = _NO_PHOTOGRAPH if images is None else f"{images.name} holds no image of its name"
+        why = _NO_PHOTOGRAPH if images is None else f"{images.name} holds no image with its name"
         views.append(View(camera.name or f"camera {index}", camera, photograph, why))
     if images is not None and not any(view.photograph for view in views):
         names = ", ".join(view.name for view in views[:3])
-        text = f"--image-folder: it holds no image named like a camera ({names}, ...)"
+        text = f"--image-folder: it holds no image with the name of a camera ({names}, ...)"
         raise UsageError("USAGE", text, file=images)
     return views
 
 
-def _photograph(camera: Camera, files: SpelledFiles | None, *, anew: bool) -> Path | None:
-    """Return the camera's photograph: where the dataset says, unless looked for `anew`, or among `files`."""
+def _find_photograph(camera: Camera, files: SpelledFiles | None, *, by_name: bool) -> Path | None:
+    """Return the photograph of a camera: the path in the dataset, or with `by_name` one of `files`."""
     from msb.metrics import IMAGE_SUFFIXES
 
-    if not anew and camera.image_path is not None:
+    if not by_name and camera.image_path is not None:
         return camera.image_path if camera.image_path.is_file() else None
     if files is None or camera.name is None:
         return None
     suffixes = [suffix for kind in IMAGE_SUFFIXES[:3] for suffix in (kind, kind.upper())]
     exact = PurePosixPath(camera.name)
     names = [exact, *(exact.with_suffix(s) for s in suffixes), *(f"{exact}{s}" for s in suffixes)]
-    tried = (files.find(str(name)) for name in names)
-    return next((path for path in tried if path.is_file() and path.suffix in suffixes), None)
+    candidates = (files.find(str(name)) for name in names)
+    return next((path for path in candidates if path.is_file() and path.suffix in suffixes), None)
 
 
 def read_photograph(view: View, background: tuple[float, float, float]) -> NDArray[np.uint8]:
-    """Return the photograph of a view (H, W, 3), at its camera's size; transparency over `background`."""
+    """Return the photograph of a view (H, W, 3), in the size of the camera, on `background` if
+    transparent.
+    """
     from msb.metrics import read_image
     from msb.render.images import to_bytes
 
     image = read_image(str(view.photograph), background=background)
     if image.dtype != np.uint8:
         image = to_bytes(image)
-    return fitted(image, view.camera.width, view.camera.height)
-
-
-@dataclass(frozen=True, eq=False)
-class Surroundings:
-    """The place and size of an asset, which a free view turns around; a few far vertices may lie outside."""
-
-    center: NDArray[np.float64]
-    radius: float
-    up: str
-
-    @classmethod
-    def of(cls, asset: Asset, up: str | None = None) -> Surroundings:
-        """Return the surroundings of an asset; `up` is used instead of the asset's own axis."""
-        positions, indices = asset.buffers["positions"], asset.buffers["indices"]
-        used = np.zeros(len(positions), bool)
-        used[indices.reshape(-1)] = True
-        center, radius, _ = framing(positions, used & np.isfinite(positions).all(axis=1))
-        return cls(center, radius, up or up_axis(asset))
-
-    def first_pose(self) -> Pose:
-        """Return the first view: all of the asset, from the same side as in the topology viewer."""
-        pose = default_pose(self.up, 1.0)
-        return Pose(self.center + self.radius * pose.eye, self.center, pose.up)
-
-    def first_camera(self) -> Camera:
-        """Return a square camera at the first view; `sized` gives it a window's shape."""
-        from msb.scenes import Camera
-        from msb.scenes.paths import unit_at
-
-        pose = self.first_pose()
-        camera = Camera.look_at(pose.eye, pose.target, up=pose.up, width=SIDE, height=SIDE, fov_y=FOV_Y)
-        return replace(camera, unit=unit_at(pose.distance))
-
-    def turntable(self, count: int, width: int, height: int) -> list[View]:
-        """Return views from all sides."""
-        from msb.scenes import turntable
-
-        distance = self.first_pose().distance
-        narrow: dict[str, Any] = {"width": width, "height": height, "elevation": ELEVATION}
-        narrow["fov_y"] = 2 * math.atan(math.tan(FOV_Y / 2) * height / min(width, height))
-        cameras = turntable(self.center, distance, up=up_vector(self.up), count=count, **narrow)
-        return [View(f"view {index + 1}", camera, None, "") for index, camera in enumerate(cameras)]
-
-
-def sized(camera: Camera, width: int, height: int) -> Camera:
-    """Return a camera of another shape at the same place; its shorter side sees what that side saw."""
-    factor = min(width, height) / min(camera.width, camera.height)
-    return replace(
-        camera,
-        width=width,
-        height=height,
-        fx=camera.fx * factor,
-        fy=camera.fy * factor,
-        cx=width / 2,
-        cy=height / 2,
-        source_size=None,
-    )
+    return resize(image, view.camera.width, view.camera.height)
 
 
 def views_at(cameras: list[Camera], place: Path, images: Path | None, scale: float | None) -> list[View]:
-    """Return views of cameras that were read at `place`, with the photographs there or in `images`."""
+    """Return views of cameras that were read from `place`, with the photographs there or in `images`."""
     from msb.scenes.datasets import photographs_beside
 
     beside = place if place.is_dir() else place.parent
