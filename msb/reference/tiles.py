@@ -1,18 +1,15 @@
 """Tiles of 16 x 16 samples: which faces each tile lists, front to back."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from msb.reference.arithmetic import Reals
-    from msb.reference.camera_matrices import SplattingCamera
-    from msb.registry import Order, Sampling
+from msb.reference.arithmetic import Reals
+from msb.reference.camera_matrices import SplattingCamera
+from msb.registry import Order, Sampling
 
 TILE = 16
 

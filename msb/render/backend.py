@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from msb.render.frame import Frame
     from msb.scenes import Camera
 
-    Factory = Callable[..., "Backend"]
+Factory = Callable[..., "Backend"]
 
 # Tier -> our renderer of it.
 BUILT_IN = {
@@ -95,12 +95,6 @@ class Backend(Protocol):
 
     def close(self) -> None:
         """Release everything. A second call does nothing."""
-
-
-def groups_of(backend: Backend) -> Mapping[str, str]:
-    """Return the `memory_groups` of a renderer, or an empty mapping if it has none."""
-    say: Callable[[], Mapping[str, str]] | None = getattr(backend, "memory_groups", None)
-    return {} if say is None else say()
 
 
 def find_renderer(name: str) -> Factory:

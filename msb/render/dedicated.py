@@ -4,16 +4,12 @@ A method's module `look` has either ``splat_model``, which the splatting pipelin
 (`msb.render.splat.model`), or ``Pipeline``, a renderer of its own (`msb.render.backend.Backend`).
 """
 
-from __future__ import annotations
+from typing import Any
 
-from typing import TYPE_CHECKING, Any
-
+from msb.asset import Asset
 from msb.errors import Unsupported
 from msb.registry import role
-
-if TYPE_CHECKING:
-    from msb.asset import Asset
-    from msb.render.backend import Backend, Factory
+from msb.render.backend import Backend, Factory
 
 
 def dedicated_renderer(asset: Asset, **options: Any) -> Backend:

@@ -11,7 +11,7 @@ from msb.asset.arguments import A_CAMERA, check_type
 from msb.cl import Device
 from msb.errors import UsageError
 from msb.registry import Tier
-from msb.render.backend import Drawn, blaming, class_for, groups_of, make_backend
+from msb.render.backend import Drawn, blaming, class_for, make_backend
 from msb.render.frame import Frame
 from msb.scenes import Camera
 from msb.scenes.colors import Color, check_background
@@ -157,7 +157,8 @@ class Renderer:
     def memory_groups(self) -> Mapping[str, str]:
         """Return use -> "geometry", "appearance", "scratch" or "targets"; any other use is scratch."""
         with blaming(self._by):
-            return groups_of(self._backend)
+            groups: Mapping[str, str] = getattr(self._backend, "memory_groups", dict)()
+            return groups
 
     def close(self) -> None:
         """Release everything on the device."""

@@ -3,26 +3,22 @@
 The readable twin is `ReferenceFrame.contribution` (`msb.reference`), in samples where this is in pixels.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import closing
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from msb.asset import Asset
+from msb.cl import Device
+from msb.registry import Tier
 from msb.render.dedicated import pipeline_of
 from msb.render.renderer import Renderer
 from msb.render.splat.pipeline import SplattingPipeline
+from msb.scenes import Camera
 
-if TYPE_CHECKING:
-    from msb.asset import Asset
-    from msb.cl import Device
-    from msb.registry import Tier
-    from msb.scenes import Camera
-
-    Picture = NDArray[np.float32]
+Picture = NDArray[np.float32]
 
 
 def shares_by_view(

@@ -3,17 +3,14 @@
 A method's module `look` has a function ``surface_model(asset, settings)`` that returns a `Surface`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
+import numpy as np
+from numpy.typing import NDArray
 
-    from msb.scenes import Camera
+from msb.scenes import Camera
 
 
 @dataclass(frozen=True)

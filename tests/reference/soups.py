@@ -60,7 +60,8 @@ def soup(
     rows = len(positions) if method == "mesh_splatting" else count
     arrays: dict[str, Any] = {"positions": positions, "indices": indices}
     if method == "diffsoup":
-        return _diffsoup(rng, count, arrays | buffers, settings)
+        opacity = rng.uniform(0.45, 1, (count, 6))
+        return lattice_model(positions, indices, 1, seed=seed, opacity=opacity, settings=settings, **buffers)
     arrays["f_dc"] = rng.uniform(-1.5, 1.5, (rows, 3)).astype(np.float32)
     arrays["opacity"] = rng.normal(0.5, 1.5, rows).astype(np.float32)
     if method == "triangle_splatting":
@@ -90,33 +91,47 @@ def weld(triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return positions, numbers.reshape(-1, 3).astype(np.uint32)
 
 
-def _diffsoup(
-    rng: np.random.Generator, count: int, arrays: dict[str, Any], settings: dict[str, Any] | None
+def lattice_model(
+    positions: np.ndarray,
+    indices: np.ndarray,
+    level: int,
+    *,
+    seed: int = 0,
+    opacity: np.ndarray | None = None,
+    quantised: bool = False,
+    settings: dict[str, Any] | None = None,
+    **buffers: np.ndarray,
 ) -> Asset:
-    level = 1
-    samples = (2**level + 1) * (2**level + 2) // 2
-    shapes = {"mlp.0": (16, 16), "mlp.2": (16, 16), "mlp.4": (3, 16)}
-    random: dict[str, Any] = {
-        "features.lattice": rng.random((count, samples, 7)).astype(np.float32),
-        "features.opacity": rng.uniform(0.45, 1, (count, samples)).astype(np.float32),
-    }
-    for layer, shape in shapes.items():
-        random[f"decoder.{layer}.weight"] = rng.normal(scale=0.4, size=shape).astype(np.float32)
-        random[f"decoder.{layer}.bias"] = rng.normal(scale=0.1, size=shape[0]).astype(np.float32)
-    arrays = random | arrays
+    """Return a DiffSoup model with random features and decoder, and random opacities if none are given."""
+    rng = np.random.default_rng(seed)
+    faces, samples = len(indices), (2**level + 1) * (2**level + 2) // 2
+    if opacity is None:
+        opacity = np.clip(rng.normal(0.6, 0.3, (faces, samples)), 0, 1)
+        opacity[::5] = 1
+        opacity[1::7] = 0.5  # the initial value, which training leaves where no gradient arrives
+    lattices = {"lattice": rng.random((faces, samples, 7)), "opacity": opacity}
+    dtype, scale = (np.uint8, 255) if quantised else (np.float32, 1)
+    arrays: dict[str, Any] = {f"features.{name}": (a * scale).astype(dtype) for name, a in lattices.items()}
+    for layer, outputs in (("mlp.0", 16), ("mlp.2", 16), ("mlp.4", 3)):
+        arrays[f"decoder.{layer}.weight"] = rng.normal(0, 0.6, (outputs, 16)).astype(np.float32)
+        arrays[f"decoder.{layer}.bias"] = rng.normal(0, 0.3, outputs).astype(np.float32)
+    arrays |= buffers
     description = Description(
         method="diffsoup",
         opacity={"encoding": "feature", "threshold": 0.5},
-        appearance={"kind": "neural_decoder", "level": level, "feature_encoding": "sigmoid"},
+        appearance={
+            "kind": "neural_decoder",
+            "level": level,
+            "feature_encoding": "lut" if quantised else "sigmoid",
+            "blend_feature": 3,
+            "background": "#000000",
+        },
         compositing={"kind": "binary_z_buffer"},
         settings=_stored(settings),
     )
-    domains: dict[str, Any] = {
-        name: "global" if name.startswith("decoder.") else "face"
-        for name in arrays
-        if name not in ("positions", "indices")
-    }
-    return build_asset(arrays, domains, description)
+    domains: dict[str, Any] = {name: "global" if name.startswith("decoder") else "face" for name in arrays}
+    geometry = {"positions": positions.astype(np.float32), "indices": indices.astype(np.uint32)}
+    return build_asset(geometry | arrays, domains, description)
 
 
 def channel_major(asset: Asset) -> Asset:

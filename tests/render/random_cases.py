@@ -14,9 +14,8 @@ from msb.asset import Asset
 from msb.registry import METHODS, ORDERS, SAMPLINGS
 from msb.render.frame import EXTRAS
 from msb.scenes import Camera
-from tests.reference.soups import SPLATTING, soup, weld
+from tests.reference.soups import SPLATTING, lattice_model, soup, weld
 from tests.render.standard_scenes import mesh_asset, random_colors, unshared
-from tests.render.test_diffsoup_scenes import model as diffsoup_model
 
 Random = np.random.Generator
 Triangles = NDArray[np.float64]
@@ -246,7 +245,7 @@ def draw_lattice(random: Random, triangles: Floats) -> Asset:
         "opaque": np.ones((len(triangles), samples)),
         "around a half": 0.5 + random.choice([-1e-3, -6e-8, 0, 1e-3], (len(triangles), samples)),
     }
-    return diffsoup_model(
+    return lattice_model(
         *weld(triangles),
         level,
         seed=int(random.integers(1 << 30)),

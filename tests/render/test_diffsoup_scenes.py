@@ -7,14 +7,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from msb.asset import Asset, Description, build_asset
-from msb.asset.manifest import StoredSetting
+from msb.asset import Asset
 from msb.cl import Device
 from msb.methods.diffsoup.look import Pipeline as DiffSoupPipeline
 from msb.reference import render_reference
 from msb.render import Frame
 from msb.scenes import Camera
 from tests.cl.conftest import STYLES, open_styled
+from tests.reference.soups import lattice_model
 from tests.render.frames import frame_of
 
 BLACK = (0.0, 0.0, 0.0)
@@ -24,51 +24,6 @@ BLACK = (0.0, 0.0, 0.0)
 def device(request: pytest.FixtureRequest) -> Iterator[Device]:
     with open_styled(request.param) as opened:
         yield opened
-
-
-def model(
-    positions: np.ndarray,
-    indices: np.ndarray,
-    level: int,
-    *,
-    seed: int = 0,
-    opacity: np.ndarray | None = None,
-    quantised: bool = False,
-    layout: str = "colmap",
-    near: float = 0.5,
-    far: float = 100.0,
-) -> Asset:
-    """Return an asset with random features and decoder; opacities are random if not given."""
-    rng = np.random.default_rng(seed)
-    faces, samples = len(indices), (2**level + 1) * (2**level + 2) // 2
-    if opacity is None:
-        opacity = np.clip(rng.normal(0.6, 0.3, (faces, samples)), 0, 1)
-        opacity[::5] = 1
-        opacity[1::7] = 0.5  # what no gradient ever reached
-    lattices = {"lattice": rng.random((faces, samples, 7)), "opacity": opacity}
-    dtype, scale = (np.uint8, 255) if quantised else (np.float32, 1)
-    buffers = {f"features.{name}": (array * scale).astype(dtype) for name, array in lattices.items()}
-    for layer, outputs in (("mlp.0", 16), ("mlp.2", 16), ("mlp.4", 3)):
-        buffers[f"decoder.{layer}.weight"] = rng.normal(0, 0.6, (outputs, 16)).astype(np.float32)
-        buffers[f"decoder.{layer}.bias"] = rng.normal(0, 0.3, outputs).astype(np.float32)
-    settings = {"layout": layout, "z_near": near, "z_far": far}
-    return build_asset(
-        {"positions": positions.astype(np.float32), "indices": indices.astype(np.uint32), **buffers},
-        {name: "global" if name.startswith("decoder") else "face" for name in buffers},
-        Description(
-            method="diffsoup",
-            opacity={"encoding": "feature", "threshold": 0.5},
-            appearance={
-                "kind": "neural_decoder",
-                "level": level,
-                "feature_encoding": "lut" if quantised else "sigmoid",
-                "blend_feature": 3,
-                "background": "#000000",
-            },
-            compositing={"kind": "binary_z_buffer"},
-            settings={name: StoredSetting(value, "default") for name, value in settings.items()},
-        ),
-    )
 
 
 def soup(seed: int) -> tuple[np.ndarray, np.ndarray]:
@@ -107,7 +62,8 @@ def draw(device: Device, asset: Asset, seen_by: Camera, background: Any = BLACK,
 @pytest.mark.parametrize("quantised", [False, True], ids=["numbers", "bytes"])
 def test_reference(device: Device, level: int, quantised: bool) -> None:
     layout = ("colmap", "synthetic")[(level + quantised) % 2]
-    asset = model(*soup(level), level, seed=level, quantised=quantised, layout=layout, near=0.2)
+    settings = {"layout": layout, "z_near": 0.2, "z_far": 100.0}
+    asset = lattice_model(*soup(level), level, seed=level, quantised=quantised, settings=settings)
     seen_by = camera(cx=28.3, cy=24.9) if level % 3 == 0 else camera(64, 37)
     frame = draw(device, asset, seen_by, (0.25, 0.5, 0.75))
     expected = render_reference(asset, seen_by, (0.25, 0.5, 0.75))
@@ -128,7 +84,7 @@ def test_reference(device: Device, level: int, quantised: bool) -> None:
 def test_lowest_of_equal_triangles_wins(device: Device) -> None:
     positions = np.array([[-2, -2, 3], [2, -2, 3], [0, 3, 3]])
     for count in (2, 9, 40):
-        asset = model(positions, np.tile([0, 1, 2], (count, 1)), 1, opacity=np.ones((count, 6)))
+        asset = lattice_model(positions, np.tile([0, 1, 2], (count, 1)), 1, opacity=np.ones((count, 6)))
         frame = draw(device, asset, camera(33, 20))
         assert set(np.unique(frame.face_id)) == {-1, 0}
         assert frame.visible.tolist() == [True] + [False] * (count - 1)
@@ -139,7 +95,7 @@ def test_opacity_threshold_keeps_a_half(device: Device) -> None:
     positions = np.array([[-2, -2, 3], [2, -2, 3], [0, 3, 3.5], [-2, -2, 4], [2, -2, 4], [0, 3, 4]])
     opacity = np.full((2, 3), 0.5)
     opacity[0] = np.nextafter(np.float32(0.5), np.float32(0)) - 1e-6
-    asset = model(positions, np.arange(6).reshape(2, 3), 0, opacity=opacity)
+    asset = lattice_model(positions, np.arange(6).reshape(2, 3), 0, opacity=opacity)
     frame = draw(device, asset, camera(40, 31))
     expected = render_reference(asset, camera(40, 31))
     np.testing.assert_array_equal(frame.face_id, expected.face_id)
@@ -155,7 +111,7 @@ def test_many_triangles_in_one_tile(device: Device) -> None:
     positions = np.concatenate([corners, np.repeat(depth, 3).reshape(-1, 3, 1)], axis=2)
     positions[77_777, :, 2] = 2.9
     indices = np.arange(3 * count).reshape(-1, 3)
-    asset = model(positions.reshape(-1, 3), indices, 0, opacity=np.ones((count, 3)))
+    asset = lattice_model(positions.reshape(-1, 3), indices, 0, opacity=np.ones((count, 3)))
     frame = draw(device, asset, camera(16, 16), outputs=())
     assert (frame.face_id == 77_777).all()
     np.testing.assert_allclose(frame.depth, 2.9, rtol=1e-6)
@@ -163,7 +119,7 @@ def test_many_triangles_in_one_tile(device: Device) -> None:
 
 def test_near_plane_cuts_pixels(device: Device) -> None:
     positions = np.array([[-2, -2, 3], [2, -2, 3], [0, 3, 0.3]])
-    asset = model(positions, np.array([[0, 1, 2]]), 0, opacity=np.ones((1, 3)))
+    asset = lattice_model(positions, np.array([[0, 1, 2]]), 0, opacity=np.ones((1, 3)))
     depth = draw(device, asset, camera()).depth
     assert depth.any()
     assert depth[depth > 0].min() >= 0.4999

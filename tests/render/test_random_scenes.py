@@ -1,8 +1,9 @@
-"""Every method, setting, order and sampling on random scenes; `tests.render.sweep` draws more of them.
+"""Every method, setting, order and sampling on random scenes, and cases that once failed.
 
-Kept below are the mistakes that the sweep has found.
+MSB_RANDOM_SCENES=1000 in the environment draws that many scenes of each method instead of five.
 """
 
+import os
 from typing import Any
 
 import numpy as np
@@ -21,7 +22,8 @@ from tests.render.random_cases import KINDS, STANDARD, draw_case, draw_settings
 
 pytestmark = pytest.mark.slow
 
-DRAWS = 5
+# Scenes of each method.
+DRAWS = int(os.environ.get("MSB_RANDOM_SCENES", 5))
 
 
 @pytest.mark.parametrize("method", [*METHODS, STANDARD])

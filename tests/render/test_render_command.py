@@ -162,15 +162,6 @@ def test_orders_and_samplings_of_an_engine(here: Here, tmp_path: Path, tier: Tie
 
 
 @pytest.mark.slow
-def test_tiers_without_orders_and_samplings_say_so(here: Here, demo_asset: Path, tmp_path: Path) -> None:
-    args = ("--turntable", "1", "--size", "20x16", "-o", tmp_path / "out", demo_asset)
-    for option, value in (("--order", "tile"), ("--sampling", "engine")):
-        here("render", option, value, *args).ends(4, "UNSUPPORTED_OPTION: ")
-    here("render", "--order", "depth", "--tier", "dedicated", *args, status=2)
-    assert not (tmp_path / "out").exists()
-
-
-@pytest.mark.slow
 def test_what_a_training_did_otherwise_than_the_scene_asks_for_is_noted(here: Here, tmp_path: Path) -> None:
     model = tmp_path / "model"
     shutil.copytree(ROOT / "tests/tiny/models/walled/triangle_splatting", model)
@@ -231,6 +222,8 @@ def test_wrong_usage_is_said_before_anything_is_drawn(
         ("VIEWS OUT --camera nobody", 2, "NAME_UNKNOWN"),
         ("VIEWS OUT --camera 3", 2, "NAME_UNKNOWN"),
         ("VIEWS OUT --renderer quake", 2, "NAME_UNKNOWN"),
+        ("VIEWS OUT --order tile", 4, "UNSUPPORTED_OPTION"),
+        ("VIEWS OUT --sampling engine", 4, "UNSUPPORTED_OPTION"),
         ("VIEWS OUT --set sigmo=1", 2, "SETTING_UNKNOWN"),
         (f"OUT --scene {SCENE} --image-folder none", 3, "SCENE_IMAGE_MISSING"),
         ("OUT --cameras NEW", 3, "FILE_NOT_FOUND"),
@@ -240,24 +233,6 @@ def test_wrong_usage_is_said_before_anything_is_drawn(
         words = re.sub("[A-Z]{3,}(?![A-Z_])", lambda word: places.get(word[0], word[0]), line)
         here(f"render {words}", demo_asset).ends(status, f"{code}: ")
     assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.parametrize(
-    ("buffer", "place", "value", "code"),
-    [
-        ("indices", (5, 1), 999999, "TRIASSET_INDEX_OUT_OF_RANGE"),
-        ("positions", (7, 2), np.nan, "TRIASSET_VALUE_NONFINITE"),
-    ],
-)
-def test_broken_assets_are_refused_by_name(
-    here: Here, demo_asset: Path, tmp_path: Path, buffer: str, place: tuple[int, int], value: float, code: str
-) -> None:
-    asset, bad = library.load(demo_asset), tmp_path / "bad.triasset"
-    library.save(asset, bad, form="folder")
-    values = asset.buffers[buffer].copy()
-    values[place] = value
-    (bad / "buffers" / f"{buffer}.bin").write_bytes(values.tobytes())
-    here("render --turntable 1 -o", tmp_path / "out", bad).ends(3, f"{code}: ")
 
 
 def test_images_that_show_nothing_are_a_warning(here: Here, tmp_path: Path) -> None:

@@ -1,12 +1,20 @@
 """DiffSoup: triangles with binary opacity and lattices of features, which a small network decodes."""
 
+from typing import TYPE_CHECKING
+
+from msb.errors import AssetError
 from msb.registry import AWARE, Method, Native, PaperNote, Retained, Setting
 from msb.scenes.colors import BLACK, WHITE
 from msb.scenes.datasets.catalog import CUSTOM
 from msb.scenes.datasets.rules import Photographs, Rules
 
+if TYPE_CHECKING:
+    from msb.asset import Asset
+
 # Features of a sample of the lattices, beside its opacity.
 FEATURES = 7
+# The highest level of a lattice. Official runs end at level 5; level 8 has 33,153 samples per triangle.
+MAX_LEVEL = 8
 # Layer of the decoder -> shape of its weight, [out, in].
 LAYERS = {"mlp.0": (16, 16), "mlp.2": (16, 16), "mlp.4": (3, 16)}
 
@@ -14,6 +22,15 @@ LAYERS = {"mlp.0": (16, 16), "mlp.2": (16, 16), "mlp.4": (3, 16)}
 def samples(level: int) -> int:
     """Return how many samples a lattice of `level` has: (2^L + 1)(2^L + 2) / 2."""
     return ((1 << level) + 1) * ((1 << level) + 2) // 2
+
+
+def lattice_level(asset: "Asset") -> int:
+    """Return the level of an asset's lattices; TRIASSET_FIELD if its manifest has no valid one."""
+    level = asset.manifest.appearance.get("level")
+    if type(level) is not int or not 0 <= level <= MAX_LEVEL:
+        text = f"appearance.level is {level!r:.40}; it must be an integer from 0 to {MAX_LEVEL}"
+        raise AssetError("TRIASSET_FIELD", text, file=asset.path, pointer="/appearance/level")
+    return level
 
 
 METHOD = Method(

@@ -18,11 +18,9 @@ from msb.adapters.tensors import Tensors
 from msb.asset import Description
 from msb.asset.manifest import CoordinateFrame
 from msb.errors import finding
-from msb.methods.diffsoup import FEATURES, LAYERS, METHOD, samples
+from msb.methods.diffsoup import FEATURES, LAYERS, MAX_LEVEL, METHOD, samples
 
 KEYS = ("Rmax", "V", "F", "feat_acc", "alpha_acc", "color_mlp")
-# The highest level of a lattice. Official runs end at level 5; level 8 has 33,153 samples a triangle.
-MAX_LEVEL = 8
 DECODER: dict[str, tuple[int, ...]] = {}
 for _layer, _shape in LAYERS.items():
     DECODER |= {f"{_layer}.weight": _shape, f"{_layer}.bias": _shape[:1]}

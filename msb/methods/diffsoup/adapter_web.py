@@ -16,8 +16,8 @@ from msb.base.files import read_file
 from msb.errors import CheckpointError, Finding, InputError, finding
 from msb.meshes.assets import mesh_buffers
 from msb.meshes.files import read_mesh
-from msb.methods.diffsoup import METHOD, samples
-from msb.methods.diffsoup.adapter import DECODER, MAX_LEVEL, describe, direction, domains
+from msb.methods.diffsoup import MAX_LEVEL, METHOD, samples
+from msb.methods.diffsoup.adapter import DECODER, describe, direction, domains
 
 # Most texels in a row of a look-up texture.
 MAX_WIDTH = 4096

@@ -14,13 +14,11 @@ from msb.asset import Asset
 from msb.asset.drawable import check_drawable, require, required_buffer
 from msb.asset.planes import invert_projection
 from msb.errors import AssetError
-from msb.methods.diffsoup import FEATURES, LAYERS, samples
+from msb.methods.diffsoup import FEATURES, LAYERS, lattice_level, samples
 from msb.render.surface import Surface
 from msb.scenes import Camera
 
 THRESHOLD = 0.5
-# The highest level of a lattice, which has 33,153 samples at level 8.
-MAX_LEVEL = 8
 # A margin greater than the rounding of interpolation at values up to 2.
 _MARGIN = 1e-5
 
@@ -65,10 +63,7 @@ def diffsoup_model(asset: Asset, *, quantise: bool = False) -> DiffSoupModel:
         255)), the product in float32 (kenji-tojo/diffsoup: examples/06_export_web.py).
     """
     require(asset, "compositing", "kind", "binary_z_buffer")
-    level = asset.manifest.appearance.get("level")
-    if type(level) is not int or not 0 <= level <= MAX_LEVEL:
-        text = f"appearance.level is {level!r:.40}; it must be an integer from 0 to {MAX_LEVEL}"
-        raise AssetError("TRIASSET_FIELD", text, file=asset.path, pointer="/appearance/level")
+    level = lattice_level(asset)
     check_drawable(asset)
     faces = asset.manifest.face_count
     positions = required_buffer(asset, "positions", asset.manifest.vertex_count, 3)

@@ -15,8 +15,7 @@ from msb.asset import Asset
 from msb.asset.drawable import required_buffer
 from msb.asset.planes import invert_projection
 from msb.asset.sh import SH_C0, sh_basis
-from msb.errors import AssetError
-from msb.methods.diffsoup import FEATURES, LAYERS, samples
+from msb.methods.diffsoup import FEATURES, LAYERS, lattice_level, samples
 from msb.reference.arithmetic import Reals, dot, matrix_product, norm, sigmoid, transform
 from msb.reference.frame import ReferenceFrame
 from msb.reference.tiles import Modes
@@ -25,7 +24,6 @@ from msb.scenes import Camera
 OPACITY_THRESHOLD = 0.5
 # The feature that weighs the decoder's colour against the base colour, features 0 to 2.
 BLEND_FEATURE = 3
-MAX_LEVEL = 16
 # Pixels of the boxes of several faces that are looked at together.
 _TOGETHER = 1 << 18
 
@@ -147,10 +145,7 @@ def diffsoup_projection(
 
 def lattices(asset: Asset, dtype: type[Any]) -> tuple[int, Reals, Reals]:
     """Return the lattices' level, features (F, S, 7) and opacity (F, S); web export's bytes are v / 255."""
-    level, count = asset.manifest.appearance.get("level"), asset.manifest.face_count
-    if type(level) is not int or not 0 <= level <= MAX_LEVEL:
-        text = f"appearance.level is {level!r:.40}; it must be an integer from 0 to {MAX_LEVEL}"
-        raise AssetError("TRIASSET_FIELD", text, file=asset.path, pointer="/appearance/level")
+    level, count = lattice_level(asset), asset.manifest.face_count
     lattice, opacity = (
         array.astype(dtype) / dtype(255) if array.dtype == np.uint8 else array.astype(dtype, copy=False)
         for array in (

@@ -28,7 +28,7 @@ MARGIN = 5
 _RULE = Rule(blends_crossing=False, weight_first=False)
 
 
-def corner_tiles(windows: Windows, view: SplattingCamera) -> Rectangles:
+def corner_tiles(windows: Windows, opacity: Reals, sigma: Reals, view: SplattingCamera) -> Rectangles:
     """Return the tiles of the box around the corners, 5 samples wider on each side."""
     margin = windows.corners.dtype.type(MARGIN)
     grid = grid_size(view.width, view.height)
@@ -47,12 +47,12 @@ def render(
     *,
     max_alpha: float = MAX_ALPHA,
     flat_depth: bool = False,
-    tiles_of: TilesOf | None = None,
+    tiles_of: TilesOf = corner_tiles,
 ) -> ReferenceFrame:
     """Return `asset` seen by `camera`; see `render_reference`. The defaults are MeshSplatting's.
 
     `max_alpha` caps alpha. With `flat_depth` a face has the depth of its centroid everywhere, otherwise that
-    of its corners is interpolated. `tiles_of` gives the tiles of faces, `corner_tiles` by default.
+    of its corners is interpolated. `tiles_of` gives the tiles of faces.
     """
     samples = settings["supersample"]
     view = splatting_camera(camera, NEAR, FAR, dtype, samples)
@@ -68,10 +68,7 @@ def render(
     depth = transform(view.world_to_camera[:3], positions)[:, 2][indices]
     shapes = project_shapes(positions[indices], view, modes)
     if isinstance(shapes, Windows):
-        if tiles_of is None:
-            rectangles = corner_tiles(shapes, view)
-        else:
-            rectangles = tiles_of(shapes, opacity, sigma, view)
+        rectangles = tiles_of(shapes, opacity, sigma, view)
     else:
         rectangles = shapes.rectangles
     kept = ~(shapes.dropped | (opacity < dtype(MIN_OPACITY)) | rectangles.empty)

@@ -4,24 +4,20 @@ A method's module `look` has a function ``splat_model(asset, settings)`` that re
 one kernel file, which the head of `splat_stages.cl` describes.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from msb.asset import Asset
 from msb.asset.activation import rest_coefficients
 from msb.asset.drawable import require, required_buffer
 from msb.registry import METHODS, role
 from msb.render.splat.view import Culling
 
-if TYPE_CHECKING:
-    from msb.asset import Asset
-
-    Settings = Mapping[str, Any]
+Settings = Mapping[str, Any]
 
 # Depth in scene units in front of which an engine clips.
 ENGINE_NEAR = 0.01
