@@ -15,7 +15,7 @@ def test_the_table_marks_the_device_that_is_used(devices: Here) -> None:
     lines = result.out.splitlines()
     assert lines[0].split() == ["--device", "Kind", "Units", "Memory", "Driver", "Builds", "Device"]
     (taken,) = (line.split() for line in lines if line.startswith("pocl:0 *"))
-    assert {"yes", "mended"} & {*taken}
+    assert {"yes", "fixed"} & {*taken}
     assert max(map(len, (*lines, *devices("-v").out.splitlines()))) <= 80
     assert len(devices("-q").out) < len(result.out) < len(devices("-v").out)
 
@@ -57,7 +57,7 @@ def test_a_device_that_does_not_build_is_shown_with_why_and_what_to_do(
 def test_a_mended_device_is_shown_as_such(msb: Msb, unknown: dict[str, str]) -> None:
     result = msb("devices", "-v", "--device", "pocl", **unknown, status=0)
     assert "haswell" in result.out
-    assert "mended" in next(line for line in result.out.splitlines() if line.startswith("pocl:0")).split()
+    assert "fixed" in next(line for line in result.out.splitlines() if line.startswith("pocl:0")).split()
 
 
 @pytest.mark.slow
