@@ -1,6 +1,6 @@
 """The model that the splatting pipeline draws, and helper functions that build one from an asset.
 
-The module `look` of a method has a function ``splat_model(asset, settings)`` that returns a `SplatModel`.
+The module `look` of a method has a function ``splat_model(asset, settings)`` that returns a `Model`.
 Beside it lies the method's one kernel file; the head of `splat_stages.cl` describes its contents.
 """
 
@@ -29,7 +29,7 @@ CLIPPED = Culling(nearest=ENGINE_NEAR, dilation=1.0, clipped=True)
 
 
 @dataclass(frozen=True)
-class SplatModel:
+class Model:
     """An asset in the form that the kernels read: activated parameters and the values of the settings.
 
     Attributes
@@ -113,13 +113,13 @@ def contour(opacity: NDArray[np.float32], sigma: NDArray[np.float32] | np.float3
         return np.asarray(np.exp2(power, dtype=np.float64), np.float32)
 
 
-def make_model(asset: Asset, settings: Settings) -> SplatModel:
+def make_model(asset: Asset, settings: Settings) -> Model:
     """Return the model of an asset, built by ``splat_model`` of its method's module `look`."""
     method = asset.manifest.method
     look: Any = role(method, "look")
     require(asset, "compositing", "kind", "front_to_back")
     require(asset, "coverage", "kernel", METHODS[method].coverage)
-    model: SplatModel = look.splat_model(asset, settings)
+    model: Model = look.splat_model(asset, settings)
     return model
 
 
