@@ -15,7 +15,7 @@ def splat_model(asset: Asset, settings: Mapping[str, Any]) -> Model:
     """Return `asset` in the form that the kernels read; errors as in `make_model`."""
     model = look.splat_model(asset, settings)
     shrunk = contour(model.coverage[:, 0], np.float32(settings["sigma"]))
-    # The tiles and their margin are those of Triangle-Splatting.
+    # Tiles and margin as in Triangle-Splatting.
     return replace(
         model,
         coverage=np.column_stack([model.coverage, shrunk]),

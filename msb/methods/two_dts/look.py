@@ -55,7 +55,7 @@ def splat_model(asset: Asset, settings: Mapping[str, Any]) -> Model:
     opacity = sigmoid(required_buffer(asset, "opacity", asset.manifest.face_count))
     if settings["ste_threshold"] is not None:
         step = (opacity > np.float32(settings["ste_threshold"])).astype(np.float32)
-        opacity = (step - opacity) + opacity  # the official expression, in which 1 may be off by one ulp
+        opacity = (step - opacity) + opacity  # the official expression; 1 may be off by one ulp
     return Model(
         program="two_dts",
         package=__package__,
