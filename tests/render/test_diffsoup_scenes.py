@@ -1,4 +1,4 @@
-"""DiffSoup's kernels on random scenes against the NumPy reference, and at their limits."""
+"""DiffSoup's kernels on random scenes against the NumPy reference, and limit cases."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -29,8 +29,8 @@ def device(request: pytest.FixtureRequest) -> Iterator[Device]:
 def soup(seed: int) -> tuple[np.ndarray, np.ndarray]:
     """Return triangles of all sizes in front of, across and behind the camera, with shared vertices.
 
-    Some are doubled, with the same and with rotated order of vertices, some stacked within the depth key's
-    rounding, some are slivers and some have no area.
+    Some are duplicated, with the same and with rotated vertex order, some are stacked closer than the depth
+    key resolves, some are slivers, and some have no area.
     """
     rng = np.random.default_rng(seed)
     center = rng.normal(0, 1, (150, 1, 3)) * (1.5, 1.2, 3) + (0, 0, 4)
@@ -49,8 +49,8 @@ def soup(seed: int) -> tuple[np.ndarray, np.ndarray]:
 
 def camera(width: int = 61, height: int = 45, **changes: Any) -> Camera:
     focal = 0.9 * width
-    made = Camera(width, height, focal, 1.1 * focal, width / 2, height / 2, np.eye(4))
-    return replace(made, **changes)
+    front = Camera(width, height, focal, 1.1 * focal, width / 2, height / 2, np.eye(4))
+    return replace(front, **changes)
 
 
 def draw(device: Device, asset: Asset, seen_by: Camera, background: Any = BLACK, **options: Any) -> Frame:
@@ -69,7 +69,7 @@ def test_reference(device: Device, level: int, quantised: bool) -> None:
     expected = render_reference(asset, seen_by, (0.25, 0.5, 0.75))
     assert (expected.face_id >= 0).mean() > 0.3
     same = frame.face_id == expected.face_id
-    if device.record.correctly_rounded:  # then every operation before the decoder is the reference's
+    if device.record.correctly_rounded:  # then all operations before the decoder match the reference exactly
         assert same.all()
         assert frame.raw["num_fragments"] == expected.raw["num_fragments"]
         for name in ("mvp", "mvp_inv", "bary01", "depth", "features", "sh"):
@@ -104,7 +104,7 @@ def test_opacity_threshold_keeps_a_half(device: Device) -> None:
 
 @pytest.mark.slow
 def test_many_triangles_in_one_tile(device: Device) -> None:
-    """Each covers all of the picture: the nearest is seen, wherever it stands among the 100,000."""
+    """Each covers the whole image; the nearest of the 100,000 is visible."""
     count = 100_000
     depth = np.random.default_rng(0).permutation(np.linspace(3, 9, count))
     corners = np.array([[-20, -20], [20, -20], [0, 20]]) * depth[:, None, None] / 9

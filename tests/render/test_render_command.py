@@ -1,4 +1,4 @@
-"""`msb render`: images, floats, film, tiers, cameras of scenes, and exit statuses."""
+"""`msb render`: images, floats, films, tiers, cameras of scenes, and exit statuses."""
 
 import hashlib
 import re
@@ -33,7 +33,7 @@ def cameras(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.slow
-def test_every_camera_gives_an_image_named_like_it(
+def test_every_camera_gives_an_image_with_its_name(
     here: Here, demo_asset: Path, cameras: Path, tmp_path: Path
 ) -> None:
     out = tmp_path / "out"
@@ -118,7 +118,7 @@ def test_both_tiers_and_names_of_files(here: Here, demo_asset: Path, cameras: Pa
 
 @pytest.mark.slow
 def test_supersampling_averages_samples(here: Here, tmp_path: Path) -> None:
-    """Of a mesh whose method has no setting of that name, too."""
+    """Also for a mesh, whose method has no setting of that name."""
     mesh = GOLDEN / "meshes" / "synthetic_splat_small.ply"
     views = ("--turntable", "1", "--format", "npy", "-q")
     here("render", *views, "--size", "30x22", "--supersample", "2", "-o", tmp_path / "a", mesh, status=0)
@@ -162,7 +162,7 @@ def test_orders_and_samplings_of_an_engine(here: Here, tmp_path: Path, tier: Tie
 
 
 @pytest.mark.slow
-def test_what_a_training_did_otherwise_than_the_scene_asks_for_is_noted(here: Here, tmp_path: Path) -> None:
+def test_differences_between_training_and_scene_are_noted(here: Here, tmp_path: Path) -> None:
     model = tmp_path / "model"
     shutil.copytree(ROOT / "tests/tiny/models/walled/triangle_splatting", model)
     trained = "images='images', resolution=-1, white_background=False, eval=False"
@@ -180,9 +180,7 @@ def test_what_a_training_did_otherwise_than_the_scene_asks_for_is_noted(here: He
 
 
 @pytest.mark.slow
-def test_a_scene_gives_the_split_that_is_asked_for_over_the_background_of_the_model(
-    here: Here, tmp_path: Path
-) -> None:
+def test_a_scene_gives_the_requested_split_over_the_model_background(here: Here, tmp_path: Path) -> None:
     model = tmp_path / "model"
     shutil.copytree(ROOT / "tests" / "tiny" / "models" / "walled" / "mesh_splatting", model)
     (model / "cfg_args").write_text("Namespace(white_background=True)")
@@ -203,7 +201,7 @@ def test_a_scene_gives_the_split_that_is_asked_for_over_the_background_of_the_mo
 
 
 @pytest.mark.slow
-def test_wrong_usage_is_said_before_anything_is_drawn(
+def test_wrong_usage_is_reported_before_rendering(
     here: Here, demo_asset: Path, cameras: Path, tmp_path: Path
 ) -> None:
     places = {"VIEWS": f"--cameras {cameras}", "OUT": f"-o {tmp_path}/out", "NEW": f"{tmp_path}/new"}
@@ -219,7 +217,7 @@ def test_wrong_usage_is_said_before_anything_is_drawn(
         ("OUT --turntable 1 --size 5x0", 2, "USAGE"),
         ("VIEWS OUT --background mauve", 2, "USAGE"),
         ("VIEWS OUT --background official", 2, "USAGE"),
-        ("VIEWS OUT --camera nobody", 2, "NAME_UNKNOWN"),
+        ("VIEWS OUT --camera unknown", 2, "NAME_UNKNOWN"),
         ("VIEWS OUT --camera 3", 2, "NAME_UNKNOWN"),
         ("VIEWS OUT --renderer quake", 2, "NAME_UNKNOWN"),
         ("VIEWS OUT --order tile", 4, "UNSUPPORTED_OPTION"),
@@ -235,7 +233,7 @@ def test_wrong_usage_is_said_before_anything_is_drawn(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_images_that_show_nothing_are_a_warning(here: Here, tmp_path: Path) -> None:
+def test_empty_images_cause_a_warning(here: Here, tmp_path: Path) -> None:
     away = library.Camera.look_at((0, 0, 90), (0, 0, 99), up=(0, 1, 0), width=16, height=12, fov_y=0.6)
     write_cameras([away], tmp_path / "away.json")
     line = (

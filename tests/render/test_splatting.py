@@ -1,4 +1,4 @@
-"""The splatting pipeline against the NumPy reference on random models, and at its limits."""
+"""The splatting pipeline against the NumPy reference on random models, and limit cases."""
 
 from contextlib import closing
 from typing import Any
@@ -38,7 +38,7 @@ methods = pytest.mark.parametrize("method", SPLATTING)
 
 
 def all_sorts(seed: int) -> np.ndarray:
-    """Return large, tiny, needle-like, edge-on, degenerate, doubled, near, hidden triangles: (F, 3, 3)."""
+    """Return large, tiny, thin, edge-on, degenerate, duplicate, near and hidden triangles: (F, 3, 3)."""
     random = np.random.default_rng(seed)
     sizes = np.exp(random.uniform(np.log(0.004), np.log(3), 260))
     found = random_triangles(seed, 260, 1.0)
@@ -113,7 +113,7 @@ def test_an_empty_view_is_background(method: str, settings: dict[str, Any], cpu:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("method", "settings"), [VARIANTS[1], VARIANTS[4], VARIANTS[6], VARIANTS[8]])
-def test_what_saves_time_changes_no_pixel(
+def test_optimisations_change_no_pixel(
     method: str, settings: dict[str, Any], cpu: Device, gpu: Device
 ) -> None:
     asset, camera = model(method, 9), front_camera(71, 45)
@@ -127,7 +127,7 @@ def test_what_saves_time_changes_no_pixel(
 @pytest.mark.slow
 @pytest.mark.parametrize("style", ["cpu", "gpu"])
 def test_depth_keys_and_sample_positions_are_the_official_bits(style: Any) -> None:
-    """Depth keys decide the order; sample positions are double precision upstream, two floats here."""
+    """Depth keys decide the order; sample positions are double precision officially, two floats here."""
     asset, camera = model("mesh_splatting", 8), front_camera(731, 533)
     with open_styled(style) as device:
         pipeline = SplattingPipeline(asset, device=device, settings={"supersample": 3})
@@ -154,7 +154,7 @@ def test_depth_keys_and_sample_positions_are_the_official_bits(style: Any) -> No
 @methods
 @pytest.mark.parametrize("sampling", ["official", "engine"])
 @pytest.mark.parametrize("offset", [0.0, 3000.0])
-def test_bounding_spheres_drop_nothing_that_is_kept(
+def test_bounding_spheres_drop_no_visible_face(
     method: str, sampling: Any, offset: float, cpu: Device, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Slivers, pixel-sized and huge faces all around the camera, near the origin and far from it."""
@@ -173,7 +173,7 @@ def test_bounding_spheres_drop_nothing_that_is_kept(
     cameras = [Camera(80, 60, 70, 75, 35.5, 31, pose), Camera(50, 120, 400, 400, 25, 60, pose)]
     settings = {"supersample": 1} if method == "mesh_splatting" else {}
     found = [draw(asset, cpu, camera, settings, sampling=sampling) for camera in cameras]
-    no_limits = (-np.inf, 0, np.zeros(4), 1, np.inf, np.inf)  # infinite spheres, which nothing drops
+    no_limits = (-np.inf, 0, np.zeros(4), 1, np.inf, np.inf)  # infinite spheres, which are never culled
     monkeypatch.setattr(splat_view, "_limits", lambda *_: no_limits)
     for frame, camera in zip(found, cameras, strict=True):
         everything = draw(asset, cpu, camera, settings, sampling=sampling)

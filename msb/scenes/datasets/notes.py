@@ -105,8 +105,8 @@ def trained_otherwise(
 ) -> Iterator[Finding]:
     """Yield a warning for each difference between a model's training and the evaluation on `scene`.
 
-    `training` is that section of the manifest. `background` is the background that the model was trained with, if
-    the asset records it.
+    `training` is that section of the manifest. `background` is the colour behind the training images, if the
+    asset records it.
     """
     if training.get("eval") is False:
         yield saw_test_views()
