@@ -67,14 +67,14 @@ def test_outputs_select_the_parts_of_a_frame(device: Device, view: View) -> None
 def test_official_viewer(device: Device, view: View) -> None:
     """The viewer's render targets and colours: features are bytes in textures and after interpolation."""
     frame = draw(device, view, web=True, viewer=True)
-    viewer_image = view.shown["viewer_image"]
+    viewer_image = view.viewer["viewer_image"]
     hit = view.kernel_rows(frame.alpha) > 0
     levels = np.abs(np.rint(255 * view.kernel_rows(frame.image)) - viewer_image.astype(int)).max(-1)
     assert (levels <= 1).mean() > 0.998  # a few pixels at edges, and noise where features differ by a level
     assert (levels == 0).mean() > 0.99
-    if "gbuf_a" in view.shown:
-        target = np.concatenate([view.shown["gbuf_a"], view.shown["gbuf_b"][..., :3]], axis=-1)
-        drawn = view.shown["gbuf_b"][..., 3] > 0
+    if "gbuf_a" in view.viewer:
+        target = np.concatenate([view.viewer["gbuf_a"], view.viewer["gbuf_b"][..., :3]], axis=-1)
+        drawn = view.viewer["gbuf_b"][..., 3] > 0
         assert (hit != drawn).sum() <= 2
         both = hit & drawn
         bytes_ = np.rint(255 * frame.raw["features"])

@@ -94,7 +94,7 @@ def test_diffsoup_clips_as_its_official_viewer(view: Any, device: Device) -> Non
     for sampling in ("official", "engine"):
         options = {"settings": settings, "viewer": True, "sampling": sampling}
         frame = frame_of(DiffSoupPipeline, asset, device, camera, view.background, **options)
-        levels = np.rint(255 * view.kernel_rows(frame.image)) - view.shown["viewer_image"].astype(int)
+        levels = np.rint(255 * view.kernel_rows(frame.image)) - view.viewer["viewer_image"].astype(int)
         equal[sampling] = (np.abs(levels).max(axis=-1) == 0).mean()
     np.testing.assert_array_equal(frame.face_id, wanted.face_id)
     np.testing.assert_array_equal(frame.visible, wanted.visible)

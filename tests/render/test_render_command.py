@@ -61,9 +61,9 @@ def test_floats_depth_and_ids_are_written_as_rendered(
     result = here("render", *args, "--json", "-", demo_asset, status=0)
     frame = library.render(library.load(demo_asset), library.read_cameras(cameras)[1])
     for suffix, plane in (("", frame.image), ("_depth", frame.depth), ("_ids", frame.face_id)):
-        found = np.load(tmp_path / f"turntable_00001{suffix}.npy", allow_pickle=False)
-        np.testing.assert_array_equal(found, plane)
-        assert found.dtype == plane.dtype
+        stored = np.load(tmp_path / f"turntable_00001{suffix}.npy", allow_pickle=False)
+        np.testing.assert_array_equal(stored, plane)
+        assert stored.dtype == plane.dtype
     row = result.json["frames"][0]
     assert result.json["schema"] == "msb.render/1"
     assert (row["camera"], row["width"], row["height"]) == ("turntable_00001", 60, 44)
@@ -98,17 +98,20 @@ def test_choosing_sizes_and_flights(here: Here, demo_asset: Path, cameras: Path,
 def test_both_tiers_and_names_of_files(here: Here, demo_asset: Path, cameras: Path, tmp_path: Path) -> None:
     base = ("render", "--cameras", cameras, "--size", "30x22", "-o", tmp_path)
     both = ("--tier", "both", "--order", "none", "--format", "npy")
-    made = here(*base, *both, "--json", "-", demo_asset, status=0).json
-    assert [(one["tier"], one.get("order")) for one in made] == [("dedicated", "none"), ("standard", None)]
-    for one in made:
-        names = [f"turntable_{number:05d}_{one['tier']}.npy" for number in range(3)]
-        assert [frame["image"] for frame in one["frames"]] == [str(tmp_path / name) for name in names]
-        found = np.load(tmp_path / names[0], allow_pickle=False)
-        assert hashlib.sha256(found.tobytes()).hexdigest() == one["frames"][0]["sha256"]
+    documents = here(*base, *both, "--json", "-", demo_asset, status=0).json
+    assert [(document["tier"], document.get("order")) for document in documents] == [
+        ("dedicated", "none"),
+        ("standard", None),
+    ]
+    for document in documents:
+        names = [f"turntable_{number:05d}_{document['tier']}.npy" for number in range(3)]
+        assert [frame["image"] for frame in document["frames"]] == [str(tmp_path / name) for name in names]
+        stored = np.load(tmp_path / names[0], allow_pickle=False)
+        assert hashlib.sha256(stored.tobytes()).hexdigest() == document["frames"][0]["sha256"]
     here(*base, "--name", "{tier}/{index}", demo_asset, status=0)
     assert len(list((tmp_path / "standard").iterdir())) == 3
     for args in (
-        ("--name", "x"),  # one name for all
+        ("--name", "x"),  # the same name for all images
         ("--tier", "both", "--name", "{camera}"),
         ("--name", "{frame}"),
         ("--name", "../{camera}"),
@@ -123,8 +126,8 @@ def test_supersampling_averages_samples(here: Here, tmp_path: Path) -> None:
     views = ("--turntable", "1", "--format", "npy", "-q")
     here("render", *views, "--size", "30x22", "--supersample", "2", "-o", tmp_path / "a", mesh, status=0)
     here("render", *views, "--size", "60x44", "-o", tmp_path / "b", mesh, status=0)
-    found, large = (np.load(tmp_path / name / "00000.npy") for name in ("a", "b"))
-    np.testing.assert_allclose(found, large.reshape(22, 2, 30, 2, 3).mean(axis=(1, 3)), atol=1e-6)
+    sampled, large = (np.load(tmp_path / name / "00000.npy") for name in ("a", "b"))
+    np.testing.assert_allclose(sampled, large.reshape(22, 2, 30, 2, 3).mean(axis=(1, 3)), atol=1e-6)
 
 
 @pytest.mark.slow
@@ -189,13 +192,13 @@ def test_a_scene_gives_the_requested_split_over_the_model_background(here: Here,
         args = ("--scene", SCENE, "--camera", split, "-o", tmp_path / split, "--json", "-")
         drawn = here("render", *args, model).json
         assert drawn["background"] == [1, 1, 1]
-        assert [(one["camera"], one["width"], one["height"]) for one in drawn["frames"]] == [
+        assert [(row["camera"], row["width"], row["height"]) for row in drawn["frames"]] == [
             (view.name, view.width, view.height) for view in views
         ]
         names = {str(view.name).rpartition(".")[0] for view in views}
         assert {file.stem for file in (tmp_path / split).iterdir()} == names
-    one = ("--camera", str(whole.test[0].name), "--background", "#804020")
-    drawn = here("render", "--scene", SCENE, *one, "-o", tmp_path / "one", "--json", "-", model).json
+    options = ("--camera", str(whole.test[0].name), "--background", "#804020")
+    drawn = here("render", "--scene", SCENE, *options, "-o", tmp_path / "one", "--json", "-", model).json
     assert drawn["background"] == [128 / 255, 64 / 255, 32 / 255]
     assert len(drawn["frames"]) == 1
 

@@ -26,11 +26,11 @@ def triangles_of_all_sizes(seed: int = 0) -> NDArray[np.float32]:
     """Return triangles (COUNT, 3, 3): one far away, one without extent, some identical."""
     random = np.random.default_rng(seed)
     corners = random.normal(size=(COUNT, 3, 3)) * np.exp(random.uniform(-8, 0, (COUNT, 1, 1)))
-    found = corners + random.normal(scale=3, size=(COUNT, 1, 3))
-    found[17] += 5000
-    found[18] = found[18, :1]
-    found[100:200] = found[200:300]
-    return found.astype(np.float32)
+    triangles = corners + random.normal(scale=3, size=(COUNT, 1, 3))
+    triangles[17] += 5000
+    triangles[18] = triangles[18, :1]
+    triangles[100:200] = triangles[200:300]
+    return triangles.astype(np.float32)
 
 
 @pytest.fixture(params=SPLATTING)
@@ -132,7 +132,7 @@ def test_equal_depths_are_sorted_by_number(
     records = np.zeros((COUNT, pipeline.record_words), np.uint32)
     records[:, NUMBER_WORD[pipeline._model.program.removeprefix("splat_")]] = numbers
     unused: Any = None
-    found = Projected(
+    projected = Projected(
         faces=device.upload(records),
         keys=device.upload(depths.view(np.uint32)),
         tiles=unused,
@@ -142,7 +142,7 @@ def test_equal_depths_are_sorted_by_number(
     sort = DepthSort(device, pipeline._program, order)
     sort.by_rows = False
     keys = device.upload(depths[places].view(np.uint32))
-    result = sort(found, keys, device.upload(places.copy())).read()
+    result = sort(projected, keys, device.upload(places.copy())).read()
     by_depth = np.zeros(len(places)) if order == "none" else depths[places]
     np.testing.assert_array_equal(result, places[np.lexsort((numbers[places], by_depth))])
 

@@ -76,8 +76,8 @@ def layers(alphas: list[int], **sampler: Any) -> Asset:
     textures = {
         f"texture.{i}": np.full((1, 1, 4), (255, 255, 255, a), np.uint8) for i, a in enumerate(alphas)
     }
-    shown = np.repeat(np.arange(len(alphas), dtype=np.uint32), 2)
-    buffers = {**asset.buffers, **textures, "face_texture": shown}
+    numbers = np.repeat(np.arange(len(alphas), dtype=np.uint32), 2)
+    buffers = {**asset.buffers, **textures, "face_texture": numbers}
     return Asset(asset.manifest, buffers)
 
 
@@ -126,8 +126,8 @@ def test_textures_are_counted_and_rejected_if_they_do_not_fit(fresh: Device) -> 
 
 def test_invalid_texture_coordinates_and_numbers_are_rejected(cpu: Device) -> None:
     asset = textured_asset(scene("large", 26), 27, **CASES["several"])
-    uvs, shown = asset.buffers["uv"].copy(), asset.buffers["face_texture"].copy()
-    uvs[5, 1], shown[7] = np.nan, 3
-    for name, wrong, where in (("uv", uvs, "row 5"), ("face_texture", shown, "face 7 shows texture 3")):
+    uvs, numbers = asset.buffers["uv"].copy(), asset.buffers["face_texture"].copy()
+    uvs[5, 1], numbers[7] = np.nan, 3
+    for name, wrong, where in (("uv", uvs, "row 5"), ("face_texture", numbers, "face 7 shows texture 3")):
         with pytest.raises(AssetError, match=where):
             StandardRenderer(Asset(asset.manifest, {**asset.buffers, name: wrong}), device=cpu)
