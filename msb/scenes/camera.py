@@ -90,6 +90,8 @@ class Camera:
         pose = check_pose(self.world_to_camera, "world_to_camera")
         pose.setflags(write=False)
         values: dict[str, Any] = {"width": width, "height": height, "world_to_camera": pose}
+        # Convert all values to Python numbers, so that equal cameras compare equal and can be written as
+        # JSON.
         values |= {key: check_pixels(key, getattr(self, key), MIN_FOCAL) for key in ("fx", "fy")}
         values |= {key: check_pixels(key, getattr(self, key)) for key in ("cx", "cy")}
         if self.name is not None:

@@ -163,6 +163,7 @@ def _described(scene: Scene) -> list[tuple[str, str]]:
         masks += f"; composited with the background {scene.compositing.replace('_', ' ')}"
     fixed = scene.dataset in DATASETS and DATASETS[scene.dataset].background is not None
     behind = "for every method" if fixed else "unless the method uses another"
+    # Number of different lenses, by relative focal lengths.
     views = {
         (view.source_size or (view.width, view.height), view.fx / view.width, view.fy / view.height)
         for view in (*scene.train, *scene.test)

@@ -105,6 +105,7 @@ def look_at_pose(eye: ArrayLike, target: ArrayLike, up: ArrayLike) -> NDArray[np
     if right is None:
         text = "up is zero or parallel to the line from eye to target; choose another direction"
         raise SceneError("CAMERA_PATH", text)
+    # Rows of the rotation: right, down and forward in the world.
     pose = np.eye(4)
     pose[:3, :3] = right, np.cross(forward, right), forward
     pose[:3, 3] = -pose[:3, :3] @ position

@@ -62,6 +62,7 @@ def _camera(root: Node, frame: Node, files: SpelledFiles, split: Split | None) -
         if fx is None:
             text = "the focal length is missing; set fl_x or camera_angle_x (radians) here or in the document"
             raise frame.error("CAMERA_FILE", text)
+        # The principal point is in the middle by default.
         cx, cy = number("cx"), number("cy")
         return Camera(
             width,

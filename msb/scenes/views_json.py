@@ -114,6 +114,7 @@ def write_cameras(
         if len(head["background"]) != 3 or not all(0 <= value <= 1 for value in head["background"]):
             text = f"the background is {background}; it must be red, green and blue from 0 to 1"
             raise SceneError("CAMERA_FILE", text, file=path)
+    # One camera per line, so that files can be compared and edited by hand.
     lines = ",\n  ".join(json.dumps(_entry(camera)) for camera in cameras)
     content = f'{json.dumps(head)[:-1]}, "cameras": [\n  {lines}\n]}}\n'.encode("ascii")
     if len(content) > MAX_BYTES:

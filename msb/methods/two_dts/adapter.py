@@ -75,6 +75,7 @@ def read(place: Place, content: Content, options: Options) -> Model:
         settings.add("gamma", gamma, "checkpoint", place.file, "gamma")
     buffers, degree = _buffers(tensors, prefix)
     warnings += tensors.warnings
+    # Settings come from the configuration, or are the official defaults.
     config, files, config_warnings = read_config(place.root, options.config)
     warnings += config_warnings
     if config:

@@ -103,6 +103,7 @@ def describe_scene(path: Path, **options: Any) -> SceneReport:
         scene = read_scene(path, **options)
     except MsbError as error:
         problem = error
+    # Facts that do not need a valid scene, then facts about how it is evaluated.
     dataset = options.get("dataset") or dataset_of(path)
     images = _image_folders(path, scene)
     points, missing = _points(path, layout)
@@ -213,6 +214,7 @@ def _differences(ours: Scene, theirs: Scene) -> list[str]:
     first, second = ours.test[0], theirs.test[0]
     differences = []
     our_size, size = (f"{view.width} x {view.height}" for view in (first, second))
+    # Size and resampling of photographs, test split, intrinsics, background, masks and rounding.
     if (theirs.image_folder, size) != (ours.image_folder, our_size):
         how = f", resized ({theirs.resampling})" if theirs.gt_resized else ""
         place = "" if theirs.image_folder == "." else f"{theirs.image_folder} at "

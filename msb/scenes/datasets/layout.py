@@ -81,6 +81,7 @@ def read_views(root: Path, layout: Layout, rules: Rules, image_folder: str) -> l
     if layout == "blender":
         views = _read_blender(root)
     else:
+        # Layouts without a split: every eighth view is a test view.
         views = _read_unsplit(root, layout, image_folder)
         if rules.first_lens:
             views = [_with_lens(view, views[0]) for view in views]

@@ -78,6 +78,7 @@ def photographs_beside(path: str | os.PathLike[str], cameras: Sequence[Camera]) 
     if model is None:
         return None
     root = next((above.parent for above in (model, model.parent) if above.name == "sparse"), model)
+    # Sizes of the first camera's photograph in all folders images*.
     sizes: dict[Size, Path] = {}
     for folder in folders(root):
         with contextlib.suppress(MsbError):
@@ -146,6 +147,7 @@ def _size(training: Mapping[str, Any], scene: Scene) -> Size | None:
     view, folder = scene.test[0], training.get("images")
     if folder in (None, "..") or scene.layout != "colmap":  # other layouts ignore the folder
         return None
+    # Size of the stored photographs, or of the published folder images_N if it is missing here.
     stored: Size | None = None
     with contextlib.suppress(MsbError):
         stored = image_size(SpelledFiles(scene.root / folder).find(str(view.name)))

@@ -34,6 +34,7 @@ def choose_photographs(
     The rules decide, then the caller's arguments and the existing folders. Notes for the user are appended to
     `warnings`.
     """
+    # Rule of the dataset and, for Mip-NeRF 360, of the group of scenes. Unknown scenes use the first group.
     group = ""
     if dataset in DATASETS:
         scenes = DATASETS[dataset].scenes
@@ -50,6 +51,7 @@ def choose_photographs(
     folder = image_folder or ("." if layout in ("blender", "transforms") else rule.folder)
     rounding = rules.rounding
     wanted = rule.resolution if resolution is None else resolution
+    # If the folder is missing, the rules may name another one and a divisor for it.
     if not is_folder(root / folder):
         if image_folder is not None or rule.instead is None or not is_folder(root / rule.instead[0]):
             raise _no_folder(root, folder)
@@ -91,6 +93,7 @@ def photograph_sizes(root: Path, views: Sequence[Camera], warnings: list[Finding
                 f"{known[0]} x {known[1]}; photographs of one camera must have one size"
             )
             raise SceneError("SCENE_IMAGE", text, file=view.image_path)
+    # Missing photographs: an error for test views and for cameras without any photograph, else a warning.
     if missing:
         needed = [view for view in missing if view.split == "test" or (view.width, view.height) not in sizes]
         reported = needed or missing
@@ -101,6 +104,7 @@ def photograph_sizes(root: Path, views: Sequence[Camera], warnings: list[Finding
         if needed:
             raise SceneError("SCENE_IMAGE_MISSING", text, file=folder)
         warnings.append(finding("SCENE_IMAGE_MISSING", text, severity="warning", file=str(folder)))
+    # Compare the aspect ratios of photographs and cameras.
     for (width, height), (size, first) in sizes.items():
         expected = height * size[0] / width
         if abs(size[1] - expected) > _ROUNDED_AWAY:

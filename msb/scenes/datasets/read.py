@@ -82,6 +82,7 @@ def read_scene(
     wish = None if resolution is None else check_resolution(resolution)
     color = evaluation_background(key) if rules == OURS else by.background_of(key)
     warnings: list[Finding] = []
+    # Which files are used, then the recorded cameras with the paths of their files.
     chosen, how = choose_photographs(root, key, layout, place.name, by, image_folder, wish, warnings)
     files = SpelledFiles(root / chosen.folder)
     # Recorded cameras with their photographs, then resized to the evaluated size.
@@ -91,11 +92,13 @@ def read_scene(
     ]
     native = photograph_sizes(root, views, warnings)
     masks = (None, {}) if chosen.compositing == "none" else find_masks(root, key, views)
+    # Resize the cameras to the evaluated size of their photographs.
     rounding = ROUNDINGS[how]
     cameras = [
         view.resized(*rounding(size, chosen.resolution)) for view, size in zip(views, native, strict=True)
     ]
     resized = any((c.width, c.height) != size for c, size in zip(cameras, native, strict=True))
+    # Like the 3DGS family, move the principal point to the middle; warn if the move is visible.
     if convention == "gs_fov":
         warnings += _shifted(root, cameras)
         cameras = [camera.centered() for camera in cameras]
