@@ -1,7 +1,7 @@
 """The dedicated tier: native rendering, with the method's own image formation.
 
-The module `look` of a method has either a function ``splat_model``, whose result the splatting pipeline draws
-(`msb.render.splat.model`), or a class ``Pipeline``, a complete renderer (`msb.render.backend.Backend`).
+The module `look` of a method has either a function ``splat_model``, whose result the splatting pipeline can
+draw (`msb.render.splat.model`), or a class ``Pipeline``, a complete renderer (`msb.render.backend.Backend`).
 """
 
 from typing import Any

@@ -23,8 +23,8 @@ _FOV_INSIDE = math.radians(60)
 _LEAST = 0.02
 # Largest number of faces that are examined. Rarer faces of a larger asset may be missed.
 _SAMPLES = 200_000
-# Threshold of the ratio in `surrounded`. Captures in front of walls have 4 to 6; objects and empty rooms 0.7
-# to 1.5.
+# Threshold of the ratio in `surrounded`.
+# Captures in front of walls have 4 to 6; objects and empty rooms 0.7 to 1.5.
 _SURROUNDED = 2.5
 # Distance of a turntable as a multiple of the distance where the bounding sphere fills the image.
 _MARGIN = 1.05

@@ -28,8 +28,8 @@ def walk(
     The flight passes at most ten of `stops`, evenly spread, in their order. Each stop is displaced by `reach`
     times the radius of the `capture` (the largest distance of a camera from the mean of all), in turn to its
     right, nearer, left, farther and up. It is rotated such that the point nearest to the axes of all cameras
-    stays at its place in the image. The way to the next stop takes 24 frames (`interpolated`). A walk that is
-    longer than one round starts again.
+    stays at its place in the image. The way to the next stop takes 24 frames (`interpolated`).
+    A walk that is longer than one round starts again.
 
     Parameters
     ----------

@@ -83,8 +83,8 @@ def make_view(
     """Return the `View` record of a camera for a raster with `scale` samples per pixel and axis.
 
     `near` and `far` affect only the z row of the projection. `fields` are common members that do not depend
-    on the camera, `own` the method's values. `extent` (3,) is the largest magnitude of a coordinate along
-    each axis of the world.
+    on the camera, `own` are the method's values.
+    `extent` (3,) is the largest magnitude of a coordinate along each axis.
 
     The 3DGS family projects with tan(fov / 2) and the float32 product P W, whose terms are added from first
     to last. The camera centre is computed from the float32 W in double precision and rounded, because the

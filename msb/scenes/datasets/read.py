@@ -208,9 +208,10 @@ def scene_at(
 ) -> SceneAt:
     """Return how a method is evaluated on a scene, without reading its folder.
 
-    `own_background` is the background of the method's official evaluation, if the model records it. The last
-    four arguments override the rules, as in `read_scene`. By default the size follows our rules, the camera
-    is the one the method is trained with, and the background is `evaluation_background`.
+    `own_background` is the background of the method's official evaluation, if the model
+    records it. The last four arguments override the rules, as in `read_scene`. By default the size follows
+    our rules, the camera is the one the method is trained with, and the background is
+    `evaluation_background`.
     """
     return SceneAt(
         dataset=dataset,
