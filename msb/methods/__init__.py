@@ -1,1 +1,1 @@
-"""Our methods, a folder each; `msb.registry` finds them and those that installed packages bring."""
+"""The built-in methods, one folder each; `msb.registry` finds built-in and installed methods."""

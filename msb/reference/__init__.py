@@ -1,8 +1,8 @@
-"""Reference renderers: each method's official image formation in readable NumPy, slow and obviously right.
+"""Reference renderers: the official image formation of each method in readable NumPy. Slow, easy to verify.
 
-In float32 they repeat the official kernels operation by operation and are the oracle of the OpenCL kernels;
-in float64 they are compared by statistics. docs/reference.md describes the formulas and how closely they
-agree.
+In float32 they repeat the official kernels operation by operation, and the OpenCL kernels are tested against
+them. In float64 they are compared statistically. docs/reference.md describes the formulas and the measured
+agreement.
 """
 
 import time
@@ -37,30 +37,31 @@ def render_reference(
     order: Order = "tile",
     sampling: Sampling = "official",
 ) -> ReferenceFrame:
-    """Return `asset` as its method's official renderer, or a game engine, would show it to `camera`.
+    """Render `asset` with the image formation of its method's official code, or of a game engine.
 
     Parameters
     ----------
     asset : Asset
     camera : Camera
-        OpenCV axes, for every method. A principal point off the middle shifts the image of the three
-        splatting methods, whose official code ignores it, and enters DiffSoup's with upstream's sign.
+        OpenCV axes, for every method. A principal point that is not in the middle shifts the image of the
+        splatting methods, whose official code ignores it. For DiffSoup it is used with the official sign.
     background : sequence of 3 floats, or str, optional
-        In the stored colour space; as for `msb.Renderer.render`, with its default.
+        In the stored colour space. Values and default as in `msb.Renderer.render`.
     settings : mapping, optional
         Overrides of the asset's settings.
     dtype : numpy.float32 or numpy.float64
         float32: the official order of operations in strict IEEE float32. float64: the same in double.
     order, sampling : str
-        "tile" and "official" are as officially; the others are what an engine does (docs/dedicated.md).
+        "tile" and "official" repeat the official code; the other values imitate an engine
+        (docs/dedicated.md).
 
     Raises
     ------
     Unsupported
-        UNSUPPORTED_TIER: the method has no appearance of its own.
+        UNSUPPORTED_TIER: the method has no reference renderer.
     UsageError
-        SETTING_UNKNOWN or SETTING_VALUE; USAGE: an unknown order, sampling or dtype, or an argument of
-        another type.
+        SETTING_UNKNOWN or SETTING_VALUE; USAGE: an unknown order, sampling or dtype, or an argument of the
+        wrong type.
     AssetError
         TRIASSET_VALUE_NONFINITE, TRIASSET_INDEX_OUT_OF_RANGE, TRIASSET_BUFFER or TRIASSET_FIELD: the buffers
         cannot be drawn.
@@ -78,10 +79,10 @@ def render_reference(
     check_type("asset", asset, Asset, AN_ASSET)
     check_type("camera", camera, Camera, A_CAMERA)
     method = asset.manifest.method
-    own: Any = role(method, "reference")
-    if own is None:
-        reason = lookup(method).unsupported.get("reference", "there is no reference renderer of it")
-        text = f"{method} has no reference tier: {reason}"
+    module: Any = role(method, "reference")
+    if module is None:
+        reason = lookup(method).unsupported.get("reference", "its package contains no reference renderer")
+        text = f"{method} on tier reference: {reason}"
         raise Unsupported("UNSUPPORTED_TIER", text, file=asset.opened_from)
     real = precision(dtype)
     values = effective_settings(asset.manifest, settings)
@@ -90,16 +91,16 @@ def render_reference(
     if background is None:
         background = own_background(asset.manifest)
     color = np.asarray(check_background(background, asset.manifest.appearance.get("background")), real)
-    # Dropped faces are computed with too, and give what they give.
+    # Culled faces take part in the array operations, so their divisions by zero are expected.
     with np.errstate(all="ignore"):
-        frame: ReferenceFrame = own.render(
+        frame: ReferenceFrame = module.render(
             asset, camera.in_units(), color, values, real, Modes(order, sampling)
         )
     return camera.in_world(frame)
 
 
 def precision(dtype: Any) -> type[Any]:
-    """Return the type of number that `dtype` names, which is float32 or float64."""
+    """Return the NumPy type of `dtype`, which must be float32 or float64."""
     for real in (np.float32, np.float64):
         if dtype is real or (isinstance(dtype, str | np.dtype) and dtype == np.dtype(real)):
             return real
@@ -108,7 +109,7 @@ def precision(dtype: Any) -> type[Any]:
 
 
 class ReferenceRenderer:
-    """NumPy, on the host: `device` is taken and ignored, the rest is as for `render_reference`."""
+    """The reference renderers as a `Backend`; they run in NumPy on the host and ignore `device`."""
 
     name = "msb-reference"
     version = __version__
@@ -128,15 +129,15 @@ class ReferenceRenderer:
         self._draw = partial(render_reference, asset, settings=settings, **rules)
 
     def render(self, camera: Camera, background: tuple[float, float, float]) -> ReferenceFrame:
-        """Draw the asset from `camera` over `background`; `timings` has the time NumPy took."""
+        """Draw the asset from `camera` over `background`; `timings` contains the time of NumPy."""
         start = time.perf_counter()
         frame = self._draw(camera=camera, background=background)
         frame.timings["numpy"] = 1000 * (time.perf_counter() - start)
         return frame
 
     def memory(self) -> Mapping[str, int]:
-        """Return nothing: there is no device."""
+        """Return an empty mapping, because no device is used."""
         return {}
 
     def close(self) -> None:
-        """Do nothing: there is nothing to release."""
+        """Do nothing, because no device memory is held."""

@@ -1,10 +1,10 @@
-"""The few operations all reference renderers are made of, in the order the official kernels evaluate them.
+"""The basic operations of all reference renderers, evaluated in the order of the official kernels.
 
 Every function works in the dtype of its arguments, float32 or float64. NumPy rounds after each operation and
 never fuses a multiplication with an addition, so float32 arguments give strict IEEE float32 in the order
-written here. Exponentials, logarithms and powers are evaluated in double and rounded: that is the correctly
-rounded float32 result (up to double rounding), the same on every machine, where the vector libraries behind
-NumPy's own float32 functions are not.
+written here. Exponentials, logarithms and powers are evaluated in double and then rounded. That is the
+correctly rounded float32 result (up to double rounding) on every machine, unlike NumPy's float32 functions,
+which depend on vector libraries.
 """
 
 from typing import Any
@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-# Floating-point numbers, float32 or float64; a function's results have the dtype of its arguments.
+# Floating-point arrays, float32 or float64. Functions return the dtype of their arguments.
 Reals = NDArray[Any]
 
 
 def dot(a: Reals, b: Reals) -> Reals:
-    """Return the sum over the last axis of a b, from the first component to the last."""
+    """Return the sum of a b over the last axis, added from the first component to the last."""
     total = a[..., 0] * b[..., 0]
     for axis in range(1, a.shape[-1]):
         total = total + a[..., axis] * b[..., axis]
@@ -43,7 +43,7 @@ def cross_2d(a: Reals | tuple[Reals, Reals], b: Reals | tuple[Reals, Reals]) -> 
 
 
 def transform(matrix: Reals, points: Reals) -> Reals:
-    """Return M (x, y, z, 1) for points (..., 3) and the rows of M (R, 4): (..., R)."""
+    """Return M (x, y, z, 1), (..., R), for points (..., 3) and the rows of M (R, 4)."""
     x, y, z = points[..., 0], points[..., 1], points[..., 2]
     return np.stack([row[0] * x + row[1] * y + row[2] * z + row[3] for row in matrix], axis=-1)
 
@@ -55,9 +55,10 @@ def rotate(matrix: Reals, vectors: Reals) -> Reals:
 
 
 def matrix_product(a: Reals, b: Reals) -> Reals:
-    """Return A B, each element summed from first to last.
+    """Return A B, with each element summed from first to last.
 
-    Small float32 products are computed so upstream (torch on a CPU); a BLAS fuses and reorders.
+    Official code computes small float32 products this way (torch on a CPU), while BLAS fuses and reorders the
+    sums.
     """
     return np.stack([dot(a, np.broadcast_to(column, a.shape)) for column in b.T], axis=-1)
 
@@ -73,24 +74,25 @@ def exponential(x: Reals) -> Reals:
 
 
 def power(base: Reals, exponent: Reals | float) -> Reals:
-    """Return base ** exponent, as C's pow."""
+    """Return base ** exponent, like C's pow."""
     return np.power(base, exponent, dtype=np.float64).astype(base.dtype)
 
 
 def fast_power(base: Reals, exponent: Reals) -> Reals:
-    """Return exp2(exponent log2(base)), each step rounded, as a GPU's fast power; 0 for a base of 0."""
+    """Return exp2(exponent log2(base)) with each step rounded, like a GPU's fast power; 0 for base 0."""
     logarithm = np.log2(base, dtype=np.float64).astype(base.dtype)
     return np.asarray(np.exp2(exponent * logarithm, dtype=np.float64).astype(base.dtype))
 
 
 def sigmoid(logits: Reals) -> Reals:
-    """Return 1 / (1 + exp(-x)), each step rounded, as torch evaluates it; infinite logits give 0 and 1."""
+    """Return 1 / (1 + exp(-x)) with each step rounded, like torch; infinite logits give 0 and 1."""
     return np.asarray(1 / (1 + exponential(-logits)))
 
 
 def ndc_to_pixel(ndc: Reals, size: int) -> Reals:
     """Return ((ndc + 1) size - 1) / 2, evaluated in double and rounded once.
 
-    The 3DGS family's pixel mapping: pixel i has its centre at the integer i, -1 is the left edge of pixel 0.
+    This is the pixel mapping of the 3DGS family: the centre of pixel i is at the integer i, and ndc = -1 is
+    the left edge of pixel 0.
     """
     return np.asarray((((ndc.astype(np.float64) + 1) * size - 1) * 0.5).astype(ndc.dtype))

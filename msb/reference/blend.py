@@ -1,4 +1,4 @@
-"""Front-to-back compositing as the three splatting methods share it."""
+"""Front-to-back compositing, shared by the splatting methods."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 from msb.reference.arithmetic import Reals
 from msb.reference.tiles import Integers, Tile
 
-# Compositing of a sample stops here.
+# Compositing of a sample stops at this transmittance.
 MIN_TRANSMITTANCE = 1e-4
-# Faces of a tile that are evaluated at once: arrays of 64 x 256 samples stay in the cache.
+# Faces of a tile that are evaluated at once: arrays of 64 faces x 256 samples fit into the cache.
 _TOGETHER = 64
 
 
 class Layers(NamedTuple):
-    """What N faces look like, each at a sample of its own.
+    """The appearance of N faces, each at one sample.
 
     Attributes
     ----------
@@ -35,21 +35,21 @@ class Layers(NamedTuple):
 
 @dataclass(frozen=True)
 class Rule:
-    """Where the methods differ."""
+    """The differences between the methods' compositing."""
 
     blends_crossing: bool
-    """The face that takes transmittance T to the threshold is blended, and T <= 1e-4 stops the sample (2DTS);
-    else it is refused when T would fall below 1e-4 (as in 3DGS)."""
+    """True: the face that lowers the transmittance T to the threshold is blended, and the sample stops after
+    it (2DTS). False: a face that would lower T below the threshold is not blended (3DGS)."""
     weight_first: bool
-    """A colour's term is c (alpha T), not (c alpha) T."""
+    """The term of a colour c is c (alpha T) instead of (c alpha) T, which rounds differently."""
 
 
 @dataclass(frozen=True)
 class Composite:
-    """Sums over the faces of every sample, without background; arrays of H x W samples.
+    """Sums over the faces at every sample, without background; arrays of H x W samples.
 
-    `depth_median` and `face_median` are those of the last blended face before which T > 0.5; 0 and -1 where
-    there is none.
+    `depth_median` and `face_median` belong to the last blended face with T > 0.5 in front of it; they are 0
+    and -1 in samples without faces.
     """
 
     color: Reals
@@ -84,15 +84,15 @@ def composite(
     Parameters
     ----------
     tiles : iterable of Tile
-        A sample that is in no tile stays empty.
+        Samples that belong to no tile stay empty.
     cover : callable
-        Given K faces as (K, 1), and the columns and rows of P samples as (P,) reals, the alpha of every face
-        at every sample, (K, P). Where it is below 1/255 the face is skipped.
+        Takes K faces as (K, 1), and the columns and rows of P samples as (P,) reals. Returns the alpha of
+        every face at every sample, (K, P). Values below 1/255 are skipped.
     shade : callable
-        Given N faces and the columns and rows of a sample each, all (N,), what the faces look like there. It
-        is asked only where a face is blended.
+        Takes N faces and the column and row of one sample for each, all (N,). Returns their appearance there.
+        It is called only for blended faces.
     weights : (F,) float64, optional
-        What each face contributes is added here: the sum over all samples of its alpha times T.
+        The contribution of each face is added to it: the sum over all samples of alpha times T.
     """
     image = Composite(
         color=np.zeros((height * width, 3), dtype),
@@ -105,17 +105,18 @@ def composite(
     for tile in tiles:
         pixels = tile.rows * width + tile.columns
         x, y = tile.columns.astype(dtype), tile.rows.astype(dtype)
+        # Blend K faces at a time into the P samples of the tile that are not finished.
         for start in range(0, len(tile.faces), _TOGETHER):
             faces = tile.faces[start : start + _TOGETHER]
             alpha = cover(faces[:, None], x, y)
-            # 1/255 is rounded as C rounds 1.0f / 255.0f.
+            # 1/255 is rounded like 1.0f / 255.0f in C.
             seen = alpha >= dtype(1) / dtype(255)
             somewhere = seen.any(axis=1)
             if not somewhere.any():
                 continue
             faces, alpha = faces[somewhere], np.where(seen, alpha, 0)[somewhere]
             before, blended, goes_on = _attenuate(image.transmittance, pixels, alpha, rule)
-            # Pairs of a sample and a face, front to back in every sample.
+            # N pairs of a sample and a blended face, front to back within each sample.
             sample, face = np.nonzero(blended.T)
             layers = shade(faces[face], x[sample], y[sample])
             if weights is not None:
@@ -130,15 +131,16 @@ def composite(
 def _attenuate(
     transmittance: Reals, pixels: Integers, alpha: Reals, rule: Rule
 ) -> tuple[Reals, NDArray[np.bool_], NDArray[np.bool_]]:
-    """Let K faces of `alpha` (K, P) lower the transmittance T of P pixels.
+    """Lower the transmittance T of P pixels by K faces of `alpha` (K, P).
 
-    Returns T before every face and whether that is blended, both (K, P), and which pixels go on, (P,).
+    Returns T in front of every face and whether the face is blended, both (K, P), and which pixels are not
+    finished, (P,).
     """
-    # T before the first face, between the faces, and after the last: products from front to back.
+    # T in front of the first face, between the faces, and behind the last: products from front to back.
     chain = np.concatenate([transmittance[pixels][None], 1 - alpha])
     chain = np.multiply.accumulate(chain, axis=0)
     before, after = chain[:-1], chain[1:]
-    # T never rises, so a sample that stops at a face stays stopped for all behind it.
+    # T never rises, so a sample that stops at a face is finished for all faces behind it.
     threshold = alpha.dtype.type(MIN_TRANSMITTANCE)
     goes_on = chain > threshold if rule.blends_crossing else chain >= threshold
     blended = goes_on[:-1] if rule.blends_crossing else goes_on[1:]
@@ -155,7 +157,10 @@ def _add(
     before: Reals,
     rule: Rule,
 ) -> None:
-    """Blend N faces into a pixel each, pixel by pixel and front to back; T is `before` in front of them."""
+    """Add N blended faces to one pixel each; pairs are sorted by pixel and then front to back.
+
+    `before` (N,) is the transmittance T in front of each face.
+    """
     weight = alpha * before
     if rule.weight_first:
         color = layers.color * weight[:, None]
@@ -163,10 +168,10 @@ def _add(
         color = layers.color * alpha[:, None] * before[:, None]
     totals = (*image.color.T, image.depth, *image.normal.T)
     terms = (*color.T, layers.depth * weight, *(layers.normal * weight[:, None]).T)
-    # add.at adds pair after pair, and is quick at one channel at a time.
+    # add.at adds one pair after the other, and is faster for one channel at a time.
     for total, term in zip(totals, terms, strict=True):
         np.add.at(total, pixels, term)
-    # The last pair of each pixel before which T > 0.5.
+    # The last pair of each pixel with T > 0.5 in front of the face.
     early = np.flatnonzero(before > 0.5)
     last = early[np.diff(pixels[early], append=-1) != 0]
     image.depth_median[pixels[last]] = layers.depth[last]
@@ -174,5 +179,5 @@ def _add(
 
 
 def expected_depth(depth: Reals, alpha: Reals) -> Reals:
-    """Return the sum of weight times depth divided by alpha, 0 where alpha is 0."""
+    """Return the sum of weight times depth divided by alpha; 0 at samples with alpha 0."""
     return np.where(alpha > 0, depth / np.where(alpha > 0, alpha, 1), 0).astype(depth.dtype)

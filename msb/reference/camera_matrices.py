@@ -1,8 +1,8 @@
-"""From the one camera of the package to the matrices each method's official code makes of it.
+"""The matrices that each method's official code derives from a camera.
 
-The package's camera has OpenCV axes and pixel centres at half-integers. What upstream reads are angles of
-view or an intrinsic matrix; going back through them reproduces its float32 matrices (docs/reference.md says
-what remains).
+`msb.Camera` has OpenCV axes and pixel centres at half-integers. Official code reads angles of view or an
+intrinsic matrix. Converting the camera back to these reproduces the official float32 matrices
+(docs/reference.md describes the remaining differences).
 """
 
 import math
@@ -17,7 +17,7 @@ from msb.scenes import Camera
 
 @dataclass(frozen=True)
 class SplattingCamera:
-    """What the three splatting rasterizers are given, for a raster of `width` x `height` samples.
+    """The inputs of the splatting rasterizers, for a raster of `width` x `height` samples.
 
     Attributes
     ----------
@@ -30,8 +30,8 @@ class SplattingCamera:
     tan_fov : (2,)
         tan(fov / 2) in x and y.
     shift : (2,)
-        Pixels by which the principal point lies right of and below the middle of the raster. Upstream
-        ignores it; here it is added to every pixel position, which changes nothing when it is 0.
+        Offset of the principal point from the middle of the raster, to the right and down, in samples.
+        Official code ignores it. Here it is added to every sample position, which has no effect if it is 0.
     """
 
     width: int
@@ -46,24 +46,24 @@ class SplattingCamera:
 def splatting_camera(
     camera: Camera, near: float, far: float, dtype: type[Any], scale: int = 1
 ) -> SplattingCamera:
-    """Return `camera` as the 3DGS family sees it.
+    """Return `camera` in the conventions of the 3DGS family.
 
     Parameters
     ----------
     near, far : float
-        Planes of the projection; they act on its z row alone.
+        Planes of the projection in scene units; they affect only its z row.
     dtype : numpy.float32 or numpy.float64
-        float32: every matrix is rounded as upstream does, the product P W is formed in float32.
+        float32: every matrix is rounded like the official one, and the product P W is computed in float32.
     scale : int
-        Samples per pixel along each axis: the raster is `scale` times as large, angles stay.
+        Samples per pixel along each axis. The raster is `scale` times as large, the angles of view stay.
 
     Notes
     -----
     Formulas: GaodeRender/triangle-splatting: src/diff_recon/utils/camera.py;
-    trianglesplatting/triangle-splatting: utils/graphics_utils.py, scene/cameras.py. The centre is upstream's
-    float32 inverse of W; here the inverse is taken in double and rounded, since its last bits depend on the
-    linear algebra library. Upstream's Triangle-Splatting and MeshSplatting invert W twice in double before
-    rounding, which is the identity up to 1e-16 and is left out.
+    trianglesplatting/triangle-splatting: utils/graphics_utils.py, scene/cameras.py. The official centre comes
+    from a float32 inverse of W. Here the inverse is computed in double and rounded, because the last bits of
+    the official one depend on the linear algebra library. The official code of Triangle-Splatting and
+    MeshSplatting inverts W twice in double before rounding; that changes W by less than 1e-16 and is omitted.
     """
     tan_x, tan_y = math.tan(camera.fov_x / 2), math.tan(camera.fov_y / 2)
     projection = np.zeros((4, 4), dtype)
@@ -79,7 +79,7 @@ def splatting_camera(
         height=scale * camera.height,
         world_to_camera=world_to_camera,
         full_projection=matrix_product(projection, world_to_camera),
-        center=np.linalg.inv(world_to_camera.astype(np.float64))[:3, 3].astype(dtype),  # noqa: TID251 - its own arithmetic
+        center=np.linalg.inv(world_to_camera.astype(np.float64))[:3, 3].astype(dtype),  # noqa: TID251 - independent of the code under test
         tan_fov=np.array([tan_x, tan_y], dtype),
         shift=np.array([scale * shift[0], scale * shift[1]], dtype),
     )

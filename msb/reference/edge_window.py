@@ -1,4 +1,4 @@
-"""What Triangle-Splatting and MeshSplatting share: projected triangles, their incentre and edge distances.
+"""Triangles of Triangle-Splatting and MeshSplatting: projection, incentre and distances to the edges.
 
 Sources: trianglesplatting/diff-triangle-rasterization at 6d61f4c: cuda_rasterizer/forward.cu, auxiliary.h;
 meshsplatting/diff-triangle-mesh-rasterization at b27f283 (the same lines).
@@ -25,14 +25,17 @@ from msb.reference.camera_matrices import SplattingCamera
 from msb.reference.engine import EngineTriangles, project_engine
 from msb.reference.tiles import Integers, Modes
 
+# Planes of the official projection matrix, in scene units.
 NEAR, FAR = 0.01, 100.0
-# A face whose centroid is not farther than this along z is dropped.
+# Faces whose centroid has at most this depth (camera z, scene units) are dropped.
 NEAREST = 0.2
-# A face is dropped where the cosine between its normal and the view is below this.
+# Faces are dropped if the cosine between normal and view direction is smaller in magnitude.
 GRAZING = 0.001
+# Least divisor when vectors are normalised, in scene units or square units.
 MIN_LENGTH = 1e-4
+# Faces of lower opacity are dropped.
 MIN_OPACITY = 0.01
-# In samples.
+# Faces that reach farther from their centroid are dropped, in samples.
 MAX_RADIUS = 1600
 
 
@@ -41,28 +44,29 @@ class Windows:
     """F faces on the screen, in samples.
 
     Methods take face numbers and the columns and rows of samples, which broadcast against each other: K faces
-    as (K, 1) at P samples as (P,), or N faces at a sample each, all (N,).
+    as (K, 1) with P samples as (P,), or N faces with one sample each, all (N,).
     """
 
-    # By distance, grazing view or size; opacity and tiles are the methods' own matter.
+    # (F,) culled by distance, grazing view or size. The methods add culling by opacity and tiles.
     dropped: NDArray[np.bool_]
-    # Camera z of the centroid: the sort key.
+    # (F,) camera z of the centroid: the sort key.
     depth: Reals
-    # (F, 3), unit, in camera space, towards the camera; shorter for faces below 5e-5 square units.
+    # (F, 3) unit normals in camera space, towards the camera; shorter for faces below 5e-5 square units.
     normal: Reals
     # (F, 3, 2)
     corners: Reals
-    # (F, 3, 2), of the edges from corner k to k + 1, outwards, unit length.
+    # (F, 3, 2) unit normals of the edges from corner k to k + 1, pointing outwards.
     edge_normal: Reals
-    # (F, 3); a point q is n . q + offset outside of an edge.
+    # (F, 3); the point q is at the signed distance n . q + offset from an edge, positive outside.
     edge_offset: Reals
-    # (F, 3), that distance of the incentre, negative; the same for the three edges but for rounding.
+    # (F, 3) signed distance of the incentre from each edge: negative, and equal for the three edges up to
+    # rounding.
     inradius: Reals
-    # The largest distance from a corner to the projected centroid.
+    # (F,) largest distance from a corner to the projected centroid.
     radius: Reals
 
     def phi(self, faces: Integers, x: Reals, y: Reals) -> Reals:
-        """Return the distance of samples to the nearest edge of faces over the inradius; NaN outside."""
+        """Return the distance of samples to the nearest edge divided by the inradius; NaN outside a face."""
         normal, offset = self.edge_normal[faces], self.edge_offset[faces]
         first, second, third = (
             normal[..., k, 0] * x + normal[..., k, 1] * y + offset[..., k] for k in range(3)
@@ -71,11 +75,11 @@ class Windows:
         return np.where(nearest > 0, np.nan, nearest * (1 / self.inradius[faces, 2]))
 
     def depth_at(self, faces: Integers, x: Reals, y: Reals) -> Reals:
-        """Return the depth of faces, the same at every sample: that of the centroid."""
+        """Return the depth of faces, which is constant over a face: the depth of its centroid."""
         return np.asarray(self.depth[faces])
 
     def barycentrics(self, faces: Integers, x: Reals, y: Reals) -> tuple[Reals, Reals, Reals]:
-        """Return the weights of the three corners of faces at samples: affine in screen space."""
+        """Return the weights of the three corners of faces at samples; affine in screen space."""
         first, second, third = np.moveaxis(self.corners[faces], (-2, -1), (0, 1))
         e1, e2 = second - first, third - first
         e = x - first[0], y - first[1]
@@ -86,7 +90,7 @@ class Windows:
 
 
 def project_shapes(triangles: Reals, view: SplattingCamera, modes: Modes) -> Windows | EngineTriangles:
-    """Return triangles (F, 3 corners, 3) on the screen, as officially or as in an engine."""
+    """Return triangles (F, 3 corners, 3) on the screen, by the official or an engine's rules."""
     if not modes.engine:
         return project_windows(triangles, view)
     shapes = project_engine(triangles, view, incentre=True)
@@ -94,7 +98,7 @@ def project_shapes(triangles: Reals, view: SplattingCamera, modes: Modes) -> Win
 
 
 def project_windows(triangles: Reals, view: SplattingCamera) -> Windows:
-    """Return triangles (F, 3 corners, 3) projected, not clipped: behind the camera they are mirrored."""
+    """Return projected triangles (F, 3 corners, 3), not clipped: behind the camera they are mirrored."""
     real = triangles.dtype.type
     center = centroid(triangles)
     camera = transform(view.world_to_camera[:3], center)
@@ -104,11 +108,12 @@ def project_windows(triangles: Reals, view: SplattingCamera) -> Windows:
     corners, middle = _to_samples(triangles, view), _to_samples(center, view)
     radius = np.fmax.reduce(norm(corners - middle[:, None]), axis=1, initial=0)
 
-    # Incentre: corners weighted by the lengths of the opposite edges.
+    # Incentre: the corners weighted by the lengths of the opposite edges.
     first, second, third = corners[:, 0], corners[:, 1], corners[:, 2]
     a, b, c = norm(second - third)[:, None], norm(first - third)[:, None], norm(first - second)[:, None]
     incentre = (a * first + b * second + c * third) / (a + b + c)
 
+    # Edge normals and offsets, then turned outwards: the incentre must be inside, at a negative distance.
     start, end = corners, np.roll(corners, -1, axis=1)
     edge_normal = np.stack([end[..., 1] - start[..., 1], -(end[..., 0] - start[..., 0])], axis=-1)
     edge_normal = edge_normal * (1 / norm(edge_normal))[..., None]
@@ -120,7 +125,7 @@ def project_windows(triangles: Reals, view: SplattingCamera) -> Windows:
         edge_offset * outward,
         inradius * outward,
     )
-    # Not "<= 1": a NaN must not drop a face here.
+    # The comparisons are written such that NaN does not drop a face, as in the official code.
     dropped |= (radius > MAX_RADIUS) | (radius < 1) | (inradius[:, 2] > -1)
     return Windows(dropped, camera[:, 2], normal, corners, edge_normal, edge_offset, inradius, radius)
 
@@ -128,7 +133,10 @@ def project_windows(triangles: Reals, view: SplattingCamera) -> Windows:
 def _facing_normals(
     triangles: Reals, camera: Reals, view: SplattingCamera
 ) -> tuple[Reals, NDArray[np.bool_]]:
-    """Return normals towards the camera, and which faces are seen edge-on; `camera` (F, 3) are centroids."""
+    """Return normals turned towards the camera, and which faces are seen edge-on.
+
+    `camera` (F, 3) are the centroids in camera space.
+    """
     real = triangles.dtype.type
     normal = cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     normal = rotate(view.world_to_camera, normal)
@@ -140,7 +148,7 @@ def _facing_normals(
 
 
 def _to_samples(points: Reals, view: SplattingCamera) -> Reals:
-    """Return where points (..., 3) are on the raster, (..., 2); sample (i, j) has its centre at (i, j)."""
+    """Return the positions of points (..., 3) on the raster, (..., 2); sample (i, j) is centred at (i, j)."""
     h = transform(view.full_projection, points)
     inverse = 1 / (h[..., 3] + h.dtype.type(1e-7))
     x = ndc_to_pixel(h[..., 0] * inverse, view.width)
@@ -149,12 +157,12 @@ def _to_samples(points: Reals, view: SplattingCamera) -> Reals:
 
 
 def window_alpha(phi: Reals, opacity: Reals, sigma: Reals, cap: float) -> Reals:
-    """Return min(cap, o phi^sigma) of K faces at P samples, (K, P); 0 outside.
+    """Return min(cap, o phi^sigma) of K faces at P samples, (K, P); 0 outside the faces.
 
     Parameters
     ----------
     phi : (K, P)
-        0 on an edge (which is inside), 1 at the incentre, NaN outside.
+        0 on the edges (which belong to the face), 1 at the incentre, NaN outside.
     opacity, sigma : (K, 1)
     """
     inside = np.nonzero(~np.isnan(phi))

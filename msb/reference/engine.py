@@ -1,12 +1,12 @@
-"""How a game engine samples a splatting method's triangles: by the rasterisation of graphics hardware.
+"""Sampling of a splatting method's triangles by a game engine: the rasterisation rules of graphics hardware.
 
-Fragments exist at pixel centres inside the projected triangle and nowhere else; what lies nearer than the
-near plane is clipped away; attributes are interpolated perspective-correctly. There are no tiles, and nothing
-is dropped for its size or distance. Of a method its coverage window, colours and blending are left.
+Fragments exist only at pixel centres inside the projected triangle. Geometry in front of the near plane is
+clipped. Attributes are interpolated with perspective correction. Tiles do not exist, and nothing is culled by
+size or distance. Coverage window, colours and blending follow the method.
 
 Barycentric coordinates divided by depth are affine on the screen, and so is 1 / depth: homogeneous edge
 functions (Olano and Greer, "Triangle scan conversion using 2D homogeneous coordinates", 1997). They need no
-clipped polygon: behind the camera all three are negative where the triangle is.
+clipped polygon, because behind the camera all three are negative inside the triangle.
 """
 
 from dataclasses import dataclass
@@ -18,36 +18,37 @@ from msb.reference.arithmetic import Reals, centroid, cross, dot, norm, transfor
 from msb.reference.camera_matrices import SplattingCamera
 from msb.reference.tiles import TILE, Integers, Rectangles
 
-# Camera depth of the near plane: that of the standard tier.
+# Camera depth of the near plane in scene units, as on the standard tier.
 NEAR = 0.01
-# Samples by which a triangle's box is wider than its corners, so that rounding cuts nothing.
+# The box of a triangle is widened by this number of samples, so that rounding cuts off nothing.
 SLACK = 0.1
-# What rounds a box's first sample up, as in splat_common.cl: a sample just before the box is in it.
+# Added before the first sample of a box is floored, as in splat_common.cl: a sample just outside the box is
+# included.
 ALMOST_ONE = 0.999
 
 
 @dataclass(frozen=True)
 class EngineTriangles:
-    """F triangles on the screen, in samples; sample (i, j) has its centre at (i, j), as everywhere here.
+    """F triangles on the screen, in samples; sample (i, j) has its centre at (i, j).
 
-    Faces and samples broadcast against each other, as those of `msb.reference.edge_window.Windows`.
+    Faces and samples broadcast against each other, as in `msb.reference.edge_window.Windows`.
 
     Attributes
     ----------
     dropped : (F,) bool
-        Seen edge-on or without area, wholly in front of the near plane, or beside the raster.
+        Seen edge-on, without area, entirely in front of the near plane, or outside the raster.
     back : (F,) bool
         Corners run clockwise on the screen.
     depth : (F,)
-        Camera z of the centroid, 0 where that is behind the camera: the sort key.
+        Camera z of the centroid, 0 for centroids behind the camera: the sort key.
     normal : (F, 3)
-        Unit normal in camera space, by the order of the corners.
+        Unit normal in camera space, oriented by the order of the corners.
     edges : (F, 3, 3)
-        Barycentric coordinate k over depth, times `weights`: factors of x and y, and a constant.
+        Barycentric coordinate k divided by depth, times `weights`: factors of x and y, and a constant.
     inverse_depth : (F, 3)
-        1 / depth, likewise.
+        1 / depth: factors of x and y, and a constant.
     weights : (F, 3)
-        What makes the least weighted barycentric coordinate 1 in the middle.
+        Factors of the barycentric coordinates such that the least weighted coordinate is 1 in the middle.
     rectangles : Rectangles
     """
 
@@ -62,7 +63,7 @@ class EngineTriangles:
 
     @property
     def radius(self) -> Reals:
-        """0: an engine drops no triangle for its size, so it has no use for the official radius."""
+        """0, because an engine has no culling by radius."""
         return np.zeros_like(self.depth)
 
     def facing_normal(self) -> Reals:
@@ -72,7 +73,7 @@ class EngineTriangles:
     def phi(self, faces: Integers, x: Reals, y: Reals) -> Reals:
         """Return the least weighted barycentric coordinate of faces at samples.
 
-        0 on the edges, 1 in the middle, NaN where there is no fragment.
+        It is 0 on the edges, 1 in the middle, and NaN at samples without a fragment.
         """
         first, second, third = self._weighted(faces, x, y)
         nearest = np.minimum(np.minimum(first, second), third)
@@ -85,38 +86,39 @@ class EngineTriangles:
         return np.asarray(1 / _affine(self.inverse_depth[faces], x, y))
 
     def barycentrics(self, faces: Integers, x: Reals, y: Reals) -> tuple[Reals, Reals, Reals]:
-        """Return the weights of the three corners of faces: linear on the triangle, not on the screen."""
+        """Return the weights of the three corners of faces at samples; linear on the triangle in space."""
         (first, second, third), depth = self._weighted(faces, x, y), self.depth_at(faces, x, y)
         a, b, c = np.moveaxis(self.weights[faces], -1, 0)
         return first * depth / a, second * depth / b, third * depth / c
 
     def _weighted(self, faces: Integers, x: Reals, y: Reals) -> tuple[Reals, Reals, Reals]:
-        """Return the three weighted barycentric coordinates of faces at samples, over depth."""
+        """Return the three weighted barycentric coordinates of faces at samples, divided by depth."""
         first, second, third = np.moveaxis(self.edges[faces], -2, 0)
         return _affine(first, x, y), _affine(second, x, y), _affine(third, x, y)
 
 
 def _affine(factors: Reals, x: Reals, y: Reals) -> Reals:
-    """Return a x + c + b y of factors a, b, c (..., 3) at samples."""
+    """Return a x + c + b y at samples, for factors (a, b, c) (..., 3)."""
     a, b, c = np.moveaxis(factors, -1, 0)
     return np.asarray((a * x + c) + b * y)
 
 
 def project_engine(triangles: Reals, view: SplattingCamera, *, incentre: bool) -> EngineTriangles:
-    """Return triangles (F, 3 corners, 3) as an engine's hardware samples them.
+    """Return triangles (F, 3 corners, 3) in the form that an engine's hardware samples them.
 
     Parameters
     ----------
     incentre : bool
-        The window is 1 at the incentre, the distance to the nearest edge over the inradius, both measured on
-        the triangle itself; else 1 at the centroid, three times the least barycentric coordinate.
+        True: the window is 1 at the incentre; it is the distance to the nearest edge divided by the inradius,
+        both measured on the triangle in space. False: it is 1 at the centroid; it is three times the least
+        barycentric coordinate.
 
     Notes
     -----
-    For corners p_k in camera space, normal N = (p_1 - p_0) x (p_2 - p_0) and a ray d = (x, y, 1):
-    1 / depth = N . d / V and b_k / depth = (p_i x (p_j - p_i)) . d / V with V = p_0 . N and i, j the two
-    other corners, in order. The distance to the edge opposite of corner k, over the inradius, is b_k times
-    the perimeter over that edge's length.
+    For corners p_k in camera space, normal N = (p_1 - p_0) x (p_2 - p_0) and a ray d = (x, y, 1): 1 / depth =
+    N . d / V and b_k / depth = (p_i x (p_j - p_i)) . d / V with V = p_0 . N, where i and j are the two other
+    corners, in order. The distance to the edge opposite to corner k, divided by the inradius, is b_k times
+    the perimeter divided by the length of that edge.
     """
     real = triangles.dtype.type
     corners = transform(view.world_to_camera[:3], triangles)
@@ -124,18 +126,21 @@ def project_engine(triangles: Reals, view: SplattingCamera, *, incentre: bool) -
     opposite = last - following
     normal = cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     volume = dot(corners[:, 0], normal)
-    # Not "<": a NaN drops a triangle.
+    # Written with "not >=", so that NaN drops a triangle.
     dropped = ~(np.abs(volume) >= np.finfo(np.float32).tiny)
 
+    # Weights of the barycentric coordinates (see Notes).
     if incentre:
         length = norm(opposite)
         perimeter = length[:, 0] + length[:, 1] + length[:, 2]
         weights = perimeter[:, None] / length
     else:
         weights = np.full((len(triangles), 3), 3, real)
+    # Affine functions of the sample's position.
     edges = _on_raster(cross(following, opposite), view) * (weights / volume[:, None])[..., None]
     inverse_depth = _on_raster(normal, view) * (1 / volume)[:, None]
 
+    # Boxes of samples, and the tiles that they touch.
     first, final = _sample_box(corners, view)
     dropped |= (final < first).any(axis=1)
     depth = transform(view.world_to_camera[2:3], centroid(triangles))[:, 0]
@@ -152,27 +157,29 @@ def project_engine(triangles: Reals, view: SplattingCamera, *, incentre: bool) -
 
 
 def _scale(view: SplattingCamera) -> tuple[Reals, Reals]:
-    """Return the ray's step from sample to sample, and the sample the optical axis meets, (2,) each."""
+    """Return the ray's step between samples, and the sample on the optical axis, (2,) each."""
     size = np.array([view.width, view.height], view.tan_fov.dtype)
     return 2 * view.tan_fov / size, (size - 1) * size.dtype.type(0.5) + view.shift
 
 
 def _on_raster(planes: Reals, view: SplattingCamera) -> Reals:
-    """Return products n . ray of normals (..., 3) as factors of a sample's x and y, and a constant."""
+    """Return the products n . ray of normals (..., 3) as factors of a sample's x and y, and a constant."""
     step, middle = _scale(view)
     a, b = planes[..., 0] * step[0], planes[..., 1] * step[1]
     return np.stack([a, b, (planes[..., 2] - a * middle[0]) - b * middle[1]], axis=-1)
 
 
 def _sample_box(corners: Reals, view: SplattingCamera) -> tuple[Integers, Integers]:
-    """Return the first and last samples (F, 2) of what the near plane leaves of triangles in camera space."""
+    """Return the first and last samples (F, 2) of triangles in camera space, clipped at the near plane."""
     real = corners.dtype.type
     near, (step, middle) = real(NEAR), _scale(view)
     z, following = corners[..., 2], np.roll(corners, -1, axis=1)
+    # Points where the edges cross the near plane (valid only for edges that do).
     share = (near - z) / (following[..., 2] - z)
     cut = corners[..., :2] + share[..., None] * (following[..., :2] - corners[..., :2])
     inside = z >= near
     crosses = inside != np.roll(inside, -1, axis=1)
+    # Box of the corners behind the near plane and of the crossing points, on the raster.
     points = np.concatenate([corners[..., :2] / z[..., None], cut / near], axis=1) / step + middle
     seen = np.concatenate([inside, crosses], axis=1)[..., None]
     low = np.fmin.reduce(np.where(seen, points, np.inf), axis=1) - real(SLACK)

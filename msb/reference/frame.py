@@ -1,4 +1,4 @@
-"""What a reference renderer returns."""
+"""The frame that a reference renderer returns."""
 
 from dataclasses import dataclass, field
 from typing import Any
@@ -9,37 +9,37 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True, eq=False)
 class ReferenceFrame:
-    """One image and what else the official kernel knows of it, for H x W pixels and F faces.
+    """An image and all other results of the official kernel, for H x W pixels and F faces.
 
-    Floating-point arrays have the dtype that was asked for. Row 0 is the top of the image. What a method's
-    official kernel does not define is None.
+    Floating-point arrays have the requested dtype. Row 0 is the top of the image. Results that the method's
+    official kernel does not define are None.
 
     Attributes
     ----------
     image : (H, W, 3)
-        Colour with the background in it, in the stored colour space; neither rounded nor clamped.
+        Colours over the background, in the stored colour space; neither rounded nor clamped.
     alpha : (H, W)
-        1 - transmittance; for DiffSoup 1 where a face was hit, else 0.
+        1 - transmittance; for DiffSoup 1 in pixels with a face, else 0.
     depth : (H, W)
-        Along the camera's z axis, in scene units, 0 where nothing is: expected depth
-        (sum of weight times depth, divided by alpha), for DiffSoup that of the face seen.
+        Along the camera's z axis in scene units, 0 in empty pixels: the expected depth (sum of weight times
+        depth, divided by alpha), for DiffSoup the depth of the visible face.
     depth_median : (H, W), optional
-        Depth of the face at which transmittance falls to one half; 0 where nothing is. Triangle-Splatting
-        takes its centroid's depth, MeshSplatting the depth interpolated at the sample.
+        Depth of the face that lowers the transmittance to one half; 0 in empty pixels. Triangle-Splatting
+        uses the depth of its centroid, MeshSplatting the depth interpolated at the sample.
     normal : (H, W, 3), optional
         Sum of weight times normal in camera space (x right, y down, z forward), not normalised.
     face_id : (H, W) int32, optional
-        The face at the median (MeshSplatting), the face seen (DiffSoup); -1 where nothing is.
+        The face at the median (MeshSplatting), the visible face (DiffSoup); -1 in empty pixels.
     visible : (F,) bool
-        Faces that the preprocessing keeps: official radius above 0. DiffSoup has no such notion: faces that
-        are seen in at least one pixel.
+        Faces that pass the culling of the preprocessing (official radius above 0). DiffSoup has no such
+        culling; for it, faces that are visible in at least one pixel.
     contribution : (F,) float64, optional
-        Of each face the sum of its weights, alpha times transmittance, over all samples of the raster; of
-        DiffSoup the number of pixels that show it.
+        Sum of the weights (alpha times transmittance) of each face over all samples of the raster; for
+        DiffSoup the number of pixels that show the face.
     raw : dict
-        The official kernel's own buffers, at its resolution, in its row order; docs/reference.md lists them.
+        Buffers of the official kernel, in its resolution and row order; docs/reference.md lists them.
     timings : dict
-        Stage -> milliseconds, where somebody measured them.
+        Stage -> milliseconds, if they were measured.
     """
 
     image: NDArray[np.floating[Any]]

@@ -1,6 +1,6 @@
-"""An asset's buffers as the numbers a reference renderer computes with, checked first.
+"""An asset's buffers as activated parameters for the reference renderers.
 
-An opened asset has been checked for shapes, not for values: whoever computes with them does that.
+Opening an asset checks shapes only, so the values are checked here.
 """
 
 from typing import Any
@@ -15,7 +15,7 @@ from msb.reference.arithmetic import Reals, sigmoid
 
 
 def number(asset: Asset, section: str, key: str) -> float:
-    """Return a number among the manifest's parameters."""
+    """Return a number from a section of the manifest; TRIASSET_FIELD if it is not a number."""
     value = getattr(asset.manifest, section).get(key)
     if isinstance(value, bool) or not isinstance(value, int | float):
         text = f"{section}.{key} is {value!r:.40}; it must be a number"
@@ -30,12 +30,12 @@ def opacities(asset: Asset, rows: int, dtype: type[Any]) -> Reals:
 
 
 def triangles(asset: Asset, dtype: type[Any]) -> Reals:
-    """Return the corners of every face, (F, 3, 3): face, corner, xyz."""
+    """Return the corners of every face, (F, 3 corners, 3)."""
     return np.asarray(asset.buffers["positions"].astype(dtype)[asset.buffers["indices"]])
 
 
 def sh_coefficients(asset: Asset, rows: int, dtype: type[Any]) -> Reals:
-    """Return all stored SH coefficients, (rows, 1 + K, 3): coefficient 0 is `f_dc`."""
+    """Return all stored SH coefficients, (rows, 1 + K, 3); coefficient 0 is `f_dc`."""
     first = required_buffer(asset, "f_dc", rows, 3)
     degree = asset.manifest.sh_degree
     if degree == 0:

@@ -1,4 +1,4 @@
-"""Colours from spherical harmonics, as the official kernels evaluate them."""
+"""Colours from spherical harmonics, evaluated like the official kernels."""
 
 import numpy as np
 
@@ -7,16 +7,16 @@ from msb.reference.arithmetic import Reals, norm
 
 
 def colors_from_sh(coefficients: Reals, points: Reals, center: Reals, degree: int) -> Reals:
-    """Return max(0.5 + sum_k B_k(d) k_k, 0) with d = (p - c) / |p - c|: no upper clamp.
+    """Return max(0.5 + sum_k B_k(d) k_k, 0) with d = (p - c) / |p - c|, without an upper clamp.
 
     Parameters
     ----------
     coefficients : (n, 1 + K, 3)
         Coefficients above `degree` are ignored.
     points : (n, 3)
-        Points in the world at which, or towards which, the colour is seen.
+        Points p in the world that define the view directions.
     center : (3,)
-        The camera's position: d points away from it.
+        The camera's position c; d points away from it.
 
     Returns
     -------

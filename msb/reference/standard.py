@@ -1,8 +1,8 @@
-"""The standard tier in float64 NumPy: an opaque z-buffer, triangle by triangle, slow and obviously right.
+"""The standard tier in float64 NumPy: an opaque z-buffer, one triangle at a time. Slow, easy to verify.
 
-The rules are those of the OpenCL kernels (docs/standard.md), the arithmetic is not: everything but the exact
-integer edge functions is double precision here. The two differ where rounding decides: a corner on the next
-step of the 1/4096 pixel grid, or which of two surfaces is nearer where they cross.
+It follows the same rules as the OpenCL kernels (docs/standard.md) with different arithmetic: everything
+except the exact integer edge functions is in double precision. Results differ if rounding decides: when a
+corner snaps to the next step of the 1/4096 pixel grid, or along the line where two surfaces intersect.
 """
 
 from __future__ import annotations
@@ -22,15 +22,17 @@ if TYPE_CHECKING:
 
     Reals = NDArray[np.float64]
 
+# Depth of the near plane in scene units.
 NEAR = float(np.float32(0.01))
 # Steps per pixel of the grid that projected corners are snapped to.
 UNITS = 4096
-# Units from the image's corner; what is farther out is clipped, so that products fit into 64 bits.
+# Distance of the guard band from the image's corner, in grid steps. Triangles are clipped to it, so that
+# products fit into 64 bits.
 GUARD = 0.75 * 2**29
 
 
 class Pixels(NamedTuple):
-    """What one face covers: rows, columns, 1 / z, the weights of its corners (n, 3) and rays to it (n, 3)."""
+    """The n pixels that a face covers: rows, columns, 1 / z, corner weights (n, 3) and rays (n, 3)."""
 
     y: NDArray[np.int64]
     x: NDArray[np.int64]
@@ -49,11 +51,11 @@ def render_standard(
     visible: NDArray[np.bool_] | None = None,
     textured: Textured | None = None,
 ) -> ReferenceFrame:
-    """Return a frame, in float64, of an opaque mesh of positions (V, 3) and indices (F, 3).
+    """Return a float64 frame of an opaque mesh with positions (V, 3) and indices (F, 3).
 
-    Colours are (n, 3) or (n, 4) uint8, or floats, which are clamped to [0, 1]; a fourth channel is not used.
-    Their domain, "vertex", "face" or "corner", says what n counts: V, F or 3F. Faces that are not `visible`
-    (F,) keep their numbers. Textures are multiplied by the colours, which may be None then.
+    Colours are (n, 3) or (n, 4) uint8, or floats, which are clamped to [0, 1]; a fourth channel is ignored.
+    With `domain` "vertex", "face" or "corner", n is V, F or 3 F. Faces that are not `visible` (F,) are
+    skipped and keep their numbers. Textures are multiplied by the colours, which may then be None.
     """
     points = np.asarray(positions, np.float64)
     faces = np.asarray(indices, np.int64)
@@ -66,7 +68,7 @@ def render_standard(
         surface = Surface(textured, tint, np.asarray(indices))
     pose = camera.world_to_camera
     local = points @ pose[:3, :3].T + pose[:3, 3]
-    turn_normals = np.linalg.inv(pose[:3, :3])  # noqa: TID251 - its own arithmetic
+    turn_normals = np.linalg.inv(pose[:3, :3])  # noqa: TID251 - independent of the code under test
     height, width = camera.height, camera.width
     nearest = np.zeros((height, width))
     face_id = np.full((height, width), -1, np.int32)
@@ -75,25 +77,25 @@ def render_standard(
     for face, corners in enumerate(faces):
         if visible is not None and not visible[face]:
             continue
-        # An order that depends on the places of the corners alone: faces in the same place tie exactly.
+        # Sort the corners by position, so that faces with the same corners get exactly the same depths.
         order = np.lexsort(points[corners].T[::-1])
         corners = corners[order]
         rows = {"vertex": corners, "face": np.full(3, face), "corner": 3 * face + order}[domain]
         near = nearest_corner(local[corners])
-        # Turned afterwards: differences of places as stored are exact.
+        # Rotated afterwards, because differences of stored positions are exact.
         normal = np.cross(*(points[np.delete(corners, near)] - points[corners[near]])) @ turn_normals
         for y, x, depth, weights, rays in covered(local[corners], normal, camera):
-            wins = depth > nearest[y, x]  # ascending faces: at equal depths the lowest stays
+            wins = depth > nearest[y, x]  # faces ascend, so the lowest number wins at equal depths
             if surface is None:
-                seen = weights @ rgb[rows]
+                colors_here = weights @ rgb[rows]
             else:
                 light = surface.at(face, order, weights, steps_at(local[corners], rays, camera))
                 wins &= surface.is_there(light)
-                seen = np.clip(linear_to_srgb(light[:, :3]), 0, 1)
+                colors_here = np.clip(linear_to_srgb(light[:, :3]), 0, 1)
             y, x = y[wins], x[wins]
             nearest[y, x] = depth[wins]
             face_id[y, x] = face
-            image[y, x] = seen[wins]
+            image[y, x] = colors_here[wins]
     hit = nearest > 0
     return ReferenceFrame(
         image=image,
@@ -107,9 +109,9 @@ def render_standard(
 
 
 def covered(corners: Reals, normal: Reals, camera: Camera) -> Iterator[Pixels]:
-    """Yield the pixels of a face (3, 3) with a normal (3,), of any length, in camera coordinates.
+    """Yield the pixels of a face (3, 3) in camera coordinates; `normal` (3,) may have any length.
 
-    More than once only where clipping left several triangles; those share no pixel.
+    Clipping may split the face into several triangles, which share no pixel and are yielded one by one.
     """
     outline = clipped(corners, camera)
     if len(outline) < 3:
@@ -117,7 +119,7 @@ def covered(corners: Reals, normal: Reals, camera: Camera) -> Iterator[Pixels]:
     focal, principal = np.array([camera.fx, camera.fy]), np.array([camera.cx, camera.cy])
     screen = outline[:, :2] / outline[:, 2:] * focal + principal
     snapped = np.trunc(screen * UNITS + 0.5).astype(np.int64)
-    # The least and the greatest 1 / z that the face can have in front of the near plane.
+    # The least and greatest 1 / z of the face behind the near plane.
     low, high = 1 / float(corners[:, 2].max()), 1 / max(float(corners[:, 2].min()), NEAR)
     first = corners[nearest_corner(corners)]
     for k in range(1, len(snapped) - 1):
@@ -130,16 +132,16 @@ def covered(corners: Reals, normal: Reals, camera: Camera) -> Iterator[Pixels]:
 
 
 def nearest_corner(corners: Reals) -> int:
-    """Return which corner of a face (3, 3) in camera coordinates is nearest to the camera.
+    """Return the index of the corner of a face (3, 3), in camera coordinates, nearest to the camera.
 
-    From a corner that is a million times as far away both sides run almost in one direction, and their cross
-    product would not give the face's plane.
+    From a corner that is a million times farther away, both edges have nearly the same direction, and their
+    cross product would not give the face's plane.
     """
     return int(np.argmin(np.abs(corners).max(axis=1)))
 
 
 def clipped(corners: Reals, camera: Camera) -> Reals:
-    """Return what the near plane and the guard band leave of a face: (n, 3), n up to 8 or 0.
+    """Return a face clipped by the near plane and the guard band: (n, 3), n is 0 or at most 8.
 
     Sutherland and Hodgman, "Reentrant polygon clipping" (1974).
     """
@@ -168,10 +170,10 @@ def clipped(corners: Reals, camera: Camera) -> Reals:
 def inside(
     corners: NDArray[np.int64], width: int, height: int
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return rows and columns of the pixels whose centre a snapped triangle (3, 2) has, by exact integers.
+    """Return rows and columns of the pixels whose centres a snapped triangle (3, 2) covers, exactly.
 
-    A centre on an edge belongs to the triangle if that is a left or a top edge, so that of two triangles on
-    either side exactly one has it.
+    A centre on an edge belongs to the triangle if that is a left or a top edge. So exactly one of two
+    triangles that share an edge covers it.
     """
     low = np.maximum((corners.min(axis=0) + UNITS // 2 - 1) // UNITS, 0)
     high = np.minimum((corners.max(axis=0) - UNITS // 2) // UNITS, (width - 1, height - 1))
@@ -189,10 +191,10 @@ def inside(
 
 
 def weights_at(corners: Reals, rays: Reals) -> Reals:
-    """Return the weights (n, 3) of a face's corners where rays (n, 3) from the camera meet its plane.
+    """Return the weights (n, 3) of a face's corners at the points where rays (n, 3) meet its plane.
 
-    Each is proportional to the volume that the ray spans with the other two corners. Clamped to the face: the
-    snapping may have moved its border over a sample.
+    Each weight is proportional to the volume between the ray and the other two corners. Weights are clamped
+    to the face, because snapping may have moved its border across a sample.
     """
     normals = np.cross(corners[[1, 2, 0]], corners[[2, 0, 1]])
     volumes = rays @ normals.T
@@ -204,7 +206,7 @@ def weights_at(corners: Reals, rays: Reals) -> Reals:
 
 
 class Surface:
-    """The textures of a mesh with faces `indices` (F, 3), times `tint` if there is one."""
+    """The textures of a mesh with faces `indices` (F, 3), multiplied by the colours `tint` if given."""
 
     def __init__(self, textured: Textured, tint: StaticColors | None, indices: NDArray[Any]) -> None:
         self._textured = textured
@@ -212,9 +214,10 @@ class Surface:
         self._tint = np.ones((3 * len(indices), 4)) if tint is None else corner_tint(tint, indices)
 
     def at(self, face: int, order: NDArray[Any], weights: Reals, steps: Reals) -> Reals:
-        """Return linear light and alpha (n, 4) of a face where its corners, in `order`, have weights (n, 3).
+        """Return linear light and alpha (n, 4) of a face at points with corner weights (n, 3).
 
-        `steps` (n, 2, 3) is how much the weights change to the pixel on the right and to the one below.
+        `order` (3,) is the order of the corners. `steps` (n, 2, 3) is the change of the weights to the next
+        pixel on the right and below.
         """
         textured = self._textured
         number = 0 if textured.face_texture is None else int(textured.face_texture[face])
@@ -227,15 +230,15 @@ class Surface:
         return np.asarray(light * (weights @ self._tint[3 * face + order]))
 
     def is_there(self, light: Reals) -> NDArray[np.bool_]:
-        """Return at which samples (n,) of `light` (n, 4) there is a surface."""
+        """Return a mask (n,): whether the alpha of each sample in `light` (n, 4) reaches the cutoff."""
         cutoff = self._textured.sampler.alpha_cutoff
         return np.ones(len(light), bool) if cutoff is None else light[:, 3] >= cutoff - ROUNDING
 
 
 def steps_at(corners: Reals, rays: Reals, camera: Camera) -> Reals:
-    """Return how much (n, 2, 3) the weights of a face's corners at rays (n, 3) change to the next pixel.
+    """Return the change (n, 2, 3) of a face's corner weights at rays (n, 3) to the next pixels.
 
-    The derivatives at the sample: a weight is V / sum V, and each volume V is affine on the screen.
+    These are the derivatives at the sample: a weight is V / sum V, and each volume V is affine on the screen.
     """
     normals = np.cross(corners[[1, 2, 0]], corners[[2, 0, 1]])
     if corners[0] @ normals[0] < 0:

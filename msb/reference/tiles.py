@@ -1,19 +1,17 @@
-"""Tiles of 16 x 16 samples: which faces each tile lists, front to back."""
-
-from __future__ import annotations
+"""Tiles of 16 x 16 samples: the faces that each tile lists, front to back."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from msb.reference.arithmetic import Reals
-    from msb.reference.camera_matrices import SplattingCamera
-    from msb.registry import Order, Sampling
+from msb.reference.arithmetic import Reals
+from msb.reference.camera_matrices import SplattingCamera
+from msb.registry import Order, Sampling
 
+# Width and height of a tile in samples, as in the official kernels.
 TILE = 16
 
 Integers = NDArray[Any]
@@ -21,14 +19,14 @@ Integers = NDArray[Any]
 
 @dataclass(frozen=True)
 class Rectangles:
-    """Of each of F faces the tiles [low, high) it is listed in; both (F, 2) integers, x and y."""
+    """The tiles [low, high) that list each of F faces; `low` and `high` are (F, 2) integers, x and y."""
 
     low: Integers
     high: Integers
 
     @property
     def empty(self) -> NDArray[np.bool_]:
-        """Where the product of both extents is 0, which is what the official kernels test."""
+        """Whether the product of both extents is 0, the test of the official kernels."""
         return np.asarray((self.high - self.low).prod(axis=1) == 0)
 
 
@@ -50,9 +48,9 @@ def grid_size(width: int, height: int) -> Integers:
 
 
 def tile_number(value: Reals, limit: Integers) -> Integers:
-    """Return `value` (..., 2) truncated to an integer within 0 and `limit` (2,).
+    """Return `value` (..., 2) truncated to integers in [0, `limit`], `limit` being (2,).
 
-    A GPU's conversion from float saturates, and NaN gives 0.
+    Like the conversion from float on a GPU, which saturates and maps NaN to 0.
     """
     return np.asarray(np.clip(np.nan_to_num(np.trunc(value), nan=0), 0, limit).astype(np.int64))
 
@@ -60,11 +58,11 @@ def tile_number(value: Reals, limit: Integers) -> Integers:
 def tiles_front_to_back(
     rectangles: Rectangles | None, depth: Reals, kept: NDArray[np.bool_], width: int, height: int
 ) -> Iterator[Tile]:
-    """Yield every tile of the raster that lists a face, of the faces that are `kept`.
+    """Yield every tile of the raster that lists at least one of the `kept` faces.
 
-    Without `rectangles` every tile lists every face. The sort key `depth` is not negative; equal keys keep
-    ascending face number. The official kernels sort (tile number << 32 | bits of the float32 depth) with a
-    stable radix sort; for positive depths that is this order.
+    Without `rectangles` every tile lists every face. The sort key `depth` must not be negative; equal keys
+    keep ascending face numbers. The official kernels sort (tile number << 32 | bits of the float32 depth)
+    with a stable radix sort; for positive depths that is the same order.
     """
     columns, tile_rows = grid_size(width, height).tolist()
     faces = np.flatnonzero(kept)
@@ -73,6 +71,7 @@ def tiles_front_to_back(
         for tile in range(columns * tile_rows if len(faces) else 0):
             yield _tile(tile, columns, width, height, faces)
         return
+    # One pair of (face, tile) for each tile of each rectangle; pairs stay sorted by depth.
     extent = np.maximum(rectangles.high - rectangles.low, 0)[faces]
     counts = extent.prod(axis=1)
     listed = np.repeat(np.arange(len(faces)), counts)
@@ -80,6 +79,7 @@ def tiles_front_to_back(
     tile_x = rectangles.low[faces[listed], 0] + within % extent[listed, 0]
     tile_y = rectangles.low[faces[listed], 1] + within // extent[listed, 0]
     number = tile_y * columns + tile_x
+    # A stable sort by tile keeps the depth order within each tile.
     order = np.argsort(number, kind="stable")
     numbers, starts, sizes = np.unique(number[order], return_index=True, return_counts=True)
     for tile, start, size in zip(numbers.tolist(), starts.tolist(), sizes.tolist(), strict=True):
@@ -94,12 +94,12 @@ def _tile(number: int, columns: int, width: int, height: int, faces: Integers) -
 
 @dataclass(frozen=True)
 class Modes:
-    """In which order and by which rules of sampling triangles are drawn; the defaults are official.
+    """The order of drawing and the rules of sampling; the defaults are official.
 
-    "tile": by depth, and a triangle is seen in its official tiles alone. "global": by depth, and it is seen
-    wherever it reaches. "none": likewise, in the order of the asset. With sampling "engine"
-    (`msb.reference.engine`) a triangle reaches no farther than its edges, so that "tile" and "global" are the
-    same.
+    Order "tile": by depth, and a triangle is visible only in its official tiles. "global": by depth, visible
+    wherever the triangle reaches. "none": likewise visible everywhere, in the order of the asset. With
+    sampling "engine" (`msb.reference.engine`) a triangle reaches exactly to its edges, so "tile" and "global"
+    give the same image.
     """
 
     order: Order = "tile"
@@ -107,13 +107,13 @@ class Modes:
 
     @property
     def engine(self) -> bool:
-        """Whether triangles are sampled as graphics hardware does."""
+        """Whether triangles are sampled like graphics hardware does."""
         return self.sampling == "engine"
 
     def tiles(
         self, rectangles: Rectangles, depth: Reals, kept: NDArray[np.bool_], view: SplattingCamera
     ) -> Iterator[Tile]:
-        """Yield the tiles of the view's raster with the faces each lists, in the order of drawing."""
+        """Yield the tiles of the view's raster with their faces in drawing order."""
         everywhere = self.order != "tile" and not self.engine
         key = np.zeros_like(depth) if self.order == "none" else depth
         return tiles_front_to_back(None if everywhere else rectangles, key, kept, view.width, view.height)

@@ -1,4 +1,4 @@
-"""Draw assets: the interface of a renderer, and our renderers in OpenCL."""
+"""Rendering of assets: the interface of a renderer, and the built-in renderers in OpenCL."""
 
 from __future__ import annotations
 

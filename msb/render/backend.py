@@ -1,4 +1,4 @@
-"""The contract of a renderer, and how a renderer is found: by tier, or by the name of an entry point."""
+"""The contract of a renderer, and the lookup of renderers by tier or by the name of an entry point."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ if TYPE_CHECKING:
     from msb.render.frame import Frame
     from msb.scenes import Camera
 
-    Factory = Callable[..., "Backend"]
+Factory = Callable[..., "Backend"]
 
-# Tier -> our renderer of it.
+# Tier -> the built-in renderer that draws it.
 BUILT_IN = {
     "standard": "msb.render.standard.renderer:StandardRenderer",
     "dedicated": "msb.render.dedicated:dedicated_renderer",
     "reference": "msb.reference:ReferenceRenderer",
 }
-# The tiers whose renderer needs an OpenCL device.
+# Tiers whose built-in renderer needs an OpenCL device.
 ON_OPENCL = ("standard", "dedicated")
 # Name -> the renderer that drives a foreign engine.
 ENGINES = {
@@ -38,12 +38,12 @@ ENGINES = {
     "blender_workbench": "msb.engines.blender:WorkbenchRenderer",
 }
 
-# The use of device memory: the mesh, its colours, intermediate results of a frame, or its images.
+# The purpose of device memory: the mesh, its colours, intermediate results of a frame, or the images of a
+# frame.
 Group = Literal["geometry", "appearance", "scratch", "targets"]
 
-# The number of the frame after which a renderer no longer reorganises what it keeps.
-#
-# From that frame on its memory depends on which cameras it has drawn, not on the number of frames.
+# Number of the frame before which a renderer may still reorganise its data. The memory of later frames
+# depends on the cameras only, not on the number of frames. Benchmarks measure from this frame on.
 SETTLED_AT = 3
 
 
@@ -51,97 +51,93 @@ SETTLED_AT = 3
 class Drawn:
     """The time that a frame took on the device, in milliseconds."""
 
-    # Stage -> the time for which its commands ran. Their sum is the time for which the device was busy.
+    # Stage -> run time of its commands. The sum is the time during which the device was busy.
     stages: Mapping[str, float]
-    # From the start of the first command to the end of the last one.
+    # Time from the start of the first command to the end of the last command.
     span: float
-    # From when the first command was queued to the end of the last one; None if unknown.
+    # Time from queueing the first command to the end of the last command; None if it is unknown.
     since_queued: float | None = None
 
 
 class Backend(Protocol):
     """A renderer that holds one asset and draws it.
 
-    A renderer is made as ``Class(asset, device=None, settings={})``. `device` is where to compute: a selector
-    ("cpu", "gpu", "pocl:0") or an open device; a renderer without a choice ignores it. `settings` override
-    those that the asset stores.
+    A renderer is created as ``Class(asset, device=None, settings={})``. `device` selects where to compute: a
+    selector ("cpu", "gpu", "pocl:0") or an open device. A renderer that cannot choose ignores it. `settings`
+    override the settings that the asset stores.
 
-    A renderer may have these members as well:
+    A renderer may also have these members:
 
-    - The attribute `device_info` is a mapping with `platform`, `name` and `kind` ("cpu" or "gpu"). It
-      describes what draws if that is no OpenCL device.
-    - The class attribute `tiers` lists the tiers that the class draws. Without it, it draws all of them.
-    - The class method `of_tier(tier)` returns the class that draws a tier, where that is another one.
-    - The class method `missing()` returns what must be installed first, or None. It must be quick.
-    - The class method `installed()` returns the version string without starting the engine. A renderer whose
-      `version` is known only after its first frame needs it, because `msb run` draws again when it changes.
-    - The method `memory_groups()` returns a mapping from each use that `memory()` names to its `Group`. A use
-      that it does not name counts as scratch.
+    - The attribute `device_info`: a mapping with `platform`, `name` and `kind` ("cpu" or "gpu") of the
+      drawing device. Renderers need it if they do not draw on an OpenCL device.
+    - The class attribute `tiers`: the tiers that the class draws. The default is all tiers.
+    - The class method `of_tier(tier)`: returns the class that draws a tier, if each tier has another class.
+    - The class method `missing()`: returns which software must be installed first, or None. It must be quick.
+    - The class method `installed()`: returns the version string without starting the engine. A renderer needs
+      it if its `version` is known only after the first frame, because `msb run` renders again when the
+      version changes.
+    - The method `memory_groups()`: returns a mapping from each purpose in `memory()` to its `Group`. Purposes
+      without an entry count as scratch memory.
     """
 
     name: str
-    """The name of the renderer in reports."""
+    """The name that reports show."""
     version: str
-    """The version of what draws; results of different versions are not mixed."""
+    """The version of the drawing software; results of different versions are not mixed."""
 
     def render(self, camera: Camera, background: tuple[float, float, float]) -> Frame:
-        """Draw the asset from `camera` over `background`."""
+        """Draw the asset from `camera` over `background` (RGB)."""
 
     def draw(self, camera: Camera, background: tuple[float, float, float]) -> Drawn:
-        """Draw and wait until the frame is complete, but read nothing back. Benchmarks time this."""
+        """Draw and wait until the frame is complete, without reading it back. Benchmarks time this."""
 
     def memory(self) -> Mapping[str, int]:
-        """Return use -> bytes held for this asset; an empty mapping if the renderer cannot know them."""
+        """Return purpose -> bytes of device memory for this asset; empty if the renderer cannot tell."""
 
     def close(self) -> None:
-        """Release everything. A second call does nothing."""
-
-
-def groups_of(backend: Backend) -> Mapping[str, str]:
-    """Return the `memory_groups` of a renderer, or an empty mapping if it has none."""
-    say: Callable[[], Mapping[str, str]] | None = getattr(backend, "memory_groups", None)
-    return {} if say is None else say()
+        """Release all memory. A second call has no effect."""
 
 
 def find_renderer(name: str) -> Factory:
-    """Return the class of the renderer `name`, which is a tier or an entry point of group `msb.renderers`."""
+    """Return the class of renderer `name`, a tier or an entry point of the group `msb.renderers`."""
     with blaming(name):
         return _factory(name)
 
 
 def _factory(name: str) -> Factory:
-    if is_ours(name):  # no package replaces it, so none is looked for
+    # Built-in renderers cannot be replaced, so no entry points are searched for them.
+    if is_ours(name):
         module, _, attribute = {**BUILT_IN, **ENGINES}[name].partition(":")
         return getattr(import_module(module), attribute)  # type: ignore[no-any-return]
     place = renderers().get(name)
     if place is None:
-        text = f'there is no renderer "{shorten(name, 40)}"; there are {", ".join(renderers())}'
+        text = f'renderer "{shorten(name, 40)}" does not exist; choose one of {", ".join(renderers())}'
         raise UsageError("NAME_UNKNOWN", text)
     make: Any = load(place)
     if not callable(make):
-        raise PackageError(f"it is no class of a renderer, but of type {type(make).__name__}")
+        raise PackageError(f"it is not a renderer class, but an object of type {type(make).__name__}")
     if isinstance(make, type):
         _check_contract(make, ("render", "memory", "close"))
     return make  # type: ignore[no-any-return]
 
 
 def _check_contract(renderer: Any, members: tuple[str, ...]) -> None:
-    """Refuse what lacks a member of `Backend`."""
+    """Raise an error if `renderer` lacks one of the `members` of `Backend`."""
     if lacking := [member for member in members if not hasattr(renderer, member)]:
-        raise PackageError(f"it is no renderer: it has no {', '.join(lacking)}")
+        raise PackageError(f"it is not a renderer: the member {', '.join(lacking)} is missing")
 
 
 def make_backend(factory: Factory, name: str, asset: Asset, **options: Any) -> Backend:
-    """Return the renderer `name` with an asset, the work of `factory`."""
+    """Create the renderer `name` for an asset by calling its `factory`."""
     with blaming(name):
-        made = factory(asset, **options)
-        _check_contract(made, ("name", "version", "render", "memory", "close"))
-        return made
+        backend = factory(asset, **options)
+        _check_contract(backend, ("name", "version", "render", "memory", "close"))
+        return backend
 
 
 @contextmanager
 def blaming(name: str) -> Iterator[None]:
-    """Run code of the renderer `name`; what that of a package does wrong is `ENGINE_FAILED`, and names it."""
+    """Run code of renderer `name`; errors of a foreign renderer become ENGINE_FAILED with its name."""
     if is_ours(name):
         yield
         return
@@ -154,20 +150,20 @@ def blaming(name: str) -> Iterator[None]:
 
 
 def is_ours(name: str) -> bool:
-    """Return whether a renderer is part of msb."""
+    """Return whether a renderer is part of this package."""
     return name in BUILT_IN or name in ENGINES
 
 
 @cache
 def renderers() -> dict[str, str]:
-    """Return name -> "module:Class": ours first, then engines, then others. Nothing is imported."""
+    """Return name -> "module:Class": built-in renderers, engines, then entry points. Nothing is imported."""
     ours = {**BUILT_IN, **ENGINES}
     others = installed("renderer", ours, lambda _, value: value, pattern=None)
     return ours | {name: value for name, (value, _) in others.items()}
 
 
 def what_is_missing(name: str) -> str | None:
-    """Return what is missing before the renderer `name` can draw, or what is wrong with it; else None."""
+    """Return why the renderer `name` cannot draw here (missing software or an error); None if it can."""
     try:
         with contained():
             factory = _factory(name)
@@ -179,9 +175,9 @@ def what_is_missing(name: str) -> str | None:
 
 
 def check_supported(asset: Asset, tier: str) -> None:
-    """Refuse a tier that the asset's method does not support."""
+    """Raise an error if the asset's method does not support the tier."""
     if tier not in TIERS:
-        text = f'there is no tier "{shorten(str(tier), 40)}"; there are {", ".join(TIERS)}'
+        text = f'tier "{shorten(str(tier), 40)}" does not exist; choose one of {", ".join(TIERS)}'
         raise UsageError("USAGE", text)
     refused = refusal(asset.manifest, tier)
     if refused is not None:
@@ -189,17 +185,17 @@ def check_supported(asset: Asset, tier: str) -> None:
 
 
 def class_for(asset: Asset, tier: str, name: str | None, options: Mapping[str, Any]) -> Factory:
-    """Return the class that draws an asset on a tier, ours or the one that renderer `name` has for it.
+    """Return the class that draws an asset on a tier: built-in, or chosen by the renderer `name`.
 
-    This is where a tier and its options are checked: that the method has the tier, the renderer draws it, and
-    takes the options.
+    All checks of a tier and its options happen here: the method must support the tier, the renderer must draw
+    it, and the class must accept the options.
     """
     check_supported(asset, tier)
     make = find_renderer(name or tier)
     with blaming(name or tier):
         drawn = getattr(make, "tiers", TIERS)
         if tier not in drawn:
-            raise UsageError("USAGE", f"renderer {name} draws tier {', '.join(drawn)}, not {tier}")
+            raise UsageError("USAGE", f"renderer {name} cannot draw tier {tier}, only {', '.join(drawn)}")
         if (name or tier) == "dedicated":
             from msb.render.dedicated import pipeline_of
 
@@ -211,28 +207,31 @@ def class_for(asset: Asset, tier: str, name: str | None, options: Mapping[str, A
 
 
 def _check_options(make: Factory, options: Mapping[str, Any], asset: Asset, name: str) -> None:
-    """Refuse options that a class has no keyword for."""
+    """Raise an error if the constructor of a class does not accept one of the `options`."""
     parameters = signature(make).parameters.values()
     if any(parameter.kind is Parameter.VAR_KEYWORD for parameter in parameters):
         return
     known = {parameter.name for parameter in parameters} - {"asset", "device", "settings"}
     for option in options:
         if option not in known:
-            text = f'{asset.manifest.method} on {name}: there is no option "{shorten(option, 40)}"; '
-            text += f"there are {', '.join(sorted(known))}" if known else "there are none"
+            text = f'{asset.manifest.method} on {name}: option "{shorten(option, 40)}" does not exist; '
+            text += f"available options: {', '.join(sorted(known)) or 'none'}"
             text += _ELSEWHERE.get(option, "")
             raise Unsupported("UNSUPPORTED_OPTION", text, file=asset.opened_from)
 
 
-# Option -> where it is one.
+# Option -> a hint at the tiers that accept it.
 _ELSEWHERE = {
-    **dict.fromkeys(("order", "sampling"), "; the tiers dedicated and reference have it"),
-    "supersample": "; the tier standard has it",
+    **dict.fromkeys(("order", "sampling"), "; use it with tier dedicated or reference"),
+    "supersample": "; use it with tier standard",
 }
 
 
 def lean_options(tier: str, renderer: str | None, *, ids: bool = False) -> dict[str, Any]:
-    """Return the options with which our renderer of `tier` computes only what a command writes."""
+    """Return options that make the built-in renderer of `tier` compute only the needed outputs.
+
+    Commands that write colours only do not need normals and median depths; `ids` adds the face ids.
+    """
     if tier != "dedicated" or renderer is not None:
         return {}
     return {"outputs": ("face_id",) if ids else ()}

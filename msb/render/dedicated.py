@@ -1,35 +1,31 @@
-"""The dedicated tier: each method's own look.
+"""The dedicated tier: native rendering, with the method's own image formation.
 
-A method's module `look` has either ``splat_model``, which the splatting pipeline draws
-(`msb.render.splat.model`), or ``Pipeline``, a renderer of its own (`msb.render.backend.Backend`).
+The module `look` of a method has either a function ``splat_model``, whose result the splatting pipeline can
+draw (`msb.render.splat.model`), or a class ``Pipeline``, a complete renderer (`msb.render.backend.Backend`).
 """
 
-from __future__ import annotations
+from typing import Any
 
-from typing import TYPE_CHECKING, Any
-
+from msb.asset import Asset
 from msb.errors import Unsupported
 from msb.registry import role
-
-if TYPE_CHECKING:
-    from msb.asset import Asset
-    from msb.render.backend import Backend, Factory
+from msb.render.backend import Backend, Factory
 
 
 def dedicated_renderer(asset: Asset, **options: Any) -> Backend:
-    """Return the renderer of the asset's method, made with these options."""
+    """Create the native renderer of the asset's method with these options."""
     return pipeline_of(asset)(asset, **options)
 
 
 def pipeline_of(asset: Asset) -> Factory:
-    """Return the class that draws the asset's method."""
+    """Return the class that draws the asset's method natively."""
     look: Any = role(asset.manifest.method, "look")
     if look is None:
-        text = f"{asset.manifest.method} on tier dedicated: its package brings nothing that draws it"
+        text = f"{asset.manifest.method} on tier dedicated: its package contains no native renderer"
         raise Unsupported("UNSUPPORTED_TIER", text, file=asset.opened_from)
     if hasattr(look, "Pipeline"):
-        own: Factory = look.Pipeline
-        return own
+        pipeline: Factory = look.Pipeline
+        return pipeline
     from msb.render.splat.pipeline import SplattingPipeline
 
     return SplattingPipeline

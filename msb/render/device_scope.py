@@ -1,4 +1,4 @@
-"""A renderer's place on a device that it shares with others."""
+"""The buffers and commands of one renderer on a device that it shares with other renderers."""
 
 import contextlib
 import functools
@@ -15,12 +15,25 @@ from msb.render.backend import Group
 
 
 class DeviceScope:
-    """The buffers and commands of one renderer on a device that other renderers use, too.
+    """Gives a renderer memory that is counted separately, and exclusive access to a shared device.
 
-    Commands go into blocks of `turn`, or methods that are `in_turn`: other threads wait meanwhile, and what
-    is allocated there is the renderer's own. `device` is a selector as for `msb.cl.shared_device`, by which
-    everything in a process draws on one device, or a device that the caller has opened; the names of scratch
-    buffers begin with `name`. `kept` has the buffers that stay from frame to frame, by use.
+    Parameters
+    ----------
+    device : str or Device, optional
+        A selector as for `msb.cl.shared_device`, which opens one device for the whole process, or a device
+        that the caller has opened.
+    name : str
+        Prefix of the names of scratch buffers.
+
+    Attributes
+    ----------
+    kept : dict of str to Buffer
+        Purpose -> buffer that stays on the device from frame to frame.
+
+    Notes
+    -----
+    Commands belong into blocks of `turn`, or into methods decorated with `in_turn`. Other threads wait until
+    the block ends, and memory that is allocated in it belongs to this renderer.
     """
 
     def __init__(self, device: str | Device | None, name: str) -> None:
@@ -31,14 +44,14 @@ class DeviceScope:
         self._closed = False
 
     def turn(self) -> AbstractContextManager[None]:
-        """Return a block that has the device alone; blocks of one thread nest."""
+        """Return a context manager with exclusive access to the device; one thread may nest several."""
         if self._closed:
             raise DeviceError("DEVICE_CLOSED", f"the renderer was closed (on {self.device.record})")
         return self.device.using(self._memory)
 
     @contextlib.contextmanager
     def setting_up(self) -> Iterator[None]:
-        """Have the device alone for a block; if the block fails, nothing of it stays on the device."""
+        """Have exclusive access during construction; if it fails, all memory is released."""
         with self.turn():
             try:
                 yield
@@ -53,42 +66,42 @@ class DeviceScope:
     def scratch(
         self, name: str, shape: int | tuple[int, ...], dtype: Any = np.float32, group: Group = "scratch"
     ) -> Buffer:
-        """Return a buffer of undefined content, whose memory is used again from frame to frame."""
+        """Return a buffer with undefined content whose memory is reused in the next frame."""
         return self.device.scratch(f"{self._name} {name}", shape, dtype, group)
 
     def memory(self) -> Mapping[str, int]:
-        """Return use -> bytes on the device for this renderer."""
+        """Return purpose -> bytes of device memory that this renderer holds."""
         return self._memory.by_use()
 
     def memory_groups(self) -> Mapping[str, str]:
-        """Return use -> the group that was given where the buffer was made."""
+        """Return purpose -> `Group`, as passed when the buffer was allocated."""
         return self._memory.groups()
 
     def close(self) -> None:
-        """Release everything that the renderer holds; the device stays open. A second call does nothing."""
+        """Release everything that the renderer holds; the device stays open. A second call has no effect."""
         with self.device.using(self._memory):
             self._closed = True
-            with contextlib.suppress(DeviceError):  # closed, or lost
+            with contextlib.suppress(DeviceError):  # the device was closed, or has failed
                 self.device.finish()  # buffers may be on memory of the host
             self.kept.clear()
             self._memory.release_all()
 
 
 class OnDevice:
-    """The methods that every renderer in OpenCL leaves to its scope, which its constructor makes."""
+    """Base class of renderers in OpenCL: the methods that only call the renderer's `DeviceScope`."""
 
     _scope: DeviceScope
 
     def memory(self) -> Mapping[str, int]:
-        """Return use -> bytes on the device for this renderer."""
+        """Return purpose -> bytes of device memory that this renderer holds."""
         return self._scope.memory()
 
     def memory_groups(self) -> Mapping[str, str]:
-        """Return use -> group, for the uses that `memory` names."""
+        """Return purpose -> `Group` of the memory, for each purpose in `memory`."""
         return self._scope.memory_groups()
 
     def close(self) -> None:
-        """Release everything; the device stays open."""
+        """Release all memory; the device stays open."""
         self._scope.close()
 
 
@@ -98,11 +111,11 @@ R = TypeVar("R")
 
 
 def in_turn(method: Callable[Concatenate[S, P], R]) -> Callable[Concatenate[S, P], R]:
-    """Make a method of a renderer one block of `turn`."""
+    """Run a method of a renderer with exclusive access to its device (`DeviceScope.turn`)."""
 
     @functools.wraps(method)
-    def taking_turns(self: S, /, *args: P.args, **kwargs: P.kwargs) -> R:
+    def run_in_turn(self: S, /, *args: P.args, **kwargs: P.kwargs) -> R:
         with self._scope.turn():
             return method(self, *args, **kwargs)
 
-    return taking_turns
+    return run_in_turn

@@ -9,43 +9,48 @@ from numpy.typing import NDArray
 
 from msb.errors import UsageError, shorten
 
-# Parts that a frame may hold besides image, alpha, depth and visible. They may cost time.
+# Optional parts of a frame, besides image, alpha, depth and visible. They may cost time.
 EXTRAS = ("normal", "depth_median", "face_id", "raw")
 
 
 def chosen_extras(outputs: str | Iterable[str]) -> frozenset[str]:
-    """Return the extras that `outputs` names: some of `EXTRAS`, "all", or "auto", which is all, too."""
+    """Return the extras that `outputs` requests: names from `EXTRAS`, or "all" or "auto" for all of them."""
     names = EXTRAS if outputs in ("all", "auto") else tuple(outputs)
     for name in names:
         if name not in EXTRAS:
-            text = f'there is no output "{shorten(str(name), 40)}"; there are {", ".join(EXTRAS)}, and "all"'
+            text = (
+                f'output "{shorten(str(name), 40)}" does not exist; choose from {", ".join(EXTRAS)} or "all"'
+            )
             raise UsageError("USAGE", text)
     return frozenset(names)
 
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """An image and what was computed with it; row 0 is the top. Parts that tier or method lack are None.
+    """An image and the quantities computed with it; row 0 is the top row.
+
+    Parts that the tier or the method does not define are None.
 
     Attributes
     ----------
     image : (H, W, 3) float32
-        The image in the asset's stored colour space, background included; neither rounded nor clamped.
+        The image over its background, in the colour space that the asset stores; neither rounded nor clamped.
     alpha : (H, W) float32
-        Coverage: 1 where something opaque was hit, 1 - transmittance where primitives are blended.
+        Coverage: 1 at opaque surfaces; 1 - transmittance for blended primitives.
     depth : (H, W) float32
-        Depth along the camera's z axis in scene units: that of the surface hit, or the expected depth (sum of
-        weight times depth, divided by alpha); 0 where no face is seen.
+        Depth along the camera's z axis in scene units, 0 in pixels without a face. For opaque surfaces the
+        depth of the visible surface, for blended primitives the expected depth (sum of weight times depth,
+        divided by alpha).
     face_id : (H, W) int32, optional
-        The number of the face seen, -1 where there is none.
+        The number of the visible face; -1 in pixels without a face.
     normal : (H, W, 3) float32, optional
-        Normals as the method's official kernel gives them.
+        Normals as defined by the method's official kernel.
     depth_median : (H, W) float32, optional
-        The depth at which the transmittance falls below one half; 0 where it does not.
+        The depth of the face that lowers the transmittance below one half; 0 if no face does.
     visible : (F,) bool, optional
-        Whether each face survived the method's culling.
+        Whether each face passed the method's culling.
     raw : mapping of str to ndarray
-        The official kernel's own buffers, by their official names.
+        Buffers of the official kernel, by their official names.
     timings : mapping of str to float
         Stage -> milliseconds on the device.
     """
@@ -62,7 +67,7 @@ class Frame:
 
 
 def interior(faces: NDArray[Any]) -> NDArray[np.bool_]:
-    """Return which pixels (H, W) have a 3 x 3 neighbourhood that shows one face; none at the border has."""
+    """Return which pixels (H, W) have a 3 x 3 neighbourhood that shows a single face; False at the border."""
     inner = np.zeros(faces.shape, bool)
     middle = faces[1:-1, 1:-1]
     same = middle >= 0

@@ -1,6 +1,6 @@
-"""Frames as files: PNG, NumPy and OpenEXR images, MP4 and GIF films; written beside the rendering.
+"""Frames as files: PNG, NumPy and OpenEXR images, MP4 and GIF films, written by background threads.
 
-Pictures are display-referred: a PNG gets the numbers of the frame, clamped and rounded to bytes.
+Image values are display-referred: a PNG stores the values of the frame, clamped and rounded to bytes.
 """
 
 import io
@@ -20,31 +20,32 @@ from msb.scenes import Camera
 
 ImageFormat = Literal["png", "npy", "exr"]
 FILM_SUFFIXES = (".mp4", ".gif")
-# Number of frames that may wait for a writer: enough to hide a slow disk, too few to fill the memory.
+# Frames that may wait for a writer. Four hide the delays of a slow disk; each waiting frame takes memory.
 _QUEUE = 4
 
 
 def to_bytes(image: NDArray[Any]) -> NDArray[np.uint8]:
-    """Return floor(255 clamp(v, 0, 1) + 0.5), as the official evaluations of the 3DGS family save images.
+    """Return floor(255 clamp(v, 0, 1) + 0.5), the rounding of the official 3DGS evaluations.
 
-    NaN, which no renderer should give, becomes 0.
+    NaN, which a correct renderer never returns, becomes 0.
     """
-    # Explicit, because NumPy 1 keeps float16 whatever float32 it is multiplied by.
+    # Explicit, because NumPy 1 keeps float16 in products with a float32 scalar.
     wide = image.astype(np.result_type(image.dtype, np.float32), copy=False)
-    scaled = np.fmin(np.fmax(wide, 0), 1) * np.float32(255)  # fmax takes the 0 of a NaN and 0
+    scaled = np.fmin(np.fmax(wide, 0), 1) * np.float32(255)  # fmax(NaN, 0) is 0
     return np.asarray(scaled + np.float32(0.5)).astype(np.uint8)
 
 
 def write_image(path: Path, array: NDArray[Any], form: ImageFormat, *, overwrite: bool = True) -> None:
-    """Write an image, depth or face-id plane to `path`, whole or not at all.
+    """Write an image, depth or face-id plane to `path`; a failure leaves no partial file.
 
-    A PNG holds colours as 8 bits and refuses a plane, since 8 or 16 bits would not hold it. An EXR holds
-    32-bit floats.
+    A PNG stores colours with 8 bits per channel and rejects depth and id planes, which need more precision.
+    An EXR stores 32-bit floats.
     """
     check_format(form)
     with new_file(path, overwrite=overwrite) as file:
         if form == "npy":
-            # By way of the memory: where the disk is full, NumPy's own writing to files does not say why.
+            # Via memory: NumPy's own file output does not report why a write failed, for example on a full
+            # disk.
             data = io.BytesIO()
             np.save(data, array, allow_pickle=False)
             file.write(data.getbuffer())
@@ -55,7 +56,7 @@ def write_image(path: Path, array: NDArray[Any], form: ImageFormat, *, overwrite
 
 
 def check_format(form: str) -> None:
-    """Refuse `form`, before anything is rendered, if the package that writes it is not installed."""
+    """Raise an error if the package that writes `form` is not installed. Call it before rendering."""
     if form == "exr":
         need_extra("bench", "OpenEXR", what="an EXR image", instead="--format npy is as exact")
 
@@ -64,13 +65,13 @@ def _write_png(file: Any, array: NDArray[Any]) -> None:
     from PIL import Image
 
     if array.ndim != 3:
-        raise UsageError("USAGE", "a PNG holds colours; depth and face ids are written as npy or exr")
-    # Level 1: a third of the time of the default for a few percent of size; rendering should not wait.
+        raise UsageError("USAGE", "a PNG stores colours only; write depth and face ids as npy or exr")
+    # Level 1 takes a third of the default's time for a few percent more bytes, so rendering does not wait.
     Image.fromarray(to_bytes(array)).save(file, format="PNG", compress_level=1)
 
 
 def _exr(array: NDArray[Any]) -> bytes:
-    """Return `array` as an OpenEXR file: R, G, B, or Z for a plane of depths, or "id"."""
+    """Return `array` as an OpenEXR file with the channels RGB, Z (a depth plane) or "id" (integers)."""
     import tempfile
 
     import OpenEXR
@@ -82,21 +83,21 @@ def _exr(array: NDArray[Any]) -> bytes:
     else:
         channels = {"RGB": np.ascontiguousarray(array, np.float32)}
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
-    with tempfile.TemporaryDirectory() as folder:  # the library writes to a name only
+    with tempfile.TemporaryDirectory() as folder:  # the library writes to file names only
         name = str(Path(folder) / "image.exr")
         try:
             with OpenEXR.File(header, channels) as file:
                 file.write(name)
-        except RuntimeError as error:  # a full disk, too
+        except RuntimeError as error:  # the library's only error, also for a full disk
             raise OSError(str(error)) from error
         return Path(name).read_bytes()
 
 
 class Writers:
-    """Write files in the background while the next frame is rendered.
+    """Write files in background threads while the next frame is rendered.
 
-    At most a few tasks wait; if there are more, `submit` waits. The first error is raised by the next call,
-    or at the end of the ``with`` block.
+    `submit` waits while too many tasks are queued. The first error is raised by the next call of `submit`, or
+    at the end of the ``with`` block.
     """
 
     def __init__(self, threads: int = 2) -> None:
@@ -104,7 +105,7 @@ class Writers:
         self._waiting: list[Future[None]] = []
 
     def submit(self, task: Callable[..., None], *arguments: Any, **named: Any) -> None:
-        """Run ``task(*arguments, **named)`` soon. If an earlier task failed, raise its error."""
+        """Queue ``task(*arguments, **named)``. If an earlier task failed, raise its error."""
         while len(self._waiting) >= _QUEUE:
             self._waiting.pop(0).result()
         self._waiting.append(self._pool.submit(task, *arguments, **named))
@@ -120,10 +121,10 @@ class Writers:
 
 
 def write_film(path: Path, frames: Iterable[NDArray[Any]], fps: int, *, overwrite: bool = True) -> None:
-    """Write `frames`, (H, W, 3) float images of one size, as a film; the suffix says which kind.
+    """Write `frames`, (H, W, 3) float images of one size, as a film; the suffix decides the format.
 
-    MP4 is H.264 in 4:2:0, which every player takes; odd sizes lose their last row or column. GIF has 256
-    colours a frame.
+    MP4 is H.264 with 4:2:0 subsampling, which every player supports; odd sizes lose their last row or column.
+    A GIF has 256 colours per frame.
     """
     check_film(path)
     with new_file(path, overwrite=overwrite) as file:
@@ -131,12 +132,12 @@ def write_film(path: Path, frames: Iterable[NDArray[Any]], fps: int, *, overwrit
 
 
 def check_film(path: Path) -> None:
-    """Refuse, before anything is rendered, a suffix that no film has or that cannot be written here."""
+    """Raise an error for a suffix of a film that cannot be written here. Call it before rendering."""
     if path.suffix.lower() not in FILM_SUFFIXES:
         wanted = " or ".join(FILM_SUFFIXES)
-        raise UsageError("USAGE", f'the film is "{path.name}"; it must end in {wanted}')
+        raise UsageError("USAGE", f'the film is called "{path.name}"; its name must end in {wanted}')
     if path.suffix.lower() == ".mp4":
-        need_extra("video", "av", what="an MP4 film", instead="a GIF needs none")
+        need_extra("video", "av", what="an MP4 film", instead="a GIF needs no package")
 
 
 def read_film(path: Path) -> Iterator[NDArray[np.uint8]]:
@@ -154,7 +155,7 @@ def _write_mp4(file: Any, frames: Iterable[NDArray[Any]], fps: int) -> None:
     try:
         _encode_mp4(file, frames, fps)
     except av.FFmpegError as error:
-        if isinstance(error.__context__, OSError):  # of the file, hidden by the library
+        if isinstance(error.__context__, OSError):  # the file's error, which the library replaced
             raise error.__context__ from error
         raise
 
@@ -168,7 +169,7 @@ def _encode_mp4(file: Any, frames: Iterable[NDArray[Any]], fps: int) -> None:
             pixels = to_bytes(image)
             pixels = np.ascontiguousarray(pixels[: len(pixels) // 2 * 2, : pixels.shape[1] // 2 * 2])
             if not pixels.size:
-                text = "an MP4 film needs pictures of 2 x 2 pixels or more; a GIF takes smaller ones"
+                text = "an MP4 film needs images of at least 2 x 2 pixels; use a GIF for smaller images"
                 raise UsageError("USAGE", text)
             if stream is None:
                 stream = film.add_stream("libx264", rate=fps, options={"crf": "16", "preset": "medium"})
@@ -192,7 +193,10 @@ def _write_gif(file: Any, frames: Iterable[NDArray[Any]], fps: int) -> None:
 
 
 def image_names(views: Sequence[Camera]) -> list[str]:
-    """Return a file name for each view: its camera's, without suffix unless two would then be the same."""
+    """Return a unique file name for each view: its camera's name.
+
+    The suffix is removed unless two names would then be equal. Names that are still equal get their index.
+    """
     whole = [view.name or f"{index:05d}" for index, view in enumerate(views)]
     short = [_without_suffix(name) for name in whole]
     of_whole, of_short = Counter(whole), Counter(short)

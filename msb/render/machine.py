@@ -1,4 +1,4 @@
-"""The machine and the versions with which figures were measured."""
+"""A record of the machine and the software versions, stored with measured results."""
 
 import os
 import platform
@@ -8,18 +8,25 @@ from typing import Any
 from msb.base.version import __version__
 from msb.registry import METHODS, package_of
 
-# Keys of an OpenCL device's record that do not tell which device it is. PoCL looks up in every process how
-# much memory a CPU has; where that varies, as in some virtual machines, two processes get two figures.
+# Keys of a device record that may change between processes and so do not identify the device. PoCL queries
+# the available memory of a CPU when it starts, and virtual machines may change it.
 OF_THE_MOMENT = frozenset({"global_memory", "max_allocation"})
 
 
 def machine(
     device: str | None = None, *, opencl: bool = True, engine: Mapping[str, str] | None = None
 ) -> dict[str, Any]:
-    """Return system, versions, and the OpenCL device that `device` selects, or what an engine draws with.
+    """Return a record of the system, the versions and the device.
 
-    With an OpenCL device come the options its programs are built with and a SHA-256 of our kernels' text.
-    Without `opencl`, for work of the host alone, there is no device. `engine` is `Renderer.device_info`.
+    Parameters
+    ----------
+    device : str, optional
+        Selector of the OpenCL device. Its record includes the build options of programs and the SHA-256 of
+        the kernel sources.
+    opencl : bool
+        False if the work used the host only; the record then has no device.
+    engine : mapping, optional
+        `Renderer.device_info` of a foreign engine, recorded in place of an OpenCL device.
     """
     from importlib.metadata import version
 

@@ -1,4 +1,4 @@
-"""Options of cameras, image sizes, backgrounds and renderers, shared by all commands that render."""
+"""Command-line options for cameras, image sizes, backgrounds and renderers."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ ImageFolder = Annotated[
 ]
 Up = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
 NO_CAMERAS = "needs --cameras PATH"
-# The largest width or height of an image, in pixels: a limit of OpenGL.
+# Largest width or height of an image in pixels: the limit of common OpenGL drivers.
 MOST_PIXELS = 16384
 Tier = Literal["reference", "dedicated", "standard"]
 
 
 @dataclass(frozen=True)
 class Views:
-    """The cameras and the background of images."""
+    """The cameras and the background of the images."""
 
     cameras: Annotated[
         Path | None,
@@ -37,14 +37,12 @@ class Views:
     ] = None
     camera: Annotated[
         tuple[str, ...],
-        Option(
-            "Which of the given cameras to draw. May be given again. Default: all.", metavar="NAME|INDEX|all"
-        ),
+        Option("Draw this camera only. May be given again. Default: all.", metavar="NAME|INDEX|all"),
     ] = ()
     size: Annotated[
         str | None,
         Option(
-            "Size of the images in pixels, or relative to the cameras' own.",
+            "Size of the images in pixels, or a factor of the cameras' size.",
             ("--size", "--scale"),
             metavar="WxH|FACTOR",
         ),
@@ -52,14 +50,14 @@ class Views:
     background: Annotated[
         str | None,
         Option(
-            "black, white, #rrggbb, r,g,b in 0..1, or official. Default: official; where the asset states "
-            "none, its method's, else black.",
+            "black, white, #rrggbb, r,g,b in 0..1, or official. Default: official; if the asset records "
+            "none, the background of its method, else black.",
             metavar="COLOR",
         ),
     ] = None
 
     def read(self, note: Callable[[str], None]) -> list[Camera]:
-        """Return the requested cameras, and note if they are far larger than the photographs."""
+        """Return the requested cameras; call `note` if they are far larger than the photographs."""
         from msb.scenes import read_cameras
         from msb.scenes.datasets import recorded_note
 
@@ -69,7 +67,7 @@ class Views:
         return self.of(cameras)
 
     def of(self, cameras: list[Camera]) -> list[Camera]:
-        """Return the requested ones of `cameras`, in the requested size."""
+        """Return the requested cameras among `cameras`, resized if --size was given."""
         everything = not self.camera or "all" in self.camera
         chosen = cameras if everything else [_find(cameras, name) for name in self.camera]
         if self.size is None:
@@ -79,7 +77,7 @@ class Views:
         return [camera.scaled(self._factor) for camera in chosen]
 
     def pixels(self, width: int, height: int) -> tuple[int, int]:
-        """Return the size of images without cameras; `width` x `height` is the default, in pixels."""
+        """Return the size of images without cameras: --size, else `width` x `height` pixels."""
         if self.size is None:
             return width, height
         if (size := self._sides) is not None:
@@ -93,7 +91,7 @@ class Views:
 
         size = pixels_of(str(self.size))
         if size is not None and max(size) > MAX_SIDE:
-            text = f"--size is {size[0]}x{size[1]}; it must be from 1 to {MAX_SIDE} each way"
+            text = f"--size is {size[0]}x{size[1]}; width and height must be from 1 to {MAX_SIDE} pixels"
             raise UsageError("USAGE", text)
         return size
 
@@ -102,62 +100,62 @@ class Views:
         try:
             factor = float(str(self.size))
         except ValueError:
-            raise not_a_size(str(self.size), ", or be a factor above 0") from None
+            raise not_a_size(str(self.size), ", or be a factor such as 0.5") from None
         check_factor(factor)
         return factor
 
     def color(self, asset: Asset | None) -> tuple[float, float, float]:
-        """Return the background, by default that of the asset; "official" must be stated in the asset."""
+        """Return the requested background; the default is the asset's, its method's, or black."""
         from msb.scenes.colors import BLACK
         from msb.scenes.datasets import own_background
 
         if self.background is None:
             return BLACK if asset is None else own_background(asset.manifest)
-        official = "official, which only an asset has"
+        official = "official, which needs an asset"
         if asset is not None:
-            official = str(asset.manifest.appearance.get("background", "none is recorded in the asset"))
+            official = str(asset.manifest.appearance.get("background", "the asset records none"))
         return parsed_color(self.background, official)
 
 
 @dataclass(frozen=True)
 class Drawing:
-    """The settings of an asset, and the renderer."""
+    """The renderer, its options, and overrides of the asset's settings."""
 
     assignments: Annotated[
         tuple[str, ...],
         Option("Override a setting; msb methods lists them.", ("--set",), metavar="NAME=VALUE"),
     ] = ()
     supersample: Annotated[
-        int, Option("Samples along each side of a pixel, standard tier.", least=1, most=16)
+        int, Option("Samples along each side of a pixel (standard tier).", least=1, most=16)
     ] = 1
     order: Annotated[
         Literal["tile", "global", "none"] | None,
-        Option("Order of blending, dedicated tier: official tiles, by depth alone, or as stored."),
+        Option("Order of blending (dedicated tier): by official tiles, by depth only, or as stored."),
     ] = None
     sampling: Annotated[
         Literal["official", "engine"] | None,
-        Option("Sample as officially, or as an engine's hardware does, dedicated tier."),
+        Option("Sample like the official code or like graphics hardware (dedicated tier)."),
     ] = None
-    renderer: Annotated[str | None, Option("Name of a renderer to use instead of ours.", metavar="NAME")] = (
-        None
-    )
+    renderer: Annotated[
+        str | None, Option("Use this renderer; msb devices lists them. Default: built-in.", metavar="NAME")
+    ] = None
     device: Annotated[
         str | None,
         Option(
-            "The OpenCL device, as msb devices lists them. Default: MSB_DEVICE, PYOPENCL_CTX, or PoCL. "
-            "Foreign engines: cpu or gpu.",
+            "OpenCL device; msb devices lists them. Default: MSB_DEVICE, PYOPENCL_CTX, or PoCL. "
+            "Foreign engines accept cpu or gpu.",
             metavar="cpu|gpu|PLATFORM:INDEX",
         ),
     ] = None
 
     def settings(self, asset: Asset) -> dict[str, Any]:
-        """Return the overridden settings of the asset."""
+        """Return the overrides of the asset's settings."""
         from msb.asset.settings import parse_overrides
 
         return dict(parse_overrides(asset.manifest.method, self.assignments))
 
     def check_device(self) -> None:
-        """Reject a requested device that does not exist, also if nothing is rendered in the end."""
+        """Raise an error if the requested device does not exist, even if nothing will be rendered."""
         if self.device is not None:
             from msb.cl.devices import choose_device
 
@@ -171,15 +169,15 @@ class Drawing:
 
 
 def parsed_color(text: str, official: str | None = None) -> tuple[float, float, float]:
-    """Return the colour that --background names. "official" stands for `official`, if that is given."""
+    """Return the colour of --background; the text "official" stands for the colour `official`, if given."""
     from msb.scenes.colors import parse_color
 
     color = parse_color(text, official)
     if color is None:
         more = "" if official is None else ", or official"
-        shown = official if official and text.strip().lower() == "official" else text
+        spelled = official if official and text.strip().lower() == "official" else text
         allowed = f"black, white, #rrggbb{', ' if more else ' or '}r,g,b in 0..1{more}"
-        raise UsageError("USAGE", f'--background is "{shorten(shown, 40)}"; it must be {allowed}')
+        raise UsageError("USAGE", f'--background is "{shorten(spelled, 40)}"; use {allowed}')
     return color
 
 
@@ -191,13 +189,13 @@ def _find(cameras: list[Camera], name: str) -> Camera:
     matches = matches or [camera for camera, known in named if _stem(known) == wanted]
     if len(matches) > 1:
         names = ", ".join(str(camera.name) for camera in matches[:4])
-        raise UsageError("NAME_UNKNOWN", f'"{shorten(name, 40)}" is several cameras: {names}')
+        raise UsageError("NAME_UNKNOWN", f'"{shorten(name, 40)}" matches several cameras: {names}')
     if matches:
         return matches[0]
     if re.fullmatch(r"\d{1,9}", name) and int(name) < len(cameras):
         return cameras[int(name)]
     names = ", ".join(shorten(str(camera.name), 30) for camera in cameras[:4])
-    text = f'there is no camera "{shorten(name, 40)}"; there are {len(cameras)}: {names}'
+    text = f'camera "{shorten(name, 40)}" does not exist; the {len(cameras)} cameras are {names}'
     text += ", ..." if len(cameras) > 4 else ""
     raise UsageError("NAME_UNKNOWN", text)
 
@@ -207,18 +205,18 @@ def _stem(name: str) -> str:
 
 
 def pixels_of(text: str) -> tuple[int, int] | None:
-    """Return width and height in pixels of a text like 1237x822, else None."""
+    """Return width and height in pixels of a text like 1237x822; None for any other text."""
     match = re.fullmatch(r"\s*([1-9]\d{0,5})[x,]([1-9]\d{0,5})\s*", text, re.IGNORECASE)
     return None if match is None else (int(match[1]), int(match[2]))
 
 
 def check_factor(factor: float) -> None:
-    """Reject a factor of image sizes that is out of range."""
+    """Raise an error if a scale factor of image sizes is out of range."""
     if not 0 < factor <= MOST_PIXELS:
-        text = f"the factor of --scale is {factor:g}; it must be above 0 and at most {MOST_PIXELS}"
+        text = f"--scale is {factor:g}; the factor must be above 0 and at most {MOST_PIXELS}"
         raise UsageError("USAGE", text)
 
 
 def not_a_size(text: str, more: str = "") -> UsageError:
-    """Return the error about an invalid --size."""
-    return UsageError("USAGE", f'--size is "{shorten(text, 40)}"; it must look like 1237x822{more}')
+    """Return the error about an invalid --size; `more` lists further accepted forms."""
+    return UsageError("USAGE", f'--size is "{shorten(text, 40)}"; write it as 1237x822{more}')

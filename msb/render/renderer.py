@@ -1,4 +1,4 @@
-"""Draw an asset from a camera, on any tier."""
+"""Render an asset from a camera, on any tier."""
 
 import os
 from collections.abc import Mapping, Sequence
@@ -11,7 +11,7 @@ from msb.asset.arguments import A_CAMERA, check_type
 from msb.cl import Device
 from msb.errors import UsageError
 from msb.registry import Tier
-from msb.render.backend import Drawn, blaming, class_for, groups_of, make_backend
+from msb.render.backend import Drawn, blaming, class_for, make_backend
 from msb.render.frame import Frame
 from msb.scenes import Camera
 from msb.scenes.colors import Color, check_background
@@ -21,40 +21,40 @@ Background = Sequence[float] | str
 
 
 class Renderer:
-    """An asset on one tier, ready to be drawn again and again; data that do not change stay on the device.
+    """An asset on one tier, ready to be rendered many times; constant data stay on the device.
 
     Parameters
     ----------
     asset : Asset or path-like
-        The asset, or the path of anything that `msb.open` takes.
+        The asset, or a path that `msb.open` can read.
     tier : {"standard", "dedicated", "reference"}
-        "standard" is the plain mesh that any engine shows (docs/standard.md), "dedicated" is the method's own
-        image in OpenCL (docs/dedicated.md), "reference" is the same image in NumPy, slowly
-        (docs/reference.md).
+        "standard" draws an ordinary opaque mesh, as every engine can (docs/standard.md). "dedicated" is
+        native rendering, with the method's own image formation, in OpenCL (docs/dedicated.md). "reference"
+        is native rendering in NumPy, which is slow (docs/reference.md).
     device : str or Device, optional
-        Where to compute: "cpu", "gpu" or "PLATFORM:INDEX"; MSB_DEVICE or the default if not given. Foreign
-        engines take "cpu" or "gpu", and choose themselves if nothing is given.
+        Where to compute: "cpu", "gpu" or "PLATFORM:INDEX". The default is MSB_DEVICE, else the first usable
+        device. Foreign engines accept "cpu" or "gpu", and choose a device by default.
     settings : mapping, optional
-        Values that replace the settings that the asset stores; `msb methods` lists the settings.
+        Overrides of the settings that the asset stores; `msb methods` lists the settings.
     name : str, optional
-        An entry point of group `msb.renderers`, to be used for the tier instead of ours.
+        An entry point of the group `msb.renderers` that replaces the built-in renderer of the tier.
     **options
-        Other options of the renderer. The dedicated and the reference tier take `order` ("tile", "global",
-        "none") and `sampling` ("official", "engine"), which docs/dedicated.md explains; the standard tier
-        takes `supersample`, the samples along each side of a pixel, from 1 to 16.
+        Other options of the renderer. The dedicated and the reference tier accept `order` ("tile", "global",
+        "none") and `sampling` ("official", "engine"), which docs/dedicated.md explains. The standard tier
+        accepts `supersample`, the samples along each side of a pixel, from 1 to 16.
 
     Raises
     ------
     Unsupported
-        The method cannot be shown on this tier, or the renderer has no such option.
+        The method does not support this tier, or the renderer does not have the option.
     UsageError
-        An unknown tier, renderer or setting; an argument of another type.
+        An unknown tier, renderer or setting, or an argument of the wrong type.
     AssetError
-        The asset's values cannot be drawn: an index out of range, a coordinate that is not finite.
+        The asset's values cannot be frame: an index out of range, or a coordinate that is not finite.
     InputError, CheckpointError, MeshFileError, MeshError
-        `asset` is a path at which there is nothing that `msb.open` can read.
+        `msb.open` cannot read the path `asset`.
     DeviceError
-        There is no device, or it has too little memory.
+        No device was found, or its memory is too small.
 
     Examples
     --------
@@ -82,7 +82,7 @@ class Renderer:
         if settings is not None:
             check_type("settings", settings, Mapping, "a mapping from names to values")
         if device is not None and not isinstance(device, str | Device) and name is None:
-            text = f'device is of type {type(device).__name__}; it must be text, as "cpu", or an open device'
+            text = f'device is of type {type(device).__name__}; pass text such as "cpu", or an open device'
             raise UsageError("DEVICE_SELECTOR", text)
         asset = as_asset(asset)
         self.tier = tier
@@ -94,46 +94,49 @@ class Renderer:
 
     @property
     def name(self) -> str:
-        """Name and version of what draws."""
+        """Name and version of the drawing software."""
         with blaming(self._by):
             return f"{self._backend.name} {self._backend.version}"
 
     @property
     def device_info(self) -> Mapping[str, str] | None:
-        """The `platform`, `name` and `kind` of what draws, if that is no OpenCL device."""
+        """The `platform`, `name` and `kind` of the drawing device if it does not use OpenCL, else None."""
         return getattr(self._backend, "device_info", None)
 
     def render(self, camera: Camera, background: Background | None = None) -> Frame:
-        """Return what `camera` sees, over `background`.
+        """Return the frame that `camera` sees, over `background`.
 
         Parameters
         ----------
         camera : Camera
         background : (3,) array_like of float, or str, optional
             Red, green and blue in the asset's colour space, all finite. Or a text as on the command line:
-            "black", "white", "#rrggbb", "r,g,b" in 0..1, or "official", the background that the asset states.
-            Default: "official"; where the asset states none, that of its method, which is black for meshes.
+            "black", "white", "#rrggbb", "r,g,b" in 0..1, or "official", the background that the asset
+            records. The default is "official". If the asset records none, it is the background of its method,
+            which is black for meshes.
 
         Raises
         ------
         UsageError
-            `USAGE`: no camera or no such colour. `SETTING_VALUE`: a setting that no camera can be drawn with.
+            `USAGE`: the camera or the colour is invalid. `SETTING_VALUE`: a setting allows no image with any
+            camera.
         DeviceError
-            The frame does not fit on the device, or the device fails.
+            The frame does not fit into the device's memory, or the device failed.
         """
         checked = self._checked(camera, background)
         with blaming(self._by):
-            drawn = self._backend.render(*checked)
-            if not isinstance(drawn, Frame):
-                # A renderer that may not import us (the reference, a third party's) returns the same fields.
+            frame = self._backend.render(*checked)
+            if not isinstance(frame, Frame):
+                # Renderers that do not import this package return an object with the same attributes.
                 names = (item.name for item in fields(Frame))
-                drawn = Frame(**{name: getattr(drawn, name) for name in names if hasattr(drawn, name)})
-            return camera.in_world(drawn)
+                frame = Frame(**{name: getattr(frame, name) for name in names if hasattr(frame, name)})
+            return camera.in_world(frame)
 
     def draw(self, camera: Camera, background: Background | None = None) -> Drawn:
-        """Draw what `camera` sees and wait for it, but read nothing back; return how long the device took.
+        """Render without reading the frame back, wait until it is complete, and return the time it took.
 
-        A renderer that cannot do that reads its frame back. Parameters and errors are those of `render`.
+        A renderer without this ability renders and reads the frame back. Parameters and errors as in
+        `render`.
         """
         if not hasattr(self._backend, "draw"):
             stages = self.render(camera, background).timings
@@ -150,17 +153,18 @@ class Renderer:
         return seen, check_background(background, self._official)
 
     def memory(self) -> Mapping[str, int]:
-        """Return use -> bytes on the device."""
+        """Return purpose -> bytes on the device."""
         with blaming(self._by):
             return self._backend.memory()
 
     def memory_groups(self) -> Mapping[str, str]:
-        """Return use -> "geometry", "appearance", "scratch" or "targets"; any other use is scratch."""
+        """Return purpose -> "geometry", "appearance", "scratch" or "targets"; others count as scratch."""
         with blaming(self._by):
-            return groups_of(self._backend)
+            groups: Mapping[str, str] = getattr(self._backend, "memory_groups", dict)()
+            return groups
 
     def close(self) -> None:
-        """Release everything on the device."""
+        """Release all memory on the device."""
         with blaming(self._by):
             self._backend.close()
 
@@ -180,25 +184,25 @@ def render(
     device: Any = None,
     **options: Any,
 ) -> Frame:
-    """Draw an asset once, as one camera sees it.
+    """Render an asset once, as one camera sees it.
 
-    For several frames `Renderer`, which does the drawing, is faster: it keeps the asset on the device.
+    For several frames use `Renderer`, which keeps the asset on the device and is faster.
 
     Parameters
     ----------
     asset : Asset or path-like
-        Or the path of anything that `msb.open` takes.
+        The asset, or a path that `msb.open` can read.
     camera : Camera
     tier : {"standard", "dedicated", "reference"}
-        The plain mesh as any engine shows it, the method's own look, or that look in NumPy.
+        An ordinary opaque mesh, native rendering in OpenCL, or native rendering in NumPy.
     background : (3,) array_like of float, or str, optional
-        Red, green and blue, or a text such as "white", as `Renderer.render` takes it; its default, too.
+        Red, green and blue, or a text such as "white". Values and default as in `Renderer.render`.
     settings : mapping, optional
         Overrides of the asset's settings.
     device : str, optional
         The OpenCL device, such as "cpu" or "gpu".
     **options
-        The further options of `Renderer`: `name`, and what the renderer itself takes.
+        Further arguments of `Renderer`: `name`, and options of the tier's renderer.
 
     Returns
     -------
@@ -208,7 +212,7 @@ def render(
     Raises
     ------
     Unsupported, UsageError, AssetError, InputError, CheckpointError, MeshFileError, MeshError, DeviceError
-        As `Renderer` does.
+        As raised by `Renderer`.
 
     Examples
     --------

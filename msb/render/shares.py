@@ -1,28 +1,25 @@
-"""What each face of an asset adds to the images that cameras see, by OpenCL.
+"""The contribution of each face to the images of given cameras, computed in OpenCL.
 
-The readable twin is `ReferenceFrame.contribution` (`msb.reference`), in samples where this is in pixels.
+`ReferenceFrame.contribution` (`msb.reference`) is the readable NumPy version; it counts samples, this module
+pixels.
 """
-
-from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import closing
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from msb.asset import Asset
+from msb.cl import Device
+from msb.registry import Tier
 from msb.render.dedicated import pipeline_of
 from msb.render.renderer import Renderer
 from msb.render.splat.pipeline import SplattingPipeline
+from msb.scenes import Camera
 
-if TYPE_CHECKING:
-    from msb.asset import Asset
-    from msb.cl import Device
-    from msb.registry import Tier
-    from msb.scenes import Camera
-
-    Picture = NDArray[np.float32]
+Picture = NDArray[np.float32]
 
 
 def shares_by_view(
@@ -33,23 +30,24 @@ def shares_by_view(
     settings: Mapping[str, Any] | None = None,
     device: str | Device | None = None,
 ) -> Iterator[NDArray[np.float64] | None]:
-    """Yield what each of F faces adds to one view after the other.
+    """Yield the contributions of all F faces to one view after the other.
 
     Parameters
     ----------
     views : iterable of (Camera, picture)
-        What is seen there, (H, W, 3) float32, finite; or None.
+        `picture` (H, W, 3) float32, finite, is an image of the view whose colours are summed; or None.
 
     Yields
     ------
     (F, 4) or, without a picture, (F, 1) float64, or None
-        Last the weight, in pixels: of a face that is blended the sum of alpha times transmittance, of an
-        opaque one the number of pixels that show it. Before it the sums of the picture's colours, weighted
-        likewise. None if a package draws the asset and does not say which face a pixel shows.
+        The last column is the weight in pixels: for blended faces the sum of alpha times transmittance, for
+        opaque faces the number of pixels that show the face. The columns before it are the sums of the
+        picture's red, green and blue with the same weights. None if the renderer of a foreign package does
+        not report face ids.
 
     Raises
     ------
-    what `msb.Renderer` raises
+    the errors of `msb.Renderer`
     """
     if tier == "dedicated" and pipeline_of(asset) is SplattingPipeline:
         with closing(SplattingPipeline(asset, device=device, settings=settings, outputs=())) as pipeline:
@@ -63,7 +61,7 @@ def shares_by_view(
 
 
 def _counted(faces: NDArray[np.int32], picture: Picture | None, count: int) -> NDArray[np.float64]:
-    """Return the sums of a view whose pixels show `faces` (H, W), -1 for none: colours, and pixels."""
+    """Return per-face sums of a view that shows `faces` (H, W), -1 for background: colours, then pixels."""
     seen = faces >= 0
     numbers = faces[seen]
     colors = () if picture is None else picture[seen].T

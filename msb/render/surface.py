@@ -1,46 +1,43 @@
-"""The model that a pipeline with a z-buffer draws: opaque triangles that carry lattices, and their decoder.
+"""The model that a z-buffer pipeline draws: opaque triangles with feature lattices, and their decoder.
 
-A method's module `look` has a function ``surface_model(asset, settings)`` that returns a `Surface`.
+The module `look` of a method has a function ``surface_model(asset, settings)`` that returns a `Surface`.
 """
-
-from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
+import numpy as np
+from numpy.typing import NDArray
 
-    from msb.scenes import Camera
+from msb.scenes import Camera
 
 
 @dataclass(frozen=True)
 class Surface:
-    """A model whose faces are opaque where their opacity is at or above a threshold.
+    """A model whose faces are drawn in the samples with an opacity at or above a threshold.
 
     Attributes
     ----------
     program, package : str
-        The WGSL file, and the package that holds it.
+        The WGSL file, and the package that contains it.
     positions : (V, 3) float32
     indices : (F, 3) uint32
     coverage : (F, c) float32
-        What the WGSL reads of each face whatever the view.
+        Values per face that the WGSL reads and that do not depend on the view.
     opacity : (F, S) float32 or uint8
         Samples of each face's lattice.
-    features : (F, S, C), of the same dtype
+    features : (F, S, C), with the dtype of `opacity`
     level : int
-        Of the lattices.
+        The level of the lattices.
     decoder : (n,) float32
-        In the order in which the method's WGSL has it.
+        Weights and biases, in the order that the method's WGSL expects.
     near, far : float
-        The planes of the projection.
+        The planes of the projection, in scene units.
     projection : callable
         Camera -> the (4, 4) float32 matrix from the world to clip coordinates.
     own : mapping of str to numpy.float32, numpy.int32 or numpy.uint32
-        Values for the WGSL that the settings decide: members of ``view.own`` by their names.
+        Values of the method's settings for the WGSL: the members of ``view.own`` by name.
     """
 
     program: str

@@ -1,4 +1,4 @@
-"""Cameras and scenes: the camera class of the package, the files it is read from, and camera paths.
+"""Cameras and scenes: the camera class, readers of camera files, and camera paths.
 
 docs/cameras.md describes conventions and formats, docs/datasets.md the datasets.
 """

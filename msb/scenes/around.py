@@ -1,4 +1,4 @@
-"""Cameras around an asset, for when it brings none."""
+"""Cameras around or inside an asset, for assets without cameras."""
 
 import math
 from collections.abc import Iterable
@@ -15,17 +15,20 @@ from msb.scenes.camera import Camera
 from msb.scenes.paths import turntable, unit_at
 from msb.scenes.poses import MAX_COORDINATE, look_at_pose
 
+# Vertical field of view of cameras around an asset, in radians.
 _FOV_Y = math.radians(40)
+# Vertical field of view of cameras inside an asset, in radians.
 _FOV_INSIDE = math.radians(60)
-# Share of the faces, on each side, that do not count where most of them are looked for.
+# Quantile on each side that is ignored when the bulk of the faces is located.
 _LEAST = 0.02
-# Faces that are looked at; rarer ones of a larger asset may be missed.
+# Largest number of faces that are examined. Rarer faces of a larger asset may be missed.
 _SAMPLES = 200_000
-# Captures before walls have 4 to 6, things and empty rooms 0.7 to 1.5.
+# Threshold of the ratio in `surrounded`.
+# Captures in front of walls have 4 to 6; objects and empty rooms 0.7 to 1.5.
 _SURROUNDED = 2.5
-# A turntable's distance, relative to that at which the bounding sphere fills the image.
+# Distance of a turntable as a multiple of the distance where the bounding sphere fills the image.
 _MARGIN = 1.05
-# Degrees of a turntable's cameras above the horizon.
+# Default elevation of a turntable's cameras above the horizon, in degrees.
 ELEVATION = 20.0
 
 
@@ -37,10 +40,10 @@ def around(
     up: str | None = None,
     elevation: float = ELEVATION,
 ) -> list[Camera]:
-    """Return a turntable of `count` cameras that see all of the asset, so many degrees above the horizon.
+    """Return a turntable of `count` cameras that see the whole asset, `elevation` degrees above the horizon.
 
-    Its axis `up`, such as "+y", is the asset's own if not given (`up_axis`). `CAMERA_PATH` names the asset's
-    file where it is too large or too far away for cameras.
+    `up` is its axis, such as "+y"; the default is the asset's (`up_axis`). CAMERA_PATH reports an asset that
+    is too large or too far away for cameras.
     """
     sphere = asset.manifest.bounding_sphere
     vector = _vector(up or up_axis(asset))
@@ -61,7 +64,7 @@ def around(
 
 
 def _check_reach(asset: Asset, distance: float) -> None:
-    """Refuse an asset around which no camera can stand `distance` from its middle."""
+    """Raise CAMERA_PATH if no camera can be `distance` away from the asset's middle."""
     bounds, sphere = asset.manifest.bounds, asset.manifest.bounding_sphere
     far = max(map(abs, sphere.center)) + distance
     if far > MAX_COORDINATE:
@@ -72,18 +75,18 @@ def _check_reach(asset: Asset, distance: float) -> None:
 
 
 class Bulk(NamedTuple):
-    """Where most faces of an asset are, float64, of a sample of them: a few far ones do not count."""
+    """Where most faces of an asset are, from a sample of them, in float64. Outliers are ignored."""
 
-    # (n, 3, 3), those of far faces included.
+    # (n, 3, 3) corners of all sampled faces, outliers included.
     corners: NDArray[np.float64]
+    # (3,) bounds and median of the faces' centroids, without outliers.
     low: NDArray[np.float64]
     middle: NDArray[np.float64]
-    # (3,) the bounds and the median of the middles of faces.
     high: NDArray[np.float64]
 
 
 def bulk_of(asset: Asset) -> Bulk:
-    """Return where most faces of an asset are; of large assets, evenly spread ones are looked at."""
+    """Return where most faces of an asset are; large assets are sampled evenly."""
     faces = asset.buffers["indices"]
     some = faces[:: max(1, len(faces) // _SAMPLES)]
     corners = asset.buffers["positions"][some].astype(np.float64)
@@ -92,10 +95,10 @@ def bulk_of(asset: Asset) -> Bulk:
 
 
 def inside(asset: Asset, bulk: Bulk, outside: Iterable[Camera], up: str | None = None) -> list[Camera]:
-    """Return cameras within an asset that look across its middle, half-way out to what encloses it.
+    """Return cameras within an asset that look across its middle, half-way out to the enclosing faces.
 
-    There is one for each that looks at it from `outside`, on the same side and of the same size; none where
-    most of the asset has no extent.
+    There is one for each camera in `outside` that looks at the asset, on the same side and with the same
+    image size; none if most of the asset is flat.
     """
     low, middle, high = bulk.low, bulk.middle, bulk.high
     if not (low < middle).all() or not (middle < high).all():
@@ -103,6 +106,7 @@ def inside(asset: Asset, bulk: Bulk, outside: Iterable[Camera], up: str | None =
     vector = _vector(up or up_axis(asset))
     cameras = []
     for camera in outside:
+        # Ratio of the room on the camera's side to its direction: the nearest enclosing face along any axis.
         away = camera.center - asset.manifest.bounding_sphere.center
         reach = np.where(away > 0, high - middle, middle - low) / np.maximum(np.abs(away), 1e-300)
         eye = middle + 0.5 * reach.min() * away
@@ -113,15 +117,16 @@ def inside(asset: Asset, bulk: Bulk, outside: Iterable[Camera], up: str | None =
 
 
 def surrounded(bulk: Bulk) -> bool:
-    """Return whether a few large faces are round many small ones, as walls or hills are in a capture.
+    """Return whether a few large faces surround many small ones, like walls or hills in a capture.
 
-    Then half of the area is far further from the middle than half of the faces.
+    Then half of the area is much farther from the middle than half of the faces.
     """
     middles = bulk.corners.mean(axis=1)
     kept = ((bulk.low <= middles) & (middles <= bulk.high)).all(axis=1)
     sides = bulk.corners[kept, 1:] - bulk.corners[kept, :1]
     area = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
     away = np.linalg.norm(middles[kept] - bulk.middle, axis=1)
+    # Distance from the middle within which half of the area lies, compared with the median distance of faces.
     order = np.argsort(away)
     total = np.cumsum(area[order])
     if not total.size or not np.isfinite(total[-1]):
@@ -131,6 +136,7 @@ def surrounded(bulk: Bulk) -> bool:
 
 
 def _vector(axis: str) -> list[float]:
+    """Return the unit vector of an axis such as "-y"."""
     vector = [0.0, 0.0, 0.0]
     vector["xyz".index(axis[1])] = -1.0 if axis[0] == "-" else 1.0
     return vector

@@ -1,4 +1,4 @@
-"""The one camera of the package: a pinhole camera with OpenCV axes."""
+"""The camera class of the package: a pinhole camera with OpenCV axes."""
 
 from __future__ import annotations
 
@@ -37,25 +37,26 @@ class Camera:
     Parameters
     ----------
     width, height : int
-        Size of the image in pixels; each side at most `MAX_SIDE`, and at most `MAX_PIXELS` in all.
+        Size of the image in pixels; at most `MAX_SIDE` per side and `MAX_PIXELS` in total.
     fx, fy : float
         Focal lengths in pixels.
     cx, cy : float
         Principal point in pixels; (width / 2, height / 2) is the centre.
     world_to_camera : (4, 4) array_like
-        The matrix W for column vectors, kept as a read-only float64 copy. Its rotation is orthonormal to 1e-4
-        with determinant +1, and its last row is 0 0 0 1.
+        The matrix W for column vectors, stored as a read-only float64 copy. Its rotation must be orthonormal
+        to 1e-4 with determinant +1, and its last row 0 0 0 1.
     name : str, optional
         A relative path with forward slashes, usually the image's file name below its folder.
     image_path : Path, optional
-        Where the dataset keeps the photograph; the file need not exist.
+        The path of the photograph in the dataset; the file may be missing.
     source_size : (int, int), optional
-        Width and height for which the intrinsics were recorded, where that is not the size of this camera.
+        The recorded width and height, if they differ from this camera's size.
     split : {"train", "val", "test"}, optional
-        The part of the dataset that the camera belongs to, if the dataset says so.
+        The part of the dataset that the camera belongs to, if the dataset states it.
     unit : float
-        The length in the world that renderers take for 1: their near planes, 0.01 on the standard tier, count
-        in it. It is 1 but for cameras made for something tiny or huge (`msb.scenes.turntable`).
+        The length in the world that renderers use as unit of depth, for example for the near plane of 0.01
+        on the standard tier. It is 1, except for cameras made for very small or large objects
+        (`msb.scenes.turntable`).
 
     Raises
     ------
@@ -89,6 +90,8 @@ class Camera:
         pose = check_pose(self.world_to_camera, "world_to_camera")
         pose.setflags(write=False)
         values: dict[str, Any] = {"width": width, "height": height, "world_to_camera": pose}
+        # Convert all values to Python numbers, so that equal cameras compare equal and can be written as
+        # JSON.
         values |= {key: check_pixels(key, getattr(self, key), MIN_FOCAL) for key in ("fx", "fy")}
         values |= {key: check_pixels(key, getattr(self, key)) for key in ("cx", "cy")}
         if self.name is not None:
@@ -102,7 +105,7 @@ class Camera:
             raise SceneError("CAMERA_INVALID", text)
         if not 0 < self.unit < math.inf:
             raise SceneError("CAMERA_INVALID", f"unit is {self.unit}; it must be a positive length")
-        values["unit"] = float(self.unit)  # a views.json cannot hold NumPy's
+        values["unit"] = float(self.unit)  # JSON cannot store NumPy numbers
         for key, value in values.items():
             object.__setattr__(self, key, value)
 
@@ -119,12 +122,12 @@ class Camera:
     ) -> Camera:
         """Return a camera with a centred principal point and the given full angles of view in radians.
 
-        With one angle alone pixels are square.
+        If only one angle is given, pixels are square.
         """
         width, height = check_size((width, height))
         fx = None if fov_x is None else focal_from_fov(fov_x, width, "fov_x")
         fy = fx if fx is not None and fov_y is None else focal_from_fov(fov_y, height, "fov_y")
-        pose = cast("NDArray[np.float64]", world_to_camera)  # converted and checked like every camera's
+        pose = cast("NDArray[np.float64]", world_to_camera)  # the constructor converts and checks it
         return cls(width, height, fy if fx is None else fx, fy, width / 2, height / 2, pose, name)
 
     @classmethod
@@ -141,14 +144,14 @@ class Camera:
     ) -> Camera:
         """Return a camera at `eye` that looks at `target`, with square pixels.
 
-        `up` is the direction in the world that is up in the image: -y in most COLMAP scenes and so for models
+        `up` is the direction in the world that is up in the image: -y in most COLMAP scenes and in models
         trained on them, (0, 1, 0) for mesh files, (0, 0, 1) in NeRF-Synthetic and Blender. `fov_y` is the
         full vertical angle in radians.
         """
         return cls.from_fov(width, height, look_at_pose(eye, target, up), fov_y=fov_y, name=name)
 
     @property
-    def K(self) -> NDArray[np.float64]:  # noqa: N802 - the field's name
+    def K(self) -> NDArray[np.float64]:  # noqa: N802 - the usual name
         """The intrinsic matrix, (3, 3) float64."""
         return np.array([[self.fx, 0, self.cx], [0, self.fy, self.cy], [0, 0, 1]])
 
@@ -166,18 +169,18 @@ class Camera:
 
     @property
     def fov_x(self) -> float:
-        """Full horizontal angle in radians of an image of this width with a centred principal point."""
+        """Full horizontal angle in radians, for a centred principal point."""
         return 2 * math.atan(self.width / (2 * self.fx))
 
     @property
     def fov_y(self) -> float:
-        """Full vertical angle in radians of an image of this height with a centred principal point."""
+        """Full vertical angle in radians, for a centred principal point."""
         return 2 * math.atan(self.height / (2 * self.fy))
 
     def project(self, points: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return where points of the world (..., 3) appear: pixels (..., 2) float64 and depths (...) along z.
+        """Return the pixels (..., 2) float64 and depths (...) along z of points (..., 3) in the world.
 
-        Pixels are u to the right and v down, NaN where the depth is not positive.
+        Pixel coordinates are u to the right and v down, NaN for points with a depth of 0 or less.
         """
         rotation, translation = self.world_to_camera[:3, :3], self.world_to_camera[:3, 3]
         local = np.asarray(points, dtype=np.float64) @ rotation.T + translation
@@ -187,10 +190,10 @@ class Camera:
             return local[..., :2] / seen * (self.fx, self.fy) + (self.cx, self.cy), depth
 
     def resized(self, width: int, height: int) -> Camera:
-        """Return the camera of the same picture at another size.
+        """Return the camera of the same image at another size.
 
-        Each axis is scaled by its own factor, so angles of view and what is seen stay the same. The old size
-        is kept as `source_size`, unless the camera has one already.
+        Each axis is scaled separately, so the angles of view and the visible content stay the same. The old
+        size is stored as `source_size`, unless the camera has one already.
         """
         width, height = check_size((width, height))
         if (width, height) == (self.width, self.height):
@@ -208,10 +211,10 @@ class Camera:
         )
 
     def scaled(self, factor: float) -> Camera:
-        """Return the camera of the picture `factor` times as large, rounded half up to whole pixels.
+        """Return the camera of the same image, `factor` times as large, rounded half up to whole pixels.
 
-        Intrinsics follow the rounded size. Datasets round in their own ways: where the image exists, give
-        its size to `resized`.
+        Intrinsics follow the rounded size. Datasets round in different ways: if the image exists, pass its
+        size to `resized`.
         """
         if not 0 < factor <= MAX_SIDE:
             text = f"the scale factor is {factor}; it must be positive and at most {MAX_SIDE}"
@@ -220,7 +223,7 @@ class Camera:
         return self.resized(*sides)
 
     def in_units(self) -> Camera:
-        """Return the camera that renderers draw with: its axes count in its `unit`, and so do depths."""
+        """Return the camera that renderers use: lengths and depths are multiples of `unit`."""
         if self.unit == 1:
             return self
         pose = self.world_to_camera.copy()
@@ -229,7 +232,7 @@ class Camera:
         return _InUnits(**{**values, "world_to_camera": pose, "unit": 1.0})
 
     def in_world(self, frame: _Drawn) -> _Drawn:
-        """Return a frame that was drawn with the camera `in_units`, with its depths in scene units."""
+        """Return a frame that was rendered with `in_units()`, with its depths converted to scene units."""
         if self.unit == 1:
             return frame
         planes = {name: getattr(frame, name) for name in ("depth", "depth_median")}
@@ -239,7 +242,7 @@ class Camera:
     def centered(self) -> Camera:
         """Return the camera with its principal point in the middle of the image.
 
-        The 3DGS family renders this camera, because it keeps the angles of view and ignores cx and cy
+        The 3DGS family renders this camera, because it reads the angles of view and ignores cx and cy
         (`graphdeco-inria/gaussian-splatting`: scene/dataset_readers.py, utils/graphics_utils.py).
         """
         return replace(self, cx=self.width / 2, cy=self.height / 2)
@@ -257,12 +260,12 @@ class Camera:
         return hash(self._key())
 
     def __reduce__(self) -> tuple[Any, tuple[Any, ...]]:
-        # Pickled arrays come back writable; the constructor makes them read-only again.
+        # Unpickled arrays are writable; the constructor makes them read-only again.
         return Camera, self._values()
 
 
 class _InUnits(Camera):
-    """A camera whose axes are not of length 1."""
+    """A camera whose axes do not have length 1, so its pose is not checked."""
 
     def __post_init__(self) -> None:
         self.world_to_camera.setflags(write=False)

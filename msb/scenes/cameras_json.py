@@ -1,7 +1,7 @@
 """Read cameras.json, which the 3DGS family writes beside a trained model.
 
-Source: `graphdeco-inria/gaussian-splatting`: utils/camera_utils.py, scene/__init__.py. The file has no
-principal point, and its sizes and focal lengths are those of the original photographs.
+Source: `graphdeco-inria/gaussian-splatting`: utils/camera_utils.py, scene/__init__.py. The file stores no
+principal point. Its sizes and focal lengths belong to the original photographs.
 """
 
 from collections import Counter
@@ -14,10 +14,10 @@ from msb.scenes.poses import invert_pose
 
 
 def read(root: Node) -> list[Camera]:
-    """Return the cameras in the file's order: those of the test split first, then those for training.
+    """Return the cameras in the file's order: first the test split, then the training split.
 
-    `img_name` is the file's name up to its first dot, so two images may share one: their names then get
-    "-ID" added.
+    `img_name` is the file name up to its first dot, so two images may share it; "-ID" is then added to both
+    names.
     """
     names = Counter(node["img_name"].text() for node in root.items())
     cameras = []
@@ -34,6 +34,7 @@ def read(root: Node) -> list[Camera]:
 
 
 def _camera(node: Node, name: str) -> Camera:
+    """Return the camera of one entry."""
     pose = np.eye(4)
     pose[:3, :3] = node["rotation"].array(3, 3)
     pose[:3, 3] = node["position"].array(3)

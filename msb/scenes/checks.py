@@ -1,4 +1,4 @@
-"""Checks of the single values a camera is made of; each refuses with one clear error."""
+"""Checks of the single values of a camera. Each raises CAMERA_INVALID with a clear message."""
 
 import math
 import operator
@@ -12,23 +12,24 @@ from msb.errors import SceneError, shorten
 Split = Literal["train", "val", "test"]
 SPLITS: tuple[str, ...] = get_args(Split)
 
-# Most pixels along a side, which JPEG and textures of any graphics card can hold.
+# Largest width and height in pixels: the limit of JPEG, and above that of graphics cards.
 MAX_SIDE = 65535
-# Most pixels of an image: as float32 RGB they take 3 GiB.
+# Largest number of pixels of an image: as float32 RGB they take 3 GiB.
 MAX_PIXELS = 1 << 28
-# Least and greatest focal length in pixels; beyond them a float32 renderer has a field of view of 180 or 0
-# degrees.
+# Least and greatest focal length in pixels. Beyond these limits a float32 renderer has a field of view of 180
+# or 0 degrees.
 MIN_FOCAL, MAX_FOCAL = 1e-9, 1e9
+# Longest name of a camera, in characters.
 MAX_NAME = 1024
 
 
 def check_size(size: Sequence[int]) -> tuple[int, int]:
-    """Return `size`, a pair, as integers (width, height) if an image can have that size."""
+    """Return `size` as integers (width, height) if it is a valid image size."""
     if len(size) != 2:
-        raise SceneError("CAMERA_INVALID", f"the size is {_shown(size)}; it must be width and height")
+        raise SceneError("CAMERA_INVALID", f"the size is {_abbreviated(size)}; it must be width and height")
     width, height = _side("width", size[0]), _side("height", size[1])
     if width * height > MAX_PIXELS:
-        text = f"{width} x {height} are {width * height} pixels; {MAX_PIXELS} are allowed"
+        text = f"{width} x {height} are {width * height} pixels; at most {MAX_PIXELS} are allowed"
         raise SceneError("CAMERA_INVALID", text)
     return width, height
 
@@ -39,47 +40,51 @@ def _side(what: str, value: int) -> int:
     except TypeError:
         side = 0
     if not 1 <= side <= MAX_SIDE:
-        text = f"{what} is {_shown(value)}; it must be a whole number of pixels from 1 to {MAX_SIDE}"
+        text = f"{what} is {_abbreviated(value)}; it must be a whole number of pixels from 1 to {MAX_SIDE}"
         raise SceneError("CAMERA_INVALID", text)
     return side
 
 
 def check_pixels(what: str, value: float, least: float = -MAX_FOCAL) -> float:
-    """Return `value` as a float if it can be a coordinate of the principal point in pixels.
+    """Return `value` as a float if it is a valid coordinate of the principal point in pixels.
 
-    A focal length is at `least` `MIN_FOCAL`.
+    For focal lengths pass `MIN_FOCAL` as `least`.
     """
     if not least <= value <= MAX_FOCAL:
-        text = f"{what} is {_shown(value)}; it must be a number of pixels from {least:g} to {MAX_FOCAL:g}"
+        text = (
+            f"{what} is {_abbreviated(value)}; it must be a number of pixels from {least:g} to {MAX_FOCAL:g}"
+        )
         raise SceneError("CAMERA_INVALID", text)
     return float(value)
 
 
 def focal_from_fov(angle: float | None, side: int, what: str) -> float:
-    """Return the focal length in pixels that shows `side` pixels in the full `angle` (radians)."""
+    """Return the focal length in pixels of an image of `side` pixels with the full `angle` (radians)."""
     if angle is None or not 0 < angle < math.pi:
-        text = f"{what} is {_shown(angle)}; it must be an angle in radians between 0 and pi"
+        text = f"{what} is {_abbreviated(angle)}; it must be an angle in radians between 0 and pi"
         raise SceneError("CAMERA_INVALID", text)
     return side / (2 * math.tan(angle / 2))
 
 
 def check_name(name: str) -> None:
-    """Check that `name` can be the name of a file below a folder, on any system.
+    """Check that `name` is a valid relative file name on every system.
 
-    Names come from files and become the names of outputs, so none may lead out of a folder.
+    Names come from files and become names of outputs, so they must not point outside a folder.
     """
     if not 0 < len(name) <= MAX_NAME:
-        text = f"the name is {_shown(name)}; it must be text of 1 to {MAX_NAME} characters"
+        text = f"the name is {_abbreviated(name)}; it must be text of 1 to {MAX_NAME} characters"
     elif any(unicodedata.category(character) in ("Cc", "Cs", "Zl", "Zp") for character in name):
-        text = f"the name {_shown(name)} holds a control character or half of a surrogate pair"
+        text = f"the name {_abbreviated(name)} contains a control character or half of a surrogate pair"
     elif "\\" in name or name.startswith("/") or re.match("[A-Za-z]:", name):
-        text = f"the name {_shown(name)} is absolute or has a backslash; it must be relative, with '/'"
+        text = (
+            f"the name {_abbreviated(name)} is absolute or contains a backslash; use a relative path with '/'"
+        )
     elif any(part in ("", ".", "..") for part in name.split("/")):
-        text = f"the name {_shown(name)} has an empty part, '.' or '..'; it must go straight down"
+        text = f"the name {_abbreviated(name)} has an empty part, '.' or '..'; remove these parts"
     else:
         return
     raise SceneError("CAMERA_INVALID", text)
 
 
-def _shown(value: object) -> str:
+def _abbreviated(value: object) -> str:
     return shorten(repr(value), 60)

@@ -1,4 +1,4 @@
-"""COLMAP models: a folder with cameras, images and points3D, all .bin or all .txt."""
+"""COLMAP models: a folder with the files cameras, images and points3D, all .bin or all .txt."""
 
 import math
 import os
@@ -21,19 +21,18 @@ from msb.scenes.poses import rotation_from_quaternion
 from msb.scenes.source import Source
 
 _Record = TypeVar("_Record", "Lens", "Shot")
-# The forms of a model in the order of preference, which is that of the 3DGS family.
+# Suffix -> reader of the format. The binary format is preferred, like in the 3DGS family.
 _FORMS: dict[str, ModuleType] = {".bin": colmap_binary, ".txt": colmap_text}
 
-# Most cameras of a model. A camera takes about 0.5 kB and 60 microseconds; its record in a hostile file
-# takes only 73 bytes.
+# Largest number of cameras of a model. A camera takes about 0.5 kB and 60 microseconds, its record in a
+# malicious file only 73 bytes.
 MAX_CAMERAS = 1 << 20
-# The least length of a quaternion. COLMAP writes unit quaternions; a shorter one than this has lost its
-# direction.
+# Least length of a quaternion. COLMAP writes unit quaternions; shorter ones have no precise direction.
 MIN_QUATERNION = 1e-9
 
 
 def find_model(folder: Path) -> Path | None:
-    """Return the folder of the COLMAP model of a scene: itself, sparse/0 or sparse; None without a model."""
+    """Return the folder of a scene's COLMAP model: itself, sparse/0 or sparse; None if it has no model."""
     names = [f"{part}{suffix}" for part in ("cameras", "images", "points3D") for suffix in _FORMS]
     for place in (folder, folder / "sparse" / "0", folder / "sparse"):
         if any(is_file(place / name) for name in names):
@@ -44,8 +43,8 @@ def find_model(folder: Path) -> Path | None:
 def read_model(folder: Path) -> list[Camera]:
     """Return a camera for each image of the COLMAP model in `folder`, in the file's order.
 
-    The principal point is kept as recorded. `image_path` is set where the folder is a scene's `sparse/0` or
-    `sparse`: the name below the scene's `images`.
+    The principal point is kept as recorded. If the folder is a scene's `sparse/0` or `sparse`, `image_path`
+    is the name below the scene's folder `images`.
     """
     suffix = _form(folder, ("cameras", "images"))
     form = _FORMS[suffix]
@@ -57,14 +56,14 @@ def read_model(folder: Path) -> list[Camera]:
     cameras: list[Camera] = []
     for shot in _once("image", form.read_shots(shot_file), shot_file):
         if len(cameras) == MAX_CAMERAS:
-            text = f"there are more than {MAX_CAMERAS} images; give a part of the model"
+            text = f"it has more than {MAX_CAMERAS} images; split the model into parts"
             raise shot_file.error("CAMERA_FILE", text, pointer=shot.pointer)
         cameras.append(_camera(shot, shot_file, lenses, lens_file, images))
     return cameras
 
 
 def _once(what: str, records: Iterable[_Record], source: Source) -> Iterator[_Record]:
-    """Yield the records of a file; refuse one whose id another has."""
+    """Yield the records of a file; raise an error for a repeated id."""
     seen: set[int] = set()
     for record in records:
         if record.number in seen:
@@ -80,8 +79,8 @@ def read_points(path: str | os.PathLike[str]) -> tuple[NDArray[np.float64], NDAr
     Parameters
     ----------
     path : str or Path
-        points3D.bin, points3D.txt, the folder that holds one of them (.bin is preferred), or a scene's folder
-        with `sparse/0` or `sparse`.
+        points3D.bin, points3D.txt, the folder that contains one of them (.bin is preferred), or a scene's
+        folder with `sparse/0` or `sparse`.
 
     Returns
     -------
@@ -99,7 +98,7 @@ def read_points(path: str | os.PathLike[str]) -> tuple[NDArray[np.float64], NDAr
 
     Notes
     -----
-    Time and memory are linear in the file's size, whatever it declares.
+    Time and memory are linear in the file's size, even if the file declares more records.
     """
     file = Path(path)
     if is_folder(file):
@@ -111,17 +110,17 @@ def read_points(path: str | os.PathLike[str]) -> tuple[NDArray[np.float64], NDAr
 
 
 def _form(folder: Path, parts: tuple[str, ...]) -> str:
-    """Return the suffix of the form in which the folder holds all `parts`."""
+    """Return the suffix whose format has all `parts` in the folder."""
     for suffix in _FORMS:
         if all(is_file(folder / f"{part}{suffix}") for part in parts):
             return suffix
-    wanted = " or ".join(" and ".join(f"{part}{suffix}" for part in parts) for suffix in _FORMS)
-    raise Source(folder, b"").error("COLMAP_FILE_MISSING", f"the folder does not hold {wanted}")
+    files = " or ".join(" and ".join(f"{part}{suffix}" for part in parts) for suffix in _FORMS)
+    raise Source(folder, b"").error("COLMAP_FILE_MISSING", f"the folder does not contain {files}")
 
 
 def _image_folder(model: Path) -> Path | None:
-    """Return the folder of the photographs if `model` lies where scenes have it."""
-    place = Path(os.path.abspath(model))  # noqa: PTH100 - resolve() would follow links out of the scene
+    """Return the folder of the photographs if `model` is in a scene's usual place."""
+    place = Path(os.path.abspath(model))  # noqa: PTH100 - resolve() would follow links
     if place.name == "0":
         place = place.parent
     return place.parent / "images" if place.name == "sparse" else None
@@ -139,17 +138,17 @@ def _camera(
     what = f"image id {shot.number} ({shorten(name, 60)})"
     lens = lenses.get(shot.lens)
     if lens is None:
-        text = f"{what} names camera id {shot.lens}, which {lens_file.path.name} does not have"
+        text = f"{what} refers to camera id {shot.lens}, which is missing in {lens_file.path.name}"
         raise shot_file.error("COLMAP_INVALID", text, pointer=shot.pointer)
     with lens_file.locating(lens.pointer, f"camera id {lens.number}"):
         intrinsics = lens.pinhole()
     if not MIN_QUATERNION < math.hypot(*shot.quaternion) < math.inf:
-        shown = " ".join(f"{value:g}" for value in shot.quaternion)
-        text = f"{what} has the quaternion {shown}; it must be finite and not zero"
+        numbers = " ".join(f"{value:g}" for value in shot.quaternion)
+        text = f"{what} has the quaternion {numbers}; it must be finite and not zero"
         raise shot_file.error("COLMAP_INVALID", text, pointer=shot.pointer)
     pose = np.eye(4)
     pose[:3, :3] = rotation_from_quaternion(shot.quaternion)
     pose[:3, 3] = shot.translation
     with shot_file.locating(shot.pointer, what):
-        check_name(name)  # before a file is looked for by it
+        check_name(name)  # before a file of this name is searched
         return Camera(*intrinsics, pose, name, None if images is None else images.find(name))

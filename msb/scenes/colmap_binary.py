@@ -1,4 +1,4 @@
-"""The binary form of COLMAP models: cameras.bin, images.bin, points3D.bin, all little-endian.
+"""The binary format of COLMAP models: cameras.bin, images.bin, points3D.bin, all little-endian.
 
 Layouts: `colmap/colmap`: src/colmap/scene/reconstruction_io_binary.cc.
 """
@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 from msb.scenes.colmap_models import MODEL_NAMES, Lens, Shot, model_parameters
 from msb.scenes.source import Source
 
+# Number of records; a camera's id, model, width, height; an image's id, quaternion, translation, camera id; a
+# point's id, position, colour, error, track length.
 _COUNT = struct.Struct("<Q")
 _LENS = struct.Struct("<iiQQ")
 _SHOT = struct.Struct("<i4d3di")
@@ -23,11 +25,12 @@ _POINT = struct.Struct("<Q3d3BdQ")
 _POINT_TRACK_LENGTH = _POINT.size - _COUNT.size
 _TRACK_ELEMENT = struct.Struct("<ii").size
 _POINT_2D = struct.Struct("<ddq").size
+# Points that are gathered at once, to limit temporary memory.
 _POINTS_AT_A_TIME = 1 << 14
 
 
 class _Cursor:
-    """A place in a binary file that never moves past its end."""
+    """A position in a binary file that never moves past its end."""
 
     def __init__(self, source: Source) -> None:
         self.source = source
@@ -39,7 +42,7 @@ class _Cursor:
         return f"byte {self.at}"
 
     def count(self, what: str, least: int) -> int:
-        """Return the number of records that follow, each of at least `least` bytes."""
+        """Return the declared number of records if that many, of at least `least` bytes each, can follow."""
         (count,) = self.take(_COUNT, "the number of records")
         if count * least > self.size - self.at:
             left = self.size - self.at
@@ -48,11 +51,12 @@ class _Cursor:
         return int(count)
 
     def take(self, layout: struct.Struct, what: str) -> tuple[Any, ...]:
+        """Return the values of a record with this layout and move past it."""
         start = self.skip(layout.size, what)
         return layout.unpack_from(self.source.data, start)
 
     def skip(self, size: int, what: str) -> int:
-        """Step over `size` bytes and return where they began."""
+        """Move past `size` bytes and return the position where they begin."""
         start = self.at
         if size > self.size - start:
             text = f"the file ends within {what}, {size - (self.size - start)} bytes too early"
@@ -61,6 +65,7 @@ class _Cursor:
         return start
 
     def finish(self) -> None:
+        """Raise an error if bytes are left."""
         if self.at < self.size:
             text = f"{self.size - self.at} bytes follow the last declared record"
             raise self.source.error("COLMAP_INVALID", text, pointer=self.pointer)
@@ -81,7 +86,7 @@ def read_lenses(source: Source) -> Iterator[Lens]:
 
 
 def read_shots(source: Source) -> Iterator[Shot]:
-    """Yield the records of images.bin; the 2D points are stepped over."""
+    """Yield the records of images.bin; the 2D points are skipped."""
     cursor = _Cursor(source)
     for index in range(cursor.count("images", _SHOT.size + 1 + _COUNT.size)):
         pointer, what = cursor.pointer, f"image {index}"
@@ -101,8 +106,8 @@ def read_shots(source: Source) -> Iterator[Shot]:
 def read_points(source: Source) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
     """Return the positions and colours of points3D.bin.
 
-    Tracks make the records differ in length, so one pass follows the chain of lengths and notes where each
-    record begins; the values are then gathered many at a time.
+    Records differ in length because of their tracks. A first pass follows the lengths and stores where each
+    record begins; then the values are gathered many at a time.
     """
     cursor = _Cursor(source)
     count = cursor.count("points", _POINT.size)
@@ -110,20 +115,21 @@ def read_points(source: Source) -> tuple[NDArray[np.float64], NDArray[np.uint8]]
     content = np.frombuffer(source.data, dtype=np.uint8)
     xyz = np.zeros((count, 3))
     rgb = np.zeros((count, 3), dtype=np.uint8)
-    columns = np.arange(8, 35)  # after the id: three doubles, three bytes
+    columns = np.arange(8, 35)
+    # Gather bytes 8 to 34 of each record: three doubles and three bytes after the id.
     for first in range(0, count, _POINTS_AT_A_TIME):
         part = slice(first, first + _POINTS_AT_A_TIME)
         rows = content[starts[part, None] + columns]
         xyz[part] = np.ascontiguousarray(rows[:, :24]).view("<f8")
         rgb[part] = rows[:, 24:]
     for row in np.flatnonzero(~np.isfinite(xyz).all(axis=1))[:1].tolist():
-        text = f"point {row} is at {' '.join(map(str, xyz[row].tolist()))}; coordinates are finite"
+        text = f"point {row} is at {' '.join(map(str, xyz[row].tolist()))}; coordinates must be finite"
         raise source.error("COLMAP_INVALID", text, pointer=f"byte {starts[row]}")
     return xyz, rgb
 
 
 def _starts_of_points(cursor: _Cursor, count: int) -> array[int]:
-    """Return the byte number of each record, after checking that all lie within the file."""
+    """Return the offset of each record in bytes; raise an error if one exceeds the file."""
     length_of_track, data, size = _COUNT.unpack_from, cursor.source.data, cursor.size
     starts = array("q")
     at = cursor.at

@@ -1,7 +1,7 @@
 """COLMAP's camera models, and which of them are pinhole cameras.
 
 Names, ids and the order of parameters: `colmap/colmap`: src/colmap/sensor/models.h. Parameters are the focal
-lengths (one for both axes, or fx and fy), cx, cy, and what the lens distorts.
+lengths (one for both axes, or fx and fy), cx, cy, and the distortion coefficients.
 """
 
 from dataclasses import dataclass
@@ -11,10 +11,10 @@ from msb.errors import SceneError, shorten
 from msb.scenes.checks import MIN_FOCAL, check_pixels, check_size
 
 
-class Model(NamedTuple):
-    """A camera model.
+class LensModel(NamedTuple):
+    """A camera model of COLMAP: its id, and the number of focal lengths and distortion coefficients.
 
-    `fisheye` marks projections that are not those of a pinhole camera even if all distortion is zero.
+    `fisheye` marks projections that differ from a pinhole camera even without distortion.
     """
 
     number: int
@@ -24,40 +24,40 @@ class Model(NamedTuple):
 
     @property
     def parameters(self) -> int:
-        """The number of parameters that a camera of this model has."""
+        """The number of parameters of a camera with this model."""
         return self.focals + 2 + self.distortions
 
 
 MODELS = {
-    "SIMPLE_PINHOLE": Model(0, 1, 0),
-    "PINHOLE": Model(1, 2, 0),
-    "SIMPLE_RADIAL": Model(2, 1, 1),
-    "RADIAL": Model(3, 1, 2),
-    "OPENCV": Model(4, 2, 4),
-    "OPENCV_FISHEYE": Model(5, 2, 4, fisheye=True),
-    "FULL_OPENCV": Model(6, 2, 8),
-    "FOV": Model(7, 2, 1),
-    "SIMPLE_RADIAL_FISHEYE": Model(8, 1, 1, fisheye=True),
-    "RADIAL_FISHEYE": Model(9, 1, 2, fisheye=True),
-    "THIN_PRISM_FISHEYE": Model(10, 2, 8, fisheye=True),
+    "SIMPLE_PINHOLE": LensModel(0, 1, 0),
+    "PINHOLE": LensModel(1, 2, 0),
+    "SIMPLE_RADIAL": LensModel(2, 1, 1),
+    "RADIAL": LensModel(3, 1, 2),
+    "OPENCV": LensModel(4, 2, 4),
+    "OPENCV_FISHEYE": LensModel(5, 2, 4, fisheye=True),
+    "FULL_OPENCV": LensModel(6, 2, 8),
+    "FOV": LensModel(7, 2, 1),
+    "SIMPLE_RADIAL_FISHEYE": LensModel(8, 1, 1, fisheye=True),
+    "RADIAL_FISHEYE": LensModel(9, 1, 2, fisheye=True),
+    "THIN_PRISM_FISHEYE": LensModel(10, 2, 8, fisheye=True),
 }
 MODEL_NAMES = {model.number: name for name, model in MODELS.items()}
 
 
 def model_parameters(name: str | None, given: str) -> int:
-    """Return how many parameters the model `name` has; `given` is how the file spells it."""
+    """Return the number of parameters of model `name`; `given` is its spelling in the file."""
     if name not in MODELS:
-        known = ", ".join(f"{number} {name}" for number, name in sorted(MODEL_NAMES.items())[:2])
-        text = f"the camera model is {shorten(given, 40)}; undistorted images have {known}"
+        known = " or ".join(f"{number} {name}" for number, name in sorted(MODEL_NAMES.items())[:2])
+        text = f"the camera model {shorten(given, 40)} is unknown; undistorted images have {known}"
         raise SceneError("CAMERA_DISTORTED", text)
     return MODELS[name].parameters
 
 
 @dataclass(frozen=True)
 class Lens:
-    """One record of a cameras file, not yet checked: its id, a key of `MODELS`, size and parameters.
+    """One record of a cameras file, not yet checked: id, key of `MODELS`, size and parameters.
 
-    `pointer` says where in the file it stands.
+    `pointer` is its place in the file.
     """
 
     number: int
@@ -75,8 +75,8 @@ class Lens:
             text = f"the camera model is {self.model}, a fisheye lens; undistort the images"
             raise SceneError("CAMERA_DISTORTED", text)
         if any(value != 0 for value in distortion):
-            shown = ", ".join(f"{value:g}" for value in distortion)
-            text = f"the camera model is {self.model} with distortion {shown}; undistort the images"
+            coefficients = ", ".join(f"{value:g}" for value in distortion)
+            text = f"the camera model is {self.model} with distortion {coefficients}; undistort the images"
             raise SceneError("CAMERA_DISTORTED", text)
         width, height = check_size((self.width, self.height))
         focals = (self.parameters[0], self.parameters[model.focals - 1])
@@ -87,10 +87,10 @@ class Lens:
 
 @dataclass(frozen=True)
 class Shot:
-    """One record of an images file, not yet checked: its id, pose, camera's id, and name below the images.
+    """One record of an images file, not yet checked: id, pose, camera id, and image name.
 
-    `quaternion` (w, x, y, z) and `translation` lead from world to camera; `pointer` says where in the file it
-    stands.
+    `quaternion` (w, x, y, z) and `translation` transform from world to camera. `pointer` is its place in the
+    file.
     """
 
     number: int

@@ -1,4 +1,4 @@
-"""The text form of COLMAP models: cameras.txt, images.txt, points3D.txt.
+"""The text format of COLMAP models: cameras.txt, images.txt, points3D.txt.
 
 Layouts: `colmap/colmap`: doc/format.rst. Lines that begin with "#" are comments.
 """
@@ -16,9 +16,9 @@ from msb.errors import shorten
 from msb.scenes.colmap_models import MODELS, Lens, Shot, model_parameters
 from msb.scenes.source import Source
 
-# Most bytes of a line. An image of 100,000 2D points has a line of about 5 MB.
+# Longest line in bytes. The line of an image with 100,000 2D points has about 5 MB.
 MAX_LINE = 1 << 24
-# Number of bytes of text that are split into lines at a time.
+# Bytes of text that are split into lines at a time.
 _BLOCK = 1 << 20
 _MOST_WORDS = 4 + max(model.parameters for model in MODELS.values())
 _INTEGER = re.compile(rb"[+-]?\d{1,18}")
@@ -30,12 +30,12 @@ def read_lenses(source: Source) -> Iterator[Lens]:
     for line in filter(_Line.is_record, _lines(source)):
         words = line.text.split(None, _MOST_WORDS)
         if len(words) < 4:
-            line.refuse(f"a camera is ID MODEL WIDTH HEIGHT PARAMETERS; this has {len(words)} words")
+            line.fail(f"a camera is ID MODEL WIDTH HEIGHT PARAMETERS; this line has {len(words)} words")
         name = words[1].decode("latin-1")
         with source.locating(line.pointer):
             wanted = model_parameters(name, name)
         if len(words) != 4 + wanted:
-            line.refuse(f"{name} has {wanted} parameters; this has {len(words) - 4}")
+            line.fail(f"{name} has {wanted} parameters; this line has {len(words) - 4}")
         number, width, height = map(line.integer, (words[0], words[2], words[3]))
         yield Lens(number, name, width, height, tuple(map(line.number, words[4:])), line.pointer)
 
@@ -43,40 +43,45 @@ def read_lenses(source: Source) -> Iterator[Lens]:
 def read_shots(source: Source) -> Iterator[Shot]:
     """Yield the records of images.txt: ID QW QX QY QZ TX TY TZ CAMERA_ID NAME, then a line of 2D points.
 
-    The second line is empty where an image has no points, and still belongs to it. A name may hold spaces.
+    The second line is empty for an image without points, but always belongs to the image. A name may contain
+    spaces.
     """
     lines = _lines(source)
     for line in filter(_Line.is_record, lines):
         words = line.text.split(None, 9)
         if len(words) < 10:
-            line.refuse(f"an image is ID QW QX QY QZ TX TY TZ CAMERA_ID NAME; this has {len(words)} words")
+            text = f"an image is ID QW QX QY QZ TX TY TZ CAMERA_ID NAME; this line has {len(words)} words"
+            line.fail(text)
         number, lens = line.integer(words[0]), line.integer(words[8])
         values = tuple(map(line.number, words[1:8]))
         yield Shot(number, values[:4], values[4:], lens, words[9].strip(), line.pointer)
         points = next(lines, None)
         if points is not None and (count := points.word_count()) % 3:
-            points.refuse(
-                f"{count} words stand where the 2D points of the image above are, three words each; "
-                "an image without points has an empty line"
+            points.fail(
+                f"the line has {count} words; the 2D points of the image above have three words each, "
+                "and an image without points is followed by an empty line"
             )
 
 
 def read_points(source: Source) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
     """Return the positions and colours of points3D.txt: ID X Y Z R G B ERROR TRACK..."""
-    values, places = array("d"), array("q")  # a list would take four times the memory
+    values, places = array("d"), array("q")  # lists would take four times the memory
     for line in filter(_Line.is_record, _lines(source)):
         words = line.text.split(None, 8)
         if len(words) < 8:
-            line.refuse(f"a point is ID X Y Z R G B ERROR TRACK; this has {len(words)} words")
+            line.fail(f"a point is ID X Y Z R G B ERROR TRACK; this line has {len(words)} words")
         values.extend(line.numbers(words[1:7]))
         places.append(line.index)
     table = np.asarray(values).reshape(-1, 6)
+    # Coordinates must be finite, colours whole numbers from 0 to 255.
     colors = table[:, 3:]
     good = np.isfinite(table).all(axis=1) & ((colors >= 0) & (colors <= 255)).all(axis=1)
     good &= (colors == np.floor(colors)).all(axis=1)
     for row in np.flatnonzero(~good)[:1].tolist():
-        shown = " ".join(f"{value:g}" for value in table[row])
-        text = f"the point is {shown}; it must be three finite coordinates and three colours 0 to 255"
+        excerpt = " ".join(f"{value:g}" for value in table[row])
+        text = (
+            f"the point is {excerpt}; it must have three finite coordinates and three colours from 0 to 255"
+        )
         raise source.error("COLMAP_INVALID", text, pointer=f"line {places[row]}")
     return table[:, :3].copy(), colors.astype(np.uint8)
 
@@ -99,33 +104,37 @@ class _Line:
         return bool(text) and not text.startswith(b"#")
 
     def word_count(self) -> int:
-        """Return the number of words without making a list of them, because lines of 2D points are long."""
+        """Return the number of words without creating a list, because lines of 2D points are long."""
         dark = np.frombuffer(self.text, dtype=np.uint8) > ord(" ")
         return int(np.count_nonzero(dark[1:] & ~dark[:-1]) + np.count_nonzero(dark[:1]))
 
-    def refuse(self, message: str) -> NoReturn:
+    def fail(self, message: str) -> NoReturn:
+        """Raise COLMAP_INVALID for this line."""
         raise self.source.error("COLMAP_INVALID", message, pointer=self.pointer)
 
     def integer(self, word: bytes) -> int:
+        """Return a word as an integer."""
         if not _INTEGER.fullmatch(word):
             self._bad_number(word, "a whole number of at most 18 digits")
         return int(word)
 
     def number(self, word: bytes) -> float:
+        """Return a word as a float."""
         return self.numbers([word])[0]
 
     def numbers(self, words: list[bytes]) -> list[float]:
+        """Return words as floats."""
         try:
             values = list(map(float, words))
         except ValueError:
             values = []
-        if not values or b"_" in b"".join(words):  # Python takes 1_0 for 10; no one else does
+        if not values or b"_" in b"".join(words):  # Python accepts 1_0 as 10
             self._bad_number(b" ".join(words), "a number" if len(words) == 1 else "a row of numbers")
         return values
 
     def _bad_number(self, text: bytes, wanted: str) -> NoReturn:
-        shown = shorten(text.decode("latin-1"), 60)
-        raise self.source.error("COLMAP_INVALID", f"'{shown}' is not {wanted}", pointer=self.pointer)
+        excerpt = shorten(text.decode("latin-1"), 60)
+        raise self.source.error("COLMAP_INVALID", f"'{excerpt}' is not {wanted}", pointer=self.pointer)
 
 
 def _lines(source: Source) -> Iterator[_Line]:
@@ -138,7 +147,7 @@ def _lines(source: Source) -> Iterator[_Line]:
         end = size if end < 0 else end
         if end - at > _BLOCK + MAX_LINE:
             index += data[at : at + _BLOCK].count(b"\n") + 1
-            text = f"the line has more than the {MAX_LINE} bytes that are allowed"
+            text = f"the line is longer than {MAX_LINE} bytes"
             raise source.error("COLMAP_INVALID", text, pointer=f"line {index}")
         for index, line in enumerate(data[at:end].split(b"\n"), index + 1):  # noqa: B020 - goes on counting
             yield _Line(source, index, line)

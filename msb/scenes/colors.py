@@ -1,4 +1,4 @@
-"""Colours behind a picture: the names that the command line and Python take, and what a renderer accepts."""
+"""Background colours: their names on the command line and in Python, and their validation."""
 
 import re
 from collections.abc import Iterable
@@ -8,7 +8,7 @@ import numpy as np
 
 from msb.errors import UsageError, shorten
 
-# Red, green and blue, in the colour space of the picture that the colour lies behind.
+# Red, green and blue, in the colour space of the image.
 Color = tuple[float, float, float]
 WHITE: Color = (1.0, 1.0, 1.0)
 BLACK: Color = (0.0, 0.0, 0.0)
@@ -16,9 +16,9 @@ NAMED = {"black": BLACK, "white": WHITE}
 
 
 def parse_color(text: str, official: object = None) -> Color | None:
-    """Return the colour that `text` names, or None if it names none.
+    """Return the colour that `text` describes, or None if it is invalid.
 
-    It is black, white, #rrggbb, r,g,b in 0..1, or "official", which stands for the text `official`.
+    Valid are black, white, #rrggbb, r,g,b in 0..1, and "official", which stands for the text `official`.
     """
     word = text.strip().lower()
     if word == "official":
@@ -33,24 +33,27 @@ def parse_color(text: str, official: object = None) -> Color | None:
 
 
 def unit_color(values: Iterable[float | str]) -> Color | None:
-    """Return three numbers as a colour, None where they do not lie in 0 to 1; ValueError if they are none."""
+    """Return three numbers as a colour, None if one is outside 0 to 1; ValueError if they are not numbers."""
     red, green, blue = map(float, values)
     return (red, green, blue) if all(0 <= value <= 1 for value in (red, green, blue)) else None
 
 
 def check_background(background: object, official: object = None) -> Color:
-    """Return the background that a renderer was given: finite numbers, or a text for `parse_color`."""
+    """Return the background passed to a renderer: three finite numbers, or a text for `parse_color`."""
     color = parse_color(background, official) if isinstance(background, str) else _three_numbers(background)
     if color is None:
-        text = f"background is {shorten(repr(background), 60)}; it must be three finite numbers, "
-        raise UsageError("USAGE", text + "or black, white, #rrggbb, r,g,b in 0..1, or official as text")
+        text = f"background is {shorten(repr(background), 60)}; pass three finite numbers, "
+        raise UsageError(
+            "USAGE", text + 'or a text: "black", "white", "#rrggbb", "r,g,b" in 0..1, "official"'
+        )
     return color
 
 
 def _three_numbers(values: Any) -> Color | None:
+    """Return a colour of three finite numbers, None for any other value."""
     try:
         array = np.asarray(values)
-    except Exception:  # rows of different lengths; an array of another library that refuses
+    except Exception:  # rows of different lengths, or arrays of other libraries that cannot be converted
         return None
     if array.shape != (3,) or array.dtype.kind not in "fiu" or np.ma.is_masked(values):
         return None

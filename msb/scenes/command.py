@@ -1,4 +1,4 @@
-"""`msb scenes`: what was found in the folders of scenes, and how it would be evaluated."""
+"""`msb scenes`: the scenes found in folders, and how they would be evaluated."""
 
 import math
 from dataclasses import dataclass
@@ -17,21 +17,24 @@ from msb.scenes.datasets import Scene, SceneReport
 
 @dataclass(frozen=True)
 class ScenesOptions:
-    """How scenes are read."""
+    """How to read the scenes."""
 
     dataset: Annotated[
         str | None,
-        Option("mipnerf360, tanksandtemples, nerf_synthetic, dtu, or your own.", metavar="NAME"),
+        Option("mipnerf360, tanksandtemples, nerf_synthetic, dtu, or any other name.", metavar="NAME"),
     ] = None
     image_folder: Annotated[
-        str | None, Option("Folder of photographs instead of the usual one.", metavar="NAME")
+        str | None, Option("Folder of photographs to use instead of the default.", metavar="NAME")
     ] = None
     resolution: Annotated[
-        int | None, Option("1, 2, 4, 8 divide the size; -1 keeps it; else a width.", ("--resolution", "-r"))
+        int | None,
+        Option(
+            "1, 2, 4, 8: divide the size by it; -1: keep it; else: width in pixels.", ("--resolution", "-r")
+        ),
     ] = None
-    rules: Annotated[str, Option("ours, or a method, to read as its official code does.", metavar="NAME")] = (
-        "ours"
-    )
+    rules: Annotated[
+        str, Option("Read like the official code of this method; ours: rules of msb run.", metavar="NAME")
+    ] = "ours"
 
 
 @command(
@@ -45,10 +48,10 @@ def scenes(
     options: ScenesOptions,
     output: ManyOutput,
 ) -> None:
-    """Say what scenes were found, which photographs count, and what is missing.
+    """List the scenes found, the photographs that are used, and missing files.
 
-    One scene is described in full, several in a table (with -v also in full). Only headers are decoded.
-    docs/datasets.md shows the layouts and the rules.
+    One scene is described in full, several are listed in a table (-v describes each in full). Only image
+    headers are read. docs/datasets.md explains the layouts and the rules.
     """
     from msb.scenes.datasets import describe_scene, find_scenes
     from msb.scenes.datasets.read import rules_of
@@ -85,6 +88,7 @@ def scenes(
 
 
 def _print(reports: list[SceneReport], output: Output) -> None:
+    """Print one scene in full, several as a table with notes."""
     if len(reports) == 1 or output.verbose:
         for number, report in enumerate(reports):
             if number:
@@ -101,7 +105,7 @@ def _print(reports: list[SceneReport], output: Output) -> None:
             used = "RGBA PNG" if scene.mask_source == "png_alpha" else str(scene.image_folder)
             used += ", resized" if scene.gt_resized else ""
             cells = (str(len(scene.train)), str(len(scene.test)), _size(scene.test[0]), used)
-        # The dataset's name stands in its own column: what is above it is said once, in the notes.
+        # The table has a column for the dataset, so the paths above the scenes appear only in the notes.
         rows.append((shorten(report.name, 40), shorten(report.dataset, 20), *cells))
     output.table(("Scene", "Dataset", "Train", "Test", "Size", "Photographs"), rows, right=(2, 3, 4))
     for report in reports:
@@ -112,6 +116,7 @@ def _print(reports: list[SceneReport], output: Output) -> None:
 
 
 def _print_one(report: SceneReport, output: Output) -> None:
+    """Print everything known about one scene."""
     from msb.scenes.datasets import scaled_note
 
     rows = [
@@ -142,21 +147,23 @@ _LAYOUTS = {
 
 
 def _described(scene: Scene) -> list[tuple[str, str]]:
+    """Return (label, text) rows about a scene that can be evaluated."""
     from msb.scenes.datasets import DATASETS, color_name
 
     first = scene.test[0]
-    place = "as the JSON files name them" if scene.image_folder == "." else scene.image_folder
+    place = "at the paths in the JSON files" if scene.image_folder == "." else scene.image_folder
     how = f"resized {scene.resampling}" if scene.gt_resized else "as stored"
-    split = "by the JSON files" if scene.layout == "blender" else "every 8th is a test view"
+    split = "split by the JSON files" if scene.layout == "blender" else "every 8th is a test view"
     masks = {
         "png_alpha": "alpha channel of the photographs",
         "mask_folder": "folder mask, one for each photograph",
         None: "none",
     }[scene.mask_source]
     if scene.mask_source:
-        masks += f"; laid over the background {scene.compositing.replace('_', ' ')}"
+        masks += f"; composited with the background {scene.compositing.replace('_', ' ')}"
     fixed = scene.dataset in DATASETS and DATASETS[scene.dataset].background is not None
-    behind = "for every method" if fixed else "unless the method's own is another"
+    behind = "for every method" if fixed else "unless the method uses another"
+    # Number of different lenses, by relative focal lengths.
     views = {
         (view.source_size or (view.width, view.height), view.fx / view.width, view.fy / view.height)
         for view in (*scene.train, *scene.test)
@@ -177,7 +184,7 @@ def _described(scene: Scene) -> list[tuple[str, str]]:
 
 
 def _deviating(report: SceneReport) -> list[tuple[str, str]]:
-    """Return what methods do otherwise, those that do the same in one row."""
+    """Return rows about deviations of official code; methods with equal deviations share a row."""
     grouped: dict[tuple[str, ...], list[str]] = {}
     for name, texts in report.deviations.items():
         if texts:

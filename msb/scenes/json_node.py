@@ -1,4 +1,4 @@
-"""JSON of cameras as a tree of nodes that know where in the file they stand."""
+"""JSON of camera files as a tree of nodes that know their place in the file."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from msb.asset.strict_json import parse_strict_json
 from msb.errors import SceneError
 from msb.scenes.source import Source
 
-# Most bytes of a file: 16 MiB hold about 30,000 cameras and are parsed in seconds. The largest public
+# Largest file in bytes: 16 MiB hold about 30,000 cameras and are parsed in seconds. The largest public
 # captures have some thousand cameras.
 MAX_BYTES = 1 << 24
 
 
 def read_json(source: Source) -> Node:
-    """Return the root of the one JSON document in `source`."""
+    """Return the root of the JSON document in `source`."""
     value = parse_strict_json(
         bytes(source.data[: MAX_BYTES + 1]),
         file=source.path,
@@ -36,9 +36,9 @@ def read_json(source: Source) -> Node:
 
 @dataclass(frozen=True)
 class Node:
-    """A JSON value of a file and its place, an RFC 6901 pointer; "" is the root.
+    """A JSON value and its place in the file, an RFC 6901 pointer ("" is the root).
 
-    Every method that asks for a kind of value raises `SceneError` CAMERA_FILE if it is another.
+    Methods that expect a kind of value raise `SceneError` CAMERA_FILE for any other kind.
     """
 
     source: Source
@@ -46,20 +46,20 @@ class Node:
     pointer: str
 
     def error(self, code: str, message: str) -> SceneError:
-        """Return the error about this value."""
+        """Return an error about this value."""
         text = message if self.pointer else f"the document {message.removeprefix('it ')}"
         return self.source.error(code, text, pointer=self.pointer)
 
-    def shown(self) -> str:
+    def abbreviated(self) -> str:
         """Return this value for a message: its text if short, else its kind."""
         return describe(self.value)
 
     def wrong_type(self, wanted: str) -> SceneError:
         """Return the error that this value is not `wanted`."""
-        return self.error("CAMERA_FILE", f"it is {self.shown()}; it must be {wanted}")
+        return self.error("CAMERA_FILE", f"it is {self.abbreviated()}; it must be {wanted}")
 
     def get(self, key: str) -> Node | None:
-        """Return the member `key` of this object, or None if it has none."""
+        """Return the member `key` of this object, or None if it is missing."""
         if not isinstance(self.value, dict):
             raise self.wrong_type("an object")
         if key not in self.value:
@@ -67,10 +67,10 @@ class Node:
         return Node(self.source, self.value[key], f"{self.pointer}/{escape(key)}")
 
     def __getitem__(self, key: str) -> Node:
-        """Return the member `key` of this object."""
+        """Return the member `key` of this object; a missing key is an error."""
         member = self.get(key)
         if member is None:
-            raise self.error("CAMERA_FILE", f'it lacks the key "{key}"')
+            raise self.error("CAMERA_FILE", f'it does not have the key "{key}"')
         return member
 
     def items(self) -> Iterator[Node]:
@@ -81,10 +81,10 @@ class Node:
             yield Node(self.source, item, f"{self.pointer}/{index}")
 
     def only(self, *keys: str) -> None:
-        """Refuse members of this value, known to be an object, other than `keys`."""
+        """Raise an error if this object has a member other than `keys`."""
         for key in self.value:
             if key not in keys:
-                text = f'it has the unknown key "{escape(key)}"; known are {", ".join(keys)}'
+                text = f'it has the unknown key "{escape(key)}"; valid keys are {", ".join(keys)}'
                 raise self.error("CAMERA_FILE", text)
 
     def text(self) -> str:
@@ -100,14 +100,14 @@ class Node:
         return float(self.value)
 
     def whole(self) -> int:
-        """Return this whole number; ``800.0``, as some exporters write, is one."""
+        """Return this whole number; ``800.0`` is accepted, because some exporters write it."""
         number = self.number()
         if number != math.floor(number):
             raise self.wrong_type("a whole number")
         return int(self.value)
 
     def array(self, *shape: int) -> NDArray[np.float64]:
-        """Return this array of numbers, or array of arrays, of the given shape."""
+        """Return this array of numbers with the given shape."""
         if not _has_shape(self.value, shape):
             raise self.wrong_type(f"{' x '.join(map(str, shape))} numbers")
         return np.array(self.value, dtype=np.float64)
@@ -118,6 +118,7 @@ class Node:
 
 
 def _has_shape(value: Any, shape: tuple[int, ...]) -> bool:
+    """Return whether `value` consists of nested lists of this shape with numbers."""
     if not shape:
         return isinstance(value, int | float) and not isinstance(value, bool)
     return isinstance(value, list) and len(value) == shape[0] and all(_has_shape(v, shape[1:]) for v in value)

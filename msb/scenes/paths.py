@@ -18,7 +18,7 @@ from msb.scenes.poses import (
     vector3,
 )
 
-# Most frames of a path: ten hours at 29 frames a second. A larger number is a typing error.
+# Largest number of frames of a path: ten hours at 29 frames per second. Larger numbers are typing errors.
 MAX_FRAMES = 1 << 20
 
 
@@ -33,7 +33,7 @@ def turntable(
     fov_y: float,
     elevation: float = 0.0,
 ) -> list[Camera]:
-    """Return cameras on a circle that all look at its middle.
+    """Return cameras on a circle that all look at its centre.
 
     Parameters
     ----------
@@ -42,10 +42,10 @@ def turntable(
     radius : float
         Distance of each camera from `center`.
     up : (3,) array_like
-        The axis of the turntable, up in the image.
+        The axis of the turntable, which is up in the images.
     count : int
-        Number of cameras, at equal angles, counter-clockwise seen from above. The first one stands in the
-        direction of the world's axis that is most across `up` (x, if there is a choice).
+        Number of cameras, at equal angles, counter-clockwise seen from above. The first one is in the
+        direction of the world axis that is most perpendicular to `up` (x, if two are equal).
     width, height : int
         Size of the images in pixels.
     fov_y : float
@@ -56,19 +56,20 @@ def turntable(
     Raises
     ------
     SceneError
-        CAMERA_PATH: the radius, the count or the elevation is out of range, `center` or `up` is no vector,
-        or `up` is zero. And those of `Camera`.
+        CAMERA_PATH: the radius, the count or the elevation is out of range, `center` or `up` is not a vector,
+        or `up` is zero. Also the errors of `Camera`.
     """
     middle, axis = vector3("center", center), vector3("up", up)
     length = math.hypot(*axis)
     if not length > 0:
-        raise SceneError("CAMERA_PATH", "up is zero; it must be a direction")
+        raise SceneError("CAMERA_PATH", "up is zero; it must be a vector with a direction")
     if not 0 < radius <= MAX_COORDINATE:
         raise SceneError("CAMERA_PATH", f"the radius is {radius}; it must be positive")
     if not abs(elevation) < math.pi / 2:
-        text = f"the elevation is {elevation}; it must lie between -pi/2 and pi/2, straight above and below"
+        text = f"the elevation is {elevation}; it must be between -pi/2 and pi/2 radians"
         raise SceneError("CAMERA_PATH", text)
     axis = axis / length
+    # Orthonormal basis of the circle's plane.
     start = np.eye(3)[np.argmin(np.round(np.abs(axis), 6))]
     start = start - axis * (start @ axis)
     start /= math.hypot(*start)
@@ -86,29 +87,30 @@ def turntable(
 
 
 def unit_at(distance: float) -> float:
-    """Return the `Camera.unit` with which something `distance` away is drawn alike whatever its size is.
+    """Return the `Camera.unit` for an object at `distance`, so that images do not depend on its scale.
 
-    What has an ordinary size is drawn in a unit of 1, bit for bit; a power of two rounds nothing.
+    Ordinary distances have unit 1, which leaves results unchanged. Others have a power of two, which does not
+    round.
     """
     return 1.0 if 0.5 <= distance <= 64 else 2.0 ** (round(math.log2(distance)) - 1)
 
 
 def interpolated(cameras: Sequence[Camera], count: int, *, closed: bool = False) -> list[Camera]:
-    """Return a smooth flight of `count` frames through at least two cameras, of the size of the first one.
+    """Return a smooth flight of `count` frames through at least two cameras, in the size of the first one.
 
-    Every pair of neighbours takes the same time, whatever its distance. An open flight begins at the first
-    camera and ends at the last; a `closed` one goes on to the first, the frame after its last. Velocity and
-    angular velocity are continuous.
+    Each segment between two cameras takes the same time, whatever its length. An open flight begins at the
+    first camera and ends at the last; a `closed` one returns to the first camera, one frame after its last.
+    Velocity and angular velocity are continuous.
 
     Centres follow the uniform Catmull-Rom spline (E. Catmull and R. Rom, A class of local interpolating
-    splines, 1974); the ends of an open flight are continued by reflection. Rotations follow the same spline
-    of unit quaternions, each pair brought to the same side of the sphere, then normalised; between two
-    cameras this is the great arc of slerp. Focal lengths and principal points are interpolated linearly,
-    which cannot overshoot.
+    splines, 1974); the ends of an open flight are extended by reflection. Rotations follow the same spline of
+    unit quaternions, with signs aligned and the result normalised; between two cameras this is the great arc
+    of slerp. Focal lengths and principal points are interpolated linearly, which cannot overshoot.
     """
     if len(cameras) < 2:
-        text = f"{len(cameras)} camera(s) are given; a flight needs at least 2"
+        text = f"a flight needs at least 2 cameras, not {len(cameras)}"
         raise SceneError("CAMERA_PATH", text)
+    # Centres (n, 3), rotations as quaternions (n, 4) and intrinsics (n, 4) of the given cameras.
     keys = [camera.resized(cameras[0].width, cameras[0].height) for camera in cameras]
     centers = np.stack([key.center for key in keys])
     turns = _aligned(np.stack([quaternion_from_rotation(key.camera_to_world[:3, :3]) for key in keys]))
@@ -117,6 +119,7 @@ def interpolated(cameras: Sequence[Camera], count: int, *, closed: bool = False)
     end = len(keys) if closed else len(keys) - 1
     flight = []
     for index, time in enumerate(np.linspace(0, end, num=count, endpoint=not closed).tolist()):
+        # Interpolate within the segment at a position from 0 to 1.
         segment = min(int(time), end - 1)
         at = time - segment
         pose = np.eye(4)
@@ -130,12 +133,13 @@ def interpolated(cameras: Sequence[Camera], count: int, *, closed: bool = False)
 
 
 def _check_frames(count: int) -> None:
+    """Raise CAMERA_PATH if a path cannot have `count` frames."""
     if not 1 <= count <= MAX_FRAMES:
         raise SceneError("CAMERA_PATH", f"the count is {count}; it must be from 1 to {MAX_FRAMES}")
 
 
 def _around(keys: NDArray[np.float64], segment: int, closed: bool) -> NDArray[np.float64]:
-    """Return the keys (4, D) before, at, after and beyond the beginning of `segment`."""
+    """Return the keys (4, D) of the spline in `segment`: one before it, its two ends, one after."""
     if closed:
         return keys[np.arange(segment - 1, segment + 3) % len(keys)]
     before = keys[segment - 1] if segment else 2 * keys[0] - keys[1]
@@ -144,9 +148,9 @@ def _around(keys: NDArray[np.float64], segment: int, closed: bool) -> NDArray[np
 
 
 def _aligned(quaternions: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the rows with signs such that each makes at most a right angle with the one before.
+    """Return quaternions with signs such that neighbours have a non-negative dot product.
 
-    A quaternion and its negative are the same rotation; the shorter way between two is the one meant.
+    A quaternion and its negative are the same rotation; interpolation should take the shorter way.
     """
     rows = quaternions.copy()
     for before, row in itertools.pairwise(rows):
@@ -156,7 +160,7 @@ def _aligned(quaternions: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _catmull_rom(keys: NDArray[np.float64], at: float) -> NDArray[np.float64]:
-    """Return the spline's value (D,) between keys[1] (`at` = 0) and keys[2] (`at` = 1) of (4, D) keys."""
+    """Return the spline's value (D,) between keys[1] (`at` = 0) and keys[2] (`at` = 1) of keys (4, D)."""
     cube, square = at**3, at**2
     weights = np.array(
         [

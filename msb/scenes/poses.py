@@ -1,4 +1,4 @@
-"""Poses: rigid 4 x 4 matrices between the world and a camera, and the rotations in them.
+"""Poses: rigid 4 x 4 matrices between the world and a camera, and their rotations.
 
 Matrices are for column vectors, x_camera = W x_world. Camera axes are OpenCV's: x right, y down, z forward.
 """
@@ -11,10 +11,10 @@ from numpy.typing import ArrayLike, NDArray
 from msb.base.matrices import inverse
 from msb.errors import SceneError, shorten
 
-# Largest entry of R R^T - I: float32 poses that were inverted a few times stay well below it.
+# Largest entry of R R^T - I. Float32 poses that were inverted a few times are well below it.
 MAX_ROTATION_ERROR = 1e-4
 
-# Largest coordinate; squares of larger distances do not fit float32, in which images are rendered.
+# Largest coordinate in scene units. Squares of larger distances do not fit into float32, which renderers use.
 MAX_COORDINATE = 1e18
 
 _OPENGL_AXES = np.diag([1.0, -1.0, -1.0, 1.0])
@@ -22,9 +22,9 @@ _OPENGL_AXES.setflags(write=False)
 
 
 def check_pose(matrix: ArrayLike, what: str) -> NDArray[np.float64]:
-    """Return `matrix` as a new array (4, 4) float64 if it is a rotation and a translation.
+    """Return `matrix` as a new array (4, 4) float64 if it consists of a rotation and a translation.
 
-    `what` names it in messages.
+    `what` is its name in messages.
     """
     pose = _finite_matrix(matrix, what)
     if (pose[3] != (0, 0, 0, 1)).any():
@@ -32,20 +32,20 @@ def check_pose(matrix: ArrayLike, what: str) -> NDArray[np.float64]:
         text = f"{what} has the last row {row}; it must be 0 0 0 1: the translation is a column"
         raise SceneError("CAMERA_INVALID", text, pointer="[3]")
     if (far := float(np.abs(pose[:3, 3]).max())) > MAX_COORDINATE:
-        text = f"{what} translates by {far:g}; more than {MAX_COORDINATE:g} is not rendered"
+        text = f"{what} translates by {far:g}; the limit is {MAX_COORDINATE:g}"
         raise SceneError("CAMERA_INVALID", text)
     rotation = pose[:3, :3]
-    small = float(np.abs(rotation).max()) < 2  # else the products may overflow
+    small = float(np.abs(rotation).max()) < 2  # larger products may overflow
     error = float(np.abs(rotation @ rotation.T - np.eye(3)).max()) if small else math.inf
     if error > MAX_ROTATION_ERROR:
         by = f"by {error:.3g}" if small else "by more than 1"
         text = (
             f"the rotation of {what} is not orthonormal: R R^T differs from the identity {by}; "
-            f"{MAX_ROTATION_ERROR:g} is allowed"
+            f"at most {MAX_ROTATION_ERROR:g} is allowed"
         )
         raise SceneError("CAMERA_INVALID", text)
     if np.linalg.det(rotation) < 0:
-        text = f"the rotation of {what} has determinant -1, a mirror image; it must be +1"
+        text = f"the rotation of {what} is mirrored (determinant -1); the determinant must be +1"
         raise SceneError("CAMERA_INVALID", text)
     return pose
 
@@ -56,7 +56,7 @@ def _finite_matrix(matrix: ArrayLike, what: str) -> NDArray[np.float64]:
     if given.shape != (4, 4) or given.dtype.kind not in "fiu":
         text = f"{what} is an array of {given.dtype} of shape {given.shape}; it must be 4 x 4 numbers"
         raise SceneError("CAMERA_INVALID", shorten(text, 200))
-    pose = given.astype(np.float64) + 0.0  # the sum turns -0.0 into 0.0, so that equal poses have equal bytes
+    pose = given.astype(np.float64) + 0.0  # turns -0.0 into 0.0, so that equal poses have equal bytes
     for row, column in np.argwhere(~np.isfinite(pose)).tolist():
         text = f"{what}[{row}, {column}] is {pose[row, column]}; it must be finite"
         raise SceneError("CAMERA_INVALID", text, pointer=f"[{row}, {column}]")
@@ -64,15 +64,15 @@ def _finite_matrix(matrix: ArrayLike, what: str) -> NDArray[np.float64]:
 
 
 def invert_pose(pose: ArrayLike, what: str = "the camera-to-world matrix") -> NDArray[np.float64]:
-    """Return the inverse (4, 4) float64 of a pose: world-to-camera of camera-to-world, and back."""
+    """Return the inverse (4, 4) float64 of a pose: world-to-camera from camera-to-world, or vice versa."""
     return rigid_inverse(check_pose(pose, what))
 
 
 def rigid_inverse(pose: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the inverse of a pose that is known to be one.
+    """Return the inverse of a valid pose.
 
-    The 3 x 3 block is inverted, not transposed: upstream loaders invert the matrix as it is, and for poses
-    rounded to float32 the two differ.
+    The 3 x 3 block is inverted instead of transposed, like in official loaders. For poses rounded to float32
+    the results differ.
     """
     back = np.eye(4)
     back[:3, :3] = inverse(pose[:3, :3])
@@ -83,8 +83,8 @@ def rigid_inverse(pose: NDArray[np.float64]) -> NDArray[np.float64]:
 def from_opengl(camera_to_world: ArrayLike, what: str = "the camera-to-world matrix") -> NDArray[np.float64]:
     """Return the world-to-camera matrix (4, 4) float64 of an OpenGL or Blender camera.
 
-    `camera_to_world` has camera axes x right, y up, z backward, as NeRF's `transform_matrix` and Blender's
-    `matrix_world`; the world's axes stay as they are. Columns 1 and 2 are negated, then the matrix is
+    `camera_to_world` has camera axes x right, y up, z backward, like NeRF's `transform_matrix` and Blender's
+    `matrix_world`; the axes of the world are unchanged. Columns 1 and 2 are negated, then the matrix is
     inverted, as in `graphdeco-inria/gaussian-splatting`: scene/dataset_readers.py.
     """
     return rigid_inverse(check_pose(camera_to_world, what) @ _OPENGL_AXES)
@@ -98,13 +98,14 @@ def look_at_pose(eye: ArrayLike, target: ArrayLike, up: ArrayLike) -> NDArray[np
     position, aim, upward = vector3("eye", eye), vector3("target", target), vector3("up", up)
     forward = _unit(aim - position)
     if forward is None:
-        text = "eye and target are the same point; the camera must look somewhere"
+        text = "eye and target are the same point; they must differ"
         raise SceneError("CAMERA_PATH", text)
     across = _unit(upward)
     right = None if across is None else _unit(np.cross(forward, across), least=1e-6)
     if right is None:
-        text = "up is zero or along the line from eye to target; it must point to the side of it"
+        text = "up is zero or parallel to the line from eye to target; choose another direction"
         raise SceneError("CAMERA_PATH", text)
+    # Rows of the rotation: right, down and forward in the world.
     pose = np.eye(4)
     pose[:3, :3] = right, np.cross(forward, right), forward
     pose[:3, 3] = -pose[:3, :3] @ position
@@ -115,19 +116,19 @@ def vector3(name: str, value: ArrayLike) -> NDArray[np.float64]:
     """Return `value` as (3,) float64."""
     vector = np.asarray(value, dtype=np.float64)
     if vector.shape != (3,) or not (np.abs(vector) <= MAX_COORDINATE).all():
-        text = f"{name} is {shorten(repr(value))}; it must be three numbers up to {MAX_COORDINATE:g}"
+        text = f"{name} is {shorten(repr(value))}; it must be three numbers of at most {MAX_COORDINATE:g}"
         raise SceneError("CAMERA_PATH", text)
     return vector
 
 
 def _unit(vector: NDArray[np.float64], least: float = 0.0) -> NDArray[np.float64] | None:
-    """Return the direction of `vector`, or None if it is not longer than `least`."""
+    """Return the direction of `vector`, or None if its length is at most `least`."""
     length = math.hypot(*vector)
     return vector / length if length > least else None
 
 
 def rotation_from_quaternion(quaternion: ArrayLike) -> NDArray[np.float64]:
-    """Return the rotation matrix (3, 3) of a quaternion (w, x, y, z) of any length but zero.
+    """Return the rotation matrix (3, 3) of a quaternion (w, x, y, z) of any length except 0.
 
     Source: K. Shoemake, Animating rotation with quaternion curves, SIGGRAPH 1985, section 3.
     """
@@ -142,10 +143,10 @@ def rotation_from_quaternion(quaternion: ArrayLike) -> NDArray[np.float64]:
 
 
 def quaternion_from_rotation(rotation: ArrayLike) -> NDArray[np.float64]:
-    """Return the unit quaternion (w, x, y, z), (4,) float64, of a rotation matrix (3, 3); one of two signs.
+    """Return the unit quaternion (w, x, y, z), (4,) float64, of a rotation matrix (3, 3), with either sign.
 
-    It is the eigenvector of the largest eigenvalue of a symmetric 4 x 4 matrix, which is stable for every
-    angle and takes the nearest rotation where the matrix is only nearly one. Source: I. Y. Bar-Itzhack, New
+    It is the eigenvector of the largest eigenvalue of a symmetric 4 x 4 matrix. That is stable for every
+    angle, and gives the nearest rotation if the matrix is not exactly one. Source: I. Y. Bar-Itzhack, New
     method for extracting the quaternion from a rotation matrix, J. Guidance 23(6), 2000.
     """
     (a, b, c), (d, e, f), (g, h, i) = np.asarray(rotation, dtype=np.float64)

@@ -1,4 +1,4 @@
-"""From a path to cameras: the files that are there decide which reader is asked."""
+"""Read cameras from a path; the files found there decide which reader is used."""
 
 import os
 from pathlib import Path
@@ -12,7 +12,7 @@ from msb.scenes.json_node import read_json
 from msb.scenes.sets import check_set
 from msb.scenes.source import Source
 
-# Files that make a folder a source of cameras; the first group of which one is there is read.
+# Groups of files with cameras. In a folder, the first group with an existing file is read.
 _IN_FOLDERS = (
     ("transforms_train.json", "transforms_test.json"),
     ("transforms.json",),
@@ -28,16 +28,16 @@ def read_cameras(path: str | os.PathLike[str]) -> list[Camera]:
     ----------
     path : str or Path
         A JSON file, recognised by its content: transforms_*.json (NeRF-Synthetic, instant-ngp, nerfstudio),
-        cameras.json (3DGS family) or views.json. Or a folder, in which the first of these is read: a COLMAP
+        cameras.json (3DGS family) or views.json. Or a folder; the first of these in it is read: a COLMAP
         model (in the folder itself, in `sparse/0` or in `sparse`; .bin before .txt), transforms_train.json
         and transforms_test.json (both are read, training first), transforms.json, cameras.json or views.json.
 
     Returns
     -------
     cameras : list of Camera
-        At least one camera, in the file's order, with unique names. Intrinsics are as recorded, principal
-        point included; `Camera.centered` gives the camera that the 3DGS family renders. `split` is set only
-        if the source says it; for other sources see `split_every_8th`.
+        At least one camera, in the file's order, with unique names. Intrinsics are as recorded, including the
+        principal point; `Camera.centered` gives the camera that the 3DGS family renders. `split` is set only
+        if the source states it; for other sources see `split_every_8th`.
 
     Raises
     ------
@@ -48,8 +48,8 @@ def read_cameras(path: str | os.PathLike[str]) -> list[Camera]:
 
     Notes
     -----
-    Files are untrusted: sizes are checked before memory is taken, time and memory are linear in the files'
-    sizes, and no path that leads out of the folder is opened.
+    Files are untrusted: sizes are checked before memory is allocated, time and memory are linear in the
+    files' sizes, and paths that point outside the folder are not opened.
     """
     place = given_path(path)
     if is_folder(place):
@@ -61,6 +61,7 @@ def read_cameras(path: str | os.PathLike[str]) -> list[Camera]:
 
 
 def _read_folder(folder: Path) -> list[Camera]:
+    """Return the cameras of the first source found in a folder."""
     model = find_model(folder)
     if model is not None:
         cameras = read_model(model)
@@ -73,14 +74,17 @@ def _read_folder(folder: Path) -> list[Camera]:
             check_set(cameras, Source(files[0], b""))
             return cameras
     looked = "sparse/0, sparse, " + ", ".join(name for names in _IN_FOLDERS for name in names)
-    raise Source(folder, b"").error("CAMERA_SOURCE", f"the folder holds no cameras; looked for {looked}")
+    raise Source(folder, b"").error("CAMERA_SOURCE", f"the folder contains no cameras; searched {looked}")
 
 
 def _read_json(source: Source) -> list[Camera]:
+    """Return the cameras of a JSON file, read by the format that its content has."""
     if source.path.suffix.lower() in (".bin", ".txt"):
-        raise source.error("CAMERA_SOURCE", "give the folder of a COLMAP model, not one of its files")
+        raise source.error("CAMERA_SOURCE", "it is a file of a COLMAP model; pass the model's folder")
     if source.path.suffix.lower() != ".json":
-        text = f"'{source.path.suffix}' is not the suffix of a file of cameras; .json is, or give a folder"
+        text = (
+            f"files with the suffix '{source.path.suffix}' contain no cameras; pass a .json file or a folder"
+        )
         raise source.error("CAMERA_SOURCE", text)
     root = read_json(source)
     if isinstance(root.value, list):
@@ -90,7 +94,7 @@ def _read_json(source: Source) -> list[Camera]:
     if isinstance(root.value, dict) and "frames" in root.value:
         return transforms.read(root)
     text = (
-        'it is no file of cameras: an object with "frames" (transforms.json) or "schema" (views.json), '
-        "or an array (cameras.json), is one"
+        'it is not a file of cameras: expected is an object with "frames" (transforms.json) or "schema" '
+        "(views.json), or an array (cameras.json)"
     )
     raise root.source.error("CAMERA_SOURCE", text)

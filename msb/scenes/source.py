@@ -1,4 +1,4 @@
-"""A file of cameras, opened without trust, and how errors about it are worded."""
+"""An untrusted file of cameras, and errors about it."""
 
 from __future__ import annotations
 
@@ -14,26 +14,26 @@ from msb.errors import SceneError
 
 @dataclass(frozen=True)
 class Source:
-    """A file, as it was given, and its bytes: a mapping costs no memory until it is read."""
+    """A file with its path as given, and its bytes; a memory mapping uses no memory until it is read."""
 
     path: Path
     data: bytes | mmap.mmap
 
     @classmethod
     def open(cls, path: Path) -> Source:
-        """Map the regular file at `path`; a pipe or device is never opened."""
+        """Map the regular file at `path`; pipes and devices are never opened."""
         return cls(path, map_file(path))
 
     def error(self, code: str, message: str, *, pointer: str | None = None) -> SceneError:
-        """Return the error about this file; a `pointer` opens the message."""
+        """Return an error about this file; the message begins with the `pointer`, if given."""
         text = f"{pointer}: {message}" if pointer else message
         return SceneError(code, text, file=self.path, pointer=pointer)
 
     @contextlib.contextmanager
     def locating(self, pointer: str | None, what: str = "") -> Iterator[None]:
-        """Add this file, `pointer` and `what` is read there to an error that names no file yet.
+        """Add this file, `pointer` and `what` to errors that name no file yet.
 
-        `Camera` and its checks raise such errors, because they know values but not their source.
+        `Camera` and its checks raise such errors, because they do not know where values come from.
         """
         try:
             yield

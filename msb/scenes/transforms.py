@@ -35,7 +35,7 @@ def read(root: Node) -> list[Camera]:
 
 
 def _camera(root: Node, frame: Node, files: SpelledFiles, split: Split | None) -> Camera:
-    """Return the camera of one frame; its own keys go before those of the whole file."""
+    """Return the camera of one frame; its keys take precedence over the same keys of the document."""
 
     def find(key: str) -> Node | None:
         return frame.get(key) or root.get(key)
@@ -49,7 +49,7 @@ def _camera(root: Node, frame: Node, files: SpelledFiles, split: Split | None) -
         of_angle = None if angle is None else focal_from_fov(angle, side, f"camera_angle_{axis}")
         return of_angle if (given := number(f"fl_{axis}")) is None else given
 
-    _refuse_distortion(find("camera_model"), find("is_fisheye"), [find(key) for key in _DISTORTIONS])
+    _check_distortion(find("camera_model"), find("is_fisheye"), [find(key) for key in _DISTORTIONS])
     with frame["file_path"].locating():
         name = _image_name(frame["file_path"].text())
         check_name(name)
@@ -60,14 +60,15 @@ def _camera(root: Node, frame: Node, files: SpelledFiles, split: Split | None) -
     with frame.locating():
         fx, fy = focal("x", width), focal("y", height)
         if fx is None:
-            text = "it lacks the focal length, and so does the document: fl_x or camera_angle_x (radians)"
+            text = "the focal length is missing; set fl_x or camera_angle_x (radians) here or in the document"
             raise frame.error("CAMERA_FILE", text)
+        # The principal point is in the middle by default.
         cx, cy = number("cx"), number("cy")
         return Camera(
             width,
             height,
             fx,
-            fx if fy is None else fy,  # pixels are square unless something says otherwise
+            fx if fy is None else fy,  # pixels are square by default
             width / 2 if cx is None else cx,
             height / 2 if cy is None else cy,
             pose,
@@ -77,16 +78,18 @@ def _camera(root: Node, frame: Node, files: SpelledFiles, split: Split | None) -
         )
 
 
-def _refuse_distortion(model: Node | None, fisheye: Node | None, distortions: list[Node | None]) -> None:
+def _check_distortion(model: Node | None, fisheye: Node | None, distortions: list[Node | None]) -> None:
+    """Raise CAMERA_DISTORTED for fisheye cameras and lenses with distortion."""
     if model is not None and model.text() not in _PINHOLE_MODELS:
         known = ", ".join(sorted(_PINHOLE_MODELS))
-        text = f"the camera model is {model.shown()}; without distortion {known} are read"
+        text = f"the camera model is {model.abbreviated()}; supported without distortion are {known}"
         raise model.error("CAMERA_DISTORTED", text)
     if fisheye is not None and fisheye.value is not False:
-        raise fisheye.error("CAMERA_DISTORTED", f"it is {fisheye.shown()}; only pinhole cameras are read")
+        text = f"it is {fisheye.abbreviated()}; only pinhole cameras are supported"
+        raise fisheye.error("CAMERA_DISTORTED", text)
     for distortion in distortions:
         if distortion is not None and distortion.number() != 0:
-            text = f"it is {distortion.shown()}, a distortion of the lens; undistort the images"
+            text = f"it is {distortion.abbreviated()}, a lens distortion; undistort the images"
             raise distortion.error("CAMERA_DISTORTED", text)
 
 
@@ -97,12 +100,12 @@ def _image_name(path: str) -> str:
 
 
 def _size(frame: Node, width: Node | None, height: Node | None, image: Path) -> tuple[int, int]:
-    """Return the recorded size, or that of the image."""
+    """Return the recorded size, else the size of the image file."""
     if width is not None and height is not None:
         with width.locating():
             return check_size((width.whole(), height.whole()))
     try:
         return image_size(image)
     except (InputError, SceneError) as error:
-        text = f"the size is needed: write w and h, or put the image in place ({image.name}: {error.message})"
+        text = f"the image size is missing; set w and h, or add the image ({image.name}: {error.message})"
         raise frame.error("CAMERA_IMAGE", text) from None

@@ -1,4 +1,4 @@
-"""Read and write views.json, our own file of cameras, which holds all of a `Camera` but paths."""
+"""Read and write views.json, the package's file format for cameras; it stores all fields except paths."""
 
 import json
 import os
@@ -22,7 +22,7 @@ _OPTIONAL = ("name", "source_size", "split")
 
 
 class Views(NamedTuple):
-    """The content of a views.json: cameras, and what they are rendered over, in the stored colour space."""
+    """The content of a views.json: cameras, and the background of renderings in the stored colour space."""
 
     cameras: list[Camera]
     background: tuple[float, float, float] | None = None
@@ -37,10 +37,10 @@ def read_views(path: str | os.PathLike[str]) -> Views:
 
 
 def read(root: Node) -> Views:
-    """Return the document's content; an unknown key is an error, so that no misspelt key is ignored."""
+    """Return the content of a document; unknown keys are errors, so that misspelt ones are noticed."""
     schema = root["schema"]
     if schema.value != SCHEMA:
-        raise schema.error("CAMERA_FILE", f'it is {schema.shown()}; it must be "{SCHEMA}"')
+        raise schema.error("CAMERA_FILE", f'it is {schema.abbreviated()}; it must be "{SCHEMA}"')
     root.only("schema", "background", "cameras")
     background = root.get("background")
     cameras = [_camera(node) for node in root["cameras"].items()]
@@ -48,13 +48,17 @@ def read(root: Node) -> Views:
 
 
 def _color(node: Node) -> tuple[float, float, float]:
+    """Return a colour of three numbers from 0 to 1."""
     color = unit_color(node.array(3))
     if color is None:
-        raise node.error("CAMERA_FILE", f"it is {node.shown()}; red, green and blue lie in 0 to 1")
+        raise node.error(
+            "CAMERA_FILE", f"it is {node.abbreviated()}; red, green and blue must be from 0 to 1"
+        )
     return color
 
 
 def _camera(node: Node) -> Camera:
+    """Return the camera of one entry."""
     name, size, split, unit = map(node.get, (*_OPTIONAL, "unit"))
     node.only(*_OPTIONAL[:1], *_REQUIRED, *_OPTIONAL[1:], "unit")
     with node.locating():
@@ -80,14 +84,16 @@ def write_cameras(
     *,
     background: tuple[float, float, float] | None = None,
 ) -> None:
-    """Write a views.json, one camera to a line; `read_cameras` gives equal cameras, but for `image_path`.
+    """Write a views.json with one camera per line.
+
+    `read_cameras` returns equal cameras, except for `image_path`, which is not stored.
 
     Parameters
     ----------
     cameras : iterable of Camera
-        At least one camera. Names, where there are any, must differ.
+        At least one camera. Names must be unique; cameras may have none.
     path : str or Path
-        The file, which is overwritten as a whole or left as it was.
+        The file. It is replaced completely, or not changed if writing fails.
     background : (float, float, float), optional
         Red, green and blue in [0, 1].
 
@@ -98,7 +104,7 @@ def write_cameras(
     OutputError
         OUTPUT_UNWRITABLE, or OUTPUT_FORMAT_LIMIT: the file would be too large to be read again.
     UsageError
-        USAGE: no cameras, or no path, as where the two are given in the other order.
+        USAGE: `cameras` or `path` has the wrong type, for example because they were swapped.
     """
     cameras, path = given_cameras(cameras), given_path(path)
     check_set(cameras, Source(path, b""))
@@ -108,17 +114,18 @@ def write_cameras(
         if len(head["background"]) != 3 or not all(0 <= value <= 1 for value in head["background"]):
             text = f"the background is {background}; it must be red, green and blue from 0 to 1"
             raise SceneError("CAMERA_FILE", text, file=path)
+    # One camera per line, so that files can be compared and edited by hand.
     lines = ",\n  ".join(json.dumps(_entry(camera)) for camera in cameras)
     content = f'{json.dumps(head)[:-1]}, "cameras": [\n  {lines}\n]}}\n'.encode("ascii")
     if len(content) > MAX_BYTES:
-        text = f"{len(cameras)} cameras take {len(content)} bytes; a views.json holds {MAX_BYTES}"
+        text = f"{len(cameras)} cameras need {len(content)} bytes; a views.json is limited to {MAX_BYTES}"
         raise OutputError("OUTPUT_FORMAT_LIMIT", text, file=path)
     with new_file(path) as stream:
         stream.write(content)
 
 
 def _entry(camera: Camera) -> dict[str, Any]:
-    """Return the camera as JSON data; floats are written so that they read back exactly."""
+    """Return the camera as JSON data; floats are written such that they are read back exactly."""
     entry = {"name": camera.name} | {key: getattr(camera, key) for key in _REQUIRED}
     entry |= {key: getattr(camera, key) for key in _OPTIONAL[1:]}
     entry["world_to_camera"] = camera.world_to_camera.tolist()

@@ -1,4 +1,4 @@
-"""Cameras off the path of a capture: a flight that stops beside its cameras, and cameras between them."""
+"""Cameras off the path of a capture: a flight beside its cameras, and cameras in the gaps between them."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -10,12 +10,13 @@ from numpy.typing import NDArray
 from msb.scenes.camera import Camera
 from msb.scenes.paths import interpolated
 
-# Frames from one stop to the next: a second of film.
+# Frames between two stops: one second of film.
 PACE = 24
+# Largest number of stops.
 _STOPS = 10
-# Of a gap between cameras: where several are alike, the last bit does not choose.
+# Decimal places for rounding gaps, so that the choice between equal gaps does not depend on the last bits.
 _DIGITS = 6
-# Where the stops lie, by the axes of their cameras: to the right, nearer, to the left, farther, above.
+# Offsets of successive stops in camera axes: right, nearer, left, farther, up.
 _ASIDE = ((1, 0, 0), (0, 0, 1), (-1, 0, 0), (0, 0, -1), (0, -1, 0))
 
 
@@ -24,25 +25,25 @@ def walk(
 ) -> list[Camera]:
     """Return the first `frames` cameras of a closed flight between and beyond the cameras of a capture.
 
-    It goes by at most ten of `stops`, evenly spread, in their order. Each stop is moved aside by `reach`
-    times the radius of the `capture`, the largest distance of a camera from the middle of all, in turn to
-    its right, nearer, to its left, farther and above. It turns so that what all the cameras look at, the
-    point nearest to their axes, stays where it was in the picture. The way to the next stop takes 24 frames
-    (`interpolated`); a walk that is longer than one round goes round again.
+    The flight passes at most ten of `stops`, evenly spread, in their order. Each stop is displaced by `reach`
+    times the radius of the `capture` (the largest distance of a camera from the mean of all), in turn to its
+    right, nearer, left, farther and up. It is rotated such that the point nearest to the axes of all cameras
+    stays at its place in the image. The way to the next stop takes 24 frames (`interpolated`).
+    A walk that is longer than one round starts again.
 
     Parameters
     ----------
     stops, capture : sequence of Camera
-        The cameras to go by, at least two, and all cameras.
+        The cameras to pass, at least two, and all cameras.
     frames : int
     reach : float
     size : int
-        Longer side of the pictures in pixels; they are never larger than those of the first stop.
+        Longer side of the images in pixels; images are never larger than at the first stop.
 
     Raises
     ------
     SceneError
-        CAMERA_PATH, as of `interpolated`.
+        CAMERA_PATH, as in `interpolated`.
     """
     chosen = [stops[k * len(stops) // _STOPS] for k in range(_STOPS)] if len(stops) > _STOPS else stops
     offset = reach * radius_of(capture)
@@ -56,24 +57,25 @@ def walk(
 
 
 def radius_of(cameras: Sequence[Camera]) -> float:
-    """Return the largest distance of a camera from the middle of all."""
+    """Return the largest distance of a camera from the mean of all cameras."""
     centers = np.stack([camera.center for camera in cameras])
     return float(np.linalg.norm(centers - centers.mean(axis=0), axis=1).max())
 
 
 def looked_at(cameras: Sequence[Camera]) -> NDArray[np.float64]:
-    """Return the point (3,) whose squared distances from the axes of all cameras have the least sum."""
+    """Return the point (3,) with the least sum of squared distances from the axes of all cameras."""
     centers = np.stack([camera.center for camera in cameras])
     axes = np.stack([camera.camera_to_world[:3, 2] for camera in cameras])
+    # Projections (n, 3, 3) perpendicular to the axes; the point solves a 3 x 3 linear system.
     across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
     middle = centers.mean(axis=0)
     pulls = np.einsum("nij,nj->i", across, centers - middle)
-    # Where all axes are parallel, the point is not moved along them.
+    # The pseudo-inverse does not move the point along parallel axes.
     return np.asarray(middle + np.linalg.pinv(across.sum(axis=0), rcond=1e-3) @ pulls)
 
 
 def _moved(camera: Camera, offset: NDArray[np.float64], aim: NDArray[np.float64]) -> Camera:
-    """Return a camera moved by `offset` along its axes, and turned to `aim` where that is in front of it."""
+    """Return a camera moved by `offset` along its axes, and rotated to keep `aim` in place if possible."""
     pose = camera.world_to_camera.copy()
     before = pose[:3, :3] @ aim + pose[:3, 3]
     pose[:3, 3] -= offset
@@ -84,20 +86,21 @@ def _moved(camera: Camera, offset: NDArray[np.float64], aim: NDArray[np.float64]
 
 
 def _turn(start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the least rotation (3, 3) that takes one direction to another, less than a half-turn away."""
+    """Return the smallest rotation (3, 3) from one direction to another, less than a half-turn away."""
     x, y, z = np.cross(start, end)
     skew = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     return np.asarray(np.eye(3) + skew + skew @ skew / (1 + start @ end))
 
 
 def between(cameras: Sequence[Camera], count: int) -> list[Camera]:
-    """Return at most `count` cameras more, each halfway between two of `cameras` or of those made before.
+    """Return at most `count` additional cameras, each halfway between two neighbours.
 
-    Each next one is the farthest from every other of those halfway between two neighbours, so that the widest
-    gaps are closed first. Two are neighbours if none is nearer to halfway between them, and one is turned by
-    less than 120 degrees to become the other: on a way half round an object nobody may have stood. How far
-    apart two are is the angle between their axes, in radians, and the distance of their centres in radii of
-    the capture. There are fewer cameras where those given are alone, stand together, or opposite.
+    Neighbours are two cameras of `cameras`, or of those added before, such that no other camera is nearer to
+    the pose halfway between them. They must differ in rotation by less than 120 degrees: halfway round an
+    object there may be no free path. The new camera is the halfway pose that is farthest from its nearest
+    camera, so the widest gaps are filled first. The distance of two cameras is the angle between their axes
+    in radians, plus the distance of their centres in radii of the capture. Fewer cameras are returned if the
+    given firsts are alone, in one place, or opposite each other.
     """
     aim = looked_at(cameras)
     every = list(cameras)
@@ -105,12 +108,14 @@ def between(cameras: Sequence[Camera], count: int) -> list[Camera]:
     while len(every) < len(cameras) + count:
         poses = np.stack([camera.world_to_camera for camera in every])
         turns = poses[:, :3, :3]
-        # The trace of the rotation from one to the other is 1 + 2 cos of its angle.
+        # The trace of the rotation between two cameras is 1 + 2 cos(angle); it is positive below 120 degrees.
         pairs = np.argwhere(np.triu(np.einsum("mij,nij->mn", turns, turns) > 0, 1))
+        # Distances (pairs, cameras) of all halfway poses to all cameras. A pair are neighbours if no other
+        # camera is nearer.
         halfway = _halfway(poses[pairs[:, 0]], poses[pairs[:, 1]], aim)
         gaps = _gaps(halfway, poses, radius)
         widest = gaps.min(axis=1)
-        widest[widest < np.take_along_axis(gaps, pairs, axis=1).min(axis=1)] = 0  # they are no neighbours
+        widest[widest < np.take_along_axis(gaps, pairs, axis=1).min(axis=1)] = 0  # not neighbours
         if not widest.any():
             break
         best = int(widest.argmax())
@@ -121,34 +126,36 @@ def between(cameras: Sequence[Camera], count: int) -> list[Camera]:
 
 
 def _halfway(
-    ones: NDArray[np.float64], others: NDArray[np.float64], aim: NDArray[np.float64]
+    firsts: NDArray[np.float64], seconds: NDArray[np.float64], aim: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the poses (N, 4, 4) halfway between two each, on an arc round `aim` where both look towards it.
+    """Return the poses (N, 4, 4) halfway between two poses each, on an arc around `aim` if both look at it.
 
-    The point that lies as far before them as `aim` moves along a line, and so does its distance from them.
-    Where `aim` is behind them, as in a room, they move along it themselves.
+    The point in front of a camera, as far away as `aim`, moves along a line, and its distance changes
+    linearly. If `aim` is behind the cameras, as in a room, they move along a line themselves.
     """
-    left, _, right = np.linalg.svd(ones[:, :3, :3] + others[:, :3, :3])
-    made = ones.copy()
-    made[:, :3, :3] = left @ right
-    away = np.zeros(len(made))
-    seen = np.zeros((len(made), 3))
-    for pose in (ones, others):
+    # The mean rotation is the nearest orthogonal matrix to the sum.
+    left, _, right = np.linalg.svd(firsts[:, :3, :3] + seconds[:, :3, :3])
+    halfway = firsts.copy()
+    halfway[:, :3, :3] = left @ right
+    # Mean distance to the point in front, and the mean of these points.
+    away = np.zeros(len(halfway))
+    seen = np.zeros((len(halfway), 3))
+    for pose in (firsts, seconds):
         far = np.maximum(pose[:, 2, :3] @ aim + pose[:, 2, 3], 0)
         away += far / 2
         seen += (_centers(pose) + far[:, None] * pose[:, 2, :3]) / 2
-    center = seen - away[:, None] * made[:, 2, :3]
-    made[:, :3, 3] = -np.einsum("nij,nj->ni", made[:, :3, :3], center)
-    return made
+    center = seen - away[:, None] * halfway[:, 2, :3]
+    halfway[:, :3, 3] = -np.einsum("nij,nj->ni", halfway[:, :3, :3], center)
+    return halfway
 
 
 def _centers(poses: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return where cameras stand, (N, 3)."""
+    """Return the positions of cameras with these poses, (N, 3)."""
     return np.asarray(-np.einsum("nji,nj->ni", poses[:, :3, :3], poses[:, :3, 3]))
 
 
-def _gaps(ones: NDArray[np.float64], others: NDArray[np.float64], radius: float) -> NDArray[np.float64]:
-    """Return how far apart the poses of two sets are, (N, M)."""
-    turned = np.arccos((ones[:, 2, :3] @ others[:, 2, :3].T).clip(-1, 1))
-    moved = np.linalg.norm(_centers(ones)[:, None] - _centers(others), axis=2)
+def _gaps(firsts: NDArray[np.float64], seconds: NDArray[np.float64], radius: float) -> NDArray[np.float64]:
+    """Return the distances (N, M) between the poses of two sets."""
+    turned = np.arccos((firsts[:, 2, :3] @ seconds[:, 2, :3].T).clip(-1, 1))
+    moved = np.linalg.norm(_centers(firsts)[:, None] - _centers(seconds), axis=2)
     return np.asarray((turned + moved / radius).round(_DIGITS))

@@ -1,4 +1,4 @@
-"""The golden views, as the renderers take them and with the buffers the official kernels left."""
+"""The golden views: cameras and settings, and the buffers of the official kernels."""
 
 from dataclasses import dataclass
 from functools import cache, cached_property
@@ -18,7 +18,7 @@ GOLDEN = ROOT / "tests" / "golden"
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """One golden view; `stored` are the official kernel's buffers without their prefix."""
+    """A golden view; `stored` has the official kernel's buffers without their prefix."""
 
     name: str
     folder: Path
@@ -40,8 +40,8 @@ class View:
         return self.render()
 
     @cached_property
-    def shown(self) -> dict[str, Any]:
-        """What DiffSoup's official viewer made of the view."""
+    def viewer(self) -> dict[str, Any]:
+        """The images of DiffSoup's official viewer."""
         return arrays_of(self.folder / "viewer_views.npz", f"v{self.name.partition('/')[2]}_")
 
     @property
@@ -50,7 +50,7 @@ class View:
         return exported(self.folder / "web_export" / self.folder.name)
 
     def kernel_rows(self, image: np.ndarray) -> np.ndarray:
-        """Return an image in the order of rows of DiffSoup's kernels."""
+        """Return an image in the row order of DiffSoup's kernels."""
         return image[::-1] if self.stored["flip_rows"] else image
 
 
@@ -66,25 +66,25 @@ def arrays_of(path: Path, prefix: str) -> dict[str, Any]:
 
 @cache
 def golden_views(method: str) -> list[View]:
-    found = []
+    golden = []
     for folder in scenes(GOLDEN, method):
         for number, (name, camera, background, settings, image, ok) in enumerate(views(folder, method)):
             prefix = f"cam{number}_" if method == "triangle_splatting" else f"v{number}_"
             stored = arrays_of(folder / "views.npz", prefix)
-            found.append(View(name, folder, Camera(**camera), background, settings, image, ok, stored))
-    return found
+            golden.append(View(name, folder, Camera(**camera), background, settings, image, ok, stored))
+    return golden
 
 
 def names(view: View) -> str:
     return view.name
 
 
-def psnr(found: np.ndarray, wanted: np.ndarray) -> float:
+def psnr(image: np.ndarray, wanted: np.ndarray) -> float:
     """Return the PSNR in dB for a peak of 1, infinite for equal images."""
-    error = float(np.square(found.astype(np.float64) - wanted).mean())
+    error = float(np.square(image.astype(np.float64) - wanted).mean())
     return float("inf") if error == 0 else -10 * float(np.log10(error))
 
 
-def worst(found: np.ndarray, wanted: np.ndarray) -> float:
+def worst(values: np.ndarray, wanted: np.ndarray) -> float:
     """Return the largest absolute difference."""
-    return float(np.abs(np.asarray(found, np.float64) - wanted).max())
+    return float(np.abs(np.asarray(values, np.float64) - wanted).max())

@@ -1,4 +1,4 @@
-"""Random models of each method, made in memory, and cameras that see them."""
+"""Random models of each method in memory, and cameras that see them."""
 
 from dataclasses import replace
 from typing import Any
@@ -25,13 +25,13 @@ _DESCRIPTIONS: dict[str, dict[str, Any]] = {
 
 
 def front_camera(width: int = 40, height: int = 28, **moved: float) -> Camera:
-    """Return a camera at the origin that looks along +z; `moved` replaces cx or cy."""
+    """Return a camera at the origin that looks along +z; `moved` overrides cx or cy."""
     place = {"cx": width / 2, "cy": height / 2} | moved
     return Camera(width, height, 42.0, 45.0, place["cx"], place["cy"], np.eye(4))
 
 
 def random_triangles(seed: int, count: int = 60, size: float = 0.8) -> np.ndarray:
-    """Return triangles in front of `front_camera`, (count, 3, 3) float32, no two centroids at one depth."""
+    """Return triangles (count, 3, 3) float32 in front of `front_camera`, all at different depths."""
     rng = np.random.default_rng(seed)
     centers = rng.uniform((-1.2, -0.9, 2.5), (1.2, 0.9, 6.0), (count, 3))
     return (centers[:, None] + rng.normal(scale=size / 2, size=(count, 3, 3))).astype(np.float32)
@@ -47,9 +47,9 @@ def soup(
     welded: bool = False,
     **buffers: np.ndarray,
 ) -> Asset:
-    """Return `triangles` (F, 3, 3) as a model of `method` with random parameters, or those given by name.
+    """Return triangles (F, 3, 3) as a model of `method`; parameters are random unless passed by name.
 
-    `welded`: equal corners are one vertex.
+    With `welded` equal corners share one vertex.
     """
     rng = np.random.default_rng(seed)
     count = len(triangles)
@@ -60,7 +60,8 @@ def soup(
     rows = len(positions) if method == "mesh_splatting" else count
     arrays: dict[str, Any] = {"positions": positions, "indices": indices}
     if method == "diffsoup":
-        return _diffsoup(rng, count, arrays | buffers, settings)
+        opacity = rng.uniform(0.45, 1, (count, 6))
+        return lattice_model(positions, indices, 1, seed=seed, opacity=opacity, settings=settings, **buffers)
     arrays["f_dc"] = rng.uniform(-1.5, 1.5, (rows, 3)).astype(np.float32)
     arrays["opacity"] = rng.normal(0.5, 1.5, rows).astype(np.float32)
     if method == "triangle_splatting":
@@ -84,43 +85,57 @@ def soup(
 
 
 def weld(triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the different corners of `triangles` (F, 3, 3), and the corners' numbers among them (F, 3)."""
+    """Return the distinct corners of triangles (F, 3, 3), and the corners' numbers among them (F, 3)."""
     corners = np.asarray(triangles, np.float32).reshape(-1, 3)
     positions, numbers = np.unique(corners, axis=0, return_inverse=True)
     return positions, numbers.reshape(-1, 3).astype(np.uint32)
 
 
-def _diffsoup(
-    rng: np.random.Generator, count: int, arrays: dict[str, Any], settings: dict[str, Any] | None
+def lattice_model(
+    positions: np.ndarray,
+    indices: np.ndarray,
+    level: int,
+    *,
+    seed: int = 0,
+    opacity: np.ndarray | None = None,
+    quantised: bool = False,
+    settings: dict[str, Any] | None = None,
+    **buffers: np.ndarray,
 ) -> Asset:
-    level = 1
-    samples = (2**level + 1) * (2**level + 2) // 2
-    shapes = {"mlp.0": (16, 16), "mlp.2": (16, 16), "mlp.4": (3, 16)}
-    random: dict[str, Any] = {
-        "features.lattice": rng.random((count, samples, 7)).astype(np.float32),
-        "features.opacity": rng.uniform(0.45, 1, (count, samples)).astype(np.float32),
-    }
-    for layer, shape in shapes.items():
-        random[f"decoder.{layer}.weight"] = rng.normal(scale=0.4, size=shape).astype(np.float32)
-        random[f"decoder.{layer}.bias"] = rng.normal(scale=0.1, size=shape[0]).astype(np.float32)
-    arrays = random | arrays
+    """Return a DiffSoup model with random features and decoder; opacities are random by default."""
+    rng = np.random.default_rng(seed)
+    faces, samples = len(indices), (2**level + 1) * (2**level + 2) // 2
+    if opacity is None:
+        opacity = np.clip(rng.normal(0.6, 0.3, (faces, samples)), 0, 1)
+        opacity[::5] = 1
+        opacity[1::7] = 0.5  # the initial value, which remains without gradients
+    lattices = {"lattice": rng.random((faces, samples, 7)), "opacity": opacity}
+    dtype, scale = (np.uint8, 255) if quantised else (np.float32, 1)
+    arrays: dict[str, Any] = {f"features.{name}": (a * scale).astype(dtype) for name, a in lattices.items()}
+    for layer, outputs in (("mlp.0", 16), ("mlp.2", 16), ("mlp.4", 3)):
+        arrays[f"decoder.{layer}.weight"] = rng.normal(0, 0.6, (outputs, 16)).astype(np.float32)
+        arrays[f"decoder.{layer}.bias"] = rng.normal(0, 0.3, outputs).astype(np.float32)
+    arrays |= buffers
     description = Description(
         method="diffsoup",
         opacity={"encoding": "feature", "threshold": 0.5},
-        appearance={"kind": "neural_decoder", "level": level, "feature_encoding": "sigmoid"},
+        appearance={
+            "kind": "neural_decoder",
+            "level": level,
+            "feature_encoding": "lut" if quantised else "sigmoid",
+            "blend_feature": 3,
+            "background": "#000000",
+        },
         compositing={"kind": "binary_z_buffer"},
         settings=_stored(settings),
     )
-    domains: dict[str, Any] = {
-        name: "global" if name.startswith("decoder.") else "face"
-        for name in arrays
-        if name not in ("positions", "indices")
-    }
-    return build_asset(arrays, domains, description)
+    domains: dict[str, Any] = {name: "global" if name.startswith("decoder") else "face" for name in arrays}
+    geometry = {"positions": positions.astype(np.float32), "indices": indices.astype(np.uint32)}
+    return build_asset(geometry | arrays, domains, description)
 
 
 def channel_major(asset: Asset) -> Asset:
-    """Return `asset` with the coefficients of `f_rest` in the other order."""
+    """Return `asset` with the coefficients of `f_rest` in channel-major order."""
     rest = asset.buffers["f_rest"]
     turned = np.ascontiguousarray(rest.reshape(len(rest), -1, 3).transpose(0, 2, 1).reshape(len(rest), -1))
     appearance = {**asset.manifest.appearance, "f_rest_order": "channel_major"}
@@ -133,5 +148,5 @@ def _stored(settings: dict[str, Any] | None) -> dict[str, StoredSetting]:
 
 
 def constant_color(count: int, color: tuple[float, float, float]) -> np.ndarray:
-    """Return coefficients `f_dc` (count, 3) that show `color` from everywhere."""
+    """Return coefficients `f_dc` (count, 3) that give `color` from all directions."""
     return np.tile(((np.array(color) - 0.5) / SH_C0).astype(np.float32), (count, 1))

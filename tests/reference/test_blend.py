@@ -10,8 +10,10 @@ RULES = [Rule(crossing, first) for crossing in (True, False) for first in (True,
 F = np.float32
 
 
-def one_sample(alphas: np.ndarray, colors: np.ndarray, depths: np.ndarray, rule: Rule) -> tuple[object, ...]:
-    """Composite faces front to back, one after the other: colour, depth, T, median depth and face."""
+def composite_sample(
+    alphas: np.ndarray, colors: np.ndarray, depths: np.ndarray, rule: Rule
+) -> tuple[object, ...]:
+    """Composite faces front to back in a loop: colour, depth, T, median depth and face."""
     color, depth, t, median, face = np.zeros(3, F), F(0), F(1), F(0), -1
     for number, alpha in enumerate(alphas):
         if alpha < F(1) / F(255):
@@ -31,7 +33,7 @@ def one_sample(alphas: np.ndarray, colors: np.ndarray, depths: np.ndarray, rule:
 
 
 def blend_columns(alphas: np.ndarray, colors: np.ndarray, depths: np.ndarray, rule: Rule) -> Composite:
-    """Composite K faces at P samples of one tile, P at most 16."""
+    """Composite K faces at P samples of one tile, with P at most 16."""
     faces, samples = alphas.shape
     tile = Tile(np.arange(samples), np.zeros(samples, np.int64), np.arange(faces))
 
@@ -50,24 +52,24 @@ def blend_columns(alphas: np.ndarray, colors: np.ndarray, depths: np.ndarray, ru
 @pytest.mark.parametrize(
     ("faces", "scale"), [(1, 1.0), (7, 1.0), (32, 0.3), (33, 0.5), (100, 0.1), (500, 0.02)]
 )
-def test_composite_is_the_loop(rule: Rule, faces: int, scale: float) -> None:
-    """Bit for bit: more faces than are evaluated at once, samples that stop early and late."""
+def test_composite_equals_the_loop(rule: Rule, faces: int, scale: float) -> None:
+    """Bit-identical, also for more faces than are evaluated at once, and samples that stop early or late."""
     rng = np.random.default_rng(faces)
     alphas = np.minimum(rng.random((faces, 16)) * scale, 0.99).astype(F)
     alphas[rng.random(alphas.shape) < 0.3] = 0
     colors, depths = rng.random((faces, 3)).astype(F), (1 + rng.random(faces)).astype(F)
-    found = blend_columns(alphas, colors, depths, rule)
+    image = blend_columns(alphas, colors, depths, rule)
     for sample in range(16):
-        color, depth, t, median, face = one_sample(alphas[:, sample], colors, depths, rule)
-        np.testing.assert_array_equal(found.color[0, sample], color)
-        assert found.depth[0, sample] == depth
-        assert found.transmittance[0, sample] == t
-        assert found.depth_median[0, sample] == median
-        assert found.face_median[0, sample] == face
+        color, depth, t, median, face = composite_sample(alphas[:, sample], colors, depths, rule)
+        np.testing.assert_array_equal(image.color[0, sample], color)
+        assert image.depth[0, sample] == depth
+        assert image.transmittance[0, sample] == t
+        assert image.depth_median[0, sample] == median
+        assert image.face_median[0, sample] == face
 
 
 def test_a_face_is_shaded_only_where_it_is_blended() -> None:
-    """Outside of a face its depth and colour may be infinite, and 0 times that is no 0."""
+    """Outside a face its depth and colour may be infinite, and 0 times infinity is NaN."""
     alphas = np.array([[0.5, 0.001, 0], [0.9999, 0, 0], [0.5, 0.5, 0]], F)
     shaded = []
 
@@ -80,7 +82,7 @@ def test_a_face_is_shaded_only_where_it_is_blended() -> None:
     assert sorted(shaded) == [(0, 0, 0), (2, 1, 0)]
 
 
-def test_expected_depth_is_zero_where_nothing_is() -> None:
+def test_expected_depth_of_empty_samples_is_zero() -> None:
     depth, alpha = np.array([0.0, 3.0], F), np.array([0.0, 0.5], F)
     np.testing.assert_array_equal(expected_depth(depth, alpha), [0, 6])
 
@@ -93,25 +95,25 @@ def test_tile_numbers_saturate_as_on_a_gpu() -> None:
 
 
 @pytest.mark.parametrize(("width", "height"), [(1, 1), (16, 16), (17, 15), (50, 33)])
-def test_tiles_list_what_their_rectangle_says_front_to_back(width: int, height: int) -> None:
+def test_tiles_list_the_faces_of_their_rectangles_front_to_back(width: int, height: int) -> None:
     rng = np.random.default_rng(width)
     grid = grid_size(width, height)
     low = rng.integers(0, grid + 1, (40, 2))
     rectangles = Rectangles(low, np.minimum(low + rng.integers(0, 3, (40, 2)), grid))
     depth = rng.integers(1, 6, 40).astype(F)
     kept = rng.random(40) < 0.8
-    found = {}
+    listed = {}
     for tile in tiles_front_to_back(rectangles, depth, kept, width, height):
         at = (int(tile.columns[0]) // 16, int(tile.rows[0]) // 16)
-        found[at] = tile
+        listed[at] = tile
     for x in range(int(grid[0])):
         for y in range(int(grid[1])):
             inside = (rectangles.low <= (x, y)).all(axis=1) & ((x, y) < rectangles.high).all(axis=1) & kept
             wanted = sorted(np.flatnonzero(inside).tolist(), key=lambda face: (depth[face], face))
             if not wanted:
-                assert (x, y) not in found
+                assert (x, y) not in listed
                 continue
-            tile = found.pop((x, y))
+            tile = listed.pop((x, y))
             assert tile.faces.tolist() == wanted
             samples = {
                 (i, j)
@@ -120,7 +122,7 @@ def test_tiles_list_what_their_rectangle_says_front_to_back(width: int, height: 
             }
             assert set(zip(tile.columns.tolist(), tile.rows.tolist(), strict=True)) == samples
             assert len(tile.columns) == len(samples)
-    assert not found
+    assert not listed
 
 
 def test_depths_are_compared_as_float32() -> None:

@@ -1,4 +1,4 @@
-"""The camera's float32 matrices are those the official code hands to its kernels."""
+"""The camera's float32 matrices equal the matrices that official code passes to its kernels."""
 
 import numpy as np
 import pytest
@@ -23,7 +23,7 @@ def test_full_projection_is_official_bit_for_bit(view: View) -> None:
     half = [float(stored[name]) / 2 for name in ("fovx", "fovy")]
     np.testing.assert_array_equal(matrices.tan_fov, np.tan(half).astype(np.float32))
     np.testing.assert_array_equal(matrices.shift, [0, 0])
-    # Upstream inverts in float32, and the last bits are the library's; ours is rounded once.
+    # Official code inverts in float32, and the last bits depend on its library; ours is rounded once.
     offset = max(1, np.linalg.norm(stored["world_to_camera"][:3, 3]))
     np.testing.assert_allclose(matrices.center, stored["camera_center"], atol=3e-7 * offset, rtol=0)
 
@@ -39,8 +39,8 @@ def test_diffsoup_mvp_is_official_bit_for_bit(view: View) -> None:
 
 def test_a_supersampled_raster_keeps_the_angles() -> None:
     camera = Camera(64, 48, 70, 75, 30, 25, np.eye(4))
-    one, four = (splatting_camera(camera, 0.01, 100.0, np.float64, scale) for scale in (1, 4))
+    single, four = (splatting_camera(camera, 0.01, 100.0, np.float64, scale) for scale in (1, 4))
     assert (four.width, four.height) == (256, 192)
-    np.testing.assert_array_equal(one.full_projection, four.full_projection)
-    np.testing.assert_array_equal(one.shift, [-2, 1])
+    np.testing.assert_array_equal(single.full_projection, four.full_projection)
+    np.testing.assert_array_equal(single.shift, [-2, 1])
     np.testing.assert_array_equal(four.shift, [-8, 4])

@@ -18,7 +18,7 @@ CAMERAS = [front_camera(41, 29), front_camera(40, 28, cx=26.5, cy=9.25)]
 
 
 def around_the_camera(seed: int, count: int = 150) -> np.ndarray:
-    """Return triangles before, across and behind the camera, large and small."""
+    """Return triangles in front of, across and behind the camera, large and small."""
     rng = np.random.default_rng(seed)
     size = np.exp(rng.uniform(-2, 1.5, (count, 1, 1)))
     return rng.normal(0, 1, (count, 1, 3)) * (1, 1, 2) + (0, 0, 1) + size * rng.normal(0, 1, (count, 3, 3))
@@ -26,12 +26,12 @@ def around_the_camera(seed: int, count: int = 150) -> np.ndarray:
 
 def project(triangles: np.ndarray, camera: Any, incentre: bool = True) -> EngineTriangles:
     view = splatting_camera(camera, 0.01, 100.0, F)
-    with np.errstate(all="ignore"):  # as `render_reference` does: what is dropped gives what it gives
+    with np.errstate(all="ignore"):  # like `render_reference`, for triangles that are dropped
         return project_engine(triangles, view, incentre=incentre)
 
 
 def rays(camera: Any) -> np.ndarray:
-    """Return the direction, with z = 1, of the centre of every pixel: (H, W, 3)."""
+    """Return the directions, with z = 1, of all pixel centres: (H, W, 3)."""
     x, y = np.meshgrid(np.arange(camera.width) + 0.5, np.arange(camera.height) + 0.5)
     return np.stack([(x - camera.cx) / camera.fx, (y - camera.cy) / camera.fy, np.ones_like(x)], axis=-1)
 
@@ -40,13 +40,13 @@ def rays(camera: Any) -> np.ndarray:
 @pytest.mark.parametrize("camera", CAMERAS)
 @pytest.mark.parametrize("incentre", [True, False])
 def test_fragments_are_where_rays_meet_triangles(camera: Any, incentre: bool) -> None:
-    """Pixel centres at half-integers, depth and barycentrics exact, nothing nearer than the near plane."""
+    """Pixel centres are at half-integers, depth and barycentrics are exact, the near plane clips."""
     triangles = around_the_camera(int(incentre))
     shapes = project(triangles, camera, incentre)
     rows, columns = (axis.ravel() for axis in np.mgrid[0 : camera.height, 0 : camera.width].astype(F))
     seen = crossing = 0
     for face, corners in enumerate(triangles):
-        # depth * ray = the sum of barycentrics times corners
+        # depth * ray = sum of barycentric coordinates * corners
         scaled = np.linalg.solve(corners.T, rays(camera).reshape(-1, 3).T)
         depth = 1 / scaled.sum(axis=0)
         barycentrics = scaled * depth
@@ -59,8 +59,8 @@ def test_fragments_are_where_rays_meet_triangles(camera: Any, incentre: bool) ->
         seen += 1
         crossing += corners[:, 2].min() < NEAR
         np.testing.assert_allclose(shapes.depth_at(face, columns, rows)[inside], depth[inside])
-        found = np.stack(shapes.barycentrics(face, columns, rows))[:, inside]
-        np.testing.assert_allclose(found, barycentrics[:, inside], atol=1e-9)
+        weights = np.stack(shapes.barycentrics(face, columns, rows))[:, inside]
+        np.testing.assert_allclose(weights, barycentrics[:, inside], atol=1e-9)
         low, high = shapes.rectangles.low[face], shapes.rectangles.high[face]
         assert (columns[inside] // 16 >= low[0]).all()
         assert (columns[inside] // 16 < high[0]).all()
@@ -81,7 +81,7 @@ def test_fragments_are_where_rays_meet_triangles(camera: Any, incentre: bool) ->
     assert crossing > 5
 
 
-def test_triangles_with_nothing_to_see_are_dropped() -> None:
+def test_invisible_triangles_are_dropped() -> None:
     front = np.array([[-1, -1, 4], [1, -1, 4], [0, 1.2, 4]], F)
     cases = {
         "behind": front - (0, 0, 8),
@@ -99,7 +99,7 @@ def test_triangles_with_nothing_to_see_are_dropped() -> None:
     np.testing.assert_allclose(reversed_order.facing_normal()[0], [0, 0, -1])
 
 
-def test_depth_of_what_lies_behind_the_camera_is_the_least() -> None:
+def test_triangles_with_a_centroid_behind_the_camera_have_depth_zero() -> None:
     across = np.array([[[-1, 0.5, -9], [1, 0.5, -9], [0, 0.5, 3]]], F)
     shapes = project(across, front_camera())
     assert not shapes.dropped[0]
@@ -107,7 +107,7 @@ def test_depth_of_what_lies_behind_the_camera_is_the_least() -> None:
 
 
 @pytest.mark.parametrize("gamma", [1.0, 2.5, 50.0])
-def test_triangles_of_two_dts_are_grown_to_hold_their_coverage(gamma: float) -> None:
+def test_triangles_of_two_dts_are_enlarged_to_contain_their_coverage(gamma: float) -> None:
     opacity = np.array([0.003, 0.0041, 0.1, 0.7, 1.0], F)
     reached = reach(opacity, gamma)
     alpha = coverage_alpha(np.minimum(reached, MAX_ECCENTRICITY)[:, None], opacity[:, None], gamma)[:, 0]
@@ -120,7 +120,7 @@ def test_triangles_of_two_dts_are_grown_to_hold_their_coverage(gamma: float) -> 
 @pytest.mark.parametrize("method", SPLATTING)
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
 def test_colors_are_interpolated_on_the_triangle(method: str, dtype: type) -> None:
-    """A tilted one with a colour at each corner; of the other methods the depth shows it."""
+    """A tilted triangle with a colour per corner; for methods with face colours, its depth is tested."""
     corners = np.array([[-1.5, -1, 2], [1.5, -1, 2], [0, 2.5, 8]], np.float32)
     rows = 3 if method == "mesh_splatting" else 1
     colors = np.concatenate(
@@ -147,8 +147,8 @@ def test_colors_are_interpolated_on_the_triangle(method: str, dtype: type) -> No
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_what_is_near_is_clipped_and_not_dropped(method: str) -> None:
-    """Officially a triangle that reaches behind the camera vanishes."""
+def test_triangles_across_the_camera_plane_are_clipped(method: str) -> None:
+    """The official code drops triangles that reach behind the camera."""
     ground = np.array([[[-9, 1, -3], [9, 1, -3], [0, 1, 9]]], np.float32)
     buffers: dict[str, Any] = {}
     if method == "diffsoup":
@@ -182,7 +182,7 @@ def test_in_an_engine_there_are_no_tiles(method: str) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("method", SPLATTING)
 def test_without_order_faces_are_blended_as_stored(method: str) -> None:
-    """Two that cover the middle: the first of the asset is in front, although it is farther away."""
+    """Two faces cover the middle; the first in the asset is in front, although it is farther away."""
     triangle = np.array([[-2, 2, 3], [2, 2, 3], [0, -2.5, 3]], np.float32)
     pair = np.stack([triangle * (1, 1, 1.5), triangle]).astype(np.float32)
     rows = 3 if method == "mesh_splatting" else 1
@@ -197,8 +197,8 @@ def test_without_order_faces_are_blended_as_stored(method: str) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("method", ["two_dts", "triangle_splatting"])
-def test_without_tiles_faces_are_seen_wherever_they_reach(method: str) -> None:
-    """One that its official tiles cut: alone, so that order does not matter."""
+def test_without_tiles_faces_are_visible_everywhere(method: str) -> None:
+    """A single triangle, which its official tiles cut off."""
     cut = False
     for seed in range(30):
         asset = soup(method, random_triangles(seed, 1, 1.5), opacity=np.full(1, 4, np.float32))
@@ -215,24 +215,24 @@ def test_without_tiles_faces_are_seen_wherever_they_reach(method: str) -> None:
 @pytest.mark.parametrize(
     "view", [v for v in golden_views("diffsoup") if v.name.startswith("soup")][:2], ids=names
 )
-def test_diffsoup_in_an_engine_is_what_its_official_viewer_draws(view: View) -> None:
-    """Its web export in a real rasterizer, which clips a fifth of this view's pixels into being."""
+def test_diffsoup_in_an_engine_matches_its_official_viewer(view: View) -> None:
+    """The web export in a rasterizer; clipped triangles cover a fifth of this view's pixels."""
     with np.load(view.folder / "viewer_views.npz") as file:
-        shown = file[f"v{view.name[-1]}_viewer_image"]
+        viewer_image = file[f"v{view.name[-1]}_viewer_image"]
     asset = exported(view.folder / "web_export" / view.folder.name)
-    found = {}
+    matching = {}
     for sampling in ("official", "engine"):
         frame = render_reference(asset, view.camera, view.background, view.settings, sampling=sampling)
         image = frame.image[::-1] if view.stored["flip_rows"] else frame.image
-        levels = np.abs(np.rint(255 * image) - shown.astype(int)).max(axis=-1)
-        found[sampling] = float((levels <= 8).mean())  # the viewer rounds features once more
-    assert found["official"] < 0.85
-    assert found["engine"] > 0.995
+        levels = np.abs(np.rint(255 * image) - viewer_image.astype(int)).max(axis=-1)
+        matching[sampling] = float((levels <= 8).mean())  # the viewer rounds features to bytes twice
+    assert matching["official"] < 0.85
+    assert matching["engine"] > 0.995
 
 
 @pytest.mark.parametrize("method", SPLATTING)
-def test_samples_stop_as_they_do_officially(method: str) -> None:
-    """Many nearly opaque layers: no transmittance falls below the threshold but by the last one blended."""
+def test_samples_stop_like_in_the_official_code(method: str) -> None:
+    """With many nearly opaque layers, only the last blended one lowers T below the threshold."""
     layer, depths = np.array([[-9, 9, 3], [9, 9, 3], [0, -12, 3]]), 0.01 * np.arange(40)
     layers = layer + np.stack([0 * depths, 0 * depths, depths], axis=-1)[:, None]
     rows = 3 * len(layers) if method == "mesh_splatting" else len(layers)

@@ -1,4 +1,4 @@
-"""The official DiffSoup evaluator's images and buffers, and its viewer's 8-bit ones."""
+"""DiffSoup's reference against the official evaluator's images and buffers, and the viewer's 8-bit images."""
 
 import numpy as np
 import pytest
@@ -31,7 +31,7 @@ def test_float32_repeats_the_official_kernels(view: View) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("view", VIEWS, ids=names)
 def test_float64_sees_the_same_faces(view: View) -> None:
-    """The key of the depth test is a float32 by definition, else near ties would fall otherwise."""
+    """The key of the depth test is float32 by definition, so close depths also tie in float64."""
     frame, stored = view.render(np.float64), view.stored
     same = frame.raw["tri_id"] == stored["tri_id"]
     assert same[stored["stable"]].all()
@@ -54,19 +54,20 @@ def test_frame_is_in_image_order(view: View) -> None:
 
 
 @pytest.mark.parametrize("view", VIEWS, ids=names)
-def test_the_web_export_looks_like_the_official_viewer(view: View) -> None:
-    """Bytes stand for value / 255. The viewer rounds features to bytes once more before it decodes them.
+def test_the_web_export_matches_the_official_viewer(view: View) -> None:
+    """Bytes mean value / 255. The viewer rounds features to bytes once more before decoding.
 
-    It also clips triangles that cross the camera plane, which the evaluator drops: the soup has such.
+    It also clips triangles across the camera plane, which the evaluator drops; the soup contains such
+    triangles.
     """
-    shown = view.shown["viewer_image"] / np.float32(255)
+    viewer_image = view.viewer["viewer_image"] / np.float32(255)
     frame = render_reference(view.web, view.camera, view.background, view.settings)
     if not view.name.startswith("soup"):
-        assert psnr(view.kernel_rows(frame.image), shown) > 45
-        assert psnr(view.kernel_rows(view.frame.image), shown) < 43
-    if "gbuf_a" not in view.shown:
+        assert psnr(view.kernel_rows(frame.image), viewer_image) > 45
+        assert psnr(view.kernel_rows(view.frame.image), viewer_image) < 43
+    if "gbuf_a" not in view.viewer:
         return
-    first, second = view.shown["gbuf_a"], view.shown["gbuf_b"]
+    first, second = view.viewer["gbuf_a"], view.viewer["gbuf_b"]
     target = np.concatenate([first, second[..., :3]], axis=-1)
     hit, drawn = frame.raw["tri_id"] >= 0, second[..., 3] > 0
     both = hit & drawn
@@ -74,7 +75,7 @@ def test_the_web_export_looks_like_the_official_viewer(view: View) -> None:
     if not view.name.startswith("soup"):
         assert (hit != drawn).sum() <= 2
         assert same.mean() > 0.999
-    # From the viewer's own features on, its colours are ours up to the final rounding to a byte.
+    # Decoding the viewer's features gives its colours up to the final rounding to bytes.
     features = (target[both] / np.float32(255)).astype(np.float32)[same]
     colors = decode(view.web, features, frame.raw["sh"][both][same])
-    assert worst(colors, shown[both][same]) <= 0.5 / 255 + 1e-4
+    assert worst(colors, viewer_image[both][same]) <= 0.5 / 255 + 1e-4

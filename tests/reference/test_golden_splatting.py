@@ -1,4 +1,4 @@
-"""The official kernels' images, depths, normals and kept faces of the three splatting methods."""
+"""The references of the splatting methods against official images, depths, normals and kept faces."""
 
 import numpy as np
 import pytest
@@ -36,8 +36,8 @@ def test_float64_differs_by_rounding(view: View) -> None:
 
 
 @pytest.mark.parametrize("view", TWO_DTS, ids=names)
-def test_depth_is_that_of_the_kernel_without_its_background(view: View) -> None:
-    """On rasters of one sample a pixel the expected depth follows from what the kernel stored."""
+def test_depth_equals_the_official_depth_without_background(view: View) -> None:
+    """With one sample per pixel the expected depth can be computed from the official buffers."""
     if view.settings["render_up_scale"] > 1:
         assert view.frame.raw["depth"].shape == tuple(2 * side for side in view.frame.depth.shape)
         return
@@ -79,8 +79,8 @@ def test_float64_differs_at_single_pixels(view: View) -> None:
     np.testing.assert_array_equal(frame.visible, visible(view))
 
 
-def test_the_view_direction_of_the_centroid_is_another_image() -> None:
-    """Trained coefficients are right with the official kernel's broadcast of z alone."""
+def test_the_view_direction_of_the_centroid_changes_the_image() -> None:
+    """Trained coefficients are correct only with the official kernel's broadcast of z."""
     view = TRIANGLES[0]
     assert 10 < psnr(view.render(view_dir="centroid").image, view.image) < 35
 
@@ -104,7 +104,7 @@ def test_float32_repeats_the_official_kernels_supersampled(view: View) -> None:
 
 @pytest.mark.parametrize("view", MESHES, ids=names)
 def test_float32_repeats_every_plane_of_the_raster(view: View) -> None:
-    """The buffers ss1_* are the rasterizer's own, one sample a pixel."""
+    """The buffers ss1_* are the rasterizer's planes with one sample per pixel."""
     frame, stored = view.render(supersample=1), view.stored
     assert psnr(frame.image, stored["ss1_image"]) >= 130
     assert frame.raw["faces_kept_ss1"] == stored["faces_kept_ss1"]
@@ -119,7 +119,7 @@ def test_float32_repeats_every_plane_of_the_raster(view: View) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("view", MESHES, ids=names)
 def test_float64_differs_at_single_edge_pixels(view: View) -> None:
-    """Suggested acceptance: 0.5 % of the stable pixels; the telephoto view is the worst."""
+    """At most 0.5 % of the stable pixels differ; the telephoto view is the worst."""
     frame, stored = view.render(np.float64, supersample=1), view.stored
     off = np.abs(frame.image - stored["ss1_image"]).max(axis=-1)[stored["ss1_stable"]]
     assert psnr(frame.image, stored["ss1_image"]) >= 50

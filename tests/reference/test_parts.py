@@ -1,4 +1,4 @@
-"""The parts of the formulas against what they are in exact arithmetic."""
+"""Parts of the formulas against exact arithmetic."""
 
 import numpy as np
 import pytest
@@ -59,7 +59,7 @@ def test_the_threshold_is_strict() -> None:
 
 @pytest.mark.parametrize("scale", [1, 2, 3, 4, 5])
 def test_resize_is_exact_for_linear_images(scale: int) -> None:
-    """Bilinear interpolation at pixel centres, as torch's with align_corners=False."""
+    """Bilinear interpolation at pixel centres, like torch's with align_corners=False."""
     rows, columns = np.mgrid[0 : 4 * scale, 0 : 6 * scale].astype(np.float64)
     small = resize(2 * rows - columns, scale)
     y, x = np.mgrid[0:4, 0:6]
@@ -70,7 +70,7 @@ def test_resize_is_exact_for_linear_images(scale: int) -> None:
 
 @pytest.mark.parametrize("level", [0, 1, 2, 5])
 def test_lattices_are_linear_between_their_nodes(level: int) -> None:
-    """Sample s(s + 1)/2 + y is the node x, y with s = x + y; a linear lattice is reproduced everywhere."""
+    """Sample s(s + 1)/2 + y is the node (x, y) with s = x + y; linear lattices are reproduced exactly."""
     side = 2**level
     count = (side + 1) * (side + 2) // 2
     lattice = np.zeros((2, count, 1))
@@ -81,7 +81,7 @@ def test_lattices_are_linear_between_their_nodes(level: int) -> None:
     weights = rng.dirichlet((1, 1, 1), 200)
     corners = np.eye(3)  # vertex 0, 1 and 2
     b = np.concatenate([weights, corners])
-    found = interpolate(lattice, 1, level, b[:, 0], b[:, 1])[:, 0]
-    np.testing.assert_allclose(found, 3 * b[:, 0] - 2 * b[:, 1] + 1, atol=1e-12)
-    assert found[-3:].tolist() == pytest.approx([4, -1, 1])
+    values = interpolate(lattice, 1, level, b[:, 0], b[:, 1])[:, 0]
+    np.testing.assert_allclose(values, 3 * b[:, 0] - 2 * b[:, 1] + 1, atol=1e-12)
+    assert values[-3:].tolist() == pytest.approx([4, -1, 1])
     assert lattice[1, 0, 0] == 1  # sample 0 is vertex 2

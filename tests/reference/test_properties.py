@@ -1,4 +1,4 @@
-"""What must hold of every model: empty views, small and odd images, order, settings, principal points."""
+"""Properties of every model: empty views, odd image sizes, order of faces, settings, principal points."""
 
 from typing import Any
 
@@ -29,8 +29,8 @@ VARIANTS: list[tuple[str, dict[str, Any]]] = [
 variants = pytest.mark.parametrize(("method", "settings"), VARIANTS)
 
 
-def same(first: ReferenceFrame, second: ReferenceFrame) -> None:
-    """Hold two frames equal, bit for bit."""
+def assert_same(first: ReferenceFrame, second: ReferenceFrame) -> None:
+    """Assert that two frames are bit-identical."""
     for name in ("image", "alpha", "depth", "depth_median", "normal"):
         a, b = getattr(first, name), getattr(second, name)
         assert (a is None) == (b is None)
@@ -63,7 +63,7 @@ def test_shapes_and_dtypes(
 @pytest.mark.slow
 @variants
 def test_order_of_the_faces_does_not_matter(method: str, settings: dict[str, Any]) -> None:
-    """Unless depths are equal: no two are here."""
+    """Except at equal depths, which do not occur here."""
     triangles = random_triangles(4, size=0.5)
     asset = soup(method, triangles)
     order = np.random.default_rng(0).permutation(len(triangles))
@@ -75,13 +75,13 @@ def test_order_of_the_faces_does_not_matter(method: str, settings: dict[str, Any
         buffers[name] = np.ascontiguousarray(rows.reshape(array.shape))
     mixed = soup(method, triangles[order], **buffers)
     first, second = (render_reference(a, front_camera(), (0, 0, 0), settings) for a in (asset, mixed))
-    same(first, second)
+    assert_same(first, second)
     np.testing.assert_array_equal(first.visible[order], second.visible)
 
 
 @pytest.mark.parametrize(("method", "settings"), VARIANTS[:-2])
 def test_ties_go_to_the_lower_index(method: str, settings: dict[str, Any]) -> None:
-    """Two faces in one place: the first is in front, whichever colour it has."""
+    """If two faces coincide, the first is in front, whatever its colour."""
     triangle = np.float32([[-2, 2, 3], [2, 2, 3], [0, -2.5, 3]])  # a front face: back_culling keeps it
     rows = 3 if method == "mesh_splatting" else 1
     red, green = constant_color(rows, (1, 0, 0)), constant_color(rows, (0, 1, 0))
@@ -98,11 +98,11 @@ def test_gamma_is_stored_or_overridden() -> None:
     stored = soup("two_dts", triangles, settings={"gamma": 20.0, "ste_threshold": 0.6})
     plain = soup("two_dts", triangles)
     camera = front_camera()
-    same(
+    assert_same(
         render_reference(stored, camera),
         render_reference(plain, camera, settings={"gamma": 20.0, "ste_threshold": 0.6}),
     )
-    same(
+    assert_same(
         render_reference(stored, camera, settings={"gamma": 1.0, "ste_threshold": None}),
         render_reference(plain, camera),
     )
@@ -112,13 +112,13 @@ def test_gamma_is_stored_or_overridden() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("method", SPLATTING)
 @pytest.mark.parametrize("degree", [0, 1, 2])
-def test_a_lower_sh_degree_ignores_the_rest(method: str, degree: int) -> None:
+def test_a_lower_sh_degree_ignores_higher_coefficients(method: str, degree: int) -> None:
     triangles = random_triangles(6)
     full = soup(method, triangles, degree=3)
     rest = full.buffers["f_rest"].reshape(len(full.buffers["f_rest"]), -1, 3)[:, : (degree + 1) ** 2 - 1]
     buffers = {"f_rest": np.ascontiguousarray(rest.reshape(len(rest), -1))} if degree else {}
     small = soup(method, triangles, degree=degree, **buffers)
-    same(
+    assert_same(
         render_reference(full, front_camera(), settings={"sh_degree": degree}),
         render_reference(small, front_camera()),
     )
@@ -127,17 +127,19 @@ def test_a_lower_sh_degree_ignores_the_rest(method: str, degree: int) -> None:
 @pytest.mark.parametrize("method", SPLATTING)
 def test_both_orders_of_f_rest_are_read(method: str) -> None:
     asset = soup(method, random_triangles(7), degree=3)
-    same(render_reference(asset, front_camera()), render_reference(channel_major(asset), front_camera()))
+    assert_same(
+        render_reference(asset, front_camera()), render_reference(channel_major(asset), front_camera())
+    )
 
 
 @pytest.mark.parametrize(("method", "settings"), [case for case in VARIANTS if case != ("diffsoup", {})])
 def test_a_small_face_appears_where_the_camera_projects_it(method: str, settings: dict[str, Any]) -> None:
-    """Off-centre principal points included; the package's pixel centres are half-integers.
+    """Also with off-centre principal points; pixel centres are at half-integers.
 
-    DiffSoup's COLMAP layout has another sign of cy: the next test.
+    DiffSoup's COLMAP layout has the opposite sign of cy, which the next test covers.
     """
     center = np.array([0.31, -0.22, 3.0])
-    # A diffuse one leaks past its edges; the others drop or miss what is tiny.
+    # 2DTS triangles extend beyond their edges; other methods drop tiny triangles, so theirs are larger.
     size = 0.1 if method == "two_dts" and "rasterizer" not in settings else 1.0
     triangle = center + size * np.array([[-0.3, 0.2, 0], [0.3, 0.2, 0], [0, -0.4, 0]])
     opaque = {"features.opacity": np.ones((1, 6), np.float32)} if method == "diffsoup" else {}
@@ -147,8 +149,8 @@ def test_a_small_face_appears_where_the_camera_projects_it(method: str, settings
         camera = front_camera(**moved)
         alpha = render_reference(asset, camera, settings=settings).alpha
         rows, columns = np.mgrid[0:28, 0:40] + 0.5
-        found = [(alpha * axis).sum() / alpha.sum() for axis in (columns, rows)]
-        np.testing.assert_allclose(found, camera.project(center)[0], atol=0.3)
+        centroid = [(alpha * axis).sum() / alpha.sum() for axis in (columns, rows)]
+        np.testing.assert_allclose(centroid, camera.project(center)[0], atol=0.3)
 
 
 def test_diffsoup_keeps_the_sign_of_cy_of_its_colmap_layout() -> None:
@@ -161,7 +163,7 @@ def test_diffsoup_keeps_the_sign_of_cy_of_its_colmap_layout() -> None:
 
 @pytest.mark.parametrize("method", SPLATTING)
 def test_moving_the_principal_point_by_whole_tiles_moves_the_image(method: str) -> None:
-    """So the shift acts on the pixel mapping alone: same faces, same falloff, elsewhere."""
+    """The shift affects only the mapping to pixels: same faces, same falloff, at another position."""
     asset = soup(method, random_triangles(8), degree=2)
     settings = {"supersample": 2} if method == "mesh_splatting" else {}
     first = render_reference(asset, front_camera(48, 48), (0, 0, 0), settings, np.float64)
@@ -175,5 +177,5 @@ def test_infinite_opacity_logits_are_zero_and_one() -> None:
     logits = np.float32([np.inf, -np.inf])
     frame = render_reference(soup("two_dts", triangles, opacity=logits), front_camera())
     alone = render_reference(soup("two_dts", triangles, opacity=np.float32([90, -90])), front_camera())
-    same(frame, alone)
+    assert_same(frame, alone)
     assert frame.visible.tolist() == [True, True]

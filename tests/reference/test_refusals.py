@@ -1,4 +1,4 @@
-"""What cannot be drawn is refused by code, on every tier."""
+"""Assets that cannot be drawn are rejected with an error code, on every tier."""
 
 from dataclasses import replace
 from typing import Any
@@ -18,15 +18,15 @@ TIERS = [*((method, tier) for method in METHODS for tier in ("reference", "dedic
 EVERY = [*TIERS, *((method, "standard") for method in SPLATTING)]
 
 
-def refusal(asset: Asset, tier: Any, code: str) -> MsbError:
-    """Return the error of `code` with which `tier` refuses `asset`."""
+def rejection(asset: Asset, tier: Any, code: str) -> MsbError:
+    """Return the error with the given code that `tier` raises for `asset`."""
     with pytest.raises(AssetError, match=f"^{code}: ") as caught:
         msb.render(asset, front_camera(), tier, device=SELECTOR)
     return caught.value
 
 
 def changed(asset: Asset, name: str, index: Any, value: float) -> Asset:
-    """Return `asset` with one value of a buffer replaced behind its checks, as a file can have it."""
+    """Return `asset` with one value of a buffer replaced without checks, as a file may contain it."""
     array = asset.buffers[name].copy()
     array[index] = value
     return replace(asset, buffers={**asset.buffers, name: array})
@@ -40,14 +40,14 @@ def test_values_that_are_not_finite(method: str, tier: str, value: float) -> Non
     for name in ("positions", "f_dc") if tier == "standard" else names:
         if name == "opacity" and np.isinf(value):
             continue
-        error = refusal(changed(asset, name, 2, value), tier, "TRIASSET_VALUE_NONFINITE")
+        error = rejection(changed(asset, name, 2, value), tier, "TRIASSET_VALUE_NONFINITE")
         assert error.pointer == f"{name}[2]"
 
 
 @pytest.mark.parametrize(("method", "tier"), EVERY)
 def test_indices_out_of_range(method: str, tier: str) -> None:
     asset = changed(soup(method, random_triangles(1, count=4)), "indices", (3, 1), 12)
-    assert refusal(asset, tier, "TRIASSET_INDEX_OUT_OF_RANGE").pointer == "indices[3, 1]"
+    assert rejection(asset, tier, "TRIASSET_INDEX_OUT_OF_RANGE").pointer == "indices[3, 1]"
 
 
 @pytest.mark.parametrize(("method", "tier"), TIERS)
@@ -57,7 +57,7 @@ def test_missing_and_misshapen_buffers(method: str, tier: str) -> None:
         rest = {other: array for other, array in asset.buffers.items() if other != name}
         longer = np.concatenate([asset.buffers[name]] * 2)
         for buffers in (rest, {**rest, name: longer}):
-            error = refusal(replace(asset, buffers=buffers), tier, "TRIASSET_BUFFER")
+            error = rejection(replace(asset, buffers=buffers), tier, "TRIASSET_BUFFER")
             assert name in str(error)
 
 
@@ -72,18 +72,18 @@ def test_missing_and_misshapen_buffers(method: str, tier: str) -> None:
         ("diffsoup", "appearance", "level", True),
     ],
 )
-def test_parameters_we_do_not_know(method: str, section: str, key: str, value: Any) -> None:
+def test_unknown_parameters(method: str, section: str, key: str, value: Any) -> None:
     asset = soup(method, random_triangles(1, count=4))
     parameters = {**getattr(asset.manifest, section), key: value}
     asset = replace(asset, manifest=replace(asset.manifest, **{section: parameters}))
     for tier in ("reference", "dedicated") if key != "sigma_offset" else ("reference",):
-        assert refusal(asset, tier, "TRIASSET_FIELD").pointer == f"/{section}/{key}"
+        assert rejection(asset, tier, "TRIASSET_FIELD").pointer == f"/{section}/{key}"
 
 
 @pytest.mark.parametrize(
     ("method", "tier"), [("mesh", "reference"), ("mesh", "dedicated"), ("diffsoup", "standard")]
 )
-def test_tiers_that_a_model_has_not(method: str, tier: Any) -> None:
+def test_unsupported_tiers(method: str, tier: Any) -> None:
     vertices, faces = TETRAHEDRON
     mesh = build_asset({"positions": vertices, "indices": faces.astype(np.uint32)}, {})
     asset = mesh if method == "mesh" else soup(method, random_triangles(1, count=4))
@@ -95,6 +95,6 @@ def test_tiers_that_a_model_has_not(method: str, tier: Any) -> None:
 @pytest.mark.parametrize(
     ("settings", "code"), [({"gama": 2.0}, "SETTING_UNKNOWN"), ({"sh_degree": 2}, "SETTING_VALUE")]
 )
-def test_settings_that_are_none(settings: dict[str, Any], code: str) -> None:
+def test_invalid_settings(settings: dict[str, Any], code: str) -> None:
     with pytest.raises(UsageError, match=code):
         render_reference(soup("two_dts", random_triangles(1, count=4)), front_camera(), settings=settings)

@@ -10,12 +10,12 @@ from tests.cl.conftest import SELECTOR, fresh, styled
 __all__ = ["fresh", "styled"]
 
 device = styled
-"""In the CPU style, then in the GPU style, unless a module says otherwise."""
+"""A device in the CPU style, then in the GPU style; modules may override it."""
 
 
 @pytest.fixture(scope="module")
 def cpu() -> Iterator[Device]:
-    """Return a device that uses the CPU style, where its compiler is known to take it, else the GPU style."""
+    """Return a device with CPU-style kernels if its compiler supports them, else with GPU-style kernels."""
     with open_device(SELECTOR) as opened:
         yield opened
 

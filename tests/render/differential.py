@@ -1,8 +1,8 @@
-"""How far a renderer's frame of a random case is from the NumPy reference's, and what rounding explains.
+"""The difference between a renderer's frame of a random case and the NumPy reference, without rounding.
 
-The dedicated tier is compared with the float32 reference, the standard tier with its float64 twin. What
-rounding decides is no error: it is one where the reference shows the same in another precision, and with
-every corner moved by about as much as float32 rounds.
+The dedicated tier is compared with the float32 reference, the standard tier with its float64 twin. A
+difference is explained by rounding if the reference changes in the same way when it runs in another
+precision, or when every corner is moved by about the rounding error of float32. Other differences are errors.
 """
 
 from collections.abc import Iterator, Mapping
@@ -28,26 +28,27 @@ from tests.render.frames import frame_of
 from tests.render.random_cases import STANDARD, Case
 
 OFF = 2e-3
-"""What is farther from the reference is off; of large numbers, this share of the largest. Rounding explains
-it if it moves the reference by a quarter of this."""
+"""Tolerance: absolute, or for planes with values above 1 relative to the largest value. Rounding explains a
+difference if it moves the reference by a quarter of the tolerance."""
 MOVES = 16
-"""How often the reference draws again, at the most, to see what rounding moves."""
+"""Largest number of reference frames with moved corners."""
 ROUNDING = 2.0**-21
-"""Share of a coordinate that several operations in float32 may round away."""
+"""Relative error of a coordinate after several float32 operations."""
 
 
 @dataclass(frozen=True)
 class Difference:
-    """What one case shows.
+    """The result of one case.
 
     Attributes
     ----------
     pixels : int
-        Of the image.
+        Number of pixels of the image.
     off, explained : mapping of str to int
-        Field of the frame -> pixels that are off (`visible`: faces), without and with rounding as the reason.
+        Field of the frame -> number of pixels (for `visible`: faces) beyond the tolerance, without and with
+        rounding as explanation.
     quality : float
-        PSNR in dB of the image's pixels that are not off; infinite if they are equal.
+        PSNR in dB over the pixels within the tolerance; infinite if they are equal.
     """
 
     pixels: int
@@ -57,10 +58,10 @@ class Difference:
 
 
 def difference(case: Case, device: Device) -> Difference:
-    """Return how far the frame that `device` draws is from the reference's."""
+    """Return the difference between the frame that `device` renders and the reference's frame."""
     standard = case.method == STANDARD
     renderer = StandardRenderer if standard else dedicated_renderer
-    frame, wanted = draw(renderer, case, device), standard_twin(case) if standard else own_look(case)
+    frame, wanted = draw(renderer, case, device), standard_twin(case) if standard else reference_frame(case)
     wrong = fields_apart(frame, wanted)
     explained = {name: np.zeros_like(where) for name, where in wrong.items()}
     for other in others(case):
@@ -75,38 +76,38 @@ def difference(case: Case, device: Device) -> Difference:
     peak = max(1.0, float(np.abs(wanted.image).max()))
     return Difference(
         pixels=near.size,
-        off={name: found for name in wrong if (found := int((wrong[name] & ~explained[name]).sum()))},
-        explained={name: found for name in wrong if (found := int(explained[name].sum()))},
+        off={name: n for name in wrong if (n := int((wrong[name] & ~explained[name]).sum()))},
+        explained={name: n for name in wrong if (n := int(explained[name].sum()))},
         quality=10 * float(np.log10(peak**2 / squared)) if squared else float("inf"),
     )
 
 
 def others(case: Case) -> Iterator[ReferenceFrame]:
-    """Yield what the reference shows in another precision, and with its corners moved by roundings."""
+    """Yield frames of the reference in another precision, and with corners moved by rounding errors."""
     if case.method == STANDARD:
         yield from (standard_twin(case, seed) for seed in range(MOVES))
     else:
-        yield own_look(case, np.float64)
-        yield from (own_look(moved(case, seed)) for seed in range(MOVES))
+        yield reference_frame(case, np.float64)
+        yield from (reference_frame(moved(case, seed)) for seed in range(MOVES))
 
 
 def draw(make: Any, case: Case, device: Device) -> Frame:
-    """Return the frame of `case` by a renderer of class `make`."""
+    """Return the frame of `case`, rendered by a renderer of class `make`."""
     return frame_of(
         make, case.asset, device, case.camera, case.background, settings=case.settings, **case.options
     )
 
 
-def own_look(case: Case, dtype: type[Any] = np.float32) -> ReferenceFrame:
-    """Return the frame of `case` by the reference of its method."""
+def reference_frame(case: Case, dtype: type[Any] = np.float32) -> ReferenceFrame:
+    """Return the frame of `case`, rendered by the reference of its method."""
     modes = {name: case.options[name] for name in ("order", "sampling")}
     return render_reference(case.asset, case.camera, case.background, case.settings, dtype, **modes)
 
 
 def moved(case: Case, seed: int) -> Case:
-    """Return `case` with its vertices moved by roundings; vertices in one place stay in one place.
+    """Return `case` with vertices moved by rounding errors; coincident vertices stay coincident.
 
-    Positions are float64 then, as nothing but a reference takes them.
+    The positions are then float64, which only references accept.
     """
     positions = case.asset.buffers["positions"].astype(np.float64)
     places, numbers = np.unique(positions, axis=0, return_inverse=True)
@@ -116,17 +117,17 @@ def moved(case: Case, seed: int) -> Case:
 
 
 def standard_twin(case: Case, seed: int | None = None) -> ReferenceFrame:
-    """Return the frame of the opaque mesh that `case` is by the twin of the standard tier.
+    """Return the frame of `case` as an opaque mesh, rendered by the NumPy twin of the standard tier.
 
-    With a seed every face is moved for itself, since each rounds its own depths; faces in one place stay in
-    one place.
+    With a seed every face is moved separately, because each rounds its depths separately; coincident faces
+    stay coincident.
     """
     buffers, samples = case.asset.buffers, case.options["supersample"]
     positions, indices = buffers["positions"].astype(np.float64), buffers["indices"]
-    colors, shown = drawn_colors(case.asset), None
+    colors, visible = drawn_colors(case.asset), None
     if (threshold := case.settings.get("ste_threshold")) is not None:
         with np.errstate(over="ignore"):
-            shown = sigmoid(buffers["opacity"]) > np.float32(threshold)
+            visible = sigmoid(buffers["opacity"]) > np.float32(threshold)
     values, domain = colors.values, str(colors.domain)
     if seed is not None:
         if domain == "vertex":
@@ -140,21 +141,21 @@ def standard_twin(case: Case, seed: int | None = None) -> ReferenceFrame:
         np.put_along_axis(faces, order, np.take_along_axis(faces, order, 1) + moves, 1)
         positions, indices = faces.reshape(-1, 3), np.arange(faces.size // 3).reshape(-1, 3)
     view = enlarged(case.camera, samples)
-    frame = render_standard(positions, indices, values, domain, view, case.background, shown)
+    frame = render_standard(positions, indices, values, domain, view, case.background, visible)
     return frame if samples == 1 else box_filter(frame, samples)
 
 
 def roundings(
     points: NDArray[np.float64], camera: Camera, random: np.random.Generator
 ) -> NDArray[np.float64]:
-    """Return how far float32 may move points (..., 3): shares of their place in the camera's space."""
+    """Return random displacements of points (..., 3), of the size of float32 rounding in camera space."""
     pose = camera.world_to_camera
     reach = np.abs(points @ pose[:3, :3].T + pose[:3, 3]).max(axis=-1, keepdims=True)
     return np.asarray(reach * random.normal(size=points.shape) * ROUNDING)
 
 
 def snapping(points: NDArray[np.float64], camera: Camera, random: np.random.Generator) -> NDArray[np.float64]:
-    """Return how far the z-buffer's grid of 1/4096 pixel may move points (..., 3) of the world."""
+    """Return random displacements of points (..., 3), of the size of the z-buffer's grid of 1/4096 pixel."""
     pose = camera.world_to_camera
     depth = points @ pose[2, :3] + pose[2, 3]
     aside = random.uniform(-0.5, 0.5, points.shape) * (1 / camera.fx, 1 / camera.fy, 0) / UNITS
@@ -162,27 +163,30 @@ def snapping(points: NDArray[np.float64], camera: Camera, random: np.random.Gene
 
 
 def fields_apart(frame: Any, wanted: ReferenceFrame, limit: float = OFF) -> dict[str, NDArray[np.bool_]]:
-    """Return field -> pixels (H, W), or faces, in which `frame` is not as `wanted`; of fields that it has."""
-    found = {}
+    """Return field -> mask of the pixels (H, W), or faces, that differ between `frame` and `wanted`.
+
+    Fields that `frame` does not have are omitted.
+    """
+    masks = {}
     for name in ("image", "alpha", "depth", "normal", "depth_median"):
         if getattr(frame, name) is not None:
-            found[name] = apart(getattr(frame, name), getattr(wanted, name), limit)
+            masks[name] = apart(getattr(frame, name), getattr(wanted, name), limit)
     for name in ("face_id", "visible"):
         if getattr(frame, name) is not None:
-            found[name] = getattr(frame, name) != getattr(wanted, name)
+            masks[name] = getattr(frame, name) != getattr(wanted, name)
     for name in frame.raw.keys() & wanted.raw.keys():
         array = wanted.raw[name]
         if np.ndim(array) >= 2 and name not in ("mvp", "mvp_inv"):
-            found[f"raw {name}"] = apart(frame.raw[name], array, limit)
-    return found
+            masks[f"raw {name}"] = apart(frame.raw[name], array, limit)
+    return masks
 
 
-def apart(found: Any, right: Any, limit: float) -> NDArray[np.bool_]:
-    """Return where (H, W) two arrays (H, W, ...) are farther apart than `limit`, or one is no number.
+def apart(values: Any, right: Any, limit: float) -> NDArray[np.bool_]:
+    """Return a mask (H, W): whether two arrays (H, W, ...) differ by more than `limit`, or one is NaN.
 
-    The limit is a share of the largest number of `right` if that is above 1.
+    If the largest number of `right` is above 1, the limit is relative to it.
     """
-    first, second = np.asarray(found, np.float64), np.asarray(right, np.float64)
+    first, second = np.asarray(values, np.float64), np.asarray(right, np.float64)
     finite = np.abs(second[np.isfinite(second)])
     scale = max(1.0, float(finite.max(initial=0)))
     with np.errstate(invalid="ignore"):

@@ -1,4 +1,4 @@
-"""Frames of a renderer that lives for one of them, and how they are compared."""
+"""Frames of renderers that are closed after first frame, and comparisons of frames."""
 
 from typing import Any
 
@@ -15,7 +15,7 @@ FIELDS = ("image", "alpha", "depth", "normal", "depth_median")
 def frame_of(
     make: Any, asset: Asset, device: Device, camera: Camera, background: Any, **options: Any
 ) -> Frame:
-    """Return a frame by a renderer or pipeline of class `make`, which is closed again."""
+    """Return first frame of a renderer of class `make`, and close the renderer."""
     renderer = make(asset, device=device, **options)
     try:
         return renderer.render(camera, background)
@@ -24,20 +24,20 @@ def frame_of(
 
 
 def assert_near(frame: Any, wanted: Any) -> None:
-    """Assert that the same faces are visible, and that 0.2 % of the pixels at the most are off by 1e-4."""
+    """Assert that the same faces are visible, and at most 0.2 % of the pixels differ by more than 1e-4."""
     np.testing.assert_array_equal(frame.visible, wanted.visible)
     for name in FIELDS:
-        found, right = getattr(frame, name), getattr(wanted, name)
-        if right is None or found is None:
+        values, right = getattr(frame, name), getattr(wanted, name)
+        if right is None or values is None:
             continue
         scale = max(1.0, float(np.abs(right).max()))
-        off = np.abs(found.astype(np.float64) - right).reshape(*right.shape[:2], -1).max(axis=-1) / scale
+        off = np.abs(values.astype(np.float64) - right).reshape(*right.shape[:2], -1).max(axis=-1) / scale
         assert (off > 1e-4).mean() <= 2e-3, name
 
 
-def assert_same(one: Any, other: Any) -> None:
-    """Assert that two frames are equal to the bit."""
+def assert_same(first: Any, second: Any) -> None:
+    """Assert that two frames are bit-identical."""
     for name in (*FIELDS, "face_id", "visible"):
-        np.testing.assert_array_equal(getattr(one, name), getattr(other, name), err_msg=name)
-    for name, array in one.raw.items():
-        np.testing.assert_array_equal(array, other.raw[name], err_msg=name)
+        np.testing.assert_array_equal(getattr(first, name), getattr(second, name), err_msg=name)
+    for name, array in first.raw.items():
+        np.testing.assert_array_equal(array, second.raw[name], err_msg=name)

@@ -1,7 +1,7 @@
-"""What one seed draws for a property test of a renderer: a model, its settings, a camera, a background.
+"""Random cases for property tests of renderers: one seed gives a model, settings, camera and background.
 
-Everything that may go wrong is likely: settings at their limits, images of one pixel, principal points far
-off the middle, fields of view from 1 to 170 degrees, faces that coincide, have no area or are all behind.
+Difficult values are likely: settings at their limits, images of one pixel, principal points far off the
+middle, fields of view from 1 to 170 degrees, faces that coincide, have no area or are all behind the camera.
 """
 
 from dataclasses import dataclass
@@ -14,9 +14,8 @@ from msb.asset import Asset
 from msb.registry import METHODS, ORDERS, SAMPLINGS
 from msb.render.frame import EXTRAS
 from msb.scenes import Camera
-from tests.reference.soups import SPLATTING, soup, weld
+from tests.reference.soups import SPLATTING, lattice_model, soup, weld
 from tests.render.standard_scenes import mesh_asset, random_colors, unshared
-from tests.render.test_diffsoup_scenes import model as diffsoup_model
 
 Random = np.random.Generator
 Triangles = NDArray[np.float64]
@@ -37,15 +36,15 @@ KINDS = (
     "around",
     "behind",
 )
-"""Of triangles; what each is, `draw_triangles` says."""
+"""Kinds of triangle sets; `draw_triangles` generates them."""
 STANDARD = "standard"
-"""Drawn in place of a method: any asset that the standard tier shows."""
+"""In place of a method: any asset that the standard tier supports."""
 FACES = 90
 
 
 @dataclass(frozen=True)
 class Case:
-    """One draw; `str` of it says all but the numbers of the buffers, which its seed gives again."""
+    """A random case. Its `str` identifies it; the buffers follow from the seed."""
 
     method: str
     seed: int
@@ -55,9 +54,9 @@ class Case:
     background: tuple[float, float, float]
     settings: dict[str, Any]
     options: dict[str, Any]
-    """Of the renderer; `order` and `sampling` are the reference's, too."""
+    """Options of the renderer; `order` and `sampling` also apply to the reference."""
     style: str
-    """Of the kernels."""
+    """Style of the kernels."""
 
     def __str__(self) -> str:
         camera = self.camera
@@ -69,21 +68,21 @@ class Case:
 
 
 def draw_case(method: str, seed: int) -> Case:
-    """Return what `seed` draws for a method with an own look, or for `STANDARD`; always the same."""
+    """Return the case of `seed` for a method with a native renderer, or for `STANDARD`; reproducible."""
     random = np.random.default_rng((seed, *method.encode()))
     kind = str(random.choice(KINDS))
     camera = draw_camera(random, aligned=kind == "aligned")
     triangles = to_world(draw_triangles(random, kind, camera), camera)
-    shown = method
+    drawn_as = method
     if method == STANDARD:
-        shown = str(random.choice(["mesh", *SPLATTING]))
-    settings = draw_settings(random, shown)
-    if shown == "mesh":
+        drawn_as = str(random.choice(["mesh", *SPLATTING]))
+    settings = draw_settings(random, drawn_as)
+    if drawn_as == "mesh":
         asset = draw_mesh(random, triangles)
     elif method == "diffsoup":
         asset = draw_lattice(random, triangles)
     else:
-        asset = draw_splats(random, shown, triangles, settings)
+        asset = draw_splats(random, drawn_as, triangles, settings)
     options: dict[str, Any] = {}
     if method == STANDARD:
         settings = {name: value for name, value in settings.items() if name == "ste_threshold"}
@@ -110,7 +109,7 @@ def draw_case(method: str, seed: int) -> Case:
 
 
 def draw_settings(random: Random, method: str) -> dict[str, Any]:
-    """Return a value for every setting of `method`, limits among them."""
+    """Return a random value for every setting of `method`; limits are among them."""
     many: dict[str, list[Any]] = {
         "rasterizer": ["2D", "3D"],
         "sh_degree": [0, 1, 2, 3],
@@ -131,7 +130,7 @@ def draw_settings(random: Random, method: str) -> dict[str, Any]:
 
 
 def draw_camera(random: Random, *, aligned: bool) -> Camera:
-    """Return a camera, from 1 x 1 pixels on; `aligned`: its pixels lie at round numbers."""
+    """Return a random camera of at least 1 x 1 pixels; if `aligned`, pixels have round coordinates."""
     width, height = (int(random.choice([1, 2, 15, 16, 17, 33, 48, random.integers(3, 60)])) for _ in "xy")
     if aligned:
         return Camera(width, height, 32.0, 32.0, width / 2, height / 2, np.eye(4))
@@ -150,18 +149,18 @@ def draw_camera(random: Random, *, aligned: bool) -> Camera:
 
 
 def to_world(triangles: Triangles, camera: Camera) -> Floats:
-    """Return triangles of the camera's space (F, 3, 3) in the world's."""
+    """Return triangles (F, 3, 3) transformed from camera space to the world."""
     pose = camera.world_to_camera
     return np.asarray((triangles - pose[:3, 3]) @ pose[:3, :3], np.float32)
 
 
 def draw_triangles(random: Random, kind: str, camera: Camera) -> Triangles:
-    """Return triangles (F, 3, 3) in camera space, most of them before the camera, in what it sees."""
+    """Return triangles (F, 3, 3) in camera space, most of them in the field of view."""
     count = int(random.integers(1, FACES))
     half = np.array([camera.width / camera.fx, camera.height / camera.fy]) / 2
     middle = (np.array([camera.width, camera.height]) / 2 - (camera.cx, camera.cy)) / (camera.fx, camera.fy)
     if kind == "aligned":
-        # Corners on centres and borders of pixels, edges along rows and columns; depths powers of two.
+        # Corners on centres and borders of pixels, edges along rows and columns, depths as powers of two.
         pixels = random.integers(-4, 2 * np.array([camera.width, camera.height]) + 4, (count, 3, 2)) / 2
         pixels[::2, 1, 0], pixels[::2, 2, 1] = pixels[::2, 0, 0], pixels[::2, 0, 1]
         depth = 2.0 ** random.integers(0, 4, (count, 1, 1))
@@ -184,46 +183,46 @@ def draw_triangles(random: Random, kind: str, camera: Camera) -> Triangles:
         z[:] = random.choice([1.5, 2.0, 7.7], (count, 1))
     elif kind == "around":
         z = random.normal(scale=3, size=(count, 1)) + shape[..., 2] * depth[:, None]
-    found = np.concatenate([flat * np.abs(z)[..., None], z[..., None]], axis=2)
+    placed = np.concatenate([flat * np.abs(z)[..., None], z[..., None]], axis=2)
     if kind == "behind":
-        found[..., 2] = -np.abs(found[..., 2])
+        placed[..., 2] = -np.abs(placed[..., 2])
     elif kind == "slivers":
         thin = 10.0 ** random.uniform(-6, -0.3, (count, 1))
-        found[:, 2] = found[:, 1] + (found[:, 2] - found[:, 0]) * thin
+        placed[:, 2] = placed[:, 1] + (placed[:, 2] - placed[:, 0]) * thin
     elif kind == "degenerate":
-        found[::4, 2] = found[::4, 1]
-        found[1::4, 2] = (found[1::4, 0] + found[1::4, 1]) / 2
-        found[2::8] = found[2::8, :1]
+        placed[::4, 2] = placed[::4, 1]
+        placed[1::4, 2] = (placed[1::4, 0] + placed[1::4, 1]) / 2
+        placed[2::8] = placed[2::8, :1]
     elif kind == "scaled":
-        found[::3] *= 10.0 ** random.uniform(-6, 6, (len(found[::3]), 1, 1))
+        placed[::3] *= 10.0 ** random.uniform(-6, 6, (len(placed[::3]), 1, 1))
     elif kind == "coincident":
-        found = found[random.integers(0, 1 + count // 4, count)]
+        placed = placed[random.integers(0, 1 + count // 4, count)]
         turned = random.integers(0, 3, count)
-        found = np.stack(
-            [np.roll(corners, turn, axis=0) for corners, turn in zip(found, turned, strict=True)]
+        placed = np.stack(
+            [np.roll(corners, turn, axis=0) for corners, turn in zip(placed, turned, strict=True)]
         )
     elif kind == "connected":
         # Each corner is another triangle's, too.
-        corners = found.reshape(-1, 3)[: count + 2]
-        found = corners[random.integers(0, len(corners), (count, 3))]
-    return found
+        corners = placed.reshape(-1, 3)[: count + 2]
+        placed = corners[random.integers(0, len(corners), (count, 3))]
+    return placed
 
 
 def logits(random: Random, count: int) -> Floats:
-    """Return opacity logits of one of several distributions, infinite ones in some."""
+    """Return opacity logits from one of several distributions, some with infinite values."""
     usual = random.normal(1, 3, count)
-    found = {
+    choices = {
         "usual": usual,
         "faint": random.uniform(-6, -4, count),  # 1/255 is at -5.5
         "opaque": random.uniform(4, 30, count),
         "extreme": random.choice([-np.inf, -200, -88.8, 0, 16.6, 88.8, np.inf], count),
         "one for all": np.full(count, usual[0]),
     }
-    return found[str(random.choice(list(found)))].astype(np.float32)
+    return choices[str(random.choice(list(choices)))].astype(np.float32)
 
 
 def draw_splats(random: Random, method: str, triangles: Floats, settings: dict[str, Any]) -> Asset:
-    """Return a model of a splatting method; SH of at least the degree that the settings ask for."""
+    """Return a model of a splatting method with at least the SH degree of the settings."""
     welded = bool(random.random() < 0.5)
     rows = len(triangles)
     if method == "mesh_splatting":
@@ -238,7 +237,7 @@ def draw_splats(random: Random, method: str, triangles: Floats, settings: dict[s
 
 
 def draw_lattice(random: Random, triangles: Floats) -> Asset:
-    """Return a model of DiffSoup; settings are given to the renderer."""
+    """Return a model of DiffSoup; its settings are passed to the renderer."""
     level = int(random.integers(0, 5))
     samples = (2**level + 1) * (2**level + 2) // 2
     opacity = {
@@ -246,7 +245,7 @@ def draw_lattice(random: Random, triangles: Floats) -> Asset:
         "opaque": np.ones((len(triangles), samples)),
         "around a half": 0.5 + random.choice([-1e-3, -6e-8, 0, 1e-3], (len(triangles), samples)),
     }
-    return diffsoup_model(
+    return lattice_model(
         *weld(triangles),
         level,
         seed=int(random.integers(1 << 30)),
@@ -256,7 +255,7 @@ def draw_lattice(random: Random, triangles: Floats) -> Asset:
 
 
 def draw_mesh(random: Random, triangles: Floats) -> Asset:
-    """Return a mesh with colours of any domain and type, or none."""
+    """Return a mesh with colours of any domain and type, or without colours."""
     mesh = weld(triangles) if random.random() < 0.5 else unshared(triangles)
     rows = {"vertex": len(mesh[0]), "face": len(mesh[1]), "corner": mesh[1].size}
     domain = str(random.choice(list(rows)))

@@ -32,7 +32,7 @@ def camera(
 
 
 def unshared(triangles: NDArray[Any]) -> Arrays:
-    """Return (F, 3, 3) corners as a soup."""
+    """Return triangles (F, 3 corners, 3) as a triangle soup."""
     positions = np.ascontiguousarray(triangles, np.float32).reshape(-1, 3)
     return positions, np.arange(len(positions), dtype=np.uint32).reshape(-1, 3)
 
@@ -44,7 +44,7 @@ def scattered(seed: int, count: int, size: float, spread: float, depth: float) -
 
 
 def scene(kind: str, seed: int) -> Arrays:
-    """Return a soup of one of `KINDS`, made to cover many pixels of `camera`."""
+    """Return a triangle soup of first of `KINDS`, which covers many pixels of `camera`."""
     random = np.random.default_rng(seed)
     if kind == "small":
         return unshared(scattered(seed, 700, 0.08, 1, 4))
@@ -53,19 +53,21 @@ def scene(kind: str, seed: int) -> Arrays:
     if kind == "large":
         return unshared(scattered(seed, 60, 1.2, 1, 4))
     if kind == "needles":
-        found = scattered(seed, 300, 0.5, 1, 4)
-        found[:, 2] = found[:, 1] + (found[:, 2] - found[:, 0]) * random.uniform(0, 0.05, (300, 1))
-        found[::7, 2] = found[::7, 1]
-        return unshared(found)
+        triangles = scattered(seed, 300, 0.5, 1, 4)
+        triangles[:, 2] = triangles[:, 1] + (triangles[:, 2] - triangles[:, 0]) * random.uniform(
+            0, 0.05, (300, 1)
+        )
+        triangles[::7, 2] = triangles[::7, 1]
+        return unshared(triangles)
     if kind == "through the camera":
         return unshared(scattered(seed, 200, 0.7, 1.2, 0))
     if kind == "far and wide":
         return unshared(scattered(seed, 150, 300, 1000, 0))
     parts = [scene(other, seed) for other in KINDS[:-1]]
-    found = np.concatenate([part[0].reshape(-1, 3, 3) for part in parts])
-    found = found[random.permutation(len(found))]
-    found[50:60] = found[60:70][:, [1, 2, 0]]
-    return unshared(found)
+    triangles = np.concatenate([part[0].reshape(-1, 3, 3) for part in parts])
+    triangles = triangles[random.permutation(len(triangles))]
+    triangles[50:60] = triangles[60:70][:, [1, 2, 0]]
+    return unshared(triangles)
 
 
 def random_colors(seed: int, count: int, dtype: Any = np.uint8) -> NDArray[Any]:
@@ -89,16 +91,17 @@ def draw(device: Device, asset: Asset, view: Camera, supersample: int = 1, **set
 
 
 def twin(mesh: Arrays, colors: NDArray[Any], view: Camera, domain: str = "vertex") -> ReferenceFrame:
+    """Return the frame of the NumPy twin."""
     return render_standard(*mesh, colors, domain, view, BACKGROUND)
 
 
 def check_agreement(
     frame: Frame, expected: ReferenceFrame, faces: float = 0.999, median: float = 1e-5
 ) -> None:
-    """Compare a kernel's frame with the twin's: where both see the same face, everything else follows."""
+    """Compare a kernel's frame with the twin's, in detail at pixels that show the same face."""
     same = frame.face_id == expected.face_id
     assert same.mean() >= faces, f"{(~same).sum()} of {same.size} pixels show another face"
-    # Float32 barycentrics of needles and of what is seen from its edge are the least exact.
+    # Float32 barycentric coordinates are least exact for needles and for faces seen nearly edge-on.
     difference = np.abs(frame.image - expected.image).max(axis=2)[same]
     assert (difference > 1 / 255).mean() <= 1e-3
     assert np.median(difference, axis=None) < median
@@ -110,9 +113,9 @@ def check_agreement(
         assert np.quantile(relative, 0.99) < 1e-4
 
 
-def check_equal(one: Frame, other: Frame) -> None:
-    """Compare frames of two styles of kernels: the same arithmetic, so equal but for a rare rounding."""
-    same = one.face_id == other.face_id
+def check_equal(first: Frame, other: Frame) -> None:
+    """Compare frames of two kernel styles, which are equal except for rare rounding differences."""
+    same = first.face_id == other.face_id
     assert same.mean() >= 0.9999
-    np.testing.assert_allclose(one.depth[same], other.depth[same], rtol=1e-5)
-    assert (np.abs(one.image - other.image).max(axis=2)[same] > 1e-4).mean() <= 1e-4
+    np.testing.assert_allclose(first.depth[same], other.depth[same], rtol=1e-5)
+    assert (np.abs(first.image - other.image).max(axis=2)[same] > 1e-4).mean() <= 1e-4

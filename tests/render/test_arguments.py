@@ -1,4 +1,4 @@
-"""What the public functions that draw are given: the same is refused, and the same is taken, on all tiers."""
+"""Arguments of the public rendering functions: valid and invalid values, on all tiers."""
 
 import warnings
 from dataclasses import replace
@@ -28,14 +28,14 @@ def renderers(asset: Asset, cpu: Device) -> list[msb.Renderer]:
 
 
 @pytest.mark.parametrize(("stated", "color"), [("#204060", (32, 64, 96)), (None, (255, 255, 255))])
-def test_without_a_background_a_model_is_drawn_over_its_own_on_every_tier(
+def test_the_default_background_is_the_recorded_one_on_every_tier(
     asset: Asset, stated: str | None, color: tuple[int, int, int], cpu: Device
 ) -> None:
-    # Where the asset states none, the official evaluation of its method has one: 2DTS white, a mesh black.
+    # If the asset records none, its method's official background is used: white for 2DTS, black for meshes.
     look = {**asset.manifest.appearance, **({} if stated is None else {"background": stated})}
-    own = replace(asset, manifest=replace(asset.manifest, appearance=look))
+    variant = replace(asset, manifest=replace(asset.manifest, appearance=look))
     for tier in TIERS:
-        with msb.Renderer(own, tier=tier, device=cpu) as renderer:
+        with msb.Renderer(variant, tier=tier, device=cpu) as renderer:
             frame = renderer.render(front_camera())
         nothing = frame.image[frame.alpha == 0]
         assert len(nothing)
@@ -50,7 +50,7 @@ MASKED = np.ma.masked_equal([0, 0.5, 1], 0.5)
 
 @pytest.mark.slow
 @pytest.mark.parametrize("background", [*NO_NUMBERS, *NO_THREE, *NO_NAMES, MASKED], ids=repr)
-def test_a_background_that_is_no_colour_is_refused_on_every_tier(
+def test_invalid_backgrounds_are_rejected_on_every_tier(
     background: Any, renderers: list[msb.Renderer]
 ) -> None:
     for renderer in renderers:
@@ -79,7 +79,7 @@ def test_a_background_is_three_numbers_or_a_name(background: Any, color: Any) ->
 
 @pytest.mark.slow
 @pytest.mark.parametrize("tier", TIERS)
-def test_what_lies_at_a_path_is_drawn_as_the_asset_made_of_it(tier: Any, cpu: Device) -> None:
+def test_a_path_is_rendered_like_the_asset_exported_from_it(tier: Any, cpu: Device) -> None:
     path = "tests/tiny/models/walled/mesh_splatting"
     with msb.Renderer(path, tier, cpu) as renderer:
         frame = renderer.render(front_camera())
@@ -94,7 +94,9 @@ NO_RANGES = [(1e-30, 100.0), (1e-300, 100.0), (0.5, 1e30), (0.5, 1e299), (0.1, 1
 
 @pytest.mark.parametrize("layout", ["colmap", "synthetic"])
 @pytest.mark.parametrize(("near", "far"), [*NO_RANGES, (0.01, 1e4), (2e-4, 400.0)])
-def test_planes_are_a_range_that_float32_can_hold(near: float, far: float, layout: str, cpu: Device) -> None:
+def test_planes_must_be_a_range_that_float32_can_represent(
+    near: float, far: float, layout: str, cpu: Device
+) -> None:
     asset = soup("diffsoup", random_triangles(1, count=20))
     settings = {"layout": layout, "z_near": near, "z_far": far}
     for tier in ("reference", "dedicated"):
@@ -108,12 +110,12 @@ def test_planes_are_a_range_that_float32_can_hold(near: float, far: float, layou
 
 
 @pytest.mark.slow
-def test_a_sigma_that_is_zero_in_float32_is_drawn_without_a_warning(cpu: Device) -> None:
+def test_a_sigma_that_is_zero_in_float32_causes_no_warning(cpu: Device) -> None:
     asset = soup("mesh_splatting", random_triangles(1, count=20), welded=True)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        pictures = [
+        images = [
             msb.render(asset, front_camera(), tier, settings={"sigma": 1e-300}, device=cpu).image
             for tier in ("reference", "dedicated")
         ]
-    assert np.abs(pictures[0] - pictures[1]).max() < 1e-4
+    assert np.abs(images[0] - images[1]).max() < 1e-4

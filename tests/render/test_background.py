@@ -1,4 +1,4 @@
-"""Every command draws over the background that a model states."""
+"""Every command renders over the background that a model records."""
 
 import json
 import re
@@ -27,37 +27,37 @@ def cameras(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def drawn_over(msb: Msb, asset: Path, cameras: Path, out: Path, *more: str) -> dict[str, list[float]]:
-    """Return command -> the background over which it draws."""
+    """Return command -> the background over which it renders."""
     views = ("--cameras", cameras, *more)
 
     def document(command: str, *args: object) -> Any:
         result = msb(command, *views, *args, "--json", "-", asset, status=0)
         return result.json["background"]
 
-    found = {"render": document("render", "-o", out / "images", "--force")}
+    backgrounds = {"render": document("render", "-o", out / "images", "--force")}
     if "why" in INSTALLED:
-        found["why"] = document("why")
+        backgrounds["why"] = document("why")
     for tier in ("standard", "dedicated") if "web" in INSTALLED else ():
         page = out / f"{tier}.html"
         options = ("--no-verify",) if tier == "dedicated" else ()
         msb("web", *views, "--tier", tier, "--force", *options, "-o", page, asset, status=0)
         (text,) = set(re.findall(r'"background": ?(\[[^]]*\])(?=[^{}]*"daylight")', page.read_text()))
-        found[f"web {tier}"] = json.loads(text)
+        backgrounds[f"web {tier}"] = json.loads(text)
     if "compare" not in INSTALLED:
-        return found
+        return backgrounds
     page = out / "compare.html"
     tiers = ("--tiers", "dedicated,standard", "--html", page, "--force")
     msb("compare", *views, *tiers, asset, status=0)
     (color,) = re.findall(r"background (#[0-9a-f]{6}|white|black)\"", page.read_text())
     names = {"white": "#ffffff", "black": "#000000"}
     hexed = names.get(color, color)
-    found["compare"] = [int(hexed[i : i + 2], 16) / 255 for i in (1, 3, 5)]
-    return found
+    backgrounds["compare"] = [int(hexed[i : i + 2], 16) / 255 for i in (1, 3, 5)]
+    return backgrounds
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("stated", "color"), [(GRAY, GRAY_NUMBERS), (None, [0.0, 0.0, 0.0])])
-def test_every_command_draws_over_what_the_asset_states_else_over_one_colour(
+def test_every_command_uses_the_recorded_background_or_the_same_default(
     msb: Msb, cameras: Path, tmp_path: Path, stated: str | None, color: list[float]
 ) -> None:
     asset = tmp_path / "model.triasset"
@@ -66,8 +66,8 @@ def test_every_command_draws_over_what_the_asset_states_else_over_one_colour(
     manifest["appearance"].pop("background")
     manifest["appearance"] |= {} if stated is None else {"background": stated}
     (asset / "manifest.json").write_text(json.dumps(manifest))
-    found = drawn_over(msb, asset, cameras, tmp_path)
-    assert found == dict.fromkeys(found, pytest.approx(color))
+    backgrounds = drawn_over(msb, asset, cameras, tmp_path)
+    assert backgrounds == dict.fromkeys(backgrounds, pytest.approx(color))
 
 
 @pytest.mark.slow

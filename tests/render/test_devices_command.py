@@ -9,13 +9,13 @@ __all__ = ["devices", "here", "msb", "tried"]
 
 
 @pytest.mark.slow
-def test_the_table_marks_the_device_that_is_used(devices: Here) -> None:
+def test_the_table_marks_the_default_device(devices: Here) -> None:
     result = devices()
     assert (result.status, result.err) == (0, "")
     lines = result.out.splitlines()
     assert lines[0].split() == ["--device", "Kind", "Units", "Memory", "Driver", "Builds", "Device"]
     (taken,) = (line.split() for line in lines if line.startswith("pocl:0 *"))
-    assert {"yes", "mended"} & {*taken}
+    assert {"yes", "fixed"} & {*taken}
     assert max(map(len, (*lines, *devices("-v").out.splitlines()))) <= 80
     assert len(devices("-q").out) < len(result.out) < len(devices("-v").out)
 
@@ -34,10 +34,10 @@ def test_json(devices: Here) -> None:
 
 
 @pytest.mark.slow
-def test_a_device_that_does_not_build_is_shown_with_why_and_what_to_do(
+def test_a_device_that_cannot_build_is_listed_with_reason_and_remedy(
     msb: Msb, unknown: dict[str, str]
 ) -> None:
-    """Nothing that needs it can draw, and what is chosen by default ends with the same words."""
+    """Renderers on OpenCL cannot draw then, and choosing the device fails with the same message."""
     off = {**unknown, "MSB_MEND_POCL": "0"}
     result = msb("devices", "--device", "pocl", **off, status=5)
     assert "pocl:0 " in result.out
@@ -54,14 +54,16 @@ def test_a_device_that_does_not_build_is_shown_with_why_and_what_to_do(
 
 
 @pytest.mark.slow
-def test_a_mended_device_is_shown_as_such(msb: Msb, unknown: dict[str, str]) -> None:
+def test_a_fixed_device_is_marked(msb: Msb, unknown: dict[str, str]) -> None:
     result = msb("devices", "-v", "--device", "pocl", **unknown, status=0)
     assert "haswell" in result.out
-    assert "mended" in next(line for line in result.out.splitlines() if line.startswith("pocl:0")).split()
+    assert "fixed" in next(line for line in result.out.splitlines() if line.startswith("pocl:0")).split()
 
 
 @pytest.mark.slow
-def test_a_variable_that_decides_is_told(devices: Here, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_environment_variable_that_selects_the_device_is_reported(
+    devices: Here, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("MSB_DEVICE", "pocl")
     assert "MSB_DEVICE pocl" in devices().out
     assert devices("--json", "-").json["chosen_by"] != "default"
@@ -69,7 +71,7 @@ def test_a_variable_that_decides_is_told(devices: Here, monkeypatch: pytest.Monk
 
 @pytest.mark.slow
 @pytest.mark.parametrize("json_wanted", [False, True])
-def test_a_device_that_is_not_there_ends_with_5_after_the_list(devices: Here, json_wanted: bool) -> None:
+def test_an_unknown_device_ends_with_status_5_after_the_list(devices: Here, json_wanted: bool) -> None:
     result = devices("--device", "nosuch:3", *(["--json", "-"] if json_wanted else []))
     assert result.status == 5
     assert result.err.startswith("DEVICE_NOT_FOUND: ")

@@ -1,4 +1,4 @@
-"""DiffSoup's kernels against the official evaluator's and viewer's images, in both styles of kernels."""
+"""DiffSoup's kernels against images of the official evaluator and viewer, in both kernel styles."""
 
 from typing import Any
 
@@ -15,7 +15,7 @@ from tests.render.frames import frame_of
 
 VIEWS = golden_views("diffsoup")
 TAME = [view for view in VIEWS if not view.name.startswith("soup")]
-"""Without triangles that cross the camera plane, which the viewer clips and the evaluator drops."""
+"""Views without triangles that cross the camera plane, which the viewer clips and the evaluator drops."""
 
 
 def draw(device: Device, view: View, web: bool = False, **options: Any) -> Frame:
@@ -52,7 +52,7 @@ def test_official_evaluation(device: Device, view: View) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("view", [VIEWS[0], VIEWS[-1]], ids=names)
-def test_what_a_frame_has_depends_on_what_is_asked_for(device: Device, view: View) -> None:
+def test_outputs_select_the_parts_of_a_frame(device: Device, view: View) -> None:
     frame = draw(device, view)
     assert (frame.image.dtype, frame.depth.dtype, frame.face_id.dtype) == (np.float32, np.float32, np.int32)
     assert frame.normal is None
@@ -65,28 +65,28 @@ def test_what_a_frame_has_depends_on_what_is_asked_for(device: Device, view: Vie
 @pytest.mark.slow
 @pytest.mark.parametrize("view", TAME, ids=names)
 def test_official_viewer(device: Device, view: View) -> None:
-    """The viewer's render targets and colours: bytes in its textures, bytes again after interpolation."""
+    """The viewer's render targets and colours: features are bytes in textures and after interpolation."""
     frame = draw(device, view, web=True, viewer=True)
-    shown = view.shown["viewer_image"]
+    viewer_image = view.viewer["viewer_image"]
     hit = view.kernel_rows(frame.alpha) > 0
-    levels = np.abs(np.rint(255 * view.kernel_rows(frame.image)) - shown.astype(int)).max(-1)
+    levels = np.abs(np.rint(255 * view.kernel_rows(frame.image)) - viewer_image.astype(int)).max(-1)
     assert (levels <= 1).mean() > 0.998  # a few pixels at edges, and noise where features differ by a level
     assert (levels == 0).mean() > 0.99
-    if "gbuf_a" in view.shown:
-        target = np.concatenate([view.shown["gbuf_a"], view.shown["gbuf_b"][..., :3]], axis=-1)
-        drawn = view.shown["gbuf_b"][..., 3] > 0
+    if "gbuf_a" in view.viewer:
+        target = np.concatenate([view.viewer["gbuf_a"], view.viewer["gbuf_b"][..., :3]], axis=-1)
+        drawn = view.viewer["gbuf_b"][..., 3] > 0
         assert (hit != drawn).sum() <= 2
         both = hit & drawn
         bytes_ = np.rint(255 * frame.raw["features"])
         assert (bytes_ == target).all(-1)[both].mean() > 0.999
-    # The truncated bytes can be made from the checkpoint, with the same result.
+    # Truncating the checkpoint's features gives the same image as the web export.
     again = draw(device, view, viewer=True)
     np.testing.assert_array_equal(again.image, frame.image)
 
 
 @pytest.mark.slow
 def test_a_gpu_without_64_bit_atomics_draws_with_its_work_groups() -> None:
-    """Bands, one work-item a group, are right there too, and no way to use a GPU."""
+    """The CPU style would also be correct there, but much slower."""
     asset = exported(VIEWS[0].folder / "checkpoint")
     with open_styled(WITHOUT_ATOMICS) as device:
         assert DiffSoupPipeline(asset, device=device)._program.name.endswith("/diffsoup_gpu.cl")

@@ -1,4 +1,4 @@
-"""DiffSoup's kernels on random scenes against the NumPy reference, and at their limits."""
+"""DiffSoup's kernels on random scenes against the NumPy reference, and limit cases."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -7,14 +7,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from msb.asset import Asset, Description, build_asset
-from msb.asset.manifest import StoredSetting
+from msb.asset import Asset
 from msb.cl import Device
 from msb.methods.diffsoup.look import Pipeline as DiffSoupPipeline
 from msb.reference import render_reference
 from msb.render import Frame
 from msb.scenes import Camera
 from tests.cl.conftest import STYLES, open_styled
+from tests.reference.soups import lattice_model
 from tests.render.frames import frame_of
 
 BLACK = (0.0, 0.0, 0.0)
@@ -26,56 +26,11 @@ def device(request: pytest.FixtureRequest) -> Iterator[Device]:
         yield opened
 
 
-def model(
-    positions: np.ndarray,
-    indices: np.ndarray,
-    level: int,
-    *,
-    seed: int = 0,
-    opacity: np.ndarray | None = None,
-    quantised: bool = False,
-    layout: str = "colmap",
-    near: float = 0.5,
-    far: float = 100.0,
-) -> Asset:
-    """Return an asset with random features and decoder; opacities are random if not given."""
-    rng = np.random.default_rng(seed)
-    faces, samples = len(indices), (2**level + 1) * (2**level + 2) // 2
-    if opacity is None:
-        opacity = np.clip(rng.normal(0.6, 0.3, (faces, samples)), 0, 1)
-        opacity[::5] = 1
-        opacity[1::7] = 0.5  # what no gradient ever reached
-    lattices = {"lattice": rng.random((faces, samples, 7)), "opacity": opacity}
-    dtype, scale = (np.uint8, 255) if quantised else (np.float32, 1)
-    buffers = {f"features.{name}": (array * scale).astype(dtype) for name, array in lattices.items()}
-    for layer, outputs in (("mlp.0", 16), ("mlp.2", 16), ("mlp.4", 3)):
-        buffers[f"decoder.{layer}.weight"] = rng.normal(0, 0.6, (outputs, 16)).astype(np.float32)
-        buffers[f"decoder.{layer}.bias"] = rng.normal(0, 0.3, outputs).astype(np.float32)
-    settings = {"layout": layout, "z_near": near, "z_far": far}
-    return build_asset(
-        {"positions": positions.astype(np.float32), "indices": indices.astype(np.uint32), **buffers},
-        {name: "global" if name.startswith("decoder") else "face" for name in buffers},
-        Description(
-            method="diffsoup",
-            opacity={"encoding": "feature", "threshold": 0.5},
-            appearance={
-                "kind": "neural_decoder",
-                "level": level,
-                "feature_encoding": "lut" if quantised else "sigmoid",
-                "blend_feature": 3,
-                "background": "#000000",
-            },
-            compositing={"kind": "binary_z_buffer"},
-            settings={name: StoredSetting(value, "default") for name, value in settings.items()},
-        ),
-    )
-
-
 def soup(seed: int) -> tuple[np.ndarray, np.ndarray]:
     """Return triangles of all sizes in front of, across and behind the camera, with shared vertices.
 
-    Some are doubled, with the same and with rotated order of vertices, some stacked within the depth key's
-    rounding, some are slivers and some have no area.
+    Some are duplicated, with the same and with rotated vertex order, some are stacked closer than the depth
+    key resolves, some are slivers, and some have no area.
     """
     rng = np.random.default_rng(seed)
     center = rng.normal(0, 1, (150, 1, 3)) * (1.5, 1.2, 3) + (0, 0, 4)
@@ -94,8 +49,8 @@ def soup(seed: int) -> tuple[np.ndarray, np.ndarray]:
 
 def camera(width: int = 61, height: int = 45, **changes: Any) -> Camera:
     focal = 0.9 * width
-    made = Camera(width, height, focal, 1.1 * focal, width / 2, height / 2, np.eye(4))
-    return replace(made, **changes)
+    front = Camera(width, height, focal, 1.1 * focal, width / 2, height / 2, np.eye(4))
+    return replace(front, **changes)
 
 
 def draw(device: Device, asset: Asset, seen_by: Camera, background: Any = BLACK, **options: Any) -> Frame:
@@ -107,13 +62,14 @@ def draw(device: Device, asset: Asset, seen_by: Camera, background: Any = BLACK,
 @pytest.mark.parametrize("quantised", [False, True], ids=["numbers", "bytes"])
 def test_reference(device: Device, level: int, quantised: bool) -> None:
     layout = ("colmap", "synthetic")[(level + quantised) % 2]
-    asset = model(*soup(level), level, seed=level, quantised=quantised, layout=layout, near=0.2)
+    settings = {"layout": layout, "z_near": 0.2, "z_far": 100.0}
+    asset = lattice_model(*soup(level), level, seed=level, quantised=quantised, settings=settings)
     seen_by = camera(cx=28.3, cy=24.9) if level % 3 == 0 else camera(64, 37)
     frame = draw(device, asset, seen_by, (0.25, 0.5, 0.75))
     expected = render_reference(asset, seen_by, (0.25, 0.5, 0.75))
     assert (expected.face_id >= 0).mean() > 0.3
     same = frame.face_id == expected.face_id
-    if device.record.correctly_rounded:  # then every operation before the decoder is the reference's
+    if device.record.correctly_rounded:  # then all operations before the decoder match the reference exactly
         assert same.all()
         assert frame.raw["num_fragments"] == expected.raw["num_fragments"]
         for name in ("mvp", "mvp_inv", "bary01", "depth", "features", "sh"):
@@ -128,7 +84,7 @@ def test_reference(device: Device, level: int, quantised: bool) -> None:
 def test_lowest_of_equal_triangles_wins(device: Device) -> None:
     positions = np.array([[-2, -2, 3], [2, -2, 3], [0, 3, 3]])
     for count in (2, 9, 40):
-        asset = model(positions, np.tile([0, 1, 2], (count, 1)), 1, opacity=np.ones((count, 6)))
+        asset = lattice_model(positions, np.tile([0, 1, 2], (count, 1)), 1, opacity=np.ones((count, 6)))
         frame = draw(device, asset, camera(33, 20))
         assert set(np.unique(frame.face_id)) == {-1, 0}
         assert frame.visible.tolist() == [True] + [False] * (count - 1)
@@ -139,7 +95,7 @@ def test_opacity_threshold_keeps_a_half(device: Device) -> None:
     positions = np.array([[-2, -2, 3], [2, -2, 3], [0, 3, 3.5], [-2, -2, 4], [2, -2, 4], [0, 3, 4]])
     opacity = np.full((2, 3), 0.5)
     opacity[0] = np.nextafter(np.float32(0.5), np.float32(0)) - 1e-6
-    asset = model(positions, np.arange(6).reshape(2, 3), 0, opacity=opacity)
+    asset = lattice_model(positions, np.arange(6).reshape(2, 3), 0, opacity=opacity)
     frame = draw(device, asset, camera(40, 31))
     expected = render_reference(asset, camera(40, 31))
     np.testing.assert_array_equal(frame.face_id, expected.face_id)
@@ -148,14 +104,14 @@ def test_opacity_threshold_keeps_a_half(device: Device) -> None:
 
 @pytest.mark.slow
 def test_many_triangles_in_one_tile(device: Device) -> None:
-    """Each covers all of the picture: the nearest is seen, wherever it stands among the 100,000."""
+    """Each covers the whole image; the nearest of the 100,000 is visible."""
     count = 100_000
     depth = np.random.default_rng(0).permutation(np.linspace(3, 9, count))
     corners = np.array([[-20, -20], [20, -20], [0, 20]]) * depth[:, None, None] / 9
     positions = np.concatenate([corners, np.repeat(depth, 3).reshape(-1, 3, 1)], axis=2)
     positions[77_777, :, 2] = 2.9
     indices = np.arange(3 * count).reshape(-1, 3)
-    asset = model(positions.reshape(-1, 3), indices, 0, opacity=np.ones((count, 3)))
+    asset = lattice_model(positions.reshape(-1, 3), indices, 0, opacity=np.ones((count, 3)))
     frame = draw(device, asset, camera(16, 16), outputs=())
     assert (frame.face_id == 77_777).all()
     np.testing.assert_allclose(frame.depth, 2.9, rtol=1e-6)
@@ -163,7 +119,7 @@ def test_many_triangles_in_one_tile(device: Device) -> None:
 
 def test_near_plane_cuts_pixels(device: Device) -> None:
     positions = np.array([[-2, -2, 3], [2, -2, 3], [0, 3, 0.3]])
-    asset = model(positions, np.array([[0, 1, 2]]), 0, opacity=np.ones((1, 3)))
+    asset = lattice_model(positions, np.array([[0, 1, 2]]), 0, opacity=np.ones((1, 3)))
     depth = draw(device, asset, camera()).depth
     assert depth.any()
     assert depth[depth > 0].min() >= 0.4999

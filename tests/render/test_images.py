@@ -1,4 +1,4 @@
-"""Frames as files, read back by the libraries other people use."""
+"""Frames as files, read back by independent libraries."""
 
 import threading
 from pathlib import Path
@@ -18,7 +18,7 @@ IMAGE = (RANDOM.random((31, 46, 3)) * 1.4 - 0.2).astype(np.float32)
 def test_bytes_are_rounded_half_up_as_the_specs_state() -> None:
     levels = np.arange(256, dtype=np.float32) / np.float32(255)
     np.testing.assert_array_equal(to_bytes(levels), np.arange(256))
-    # Half a level up: the next one, where round-half-even would take every second.
+    # Half a level rounds up; round-half-even would round only every second one up.
     halves = ((np.arange(255) + 0.5) / 255).astype(np.float32)
     expected = np.floor(halves * np.float32(255) + np.float32(0.5)).astype(np.uint8)
     np.testing.assert_array_equal(to_bytes(halves), expected)
@@ -45,7 +45,7 @@ def test_png_npy_and_exr(tmp_path: Path) -> None:
         np.testing.assert_array_equal(file.channels()["id"].pixels.astype(np.int32), ids)
     write_image(tmp_path / "ids.npy", ids, "npy")
     np.testing.assert_array_equal(np.load(tmp_path / "ids.npy"), ids)
-    with pytest.raises(UsageError, match="a PNG holds colours"):
+    with pytest.raises(UsageError, match="USAGE"):
         write_image(tmp_path / "depth.png", IMAGE[:, :, 0], "png")
     assert not (tmp_path / "depth.png").exists()
 
@@ -54,7 +54,7 @@ Y, X = np.mgrid[0:95, 0:128] / np.float32(128)
 SMOOTH = np.stack([X, Y, 0.5 * X + 0.2], axis=2, dtype=np.float32)
 
 
-def test_a_film_has_every_frame_as_it_was(tmp_path: Path) -> None:
+def test_a_film_contains_every_frame(tmp_path: Path) -> None:
     for suffix in ("mp4", "gif"):
         write_film(tmp_path / f"f.{suffix}", (np.roll(SMOOTH, 4 * i, axis=1) for i in range(7)), 10)
     with Image.open(tmp_path / "f.gif") as film:
@@ -83,7 +83,7 @@ def test_a_film_that_fails_leaves_nothing(tmp_path: Path) -> None:
         write_film(tmp_path / "f.avi", [IMAGE], 24)
 
 
-def test_no_two_views_have_one_name() -> None:
+def test_names_of_views_are_unique() -> None:
     def names(*given: str | None) -> list[str]:
         return image_names([Camera(4, 4, 1, 1, 2, 2, np.eye(4), name) for name in given])
 
@@ -93,17 +93,17 @@ def test_no_two_views_have_one_name() -> None:
     assert names("a.png", "a.jpg", "a.png.png") == ["a.png_00000", "a.jpg", "a.png_00002"]
 
 
-def test_writers_work_aside_keep_few_waiting_and_report_what_failed(tmp_path: Path) -> None:
-    told: list[tuple[int, threading.Thread]] = []  # appending is atomic
+def test_writers_run_in_the_background_and_report_failures(tmp_path: Path) -> None:
+    calls: list[tuple[int, threading.Thread]] = []  # appending is atomic
 
     def note(number: int) -> None:
-        told.append((number, threading.current_thread()))
+        calls.append((number, threading.current_thread()))
 
     with Writers() as writers:
         for number in range(20):
             writers.submit(note, number)
-    assert sorted(number for number, _ in told) == list(range(20))
-    assert threading.main_thread() not in {thread for _, thread in told}
+    assert sorted(number for number, _ in calls) == list(range(20))
+    assert threading.main_thread() not in {thread for _, thread in calls}
 
     def fail() -> None:
         raise OutputError("OUTPUT_UNWRITABLE", "the disk is full")

@@ -1,4 +1,4 @@
-"""Several commands at once on one machine, as a script that loops over models starts them."""
+"""Several commands that start at once on one machine, like in a script that loops over models."""
 
 import json
 import os
@@ -16,7 +16,7 @@ PROCESSES = 2
 
 
 def start(folder: Path, number: int, cache: Path) -> subprocess.Popen[bytes]:
-    """Start a rendering of two views into a folder of its own."""
+    """Start a rendering of two views into a separate folder."""
     return subprocess.Popen(
         [
             *(sys.executable, "-m", "msb", "render", "--turntable", "2", "--size", "64x48", "--json", "-"),
@@ -30,18 +30,18 @@ def start(folder: Path, number: int, cache: Path) -> subprocess.Popen[bytes]:
 
 
 def hashes(process: subprocess.Popen[bytes]) -> list[str]:
-    """Return the hash of each view, once the process has ended well."""
+    """Return the hash of each view after the process has succeeded."""
     out, err = process.communicate(timeout=120)
     assert (process.returncode, err) == (0, b"")
     return [row["sha256"] for row in json.loads(out)["frames"]]
 
 
-def test_renderings_that_start_at_once_on_an_empty_cache_are_as_one_alone(tmp_path: Path) -> None:
+def test_simultaneous_renderings_with_an_empty_cache_match_a_single_one(tmp_path: Path) -> None:
     together = [start(tmp_path / "together", number, tmp_path / "cache") for number in range(PROCESSES)]
-    found = [hashes(process) for process in together]
+    results = [hashes(process) for process in together]
     alone = hashes(start(tmp_path / "alone", 0, Path(os.environ["POCL_CACHE_DIR"])))
     assert len(alone) == 2
-    assert found == [alone] * PROCESSES
+    assert results == [alone] * PROCESSES
     images = {
         path.relative_to(tmp_path / "alone" / "0"): path for path in (tmp_path / "alone").rglob("*.png")
     }

@@ -1,4 +1,4 @@
-"""Memory of the device: by purpose, and a scene that does not fit is refused whatever does not fit."""
+"""Device memory: counted by purpose, and clear errors for scenes that do not fit."""
 
 import dataclasses
 from collections import Counter
@@ -34,7 +34,7 @@ def device(request: pytest.FixtureRequest) -> Iterator[Device]:
 
 
 def limit(device: Device, **changes: int) -> None:
-    """Make `device` one of less memory."""
+    """Reduce the memory that `device` reports."""
     device._queue.record = dataclasses.replace(device.record, **changes)
 
 
@@ -43,7 +43,7 @@ def model(method: str, faces: int = 600) -> Asset:
 
 
 def draw(asset: Asset, device: Device, outputs: Any = "all") -> tuple[dict[str, int], dict[str, int]]:
-    """Draw a frame, and return what the model takes of the device, and what the frame takes beside it."""
+    """Draw a frame; return purpose -> bytes of the model, and of the frame."""
     renderer = dedicated_renderer(asset, device=device, outputs=outputs)
     try:
         model = device.memory()
@@ -53,8 +53,8 @@ def draw(asset: Asset, device: Device, outputs: Any = "all") -> tuple[dict[str, 
         renderer.close()
 
 
-def refused(asset: Asset, device: Device) -> tuple[DeviceError | None, str]:
-    """Return why `asset` cannot be drawn, and for what there is no room."""
+def rejection(asset: Asset, device: Device) -> tuple[DeviceError | None, str]:
+    """Return the error for an asset that does not fit, and the purpose of the buffer that failed."""
     try:
         draw(asset, device)
     except DeviceError as error:
@@ -66,17 +66,17 @@ def refused(asset: Asset, device: Device) -> tuple[DeviceError | None, str]:
 @pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 def test_whatever_does_not_fit_is_named(method: str, device: Device) -> None:
-    """From no memory to enough: model, projected faces, lists, samples and pixels are met in turn."""
+    """With growing memory, the model, projected faces, lists, samples and pixels fail in turn."""
     asset, whole = model(method), device.record.global_memory
     _, frame = draw(asset, device)
     uses = set()
     for step in np.linspace(0, 0.98 * sum(frame.values()), 14, dtype=int).tolist():
         limit(device, global_memory=step)
-        error, use = refused(asset, device)
+        error, use = rejection(asset, device)
         assert error.code == "DEVICE_MEMORY"
         assert f" has {step / 2**20:,.1f} MiB, " in error.message
         uses.add(use)
-        assert device.memory() == {}  # nothing stays behind
+        assert device.memory() == {}  # everything was released
     assert len(uses) >= 4
     assert {"positions"} < uses
     assert any(use.startswith(("splat ", "lattice ")) for use in uses)
@@ -88,14 +88,14 @@ def test_whatever_does_not_fit_is_named(method: str, device: Device) -> None:
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("faces", [20, 20_000], ids=["few", "many"])
 def test_no_buffer_is_larger_than_the_device_takes_at_once(method: str, faces: int, device: Device) -> None:
-    """Of a large model that is its own data, of a small one what a frame needs."""
+    """For a large model the model's data fail, for a small one a buffer of the frame."""
     asset = model(method, faces)
-    own, frame = draw(asset, device)
+    model_memory, frame = draw(asset, device)
     largest = max(frame.values())
     limit(device, max_allocation=largest // 2)
-    error, use = refused(asset, device)
+    error, use = rejection(asset, device)
     assert f"and takes at most {largest / 2**21:,.1f} at once" in error.message
-    assert (use in own) == (faces == 20_000)
+    assert (use in model_memory) == (faces == 20_000)
 
 
 @pytest.mark.slow
@@ -103,7 +103,7 @@ def test_no_buffer_is_larger_than_the_device_takes_at_once(method: str, faces: i
 def test_samples_are_drawn_in_bands_that_fit(
     method: str, device: Device, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """They show the same as all at once; only all of them (`raw`) may be too many."""
+    """Bands give the same image as the whole raster; only raw buffers need the whole raster."""
     asset = model(method, 20)
     wanted = frame_of(dedicated_renderer, asset, device, CAMERA, BLACK, outputs=("normal",))
     monkeypatch.setattr(splatting, "_BAND_BYTES", {"cpu": 1 << 16, "gpu": 1 << 16})
@@ -119,7 +119,7 @@ def test_samples_are_drawn_in_bands_that_fit(
 @pytest.mark.slow
 @pytest.mark.parametrize("style", ["cpu", "gpu"])
 @pytest.mark.parametrize("method", ["two_dts", "mesh_splatting", "diffsoup"])
-def test_every_renderer_says_what_its_memory_is_for(method: str, style: str) -> None:
+def test_every_renderer_reports_the_purpose_of_its_memory(method: str, style: str) -> None:
     asset = msb.export(MODELS / "pebble" / method)
     camera = read_scene(SCENES / "nerf_synthetic" / "pebble").test[0]
     for tier in ("standard", "dedicated"):
@@ -140,7 +140,7 @@ def test_every_renderer_says_what_its_memory_is_for(method: str, style: str) -> 
         assert sums["targets"] >= 4 * camera.width * camera.height * 4  # colour and depth
 
 
-def test_a_new_buffer_is_counted_by_what_is_said_where_it_is_made() -> None:
+def test_buffers_are_counted_in_the_group_of_their_allocation() -> None:
     scope = DeviceScope(None, "some renderer")
     with scope.setting_up():
         scope.scratch("second image", 64, group="targets")
@@ -165,7 +165,7 @@ def asset() -> Asset:
     return soup("two_dts", random_triangles(1, 400, 0.5), degree=1)
 
 
-def picture(renderer: msb.Renderer, number: int) -> bytes:
+def image_bytes(renderer: msb.Renderer, number: int) -> bytes:
     camera = (SMALL, LARGE)[number % 2]
     return renderer.render(camera, background=(1, 1, 1)).image.tobytes()
 
@@ -174,47 +174,47 @@ def picture(renderer: msb.Renderer, number: int) -> bytes:
 @pytest.mark.parametrize("tier", TIERS)
 def test_eight_threads_may_draw_with_one_renderer(asset: Asset, tier: Any) -> None:
     with msb.Renderer(asset, tier=tier, device=SELECTOR) as renderer:
-        wanted = [picture(renderer, number) for number in range(2)]
+        wanted = [image_bytes(renderer, number) for number in range(2)]
         with ThreadPoolExecutor(THREADS) as pool:
-            found = list(pool.map(lambda number: picture(renderer, number), range(FRAMES)))
-    assert found == wanted * (FRAMES // 2)
+            frames = list(pool.map(lambda number: image_bytes(renderer, number), range(FRAMES)))
+    assert frames == wanted * (FRAMES // 2)
 
 
 @pytest.mark.parametrize("tier", TIERS)
-def test_memory_is_a_renderers_own(asset: Asset, tier: Any) -> None:
-    """What another one has drawn on the device, and draws, is no part of it."""
+def test_memory_counts_only_the_renderer_itself(asset: Asset, tier: Any) -> None:
+    """Other renderers on the same device do not count."""
 
     def memory_after_small(renderer: msb.Renderer) -> dict[str, int]:
-        picture(renderer, 0)
+        image_bytes(renderer, 0)
         return dict(renderer.memory())
 
     with msb.Renderer(asset, tier=tier, device=SELECTOR) as alone:
         wanted = memory_after_small(alone)
     with msb.Renderer(asset, tier=tier, device=SELECTOR) as large:
-        picture(large, 1)
+        image_bytes(large, 1)
         with msb.Renderer(asset, tier=tier, device=SELECTOR) as small:
             assert memory_after_small(small) == wanted
-            picture(large, 1)
+            image_bytes(large, 1)
             assert dict(small.memory()) == wanted
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("tier", TIERS)
 def test_renderers_leave_nothing_on_the_device(asset: Asset, tier: Any) -> None:
-    """Neither buffers nor programs, of which PoCL keeps a megabyte each for every context."""
+    """Neither buffers nor programs (PoCL keeps a megabyte per program and context)."""
     device = shared_device(SELECTOR)
     msb.render(asset, SMALL, tier=tier, device=SELECTOR)
     held, programs = device.memory(), len(device._programs)
     for _ in range(20):
         msb.render(asset, SMALL, tier=tier, device=SELECTOR)
         with msb.Renderer(asset, tier=tier, device=SELECTOR) as renderer:
-            picture(renderer, 0)
+            image_bytes(renderer, 0)
     assert shared_device(SELECTOR) is device
     assert (device.memory(), len(device._programs)) == (held, programs)
 
 
 @pytest.mark.parametrize("tier", TIERS)
-def test_a_closed_renderer_says_so(asset: Asset, tier: Any) -> None:
+def test_a_closed_renderer_raises_device_closed(asset: Asset, tier: Any) -> None:
     renderer = msb.Renderer(asset, tier=tier, device=SELECTOR)
     renderer.close()
     renderer.close()

@@ -1,8 +1,9 @@
-"""Every method, setting, order and sampling on random scenes; `tests.render.sweep` draws more of them.
+"""Every method, setting, order and sampling on random scenes, and cases that once failed.
 
-Kept below are the mistakes that the sweep has found.
+MSB_RANDOM_SCENES=1000 in the environment draws that many scenes of each method instead of five.
 """
 
+import os
 from typing import Any
 
 import numpy as np
@@ -16,40 +17,41 @@ from msb.render.dedicated import dedicated_renderer
 from msb.scenes import Camera
 from tests.reference.soups import METHODS, SPLATTING, front_camera, random_triangles, soup
 from tests.render import standard_scenes
-from tests.render.differential import OFF, apart, difference, draw, own_look
+from tests.render.differential import OFF, apart, difference, draw, reference_frame
 from tests.render.random_cases import KINDS, STANDARD, draw_case, draw_settings
 
 pytestmark = pytest.mark.slow
 
-DRAWS = 5
+# Scenes of each method.
+DRAWS = int(os.environ.get("MSB_RANDOM_SCENES", 5))
 
 
 @pytest.mark.parametrize("method", [*METHODS, STANDARD])
 def test_equals_the_reference(method: str, cpu: Device, gpu: Device) -> None:
-    """At most a rounding away: the figures asked for are 0.1 % of the pixels and 60 dB.
+    """Differences are explained by rounding: at most 0.1 % of the pixels differ, and PSNR is above 60 dB.
 
-    Most scenes are near the reference in double precision, too: in some, rounding changes the order of
-    everything.
+    Most scenes also match the reference in double precision. In some, rounding changes the order of all
+    faces.
     """
     pixels = explained = 0
     shares = []
     for seed in range(100, 100 + DRAWS):
         case = draw_case(method, seed)
         device = cpu if case.style == "cpu" else gpu
-        found = difference(case, device)
-        assert not found.off, f"{case}: {found.off}"
-        assert found.quality > (80 if method == STANDARD else 90), str(case)
-        pixels, explained = pixels + found.pixels, explained + found.explained.get("image", 0)
+        result = difference(case, device)
+        assert not result.off, f"{case}: {result.off}"
+        assert result.quality > (80 if method == STANDARD else 90), str(case)
+        pixels, explained = pixels + result.pixels, explained + result.explained.get("image", 0)
         if method != STANDARD:
             frame = draw(dedicated_renderer, case, device)
-            shares.append(apart(frame.image, own_look(case, np.float64).image, OFF).mean())
+            shares.append(apart(frame.image, reference_frame(case, np.float64).image, OFF).mean())
     assert pixels > 700
     assert explained <= 0.01 * pixels
     assert not shares or np.median(shares) < 1e-3
 
 
 def test_draws_have_everything() -> None:
-    """Of each method all settings and all their choices, modes and kinds of scene, for the cases above."""
+    """The seeds cover all settings and their choices, all modes and all kinds of scene of each method."""
     for method in METHODS:
         cases = [draw_case(method, seed) for seed in range(100)]
         assert {case.kind for case in cases} == set(KINDS)
@@ -68,7 +70,7 @@ def test_draws_have_everything() -> None:
 @pytest.mark.parametrize("scale", [2, 3, 5, 7])
 @pytest.mark.parametrize("method", ["two_dts", "mesh_splatting"])
 def test_raw_buffers_at_any_scale(method: str, scale: int, cpu: Device, gpu: Device) -> None:
-    """Rasters whose rows are no whole number of tiles of whole pixels were read from the wrong place."""
+    """Regression: rasters whose rows are not a multiple of tiles and pixels were read at wrong offsets."""
     settings: dict[str, Any] = {"render_up_scale": scale}
     if method == "mesh_splatting":
         settings = {"supersample": scale, "opacity_floor": 0.0, "sigma": 0.5}
@@ -76,16 +78,16 @@ def test_raw_buffers_at_any_scale(method: str, scale: int, cpu: Device, gpu: Dev
     wanted = render_reference(asset, camera, settings=settings).raw
     for device in (cpu, gpu):
         renderer = dedicated_renderer(asset, device=device, settings=settings, outputs=("raw",))
-        found = renderer.render(camera, (0, 0, 0)).raw
+        raw = renderer.render(camera, (0, 0, 0)).raw
         renderer.close()
-        assert len(found) >= 3
-        for name, array in found.items():
+        assert len(raw) >= 3
+        for name, array in raw.items():
             assert array.shape[:2] == (17 * scale, 17 * scale)
             assert apart(array, wanted[name], 1e-4).mean() < 2e-3, name
 
 
 def test_depth_of_a_needle_that_leads_away(cpu: Device, gpu: Device) -> None:
-    """Computed from its far corner, seen at a hundred times the distance, a plane's depth was 0.05 % off."""
+    """Regression: computed from its far corner, the depth of a plane was wrong by 0.05 %."""
     corners = np.array([[-6, -2.879, 35], [-0.054, -0.1, 0.35], [-0.03, 0.12, 0.4]], np.float32)
     view = standard_scenes.camera(140, 132, 190.0)
     y, x = np.mgrid[: view.height, : view.width] + 0.5
@@ -105,7 +107,7 @@ def test_depth_of_a_needle_that_leads_away(cpu: Device, gpu: Device) -> None:
 def test_an_engine_keeps_the_same_faces_at_the_edge_of_a_sample(
     method: str, cpu: Device, gpu: Device
 ) -> None:
-    """Small faces whose box of samples begins just after a sample."""
+    """Small faces with a box of samples that begins just after a sample."""
     camera = Camera(32, 32, 32.0, 32.0, 15.5, 15.5, np.eye(4))
     corners = np.array([[0, 0], [0.02, 0], [0, 0.02]])
     flat = 0.1 + 10.0 ** np.arange(-5.0, -2.0, 0.25)[:, None, None] - 5 + corners

@@ -1,4 +1,4 @@
-"""A turntable shows the same picture of a thing whatever its size is."""
+"""A turntable shows the same image of an object at every scale."""
 
 import copy
 from dataclasses import replace
@@ -35,21 +35,21 @@ def test_a_ball_looks_alike_at_every_size(radius: float) -> None:
     for asset in (ball(1.0), ball(radius)):
         (camera, _) = around(asset, 2, 96, 72)
         frames.append(msb.render(asset, camera))
-    one, other = frames
-    assert one.alpha.mean() > 0.4
-    assert psnr(one.image.clip(0, 1), other.image.clip(0, 1)) > 60
-    np.testing.assert_allclose(other.depth / radius, one.depth, atol=1e-3)
+    unit, scaled = frames
+    assert unit.alpha.mean() > 0.4
+    assert psnr(unit.image.clip(0, 1), scaled.image.clip(0, 1)) > 60
+    np.testing.assert_allclose(scaled.depth / radius, unit.depth, atol=1e-3)
 
 
 @pytest.mark.parametrize("radius", [1e30, 9e17])
-def test_a_ball_too_large_for_cameras_is_named(radius: float) -> None:
+def test_a_ball_too_large_for_cameras_is_an_error_with_its_file(radius: float) -> None:
     with pytest.raises(SceneError, match=r"^CAMERA_PATH: huge\.ply: ") as caught:
         around(replace(ball(radius), opened_from=Path("huge.ply")), 2, 96, 72)
     assert f"{radius:g}" in caught.value.message
 
 
 @pytest.mark.parametrize("method", ["two_dts", "mesh_splatting", "diffsoup"])
-def test_a_method_draws_a_small_model_as_it_does_a_large_one(method: str) -> None:
+def test_a_small_model_is_rendered_like_a_large_one(method: str) -> None:
     asset = msb.open(ROOT / "data_stubs" / "models" / "pebble" / method)
     sphere = asset.manifest.bounding_sphere
     smaller = replace(sphere, radius=sphere.radius / 128, center=tuple(x / 128 for x in sphere.center))
@@ -64,7 +64,7 @@ def test_a_method_draws_a_small_model_as_it_does_a_large_one(method: str) -> Non
         np.testing.assert_allclose(128 * frame.depth, whole.depth, atol=1e-3)
 
 
-def test_the_unit_of_a_camera_is_kept(tmp_path: Path) -> None:
+def test_the_unit_of_a_camera_is_preserved(tmp_path: Path) -> None:
     cameras = around(ball(1e-3), 3, 64, 48)
     assert cameras[0].unit < 0.01
     write_cameras(cameras, tmp_path / "views.json")

@@ -1,4 +1,4 @@
-"""How faces lie on the device, the spheres about them, and in which order they are blended all the same."""
+"""The order of faces on the device, their bounding spheres, and images that do not depend on the order."""
 
 from collections.abc import Iterator
 from contextlib import closing
@@ -19,31 +19,31 @@ from tests.render.frames import assert_same
 COUNT = 5003
 BITS = 18
 NUMBER_WORD = {"two_dts": 22, "triangle_splatting": 23, "mesh_splatting": 37}
-"""Where a record of the method has the number of its face."""
+"""Method -> word of a face record that has the face number."""
 
 
 def triangles_of_all_sizes(seed: int = 0) -> NDArray[np.float32]:
-    """Return (COUNT, 3, 3): one far away, one without an extent, some that are alike."""
+    """Return triangles (COUNT, 3, 3): one far away, one without extent, some identical."""
     random = np.random.default_rng(seed)
     corners = random.normal(size=(COUNT, 3, 3)) * np.exp(random.uniform(-8, 0, (COUNT, 1, 1)))
-    found = corners + random.normal(scale=3, size=(COUNT, 1, 3))
-    found[17] += 5000
-    found[18] = found[18, :1]
-    found[100:200] = found[200:300]
-    return found.astype(np.float32)
+    triangles = corners + random.normal(scale=3, size=(COUNT, 1, 3))
+    triangles[17] += 5000
+    triangles[18] = triangles[18, :1]
+    triangles[100:200] = triangles[200:300]
+    return triangles.astype(np.float32)
 
 
 @pytest.fixture(params=SPLATTING)
 def pipeline(request: pytest.FixtureRequest, device: Device) -> Iterator[SplattingPipeline]:
     window = {"sigma": np.zeros(COUNT, np.float32)} if request.param == "triangle_splatting" else {}
-    made = SplattingPipeline(soup(request.param, triangles_of_all_sizes(), **window), device=device)
-    made._order_faces(at_frame=1)
-    yield made
-    made.close()
+    pipeline = SplattingPipeline(soup(request.param, triangles_of_all_sizes(), **window), device=device)
+    pipeline._order_faces(at_frame=1)
+    yield pipeline
+    pipeline.close()
 
 
 def interleaved(cells: NDArray[np.uint64]) -> NDArray[np.uint64]:
-    """Return keys of (n, 3) cells, whose bits take turns: x lowest."""
+    """Return keys of cells (n, 3) with interleaved bits, x lowest."""
     keys = np.zeros(len(cells), np.uint64)
     for bit in range(BITS):
         for axis in range(3):
@@ -53,13 +53,13 @@ def interleaved(cells: NDArray[np.uint64]) -> NDArray[np.uint64]:
 
 
 def halves(words: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Return the two numbers that each word holds, radius and inradius."""
+    """Return the two numbers in each word, radius and inradius."""
     bits = words.view(np.uint32)
     return (bits & np.uint32(0xFFFF0000)).view(np.float32), (bits << np.uint32(16)).view(np.float32)
 
 
 def curve(points: NDArray[np.float32]) -> NDArray[np.uint64]:
-    """Return the keys of (n, 3) points along the curve: the NumPy twin of splat_order.cl."""
+    """Return the keys of points (n, 3) along the curve: the NumPy twin of splat_order.cl."""
     low, high = points.min(axis=0), points.max(axis=0)
     scale = np.float32(((1 << BITS) - 1) / (high.astype(np.float64) - low).max())
     return interleaved(np.minimum((points - low) * scale, np.float32((1 << BITS) - 1)).astype(np.uint64))
@@ -79,16 +79,16 @@ def test_rows_run_along_a_curve_through_space(pipeline: SplattingPipeline) -> No
     np.testing.assert_array_equal(np.lexsort((numbers, keys)), np.arange(COUNT))
 
 
-def test_models_of_which_few_frames_are_drawn_stay_as_they_are_stored(device: Device) -> None:
+def test_models_are_not_sorted_for_few_frames(device: Device) -> None:
     asset = soup("mesh_splatting", triangles_of_all_sizes())
-    with splat_order.few_frames(), closing(SplattingPipeline(asset, device=device)) as made:
-        made._order_faces(at_frame=1)
-        np.testing.assert_array_equal(made._static["numbers"].read(), np.arange(COUNT))
-        made.render(front_camera(32, 24), (0.0, 0.0, 0.0))
-        assert made._sort.by_rows
+    with splat_order.few_frames(), closing(SplattingPipeline(asset, device=device)) as pipeline:
+        pipeline._order_faces(at_frame=1)
+        np.testing.assert_array_equal(pipeline._static["numbers"].read(), np.arange(COUNT))
+        pipeline.render(front_camera(32, 24), (0.0, 0.0, 0.0))
+        assert pipeline._sort.by_rows
 
 
-def test_everything_is_in_the_row_where_it_belongs(pipeline: SplattingPipeline) -> None:
+def test_all_arrays_are_sorted_alike(pipeline: SplattingPipeline) -> None:
     kept, model = pipeline._static, pipeline._model
     numbers = kept["numbers"].read()
     rows, stored = numbers, model.positions.reshape(COUNT, 9)
@@ -101,7 +101,7 @@ def test_everything_is_in_the_row_where_it_belongs(pipeline: SplattingPipeline) 
     np.testing.assert_array_equal(kept["coverage"].read(), model.coverage[rows])
 
 
-def test_spheres_hold_their_faces(pipeline: SplattingPipeline) -> None:
+def test_spheres_contain_their_faces(pipeline: SplattingPipeline) -> None:
     kept = pipeline._static
     corners = triangles_of_all_sizes()[kept["numbers"].read()].astype(np.float64)
     sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).sum(axis=1)
@@ -124,7 +124,7 @@ def test_spheres_hold_their_faces(pipeline: SplattingPipeline) -> None:
 def test_equal_depths_are_sorted_by_number(
     pipeline: SplattingPipeline, order: Order, different: int, device: Device
 ) -> None:
-    """Runs of two, of some, longer ones than are sorted in place, and one of all."""
+    """Runs of two equal depths, of some, of more than are sorted in place, and one run of all."""
     random = np.random.default_rng(different)
     places = np.sort(random.choice(COUNT, 3001, replace=False)).astype(np.uint32)
     numbers = random.permutation(COUNT)
@@ -132,7 +132,7 @@ def test_equal_depths_are_sorted_by_number(
     records = np.zeros((COUNT, pipeline.record_words), np.uint32)
     records[:, NUMBER_WORD[pipeline._model.program.removeprefix("splat_")]] = numbers
     unused: Any = None
-    found = Projected(
+    projected = Projected(
         faces=device.upload(records),
         keys=device.upload(depths.view(np.uint32)),
         tiles=unused,
@@ -142,7 +142,7 @@ def test_equal_depths_are_sorted_by_number(
     sort = DepthSort(device, pipeline._program, order)
     sort.by_rows = False
     keys = device.upload(depths[places].view(np.uint32))
-    result = sort(found, keys, device.upload(places.copy())).read()
+    result = sort(projected, keys, device.upload(places.copy())).read()
     by_depth = np.zeros(len(places)) if order == "none" else depths[places]
     np.testing.assert_array_equal(result, places[np.lexsort((numbers[places], by_depth))])
 
@@ -151,10 +151,10 @@ def test_equal_depths_are_sorted_by_number(
 @pytest.mark.parametrize("method", SPLATTING)
 @pytest.mark.parametrize("flat", [False, True])
 @pytest.mark.parametrize("options", [{}, {"order": "global"}, {"order": "none"}], ids=str)
-def test_the_order_on_the_device_does_not_show(
+def test_the_order_on_the_device_does_not_change_images(
     method: str, flat: bool, options: dict[str, Any], device: Device
 ) -> None:
-    """Frame after frame the same bytes, whether faces are far apart or in a plane that the camera faces."""
+    """Frames stay bit-identical, with faces far apart or in a plane parallel to the image."""
     random = np.random.default_rng(3)
     triangles = triangles_of_all_sizes() + np.float32([0, 0, 5])
     if flat:
@@ -175,7 +175,7 @@ def test_the_order_on_the_device_does_not_show(
 
 
 @pytest.mark.slow
-def test_a_model_stays_as_it_is_where_there_is_no_room_for_a_copy(
+def test_a_model_is_not_sorted_without_memory_for_a_copy(
     device: Device, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pipeline = SplattingPipeline(soup("two_dts", triangles_of_all_sizes()), device=device)

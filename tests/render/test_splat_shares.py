@@ -1,4 +1,4 @@
-"""What each face adds to an image: the weights of the NumPy reference, and the transpose of drawing."""
+"""Contributions of faces to images: against the NumPy reference, and as the transpose of rendering."""
 
 from dataclasses import replace
 from typing import Any
@@ -41,8 +41,8 @@ def test_weights_are_those_of_the_reference(view: View, device: Device) -> None:
     pipeline.close()
     assert view.frame.contribution is not None
     wanted = view.frame.contribution / pipeline._model.scale**2
-    # The sum of 256 float32 numbers is off by 1e-5 at the most. A face differs by more where rounding decides
-    # whether alpha reaches 1/255 in a sample, or whether that lies in the face at all: of 1,000 one may.
+    # The error of a sum of 256 float32 numbers is at most 1e-5. One in 1,000 faces may differ by more,
+    # because rounding decides whether a sample is in the face, and whether its alpha reaches 1/255.
     assert (np.abs(weight - wanted) > 1e-5 * wanted + 1e-4).mean() <= 1e-3
     assert weight.sum() == pytest.approx(alpha.sum(dtype=np.float64), rel=1e-6)
 
@@ -50,7 +50,7 @@ def test_weights_are_those_of_the_reference(view: View, device: Device) -> None:
 @pytest.mark.slow
 @variants
 def test_summing_is_the_transpose_of_drawing(method: str, settings: dict[str, Any], device: Device) -> None:
-    """The image of faces of colours c is A c, what is summed of a picture p is A^T p: p (A c) = c (A^T p)."""
+    """Rendering faces of colours c is A c, summing a picture p is A^T p, and p (A c) = c (A^T p)."""
     asset, camera = model(method, 3, degree=0), front_camera(61, 45)
     f_dc = np.random.default_rng(1).uniform(-1.5, 1.5, (asset.manifest.face_count, 3)).astype(np.float32)
     rows = f_dc.repeat(3, axis=0) if method == "mesh_splatting" else f_dc
@@ -65,7 +65,7 @@ def test_summing_is_the_transpose_of_drawing(method: str, settings: dict[str, An
     assert sums[:, 3].sum() == pytest.approx(frame.alpha.sum(dtype=np.float64), rel=1e-5)
 
 
-def test_neither_bands_nor_the_order_in_which_faces_lie_changes_a_bit(
+def test_bands_and_the_order_of_faces_do_not_change_results(
     cpu: Device, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     camera = front_camera(61, 90)
@@ -88,13 +88,15 @@ def test_the_heaviest_faces_are_those_of_the_reference(method: str, cpu: Device)
     asset, settings = exported(view.folder / "checkpoint"), SETTINGS[method]
     cameras = [view.camera.scaled(size) for size in (0.5, 0.25)]
     views = ((camera, None) for camera in cameras)
-    found = sum(shares[:, 0] for shares in shares_by_view(asset, views, settings=settings, device=cpu))
+    weights_drawn = sum(
+        shares[:, 0] for shares in shares_by_view(asset, views, settings=settings, device=cpu)
+    )
     frames = [render_reference(asset, camera, settings=settings) for camera in cameras]
     wanted = sum(frame.contribution for frame in frames) / settings.get("supersample", 1) ** 2
     assert (wanted > 0).sum() > 100
-    # A face differs where rounding decides whether its alpha in a sample reaches 1/255, so faces that weigh
-    # nearly the same may change places: those kept weigh, by the reference, as much as its own choice.
+    # Rounding may decide whether alpha reaches 1/255 in a sample, so faces of nearly equal weight may change
+    # places. The selected faces must have the same total weight, by the reference, as the reference's choice.
     for kept in (50, 100):
-        chosen, own = (np.argsort(-weights, kind="stable")[:kept] for weights in (found, wanted))
-        assert wanted[chosen].sum() >= (1 - 1e-4) * wanted[own].sum()
-    assert found.sum() == pytest.approx(wanted.sum(), rel=1e-4)
+        chosen, best = (np.argsort(-weights, kind="stable")[:kept] for weights in (weights_drawn, wanted))
+        assert wanted[chosen].sum() >= (1 - 1e-4) * wanted[best].sum()
+    assert weights_drawn.sum() == pytest.approx(wanted.sum(), rel=1e-4)

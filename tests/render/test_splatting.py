@@ -1,4 +1,4 @@
-"""The splatting pipeline against the NumPy reference on random models, and at its limits."""
+"""The splatting pipeline against the NumPy reference on random models, and limit cases."""
 
 from contextlib import closing
 from typing import Any
@@ -38,18 +38,18 @@ methods = pytest.mark.parametrize("method", SPLATTING)
 
 
 def all_sorts(seed: int) -> np.ndarray:
-    """Return large, tiny, needle-like, edge-on, degenerate, doubled, near, hidden triangles: (F, 3, 3)."""
+    """Return large, tiny, thin, edge-on, degenerate, duplicate, near and hidden triangles: (F, 3, 3)."""
     random = np.random.default_rng(seed)
     sizes = np.exp(random.uniform(np.log(0.004), np.log(3), 260))
-    found = random_triangles(seed, 260, 1.0)
-    center = found.mean(axis=1, keepdims=True)
-    found = center + (found - center) * sizes[:, None, None]
-    found[:30, :, 0] = center[:30, :, 0] + (found[:30, :, 0] - center[:30, :, 0]) * 0.01
-    found[30:40, 2] = found[30:40, 1]
-    found[40:60] = found[60:80]
-    found[80:110, :, 2] -= random.uniform(2, 9, (30, 1))
-    found[110:130, :, 2] = random.uniform(2, 3, (20, 1))
-    return found.astype(np.float32)
+    triangles = random_triangles(seed, 260, 1.0)
+    center = triangles.mean(axis=1, keepdims=True)
+    triangles = center + (triangles - center) * sizes[:, None, None]
+    triangles[:30, :, 0] = center[:30, :, 0] + (triangles[:30, :, 0] - center[:30, :, 0]) * 0.01
+    triangles[30:40, 2] = triangles[30:40, 1]
+    triangles[40:60] = triangles[60:80]
+    triangles[80:110, :, 2] -= random.uniform(2, 9, (30, 1))
+    triangles[110:130, :, 2] = random.uniform(2, 3, (20, 1))
+    return triangles.astype(np.float32)
 
 
 def model(method: str, seed: int, degree: int = 3) -> Asset:
@@ -113,7 +113,7 @@ def test_an_empty_view_is_background(method: str, settings: dict[str, Any], cpu:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("method", "settings"), [VARIANTS[1], VARIANTS[4], VARIANTS[6], VARIANTS[8]])
-def test_what_saves_time_changes_no_pixel(
+def test_optimisations_change_no_pixel(
     method: str, settings: dict[str, Any], cpu: Device, gpu: Device
 ) -> None:
     asset, camera = model(method, 9), front_camera(71, 45)
@@ -127,7 +127,7 @@ def test_what_saves_time_changes_no_pixel(
 @pytest.mark.slow
 @pytest.mark.parametrize("style", ["cpu", "gpu"])
 def test_depth_keys_and_sample_positions_are_the_official_bits(style: Any) -> None:
-    """Depth keys decide the order; sample positions are double precision upstream, two floats here."""
+    """Depth keys decide the order; sample positions are double precision officially, two floats here."""
     asset, camera = model("mesh_splatting", 8), front_camera(731, 533)
     with open_styled(style) as device:
         pipeline = SplattingPipeline(asset, device=device, settings={"supersample": 3})
@@ -154,7 +154,7 @@ def test_depth_keys_and_sample_positions_are_the_official_bits(style: Any) -> No
 @methods
 @pytest.mark.parametrize("sampling", ["official", "engine"])
 @pytest.mark.parametrize("offset", [0.0, 3000.0])
-def test_bounding_spheres_drop_nothing_that_is_kept(
+def test_bounding_spheres_drop_no_visible_face(
     method: str, sampling: Any, offset: float, cpu: Device, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Slivers, pixel-sized and huge faces all around the camera, near the origin and far from it."""
@@ -172,10 +172,10 @@ def test_bounding_spheres_drop_nothing_that_is_kept(
     pose[:3, 3] = -pose[:3, :3] @ np.full(3, offset)
     cameras = [Camera(80, 60, 70, 75, 35.5, 31, pose), Camera(50, 120, 400, 400, 25, 60, pose)]
     settings = {"supersample": 1} if method == "mesh_splatting" else {}
-    found = [draw(asset, cpu, camera, settings, sampling=sampling) for camera in cameras]
-    no_limits = (-np.inf, 0, np.zeros(4), 1, np.inf, np.inf)  # infinite spheres, which nothing drops
+    frames = [draw(asset, cpu, camera, settings, sampling=sampling) for camera in cameras]
+    no_limits = (-np.inf, 0, np.zeros(4), 1, np.inf, np.inf)  # infinite spheres, which are never culled
     monkeypatch.setattr(splat_view, "_limits", lambda *_: no_limits)
-    for frame, camera in zip(found, cameras, strict=True):
+    for frame, camera in zip(frames, cameras, strict=True):
         everything = draw(asset, cpu, camera, settings, sampling=sampling)
         assert 20 < frame.visible.sum() < 0.5 * count
         np.testing.assert_array_equal(frame.visible, everything.visible)

@@ -1,4 +1,4 @@
-"""The splatting pipeline against what the official kernels gave, in both styles of kernels."""
+"""The splatting pipeline against results of the official kernels, in both kernel styles."""
 
 from typing import Any
 
@@ -18,7 +18,7 @@ VIEWS = [
 golden = pytest.mark.parametrize("view", VIEWS, ids=names)
 
 
-def drawn(view: View, device: Device, outputs: Any = "all", **overrides: Any) -> Frame:
+def render_view(view: View, device: Device, outputs: Any = "all", **overrides: Any) -> Frame:
     options = {"settings": {**view.settings, **overrides}, "outputs": outputs}
     asset = exported(view.folder / "checkpoint")
     return frame_of(SplattingPipeline, asset, device, view.camera, view.background, **options)
@@ -26,7 +26,7 @@ def drawn(view: View, device: Device, outputs: Any = "all", **overrides: Any) ->
 
 @golden
 def test_images_are_the_official_ones(view: View, device: Device) -> None:
-    frame, stored = drawn(view, device), view.stored
+    frame, stored = render_view(view, device), view.stored
     psnr, share = compare(frame.image, view.image, view.stable)
     assert share <= 1e-3
     assert psnr >= 120
@@ -46,7 +46,7 @@ def test_images_are_the_official_ones(view: View, device: Device) -> None:
 
 @pytest.mark.parametrize("view", [v for v in VIEWS if "ss1_image" in v.stored], ids=names)
 def test_single_samples_are_the_official_ones(view: View, device: Device) -> None:
-    frame, stored = drawn(view, device, supersample=1), view.stored
+    frame, stored = render_view(view, device, supersample=1), view.stored
     stable = stored["ss1_stable"]
     psnr, share = compare(frame.image, stored["ss1_image"], stable)
     assert share <= 1e-3
@@ -62,8 +62,8 @@ def test_single_samples_are_the_official_ones(view: View, device: Device) -> Non
 @pytest.mark.slow
 @pytest.mark.parametrize("view", [VIEWS[0], VIEWS[3], VIEWS[11], VIEWS[20]], ids=names)
 def test_outputs_do_not_change_the_image(view: View, device: Device) -> None:
-    """Other kernels draw when more than image, alpha and depth is asked for."""
-    few, all_of_them = drawn(view, device, ()), drawn(view, device)
+    """Different kernels are used if more outputs than image, alpha and depth are requested."""
+    few, all_of_them = render_view(view, device, ()), render_view(view, device)
     for name in ("image", "alpha", "depth"):
         np.testing.assert_array_equal(getattr(few, name), getattr(all_of_them, name))
     assert few.normal is few.depth_median is few.face_id is None

@@ -1,4 +1,4 @@
-"""The opaque z-buffer against its NumPy twin, in both styles of kernels, and at its limits."""
+"""The opaque z-buffer against its NumPy twin, in both kernel styles, and limit cases."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -33,7 +33,7 @@ from tests.render.standard_scenes import (
 
 @pytest.fixture(scope="module")
 def devices() -> Iterator[dict[str, Device]]:
-    """Return a device for each style; instead of the CPU's another of the GPU's where only that is taken."""
+    """Return a device per style; CPU-style tests use the GPU style on devices that support only that."""
     opened = {"cpu": open_device(SELECTOR), **{style: open_styled(style) for style in STYLES[1:]}}
     yield opened
     for device in opened.values():
@@ -42,7 +42,7 @@ def devices() -> Iterator[dict[str, Device]]:
 
 @pytest.fixture(params=[STYLES[0], pytest.param(STYLES[1], marks=pytest.mark.slow)])
 def device(request: pytest.FixtureRequest, devices: dict[str, Device]) -> Device:
-    """Return a device of a style; `tests.machines` has those whose own is the second."""
+    """Return a device of first style; `tests.machines` runs both styles on second devices."""
     return devices[request.param]
 
 
@@ -65,7 +65,7 @@ def test_both_styles_agree_with_the_twin(devices: dict[str, Device], kind: str, 
 
 
 def test_hidden_layers(devices: dict[str, Device]) -> None:
-    """Enough triangles behind others that the CPU leaves clusters out; the GPU draws them all."""
+    """With many hidden triangles the CPU culls whole clusters; the GPU draws all of them."""
     u, v = np.meshgrid(np.linspace(-3, 3, 90), np.linspace(-3, 3, 90))
     layers = [np.stack([u, v, 3 + 0.4 * k + 0.3 * np.sin(5 * u + k)], axis=-1) for k in range(4)]
     at = (np.arange(89)[:, None] * 90 + np.arange(89)).reshape(-1, 1)
@@ -74,9 +74,9 @@ def test_hidden_layers(devices: dict[str, Device]) -> None:
     indices = np.concatenate([faces + 8100 * k for k in range(4)]).astype(np.uint32)
     mesh = positions, np.random.default_rng(0).permutation(indices)
     asset = mesh_asset(mesh, random_colors(0, len(positions)))
-    one, other = (draw(devices[style], asset, camera(200, 150, 150.0)) for style in STYLES[:2])
-    assert one.alpha.all()
-    check_equal(one, other)
+    first, second = (draw(devices[style], asset, camera(200, 150, 150.0)) for style in STYLES[:2])
+    assert first.alpha.all()
+    check_equal(first, second)
 
 
 @pytest.mark.slow
@@ -130,7 +130,7 @@ def test_behind_and_beside_the_camera(device: Device) -> None:
 
 
 def test_far_from_the_origin(device: Device) -> None:
-    """Where float32 positions are still exact, so must their differences with the camera be."""
+    """Positions that are exact in float32 must have exact differences to the camera."""
     mesh = scene("small", 19)
     positions = np.round(mesh[0] * 1024) / 1024
     offset = np.array([4096.0, -2048, 1024])
@@ -200,7 +200,7 @@ def test_hidden_faces_keep_numbers(styled: Device) -> None:
     np.testing.assert_array_equal(none.image, np.broadcast_to(np.float32(BACKGROUND), none.image.shape))
 
 
-def test_takes_coordinates_whose_sum_overflows(styled: Device) -> None:
+def test_coordinates_with_an_overflowing_sum_are_drawn(styled: Device) -> None:
     positions, indices = scene("small", 0)
     positions[:3] = np.finfo(np.float32).max
     frame = draw(styled, mesh_asset((positions, indices)), camera())
@@ -208,18 +208,18 @@ def test_takes_coordinates_whose_sum_overflows(styled: Device) -> None:
     assert frame.alpha.any()
 
 
-def test_samples_are_an_option_of_the_standard_tier_alone(cpu: Device) -> None:
-    """MeshSplatting's setting of that name is its own look's, and does nothing here."""
+def test_supersample_is_an_option_of_the_standard_tier_only(cpu: Device) -> None:
+    """MeshSplatting's setting of the same name belongs to native rendering and has no effect here."""
     asset = soup("mesh_splatting", random_triangles(1, 20), welded=True)
     plain = draw(cpu, asset, camera())
-    own = msb.render(asset, camera(), "standard", BACKGROUND, {"supersample": 2}, cpu)
-    np.testing.assert_array_equal(plain.image, own.image)
+    with_setting = msb.render(asset, camera(), "standard", BACKGROUND, {"supersample": 2}, cpu)
+    np.testing.assert_array_equal(plain.image, with_setting.image)
     with pytest.raises(Unsupported, match="UNSUPPORTED_OPTION"):
         msb.render(asset, camera(), "dedicated", device=cpu, supersample=2)
 
 
 @pytest.mark.slow
-def test_image_alone_is_that_of_the_frame(styled: Device) -> None:
+def test_render_image_equals_the_image_of_the_frame(styled: Device) -> None:
     mesh = scene("everything", 5)
     renderer = StandardRenderer(mesh_asset(mesh, random_colors(5, len(mesh[0]))), device=styled)
     frame = renderer.render(camera(), BACKGROUND)
@@ -235,8 +235,8 @@ def test_image_alone_is_that_of_the_frame(styled: Device) -> None:
     renderer.close()
 
 
-def test_asset_may_go_once_the_renderer_is_made(styled: Device) -> None:
-    """The upload may share memory of the asset."""
+def test_the_asset_may_be_deleted_after_construction(styled: Device) -> None:
+    """The upload may share memory with the asset's arrays."""
     asset = mesh_asset(scene("small", 9))
     renderer = StandardRenderer(asset, device=styled)
     before = renderer.render(camera(), BACKGROUND)

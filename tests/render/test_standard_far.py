@@ -1,4 +1,4 @@
-"""Faces with corners very far away, beside a ray caster in long double that shares no code with us."""
+"""Faces with very distant corners, against an independent ray caster in long double."""
 
 from typing import Any, NamedTuple
 
@@ -28,7 +28,7 @@ NEAR = REAL(np.float32(0.01))
 
 
 class Cast(NamedTuple):
-    """What the rays of all pixels meet; `clear` (H, W): neither an edge nor another depth is near."""
+    """The result of casting a ray per pixel. `clear` (H, W): no edge and no other surface is near."""
 
     face_id: NDArray[np.int64]
     depth: NDArray[np.float64]
@@ -37,7 +37,7 @@ class Cast(NamedTuple):
 
 
 def cast(mesh: Arrays, colors: NDArray[np.uint8], view: Camera) -> Cast:
-    """Meet every face with the ray of every pixel: sides by the volumes that ray and corners span."""
+    """Intersect the ray of every pixel with every face, using signed volumes of ray and edges."""
     pose = view.world_to_camera.astype(REAL)
     corners = (mesh[0].astype(REAL) @ pose[:3, :3].T + pose[:3, 3])[mesh[1]]
     rgb = colors[mesh[1]].astype(REAL) / 255
@@ -48,11 +48,11 @@ def cast(mesh: Arrays, colors: NDArray[np.uint8], view: Camera) -> Cast:
     image = np.broadcast_to(np.array(BACKGROUND, REAL), rays.shape).copy()
     for face, (a, b, c) in enumerate(corners):
         volumes = rays @ np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)]).T
-        one, two, three = sorted((a, b, c), key=lambda corner: np.abs(corner).max())
-        normal = np.cross(two - one, three - one)
-        if normal @ one == 0:
+        near, middle, far = sorted((a, b, c), key=lambda corner: np.abs(corner).max())
+        normal = np.cross(middle - near, far - near)
+        if normal @ near == 0:
             continue
-        inverse = rays @ normal / (normal @ one)
+        inverse = rays @ normal / (normal @ near)
         same_sign = (volumes >= 0).all(axis=-1) | (volumes <= 0).all(axis=-1)
         met = same_sign & (inverse > 0) & (inverse <= 1 / NEAR)
         wins = met & (inverse > nearest)
@@ -71,7 +71,7 @@ def unit(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def far_triangles(kind: str, size: float, random: np.random.Generator) -> NDArray[np.float64]:
-    """Return triangles (n, 3, 3) in camera coordinates that reach `size` far, other corners at 1 to 5."""
+    """Return triangles (n, 3, 3) in camera space with corners at distance `size`, the others at 1 to 5."""
     near = random.normal(size=(10, 3, 3)) * 1.2 + (0, 0, 4)
     away = size * random.uniform(0.5, 2, (10, 2, 1))
     match kind:
@@ -101,7 +101,7 @@ CORNERS = ((-1, -1), (1, -1), (1, 1), (-1, 1))
 
 
 def turned(random: np.random.Generator) -> Camera:
-    """Return a camera in no special place, so that far corners are rounded on their way to it."""
+    """Return a camera with a random pose, so that distant corners are rounded when transformed."""
     rotation = np.linalg.qr(random.normal(size=(3, 3)))[0]
     pose = np.eye(4)
     pose[:3, :3] = rotation * np.sign(np.linalg.det(rotation))
@@ -110,25 +110,25 @@ def turned(random: np.random.Generator) -> Camera:
 
 
 def seen_by(view: Camera, triangles: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return places in the world of places in camera coordinates."""
+    """Return points given in camera space in world coordinates."""
     return (triangles - view.world_to_camera[:3, 3]) @ view.world_to_camera[:3, :3]
 
 
-def check(found: Any, expected: Cast) -> None:
+def check(frame: Any, expected: Cast) -> None:
     clear = expected.clear
-    np.testing.assert_array_equal(found.face_id[clear], expected.face_id[clear])
-    assert (found.face_id != expected.face_id).mean() < 0.002  # the very edges
+    np.testing.assert_array_equal(frame.face_id[clear], expected.face_id[clear])
+    assert (frame.face_id != expected.face_id).mean() < 0.002  # the very edges
     hit = clear & (expected.face_id >= 0)
     assert hit.sum() > 500
-    np.testing.assert_allclose(found.depth[hit], expected.depth[hit], rtol=5e-5)
-    np.testing.assert_allclose(found.image[hit], expected.image[hit], atol=2e-4)
+    np.testing.assert_allclose(frame.depth[hit], expected.depth[hit], rtol=5e-5)
+    np.testing.assert_allclose(frame.image[hit], expected.image[hit], atol=2e-4)
 
 
 CASES = [
     (kind, size)
     for kind in ("one corner", "two corners", "along an axis", "floor", "strip")
     for size in (1e4, 1e6, 7e7, 1e9)
-    if not (kind == "strip" and size > 1e7)  # a float32 so far away tells places no three units apart
+    if not (kind == "strip" and size > 1e7)  # at that distance float32 cannot resolve three units
 ]
 
 
@@ -144,7 +144,7 @@ def test_a_corner_far_away_leaves_face_depth_and_colour_right(
     check(twin(mesh, colors, view), expected)
     for device in (cpu, gpu):
         if kind in ("floor", "strip") and not device.record.fp64:
-            continue  # no near corner says where the plane is: float32 cannot
+            continue  # without a near corner, float32 cannot represent the plane
         check(draw(device, mesh_asset(mesh, colors), view), expected)
 
 
@@ -164,7 +164,5 @@ def test_a_shell_around_the_camera_has_no_cracks_however_far_its_corners_are(
     for frame in frames:
         assert frame.alpha.all()
         np.testing.assert_array_equal(frame.face_id[expected.clear], expected.face_id[expected.clear])
-    for one, other in zip(
-        (frames[0].image, frames[0].depth), (frames[1].image, frames[1].depth), strict=True
-    ):
-        np.testing.assert_array_equal(one, other)
+    for name in ("image", "depth"):
+        np.testing.assert_array_equal(getattr(frames[0], name), getattr(frames[1], name))

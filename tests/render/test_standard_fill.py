@@ -1,4 +1,4 @@
-"""Faces that share edges: every sample belongs to exactly one of them, wherever and however large."""
+"""Faces that share edges: every sample belongs to exactly one of them, at any position and size."""
 
 from typing import Any
 
@@ -20,7 +20,7 @@ VIEW = camera(72, 56, 60.0)
 def fan(
     seed: int, radius: float, corners: int, middle: tuple[float, float], tilt: float = 0.0
 ) -> NDArray[Any]:
-    """Return a closed fan around a point of the image, in pixels, as triangles (F, 3, 3) at about z = 2."""
+    """Return a closed fan around a point of the image, in pixels, as triangles (F, 3, 3) near z = 2."""
     random = np.random.default_rng(seed)
     angles = np.sort(random.uniform(0, 2 * np.pi, corners) + np.arange(corners) * 0.0)
     angles = (angles + np.arange(corners) * 2 * np.pi / corners) / 2 + random.uniform(0, 6)
@@ -36,7 +36,7 @@ def fan(
 
 
 def coverage(device: Device, triangles: NDArray[Any], view: Camera = VIEW) -> NDArray[np.int64]:
-    """Return how many of the triangles have each pixel, each drawn alone."""
+    """Return how many of the triangles cover each pixel, each drawn separately."""
     count = np.zeros((view.height, view.width), np.int64)
     for triangle in triangles:
         mesh = triangle.reshape(3, 3), np.array([[0, 1, 2]], np.uint32)
@@ -69,7 +69,7 @@ def test_closed_fans(styled: Device, radius: float, middle: tuple[float, float])
     elif radius >= 6:
         y, x = np.mgrid[:56, :72] + 0.5
         assert (count[np.hypot(x - middle[0], y - middle[1]) < 0.3 * radius] == 1).all()
-    # The whole fan at once has what its faces have.
+    # The whole fan covers the same pixels as its faces.
     mesh = triangles.reshape(-1, 3), np.arange(21, dtype=np.uint32).reshape(7, 3)
     renderer = StandardRenderer(mesh_asset(mesh), device=styled)
     np.testing.assert_array_equal(renderer.render(VIEW, (0, 0, 0)).alpha, count)
@@ -78,15 +78,15 @@ def test_closed_fans(styled: Device, radius: float, middle: tuple[float, float])
 
 @pytest.mark.slow
 def test_fan_through_the_near_plane(styled: Device) -> None:
-    """Both faces of a clipped edge find the same point on the near plane."""
+    """Both faces at a clipped edge get the same point on the near plane."""
     triangles = fan(3, 40.0, 9, (36.2, 28.7), tilt=-6.0)
     assert triangles[..., 2].min() < 0 < 0.01 < triangles[..., 2].max()
     count = coverage(styled, triangles)
     assert count.max() == 1
-    shown = count == 1
-    assert shown.sum() > 300
-    # No pinholes: what is shown in a row is one run.
-    for row in shown:
+    covered = count == 1
+    assert covered.sum() > 300
+    # No holes: the covered pixels of a row are contiguous.
+    for row in covered:
         assert np.count_nonzero(np.diff(np.concatenate([[0], row, [0]]))) <= 2
 
 
@@ -97,7 +97,7 @@ points = st.tuples(coordinates, coordinates)
 @settings(max_examples=100)
 @given(points, points, points, points)
 def test_rule_of_the_twin(a: Any, b: Any, c: Any, d: Any) -> None:
-    """Two triangles on either side of an edge, at any places of the grid, samples on edges included."""
+    """Two triangles on either side of an edge, anywhere on the grid, with samples on edges."""
 
     def side(p: Any) -> int:
         return (b[0] - a[0]) * (p[1] - a[1]) - (b[1] - a[1]) * (p[0] - a[0])

@@ -1,4 +1,4 @@
-"""The standard tier with textures, held to its twin."""
+"""The standard tier with textures, against its NumPy twin."""
 
 from dataclasses import replace
 from typing import Any
@@ -27,7 +27,7 @@ from tests.render.standard_scenes import (
 from tests.render.textured_scenes import CASES, golden_scene, textured_asset, textured_twin
 
 NEAR = 2e-4
-"""How far a colour may be from the twin's; a level is 4e-3."""
+"""Tolerance of colours; one level of 255 is 4e-3."""
 
 
 FEW = scattered(11, 40, 1.2, 1, 4), scattered(12, 60, 0.08, 1, 3), scattered(13, 30, 0.7, 1.2, 0)
@@ -47,7 +47,7 @@ def test_draws_as_its_twin(styled: Device, case: str, every: bool) -> None:
 
 @pytest.mark.parametrize("case", CASES)
 def test_agrees_with_another_renderer(styled: Device, case: str) -> None:
-    """Away from silhouettes, to one level of what Mesa's lavapipe drew through wgpu."""
+    """Away from silhouettes, to one level of an image that Mesa's lavapipe rendered through wgpu."""
     asset, view = golden_scene(case)
     with np.load(ROOT / "tests/golden/textures" / f"{case.replace(' ', '_')}.npz") as kept:
         image, faces = kept["image"], kept["face_id"]
@@ -68,7 +68,7 @@ def test_without_atomics(gpu: Device, case: str) -> None:
 
 
 def layers(alphas: list[int], **sampler: Any) -> Asset:
-    """Return squares in one place, each with a texture of its own, white with an alpha."""
+    """Return coincident squares, each with a separate white texture of one alpha."""
     square = np.array([[[-1, -1, 3], [1, -1, 3], [1, 1, 3]], [[-1, -1, 3], [1, 1, 3], [-1, 1, 3]]], float)
     mesh = unshared(np.concatenate([square] * len(alphas)))
     case = {"sampler": Sampler(**sampler), "sizes": ((1, 1, 4),) * max(2, len(alphas))}
@@ -76,21 +76,21 @@ def layers(alphas: list[int], **sampler: Any) -> Asset:
     textures = {
         f"texture.{i}": np.full((1, 1, 4), (255, 255, 255, a), np.uint8) for i, a in enumerate(alphas)
     }
-    shown = np.repeat(np.arange(len(alphas), dtype=np.uint32), 2)
-    buffers = {**asset.buffers, **textures, "face_texture": shown}
+    numbers = np.repeat(np.arange(len(alphas), dtype=np.uint32), 2)
+    buffers = {**asset.buffers, **textures, "face_texture": numbers}
     return Asset(asset.manifest, buffers)
 
 
 @pytest.mark.parametrize(("cutoff", "first"), [(None, 0), (0.0, 0), (0.25, 1), (0.75, 2), (1.0, 2)])
-def test_what_is_cut_out_hides_nothing(styled: Device, cutoff: float | None, first: int) -> None:
-    """Of layers at one depth the lowest is seen whose alpha is not below the cut-off."""
+def test_cut_out_layers_hide_nothing(styled: Device, cutoff: float | None, first: int) -> None:
+    """Among coincident layers, the first whose alpha reaches the cutoff is visible."""
     frame = draw(styled, layers([20, 128, 255], alpha_cutoff=cutoff), camera())
     middle = frame.face_id[20:40, 30:50]
     assert set(np.unique(middle)) <= {2 * first, 2 * first + 1}
     assert np.array_equal(frame.alpha > 0, frame.face_id >= 0)
 
 
-def test_every_sample_of_a_pixel_has_a_level_of_its_own(cpu: Device) -> None:
+def test_the_mip_level_is_chosen_per_sample(cpu: Device) -> None:
     asset = textured_asset(unshared(scattered(19, 30, 1.2, 1, 4)), 20, **CASES["several"])
     fine = box_filter(draw(cpu, asset, enlarged(camera(), 3)), 3)
     assert np.array_equal(draw(cpu, asset, camera(), supersample=3).image, fine.image)
@@ -106,7 +106,7 @@ def test_any_finite_texture_coordinate_is_drawn(styled: Device) -> None:
         assert (np.isfinite(frame.image) & (frame.image >= 0) & (frame.image <= 1)).all()
 
 
-def test_textures_are_counted_and_what_does_not_fit_is_refused(fresh: Device) -> None:
+def test_textures_are_counted_and_rejected_if_they_do_not_fit(fresh: Device) -> None:
     asset = textured_asset(scene("large", 24), 25, **CASES["several"])
     renderer = StandardRenderer(asset, device=fresh)
     texels = sum(
@@ -124,10 +124,10 @@ def test_textures_are_counted_and_what_does_not_fit_is_refused(fresh: Device) ->
     assert raised.value.code == "DEVICE_MEMORY"
 
 
-def test_refuses_what_has_no_texel(cpu: Device) -> None:
+def test_invalid_texture_coordinates_and_numbers_are_rejected(cpu: Device) -> None:
     asset = textured_asset(scene("large", 26), 27, **CASES["several"])
-    uvs, shown = asset.buffers["uv"].copy(), asset.buffers["face_texture"].copy()
-    uvs[5, 1], shown[7] = np.nan, 3
-    for name, wrong, where in (("uv", uvs, "row 5"), ("face_texture", shown, "face 7 shows texture 3")):
+    uvs, numbers = asset.buffers["uv"].copy(), asset.buffers["face_texture"].copy()
+    uvs[5, 1], numbers[7] = np.nan, 3
+    for name, wrong, where in (("uv", uvs, "row 5"), ("face_texture", numbers, "face 7 shows texture 3")):
         with pytest.raises(AssetError, match=where):
             StandardRenderer(Asset(asset.manifest, {**asset.buffers, name: wrong}), device=cpu)

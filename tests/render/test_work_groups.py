@@ -1,4 +1,4 @@
-"""Devices that allow small work-groups only: what needs larger ones is refused with the sizes."""
+"""Devices that only allow small work-groups: clear errors for kernels that need larger ones."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -34,7 +34,7 @@ def draw(tier: type, method: str, device: Device) -> Frame:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("method", SPLATTING)
-def test_blending_is_refused_where_a_group_cannot_be_a_tile(method: str, limited: Device) -> None:
+def test_blending_is_rejected_if_a_group_cannot_be_a_tile(method: str, limited: Device) -> None:
     allowed = limited.record.max_work_group
     with pytest.raises(DeviceError) as caught:
         draw(dedicated_renderer, method, limited)

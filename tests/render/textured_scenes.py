@@ -1,4 +1,4 @@
-"""Random assets with textures, for the tests of whatever draws them."""
+"""Random assets with textures for tests of renderers."""
 
 from dataclasses import replace
 from typing import Any
@@ -33,7 +33,7 @@ CASES: dict[str, dict[str, Any]] = {
     },
     "cut out": {"sampler": Sampler(alpha_cutoff=0.3), "sizes": ((32, 32, 4), (8, 8, 4)), "spread": 0.1},
 }
-"""Name -> arguments of `textured_asset`: filters, wraps, sizes, numbers of textures, tints and cut-offs."""
+"""Name -> arguments of `textured_asset`: filters, wrap modes, sizes, texture counts, tints and cutoffs."""
 
 
 def textured_asset(
@@ -45,7 +45,7 @@ def textured_asset(
     tint: str | None = None,
     spread: float = 1.0,
 ) -> Asset:
-    """Return `mesh` with noise as textures of `sizes`, and texture coordinates in -1 to 2 times `spread`."""
+    """Return `mesh` with noise textures of `sizes`, and texture coordinates from -1 to 2 times `spread`."""
     random = np.random.default_rng(seed)
     positions, indices = mesh
     uvs = random.uniform(-1, 2, (indices.size, 2)) * spread
@@ -65,7 +65,7 @@ def textured_asset(
 
 
 def textured_twin(asset: Asset, view: Camera) -> ReferenceFrame:
-    """Return the frame of `asset` by the float64 twin."""
+    """Return the frame of `asset`, rendered by the float64 twin."""
     tint, buffers = tint_of(asset), asset.buffers
     colors, domain = (None, "corner") if tint is None else (tint.values, tint.domain)
     mesh = buffers["positions"], buffers["indices"]
@@ -73,6 +73,6 @@ def textured_twin(asset: Asset, view: Camera) -> ReferenceFrame:
 
 
 def golden_scene(case: str) -> tuple[Asset, Camera]:
-    """Return what `tests/golden/textures` shows: large faces with a case's textures, off the middle."""
+    """Return the asset and camera of `tests/golden/textures`: large faces with a case's textures."""
     view = replace(camera(83, 61, 70.0, (37.0, 33.5)), fx=78.0)
     return textured_asset(scene("large", 3), 4, **CASES[case]), view

@@ -132,7 +132,7 @@ def changed(document: Any, path: str, to: Any = GONE) -> Any:
 
 
 def of_json(document: Any, name: str = "cameras.json", code: str = "FILE", **image: bytes) -> Bad:
-    """Return the case of a document beside an image called a.png or a.jpg."""
+    """Return the case of a document, beside an image called a.png or a.jpg."""
     content = document if isinstance(document, bytes) else dump(document)
     files = {name: content} | {f"a.{suffix}": data for suffix, data in image.items()}
     return files, name, f"CAMERA_{code}"
@@ -151,7 +151,7 @@ def in_views(path: str, to: Any = GONE, code: str = "FILE") -> Bad:
 
 
 def bare(path: str = "./a", **more: Any) -> dict[str, Any]:
-    """Return a NeRF-Synthetic document of one frame, which needs its image for the size."""
+    """Return a NeRF-Synthetic document of one frame, whose size must be read from its image."""
     frame = {"file_path": path, "transform_matrix": EYE}
     return {"camera_angle_x": 0.7, "frames": [frame | more]}
 
@@ -195,11 +195,11 @@ BAD: dict[str, Bad] = {
     )
     for name, bad in table.items()
 }
-"""All of them. Those of the group "points" are read by `read_points`, the others by `read_cameras`."""
+"""All cases. Cases of the group "points" are read by `read_points`, the others by `read_cameras`."""
 
 
 def read_case(name: str, root: Path) -> Any:
-    """Write one of them below `root`, and read it."""
+    """Write the files of a case below `root`, and read them."""
     files, target, _ = BAD[name]
     read = read_points if name.startswith("points") else read_cameras
     return read(write(root, files) / target)
@@ -214,4 +214,4 @@ SMALL: dict[str, Files] = {
     "cameras.json": {"cameras.json": dump(cameras_json(CAMERAS[:1]))},
     "views.json": {"views.json": dump(views(CAMERAS[:1], background=[0, 0.5, 1]))},
 }
-"""Good files to be cut and changed, one kind of source each."""
+"""Valid files to be truncated and modified, one per kind of source."""

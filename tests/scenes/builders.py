@@ -1,4 +1,4 @@
-"""Cameras, and files of them in every format, written without the package's own writers."""
+"""Cameras, and camera files in every format, written without the package's writers."""
 
 import json
 import struct
@@ -16,7 +16,7 @@ from tests.corpus import forge
 Files = dict[str, bytes]
 """Name below a folder -> content."""
 Bad = tuple[Files, str, str]
-"""Files, the path to read among them, and the code of the error."""
+"""Files, the path to read, and the code of the error."""
 
 
 def write(folder: Path, files: Files) -> Path:
@@ -34,7 +34,7 @@ def quaternion(seed: int) -> NDArray[np.float64]:
 
 
 def rotation(q: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the rotation matrix of a unit quaternion: the images of the axes under q v q*."""
+    """Return the rotation matrix of a unit quaternion, from the rotated axes q v q*."""
 
     def multiply(a: Any, b: Any) -> Any:
         return np.array(
@@ -120,7 +120,7 @@ def point_bin(
 
 
 def many(*records: bytes, count: int | None = None) -> bytes:
-    """Return a binary file of records; `count` is what its header says."""
+    """Return a binary file of records; `count` overrides the count in its header."""
     return struct.pack("<Q", len(records) if count is None else count) + b"".join(records)
 
 
@@ -148,7 +148,7 @@ def colmap_txt(cameras: Sequence[Camera]) -> Files:
 
 
 def lens_parameters(model: str, distortion: float) -> list[float]:
-    """Return parameters of a model with focal lengths 50 and 49 (if two), centre 20, 15."""
+    """Return parameters of a model: focal lengths 50 and 49 (if two), centre (20, 15), equal distortions."""
     kind = MODELS[model]
     return [50.0, 49.0][: kind.focals] + [20.0, 15.0] + [distortion] * kind.distortions
 
@@ -161,7 +161,7 @@ def dump(value: Any) -> bytes:
 
 
 def transforms(cameras: Sequence[Camera], **top: Any) -> dict[str, Any]:
-    """Return nerfstudio's form with the intrinsics in each frame."""
+    """Return a document in nerfstudio's format with the intrinsics in each frame."""
     flip = np.diag([1.0, -1, -1, 1])
     frames = []
     for camera in cameras:

@@ -1,4 +1,4 @@
-"""The camera: where points land, what is derived, what is refused; order and split of cameras."""
+"""The camera: projection, derived values, validation, order and split."""
 
 import copy
 import math
@@ -17,7 +17,7 @@ from .builders import pose, quaternion, rotation, some_cameras
 FRONT = Camera(200, 100, 50, 40, 90, 55, np.eye(4))
 
 
-def test_the_middle_of_pixel_0_0_is_half_a_pixel_from_the_corner() -> None:
+def test_the_centre_of_pixel_0_0_is_half_a_pixel_from_the_corner() -> None:
     camera = Camera(4, 2, 2, 2, 2, 1, np.eye(4))  # sees x in -1..1, y in -0.5..0.5 at depth 1
     pixels, _ = camera.project([[-0.75, -0.25, 1], [-1, -0.5, 1], [1, 0.5, 1]])
     assert pixels.tolist() == [[0.5, 0.5], [0, 0], [4, 2]]
@@ -34,13 +34,13 @@ def test_look_at_from_the_side() -> None:
     np.testing.assert_allclose(camera.center, [2, 0, 0], atol=1e-15)
 
 
-def test_up_is_minus_y_unless_it_is_said() -> None:
+def test_up_is_minus_y_by_default() -> None:
     camera = Camera.look_at((0, 0, -2), (0, 0, 0), width=100, height=100, fov_y=1)
     pixels, _ = camera.project([[0, -0.5, 0], [0.5, 0, 0]])
     assert pixels[0, 1] < 50 < pixels[1, 0]  # -y is above the middle, +x to its right
 
 
-def test_points_behind_are_nowhere() -> None:
+def test_points_behind_the_camera_are_nan() -> None:
     pixels, depth = FRONT.project([[[0, 0, -1], [1, 1, 0]], [[0, 0, 1], [0, 0, 1e-300]]])
     assert pixels.shape == (2, 2, 2)
     assert depth.tolist() == [[-1, 0], [1, 1e-300]]
@@ -62,7 +62,7 @@ def test_projection_is_the_textbook_product() -> None:
         )
 
 
-def test_resizing_keeps_what_is_seen() -> None:
+def test_resizing_keeps_the_field_of_view() -> None:
     camera = some_cameras()[1]
     half = camera.resized(20, 99)
     assert (half.width, half.height, half.source_size) == (20, 99, (camera.width, camera.height))
@@ -161,7 +161,7 @@ BAD: dict[str, dict[str, object]] = {
 
 
 @pytest.mark.parametrize("name", BAD)
-def test_a_camera_that_cannot_be_is_refused(name: str) -> None:
+def test_invalid_cameras_are_rejected(name: str) -> None:
     good = {
         key: getattr(FRONT, key) for key in ("width", "height", "fx", "fy", "cx", "cy", "world_to_camera")
     }
@@ -188,14 +188,14 @@ def test_limits_are_inclusive() -> None:
         ({"fov_y": 0}, "CAMERA_INVALID"),
     ],
 )
-def test_a_view_that_cannot_be_is_refused(change: dict[str, object], code: str) -> None:
+def test_invalid_views_are_rejected(change: dict[str, object], code: str) -> None:
     good = {"eye": (1, 2, 3), "target": (0, 0, 0), "up": (0, 0, 1), "width": 4, "height": 3, "fov_y": 1.0}
     with pytest.raises(SceneError, match=code):
         Camera.look_at(**(good | change))
 
 
 @pytest.mark.parametrize("factor", [0, -1, math.nan, math.inf, 1e9])
-def test_a_scale_that_cannot_be_is_refused(factor: float) -> None:
+def test_invalid_scales_are_rejected(factor: float) -> None:
     with pytest.raises(SceneError, match="CAMERA_INVALID"):
         FRONT.scaled(factor)
 
@@ -214,7 +214,7 @@ def test_opengl_axes_become_opencv_axes() -> None:
         invert_pose(pose(0).T)
 
 
-def test_quaternions_turn_as_their_product_says() -> None:
+def test_rotations_equal_quaternion_products() -> None:
     for seed in range(100):
         q = quaternion(seed)
         np.testing.assert_allclose(rotation_from_quaternion(q * 1e-5), rotation(q), atol=1e-14)
@@ -224,24 +224,26 @@ def test_quaternions_turn_as_their_product_says() -> None:
         assert abs(back @ half_turn) == pytest.approx(1)
 
 
-def named(*names: str | None) -> list[Camera]:
+def cameras_called(*names: str | None) -> list[Camera]:
     return [Camera(1, 1, 1, 1, 0, 0, np.eye(4), name) for name in names]
 
 
 def test_the_stem_ends_at_the_first_dot_and_has_no_folder() -> None:
-    cameras = named("a.b/img.c.png", "plain", None, ".hidden.png")
+    cameras = cameras_called("a.b/img.c.png", "plain", None, ".hidden.png")
     assert [stem(camera) for camera in cameras] == ["img", "plain", "", ""]
 
 
 def test_the_order_is_by_code_point_and_stable() -> None:
-    cameras = named("z/DSC_2.png", "img.b.png", "b.png", "img.a.png", "DSC_10.png", "a/DSC_02.png", "Z.png")
+    cameras = cameras_called(
+        "z/DSC_2.png", "img.b.png", "b.png", "img.a.png", "DSC_10.png", "a/DSC_02.png", "Z.png"
+    )
     assert [camera.name for camera in sorted_by_stem(cameras)] == [
         "a/DSC_02.png", "DSC_10.png", "z/DSC_2.png", "Z.png", "b.png", "img.b.png", "img.a.png"
     ]  # fmt: skip
 
 
 def test_every_eighth_is_for_testing() -> None:
-    cameras = named(*(f"{index:02d}.png" for index in reversed(range(18))))
+    cameras = cameras_called(*(f"{index:02d}.png" for index in reversed(range(18))))
     train, test = split_every_8th(cameras)
     assert [camera.name for camera in test] == ["00.png", "08.png", "16.png"]
     assert {camera.split for camera in test} == {"test"}

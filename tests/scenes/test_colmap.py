@@ -1,4 +1,4 @@
-"""COLMAP models: models of lenses, the traps of the text form, and points."""
+"""COLMAP models: lens models, special cases of the text format, and points."""
 
 from pathlib import Path
 
@@ -39,7 +39,7 @@ def test_models_without_distortion_are_pinhole_cameras(model: str, form: str, tm
     assert (camera.width, camera.height, camera.name) == (40, 30, "a.png")
 
 
-def test_a_distorted_camera_that_no_image_uses_does_no_harm(tmp_path: Path) -> None:
+def test_an_unused_distorted_camera_is_ignored(tmp_path: Path) -> None:
     distorted = lens_bin(2, 4, parameters=lens_parameters("OPENCV", 0.1))
     files = {"cameras.bin": many(distorted, lens_bin()), "images.bin": many(shot_bin())}
     assert len(msb.read_cameras(write(tmp_path, files))) == 1
@@ -92,7 +92,7 @@ def test_names_hold_spaces_and_other_scripts(tmp_path: Path) -> None:
     assert msb.read_cameras(write(tmp_path / "bin", files))[0].name == name
 
 
-def test_a_byte_order_mark_before_text_is_no_word(tmp_path: Path) -> None:
+def test_a_byte_order_mark_is_ignored(tmp_path: Path) -> None:
     files = {name: b"\xef\xbb\xbf" + text for name, text in images(b"1 1 0 0 0 0 0 0 7 a.png").items()}
     assert len(msb.read_cameras(write(tmp_path, files))) == 1
 
@@ -119,14 +119,14 @@ def test_points_are_read_from_both_forms(tmp_path: Path, monkeypatch: pytest.Mon
         files = {"points3D.bin": many(*records), "points3D.txt": text_points(xyz, rgb, tracks)}
         write(tmp_path / "sparse" / "0", files)
         for path in ("sparse/0/points3D.bin", "sparse/0/points3D.txt", "sparse/0", ""):
-            found, colors = read_points(tmp_path / path)
-            assert found.dtype == np.float64
+            points, colors = read_points(tmp_path / path)
+            assert points.dtype == np.float64
             assert colors.dtype == np.uint8
-            np.testing.assert_array_equal(found, xyz)
+            np.testing.assert_array_equal(points, xyz)
             np.testing.assert_array_equal(colors, rgb)
 
 
-def test_a_text_point_may_have_a_signed_or_rounded_look(tmp_path: Path) -> None:
+def test_numbers_of_text_points_may_have_signs_and_exponents(tmp_path: Path) -> None:
     (tmp_path / "points3D.txt").write_bytes(b"1 +1 -2e0 .5 0 255 12.0 0.1 1 2\r\n\n# x\n 2 0 0 0 1 2 3 9")
     xyz, rgb = read_points(tmp_path / "points3D.txt")
     assert xyz.tolist() == [[1, -2, 0.5], [0, 0, 0]]

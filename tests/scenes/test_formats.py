@@ -1,4 +1,4 @@
-"""Every format gives the cameras that were written, and a path finds the right reader."""
+"""Every format returns the cameras that were written, and a path finds the right reader."""
 
 import json
 import re
@@ -30,32 +30,25 @@ WRITERS = {
 }
 
 
-def assert_same(found: Sequence[Camera], wanted: Sequence[Camera]) -> None:
-    assert len(found) == len(wanted)
-    for a, b in zip(found, wanted, strict=True):
+def assert_same(cameras: Sequence[Camera], wanted: Sequence[Camera]) -> None:
+    assert len(cameras) == len(wanted)
+    for a, b in zip(cameras, wanted, strict=True):
         assert (a.name, a.width, a.height) == (b.name, b.width, b.height)
         np.testing.assert_allclose(a.K, b.K, rtol=1e-14)
         np.testing.assert_allclose(a.world_to_camera, b.world_to_camera, atol=1e-14)
 
 
 @pytest.mark.parametrize("form", WRITERS)
-def test_what_was_written_is_read(form: str, tmp_path: Path) -> None:
+def test_cameras_are_read_as_written_and_survive_a_round_trip(form: str, tmp_path: Path) -> None:
     make, wanted = WRITERS[form]
-    write(tmp_path, make())
-    found = msb.read_cameras(tmp_path)
-    assert_same(found, wanted)
-    assert_same(msb.read_cameras(str(tmp_path)), wanted)
-
-
-@pytest.mark.parametrize("form", WRITERS)
-def test_what_was_read_is_written_and_read_again_exactly(form: str, tmp_path: Path) -> None:
-    found = msb.read_cameras(write(tmp_path / "a", WRITERS[form][0]()))
-    write_cameras(found, tmp_path / "b" / "views.json")
+    cameras = msb.read_cameras(str(write(tmp_path / "a", make())))
+    assert_same(cameras, wanted)
+    write_cameras(cameras, tmp_path / "b" / "views.json")
     again = msb.read_cameras(tmp_path / "b" / "views.json")
-    assert again == [replace(camera, image_path=None) for camera in found]
+    assert again == [replace(camera, image_path=None) for camera in cameras]
 
 
-def test_views_keep_everything_but_paths(tmp_path: Path) -> None:
+def test_views_json_keeps_everything_except_paths(tmp_path: Path) -> None:
     cameras = [
         replace(CAMERAS[0], split="test", source_size=(400, 300)),
         replace(CAMERAS[1], name=None, image_path=Path("a.png"), fx=1 / 3),
@@ -80,7 +73,7 @@ def test_views_keep_everything_but_paths(tmp_path: Path) -> None:
         (CAMERAS, (1, 1, float("nan")), "CAMERA_FILE"),
     ],
 )
-def test_views_that_could_not_be_read_are_not_written(
+def test_unreadable_views_are_not_written(
     cameras: list[Camera], background: Any, code: str, tmp_path: Path
 ) -> None:
     with pytest.raises(SceneError) as caught:
@@ -103,7 +96,7 @@ def test_a_colmap_model_is_found_in_its_scene(place: str, tmp_path: Path) -> Non
     assert_same(msb.read_cameras(tmp_path / place), CAMERAS)
 
 
-def test_images_are_looked_for_beside_sparse(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_images_are_expected_beside_sparse(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write(tmp_path / "sparse" / "0", builders.colmap_bin(CAMERAS))
     wanted = tmp_path / "images" / "part" / "view_0.png"
     assert msb.read_cameras(tmp_path)[0].image_path == wanted
@@ -113,14 +106,14 @@ def test_images_are_looked_for_beside_sparse(tmp_path: Path, monkeypatch: pytest
     assert msb.read_cameras(tmp_path / "loose")[0].image_path is None
 
 
-def test_binary_models_go_before_text(tmp_path: Path) -> None:
+def test_binary_models_take_precedence_over_text(tmp_path: Path) -> None:
     write(tmp_path, builders.colmap_txt(CAMERAS) | builders.colmap_bin(CAMERAS[:2]))
     assert len(msb.read_cameras(tmp_path)) == 2
     (tmp_path / "images.bin").unlink()
     assert len(msb.read_cameras(tmp_path)) == 4
 
 
-def test_the_kinds_of_folder_have_an_order(tmp_path: Path) -> None:
+def test_sources_in_a_folder_have_an_order(tmp_path: Path) -> None:
     names = ["views.json", "cameras.json", "transforms.json", "transforms_train.json", "sparse/0"]
     for count, name in enumerate(names, 1):
         cameras = some_cameras(count)
@@ -149,7 +142,7 @@ def test_a_scene_in_two_files_is_read_as_one(tmp_path: Path) -> None:
     assert [camera.split for camera in msb.read_cameras(tmp_path)] == ["test"]
 
 
-def test_json_files_are_told_by_content_not_name(tmp_path: Path) -> None:
+def test_json_files_are_recognised_by_content(tmp_path: Path) -> None:
     (tmp_path / "a.JSON").write_bytes(dump(builders.cameras_json(CENTERED)))
     assert_same(msb.read_cameras(tmp_path / "a.JSON"), CENTERED)
     (tmp_path / "cameras.json").write_bytes(dump(builders.transforms(CAMERAS)))
@@ -172,10 +165,10 @@ def test_repeated_image_names_of_cameras_json_get_their_id(tmp_path: Path) -> No
 PAGE = (ROOT / "docs" / "cameras.md").read_text(encoding="utf-8")
 
 
-def test_the_views_of_the_page_are_read(tmp_path: Path) -> None:
+def test_the_example_of_the_documentation_is_read(tmp_path: Path) -> None:
     (example,) = re.findall(r"```json\n(.*?)```", PAGE, re.DOTALL)
     (tmp_path / "views.json").write_text(example)
     views = read_views(tmp_path / "views.json")
     assert len(views.cameras) == 2
-    shown = {key for camera in json.loads(example)["cameras"] for key in camera}
-    assert shown == {*views_json._REQUIRED, *views_json._OPTIONAL}
+    keys = {key for camera in json.loads(example)["cameras"] for key in camera}
+    assert keys == {*views_json._REQUIRED, *views_json._OPTIONAL}

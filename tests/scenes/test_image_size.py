@@ -1,4 +1,4 @@
-"""Sizes of photographs from their headers, and what has none."""
+"""Sizes of photographs from their headers, and files without a valid header."""
 
 import contextlib
 import io
@@ -15,31 +15,31 @@ from msb.scenes.image_size import has_alpha
 from .builders import jpeg, png
 
 
-def written(content: bytes, folder: Path) -> Path:
+def write_image(content: bytes, folder: Path) -> Path:
     (folder / "image").write_bytes(content)
     return folder / "image"
 
 
 @pytest.mark.parametrize("size", [(1, 1), (1, 300), (300, 1), (640, 480)])
-@pytest.mark.parametrize("made", [png, jpeg, lambda *size: jpeg(*size, frame=0xC2)])
+@pytest.mark.parametrize("build", [png, jpeg, lambda *size: jpeg(*size, frame=0xC2)])
 def test_the_size_is_that_of_the_header(
-    made: Callable[..., bytes], size: tuple[int, int], tmp_path: Path
+    build: Callable[..., bytes], size: tuple[int, int], tmp_path: Path
 ) -> None:
-    assert image_size(written(made(*size), tmp_path)) == size
+    assert image_size(write_image(build(*size), tmp_path)) == size
 
 
 def test_an_orientation_is_not_applied(tmp_path: Path) -> None:
     exif, stream = Image.Exif(), io.BytesIO()
     exif[0x0112] = 6
     Image.new("RGB", (7, 5)).save(stream, "JPEG", exif=exif, icc_profile=bytes(150_000))
-    assert image_size(written(stream.getvalue(), tmp_path)) == (7, 5)
+    assert image_size(write_image(stream.getvalue(), tmp_path)) == (7, 5)
 
 
 @pytest.mark.parametrize(("mode", "alpha"), [("RGBA", True), ("LA", True), ("RGB", False)])
 def test_alpha_is_a_channel(mode: str, alpha: bool, tmp_path: Path) -> None:
     stream = io.BytesIO()
     Image.new(mode, (2, 2)).save(stream, "PNG", **({} if alpha else {"transparency": (0, 0, 0)}))
-    assert has_alpha(written(stream.getvalue(), tmp_path)) is alpha
+    assert has_alpha(write_image(stream.getvalue(), tmp_path)) is alpha
 
 
 BAD = {
@@ -55,22 +55,22 @@ BAD = {
 
 
 @pytest.mark.parametrize("name", BAD)
-def test_what_is_no_image_is_refused(name: str, tmp_path: Path) -> None:
+def test_files_that_are_not_images_are_rejected(name: str, tmp_path: Path) -> None:
     with pytest.raises(SceneError) as caught:
-        image_size(written(BAD[name], tmp_path))
+        image_size(write_image(BAD[name], tmp_path))
     assert caught.value.code == ("CAMERA_INVALID" if name == "wide png" else "CAMERA_IMAGE")
     assert caught.value.file == str(tmp_path / "image")
 
 
-@pytest.mark.parametrize(("segments", "found"), [(100, True), (130, False)])
-def test_a_header_stands_in_the_first_8_mib(segments: int, found: bool, tmp_path: Path) -> None:
+@pytest.mark.parametrize(("segments", "valid"), [(100, True), (130, False)])
+def test_the_header_must_be_in_the_first_8_mib(segments: int, valid: bool, tmp_path: Path) -> None:
     content = jpeg(4, 4, before=(b"\xff\xe1\xff\xff" + bytes(65533)) * segments)
-    with contextlib.nullcontext() if found else pytest.raises(SceneError, match="CAMERA_IMAGE"):
-        assert image_size(written(content, tmp_path)) == (4, 4)
+    with contextlib.nullcontext() if valid else pytest.raises(SceneError, match="CAMERA_IMAGE"):
+        assert image_size(write_image(content, tmp_path)) == (4, 4)
 
 
 def test_every_prefix_of_an_image(tmp_path: Path) -> None:
     for content in (png(3, 3), jpeg(3, 3)):
         for end in range(len(content)):
             with contextlib.suppress(SceneError):
-                assert image_size(written(content[:end], tmp_path)) == (3, 3)
+                assert image_size(write_image(content[:end], tmp_path)) == (3, 3)

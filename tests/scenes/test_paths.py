@@ -1,4 +1,4 @@
-"""Camera paths: turntables, flights, walks, and cameras between those of a capture."""
+"""Camera paths: turntables, flights, walks, and cameras in the gaps of a capture."""
 
 import itertools
 import math
@@ -25,7 +25,7 @@ def angle_between(a: Camera, b: Camera) -> float:
 
 
 @pytest.mark.parametrize("up", [(0, 0, 1), (0, -1, 0), (1, 2, -3), (1e-9, 1, 0)])
-def test_a_turntable_looks_at_its_middle_from_everywhere(up: tuple[float, float, float]) -> None:
+def test_a_turntable_looks_at_its_centre_from_everywhere(up: tuple[float, float, float]) -> None:
     middle = np.array([3.0, -1, 2])
     cameras = turntable(middle, 5, **(TABLE | {"up": up}), elevation=0.4)
     assert [camera.name for camera in cameras[:2]] == ["turntable_00000", "turntable_00001"]
@@ -42,7 +42,7 @@ def test_a_turntable_looks_at_its_middle_from_everywhere(up: tuple[float, float,
         assert turn == pytest.approx((5 * math.cos(0.4)) ** 2 * math.sin(2 * math.pi / 12))
 
 
-def test_a_turntable_starts_at_x_where_z_is_up() -> None:
+def test_a_turntable_with_z_up_starts_at_x() -> None:
     first, second, *_ = turntable((0, 0, 0), 2, **(TABLE | {"count": 4}))
     np.testing.assert_allclose(first.center, [2, 0, 0], atol=1e-15)
     np.testing.assert_allclose(second.center, [0, 2, 0], atol=1e-15)
@@ -59,7 +59,7 @@ def test_a_turntable_starts_at_x_where_z_is_up() -> None:
         (1, {"width": 0}, "CAMERA_INVALID"),
     ],
 )
-def test_a_turntable_that_cannot_be_is_refused(radius: float, change: dict[str, object], code: str) -> None:
+def test_invalid_turntables_are_rejected(radius: float, change: dict[str, object], code: str) -> None:
     with pytest.raises(SceneError) as caught:
         turntable((0, 0, 0), radius, **(TABLE | change))
     assert caught.value.code == code
@@ -82,7 +82,7 @@ def test_a_flight_passes_through_the_given_cameras(closed: bool) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("closed", [False, True])
 def test_a_flight_has_no_kinks(closed: bool) -> None:
-    """Steps between frames change by less and less as the frames get denser: the velocity is continuous."""
+    """Steps between frames change less as the frames get denser, so the velocity is continuous."""
     cameras = some_cameras(4)
     frames = interpolated(cameras, 1001, closed=closed)
     if closed:
@@ -95,7 +95,7 @@ def test_a_flight_has_no_kinks(closed: bool) -> None:
     assert np.abs(np.diff(turns)).max() < 0.05 * turns.max()
 
 
-def test_two_cameras_are_joined_by_a_line_and_the_shorter_turn() -> None:
+def test_two_cameras_are_joined_by_a_line_and_the_shorter_rotation() -> None:
     first, last = some_cameras(2)
     flight = interpolated([first, last], 101)
     for part, camera in zip(np.linspace(0, 1, 101), flight, strict=True):
@@ -115,7 +115,7 @@ def test_one_frame_is_the_first_camera() -> None:
 
 
 @pytest.mark.parametrize(("cameras", "count"), [(some_cameras(1), 5), ([], 5), (some_cameras(2), 0)])
-def test_a_flight_that_cannot_be_is_refused(cameras: list[Camera], count: int) -> None:
+def test_invalid_flights_are_rejected(cameras: list[Camera], count: int) -> None:
     with pytest.raises(SceneError) as caught:
         interpolated(cameras, count)
     assert caught.value.code == "CAMERA_PATH"
@@ -125,7 +125,7 @@ CAPTURE = turntable((1, 2, 3), 4, up=(0, 0, 1), count=12, width=80, height=60, f
 STOPS = CAPTURE[::3]
 
 
-def test_stops_lie_off_the_cameras_and_keep_what_they_look_at_in_place() -> None:
+def test_stops_are_displaced_and_keep_the_target_in_place() -> None:
     flight = walk(STOPS, CAPTURE, 4 * PACE, 0.25, 640)
     assert len(flight) == 4 * PACE
     sides = []
@@ -136,11 +136,11 @@ def test_stops_lie_off_the_cameras_and_keep_what_they_look_at_in_place() -> None
         np.testing.assert_allclose(stop.project((1, 2, 3))[0], camera.project((1, 2, 3))[0], atol=1e-6)
         assert (stop.width, stop.height) == (80, 60), "never larger than the photographs"
     assert sides == [[1, 0, 0], [0, 0, 1], [-1, 0, 0], [0, 0, -1]]
-    steps = np.linalg.norm(np.diff([one.center for one in [*flight, flight[0]]], axis=0), axis=1)
-    assert steps.max() < 4 * np.median(steps), "it has no jump, the way back to the start included"
+    steps = np.linalg.norm(np.diff([camera.center for camera in [*flight, flight[0]]], axis=0), axis=1)
+    assert steps.max() < 4 * np.median(steps), "no jumps, also on the way back to the start"
 
 
-def test_a_longer_walk_begins_like_a_shorter_one_and_goes_round_again() -> None:
+def test_a_longer_walk_begins_like_a_shorter_one_and_repeats() -> None:
     short, long = (walk(STOPS, CAPTURE, frames, 0.25, 40) for frames in (5, 5 * PACE))
     assert (short[0].width, short[0].height) == (40, 30)
     for number, camera in enumerate(short):
@@ -148,10 +148,10 @@ def test_a_longer_walk_begins_like_a_shorter_one_and_goes_round_again() -> None:
             np.testing.assert_array_equal(camera.world_to_camera, same.world_to_camera)
 
 
-def test_cameras_that_look_apart_keep_their_directions() -> None:
+def test_outward_cameras_keep_their_directions() -> None:
     outward = [
-        one.__class__(80, 60, 70, 70, 40, 30, np.diag([-1.0, 1, -1, 1]) @ one.world_to_camera)
-        for one in CAPTURE
+        Camera(80, 60, 70, 70, 40, 30, np.diag([-1.0, 1, -1, 1]) @ camera.world_to_camera)
+        for camera in CAPTURE
     ]
     (first, *_) = walk(outward[::3], outward, 3, 0.25, 80)
     np.testing.assert_allclose(first.world_to_camera[:3, :3], outward[0].world_to_camera[:3, :3], atol=1e-12)
@@ -166,13 +166,13 @@ def looking(eye: tuple[float, ...], at: tuple[float, ...]) -> Camera:
 
 
 def test_the_gaps_of_a_ring_are_closed_on_its_circle() -> None:
-    made = between(ring(8), 8)
-    assert len(made) == 8
-    every = np.stack([camera.center for camera in [*ring(8), *made]]) - (1, 2, 3)
+    added = between(ring(8), 8)
+    assert len(added) == 8
+    every = np.stack([camera.center for camera in [*ring(8), *added]]) - (1, 2, 3)
     np.testing.assert_allclose(np.linalg.norm(every, axis=1), 4)
     degrees = np.sort(np.degrees(np.arctan2(every[:, 1], every[:, 0])) % 360)
     np.testing.assert_allclose(np.diff(degrees), 22.5, atol=1e-9)
-    for camera in made:
+    for camera in added:
         pixel, depth = camera.project((1, 2, 3))
         np.testing.assert_allclose([*pixel, depth], (24, 18, 4), atol=1e-9)
 
@@ -183,31 +183,31 @@ def test_the_widest_gap_is_closed_first() -> None:
     np.testing.assert_allclose(first.center, ring(24)[11].center, atol=1e-9)
 
 
-def test_in_a_room_it_goes_straight() -> None:
-    # Back to back, what they look away from is behind both.
-    one, other = looking((1, 0, 0), (2, 0.5, 0)), looking((0, 1, 0), (0.5, 2, 0))
-    (made,) = between([one, other], 1)
-    np.testing.assert_allclose(made.center, (0.5, 0.5, 0), atol=1e-12)
-    np.testing.assert_allclose(made.world_to_camera[2, :3], np.array([1, 1, 0]) / np.sqrt(2), atol=1e-12)
+def test_in_a_room_the_new_camera_is_on_a_straight_line() -> None:
+    # The cameras stand back to back, so their common target is behind both.
+    first, second = looking((1, 0, 0), (2, 0.5, 0)), looking((0, 1, 0), (0.5, 2, 0))
+    (added,) = between([first, second], 1)
+    np.testing.assert_allclose(added.center, (0.5, 0.5, 0), atol=1e-12)
+    np.testing.assert_allclose(added.world_to_camera[2, :3], np.array([1, 1, 0]) / np.sqrt(2), atol=1e-12)
 
 
-def test_who_stands_opposite_alone_or_together_has_nobody_between() -> None:
+def test_opposite_single_or_coincident_cameras_have_no_gap() -> None:
     here, there = looking((4, 0, 0), (0, 0, 0)), looking((-4, 0, 0), (0, 0, 0))
     assert between([here, there], 9) == between([here], 9) == between([here] * 5, 9) == []
     assert between(ring(5), 0) == between(ring(5), -3) == []
 
 
-def test_there_are_no_more_than_asked_for_and_each_has_its_name_and_no_photograph() -> None:
+def test_new_cameras_are_limited_named_and_without_photograph() -> None:
     near = [replace(looking((4, y, 0), (0, 0, 0)), image_path=Path(f"{y}.png")) for y in (-0.5, 0.5)]
-    made = between(near, 20)
-    assert [camera.name for camera in made] == [f"between_{k:05d}" for k in range(20)]
-    assert {camera.image_path for camera in made} == {None}
-    assert len({camera.world_to_camera.tobytes() for camera in made}) == 20
-    assert np.abs([camera.center[1] for camera in made]).max() < 0.5
+    added = between(near, 20)
+    assert [camera.name for camera in added] == [f"between_{k:05d}" for k in range(20)]
+    assert {camera.image_path for camera in added} == {None}
+    assert len({camera.world_to_camera.tobytes() for camera in added}) == 20
+    assert np.abs([camera.center[1] for camera in added]).max() < 0.5
 
 
 @pytest.mark.parametrize("turn", [0.0, 1.0])
-def test_it_does_not_matter_how_the_world_lies(turn: float) -> None:
+def test_gaps_do_not_depend_on_the_world_frame(turn: float) -> None:
     world = np.eye(4)
     world[:3, :3] = [[0, -1, 0], [1, 0, 0], [0, 0, 1]] if turn else np.eye(3)
     world[:3, 3] = 7.0
@@ -215,11 +215,11 @@ def test_it_does_not_matter_how_the_world_lies(turn: float) -> None:
     moved = [
         Camera(c.width, c.height, c.fx, c.fy, c.cx, c.cy, c.world_to_camera @ inverse(world)) for c in cameras
     ]
-    for one, other in zip(between(cameras, 6), between(moved, 6), strict=True):
-        np.testing.assert_allclose(other.world_to_camera @ world, one.world_to_camera, atol=1e-9)
+    for camera, other in zip(between(cameras, 6), between(moved, 6), strict=True):
+        np.testing.assert_allclose(other.world_to_camera @ world, camera.world_to_camera, atol=1e-9)
 
 
-def test_half_a_turn_between_neighbours_is_flown_too() -> None:
+def test_half_a_turn_between_neighbours_is_interpolated() -> None:
     back = np.diag([-1.0, 1, -1, 1])
     cameras = [Camera(4, 4, 1, 1, 2, 2, matrix) for matrix in (np.eye(4), back, np.eye(4))]
     for camera in interpolated(cameras, 21) + interpolated(cameras, 21, closed=True):

@@ -1,4 +1,4 @@
-"""`msb scenes`: what it says of good scenes and of bad ones."""
+"""`msb scenes`: output for valid and invalid scenes."""
 
 import json
 import shutil
@@ -61,7 +61,7 @@ def test_options_reach_the_reader(msb: Msb) -> None:
 
 
 @pytest.mark.slow
-def test_a_bad_scene_is_one_line_and_the_others_are_described(msb: Msb, tmp_path: Path) -> None:
+def test_an_invalid_scene_is_one_line_and_others_are_described(msb: Msb, tmp_path: Path) -> None:
     shutil.copytree(STUBS, tmp_path / "scenes")
     (tmp_path / "scenes/mipnerf360/pebble/images_4/DSC07950.JPG").unlink()
     result = msb("scenes --json", tmp_path / "out.json", tmp_path / "scenes", tmp_path / "nowhere", status=3)

@@ -1,4 +1,4 @@
-"""transforms_*.json: what is known by default, what frames override, and images asked for their size."""
+"""transforms_*.json: defaults, overrides by frames, and image sizes from files."""
 
 import math
 from pathlib import Path
@@ -38,7 +38,7 @@ def test_nerf_synthetic(tmp_path: Path) -> None:
     assert first.world_to_camera.tolist() == np.diag([1.0, -1, -1, 1]).tolist()
 
 
-def test_intrinsics_of_a_frame_go_before_those_of_the_file(tmp_path: Path) -> None:
+def test_intrinsics_of_a_frame_override_the_document(tmp_path: Path) -> None:
     top = {"w": 100, "h": 50.0, "fl_x": 80, "cx": 49, "cy": 26, "camera_angle_x": 3.0, "k1": 0.0}
     frames = [frame("a.jpg"), frame("b.JPG", fl_x=90, fl_y=91, cx=40, w=101), frame("c", camera_angle_y=1)]
     a, b, c = read(tmp_path, top | {"frames": frames, "aabb_scale": 16, "is_fisheye": False})
@@ -48,7 +48,7 @@ def test_intrinsics_of_a_frame_go_before_those_of_the_file(tmp_path: Path) -> No
     assert (c.fx, c.fy) == (80, pytest.approx(25 / math.tan(0.5)))
 
 
-def test_the_size_of_an_image_is_read_where_it_is_not_written(tmp_path: Path) -> None:
+def test_a_missing_size_is_read_from_the_image(tmp_path: Path) -> None:
     document = {"fl_x": 10, "frames": [frame("images/a.jpg"), frame("images/b.v2")]}
     files = {"images__a_dot_jpg": jpeg(33, 21), "images__b_dot_v2_dot_png": png(5, 6)}
     a, b = read(tmp_path, document, **files)
@@ -56,12 +56,12 @@ def test_the_size_of_an_image_is_read_where_it_is_not_written(tmp_path: Path) ->
     assert (b.name, b.width, b.height) == ("images/b.v2.png", 5, 6)
 
 
-def test_a_pose_is_inverted_and_its_axes_turned(tmp_path: Path) -> None:
+def test_a_pose_is_inverted_and_its_axes_converted(tmp_path: Path) -> None:
     to_world = pose(4)
     document = {"fl_x": 10, "w": 4, "h": 4, "frames": [frame(transform_matrix=to_world.tolist())]}
     (camera,) = read(tmp_path, document)
     np.testing.assert_allclose(camera.center, to_world[:3, 3])
-    # Half a unit in front of the camera is along its -z; what is above has a smaller v.
+    # A point half a unit ahead is along the camera's -z; a point above the axis has a smaller v.
     ahead = to_world @ [0, 0.1, -0.5, 1]
     pixels, depth = camera.project(ahead[:3])
     assert depth == pytest.approx(0.5)

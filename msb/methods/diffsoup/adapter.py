@@ -1,8 +1,8 @@
-"""Read DiffSoup's ``final_params.pt``, in the layout of its COLMAP script or of its synthetic script.
+"""Read DiffSoup's ``final_params.pt``, as written by its COLMAP script or its synthetic script.
 
-Layout: kenji-tojo/diffsoup at c74e35d (examples/01_mip360.py, 02_synthetic.py). A triangle carries a
-barycentric lattice of eight numbers, seven features and an opacity, already through their sigmoid; a small
-MLP turns the features seen by a pixel and its view direction into a colour.
+Layout: kenji-tojo/diffsoup at c74e35d (examples/01_mip360.py, 02_synthetic.py). Each triangle has a
+barycentric lattice of eight numbers per sample, seven features and an opacity, after their sigmoid. A small
+MLP turns the features of a pixel and its view direction into a colour.
 """
 
 from collections.abc import Sequence
@@ -18,11 +18,9 @@ from msb.adapters.tensors import Tensors
 from msb.asset import Description
 from msb.asset.manifest import CoordinateFrame
 from msb.errors import finding
-from msb.methods.diffsoup import FEATURES, LAYERS, METHOD, samples
+from msb.methods.diffsoup import FEATURES, LAYERS, MAX_LEVEL, METHOD, samples
 
 KEYS = ("Rmax", "V", "F", "feat_acc", "alpha_acc", "color_mlp")
-# The highest level of a lattice. Official runs end at level 5; level 8 has 33,153 samples a triangle.
-MAX_LEVEL = 8
 DECODER: dict[str, tuple[int, ...]] = {}
 for _layer, _shape in LAYERS.items():
     DECODER |= {f"{_layer}.weight": _shape, f"{_layer}.bias": _shape[:1]}
@@ -41,7 +39,7 @@ def recognises(content: Content) -> bool:
 
 
 def read(place: Place, content: Content, options: Options) -> Model:
-    """Return the model at `place`. The key `flip_z` tells the COLMAP layout from the synthetic one."""
+    """Return the model at `place`. Only the COLMAP layout has the key `flip_z`."""
     if place.kind == "bundle":
         from msb.methods.diffsoup import adapter_web
 
@@ -58,14 +56,14 @@ def read(place: Place, content: Content, options: Options) -> Model:
     }
     mlp = tensors.value("color_mlp")
     if not isinstance(mlp, dict):
-        raise tensors.error("CHECKPOINT_LAYOUT", "color_mlp is no state dict", "color_mlp")
+        raise tensors.error("CHECKPOINT_LAYOUT", "color_mlp is not a state dict", "color_mlp")
     weights = Tensors(mlp, place.file, options.check_values)
     buffers.update({f"decoder.{key}": weights.floats(key, *shape) for key, shape in DECODER.items()})
     warnings = [*tensors.warnings, *weights.warnings]
     for name, key in (("features.lattice", "feat_acc"), ("features.opacity", "alpha_acc")):
         low, high = float(buffers[name].min()), float(buffers[name].max())
         if low < 0 or high > 1:
-            text = f"{key} has values from {low:g} to {high:g}; those the official code saves are in [0, 1]"
+            text = f"{key} has values from {low:g} to {high:g}; the official code saves values in [0, 1]"
             warnings.append(finding("CHECKPOINT_LAYOUT", text, severity="warning", pointer=key))
     layout = "colmap" if "flip_z" in tensors else "synthetic"
     settings = Settings("diffsoup", options.settings)
@@ -78,7 +76,7 @@ def read(place: Place, content: Content, options: Options) -> Model:
 
 
 def domains(buffers: dict[str, NDArray[Any]]) -> dict[str, Any]:
-    """Return the domains of a DiffSoup model's buffers."""
+    """Return buffer name -> domain for a DiffSoup model."""
     return {
         name: "global" if name.startswith("decoder.") else "face"
         for name in buffers
@@ -89,10 +87,10 @@ def domains(buffers: dict[str, NDArray[Any]]) -> dict[str, Any]:
 def describe(
     settings: Settings, level: int, up: Sequence[float] | None, encoding: Literal["sigmoid", "lut"]
 ) -> Description:
-    """Return what the manifest says of a DiffSoup model.
+    """Return the description of a DiffSoup model for its manifest.
 
-    `layout` is among the settings; the planes, which depend on it, are added here. Features are numbers in
-    [0, 1] ("sigmoid"), or bytes of the web export, which stand for value / 255 ("lut").
+    `layout` must be among the settings; the planes depend on it and are added here. With `encoding` "sigmoid"
+    features are numbers in [0, 1]; with "lut" they are bytes of the web export, which mean value / 255.
     """
     layout = str(settings.finish()["layout"].value)
     near, far = _PLANES[layout]
@@ -118,7 +116,7 @@ def describe(
 
 
 def direction(value: Any) -> list[float] | None:
-    """Return a vector of three numbers, stored as an array or a list; None if it is none."""
+    """Return three numbers from an array or a list; None if `value` is anything else."""
     if isinstance(value, np.ndarray):
         value = value.tolist()
     if isinstance(value, list | tuple) and len(value) == 3 and all(type(v) in (int, float) for v in value):
@@ -127,7 +125,7 @@ def direction(value: Any) -> list[float] | None:
 
 
 def _axis(up: Sequence[float]) -> str:
-    """Return the name of the axis `up` lies along, "unknown" if along none."""
+    """Return the name of the axis that `up` is parallel to, else "unknown"."""
     for number, name in enumerate("xyz"):
         rest = [abs(value) for i, value in enumerate(up) if i != number]
         if max(rest) < 1e-6 * abs(up[number]):

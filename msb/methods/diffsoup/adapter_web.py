@@ -1,4 +1,4 @@
-"""Read DiffSoup's web export: mesh.ply, two PNGs that hold the lattices, the MLP as JSON, and meta.json.
+"""Read DiffSoup's web export: mesh.ply, the lattices as two PNGs, the MLP as JSON, and meta.json.
 
 Layout: kenji-tojo/diffsoup at c74e35d (examples/06_export_web.py).
 """
@@ -16,24 +16,24 @@ from msb.base.files import read_file
 from msb.errors import CheckpointError, Finding, InputError, finding
 from msb.meshes.assets import mesh_buffers
 from msb.meshes.files import read_mesh
-from msb.methods.diffsoup import METHOD, samples
-from msb.methods.diffsoup.adapter import DECODER, MAX_LEVEL, describe, direction, domains
+from msb.methods.diffsoup import MAX_LEVEL, METHOD, samples
+from msb.methods.diffsoup.adapter import DECODER, describe, direction, domains
 
-# Most texels in a row of a look-up texture.
+# Largest width of a look-up texture, in texels.
 MAX_WIDTH = 4096
-# Key in mlp_weights.json, a flat list, row-major [out][in] -> key of the state dict.
+# Key in mlp_weights.json (a flat list, row-major [out][in]) -> key of the state dict.
 WEIGHTS = dict(zip(("W1", "b1", "W2", "b2", "W3", "b3"), DECODER, strict=True))
 
 
 def read(place: Place, content: Content, options: Options) -> Model:
     """Return the model in the folder of `place`.
 
-    Features and opacity stay the bytes of the textures; they stand for value / 255.
+    Features and opacity remain the bytes of the textures, which mean value / 255.
     """
     folder = place.file.parent
     for name in METHOD.bundle:
         if not (folder / name).is_file():
-            text = f"{name} is missing; the web export of DiffSoup has it beside mesh.ply"
+            text = f"{name} is missing; the web export of DiffSoup contains it beside mesh.ply"
             raise CheckpointError("CHECKPOINT_FILE_MISSING", text, file=folder, pointer=name)
     buffers, _, _ = mesh_buffers(read_mesh(place.file))
     buffers.pop("color", None)
@@ -54,13 +54,13 @@ def read(place: Place, content: Content, options: Options) -> Model:
 
 
 def texture_size(texels: int) -> tuple[int, int]:
-    """Return width and height of a texture that holds `texels`."""
+    """Return width and height of a texture for a number of texels."""
     width = min(MAX_WIDTH, texels)
     return width, -(-texels // width)
 
 
 def _read_textures(folder: Path, faces: int) -> tuple[list[NDArray[np.uint8]], int]:
-    """Return both textures as (faces, samples, 4), and the lattice level that their size stands for."""
+    """Return both textures as (faces, samples, 4), and the lattice level that matches their size."""
     images = [_read_png(folder / name, faces) for name in ("lut0.png", "lut1.png")]
     sizes = {texture_size(faces * samples(level)): level for level in range(MAX_LEVEL, -1, -1)}
     height, width = images[0].shape[:2]
@@ -73,36 +73,37 @@ def _read_textures(folder: Path, faces: int) -> tuple[list[NDArray[np.uint8]], i
 
 
 def _read_png(path: Path, faces: int) -> NDArray[np.uint8]:
-    """Return the pixels of an RGBA PNG; its size is checked before it is decoded."""
+    """Return the pixels of an RGBA PNG, after checking its size."""
     from PIL import Image
 
     sizes = {texture_size(faces * samples(level)) for level in range(MAX_LEVEL + 1)}
 
-    def refuse(why: str) -> CheckpointError:
+    def error(why: str) -> CheckpointError:
         text = f"{path.name} {why}"
         return CheckpointError("CHECKPOINT_DAMAGED", text, file=path.parent, pointer=path.name)
 
-    limit, Image.MAX_IMAGE_PIXELS = Image.MAX_IMAGE_PIXELS, None  # the size is checked below
+    limit, Image.MAX_IMAGE_PIXELS = Image.MAX_IMAGE_PIXELS, None  # replaced by the check of the size
     try:
         with Image.open(path, formats=("PNG",)) as image:
             if image.mode != "RGBA":
-                raise refuse(f"has mode {image.mode}; the look-up textures are RGBA with 8 bits")
+                raise error(f"has mode {image.mode}; look-up textures must be RGBA with 8 bits per channel")
             if image.size not in sizes:
-                wanted = ", ".join(f"{w} x {h}" for w, h in sorted(sizes))
+                valid = ", ".join(f"{w} x {h}" for w, h in sorted(sizes))
                 width, height = image.size
-                raise refuse(f"is {width} x {height}; {faces} faces need one of {wanted}")
-            image.verify()  # all checksums; the file has to be opened again then
+                raise error(f"is {width} x {height}; {faces} faces need one of the sizes {valid}")
+            image.verify()  # checks all checksums, after which the file must be opened again
         with Image.open(path, formats=("PNG",)) as image:
             return np.asarray(image)
     except CheckpointError:
         raise
-    except (OSError, ValueError, SyntaxError, EOFError, MemoryError):  # what a broken PNG makes Pillow raise
-        raise refuse("is not a complete PNG") from None
+    except (OSError, ValueError, SyntaxError, EOFError, MemoryError):  # raised by Pillow for broken PNGs
+        raise error("is not a complete PNG") from None
     finally:
         Image.MAX_IMAGE_PIXELS = limit
 
 
 def _read_weights(path: Path) -> dict[str, NDArray[np.float32]]:
+    """Return the decoder's buffers from mlp_weights.json."""
     data = _read_json(path)
     buffers = {}
     for key, name in WEIGHTS.items():
@@ -114,7 +115,7 @@ def _read_weights(path: Path) -> dict[str, NDArray[np.float32]]:
         with np.errstate(over="ignore"):
             array = np.array(values, np.float64).astype(np.float32).reshape(shape)
         if not np.isfinite(array).all():
-            text = f'{path.name}: "{key}" holds numbers that float32 cannot'
+            text = f'{path.name}: "{key}" contains numbers that do not fit into float32'
             raise CheckpointError("CHECKPOINT_DAMAGED", text, file=path.parent, pointer=f"/{key}")
         buffers[f"decoder.{name}"] = array
     return buffers
@@ -125,25 +126,28 @@ def _are_numbers(values: list[Any]) -> bool:
 
 
 def _read_meta(path: Path, faces: int, level: int) -> tuple[dict[str, Any], list[Finding]]:
+    """Return the content of meta.json, and a warning if it is missing."""
     if not path.is_file():
-        text = "meta.json is not there: layout and up axis are defaults; --set layout=L gives the former"
+        text = "meta.json is missing: layout and up axis are defaults; set the layout with --set layout=L"
         return {}, [finding("CHECKPOINT_CONFIG_MISSING", text, severity="warning", file=str(path.parent))]
     data = _read_json(path)
-    for key, wanted in (("num_faces", faces), ("level", level)):
-        if data.get(key, wanted) != wanted:
-            text = f"meta.json: {key} is {data[key]!r:.40}, but mesh.ply and the textures have {wanted}"
+    for key, expected in (("num_faces", faces), ("level", level)):
+        if data.get(key, expected) != expected:
+            text = f"meta.json: {key} is {data[key]!r:.40}, but mesh.ply and the textures have {expected}"
             raise CheckpointError("CHECKPOINT_DAMAGED", text, file=path.parent, pointer=f"/{key}")
     return data, []
 
 
 def _read_json(path: Path) -> dict[str, Any]:
+    """Return the JSON object in the file `path`."""
     about: dict[str, Any] = {"error": CheckpointError, "code": "CHECKPOINT_DAMAGED"}
     try:
-        text = read_file(path, MAX_BYTES)
+        content = read_file(path, MAX_BYTES)
     except InputError as error:
         message = f"{path.name}: {error.message}"
         raise CheckpointError("CHECKPOINT_DAMAGED", message, file=path.parent) from error
-    data = parse_strict_json(text, file=path.parent, name=path.name, **about)
+    data = parse_strict_json(content, file=path.parent, name=path.name, **about)
     if not isinstance(data, dict):
-        raise CheckpointError("CHECKPOINT_DAMAGED", f"{path.name} holds no object", file=path.parent)
+        text = f"{path.name} does not contain a JSON object"
+        raise CheckpointError("CHECKPOINT_DAMAGED", text, file=path.parent)
     return data

@@ -1,8 +1,9 @@
-// DiffSoup: opaque triangles with a lattice of features and opacity on each, and a small decoder. The text of
-// diffsoup_math.cl and diffsoup_project.cl for graphics hardware; their comments say more.
-// Sources: kenji-tojo/diffsoup at c74e35d: src/cuda/rasterize.cu, multires.cu, encoding.cu.
+// DiffSoup: opaque triangles with lattices of features and opacity, and a small decoder. A translation of
+// diffsoup_math.cl and diffsoup_project.cl for graphics hardware; their comments explain more. Sources:
+// kenji-tojo/diffsoup at c74e35d: src/cuda/rasterize.cu, multires.cu, encoding.cu.
 //
-// Nothing is fused before the decoder: rounding decides which triangle a pixel belongs to.
+// Before the decoder no products and sums may be fused, because rounding decides which triangle covers a
+// pixel.
 #if COMPUTE
 #include "source.wgsl"
 #else
@@ -14,7 +15,7 @@ struct Face {
     corner0: vec4<f32>, // clip coordinates
     corner1: vec4<f32>,
     corner2: vec4<f32>,
-    number: vec4<f32>,  // its lower 16 bits, its upper ones, 1 where no interpolated opacity is below the threshold
+    number: vec4<f32>,  // lower 16 bits, upper 16 bits, 1 if no interpolated opacity is below the threshold
 }
 
 fn clip_of(p: vec3<f32>) -> vec4<f32> {
@@ -22,7 +23,7 @@ fn clip_of(p: vec3<f32>) -> vec4<f32> {
                      affine(view.full[3], p));
 }
 
-// The raster's row 0 is NDC y = -1, which is the top of the picture in the "colmap" layout only.
+// The raster's row 0 is NDC y = -1, which is the top of the image only in the "colmap" layout.
 fn turned(row: i32) -> i32 { return select(row, i32(view.height) - 1 - row, view.flip == 1u); }
 
 fn centre_of(pixel: i32, size: u32) -> f32 { return keep(div(f32(2 * pixel + 1), f32(size)) - 1.0); }
@@ -32,14 +33,14 @@ fn centre_at(x: i32, y: i32) -> vec2<f32> {
 }
 
 struct Meeting {
-    b0: f32, // barycentric coordinates of corners 0 and 1, linear in the world
+    b0: f32, // barycentric coordinates of corners 0 and 1, linear in world space
     b1: f32,
     ndc: f32,
     w: f32,  // the camera's z
     inside: bool,
 }
 
-// Where the pixel with NDC centre `c` meets a triangle.
+// The point where the ray of the pixel with NDC centre `c` meets a triangle.
 fn meeting_at(c: vec2<f32>, p0: vec4<f32>, p1: vec4<f32>, p2: vec4<f32>) -> Meeting {
     let q0 = keep2(p0.xy - keep2(c * p0.w));
     let q1 = keep2(p1.xy - keep2(c * p1.w));
@@ -63,7 +64,7 @@ fn meeting_at(c: vec2<f32>, p0: vec4<f32>, p1: vec4<f32>, p2: vec4<f32>) -> Meet
 
 const SAMPLES = (SIDE + 1u) * (SIDE + 2u) / 2u;
 
-// The three nodes around a point, of which the second follows the first, and their weights.
+// The three nodes around a point, and their weights. The second node follows the first in memory.
 struct Cell {
     first: u32,
     last: u32,
@@ -72,7 +73,7 @@ struct Cell {
 
 fn cell_at(b0: f32, b1: f32) -> Cell {
     let side = i32(SIDE);
-    let scaled = vec2<f32>(b0, b1) * f32(SIDE); // a power of two: exact
+    let scaled = vec2<f32>(b0, b1) * f32(SIDE); // exact, because the factor is a power of two
     let x = min(i32(scaled.x), side - 1);
     let y = min(i32(scaled.y), side - 1 - x);
     let u = keep(scaled.x - f32(x));
@@ -116,8 +117,9 @@ fn project_face(number: u32, face: ptr<function, Face>) -> Projected {
     (*face).corner2 = p2;
     (*face).number = vec4<f32>(f32(number & 0xffffu), f32(number >> 16u), coverage[number], 0.0);
     let front = vec3<bool>(p0.w > 0.0, p1.w > 0.0, p2.w > 0.0);
-    // Officially nothing is clipped: a triangle with a corner at or behind the camera plane vanishes. An engine
-    // keeps the part in front: all pixels are looked at, and their depth test leaves none of the part behind.
+    // Official code clips nothing: a triangle with a corner at or behind the camera plane is dropped. An
+    // engine keeps the part in front: its rectangle is the whole image, and the depth test discards the part
+    // behind.
 #if ENGINE
     let dropped = !any(front);
 #else
@@ -175,12 +177,12 @@ fn node_at(at: u32) -> Node {
                 vec3<f32>(feature(at + 4u), feature(at + 5u), feature(at + 6u)));
 }
 
-// The direction from what a pixel sees towards the camera: against its ray, by the cofactors of the rotation,
-// which need not be quite orthogonal. Upstream takes it between the near and the far plane by the inverse of
-// its projection, to the same result.
+// The direction from the surface towards the camera: opposite to the pixel's ray, by the cofactors of the
+// rotation, which may not be exactly orthogonal. Official code computes it from the near and far points by
+// the inverse projection, with the same result.
 fn towards_camera(c: vec2<f32>) -> vec3<f32> {
     let off = 2.0 * view.shift / vec2<f32>(f32(view.width), f32(view.height));
-    // In the "colmap" layout the principal point enters with upstream's sign.
+    // In the "colmap" layout the principal point has the official sign.
     let down = select(1.0, -1.0, view.flip == 1u);
     let slope = vec2<f32>(c.x - off.x, down * (c.y + off.y)) * view.tan_fov;
     let a = view.world_to_camera[0].xyz;
@@ -226,7 +228,7 @@ fn surface_at(number: u32, x: i32, y: i32) -> Seen {
 #endif
 #else
 
-// ---- which face a pixel sees
+// ---- the visible face of a pixel
 
 struct Part {
     first: u32,
@@ -245,23 +247,23 @@ fn opacity_of(at: u32) -> f32 {
 #endif
 }
 
-// ---- what is drawn of a face
+// ---- the outline that is drawn for a face
 
-const MARGIN = 0.0625;   // pixels by which an outline is wider: hardware snaps corners to 1/256
+const MARGIN = 0.0625;   // pixels; widens an outline, because hardware snaps corners to 1/256
 const ROUNDING = 1.9073486328125e-6; // 2^-19: thirty-two rounding errors
-const FARTHEST = 16384.0; // pixels; beyond it corners themselves are rounded too much
+const FARTHEST = 16384.0; // pixels; farther corners are rounded too much
 const THINNEST = 0.1;
-const LONGEST = 16.0;    // pixels by which a corner is moved
+const LONGEST = 16.0;    // pixels; the largest distance a corner is moved
 
 fn picture_of(p: vec4<f32>, half: vec2<f32>) -> vec2<f32> {
     let at = p.xy / p.w * half + half;
     return vec2<f32>(at.x, select(at.y, 2.0 * half.y - at.y, view.flip == 1u));
 }
 
-// Corner `index` of the strip that is drawn: of the triangle, with each edge moved outwards by more than all
-// rounding, of the hardware's and of the edge functions in `meeting_at`; or `corner`, that of the rectangle,
-// where the triangle is not much smaller, or too thin, too far out or too sharp to say. So the outline spares
-// fragments and decides nothing.
+// Corner `index` of the strip that is drawn: the corner of the triangle with each edge moved outwards by more
+// than the rounding errors of the hardware and of the edge functions in `meeting_at`; or `corner`, the corner
+// of the rectangle, if the triangle is not much smaller, or too thin, too far away or too pointed. The
+// outline only saves fragments; it does not decide which pixels are covered.
 fn outline(face: Face, index: u32, corner: vec2<f32>) -> vec2<f32> {
     let p = array<vec4<f32>, 3>(face.corner0, face.corner1, face.corner2);
     let half = 0.5 * vec2<f32>(f32(view.width), f32(view.height));
@@ -275,23 +277,23 @@ fn outline(face: Face, index: u32, corner: vec2<f32>) -> vec2<f32> {
           && abs(twice) > THINNEST * longest)) {
         return corner;
     }
-    var error = 0.0; // of an edge function
+    var error = 0.0; // rounding error of an edge function
     for (var k = 0; k < 3; k++) {
         let a = abs(p[k]);
         let b = abs(p[(k + 1) % 3]);
         error += (a.x + a.w) * (b.y + b.w) + (a.y + a.w) * (b.x + b.w);
     }
     error *= ROUNDING;
-    var normal: array<vec2<f32>, 3>; // outwards, of the edge from corner k to the next one
+    var normal: array<vec2<f32>, 3>; // outward normals of the edges from corner k to corner k + 1
     var moved: array<f32, 3>;
     for (var k = 0; k < 3; k++) {
         let e = s[(k + 1) % 3] - s[k];
         let long = length(e);
         normal[k] = sign(twice) * vec2<f32>(e.y, -e.x) / long;
-        // The edge function grows by this in a pixel.
+        // Change of the edge function per pixel.
         moved[k] = MARGIN + error * half.x * half.y / (p[k].w * p[(k + 1) % 3].w * long);
     }
-    var out: array<vec2<f32>, 3>; // where the two edges of a corner meet
+    var out: array<vec2<f32>, 3>; // intersections of the two moved edges of each corner
     var farthest = 0.0;
     for (var k = 0; k < 3; k++) {
         let n = normal[k];
@@ -312,9 +314,9 @@ fn outline(face: Face, index: u32, corner: vec2<f32>) -> vec2<f32> {
 
 fn place_of(face: Face, x: i32, y: i32) -> Place {
     let m = meeting_at(centre_at(x, y), face.corner0, face.corner1, face.corner2);
-    // Officially the key is NDC depth + 2, between 1 and 3. Less 1 and halved twice it is still exact.
+    // The official key is NDC depth + 2, between 1 and 3. Minus 1 and divided by 4 it is still exact.
     var place = Place(m.inside && m.ndc > -1.0, keep(keep(m.ndc + 2.0) - 1.0) * 0.25);
-    // Another part of the opacities may be bound.
+    // The opacities may be bound in several parts.
     // An outline may reach beyond the official rectangle.
     let at = vec2<f32>(f32(x), f32(y));
     place.inside = place.inside && number_of(face) - part.first < part.count

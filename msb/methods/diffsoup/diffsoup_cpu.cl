@@ -1,7 +1,8 @@
-// DiffSoup, CPU style: a work-item owns a band of pixel rows, eight pixels at a time, without atomics.
+// DiffSoup, CPU style: a work-item draws a band of pixel rows, eight pixels at a time, without atomics.
 //
-// Every item looks at all triangles in their order, so equal depths go to the lowest one by themselves, and no
-// lists of unknown length are needed. Planes have rows of `pitch` pixels, a multiple of eight.
+// Every work-item tests all triangles in their order, so equal depths go to the lowest face number without
+// further rules, and no lists of unknown length are needed. Planes have rows of `pitch` pixels, a multiple of
+// eight.
 #define WIDE 1
 #include "diffsoup_math.cl"
 #include "diffsoup_project.cl"
@@ -39,13 +40,13 @@ static float8 opacity_at(__global const TEXEL *lattice, int side, float8 b0, flo
     return c.w0 * d0 + c.w1 * d1 + c.w2 * d2;
 }
 
-// Where a row meets a triangle, so that the rest of its rectangle need not be looked at.
+// The columns of a row that can meet a triangle, so that the rest of its rectangle is skipped.
 //
-// A pixel is inside if A0, A1 and A2 (fragment_at), rounded, have one sign. Unrounded, A_i = a_i u + b_i v + c_i;
-// the difference is below `error`, a bound on all rounding for |u|, |v| <= 1. Each edge thus leaves a half-line
-// of u, in which no pixel is missing that the rules keep.
+// A pixel is inside if the rounded A0, A1 and A2 (fragment_at) have the same sign. Exactly, A_i = a_i u + b_i v
+// + c_i; the difference is below `error`, a bound of all rounding for |u|, |v| <= 1. So each edge leaves a
+// half-line of u, and their intersection contains every pixel that the rules accept.
 typedef struct {
-    float b[3], c[3], k[3]; // u = (b v + c) k is the end of edge i's half-line: the left one if k < 0
+    float b[3], c[3], k[3]; // u = (b v + c) k is the end of edge i's half-line: its left end if k < 0
     int known;
 } Span;
 
@@ -54,7 +55,7 @@ static Span span_of(float4 p0, float4 p1, float4 p2, int2 columns)
     Span s;
     s.known = 0;
     if (columns.y - columns.x <= 8)
-        return s; // a narrow rectangle is done faster as it is
+        return s; // a narrow rectangle is faster without this
     float4 q[3] = {p1, p2, p0}, r[3] = {p2, p0, p1};
     float a[3], size = 0.0f;
     for (int i = 0; i < 3; i++) {
@@ -66,9 +67,9 @@ static Span span_of(float4 p0, float4 p1, float4 p2, int2 columns)
         k = fabs(k);
         size += (j.x + j.w) * (k.y + k.w) + (k.x + k.w) * (j.y + j.w);
     }
-    // 2^-20 is sixteen rounding errors; they add up to less than ten.
+    // 2^-20 is sixteen rounding errors; at most ten add up.
     float error = size * 0x1p-20f, turn = s.c[0] * p0.w + s.c[1] * p1.w + s.c[2] * p2.w;
-    // Seen too nearly edge-on (or too large, or too small, for float32) the signs of A are anybody's guess.
+    // Triangles seen nearly edge-on (or too large or too small for float32): rounding may give A any sign.
     s.known = error > 1e-30f && fabs(turn) > 4.0f * error * (fabs(p0.w) + fabs(p1.w) + fabs(p2.w));
     float sign = turn > 0.0f ? 1.0f : -1.0f;
     for (int i = 0; i < 3; i++) {
@@ -81,7 +82,7 @@ static Span span_of(float4 p0, float4 p1, float4 p2, int2 columns)
     return s;
 }
 
-// First and last column of the row at v that may be inside, one pixel of room at both ends.
+// First and last column of the row at v that may be inside, widened by one pixel at both ends.
 static int2 row_columns(const Span *s, float v, int2 columns, float width)
 {
     float low = -1.0f, high = 1.0f;
@@ -98,7 +99,7 @@ static int2 row_columns(const Span *s, float v, int2 columns, float width)
     return (int2)(HIGHER(first, columns.x), LOWER(last, columns.y));
 }
 
-// Draws one triangle into rows from..to of the planes; returns the number of its fragments there.
+// Draw one triangle into rows from..to of the planes; return the number of its fragments there.
 static ulong draw(Planes planes, int face, float4 p0, float4 p1, float4 p2, __global const TEXEL *lattice,
                   int side, int opaque, int2 box, int from, int to, __global const float *ndc_x,
                   __global const float *ndc_y, uint width, uint pitch)
@@ -118,7 +119,8 @@ static ulong draw(Planes planes, int face, float4 p0, float4 p1, float4 p2, __gl
             if (!any_of(f.valid))
                 continue;
             count -= f.valid;
-            // The key is depth + 2, which rounds the depth; a fragment on the near plane itself is not kept.
+            // The key is depth + 2, which rounds the depth; a fragment exactly on the near plane is
+            // discarded.
             size_t at = line + left;
             float8 old = EIGHT(float, planes.ndc + at);
             int8 wins = f.valid & (f.ndc > -1.0f) & (f.ndc + 2.0f < old + 2.0f);
@@ -171,7 +173,8 @@ __kernel void raster(__global const float4 *corners, __global const ushort *firs
     fragments[band] = count;
 }
 
-// Seven texels of a node in two loads of four: the fourth is loaded twice, none beyond the last of a lattice.
+// Seven texels of a node in two loads of four; the fourth texel is loaded twice, so that no load exceeds the
+// lattice.
 #if TEXEL_SCALE == 1
 #define FOUR(p) (((__global const Unaligned *)(p))->four)
 #else
@@ -179,7 +182,7 @@ __kernel void raster(__global const float4 *corners, __global const ushort *firs
 #endif
 #define NODE(p) ((float8)(FOUR(p), FOUR((p) + 3)))
 
-// Features of eight pixels of up to eight faces, one vector for each feature.
+// Features of eight pixels from up to eight faces, one vector per feature.
 static void features_at(__global const TEXEL *lattice, int side, int8 faces, float8 b0, float8 b1,
                         float8 *features)
 {
@@ -193,7 +196,7 @@ static void features_at(__global const TEXEL *lattice, int side, int8 faces, flo
         __global const TEXEL *first = p + node0[lane] * FEATURES, *last = p + node2[lane] * FEATURES;
         r[lane] = w0[lane] * NODE(first) + w1[lane] * NODE(first + FEATURES) + w2[lane] * NODE(last);
     }
-    // From a vector for each pixel to a vector for each feature: transposed in three rounds of shuffles.
+    // From one vector per pixel to one vector per feature: a transposition in three rounds of shuffles.
     float8 s[8];
     for (int i = 0; i < 8; i += 2) {
         s[i] = (float8)(r[i].s0, r[i + 1].s0, r[i].s1, r[i + 1].s1, r[i].s4, r[i + 1].s4, r[i].s5, r[i + 1].s5);
@@ -213,7 +216,7 @@ static void features_at(__global const TEXEL *lattice, int side, int8 faces, flo
     }
 }
 
-// One row of the image, in the picture's order of rows; buffers of `raw` keep the raster's.
+// One row of the image, in the image's order of rows; buffers of `raw` keep the raster's order.
 __kernel void shade(__global const int *plane_face, __global const float *plane_ndc,
                     __global const float *plane_b0, __global const float *plane_b1,
                     __global const float *plane_w, __global const TEXEL *lattice, __constant float *net,

@@ -1,9 +1,10 @@
-// DiffSoup, GPU style: a work-group draws one triangle with atomics, a work-item shades one pixel.
-// Defines also: GROUP, the size of the work-groups of `raster`; KEYS, whether there are 64-bit atomics.
+// DiffSoup, GPU style: a work-group draws one triangle with atomics, a work-item shades one pixel. Additional
+// defines: GROUP, the size of the work-groups of `raster`; KEYS, whether 64-bit atomics exist.
 //
-// A pixel's key is 64 bits: those of its depth + 2, less those of 1, above, the face below. The smallest is the
-// nearest, and the lowest face on a tie, whatever order the fragments come in. Without 64-bit atomics (KEYS 0) the
-// triangles are drawn twice: depths first, then faces where the depth is that of the pixel.
+// A pixel's key has 64 bits: the upper half is the bits of depth + 2 minus the bits of 1, the lower half the
+// face number. The smallest key is the nearest fragment, with the lowest face number at equal depth, in any
+// order of fragments. Without 64-bit atomics (KEYS 0) the triangles are drawn twice: first the depths, then
+// the faces at the pixel's depth.
 #define WIDE 0
 #include "diffsoup_math.cl"
 #include "diffsoup_project.cl"
@@ -12,7 +13,7 @@
 #pragma OPENCL EXTENSION cl_khr_int64_extended_atomics : enable
 #endif
 
-// The halves of a little-endian key, of two words a pixel.
+// The halves of a little-endian key; a pixel has two words.
 #define FACE_OF(key) (key)[0]
 #define DEPTH_OF(key) (key)[1]
 #define NOTHING 0xffffffffu
@@ -25,8 +26,8 @@ static float opacity_at(__global const TEXEL *lattice, int side, float b0, float
     return c.w0 * d0 + c.w1 * d1 + c.w2 * d2;
 }
 
-// Whether a fragment may change what the pixel has; `depth` is the upper half of its key. Keys only become
-// smaller, so one read earlier that is smaller already says enough.
+// Whether a fragment may change the pixel; `depth` is the upper half of its key. Keys only decrease, so a
+// smaller key that was read earlier is sufficient to reject it.
 static bool may_win(__global uint *key, uint depth, uint face, int pass)
 {
 #if KEYS
@@ -49,7 +50,7 @@ static void win(__global uint *key, uint depth, uint face, int pass)
 #endif
 }
 
-// keys must be filled with NOTHING, fragments with 0: they are counted in the first pass.
+// keys must be filled with NOTHING and fragments with 0. Fragments are counted in the first pass.
 __kernel void raster(__global const float4 *corners, __global const ushort *first_rows,
                      __global const ushort *last_rows, __global const ushort2 *columns,
                      __global const TEXEL *opacity, __global const uchar *opaque,
@@ -69,8 +70,8 @@ __kernel void raster(__global const float4 *corners, __global const ushort *firs
         if (!f.valid)
             continue;
         count++;
-        // Depth + 2 is 1 or more. The difference makes an integer of it: Mesa's llvmpipe (22.3) does nothing when
-        // an atomic is given the bits of a float as they are.
+        // Depth + 2 is at least 1. The difference makes it an integer: in Mesa's llvmpipe (22.3) atomics have
+        // no effect if they are given the bits of a float.
         uint depth = as_uint(f.ndc + 2.0f) - as_uint(1.0f);
         __global uint *key = keys + 2 * ((size_t)row * width + column);
         if (!(f.ndc > -1.0f) || !may_win(key, depth, (uint)face, pass))
@@ -82,7 +83,7 @@ __kernel void raster(__global const float4 *corners, __global const ushort *firs
         atomic_add(fragments + face, count);
 }
 
-// One pixel; the rows of the picture may run the other way than the raster's, which `raw` keeps.
+// One pixel. The rows of the image may be in the opposite order of the raster's, which `raw` keeps.
 __kernel void shade(__global const uint *keys, __global const float4 *corners,
                     __global const TEXEL *lattice, __constant float *net, __global const float *frame,
                     __global const float *ndc_x, __global const float *ndc_y, __global float *image,
@@ -119,7 +120,7 @@ __kernel void shade(__global const uint *keys, __global const float4 *corners,
         towards_camera(ndc_x[column], ndc_y[row], frame + INVERSE, &dx, &dy, &dz);
         harmonics(dx, dy, dz, x + FEATURES);
         decode(x, net, color);
-        visible[face] = 1; // every pixel writes the same value
+        visible[face] = 1; // all pixels write the same value
     }
     vstore3((float3)(color[0], color[1], color[2]), to, image);
     depth[to] = f.w;

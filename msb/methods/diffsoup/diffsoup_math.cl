@@ -1,13 +1,14 @@
-// DiffSoup: what both styles of kernels compute, for one pixel or for eight.
+// DiffSoup: computations that both styles of kernels share, for one pixel or for eight.
 //
-// With WIDE 1 a `real` is a float8, eight pixels side by side: CPU compilers do not vectorise loops whose
-// length depends on data. With WIDE 0 it is a float. The operations and their order are the same, so both
+// With WIDE 1 a `real` is a float8, eight neighbouring pixels, because CPU compilers do not vectorise loops
+// with a data-dependent length. With WIDE 0 it is a float. Operations and their order are equal, so both
 // styles give the same bits on the same device.
 //
-// Nothing is fused before the decoder: rounding decides which triangle a pixel belongs to.
+// Before the decoder no products and sums may be fused, because rounding decides which triangle covers a
+// pixel.
 //
-// Operators stand where OpenCL has functions (?: for select, casts for vload8): PoCL's CPU driver calls its
-// library for every one of those, which for single instructions takes several times as long.
+// Operators are used instead of OpenCL functions (?: for select, casts for vload8). PoCL's CPU driver
+// compiles those functions as library calls, which take several times as long as a single instruction.
 // Defines: WIDE, TEXEL (float or uchar), TEXEL_SCALE (1 or 255). `side` is 2^level of the lattices.
 #pragma OPENCL FP_CONTRACT OFF
 
@@ -38,23 +39,23 @@ typedef int whole;
 #if TEXEL_SCALE == 1
 #define DECODED(x) (x)
 #else
-// A correctly rounded division, not a product with 1/255: the two differ in the last bit.
+// A correctly rounded division. A product with 1/255 differs in the last bit.
 #define DECODED(x) ((x) / (float)TEXEL_SCALE)
 #endif
 
-// What the host writes for each frame, all float32; offsets into one buffer.
+// The record that the host writes for each frame, all float32: offsets into one buffer.
 #define MVP 0
 #define INVERSE 16
 #define BACKGROUND 32
 
 typedef struct {
-    real b0, b1; // barycentric coordinates of corners 0 and 1, linear in the world
+    real b0, b1; // barycentric coordinates of corners 0 and 1, linear in world space
     real ndc;    // z / w
     real w;      // the camera's z
-    whole valid; // inside, edges included, and between the near and the far plane
+    whole valid; // inside (edges included), and between the near and the far plane
 } Fragment;
 
-// Where pixels with NDC centre (u, v) meet a triangle given by its clip coordinates.
+// The point where the ray of a pixel with NDC centre (u, v) meets a triangle given by its clip coordinates.
 static Fragment fragment_at(real u, float v, float4 p0, float4 p1, float4 p2)
 {
     float qy0 = p0.y - v * p0.w, qy1 = p1.y - v * p1.w, qy2 = p2.y - v * p2.w;
@@ -66,7 +67,7 @@ static Fragment fragment_at(real u, float v, float4 p0, float4 p1, float4 p2)
     Fragment f;
     f.b0 = a0 * k;
     f.b1 = a1 * k;
-    // An area of 0 needs no test: it makes b0 and b1 infinite or NaN, which is outside.
+    // An area of 0 needs no test: it makes b0 and b1 infinite or NaN, which counts as outside.
     f.valid = (f.b0 >= 0.0f) & (f.b1 >= 0.0f) & (f.b0 + f.b1 <= 1.0f);
     real b2 = 1.0f - f.b0 - f.b1;
     real z = f.b0 * p0.z + f.b1 * p1.z + b2 * p2.z;
@@ -82,7 +83,7 @@ typedef struct {
     real w0, w1, w2;
 } Cell;
 
-// b0 and b1 must not be negative: conversion to int then is floor.
+// b0 and b1 must not be negative, so that conversion to int rounds down.
 static Cell cell_at(real b0, real b1, int side)
 {
     real u = b0 * (float)side, v = b1 * (float)side;
@@ -107,7 +108,7 @@ static Cell cell_at(real b0, real b1, int side)
     return c;
 }
 
-// Unit vectors from what pixels see towards the camera: near point minus far point of the pixel's ray.
+// Unit vectors from the surface towards the camera: near point minus far point of the pixel's ray.
 static void towards_camera(real u, float v, __global const float *m, real *x, real *y, real *z)
 {
 #define ROW(r) (m[4 * r] * u + m[4 * r + 1] * v)
@@ -123,7 +124,7 @@ static void towards_camera(real u, float v, __global const float *m, real *x, re
     *z = dz * length;
 }
 
-// Real spherical harmonics up to degree 2, signs as in 3D Gaussian splatting.
+// Real spherical harmonics up to degree 2, with the signs of 3D Gaussian Splatting.
 static void harmonics(real x, real y, real z, real *e)
 {
     const float c1 = 0.4886025119029199f, c2 = 1.0925484305920792f;
@@ -138,17 +139,17 @@ static void harmonics(real x, real y, real z, real *e)
     e[8] = 0.5462742152960396f * (x * x - y * y);
 }
 
-// From here on a product may be fused with the sum it goes into: no decision depends on it.
+// From here on products and sums may be fused, because no decision depends on the result.
 #pragma OPENCL FP_CONTRACT ON
 
-// exp(x) to 2 ulp; beyond +-87 the logistic function does not change any more. Our own, so that one pixel and
-// eight give the same bits, which a platform's scalar and vector functions need not do.
+// exp(x) to 2 ulp; beyond +-87 the logistic function is constant. Implemented here so that one pixel and
+// eight give the same bits, which the scalar and vector functions of a platform may not.
 static real exponential(real x)
 {
     const real most = 87.0f, least = -87.0f;
     x = LOWER(x, most);
     x = HIGHER(x, least);
-    const float shift = 12582912.0f; // 1.5 * 2^23: adding it rounds to an integer, kept in the low bits
+    const float shift = 12582912.0f; // 1.5 * 2^23: adding it rounds to an integer, which the low bits then contain
     real t = x * 1.44269504f + shift;
     real n = t - shift;
     real r = x - n * 0.693359375f; // ln 2 in two parts
@@ -163,8 +164,8 @@ static real exponential(real x)
     return p * AS_REAL((AS_WHOLE(t) - 0x4b400000 + 127) << 23);
 }
 
-// One hidden layer: 16 inputs, 16 outputs, no negative ones. Eight sums side by side, because one waits for the
-// product before.
+// One hidden layer with 16 inputs, 16 outputs and ReLU. Eight sums are computed side by side, to hide the
+// latency of each product.
 static void hidden_layer(const real *x, __constant const float *weight, __constant const float *bias, real *y)
 {
     const real zero = 0.0f;
@@ -194,7 +195,7 @@ static void hidden_layer(const real *x, __constant const float *weight, __consta
     }
 }
 
-// Colour of features and harmonics x[16]. `net`: weight and bias of the three layers, one after the other.
+// Colour of features and harmonics x[16]. `net`: weights and biases of the three layers, one after the other.
 static void decode(const real *x, __constant const float *net, real *color)
 {
     real h1[16], h2[16];
@@ -213,7 +214,7 @@ static void decode(const real *x, __constant const float *net, real *color)
     color[2] = base * x[2] + mix * (1.0f / (1.0f + exponential(-s2)));
 }
 
-// What an 8-bit render target keeps of a feature.
+// A feature rounded to the precision of an 8-bit render target.
 static real as_target(real feature)
 {
     const real zero = 0.0f, one = 1.0f;
@@ -222,5 +223,5 @@ static real as_target(real feature)
     return TO_REAL(TO_WHOLE(feature * 255.0f + 0.5f)) / 255.0f;
 }
 
-// Whoever includes this decides again what may be fused.
+// Files that include this one set their rule for fusing again.
 #pragma OPENCL FP_CONTRACT OFF

@@ -1,7 +1,8 @@
-"""The dedicated tier of DiffSoup in OpenCL: a z-buffer with binary opacity, lattice features, their decoder.
+"""Native rendering of DiffSoup in OpenCL: a z-buffer with binary opacity, lattice features and their decoder.
 
 Rules: kenji-tojo/diffsoup at c74e35d: src/cuda/rasterize.cu, multires.cu, encoding.cu;
-python/diffsoup/rasterize.py; viewer/src/viewer.cpp (for `viewer`). How an image is formed: docs/diffsoup.md.
+python/diffsoup/rasterize.py; viewer/src/viewer.cpp (for `viewer`). docs/diffsoup.md describes the image
+formation.
 """
 
 from collections.abc import Iterable, Mapping
@@ -25,19 +26,25 @@ from msb.scenes import Camera
 
 __all__ = ["Pipeline", "surface_model"]
 
+# Spherical harmonics of the view direction that the decoder reads (degree 2).
 HARMONICS = 9
+# Pixels or triangles that a CPU work-item processes at once (SIMD lanes).
 _LANES = 8
+# Work-items per work-group of the projection.
 _PROJECT_GROUP = 64
-# Number of work-items that draw one triangle in the GPU style; most triangles have a few hundred pixels.
+# Work-items that draw one triangle in the GPU style; most triangles cover a few hundred pixels.
 _RASTER_GROUP = 32
+# Work-items per work-group of the shading.
 _SHADE_GROUP = 64
-# Most rows of a band in the CPU style, so that its planes (20 bytes a pixel) stay in a core's own cache.
+# Largest number of rows of a band in the CPU style, so that its planes (20 bytes per pixel) fit into a core's
+# cache.
 _BAND_ROWS = 16
+# Least number of bands per compute unit, to balance the load.
 _BANDS_A_UNIT = 4
 
 
 class _Raster(NamedTuple):
-    """The size of the image, and of its rows on the device."""
+    """The size of the image, and the length of its rows on the device, in pixels."""
 
     width: int
     height: int
@@ -45,7 +52,7 @@ class _Raster(NamedTuple):
 
 
 class _Queued(NamedTuple):
-    """The buffers that a frame leaves on the device, and the matrices with which it was made."""
+    """The buffers that a frame leaves on the device, and the matrices that it was drawn with."""
 
     outputs: tuple[Buffer, ...]
     raws: dict[str, Buffer]
@@ -58,29 +65,26 @@ class _Queued(NamedTuple):
 
 
 class Pipeline(OnDevice):
-    """Draw DiffSoup's models by the rules of the official evaluation; the model stays on the device.
+    """Renders DiffSoup models by the rules of the official evaluation; the model stays on the device.
 
     Parameters
     ----------
     asset : Asset
-        An asset with lattices of numbers, or with the bytes of the official web export, which stand for value
-        / 255.
+        An asset with lattices of numbers, or of bytes from the official web export, which mean value / 255.
     device : str or Device, optional
         A selector (`msb.cl.shared_device`), or an open device, which stays open.
     settings : mapping, optional
-        Values that replace the asset's `layout`, `z_near` and `z_far`.
+        Overrides of the asset's `layout`, `z_near` and `z_far`.
     outputs : "auto", "all" or iterable of str
-        If "raw" is among them, the frame also has the official kernels' buffers, which takes a quarter more
-        time.
+        With "raw" the frame also contains the official kernels' buffers, which takes 25 % more time.
     order : {"tile", "global", "none"}
-        It has no effect, because a z-buffer shows the same in whatever order triangles are drawn.
+        Has no effect, because the image of a z-buffer does not depend on the order of triangles.
     sampling : {"official", "engine"}
-        With "engine" a triangle that crosses the camera plane is clipped, as by hardware, and not dropped.
-        Everything else is always sampled as hardware does.
+        With "engine" a triangle that crosses the camera plane is clipped, like in hardware, instead of
+        dropped. All other rules of sampling follow hardware in both modes.
     viewer : bool
-        Whether to draw what the official viewers draw: lattices are truncated to bytes, and features are
-        rounded to bytes once more after interpolation. The viewers also clip triangles, which is `sampling`
-        "engine".
+        Whether to imitate the official viewers: lattices are truncated to bytes, and interpolated features
+        are rounded to bytes. The viewers also clip triangles, which is `sampling` "engine".
     """
 
     name = "msb-dedicated"
@@ -106,8 +110,8 @@ class Pipeline(OnDevice):
         self._scope = DeviceScope(device, "diffsoup")
         self._device, self._static = self._scope.device, self._scope.kept
         self._scratch = self._scope.scratch
-        # The one place that chooses: bands of rows that need no atomics, or an atomic a fragment, which takes
-        # two passes where it has 32 bits.
+        # CPU style: bands of rows, without atomics. GPU style: one atomic per fragment, in two passes if
+        # atomics have only 32 bits.
         self._bands = self._device.style == "cpu"
         self._passes = 1 if self._device.record.int64_atomics else 2
         with self._scope.setting_up():
@@ -127,28 +131,27 @@ class Pipeline(OnDevice):
 
     @in_turn
     def render(self, camera: Camera, background: tuple[float, float, float]) -> Frame:
-        """Return what `camera` sees; where no triangle is, exactly `background`.
+        """Return the frame of `camera`; pixels without a triangle have exactly the colour `background`.
 
         The official background is black in the "colmap" layout and white in the "synthetic" one.
 
         Parameters
         ----------
         camera : Camera
-            The camera, with OpenCV axes in both layouts. In "colmap" cy enters with upstream's sign
-            (docs/diffsoup.md).
+            OpenCV axes in both layouts. In "colmap" cy is used with the official sign (docs/diffsoup.md).
         background : (float, float, float)
             RGB in the asset's colour space.
 
         Returns
         -------
         Frame
-            `alpha` is 1 or 0, `depth` the camera's z of the triangle seen, `visible` the faces seen in at
-            least one pixel, `timings` the stages clear, project, raster, decode and read.
-            `raw`, in the raster's order of rows (row 0 is NDC y = -1): `mvp`, `mvp_inv` (4, 4) float32,
-            `tri_id` (H, W) int32, -1 where nothing; with the output "raw" also `bary01` (H, W, 2),
-            `depth` (H, W) NDC, `features` (H, W, 7), `sh` (H, W, 9), float32 and 0 where nothing,
-            `clip_corners` (F, 3, 4) float32, and `num_fragments`, those inside and between the planes,
-            before the opacity test.
+            `alpha` is 1 or 0, `depth` the camera's z of the visible triangle, `visible` the faces that are
+            visible in at least one pixel, `timings` the stages clear, project, raster, decode and read.
+            `raw`, in the raster's order of rows (row 0 is NDC y = -1): `mvp`, `mvp_inv` (4, 4) float32 and
+            `tri_id` (H, W) int32, -1 in empty pixels; with the output "raw" also `bary01` (H, W, 2), `depth`
+            (H, W) NDC, `features` (H, W, 7), `sh` (H, W, 9), float32 and 0 in empty pixels, `clip_corners`
+            (F, 3, 4) float32, and `num_fragments`, the number of fragments between the planes before the
+            opacity test.
         """
         device = self._device
         with device.timing() as timing:
@@ -177,13 +180,13 @@ class Pipeline(OnDevice):
 
     @in_turn
     def draw(self, camera: Camera, background: tuple[float, float, float]) -> Drawn:
-        """Draw as `render` does and wait, reading nothing back."""
+        """Draw like `render` and wait, without reading anything back."""
         with self._device.timing() as timing:
             self._queue(camera, background)
         return Drawn(timing.milliseconds(), timing.span(), timing.since_queued())
 
     def _queue(self, camera: Camera, background: tuple[float, float, float]) -> _Queued:
-        """Queue everything but reading back."""
+        """Queue all commands of a frame except reading back."""
         layout = self._settings["layout"]
         near, far = self._settings["z_near"], self._settings["z_far"]
         mvp, inverse = diffsoup_matrices(camera, layout, near, far)
@@ -202,7 +205,7 @@ class Pipeline(OnDevice):
         return _Queued(outputs, raws, visible, fragments, scene["corners"], mvp, inverse, flip)
 
     def _project(self, raster: _Raster, frame: Any) -> dict[str, Buffer]:
-        """Queue the projection of all triangles; return what drawing needs of the frame."""
+        """Queue the projection of all triangles; return the buffers of the frame that drawing needs."""
         scene = {
             "frame": self._scratch("frame", len(frame)),
             "corners": self._scratch("corners", (self._faces, 3, 4)),
@@ -226,6 +229,7 @@ class Pipeline(OnDevice):
         return scene
 
     def _draw_bands(self, raster: _Raster, scene: dict[str, Buffer]) -> tuple[tuple[Buffer, ...], Buffer]:
+        """Queue drawing in bands of rows (CPU style); return the z-buffer's planes and fragment counts."""
         units = self._device.record.compute_units
         rows = max(1, min(_BAND_ROWS, raster.height // (_BANDS_A_UNIT * units)))
         bands = -(-raster.height // rows)
@@ -249,6 +253,7 @@ class Pipeline(OnDevice):
         return (face, ndc, b0, b1, w), fragments
 
     def _draw_groups(self, raster: _Raster, scene: dict[str, Buffer]) -> tuple[tuple[Buffer, ...], Buffer]:
+        """Queue drawing by work-groups (GPU style); return the z-buffer's keys and fragment counts."""
         keys = self._scratch("keys", (raster.height, raster.width, 2), np.uint32, group="targets")
         fragments = self._scratch("fragments", self._faces, np.uint32)
         with self._device.stage("clear"):
@@ -269,6 +274,7 @@ class Pipeline(OnDevice):
         return (keys, scene["corners"]), fragments
 
     def _triangles(self, scene: dict[str, Buffer]) -> tuple[Buffer, ...]:
+        """Return the arguments of both `raster` kernels that describe the triangles."""
         frame = (scene[name] for name in ("corners", "first rows", "last rows", "columns"))
         static = self._static["lattice opacity"], self._static["opaque faces"]
         return (*frame, *static, scene["ndc x"], scene["ndc y"])
@@ -281,6 +287,7 @@ class Pipeline(OnDevice):
         visible: Buffer,
         flip: bool,
     ) -> tuple[tuple[Buffer, ...], dict[str, Buffer]]:
+        """Queue interpolation and decoding of the visible features; return outputs and raw buffers."""
         shape = (raster.height, raster.width)
         outputs = (
             self._scratch("image", (*shape, 3), group="targets"),

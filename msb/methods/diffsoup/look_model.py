@@ -1,6 +1,6 @@
-"""The checked arrays of an asset and the matrices of a camera, for the renderers of the dedicated tier.
+"""The checked arrays of an asset and the matrices of a camera, for native rendering of DiffSoup.
 
-`look` draws in OpenCL; `surface_model` is for a z-buffer in hardware (diffsoup.wgsl).
+`look` renders in OpenCL; `surface_model` describes the model for WebGPU (diffsoup.wgsl).
 """
 
 from collections.abc import Mapping
@@ -14,32 +14,31 @@ from msb.asset import Asset
 from msb.asset.drawable import check_drawable, require, required_buffer
 from msb.asset.planes import invert_projection
 from msb.errors import AssetError
-from msb.methods.diffsoup import FEATURES, LAYERS, samples
+from msb.methods.diffsoup import FEATURES, LAYERS, lattice_level, samples
 from msb.render.surface import Surface
 from msb.scenes import Camera
 
+# Least opacity of an opaque sample.
 THRESHOLD = 0.5
-# The highest level of a lattice, which has 33,153 samples at level 8.
-MAX_LEVEL = 8
-# A margin greater than the rounding of interpolation at values up to 2.
+# A margin larger than the rounding error of interpolation for values up to 2.
 _MARGIN = 1e-5
 
 
 @dataclass(frozen=True)
 class DiffSoupModel:
-    """A DiffSoup model whose values can all be drawn.
+    """A DiffSoup model with checked values.
 
     Attributes
     ----------
     positions : (V, 3) float32
     indices : (F, 3) uint32
     features : (F, S, 7) float32 or uint8
-        Bytes stand for value / 255.
-    opacity : (F, S), of the same dtype
+        Bytes mean value / 255.
+    opacity : (F, S), with the dtype of `features`
     opaque : (F,) uint8
-        1 for faces in which no interpolated opacity can be below the threshold.
+        1 for faces whose interpolated opacity cannot be below the threshold.
     decoder : (595,) float32
-        The weight [out][in] and the bias of each layer, one after the other.
+        Weight [out][in] and bias of each layer, one after the other.
     level : int
         The level of the lattices, which have S = (2^level + 1)(2^level + 2) / 2 samples.
     """
@@ -54,21 +53,18 @@ class DiffSoupModel:
 
 
 def diffsoup_model(asset: Asset, *, quantise: bool = False) -> DiffSoupModel:
-    """Return the model `asset` holds; nothing is copied but the decoder.
+    """Return the model of an asset; only the decoder is copied.
 
     Parameters
     ----------
     asset : Asset
-        An asset whose manifest has the `compositing.kind` "binary_z_buffer".
+        An asset with `compositing.kind` "binary_z_buffer" in its manifest.
     quantise : bool
-        Whether lattices of numbers are made bytes, as the official web export does: trunc(clip(255 x, 0,
-        255)), the product in float32 (kenji-tojo/diffsoup: examples/06_export_web.py).
+        Whether lattices of numbers are converted to bytes like in the official web export: trunc(clip(255 x,
+        0, 255)), with the product in float32 (kenji-tojo/diffsoup: examples/06_export_web.py).
     """
     require(asset, "compositing", "kind", "binary_z_buffer")
-    level = asset.manifest.appearance.get("level")
-    if type(level) is not int or not 0 <= level <= MAX_LEVEL:
-        text = f"appearance.level is {level!r:.40}; it must be an integer from 0 to {MAX_LEVEL}"
-        raise AssetError("TRIASSET_FIELD", text, file=asset.path, pointer="/appearance/level")
+    level = lattice_level(asset)
     check_drawable(asset)
     faces = asset.manifest.face_count
     positions = required_buffer(asset, "positions", asset.manifest.vertex_count, 3)
@@ -76,7 +72,7 @@ def diffsoup_model(asset: Asset, *, quantise: bool = False) -> DiffSoupModel:
     features = required_buffer(asset, "features.lattice", faces, samples(level), FEATURES)
     opacity = required_buffer(asset, "features.opacity", faces, samples(level))
     if features.dtype != opacity.dtype:
-        text = f"features.lattice is {features.dtype}, but features.opacity {opacity.dtype}; both must be one"
+        text = f"features.lattice is {features.dtype}, features.opacity {opacity.dtype}; they must be equal"
         raise AssetError("TRIASSET_BUFFER", text, file=asset.path, pointer="/buffers/features.opacity")
     if quantise:
         features, opacity = _as_bytes(features), _as_bytes(opacity)
@@ -91,12 +87,14 @@ def diffsoup_model(asset: Asset, *, quantise: bool = False) -> DiffSoupModel:
 
 
 def _as_bytes(values: NDArray[Any]) -> NDArray[np.uint8]:
+    """Return lattice values in [0, 1] truncated to bytes; bytes are returned unchanged."""
     if values.dtype == np.uint8:
         return values
     return np.asarray(np.clip(values * np.float32(255), 0, 255), np.uint8)
 
 
 def _always_opaque(opacity: NDArray[Any]) -> NDArray[np.uint8]:
+    """Return per face 1 if all samples exceed the threshold by the margin, else 0."""
     scale = 255 if opacity.dtype == np.uint8 else 1
     low, high = opacity.min(axis=1), opacity.max(axis=1)
     return np.asarray((low >= (THRESHOLD + _MARGIN) * scale) & (high <= 2 * scale), np.uint8)
@@ -105,18 +103,18 @@ def _always_opaque(opacity: NDArray[Any]) -> NDArray[np.uint8]:
 def diffsoup_matrices(
     camera: Camera, layout: str, near: float, far: float
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Return DiffSoup's MVP = P V and its inverse.
+    """Return DiffSoup's matrix MVP = P V and its inverse.
 
     Parameters
     ----------
     camera : Camera
-        The camera, with OpenCV axes in both layouts.
+        OpenCV axes in both layouts.
     layout : {"colmap", "synthetic"}
-        "colmap": V negates the camera's z, NDC y grows downwards, and cy enters with upstream's sign, the
-        opposite of the true one. "synthetic": V negates y and z, NDC y grows upwards; upstream has the
-        principal point in the middle, here it is honoured.
+        "colmap": V negates the camera's z, NDC y grows downwards, and cy has the official sign, which is the
+        opposite of the correct one. "synthetic": V negates y and z, and NDC y grows upwards. Official code
+        assumes a principal point in the middle; this function uses the camera's.
     near, far : float
-        Camera depths, scene units, that become NDC -1 and 1.
+        Camera depths in scene units that become NDC -1 and 1.
 
     Returns
     -------
@@ -125,21 +123,21 @@ def diffsoup_matrices(
 
     Notes
     -----
-    Formulas: kenji-tojo/diffsoup: examples/utils.py ("colmap", from a float32 K, in float32),
+    Formulas: kenji-tojo/diffsoup: examples/utils.py ("colmap", in float32 from a float32 K),
     examples/02_synthetic.py ("synthetic", in double, then rounded). The product is summed from first to last,
-    as upstream's on a CPU. The inverse is taken in double and rounded: the last bits of upstream's float32
-    inverse depend on its linear algebra library.
+    like the official one on a CPU. The inverse is computed in double and rounded, because the last bits of
+    the official float32 inverse depend on the linear algebra library.
     """
     real: Any = np.float32 if layout == "colmap" else np.float64
-    width, height, two, one = real(camera.width), real(camera.height), real(2), real(1)
+    width, height, two, unit = real(camera.width), real(camera.height), real(2), real(1)
     fx, fy, cx, cy = real(camera.fx), real(camera.fy), real(camera.cx), real(camera.cy)
     projection = np.zeros((4, 4), np.float32)
     projection[0, 0] = two * fx / width
     projection[1, 1] = two * fy / height
-    projection[0, 2] = one - two * (cx / width)
-    projection[1, 2] = two * (cy / height) - one
+    projection[0, 2] = unit - two * (cx / width)
+    projection[1, 2] = two * (cy / height) - unit
     projection[3, 2] = -1
-    near, far = np.float64(near), np.float64(far)  # what cannot be divided is refused below
+    near, far = np.float64(near), np.float64(far)  # NumPy divides by zero; `invert_projection` rejects it
     with np.errstate(all="ignore"):
         projection[2, 2] = (far + near) / (near - far)
         projection[2, 3] = 2 * far * near / (near - far)
@@ -147,13 +145,13 @@ def diffsoup_matrices(
     view = (np.diag(signs) @ camera.world_to_camera).astype(np.float32)
     with np.errstate(all="ignore"):
         mvp = projection[:, :1] * view[0]
-        for k in range(1, 4):  # not @: a BLAS fuses and reorders
+        for k in range(1, 4):  # not @, because BLAS fuses and reorders the sums
             mvp = mvp + projection[:, k : k + 1] * view[k]
     return mvp, invert_projection(mvp, near, far)
 
 
 def pixel_centers(size: int, padded: int) -> NDArray[np.float32]:
-    """Return the NDC coordinates of the centres of `size` pixels, then zeros; (padded,) in all."""
+    """Return the NDC coordinates of `size` pixel centres, padded with zeros to (padded,)."""
     centers = np.zeros(padded, np.float32)
     centers[:size] = np.float32(-1) + np.float32(2) * (
         np.arange(size, dtype=np.float32) + np.float32(0.5)
@@ -162,7 +160,7 @@ def pixel_centers(size: int, padded: int) -> NDArray[np.float32]:
 
 
 def surface_model(asset: Asset, settings: Mapping[str, Any]) -> Surface:
-    """Return `asset` as diffsoup.wgsl takes it."""
+    """Return `asset` in the form that diffsoup.wgsl reads."""
     model = diffsoup_model(asset)
     layout, near, far = settings["layout"], settings["z_near"], settings["z_far"]
 
@@ -187,7 +185,7 @@ def surface_model(asset: Asset, settings: Mapping[str, Any]) -> Surface:
 
 
 def _blocks(decoder: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return weights as 4 x 4 matrices, output block by output block, column by column; then all biases."""
+    """Return the decoder as 4 x 4 blocks: by output block, then column by column; then all biases."""
     weights, biases, first = [], [], 0
     for outputs, inputs in LAYERS.values():
         padding = -outputs % 4

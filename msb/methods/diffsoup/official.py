@@ -1,4 +1,4 @@
-"""What DiffSoup's own exporter writes: a folder for its web viewer."""
+"""The official export format of DiffSoup: a folder for its web viewer."""
 
 import json
 from pathlib import Path
@@ -13,9 +13,10 @@ from msb.meshes.files import write_mesh
 from msb.meshes.mesh import Mesh
 from msb.methods.diffsoup.adapter_web import WEIGHTS, texture_size
 
-# The suffix of a folder.
+# A folder has no suffix.
 SUFFIXES = ("",)
 
+# Name of an axis -> its unit vector.
 _UP = {
     f"{sign}{axis}": [length if axis == other else 0.0 for other in "xyz"]
     for sign, length in (("+", 1.0), ("-", -1.0))
@@ -52,14 +53,14 @@ def write(asset: Asset, path: Path) -> None:
 
 
 def _texels(features: NDArray[Any]) -> NDArray[np.uint8]:
-    """Return numbers in [0, 1] as bytes, cut off and not rounded; bytes as they are."""
+    """Return numbers in [0, 1] truncated to bytes; bytes are returned unchanged."""
     if features.dtype == np.uint8:
         return features
     return np.clip(features * np.float32(255), 0, 255).astype(np.uint8)
 
 
 def _write_png(path: Path, texels: NDArray[np.uint8]) -> None:
-    """Write (faces, samples, 4) texels one after the other, in rows, padded with zeros."""
+    """Write texels (faces, samples, 4) row by row, padded with zeros."""
     from PIL import Image
 
     width, height = texture_size(texels.shape[0] * texels.shape[1])

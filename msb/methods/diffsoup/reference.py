@@ -1,4 +1,4 @@
-"""DiffSoup: opaque triangles with a lattice of features and opacity on each, a z-buffer, and a small decoder.
+"""DiffSoup: opaque triangles with lattices of features and opacity, a z-buffer, and a small decoder.
 
 Sources, at c74e35d of kenji-tojo/diffsoup: src/cuda/rasterize.cu, multires.cu, encoding.cu;
 python/diffsoup/rasterize.py; examples/01_mip360.py, 02_synthetic.py (test loops), 06_export_web.py (bytes).
@@ -15,26 +15,25 @@ from msb.asset import Asset
 from msb.asset.drawable import required_buffer
 from msb.asset.planes import invert_projection
 from msb.asset.sh import SH_C0, sh_basis
-from msb.errors import AssetError
-from msb.methods.diffsoup import FEATURES, LAYERS, samples
+from msb.methods.diffsoup import FEATURES, LAYERS, lattice_level, samples
 from msb.reference.arithmetic import Reals, dot, matrix_product, norm, sigmoid, transform
 from msb.reference.frame import ReferenceFrame
 from msb.reference.tiles import Modes
 from msb.scenes import Camera
 
+# Fragments of lower opacity are discarded.
 OPACITY_THRESHOLD = 0.5
-# The feature that weighs the decoder's colour against the base colour, features 0 to 2.
+# The feature that blends the decoder's colour with the base colour (features 0 to 2).
 BLEND_FEATURE = 3
-MAX_LEVEL = 16
-# Pixels of the boxes of several faces that are looked at together.
+# Pixels of triangle boxes that are processed at once, to limit the memory.
 _TOGETHER = 1 << 18
 
 
 @dataclass
 class Seen:
-    """The z-buffer: of each pixel, in the kernel's row order, the nearest opaque face so far.
+    """The z-buffer: for each pixel, in the kernel's row order, the nearest opaque face found yet.
 
-    `key` (H, W) is NDC depth + 2, infinite where nothing is; `face` is -1 there.
+    `key` (H, W) is NDC depth + 2 and `face` the face number; they are infinite and -1 in empty pixels.
     """
 
     key: NDArray[np.float32]
@@ -54,11 +53,11 @@ def render(
     dtype: type[Any],
     modes: Modes,
 ) -> ReferenceFrame:
-    """Return `asset` seen by `camera`; see `render_reference`.
+    """Return the frame of `asset` from `camera`; see `render_reference`.
 
-    A z-buffer shows the same in whatever order faces are drawn. What an engine's sampling changes are faces
-    that reach behind the camera: its hardware clips them. Pixels without a face show `background`; upstream's
-    is black in the COLMAP layout, white in the other.
+    The image of a z-buffer does not depend on the order of faces. Engine sampling differs only for faces that
+    reach behind the camera, because hardware clips them. Pixels without a face show `background`; the
+    official one is black in the COLMAP layout, white in the other.
     """
     near, far, layout = settings["z_near"], settings["z_far"], settings["layout"]
     mvp, inverse = diffsoup_projection(camera, layout, near, far, dtype)
@@ -68,6 +67,7 @@ def render(
     columns, rows = ndc_centers(camera.width, dtype), ndc_centers(camera.height, dtype)
     seen = rasterize(clip[indices], opacity, level, columns, rows, clips=modes.engine)
 
+    # Interpolate the features at the n pixels with a face, and decode them with the encoded view directions.
     hit = seen.face >= 0
     b0, b1, face = seen.b0[hit], seen.b1[hit], seen.face[hit]
     row, column = np.nonzero(hit)
@@ -77,7 +77,7 @@ def render(
     image = np.broadcast_to(background, (*hit.shape, 3)).copy()
     image[hit] = decode(asset, features, encoding)
 
-    # The kernel's row 0 is NDC y = -1, which is the top of the picture in the COLMAP layout only.
+    # The kernel's row 0 is NDC y = -1, which is the top of the image only in the COLMAP layout.
     up = slice(None) if layout == "colmap" else slice(None, None, -1)
     visible = np.zeros(len(indices), bool)
     visible[face] = True
@@ -107,16 +107,16 @@ def render(
 def diffsoup_projection(
     camera: Camera, layout: str, near: float, far: float, dtype: type[Any]
 ) -> tuple[Reals, Reals]:
-    """Return DiffSoup's MVP and its inverse, (4, 4) each, for column vectors.
+    """Return DiffSoup's matrix MVP and its inverse, (4, 4) each, for column vectors.
 
     Parameters
     ----------
     layout : {"colmap", "synthetic"}
-        "colmap": NDC y grows downwards, and the vertical principal point enters with upstream's sign, the
-        opposite of the true one. "synthetic": NDC y grows upwards; upstream centres the principal point,
-        here it is honoured.
+        "colmap": NDC y grows downwards, and the vertical principal point has the official sign, which is the
+        opposite of the correct one. "synthetic": NDC y grows upwards. Official code assumes a principal point
+        in the middle; this function uses the camera's.
     near, far : float
-        Camera depths that become NDC -1 and 1.
+        Camera depths in scene units that become NDC -1 and 1.
 
     Notes
     -----
@@ -124,8 +124,8 @@ def diffsoup_projection(
 
     "colmap" (kenji-tojo/diffsoup: examples/utils.py): V is W with its z row negated; P is computed in float32
     from a float32 K. "synthetic" (examples/02_synthetic.py): V is W with its y and z rows negated; P is
-    computed in double and rounded. The inverse is taken in double and rounded, since the last bits of
-    upstream's float32 inverse depend on the linear algebra library.
+    computed in double and rounded. The inverse is computed in double and rounded, because the last bits of
+    the official float32 inverse depend on the linear algebra library.
     """
     real = dtype if layout == "colmap" else np.float64
     width, height, two = real(camera.width), real(camera.height), real(2)
@@ -135,7 +135,7 @@ def diffsoup_projection(
     projection[1, 1] = two * fy / height
     projection[0, 2] = real(1) - two * (cx / width)
     projection[1, 2] = two * (cy / height) - real(1)
-    near, far = np.float64(near), np.float64(far)  # what cannot be divided is refused below
+    near, far = np.float64(near), np.float64(far)  # NumPy divides by zero; `invert_projection` rejects it
     projection[2, 2] = (far + near) / (near - far)
     projection[2, 3] = (2 * far * near) / (near - far)
     projection[3, 2] = -1
@@ -146,11 +146,8 @@ def diffsoup_projection(
 
 
 def lattices(asset: Asset, dtype: type[Any]) -> tuple[int, Reals, Reals]:
-    """Return the lattices' level, features (F, S, 7) and opacity (F, S); web export's bytes are v / 255."""
-    level, count = asset.manifest.appearance.get("level"), asset.manifest.face_count
-    if type(level) is not int or not 0 <= level <= MAX_LEVEL:
-        text = f"appearance.level is {level!r:.40}; it must be an integer from 0 to {MAX_LEVEL}"
-        raise AssetError("TRIASSET_FIELD", text, file=asset.path, pointer="/appearance/level")
+    """Return the level, features (F, S, 7) and opacity (F, S) of the lattices; bytes become v / 255."""
+    level, count = lattice_level(asset), asset.manifest.face_count
     lattice, opacity = (
         array.astype(dtype) / dtype(255) if array.dtype == np.uint8 else array.astype(dtype, copy=False)
         for array in (
@@ -169,10 +166,10 @@ def ndc_centers(size: int, dtype: type[Any]) -> Reals:
 def rasterize(
     corners: Reals, opacity: Reals, level: int, columns: Reals, rows: Reals, *, clips: bool = False
 ) -> Seen:
-    """Return what each pixel sees of triangles with clip coordinates (F, 3 corners, 4).
+    """Return the z-buffer of triangles with clip coordinates (F, 3 corners, 4).
 
-    Nearest NDC depth wins, equal depths go to the lowest face number. What is compared is float32(depth + 2),
-    as in the official key, so that near depths are equal; in float64 too.
+    The nearest NDC depth is visible; at equal depths the lowest face number. The comparison uses
+    float32(depth + 2), like the official key, so close depths are equal; also in float64.
     """
     shape, dtype = (len(rows), len(columns)), corners.dtype
     seen = Seen(
@@ -186,6 +183,7 @@ def rasterize(
     dropped, boxes = pixel_boxes(corners, len(columns), len(rows), clips=clips)
     in_rows = seen.key, seen.face, seen.b0, seen.b1, seen.ndc_depth, seen.camera_depth
     nearest_key, *planes = (array.reshape(-1) for array in in_rows)
+    # Test n candidate pixels of several faces at once, and keep the n valid fragments.
     for face, column, row in box_pixels(np.flatnonzero(~dropped), boxes):
         b0, b1, ndc_depth, w, valid = fragments(corners[face].transpose(1, 2, 0), columns[column], rows[row])
         seen.fragments += int(valid.sum())
@@ -193,9 +191,11 @@ def rasterize(
         pixel = (row * len(columns) + column)[valid]
         alpha = interpolate(opacity[..., None], face, level, b0, b1)[:, 0]
         key = (ndc_depth + 2).astype(np.float32)
-        # Strictly nearer than what was there: on a tie the earlier face, which has the lower number, stays.
+        # Only fragments strictly nearer than the z-buffer win, so at equal depths the lower face number
+        # stays.
         wins = ~(alpha < dtype.type(OPACITY_THRESHOLD)) & (ndc_depth > -1) & (key < nearest_key[pixel])
-        order = np.flatnonzero(wins)[np.lexsort((key[wins], pixel[wins]))]  # stable: lower faces come first
+        # The nearest of the new fragments of each pixel. The sort is stable: lower faces come first.
+        order = np.flatnonzero(wins)[np.lexsort((key[wins], pixel[wins]))]
         nearest = order[np.diff(pixel[order], prepend=-1) != 0]
         nearest_key[pixel[nearest]] = key[nearest]
         for plane, value in zip(planes, (face, b0, b1, ndc_depth, w), strict=True):
@@ -206,9 +206,9 @@ def rasterize(
 def box_pixels(
     faces: NDArray[np.int64], boxes: NDArray[np.int64]
 ) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]]:
-    """Yield face, column and row, (n,) each, of all pixels in the boxes (F, 4) of `faces`, which ascend.
+    """Yield face, column and row, (n,) each, of all pixels in the boxes (F, 4) of the ascending `faces`.
 
-    A face is never divided; several come together as long as their pixels are at most `_TOGETHER`.
+    Several faces are yielded together while they have at most `_TOGETHER` pixels; a face is never split.
     """
     left, right, top, bottom = boxes[faces].T
     across = right - left + 1
@@ -228,11 +228,11 @@ def box_pixels(
 def pixel_boxes(
     corners: Reals, width: int, height: int, *, clips: bool = False
 ) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
-    """Return which of F triangles are dropped, and the pixels of the others.
+    """Return which of F triangles are dropped, and the boxes of the others.
 
-    The latter are the first and last column and the first and last row, (F, 4).
-    A triangle with a corner at or behind the camera plane vanishes. If `clips`, its part in front is kept:
-    all pixels are looked at, and the test of NDC depth leaves none of the part behind.
+    A box (F, 4) is the first and last column and the first and last row. A triangle with a corner at or
+    behind the camera plane is dropped. With `clips` its part in front is kept: its box is the whole image,
+    and the test of the NDC depth discards the part behind.
     """
     w = corners[..., 3]
     behind = ~(w > 0)
@@ -240,6 +240,7 @@ def pixel_boxes(
     dropped = np.asarray(behind.all(axis=1) if clips else crosses)
     for axis in range(3):
         dropped |= (corners[..., axis] < -w).all(axis=1) | (corners[..., axis] > w).all(axis=1)
+    # Box of the corners in NDC, limited to the image.
     ndc = corners[..., :2] * (1 / w)[..., None]
     ndc = np.where(np.isfinite(ndc), ndc, np.where(ndc > 0, 1, -1)).astype(corners.dtype)
     ndc = np.clip(ndc, -1, 1)
@@ -258,11 +259,12 @@ def fragments(corners: Reals, u: Reals, v: Reals) -> tuple[Reals, Reals, Reals, 
 
     Returns
     -------
-    b0, b1 : barycentric coordinates of corners 0 and 1, linear in the world
+    b0, b1 : barycentric coordinates of corners 0 and 1, linear in world space
     ndc_depth, w : z / w, and clip w, which is the camera's z
-    valid : inside, edges included, and NDC depth within -1 to 1
+    valid : inside the triangle (edges included), and NDC depth within -1 to 1
     """
     (x0, y0, z0, w0), (x1, y1, z1, w1), (x2, y2, z2, w2) = corners
+    # Homogeneous edge functions: corners relative to the pixel, then their signed areas.
     qx0, qy0 = x0 - u * w0, y0 - v * w0
     qx1, qy1 = x1 - u * w1, y1 - v * w1
     qx2, qy2 = x2 - u * w2, y2 - v * w2
@@ -280,12 +282,14 @@ def fragments(corners: Reals, u: Reals, v: Reals) -> tuple[Reals, Reals, Reals, 
 
 
 def interpolate(lattice: Reals, faces: NDArray[Any] | int, level: int, b0: Reals, b1: Reals) -> Reals:
-    """Return lattices (F, S, C) of `faces` at barycentric coordinates (n,): linear between three nodes.
+    """Return lattices (F, S, C) of `faces` at barycentric coordinates (n,), linear between three nodes.
 
     Node (x, y), at b0 = x / 2^level and b1 = y / 2^level, is sample s(s + 1)/2 + y with s = x + y.
     """
     side = 2**level
     u, v = b0 * side, b1 * side
+    # Cell (x, y) of the lattice, and the position (u, v) in it. A cell has two triangles; `flip` selects the
+    # upper one.
     x = np.minimum(np.floor(u), side - 1).astype(np.int64)
     y = np.minimum(np.floor(v).astype(np.int64), side - 1 - x)
     u, v = u - x.astype(u.dtype), v - y.astype(v.dtype)
@@ -301,9 +305,8 @@ def interpolate(lattice: Reals, faces: NDArray[Any] | int, level: int, b0: Reals
 
 
 def towards_camera(inverse: Reals, u: Reals, v: Reals) -> Reals:
-    """Return unit vectors (n, 3) from what pixels (n,) see towards the camera: near point minus far point."""
-    one = np.ones_like(u)
-    near, far = (np.stack([u, v, sign * one], axis=-1) for sign in (-1, 1))
+    """Return unit vectors (n, 3) from the surface towards the camera: near point minus far point."""
+    near, far = (np.stack([u, v, np.full_like(u, z)], axis=-1) for z in (-1, 1))
     near, far = (transform(inverse, point) for point in (near, far))
     near, far = (point[:, :3] * (1 / point[:, 3:]) for point in (near, far))
     ray = near - far
@@ -313,7 +316,8 @@ def towards_camera(inverse: Reals, u: Reals, v: Reals) -> Reals:
 def decode(asset: Asset, features: Reals, encoding: Reals) -> Reals:
     """Return colours (n, 3) of features (n, 7) and encoded view directions (n, 9).
 
-    A perceptron with two hidden layers; its colour is mixed with the base colour, features 0 to 2.
+    A perceptron with two hidden layers computes a colour, which feature 3 blends with the base colour
+    (features 0 to 2).
     """
     values = np.concatenate([features, encoding], axis=1)
     for layer, (outputs, inputs) in LAYERS.items():
@@ -326,7 +330,7 @@ def decode(asset: Asset, features: Reals, encoding: Reals) -> Reals:
 
 
 def scatter(hit: NDArray[np.bool_], values: Reals) -> Reals:
-    """Return (H, W, C) with `values` (n, C) at the n hit pixels, 0 elsewhere."""
+    """Return an image (H, W, C) with `values` (n, C) at the n pixels of `hit`, 0 elsewhere."""
     image = np.zeros((*hit.shape, values.shape[1]), values.dtype)
     image[hit] = values
     return image

@@ -1,4 +1,4 @@
-"""Gaussian Frosting: Gaussians in a layer on a mesh; shown as that mesh with the texture they give."""
+"""Gaussian Frosting: Gaussians in a layer on a mesh, drawn as the mesh with the texture it exports."""
 
 from msb.methods.sugar import PHOTOGRAPHS
 from msb.registry import extracted_mesh

@@ -1,4 +1,4 @@
-"""Gaussian Wrapping: oriented Gaussians, shown as the mesh around them, with colours at its vertices."""
+"""Gaussian Wrapping: oriented Gaussians, drawn as the extracted mesh with vertex colours."""
 
 from msb.registry import extracted_mesh
 from msb.scenes.datasets.rules import FULL_SIZE, Rules

@@ -1,4 +1,4 @@
-"""Any mesh that came from elsewhere."""
+"""Any mesh from another source."""
 
 from msb.registry import NO_APPEARANCE, Method
 

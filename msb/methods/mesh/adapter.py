@@ -1,4 +1,4 @@
-"""Read any other mesh file; files of the methods' own exporters are among them."""
+"""Read any other mesh file, including files that the methods' exporters write."""
 
 from dataclasses import dataclass, replace
 
@@ -15,15 +15,15 @@ from msb.registry import METHODS
 
 
 def recognises(content: Content) -> bool:
-    """Return whether `content` is a mesh file, and no table of primitives."""
+    """Return whether `content` is a mesh file, and not a PLY with a table of primitives."""
     if content.place.kind == "ply":
         return not {"rot_0", "x1"} & set(content.ply_names)
     return content.place.kind == "mesh"
 
 
 def read(place: Place, content: Content, options: Options) -> Model:
-    """Return the mesh at `place`, every row and its colours as stored."""
-    Settings("mesh", options.settings)  # it has none: any name is an error
+    """Return the mesh at `place` with all rows and its colours as stored."""
+    Settings("mesh", options.settings)  # a mesh has no settings, so any name is an error
     mesh = read_mesh(place.file)
     with about(place.file):
         buffers, domains, appearance = mesh_buffers(mesh)
@@ -35,16 +35,16 @@ def read(place: Place, content: Content, options: Options) -> Model:
 
 @dataclass(frozen=True)
 class ByName:
-    """The adapter of a method that brings none: a mesh file with one of the names that it declares."""
+    """The adapter of a method without an adapter module: mesh files with one of the method's file names."""
 
     method: str
 
     def recognises(self, content: Content) -> bool:
-        """Return whether `content` is a mesh file whose name says that it is of this method."""
+        """Return whether `content` is a mesh file with a file name of this method."""
         return recognises(content) and is_named(METHODS[self.method], content.place.file)
 
     def read(self, place: Place, content: Content, options: Options) -> Model:
-        """Return the mesh at `place`, as `read`, with what its `cfg_args` says, if there is one."""
+        """Return the mesh at `place` with the values of its `cfg_args` file, if it has one."""
         model = read(place, content, options)
         description = replace(model.description, method=self.method)
         arguments, files, warnings = read_cfg_args(place.root)

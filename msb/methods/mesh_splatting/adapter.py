@@ -1,7 +1,8 @@
-"""MeshSplatting: ``point_cloud/iteration_N/point_cloud_state_dict.pt`` or a mesh PLY.
+"""Read MeshSplatting: ``point_cloud/iteration_N/point_cloud_state_dict.pt`` or a mesh PLY.
 
-Layout: meshsplatting/mesh-splatting at 608e5d0 (scene/triangle_model.py, create_ply.py). Everything is per
-vertex; sigma is global. Its sibling Triangle Splatting+ lacks `pixel_count` alone and is read here, too.
+Layout: meshsplatting/mesh-splatting at 608e5d0 (scene/triangle_model.py, create_ply.py). All parameters are
+per vertex; sigma is global. Files of Triangle Splatting+ differ only in the missing `pixel_count` and are
+read here, too.
 """
 
 import math
@@ -22,12 +23,12 @@ from msb.meshes.assets import mesh_buffers
 from msb.meshes.files import read_mesh
 
 KEYS = ("triangles_points", "_triangle_indices", "vertex_weight", "features_dc", "sigma")
-# The opacity floor that the re-import of a PLY imposes.
+# The opacity floor that the official code sets when it imports a PLY.
 _FLOOR_OF_MESHES = 0.9999
 
 
 def recognises(content: Content) -> bool:
-    """Return whether `content` is a state dict with shared vertices, and counts of pixels."""
+    """Return whether `content` is a state dict with shared vertices and pixel counts."""
     return shares_vertices(content) and "pixel_count" in content.value
 
 
@@ -38,10 +39,10 @@ def shares_vertices(content: Content) -> bool:
 
 
 def read(place: Place, content: Content, options: Options, method: str = "mesh_splatting") -> Model:
-    """Return the model at `place` as one of `method`, which has this layout.
+    """Return the model at `place` as a model of `method`, which has this layout.
 
-    The opacity of a vertex is floor + (1 - floor) sigmoid(logit). The floor is not stored: it is what the
-    method's official loader imposes.
+    The opacity of a vertex is floor + (1 - floor) sigmoid(logit). Files do not store the floor; it is the
+    value that the method's official loader sets.
     """
     if place.kind in ("ply", "mesh"):
         return _read_mesh(method, place, options)
@@ -50,7 +51,7 @@ def read(place: Place, content: Content, options: Options, method: str = "mesh_s
     positions = tensors.floats("triangles_points", "V", 3)
     count = len(positions)
     degree = 0
-    if "features_rest" in tensors:  # optional, as for the official exporter
+    if "features_rest" in tensors:  # optional, like in the official exporter
         degree = tensors.degree("features_rest", tensors.axis("features_rest", 1))
     buffers: dict[str, Any] = {
         "positions": positions,
@@ -74,16 +75,16 @@ def read(place: Place, content: Content, options: Options, method: str = "mesh_s
 
 
 def _read_mesh(method: str, place: Place, options: Options) -> Model:
-    """Return the model the official code makes of an exported mesh: opaque, its colours as coefficient 0.
+    """Return the model that the official code builds from an exported mesh: opaque, with SH degree 0.
 
-    f_dc = clip((rgb - 0.5) / C0, -4, 4), an infinite logit, no higher SH.
+    f_dc = clip((rgb - 0.5) / C0, -4, 4), with infinite opacity logits.
     """
     settings = Settings(method, options.settings)
     mesh = read_mesh(place.file)
     with about(place.file):
         buffers, _, _ = mesh_buffers(mesh)
     if mesh.vertex_colors is None:
-        text = "it has no vertex colours; the PLY of the official exporter has red, green, blue, alpha"
+        text = "vertex colours are missing; the PLY of the official exporter has red, green, blue, alpha"
         raise CheckpointError("CHECKPOINT_LAYOUT", text, file=place.file, pointer="red")
     colors = mesh.vertex_colors[:, :3].astype(np.float32)
     if mesh.vertex_colors.dtype == np.uint8:
@@ -99,6 +100,7 @@ def _read_mesh(method: str, place: Place, options: Options) -> Model:
 def _description(
     method: str, settings: Settings, degree: int, arguments: Mapping[str, Any], up: str
 ) -> Description:
+    """Return the description of a model for its manifest."""
     stored = settings.finish(degree)
     return Description(
         method=method,
@@ -114,4 +116,5 @@ def _description(
 
 
 def _exp(logarithm: float) -> float:
+    """Return exp(logarithm), or infinity if it overflows."""
     return math.exp(logarithm) if logarithm < 700 else math.inf

@@ -1,4 +1,4 @@
-"""MeshSplatting on the dedicated tier: settings and activations."""
+"""Native rendering of MeshSplatting: settings and activations."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -13,7 +13,7 @@ from msb.render.splat.view import Culling
 
 
 def splat_model(asset: Asset, settings: Mapping[str, Any]) -> Model:
-    """Return `asset` as the kernels take it; errors as `make_model`."""
+    """Return `asset` in the form that the kernels read; errors as in `make_model`."""
     require(asset, "opacity", "encoding", "logit")
     floor, scale = settings["opacity_floor"], settings["supersample"]
     logits = required_buffer(asset, "opacity", asset.manifest.vertex_count)

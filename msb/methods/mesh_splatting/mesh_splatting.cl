@@ -15,22 +15,23 @@
 #define BLENDS_CROSSING 0
 #define VERTEX_COLORS 1
 #define COLORS 9
-#define SMALL_IS_DROPPED 0 // not if two corners coincide on the screen
+#define SMALL_IS_DROPPED 0 // even if two corners coincide on the screen
 
-// coverage, of vertices: opacity, the rim; with PLUS the share of the inradius at which o phi^sigma = 0.01. f_dc holds the vertices' colours.
+// coverage, per vertex: opacity, rim; with PLUS also the phi with o phi^sigma = 0.01. f_dc has the vertices'
+// colours.
 
 #if ENGINE
 #define LINES 12
-// inverse_weight are those of the barycentric coordinates 1 and 2.
+// inverse_weight belongs to the barycentric coordinates 1 and 2.
 #define SHAPE(REAL) REAL lines[LINES], inverse_weight[2], opacity;
 #else
-// inverse is 1 / inradius; origin is corner 0, e1 and e2 the edges from it, area 1 / (e1 x e2). depth is that
-// of corner 0, and what corners 1 and 2 have more.
+// inverse is 1 / inradius; origin is corner 0, e1 and e2 are the edges from it, area is 1 / (e1 x e2). depth
+// has the depth of corner 0, and the differences of corners 1 and 2 to it.
 #define SHAPE(REAL)                                                                                          \
     REAL normal_x[3], normal_y[3], offset[3], inverse, opacity;                                              \
     REAL origin[2], e1[2], e2[2], area, depth[3];
 #endif
-// color is that of corner 0, and what corners 1 and 2 have more.
+// color has the colour of corner 0, and the differences of corners 1 and 2 to it.
 #define FACE_MEMBERS(REAL, INT)                                                                              \
     {                                                                                                        \
         SHAPE(REAL)                                                                                          \
@@ -41,7 +42,7 @@ typedef struct BY_EIGHTS Face FACE_MEMBERS(float, int) Face;
 typedef struct FACE_MEMBERS(real, mask) Faces;
 #include "edge_window.cl"
 
-// The product of unsigned extents is 0 upstream for an empty box; it never is negative here.
+// In the official code the product of unsigned extents is 0 for an empty box; here it is never negative.
 Box corner_tiles(__constant View *view, const Window *w)
 {
     Box found = {(mask)(int)view->columns, (mask)(int)view->rows, (mask)0, (mask)0};
@@ -89,7 +90,7 @@ mask project_faces(const size_t *rows, const Source *source, __constant View *vi
     real rim = load(source->coverage, v.rows[0], COVERAGE, 1);
     for (int k = 1; k < 3; k++) {
         opacity = lesser(opacity, load(source->coverage, v.rows[k], COVERAGE, 0));
-        // The rim grows as opacity falls: that of the least opacity is the largest.
+        // The rim grows as opacity falls, so the vertex with the least opacity has the largest rim.
         rim = greater(rim, load(source->coverage, v.rows[k], COVERAGE, 1));
     }
     vec3 p[3];
@@ -108,7 +109,7 @@ mask project_faces(const size_t *rows, const Source *source, __constant View *vi
         return kept;
     *depth = w.depth;
 #if PLUS
-    real shrunk = load(source->coverage, v.rows[0], COVERAGE, 2); // as the rim
+    real shrunk = load(source->coverage, v.rows[0], COVERAGE, 2); // like the rim
     for (int k = 1; k < 3; k++)
         shrunk = greater(shrunk, load(source->coverage, v.rows[k], COVERAGE, 2));
     *official = contour_tiles(view, &w, shrunk);
@@ -149,7 +150,7 @@ void color_faces(const size_t *rows, const Source *source, __constant View *view
     }
 }
 
-// Officially colours are interpolated linearly on the screen, not perspective-correctly.
+// The official kernel interpolates colours linearly on the screen, without perspective correction.
 void shade(FACE_POINTER f, const Columns *c, float y, const Sample *s, real *rgb, real *z)
 {
 #if ENGINE

@@ -1,17 +1,17 @@
-// MeshSplatting: an indexed mesh with colours and opacities at its vertices. The text of mesh_splatting.cl for
-// graphics hardware; its comments say more.
+// MeshSplatting: an indexed mesh with vertex colours and opacities. A translation of mesh_splatting.cl for
+// graphics hardware; its comments explain more.
 
-const STOP = 1e-4; // the face that would take T below it is refused
+const STOP = 1e-4; // a face that would lower T below it is not blended
 #if PLUS
 const MAX_ALPHA = 0.99;
-const COVERAGE = 3u; // of vertices: opacity, the rim, the share of the inradius at which o phi^sigma = 0.01
+const COVERAGE = 3u; // per vertex: opacity, rim, the phi with o phi^sigma = 0.01
 #else
 const MAX_ALPHA = 0.999;
-const COVERAGE = 2u; // of vertices: opacity, the rim
+const COVERAGE = 2u; // per vertex: opacity, rim
 #endif
 const MARGIN = 5.0;
 
-// color is that of corner 0, and what corners 1 and 2 have more.
+// color0 is the colour of corner 0; color1 and color2 are the differences of corners 1 and 2 to it.
 #if ENGINE
 struct Face {
     quad: vec4<f32>,
@@ -32,8 +32,8 @@ struct Face {
     origin: vec4<f32>,   // corner 0 in samples, 1 / twice the area, depth of corner 0
     edges: vec4<f32>,    // from corner 0 to corners 1 and 2
     color: vec4<f32>,
-    color1: vec4<f32>,   // then what corner 1 is deeper
-    color2: vec4<f32>,   // then corner 2
+    color1: vec4<f32>,   // then the depth difference of corner 1
+    color2: vec4<f32>,   // then of corner 2
 }
 #endif
 
@@ -54,7 +54,7 @@ fn color_face(number: u32, face: ptr<function, Face>) {
 }
 #endif
 
-// The product of unsigned extents is 0 upstream for an empty box; it never is negative here.
+// In the official code the product of unsigned extents is 0 for an empty box; here it is never negative.
 fn corner_tiles(w: ptr<function, Window>) -> vec4<i32> {
     var found = vec4<i32>(i32(view.columns), i32(view.rows), 0, 0);
     for (var k = 0; k < 3; k++) {
@@ -73,7 +73,7 @@ fn project_face(number: u32, face: ptr<function, Face>) -> Projected {
     let rows = corners_of(number);
     let at = COVERAGE * rows;
     let opacity = min(min(coverage[at.x], coverage[at.y]), coverage[at.z]);
-    // The rim grows as opacity falls: that of the least opacity is the largest.
+    // The rim grows as opacity falls, so the vertex with the least opacity has the largest rim.
     let rim = max(max(coverage[at.x + 1u], coverage[at.y + 1u]), coverage[at.z + 1u]);
     if (opacity < MIN_OPACITY) {
         return found;
@@ -136,7 +136,7 @@ fn cover(face: Face, x: f32, y: f32) -> Seen {
 }
 #else
 
-// Officially colours are interpolated linearly on the screen, not perspective-correctly.
+// The official kernel interpolates colours linearly on the screen, without perspective correction.
 fn cover(face: Face, x: f32, y: f32) -> Seen {
     let nearest = nearest_edge(face.normal_x.xyz, face.normal_y.xyz, face.offset.xyz, x, y);
     let alpha = min(MAX_ALPHA, face.normal_y.w * window_power(nearest * face.normal_x.w, view.sigma));

@@ -1,4 +1,4 @@
-"""What MeshSplatting's own exporter writes: a PLY with vertex RGBA."""
+"""The official export format of MeshSplatting: a PLY with vertex RGBA."""
 
 from pathlib import Path
 
@@ -15,7 +15,7 @@ SUFFIXES = (".ply",)
 
 
 def write(asset: Asset, path: Path) -> None:
-    """Write all vertices and faces as stored, with baked RGB and full alpha.
+    """Write all vertices and faces as stored, with the colours of SH degree 0 and alpha 1.
 
     meshsplatting/mesh-splatting at 608e5d0: create_ply.py.
     """

@@ -1,4 +1,4 @@
-"""MeshSplatting: an indexed mesh with colours and opacities at its vertices, drawn supersampled.
+"""MeshSplatting: an indexed mesh with vertex colours and opacities, rendered with supersampling.
 
 Sources: meshsplatting/mesh-splatting at 608e5d0: scene/triangle_model.py (activations),
 triangle_renderer/__init__.py (supersampling); meshsplatting/diff-triangle-mesh-rasterization at b27f283:
@@ -21,15 +21,17 @@ from msb.reference.sh import colors_from_sh
 from msb.reference.tiles import TILE, Integers, Modes, Rectangles, grid_size, tile_number
 from msb.scenes import Camera
 
+# (windows, opacity, sigma, view) -> the tiles of each face.
 TilesOf = Callable[[Windows, Reals, Reals, SplattingCamera], Rectangles]
+# Upper limit of alpha.
 MAX_ALPHA = 0.999
-# Samples by which a face's tiles reach beyond its corners.
+# Samples that the tiles of a face reach beyond its corners.
 MARGIN = 5
 _RULE = Rule(blends_crossing=False, weight_first=False)
 
 
-def corner_tiles(windows: Windows, view: SplattingCamera) -> Rectangles:
-    """Return the tiles of the box around the corners, 5 samples wider on each side."""
+def corner_tiles(windows: Windows, opacity: Reals, sigma: Reals, view: SplattingCamera) -> Rectangles:
+    """Return the tiles of the box around the corners, widened by 5 samples on each side."""
     margin = windows.corners.dtype.type(MARGIN)
     grid = grid_size(view.width, view.height)
     low = tile_number(np.floor((windows.corners - margin) / TILE), grid).min(axis=1)
@@ -47,18 +49,19 @@ def render(
     *,
     max_alpha: float = MAX_ALPHA,
     flat_depth: bool = False,
-    tiles_of: TilesOf | None = None,
+    tiles_of: TilesOf = corner_tiles,
 ) -> ReferenceFrame:
-    """Return `asset` seen by `camera`; see `render_reference`. The defaults are MeshSplatting's.
+    """Return the frame of `asset` from `camera`; see `render_reference`. The defaults are MeshSplatting's.
 
-    `max_alpha` caps alpha. With `flat_depth` a face has the depth of its centroid everywhere, otherwise that
-    of its corners is interpolated. `tiles_of` gives the tiles of faces, `corner_tiles` by default.
+    `max_alpha` limits alpha. With `flat_depth` a face has the depth of its centroid everywhere; otherwise the
+    depths of its corners are interpolated. `tiles_of` returns the tiles of faces.
     """
     samples = settings["supersample"]
     view = splatting_camera(camera, NEAR, FAR, dtype, samples)
     positions = asset.buffers["positions"].astype(dtype)
     indices = asset.buffers["indices"]
     vertices = len(positions)
+    # Activated parameters: opacity of a face is the least of its vertices; colours and depths are per corner.
     floor = settings["opacity_floor"]
     opacity = dtype(floor) + dtype(1 - floor) * opacities(asset, vertices, dtype)
     opacity = opacity[indices].min(axis=1)
@@ -66,12 +69,10 @@ def render(
     coefficients = sh_coefficients(asset, vertices, dtype)
     color = colors_from_sh(coefficients, positions, view.center, settings["sh_degree"])[indices]
     depth = transform(view.world_to_camera[:3], positions)[:, 2][indices]
+    # Project, and cull by shape, opacity and empty tiles.
     shapes = project_shapes(positions[indices], view, modes)
     if isinstance(shapes, Windows):
-        if tiles_of is None:
-            rectangles = corner_tiles(shapes, view)
-        else:
-            rectangles = tiles_of(shapes, opacity, sigma, view)
+        rectangles = tiles_of(shapes, opacity, sigma, view)
     else:
         rectangles = shapes.rectangles
     kept = ~(shapes.dropped | (opacity < dtype(MIN_OPACITY)) | rectangles.empty)
@@ -92,6 +93,7 @@ def render(
             shapes.normal[chosen],
         )
 
+    # Blend all samples, then average the samples of each pixel.
     tiles = modes.tiles(rectangles, shapes.depth, kept, view)
     weights = np.zeros(len(kept))
     blended = composite(tiles, cover, shade, _RULE, view.width, view.height, dtype, weights)

@@ -1,4 +1,4 @@
-"""MILo: Gaussians whose mesh is trained along with them; shown as that mesh, with colours at its vertices."""
+"""MILo: Gaussians whose mesh is optimised with them, drawn as that mesh with vertex colours."""
 
 from msb.registry import extracted_mesh
 from msb.scenes.datasets.rules import FULL_SIZE, Rules

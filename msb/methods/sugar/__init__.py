@@ -1,11 +1,11 @@
-"""SuGaR: Gaussians on a mesh; shown as that mesh with the texture that their renderings give."""
+"""SuGaR: Gaussians on a mesh, drawn as the mesh with the texture baked from their renderings."""
 
 from msb.registry import extracted_mesh
 from msb.scenes.datasets.rules import FAMILY, Photographs, Rules
 
 PHOTOGRAPHS = {
     **{key: rule for key, rule in FAMILY.items() if key != "dtu"},
-    # Sides above 1920 pixels are reduced to that; both sides are rounded where ours are cut off.
+    # Sides above 1920 pixels are reduced to 1920. Official code rounds both sides, ours truncates them.
     "mipnerf360/outdoor": Photographs(resolution=1920),
     "mipnerf360/indoor": Photographs(resolution=1920),
 }

@@ -1,4 +1,4 @@
-"""3DGS: recognised, and refused with the reason."""
+"""3DGS: files are recognised and rejected with the reason."""
 
 from msb.registry import OTHER_LPIPS, TIERS, Method
 from msb.scenes.datasets.rules import FAMILY, Rules

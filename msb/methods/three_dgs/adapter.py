@@ -1,4 +1,4 @@
-"""3DGS: recognised, and refused with the reason; its primitives are Gaussians."""
+"""3DGS: files are recognised and rejected, because the primitives are Gaussians."""
 
 from typing import NoReturn
 
@@ -7,7 +7,7 @@ from msb.adapters.model import Content, Options
 from msb.errors import Unsupported
 from msb.registry import METHODS
 
-# Items of the tuple that its training captures in chkpntN.pth (graphdeco-inria/gaussian-splatting).
+# Items of the tuple that training stores in chkpntN.pth (graphdeco-inria/gaussian-splatting).
 _CAPTURED = 12
 
 
@@ -25,7 +25,7 @@ def recognises(content: Content) -> bool:
 
 
 def read(place: Place, content: Content, options: Options) -> NoReturn:
-    """Refuse."""
+    """Raise UNSUPPORTED_METHOD."""
     why = METHODS["three_dgs"].unsupported["standard"]
-    text = f"three_dgs on every tier: {why}, so there is no asset to export"
+    text = f"three_dgs on every tier: {why}, so it cannot be exported"
     raise Unsupported("UNSUPPORTED_METHOD", text, file=place.file)

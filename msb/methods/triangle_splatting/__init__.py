@@ -1,4 +1,4 @@
-"""Triangle-Splatting: soups of triangles whose weight falls off from the incentre to the edges."""
+"""Triangle-Splatting: triangle soups whose weight falls off from the incentre to the edges."""
 
 from msb.registry import AWARE, BAKED, BAKED_DC, BLENDED, SH_DEGREE, Method, Native, Retained, Setting
 from msb.scenes.datasets.rules import FAMILY, Rules

@@ -1,7 +1,7 @@
 """Read Triangle-Splatting's ``point_cloud/iteration_N/point_cloud_state_dict.pt``.
 
-Layout: trianglesplatting/triangle-splatting at 685ff27 (scene/triangle_model.py). A primitive is one free
-triangle with one opacity logit, one sigma and one set of SH coefficients.
+Layout: trianglesplatting/triangle-splatting at 685ff27 (scene/triangle_model.py). A primitive is a triangle
+that shares no vertices, with one opacity logit, one sigma and one set of SH coefficients.
 """
 
 from msb.adapters.locate import Place
@@ -12,11 +12,12 @@ from msb.asset import Description
 from msb.asset.manifest import CoordinateFrame
 
 KEYS = ("triangles_points", "features_dc", "features_rest", "opacity", "sigma", "active_sh_degree")
+# Keys of methods with shared vertices.
 _NOT_OURS = {"_triangle_indices", "vertex_weight"}
 
 
 def recognises(content: Content) -> bool:
-    """Return whether `content` is a state dict with free triangles."""
+    """Return whether `content` is a state dict of triangles without shared vertices."""
     value = content.value
     return isinstance(value, dict) and "triangles_points" in value and not _NOT_OURS & value.keys()
 
@@ -24,7 +25,8 @@ def recognises(content: Content) -> bool:
 def read(place: Place, content: Content, options: Options) -> Model:
     """Return the model at `place`.
 
-    `sigma` is stored as the s of the checkpoint; renderers use 0.01 + exp(s), as `coverage` says.
+    `sigma` is stored as the s of the checkpoint. Renderers use 0.01 + exp(s), as `coverage` in the manifest
+    states.
     """
     settings = Settings("triangle_splatting", options.settings)
     tensors = Tensors(content.mapping(place.file), place.file, options.check_values)

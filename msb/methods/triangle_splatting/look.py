@@ -1,4 +1,4 @@
-"""Triangle-Splatting on the dedicated tier: settings and activations."""
+"""Native rendering of Triangle-Splatting: settings and activations."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -13,7 +13,7 @@ from msb.render.splat.view import Culling
 
 
 def splat_model(asset: Asset, settings: Mapping[str, Any]) -> Model:
-    """Return `asset` as the kernels take it; errors as `make_model`."""
+    """Return `asset` in the form that the kernels read; errors as in `make_model`."""
     require(asset, "opacity", "encoding", "logit")
     require(asset, "coverage", "sigma_encoding", "exp")
     count = asset.manifest.face_count
@@ -29,9 +29,9 @@ def splat_model(asset: Asset, settings: Mapping[str, Any]) -> Model:
         coverage=np.stack([opacity, sigma, contour(opacity, sigma), rim(opacity, sigma)], axis=1),
         near=0.01,
         far=100.0,
-        # Where two edges are nearly parallel (a determinant of 1e-3) rounding moves their intersection by up
-        # to 0.1 % of its distance from the first sample, which is at most a side of the raster, which
-        # `Culling` adds, and the 1600 samples beyond that a face may reach.
+        # If two edges are nearly parallel (a determinant of 1e-3), rounding moves their intersection by up to
+        # 0.1 % of its distance from the first sample. That distance is at most one side of the raster, which
+        # `Culling` adds, plus the 1600 samples that a face may reach beyond it.
         culling=Culling(nearest=0.2, dilation=1.0, margin=8.0),
         own={"broadcast_z": np.uint32(settings["view_dir"] == "broadcast_z")},
         outputs=("normal", "depth_median"),

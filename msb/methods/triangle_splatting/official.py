@@ -1,4 +1,4 @@
-"""What Triangle-Splatting's own exporter writes: COFF with merged vertices and face colours."""
+"""The official export format of Triangle-Splatting: COFF with merged vertices and face colours."""
 
 from pathlib import Path
 
@@ -14,12 +14,13 @@ SUFFIXES = (".off",)
 
 
 def write(asset: Asset, path: Path) -> None:
-    """Write COFF with merged vertices and face colours: all stored SH seen from the world's origin.
+    """Write COFF with merged vertices and face colours, all SH degrees seen from the world's origin.
 
     trianglesplatting/triangle-splatting at 685ff27: create_off.py.
     """
     positions = asset.buffers["positions"]
     triangles = positions.reshape(-1, 3, 3)
+    # Colours: SH of all stored degrees in the direction of each centroid, truncated to bytes.
     directions = triangles.mean(axis=1, dtype=np.float32)
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     colors = np.float32(SH_C0) * asset.buffers["f_dc"]
@@ -27,6 +28,7 @@ def write(asset: Asset, path: Path) -> None:
         colors = colors + value[:, None] * rest_coefficients(asset)[:, number]
     colors = colors + np.float32(0.5)
     levels = (np.clip(colors, 0, 1) * np.float32(255)).astype(np.uint8)
+    # Merge vertices with equal coordinates.
     vertices, index = np.unique(positions, axis=0, return_inverse=True)
     faces = index.reshape(-1, 3)
     rows = np.column_stack([np.full(len(faces), 3), faces, levels, np.full(len(faces), 255)])

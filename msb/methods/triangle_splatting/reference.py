@@ -1,4 +1,4 @@
-"""Triangle-Splatting: free triangles with a window that falls off from the incentre to the edges.
+"""Triangle-Splatting: a triangle soup with a window that falls off from the incentre to the edges.
 
 Sources: trianglesplatting/triangle-splatting at 685ff27: scene/triangle_model.py (activations),
 triangle_renderer/__init__.py; trianglesplatting/diff-triangle-rasterization at 6d61f4c:
@@ -22,8 +22,9 @@ from msb.reference.sh import colors_from_sh
 from msb.reference.tiles import TILE, Integers, Modes, Rectangles, grid_size, tile_number
 from msb.scenes import Camera
 
+# Upper limit of alpha.
 MAX_ALPHA = 0.99
-# Two edges more parallel than this have no corner.
+# Two edges with a smaller determinant of their normals are treated as parallel.
 MIN_DETERMINANT = 1e-3
 _RULE = Rule(blends_crossing=False, weight_first=False)
 
@@ -36,7 +37,7 @@ def render(
     dtype: type[Any],
     modes: Modes,
 ) -> ReferenceFrame:
-    """Return `asset` seen by `camera`; see `render_reference`."""
+    """Return the frame of `asset` from `camera`; see `render_reference`."""
     view = splatting_camera(camera, NEAR, FAR, dtype)
     vertices = triangles(asset, dtype)
     faces = len(vertices)
@@ -87,19 +88,20 @@ def render(
 
 
 def points_seen(vertices: Reals, view_dir: str) -> Reals:
-    """Return the points (F, 3) towards which the colours of triangles (F, 3, 3) are evaluated.
+    """Return the points (F, 3) that define the view directions of triangles (F, 3 corners, 3).
 
-    "broadcast_z": (g_z, g_z, g_z), where g_z is the world z of the centroid. The official kernel means the
-    centroid, but its expression broadcasts the last component; trained coefficients are right only with this.
+    "broadcast_z": (g_z, g_z, g_z), where g_z is the world z of the centroid. The official kernel intends the
+    centroid, but its expression broadcasts the last component, so trained coefficients are correct only with
+    this direction.
     """
     center = centroid(vertices)
     return np.repeat(center[:, 2:], 3, axis=1) if view_dir == "broadcast_z" else center
 
 
 def contour_tiles(windows: Windows, opacity: Reals, sigma: Reals, view: SplattingCamera) -> Rectangles:
-    """Return the tiles of the contour where o phi^sigma = 0.01: each edge moved inwards, then intersected.
+    """Return the tiles of the contour o phi^sigma = 0.01: the edges moved inwards, then intersected.
 
-    The rim beyond it, down to alpha = 1/255, is seen only in tiles that the contour touches.
+    Samples beyond the contour, down to alpha = 1/255, are visible only in tiles that the contour touches.
     """
     real = opacity.dtype.type
     edge_normal, edge_offset = windows.edge_normal, windows.edge_offset
@@ -107,11 +109,12 @@ def contour_tiles(windows: Windows, opacity: Reals, sigma: Reals, view: Splattin
     offset = edge_offset / norm(edge_normal)
     distance = np.zeros_like(opacity)
     for edge in range(3):
-        # One edge's distance serves all three, unless it underflowed to 0.
+        # The distance of one edge is used for all three, unless it underflowed to 0.
         distance = np.where(distance == 0, windows.inradius[:, edge] * shrunk, distance)
         offset[:, edge] = offset[:, edge] - distance
     grid = grid_size(view.width, view.height)
     low, high = np.tile(grid, (len(opacity), 1)), np.zeros((len(opacity), 2), np.int64)
+    # Intersect each pair of moved edges, and extend the box of tiles by the intersection.
     for current, previous in ((1, 0), (2, 1), (0, 2)):
         n, m = edge_normal[:, current], edge_normal[:, previous]
         t, s = offset[:, current], offset[:, previous]
@@ -119,7 +122,7 @@ def contour_tiles(windows: Windows, opacity: Reals, sigma: Reals, view: Splattin
         x = -(t * m[:, 1] - s * n[:, 1]) / determinant
         y = -(s * n[:, 0] - t * m[:, 0]) / determinant
         corner = np.stack([x, y], axis=-1)
-        # The official test compares with a double; the last pair's is the other way round, so NaN skips it.
+        # The official test compares with a double. For the last pair it is reversed, so NaN skips that pair.
         size = np.abs(determinant).astype(np.float64)
         skipped = ~(size > MIN_DETERMINANT) if current == 0 else size < MIN_DETERMINANT
         use = ~skipped[:, None]

@@ -1,5 +1,5 @@
-// Triangle-Splatting: free triangles with a window that falls off from the incentre to the edges.
-// Sources: trianglesplatting/diff-triangle-rasterization at 6d61f4c: cuda_rasterizer/forward.cu.
+// Triangle-Splatting: a triangle soup with a window that falls off from the incentre to the edges. Sources:
+// trianglesplatting/diff-triangle-rasterization at 6d61f4c: cuda_rasterizer/forward.cu.
 
 #include "splat_common.cl"
 #include "splat_soup.cl"
@@ -9,7 +9,7 @@
 #define BLENDS_CROSSING 0
 #define SMALL_IS_DROPPED 1
 
-// coverage: opacity, sigma, the share of the inradius at which o phi^sigma = 0.01, the rim.
+// coverage: opacity, sigma, the phi with o phi^sigma = 0.01, the rim.
 
 #if ENGINE
 #define LINES 12
@@ -49,7 +49,7 @@ mask project_faces(const size_t *rows, const Source *source, __constant View *vi
         return kept;
     *depth = w.depth;
     *official = contour_tiles(view, &w, coverage[2]);
-    // As upstream: the product of unsigned extents, so a face all of whose corners were skipped is kept.
+    // Like the official product of unsigned extents, this keeps a face if all its corners were skipped.
     kept &= (official->x1 != official->x0) & (official->y1 != official->y0);
     keep_window(view, &w, coverage[3], f);
     f->depth = w.depth;
@@ -60,8 +60,8 @@ mask project_faces(const size_t *rows, const Source *source, __constant View *vi
 void color_faces(const size_t *rows, const Source *source, __constant View *view, real *color)
 {
     vec3 seen = {color[0], color[1], color[2]};
-    // Upstream means the centroid, but its expression broadcasts the last component; trained coefficients
-    // are right only with this.
+    // The official kernel intends the centroid, but its expression broadcasts the last component, so trained
+    // coefficients are correct only with this direction.
     if (view->own.broadcast_z)
         seen = (vec3){seen.z, seen.z, seen.z};
     color_of(view, source->f_dc, source->f_rest, rows, seen, color);

@@ -1,10 +1,10 @@
-// Triangle-Splatting: free triangles with a window that falls off from the incentre to the edges. The text of
-// triangle_splatting.cl for graphics hardware; its comments say more.
-// Sources: trianglesplatting/diff-triangle-rasterization at 6d61f4c: cuda_rasterizer/forward.cu.
+// Triangle-Splatting: a triangle soup with a window that falls off from the incentre to the edges. A
+// translation of triangle_splatting.cl for graphics hardware; its comments explain more. Sources:
+// trianglesplatting/diff-triangle-rasterization at 6d61f4c: cuda_rasterizer/forward.cu.
 
-const STOP = 1e-4; // the face that would take T below it is refused
+const STOP = 1e-4; // a face that would lower T below it is not blended
 const MAX_ALPHA = 0.99;
-const COVERAGE = 4u; // opacity, sigma, the share of the inradius at which o phi^sigma = 0.01, the rim
+const COVERAGE = 4u; // opacity, sigma, the phi with o phi^sigma = 0.01, the rim
 
 #if ENGINE
 struct Face {
@@ -34,8 +34,8 @@ struct Face {
 
 fn point_seen(rows: vec3<u32>) -> vec3<f32> {
     let center = center_of(position(rows.x), position(rows.y), position(rows.z));
-    // Upstream means the centroid, but its expression broadcasts the last component; trained coefficients
-    // are right only with this.
+    // The official kernel intends the centroid, but its expression broadcasts the last component, so trained
+    // coefficients are correct only with this direction.
     return select(center, center.zzz, view.broadcast_z == 1u);
 }
 
@@ -62,7 +62,7 @@ fn project_face(number: u32, face: ptr<function, Face>) -> Projected {
     }
     found.depth = w.depth;
     found.tiles = contour_tiles(&w, coverage[COVERAGE * number + 2u]);
-    // As upstream: the product of unsigned extents, so a face all of whose corners were skipped is kept.
+    // Like the official product of unsigned extents, this keeps a face if all its corners were skipped.
     found.kept = found.tiles.x != found.tiles.z && found.tiles.y != found.tiles.w;
     found.samples = window_box(&w, coverage[COVERAGE * number + 3u]);
     let n = w.edge_normal;

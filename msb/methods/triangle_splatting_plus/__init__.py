@@ -1,4 +1,4 @@
-"""Triangle Splatting+: MeshSplatting's older sibling, of the same layout and nearly the same look."""
+"""Triangle Splatting+: the predecessor of MeshSplatting, with its layout and nearly its image formation."""
 
 from dataclasses import replace
 

@@ -1,7 +1,7 @@
 """Read Triangle Splatting+: ``point_cloud/iteration_N/point_cloud_state_dict.pt`` without `pixel_count`.
 
-Layout: trianglesplatting2/triangle-splatting2 at fcde03d (scene/triangle_model.py), that of MeshSplatting but
-for the missing counts; its loader imposes an opacity floor of 0.9999.
+Layout: trianglesplatting2/triangle-splatting2 at fcde03d (scene/triangle_model.py). It is the layout of
+MeshSplatting without pixel counts. The official loader sets an opacity floor of 0.9999.
 """
 
 from functools import partial
@@ -10,10 +10,10 @@ from msb.adapters.model import Content
 from msb.methods.mesh_splatting import adapter as sibling
 
 KEYS = sibling.KEYS
-# Return the model at a place, as MeshSplatting's adapter does; a mesh file as that re-imports one.
+# Return the model at a place like MeshSplatting's adapter; mesh files are imported by the same rules.
 read = partial(sibling.read, method="triangle_splatting_plus")
 
 
 def recognises(content: Content) -> bool:
-    """Return whether `content` is a state dict with shared vertices, without counts of pixels."""
+    """Return whether `content` is a state dict with shared vertices but without pixel counts."""
     return sibling.shares_vertices(content) and "pixel_count" not in content.value

@@ -1,4 +1,4 @@
-"""Triangle Splatting+ on the dedicated tier: MeshSplatting's kernels with their `PLUS` defined."""
+"""Native rendering of Triangle Splatting+: MeshSplatting's kernels with `PLUS` defined."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -12,10 +12,10 @@ from msb.render.splat.model import Model, contour
 
 
 def splat_model(asset: Asset, settings: Mapping[str, Any]) -> Model:
-    """Return `asset` as the kernels take it; errors as `make_model`."""
+    """Return `asset` in the form that the kernels read; errors as in `make_model`."""
     model = look.splat_model(asset, settings)
     shrunk = contour(model.coverage[:, 0], np.float32(settings["sigma"]))
-    # The margin is Triangle-Splatting's, whose tiles it has.
+    # Tiles and margin as in Triangle-Splatting.
     return replace(
         model,
         coverage=np.column_stack([model.coverage, shrunk]),

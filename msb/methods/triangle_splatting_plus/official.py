@@ -1,4 +1,4 @@
-"""What Triangle Splatting+'s own exporter writes: that of MeshSplatting is a copy of it.
+"""The official export format of Triangle Splatting+; MeshSplatting's exporter is a copy of it.
 
 trianglesplatting2/triangle-splatting2 at fcde03d: create_ply.py.
 """

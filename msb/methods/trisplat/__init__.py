@@ -1,4 +1,4 @@
-"""TriSplat: a network that gives triangles for a few photographs; shown as the mesh it exports."""
+"""TriSplat: a network that predicts triangles from a few photographs, drawn as the mesh it exports."""
 
 from msb.registry import extracted_mesh
 
@@ -9,5 +9,5 @@ METHOD = extracted_mesh(
         "mesh/DIRECT_triangle_mesh_post.ply",
         "mesh/DIRECT_triangle_mesh.ply",
     ),
-    None,  # it is trained on other datasets, and reads a few views of a scene at 224 or 448 pixels
+    None,  # trained on other datasets, with a few views per scene at 224 or 448 pixels
 )

@@ -1,4 +1,4 @@
-"""2DTS: soups of triangles whose weight falls off as a Gaussian of an eccentricity, sorted and blended."""
+"""2DTS: triangle soups with a Gaussian-like falloff of the eccentricity, sorted and blended."""
 
 from dataclasses import replace
 

@@ -1,7 +1,8 @@
-"""Read 2DTS: ``ckpt/N.ckpt`` or ``point_cloud/N.ply``, with a config that the checkpoint does not contain.
+"""Read 2DTS: ``ckpt/N.ckpt`` or ``point_cloud/N.ply``, and the training's configuration file.
 
-Layout: GaodeRender/triangle-splatting at 54c80f7 (src/diff_recon: the model's state dict and PLY writer).
-A primitive is one free triangle with one opacity logit and one set of SH coefficients; `gamma` is global.
+Layout: GaodeRender/triangle-splatting at 54c80f7 (src/diff_recon: the model's state dict and PLY writer). A
+primitive is a triangle that shares no vertices, with one opacity logit and one set of SH coefficients;
+`gamma` is global.
 """
 
 import re
@@ -24,7 +25,7 @@ from msb.meshes.ply_table import PlyTable
 KEYS = ("_vertex", "_opacity", "_f_dc", "_f_rest")
 _CORNERS = tuple(f"{axis}{corner}" for corner in (1, 2, 3) for axis in "xyz")
 _PLY_NAMES = (*_CORNERS, "opacity", "f_dc_0", "f_dc_1", "f_dc_2")
-# Setting -> its key in section "model" of a config, and what the official code takes where it is absent.
+# Setting -> its key in section "model" of a configuration, and the official default if the key is absent.
 _UPSTREAM: dict[str, tuple[str, Any]] = {
     "rasterizer": ("rasterizer_type", "3D"),
     "sh_degree": ("max_sh_degree", None),
@@ -34,20 +35,20 @@ _UPSTREAM: dict[str, tuple[str, Any]] = {
     "render_up_scale": ("render_up_scale", None),
 }
 
-# Deepest nesting of a config; real ones nest 3 deep.
+# Deepest nesting of a configuration; real ones have 3 levels.
 MAX_DEPTH = 32
 # GaodeRender/triangle-splatting: the first record of the log is a YAML dump between two lines of "=".
 _LOG_HEAD = re.compile(r"config args:[ \t]*\n=+[^\n]*=+[ \t]*\n(.*?)^=+[ \t]*$", re.DOTALL | re.MULTILINE)
 
 
 def training_scene(root: Path) -> object:
-    """Return the folder of the scene that the config in `root` names, if it does."""
+    """Return the folder of the training scene named in the configuration in `root`, or None."""
     dataset = read_config(root, None)[0].get("dataset")
     return dataset.get("local_dir") if isinstance(dataset, dict) else None
 
 
 def recognises(content: Content) -> bool:
-    """Return whether `content` is a checkpoint tuple whose first item has our keys, or a PLY of triangles."""
+    """Return whether `content` is a checkpoint tuple with the keys of 2DTS, or a PLY of triangles."""
     if content.ply_names:
         return "x1" in content.ply_names and "z3" in content.ply_names
     value = content.value
@@ -66,7 +67,7 @@ def read(place: Place, content: Content, options: Options) -> Model:
     warnings: list[Finding] = []
     if place.kind == "ply":
         tensors, prefix = _table_tensors(content.table(), place.file, options.check_values), ""
-        text = "a PLY does not hold gamma: it is 1, as for the official loader; --set gamma=G gives it"
+        text = "a PLY does not store gamma: 1 is used, as in the official loader; set it with --set gamma=G"
         warnings.append(finding("CHECKPOINT_CONFIG_MISSING", text, severity="warning", file=str(place.file)))
     else:
         tensors, gamma, box = _parts(content.value, place.file, options.check_values)
@@ -74,6 +75,7 @@ def read(place: Place, content: Content, options: Options) -> Model:
         settings.add("gamma", gamma, "checkpoint", place.file, "gamma")
     buffers, degree = _buffers(tensors, prefix)
     warnings += tensors.warnings
+    # Settings come from the configuration, or are the official defaults.
     config, files, config_warnings = read_config(place.root, options.config)
     warnings += config_warnings
     if config:
@@ -101,14 +103,15 @@ def read(place: Place, content: Content, options: Options) -> Model:
 
 
 def _box_names(box: list[float] | None) -> tuple[str, ...]:
+    """Return the keys of the scene box in the manifest, for a box of 4 or 6 numbers."""
     axes = "xyz"[: len(box) // 2] if box else ""
     return tuple(f"scene_bbox_{end}_{axis}" for end in ("min", "max") for axis in axes)
 
 
 def _parts(value: Any, file: Path, check_values: bool) -> tuple[Tensors, float, list[float] | None]:
-    """Return parameters, gamma and scene box of the checkpoint ``(params, optimizer, scene_bbox, gamma)``."""
+    """Return parameters, gamma and scene box of a checkpoint (params, optimizer, scene_bbox, gamma)."""
     if not isinstance(value, tuple) or len(value) != 4 or not isinstance(value[0], dict):
-        what = f"a tuple of {len(value)}" if isinstance(value, tuple) else "no tuple"
+        what = f"a tuple of {len(value)} items" if isinstance(value, tuple) else "not a tuple"
         text = f"it is {what}; it must be (params, optimizer, scene_bbox, gamma)"
         raise CheckpointError("CHECKPOINT_LAYOUT", text, file=file)
     gamma = Tensors({"gamma": value[3]}, file).number("gamma")
@@ -123,19 +126,18 @@ def _parts(value: Any, file: Path, check_values: bool) -> tuple[Tensors, float, 
 
 
 def _table_tensors(table: PlyTable, file: Path, check_values: bool) -> Tensors:
-    """Return the columns of a PLY, whose rows are triangles, in the shapes that a checkpoint has.
+    """Return the columns of a PLY (one row per triangle) in the shapes of a checkpoint.
 
     `f_rest` is coefficient-major, unlike in 3DGS.
     """
     missing = [name for name in _PLY_NAMES if name not in table.names]
     if missing:
-        text = f'element vertex has no property "{missing[0]}"; a 2DTS PLY has {", ".join(_PLY_NAMES)}'
+        text = f'property "{missing[0]}" of element vertex is missing; a 2DTS PLY has {", ".join(_PLY_NAMES)}'
         raise CheckpointError("CHECKPOINT_LAYOUT", text, file=file, pointer=missing[0])
     width = sum(name.startswith("f_rest_") for name in table.names)
     rest = [f"f_rest_{i}" for i in range(width)]
     if set(rest) - set(table.names) or width % 3:
-        text = f"there are {width} properties f_rest_*; "
-        text += "degree 0 to 3 has f_rest_0 up to 0, 9, 24 or 45 of them"
+        text = f"it has {width} properties f_rest_*; the SH degrees 0 to 3 have 0, 9, 24 or 45 of them"
         raise CheckpointError("CHECKPOINT_LAYOUT", text, file=file, pointer="f_rest")
     columns: dict[str, tuple[Sequence[str], tuple[int, ...]]] = {
         "vertex": (_CORNERS, (3, 3)),
@@ -143,7 +145,7 @@ def _table_tensors(table: PlyTable, file: Path, check_values: bool) -> Tensors:
         "f_dc": (_PLY_NAMES[-3:], (1, 3)),
         "f_rest": (rest, (width // 3, 3)),
     }
-    values = {key: table.columns(each).reshape(table.count, *shape) for key, (each, shape) in columns.items()}
+    values = {key: table.columns(c).reshape(table.count, *shape) for key, (c, shape) in columns.items()}
     return Tensors(values, file, check_values)
 
 
@@ -159,7 +161,7 @@ def _buffers(tensors: Tensors, prefix: str) -> tuple[dict[str, NDArray[Any]], in
 
 
 def _configure(settings: Settings, model: dict[str, Any], degree: int, file: Path) -> list[Finding]:
-    """Add what section "model" of a config says, or what the official code takes if it says nothing."""
+    """Add the settings in section "model" of a configuration, or official defaults; return warnings."""
     warnings = []
     for name, (key, absent) in _UPSTREAM.items():
         value = model.get(key, absent)
@@ -167,7 +169,7 @@ def _configure(settings: Settings, model: dict[str, Any], degree: int, file: Pat
             settings.add(name, degree, "checkpoint")
             continue
         if name == "sh_degree" and isinstance(value, int) and value > degree:
-            text = shorten(f"model.{key} is {json_safe(value)}; the checkpoint has degree {degree} only", 200)
+            text = shorten(f"model.{key} is {json_safe(value)}; the checkpoint only has degree {degree}", 200)
             warnings.append(finding("CHECKPOINT_CONFIG", text, severity="warning", file=str(file)))
             value = degree
         if name == "ste_threshold" and isinstance(value, int) and not isinstance(value, bool):
@@ -177,9 +179,9 @@ def _configure(settings: Settings, model: dict[str, Any], degree: int, file: Pat
 
 
 class _PlainLoader(yaml.SafeLoader):
-    """A YAML loader without aliases: no config has them, and nested ones stand for exponentially many values.
+    """A YAML loader without aliases, which configurations do not use and which can grow exponentially.
 
-    It also bounds the nesting, because the library calls itself for each level, and the length of integers.
+    It also limits the nesting, because the library recurses for each level, and the length of integers.
     """
 
     _depth = 0
@@ -193,17 +195,17 @@ class _PlainLoader(yaml.SafeLoader):
         return node
 
     def construct_object(self, node: Any, deep: bool = False) -> Any:
-        made = super().construct_object(node, deep)
-        if isinstance(made, int) and made.bit_length() > 63:
+        value = super().construct_object(node, deep)
+        if isinstance(value, int) and value.bit_length() > 63:
             raise OverflowError
-        return made
+        return value
 
 
 def read_config(root: Path, given: Path | None) -> tuple[dict[str, Any], tuple[Path, ...], list[Finding]]:
     """Return the configuration of a 2DTS training, the files read, and warnings.
 
-    It is looked for in this order: the file `given`, a YAML file in the output folder `root`, the latest text
-    log in ``root/log``. The result has the file's own nesting, ``{"model": {...}, "trainer": {...}}``.
+    The first of these is used: the file `given`, a YAML file in the output folder `root`, the latest text log
+    in ``root/log``. The result has the file's nesting, ``{"model": {...}, "trainer": {...}}``.
     """
     if given is not None:
         return _config_of(given), (given,), []
@@ -213,29 +215,29 @@ def read_config(root: Path, given: Path | None) -> tuple[dict[str, Any], tuple[P
         try:
             return _config_of(path), (path,), ignored
         except CheckpointError as error:
-            text = f"{path.relative_to(root)}: {error.message}; it was ignored"
+            text = f"{path.relative_to(root)}: {error.message}; the file is ignored"
             ignored.append(finding(error.code, text, severity="warning", pointer=path.name))
-    text = "there is no YAML config and no log with one, so rasterizer and other settings are defaults"
+    text = "no YAML configuration or log found, so the rasterizer and other settings are defaults"
     return {}, (), [*ignored, missing(root, text)]
 
 
 def _config_of(path: Path) -> dict[str, Any]:
-    """Return the configuration that a YAML file or a text log holds."""
+    """Return the configuration in a YAML file or a text log."""
     text = read_text(path)
     if path.suffix == ".log":
         match = _LOG_HEAD.search(text)
         if match is None:
-            raise unusable(path, 'it has no "config args:" record')
+            raise unusable(path, 'the record "config args:" is missing')
         text = match[1]
     try:
         data = yaml.load(text, _PlainLoader)  # a SafeLoader: plain values only
     except ArithmeticError:
         raise unusable(path, "a number in it is too large") from None
-    # What a value with a tag does not say ends in errors of Python's, such as KeyError for "!!bool maybe".
+    # Invalid values with a tag raise Python errors, such as KeyError for "!!bool maybe".
     except (yaml.YAMLError, ValueError, LookupError, AttributeError, TypeError) as error:
         mark = getattr(error, "problem_mark", None)
         where = "" if mark is None else f" in line {mark.line + 1}"
         raise unusable(path, f"it is not valid YAML{where}") from None
     if not isinstance(data, dict) or not isinstance(data.get("model"), dict):
-        raise unusable(path, 'it has no section "model"')
+        raise unusable(path, 'the section "model" is missing')
     return data

@@ -1,4 +1,4 @@
-"""2DTS on the dedicated tier: settings and activations."""
+"""Native rendering of 2DTS: settings and activations."""
 
 import math
 from collections.abc import Mapping
@@ -14,29 +14,31 @@ from msb.asset.drawable import require, required_buffer
 from msb.render.splat.model import CLIPPED, Model, soup_positions
 from msb.render.splat.view import Culling
 
+# Triangles that are rescaled at a time, to limit temporary memory.
 _CHUNK = 1 << 16
 
 
 def rescale(positions: NDArray[np.float32], gamma: float) -> NDArray[np.float32]:
-    """Return triangles, rows of three corners, shrunk so that gamma keeps their total opacity.
+    """Return triangles (3 F, 3) shrunk about their centroids, so that gamma keeps their total opacity.
 
-    The factor is 1 / sqrt(2^b b Gamma(b)) with b = 1 / gamma, in double and rounded (GaodeRender/
-    triangle-splatting: src/diff_recon/models/VanillaTS_model.py).
+    The factor is 1 / sqrt(2^b b Gamma(b)) with b = 1 / gamma, in double and rounded
+    (GaodeRender/triangle-splatting: src/diff_recon/models/VanillaTS_model.py).
     """
     beta = 1 / gamma
     factor = np.float32(1 / math.sqrt(2**beta * beta * math.gamma(beta)))
-    found = np.zeros_like(positions)
+    rescaled = np.zeros_like(positions)
     for start in range(0, len(positions), 3 * _CHUNK):
         part = positions[start : start + 3 * _CHUNK].reshape(-1, 3, 3)
         center = ((part[:, 0] + part[:, 1] + part[:, 2]) / np.float32(3))[:, None]
-        found[start : start + 3 * _CHUNK] = ((part - center) * factor + center).reshape(-1, 3)
-    return found
+        rescaled[start : start + 3 * _CHUNK] = ((part - center) * factor + center).reshape(-1, 3)
+    return rescaled
 
 
 def reach(opacity: NDArray[np.float32], gamma: float) -> NDArray[np.float32]:
-    """Return a little more than the eccentricity at which o exp(-ecc^(2 gamma) / 2) = 1/255, at most 10.
+    """Return slightly more than the ecc with o exp(-ecc^(2 gamma) / 2) = 1/255, at most 10.
 
-    The result is -1 where alpha is below 1/255 even at the centroid.
+    ecc is the eccentricity: 0 at the centroid and 1 on the edges. The result is -1 if alpha is below 1/255
+    even at the centroid.
     """
     with np.errstate(divide="ignore"):
         squared = 2 * np.log(255.0 * opacity.astype(np.float64)) + 1e-5
@@ -45,7 +47,7 @@ def reach(opacity: NDArray[np.float32], gamma: float) -> NDArray[np.float32]:
 
 
 def splat_model(asset: Asset, settings: Mapping[str, Any]) -> Model:
-    """Return `asset` as the kernels take it; errors as `make_model`."""
+    """Return `asset` in the form that the kernels read; errors as in `make_model`."""
     require(asset, "opacity", "encoding", "logit")
     positions = soup_positions(asset)
     if settings["gamma_rescale"]:
@@ -53,7 +55,7 @@ def splat_model(asset: Asset, settings: Mapping[str, Any]) -> Model:
     opacity = sigmoid(required_buffer(asset, "opacity", asset.manifest.face_count))
     if settings["ste_threshold"] is not None:
         step = (opacity > np.float32(settings["ste_threshold"])).astype(np.float32)
-        opacity = (step - opacity) + opacity  # as upstream forms it: 1 may be off by one ulp
+        opacity = (step - opacity) + opacity  # the official expression; 1 may be off by one ulp
     return Model(
         program="two_dts",
         package=__package__,

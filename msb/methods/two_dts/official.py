@@ -1,4 +1,4 @@
-"""What 2DTS's own exporter writes: GLB with vertex RGBA, PLY with face RGBA, by trimesh."""
+"""The official export formats of 2DTS: GLB with vertex RGBA, PLY with face RGBA, as written by trimesh."""
 
 from pathlib import Path
 
@@ -18,14 +18,17 @@ SUFFIXES = (".glb", ".ply")
 
 
 def write(asset: Asset, path: Path) -> None:
-    """Write all triangles, or those above the STE threshold and in the scene box; twice without back culling.
+    """Write all triangles, or those above the STE threshold and in the scene box.
 
+    Without back culling each triangle is written twice, with both orientations.
     GaodeRender/triangle-splatting at 54c80f7: export scripts.
     """
     buffers, settings = asset.buffers, asset.manifest.settings
+    # Select faces by opacity and scene box.
     keep = visible_faces(asset, stored_threshold(asset))
     keep = np.ones(asset.manifest.face_count, bool) if keep is None else keep
     keep &= _in_box(asset)
+    # Colours of SH degree 0; above a threshold every face gets the opacity sigmoid(10).
     alpha = sigmoid(buffers["opacity"][keep])
     if settings["ste_threshold"].value is not None:
         alpha[:] = sigmoid(np.full(1, 10, np.float32))
@@ -43,7 +46,7 @@ def write(asset: Asset, path: Path) -> None:
 
 
 def _in_box(asset: Asset) -> NDArray[np.bool_]:
-    """Return which centroids lie in the scene box, bounds included, if the checkpoint had one."""
+    """Return which centroids are in the scene box (bounds included); all if the checkpoint has no box."""
     centroids = asset.buffers["positions"].reshape(-1, 3, 3).mean(axis=1)
     inside = np.ones(len(centroids), bool)
     for number, axis in enumerate("xyz"):

@@ -1,8 +1,8 @@
-"""2DTS: free triangles with a Gaussian-like falloff of global sharpness gamma; two rasterizers.
+"""2DTS: a triangle soup with a Gaussian-like falloff of global sharpness gamma, and two rasterizers.
 
 Sources, at 54c80f7 of GaodeRender/triangle-splatting: src/diff_recon/models/VanillaTS_model.py (activations,
 gamma rescale, threshold, up-scaling), submodules/diff-triangle-rasterization-2D and -3D: src/forward.cu,
-src/auxiliary.h (everything per triangle and per sample).
+src/auxiliary.h (per triangle and per sample).
 """
 
 import math
@@ -35,10 +35,13 @@ from msb.reference.sh import colors_from_sh
 from msb.reference.tiles import TILE, Integers, Modes, Rectangles, grid_size, tile_number
 from msb.scenes import Camera
 
+# Planes of the official projection matrix, in scene units.
 NEAR, FAR = 1.0, 1000.0
+# Least divisor and least area of the official kernels.
 EPS = 1e-8
-# Bounds reach this many times as far from the centroid as the corners.
+# Bounds of a triangle reach this many times as far from the centroid as its corners.
 DILATION = 3
+# Upper limits of alpha and of the eccentricity.
 MAX_ALPHA = 0.99
 MAX_ECCENTRICITY = 10
 _RULE = Rule(blends_crossing=True, weight_first=True)
@@ -52,12 +55,13 @@ def render(
     dtype: type[Any],
     modes: Modes,
 ) -> ReferenceFrame:
-    """Return `asset` seen by `camera`; see `render_reference`."""
+    """Return the frame of `asset` from `camera`; see `render_reference`."""
     scale = settings["render_up_scale"] or 1
     view = splatting_camera(camera, NEAR, FAR, dtype, scale)
     stored = triangles(asset, dtype)
     faces = len(stored)
     gamma = dtype(settings["gamma"])
+    # Activated parameters of the F triangles.
     vertices = rescale(stored, settings["gamma"]) if settings["gamma_rescale"] else stored
     opacity = opacities(asset, faces, dtype)
     if settings["ste_threshold"] is not None:
@@ -78,6 +82,7 @@ def render(
     def shade(chosen: Integers, x: Reals, y: Reals) -> Layers:
         return Layers(color[chosen], raster.depth_at(chosen, x, y), raster.normal[chosen])
 
+    # Blend all samples, then reduce them to pixels.
     kept = ~raster.dropped
     tiles = modes.tiles(raster.rectangles, raster.depth, kept, view)
     weights = np.zeros(len(kept))
@@ -106,7 +111,7 @@ def render(
 
 
 def rescale(vertices: Reals, gamma: float) -> Reals:
-    """Return the triangles (F, 3, 3) shrunk about their centroids so that gamma keeps their total opacity.
+    """Return triangles (F, 3, 3) shrunk about their centroids, so that gamma keeps their total opacity.
 
     The factor is 1 / sqrt(2^b b Gamma(b)) with b = 1 / gamma, in double and rounded.
     """
@@ -117,18 +122,18 @@ def rescale(vertices: Reals, gamma: float) -> Reals:
 
 
 def straight_through(opacity: Reals, threshold: float) -> Reals:
-    """Return 1 where opacity exceeds the threshold, else 0; as upstream forms it, 1 may be off by one ulp."""
+    """Return 1 for opacities above the threshold, else 0, by the official expression (1 up to one ulp)."""
     step = (opacity > opacity.dtype.type(threshold)).astype(opacity.dtype)
     return np.asarray((step - opacity) + opacity)
 
 
 def coverage_alpha(eccentricity: Reals, opacity: Reals, gamma: Any) -> Reals:
-    """Return min(0.99, o exp(-ecc^(2 gamma) / 2)); 0 where the eccentricity is outside 0 to 10.
+    """Return min(0.99, o exp(-ecc^(2 gamma) / 2)); 0 for eccentricities outside 0 to 10.
 
     Parameters
     ----------
     eccentricity : (K, P)
-        0 at the centroid, 1 on the edges; NaN where a sample does not meet the face's plane.
+        0 at the centroid, 1 on the edges; NaN for samples whose ray misses the face's plane.
     opacity : (K, 1)
     """
     near = (eccentricity >= 0) & (eccentricity <= MAX_ECCENTRICITY)
@@ -141,7 +146,7 @@ def coverage_alpha(eccentricity: Reals, opacity: Reals, gamma: Any) -> Reals:
 
 
 def bounds(points: Reals, width: int, height: int) -> tuple[Rectangles, Reals]:
-    """Return the tiles that the box of dilated corners (F, 3, 2) touches, and the official radius (F,)."""
+    """Return the tiles of the box of dilated corners (F, 3, 2), and the official radius (F,) in samples."""
     low, high = np.fmin.reduce(points, axis=1), np.fmax.reduce(points, axis=1)
     grid = grid_size(width, height)
     rectangles = Rectangles(tile_number(low / TILE, grid), tile_number((high + TILE - 1) / TILE, grid))
@@ -149,7 +154,7 @@ def bounds(points: Reals, width: int, height: int) -> tuple[Rectangles, Reals]:
 
 
 def project(points: Reals, view: SplattingCamera) -> Reals:
-    """Return normalised device coordinates of points (..., 3): division by |w| + eps, not by w.
+    """Return normalised device coordinates of points (..., 3), divided by |w| + eps instead of w.
 
     So a point behind the camera has a negative z and fails the near test.
     """
@@ -158,10 +163,10 @@ def project(points: Reals, view: SplattingCamera) -> Reals:
 
 
 class AffineRasterizer:
-    """The "2D" rasterizer: perspective is linearised about the centroid, corners are pushed out by 0.5 px.
+    """The "2D" rasterizer: perspective is linearised at the centroid, corners are moved outwards by 0.5 px.
 
-    Faces and samples broadcast against each other, as those of `msb.reference.edge_window.Windows`.
-    Attributes of F triangles: `dropped` (F,), `depth` (F,), `normal` (F, 3), `rectangles`, `radius` (F,).
+    Faces and samples broadcast against each other, as in `msb.reference.edge_window.Windows`. Attributes of F
+    triangles: `dropped` (F,), `depth` (F,), `normal` (F, 3), `rectangles`, `radius` (F,).
     """
 
     def __init__(self, vertices: Reals, view: SplattingCamera, back_culling: bool) -> None:
@@ -172,7 +177,7 @@ class AffineRasterizer:
         self.dropped: NDArray[np.bool_] = ndc[:, 2] <= 0
         camera = transform(view.world_to_camera[:3], center)
         self.depth = camera[:, 2]
-        # The clamp acts on the Jacobian alone, not on where the centroid is drawn.
+        # The clamp affects only the Jacobian, not the projected centroid.
         limit = vertices.dtype.type(1.3) * view.tan_fov * camera[:, 2:]
         clamped = np.fmin(np.fmax(-limit, camera[:, :2]), limit)
         arms = rotate(view.world_to_camera, vertices - center[:, None])
@@ -180,6 +185,7 @@ class AffineRasterizer:
         length = norm(normal)
         self.dropped |= length < eps
         self.normal = normal / length[:, None]
+        # Corners relative to the projected centroid, moved outwards by half a sample.
         z = self.depth[:, None, None]
         flat = (arms[..., :2] - arms[..., 2:] * clamped[:, None] / z) / (z * view.tan_fov)
         reach = norm(flat)[..., None]
@@ -209,16 +215,16 @@ class AffineRasterizer:
         return eccentricity(*self.barycentrics(faces, x, y))
 
     def depth_at(self, faces: Integers, x: Reals, y: Reals) -> Reals:
-        """Return the depth of faces at samples, extrapolated outside."""
+        """Return the depth of faces at samples, extrapolated outside the faces."""
         a1, a2, a3 = self.barycentrics(faces, x, y)
         z = self.corner_depth[faces]
         return np.asarray(z[..., 0] * a1 + z[..., 1] * a2 + z[..., 2] * a3)
 
 
 class PlanarRasterizer:
-    """The "3D" rasterizer: every sample's ray meets the triangle's plane; no low-pass filter.
+    """The "3D" rasterizer: the ray of every sample meets the triangle's plane; no low-pass filter.
 
-    Attributes as of `AffineRasterizer`; the normal's length is twice the triangle's area.
+    Attributes as in `AffineRasterizer`; the length of the normal is twice the triangle's area.
     """
 
     def __init__(self, vertices: Reals, view: SplattingCamera, back_culling: bool) -> None:
@@ -239,7 +245,7 @@ class PlanarRasterizer:
         self.dropped |= ((self.rectangles.high - self.rectangles.low) <= 0).any(axis=1)
 
     def eccentricity(self, faces: Integers, x: Reals, y: Reals) -> Reals:
-        """Return the eccentricity of samples in faces; NaN where the ray does not meet the face's plane."""
+        """Return the eccentricity of samples in faces; NaN if the ray does not meet the face's plane."""
         ray, slope, depth = self._meet(faces, x, y)
         normal = self.normal[faces]
         arms = self.corners[faces] - (depth[..., None] * ray)[..., None, :]
@@ -268,10 +274,11 @@ class PlanarRasterizer:
 class EngineRasterizer:
     """Either rasterizer in an engine: hardware sampling, exact perspective, no low-pass filter.
 
-    Hardware makes no fragments outside of a triangle, where this method's coverage goes on. So what is drawn
-    are the triangles grown about their centroids until they hold all of it, as a vertex shader can do.
+    Hardware generates no fragments outside a triangle, but this method's coverage extends beyond its edges.
+    So the triangles are enlarged about their centroids until they contain all of their coverage, which a
+    vertex shader can do.
 
-    Attributes as of `AffineRasterizer`; there is no official radius. `reached` (F,) is from `reach`.
+    Attributes as in `AffineRasterizer`, without an official radius. `reached` (F,) is computed by `reach`.
     """
 
     def __init__(self, vertices: Reals, view: SplattingCamera, back_culling: bool, reached: Reals) -> None:
@@ -283,8 +290,8 @@ class EngineRasterizer:
         self.rectangles, self.radius = shapes.rectangles, shapes.radius
 
     def eccentricity(self, faces: Integers, x: Reals, y: Reals) -> Reals:
-        """Return the eccentricity of samples in faces; NaN where there is no fragment."""
-        # At the centroid rounding may leave less than nothing.
+        """Return the eccentricity of samples in faces; NaN for samples without a fragment."""
+        # At the centroid, rounding may give a negative value.
         return np.asarray(self.reached[faces] * np.maximum(1 - self.shapes.phi(faces, x, y), 0))
 
     def depth_at(self, faces: Integers, x: Reals, y: Reals) -> Reals:
@@ -293,13 +300,13 @@ class EngineRasterizer:
 
 
 def reach(opacity: Reals, gamma: float) -> Reals:
-    """Return a little more than the eccentricity at which o exp(-ecc^(2 gamma) / 2) = 1/255, at most 10.
+    """Return slightly more than the ecc with o exp(-ecc^(2 gamma) / 2) = 1/255, at most 10.
 
-    0 where alpha is less even at the centroid.
+    ecc is the eccentricity. The result is 0 if alpha is below 1/255 even at the centroid.
     """
     squared = 2 * np.log(255 * np.maximum(opacity.astype(np.float64), 1e-300)) + 1e-5
-    found = np.maximum(squared, 0) ** (1 / (2 * gamma)) * 1.0001
-    return np.asarray(np.minimum(found, MAX_ECCENTRICITY), opacity.dtype)
+    limit = np.maximum(squared, 0) ** (1 / (2 * gamma)) * 1.0001
+    return np.asarray(np.minimum(limit, MAX_ECCENTRICITY), opacity.dtype)
 
 
 def eccentricity(a1: Reals, a2: Reals, a3: Reals) -> Reals:
@@ -308,10 +315,10 @@ def eccentricity(a1: Reals, a2: Reals, a3: Reals) -> Reals:
 
 
 def resize(raster: Reals, scale: int) -> Reals:
-    """Return (s H, s W, ...) shrunk to (H, W, ...) by bilinear interpolation at pixel centres.
+    """Return (s H, s W, ...) reduced to (H, W, ...) by bilinear interpolation at pixel centres.
 
-    As torch's interpolate(mode="bilinear", align_corners=False): for scale 2 the mean of 2 x 2 samples, for
-    an odd scale the sample in the middle, for larger even ones the mean of the middle 2 x 2.
+    Like torch's interpolate(mode="bilinear", align_corners=False): for scale 2 the mean of 2 x 2 samples, for
+    an odd scale the sample in the middle, for larger even scales the mean of the middle 2 x 2 samples.
     """
     if scale == 1:
         return raster

@@ -1,5 +1,5 @@
-// 2DTS: free triangles with a Gaussian-like falloff of global sharpness gamma; two rasterizers.
-// Sources: GaodeRender/triangle-splatting at 54c80f7: submodules/diff-triangle-rasterization-2D and -3D:
+// 2DTS: a triangle soup with a Gaussian-like falloff of global sharpness gamma, and two rasterizers. Sources:
+// GaodeRender/triangle-splatting at 54c80f7: submodules/diff-triangle-rasterization-2D and -3D:
 // src/forward.cu, src/auxiliary.h.
 
 #include "splat_common.cl"
@@ -13,14 +13,14 @@
 #define CORNERS_MAY_BE_BEHIND 0
 #define SMALL_IS_DROPPED 0
 
-// coverage: opacity; the eccentricity beyond which alpha is below 1/255, negative if it is so everywhere.
+// coverage: opacity; the eccentricity beyond which alpha is below 1/255, negative if alpha is always below.
 
 #if ENGINE
 #define LINES 12
 #define SHAPE(REAL) REAL lines[LINES];
 #elif PLANAR
-// corner is corner 1 in camera space, distance its product with the normal. A point of the plane, from there,
-// times dual2 and dual3 is barycentric coordinates 2 and 3.
+// corner is corner 1 in camera space, distance is its product with the normal. The vector from it to a point
+// of the plane, times dual2 and dual3, gives barycentric coordinates 2 and 3.
 #define SHAPE(REAL) REAL corner[3], dual2[3], dual3[3], distance;
 #else
 // Corners in samples, 1 / twice the area, camera depth of the corners.
@@ -42,7 +42,7 @@ typedef struct FACE_MEMBERS(real, mask) Faces;
 #define ECCENTRICITY(f, s) ((s)->eccentricity)
 #endif
 
-// Division by |w| + eps, not by w: so a point behind the camera has a negative z and fails the near test.
+// Division by |w| + eps instead of w, so a point behind the camera has a negative z and fails the near test.
 vec3 to_ndc(__constant View *view, vec3 p)
 {
     __constant float *m = view->full;
@@ -50,7 +50,7 @@ vec3 to_ndc(__constant View *view, vec3 p)
     return (vec3){affine(m, p) * inverse, affine(m + 4, p) * inverse, affine(m + 8, p) * inverse};
 }
 
-// Tiles that the box of the dilated corners touches.
+// The tiles that the box of the dilated corners touches.
 Box dilated_tiles(__constant View *view, vec2 a, vec2 b, vec2 c)
 {
     vec2 low = {lesser(lesser(a.x, b.x), c.x), lesser(lesser(a.y, b.y), c.y)};
@@ -61,8 +61,9 @@ Box dilated_tiles(__constant View *view, vec2 a, vec2 b, vec2 c)
 }
 
 #if ENGINE
-// Either rasterizer in an engine. Hardware makes no fragments outside of a triangle, where this method's
-// coverage goes on: what is drawn are the triangles grown about their centroids until they hold all of it.
+// Either rasterizer in an engine. Hardware generates no fragments outside a triangle, but this method's
+// coverage extends beyond its edges. So the triangles are enlarged about their centroids until they contain
+// all of it.
 mask project_shape(__constant View *view, vec3 a, vec3 b, vec3 c, Faces *f, Box *official, Box *box,
                    real *depth)
 {
@@ -111,12 +112,13 @@ mask project_shape(__constant View *view, vec3 a, vec3 b, vec3 c, Faces *f, Box 
     f->normal[0] = normal.x;
     f->normal[1] = normal.y;
     f->normal[2] = normal.z;
-    // No tighter box than the tiles: the plane may be seen edge-on, where its samples scatter.
+    // The box is not reduced below the tiles: if the plane is seen edge-on, its samples are scattered.
     *box = (Box){(mask)0, (mask)0, (mask)((int)view->width - 1), (mask)((int)view->height - 1)};
     return !dropped;
 }
 #else
-// The "2D" rasterizer: perspective is linearised about the centroid, corners are pushed out by half a sample.
+// The "2D" rasterizer: perspective is linearised at the centroid, corners are moved outwards by half a
+// sample.
 mask project_shape(__constant View *view, vec3 a, vec3 b, vec3 c, Faces *f, Box *official, Box *box,
                    real *depth)
 {
@@ -124,7 +126,7 @@ mask project_shape(__constant View *view, vec3 a, vec3 b, vec3 c, Faces *f, Box 
     mask dropped = ndc.z <= 0.0f;
     vec3 camera = to_camera(view, center);
     *depth = camera.z;
-    // The clamp acts on the Jacobian alone, not on where the centroid is drawn.
+    // The clamp affects only the Jacobian, not the projected centroid.
     real most_x = 1.3f * view->tan_fov[0] * camera.z, most_y = 1.3f * view->tan_fov[1] * camera.z;
     real clamped_x = lesser(greater(-most_x, camera.x), most_x);
     real clamped_y = lesser(greater(-most_y, camera.y), most_y);
@@ -160,8 +162,8 @@ mask project_shape(__constant View *view, vec3 a, vec3 b, vec3 c, Faces *f, Box 
     f->normal[1] = normal.y / area_3d;
     f->normal[2] = normal.z / area_3d;
 
-    // Eccentricity E is the triangle grown E times about its centroid. In a sliver rounding scatters it by
-    // `noise`, and samples outside of any box are lit.
+    // The points of eccentricity E form the triangle enlarged E times about its centroid. In slivers,
+    // rounding moves samples by up to `noise`, so samples outside any tight box can be covered.
     vec2 low = {lesser(lesser(u[0].x, u[1].x), u[2].x), lesser(lesser(u[0].y, u[1].y), u[2].y)};
     vec2 high = {greater(greater(u[0].x, u[1].x), u[2].x), greater(greater(u[0].y, u[1].y), u[2].y)};
     real longest = greater(high.x - low.x, high.y - low.y), across = f->limit * longest + TILE;
@@ -190,7 +192,7 @@ mask project_faces(const size_t *rows, const Source *source, __constant View *vi
     kept &= (official->x1 > official->x0) & (official->y1 > official->y0);
     f->x0 = box.x0;
     f->y0 = box.y0;
-    f->x1 = f->limit < 0.0f ? (mask)-1 : box.x1; // kept, as upstream, but seen nowhere
+    f->x1 = f->limit < 0.0f ? (mask)-1 : box.x1; // kept like in the official code, but visible nowhere
     f->y1 = box.y1;
     return kept;
 }
@@ -229,9 +231,9 @@ Columns columns_of(FACE_POINTER f, real x, __constant View *view)
 
 #if LANES == 8
 #define ABS(x) ((x) < 0.0f ? -(x) : (x))
-// Which pairs of rows y, y + 1 (a lane a pair) have samples of the eight columns from `left` on where all
-// three barycentric coordinates can be above (1 - limit) / 3: at the corner of those samples where each is
-// largest.
+// Which pairs of rows y, y + 1 (one pair per lane) have samples, in the eight columns from `left` on, with
+// all three barycentric coordinates above (1 - limit) / 3. Each coordinate is tested at the corner of the
+// samples at which it is largest.
 mask reaches(FACE_POINTER f, float left, real y)
 {
 #if PLANAR

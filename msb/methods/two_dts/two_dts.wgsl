@@ -1,12 +1,11 @@
-// 2DTS: free triangles with a Gaussian-like falloff of global sharpness gamma; two rasterizers. The text of
-// two_dts.cl for graphics hardware; its comments say more.
-// Sources: GaodeRender/triangle-splatting at 54c80f7: submodules/diff-triangle-rasterization-2D and -3D:
-// src/forward.cu, src/auxiliary.h.
+// 2DTS: a triangle soup with a Gaussian-like falloff of global sharpness gamma, and two rasterizers. A
+// translation of two_dts.cl for graphics hardware; its comments explain more. Sources: GaodeRender/triangle-splatting
+// at 54c80f7: submodules/diff-triangle-rasterization-2D and -3D: src/forward.cu, src/auxiliary.h.
 
 const EPS = 1e-8;
 const DILATION = 3.0;
 const MAX_ALPHA = 0.99;
-const COVERAGE = 2u; // opacity; the eccentricity beyond which alpha is below 1/255, negative if it is everywhere
+const COVERAGE = 2u; // opacity; the eccentricity beyond which alpha is below 1/255, negative if alpha is always below
 
 #if ENGINE
 struct Face {
@@ -19,7 +18,8 @@ struct Face {
 }
 #else
 #if PLANAR
-// A point of the plane, from corner 1 in camera space, times dual2 and dual3 is barycentric coordinates 2 and 3.
+// The vector from corner 1 in camera space to a point of the plane, times dual2 and dual3, gives barycentric
+// coordinates 2 and 3.
 struct Face {
     quad: vec4<f32>,
     corner: vec4<f32>, // then its product with the normal
@@ -56,8 +56,8 @@ fn color_face(number: u32, face: ptr<function, Face>) {
 #endif
 
 #if ENGINE
-// Hardware makes no fragments outside of a triangle, where this method's coverage goes on: what is drawn are the
-// triangles grown about their centroids until they hold all of it.
+// Hardware generates no fragments outside a triangle, but this method's coverage extends beyond its edges. So
+// the triangles are enlarged about their centroids until they contain all of it.
 fn project_face(number: u32, face: ptr<function, Face>) -> Projected {
     let limit = coverage[COVERAGE * number + 1u];
     var corners = positions_of(corners_of(number));
@@ -76,14 +76,14 @@ fn project_face(number: u32, face: ptr<function, Face>) -> Projected {
 }
 #else
 
-// Division by |w| + eps, not by w: so a point behind the camera has a negative z and fails the near test.
+// Division by |w| + eps instead of w, so a point behind the camera has a negative z and fails the near test.
 fn to_ndc(p: vec3<f32>) -> vec3<f32> {
     let inverse = div(1.0, add(abs(affine(view.full[3], p)), EPS));
     return vec3<f32>(mul(affine(view.full[0], p), inverse), mul(affine(view.full[1], p), inverse),
                      mul(affine(view.full[2], p), inverse));
 }
 
-// Tiles that the box of the dilated corners touches.
+// The tiles that the box of the dilated corners touches.
 fn dilated_tiles(p: array<vec2<f32>, 3>) -> vec4<i32> {
     let low = vec2<f32>(lesser(lesser(p[0].x, p[1].x), p[2].x), lesser(lesser(p[0].y, p[1].y), p[2].y));
     let high = vec2<f32>(greater(greater(p[0].x, p[1].x), p[2].x), greater(greater(p[0].y, p[1].y), p[2].y));
@@ -122,12 +122,13 @@ fn project_shape(corners: array<vec3<f32>, 3>, limit: f32, face: ptr<function, F
     (*face).dual2 = vec4<f32>(scale3(cross3(sub3(r, p), normal), scale), 0.0);
     (*face).dual3 = vec4<f32>(scale3(cross3(normal, sub3(q, p)), scale), limit);
     (*face).normal = vec4<f32>(normal, 0.0);
-    // No tighter box than the tiles: the plane may be seen edge-on, where its samples scatter.
+    // The box is not reduced below the tiles: if the plane is seen edge-on, its samples are scattered.
     found.samples = vec4<i32>(0, 0, i32(view.width) - 1, i32(view.height) - 1);
     return found;
 }
 #else
-// The "2D" rasterizer: perspective is linearised about the centroid, corners are pushed out by half a sample.
+// The "2D" rasterizer: perspective is linearised at the centroid, corners are moved outwards by half a
+// sample.
 fn project_shape(corners: array<vec3<f32>, 3>, limit: f32, face: ptr<function, Face>) -> Projected {
     var found: Projected;
     let center = center_of(corners[0], corners[1], corners[2]);
@@ -137,7 +138,7 @@ fn project_shape(corners: array<vec3<f32>, 3>, limit: f32, face: ptr<function, F
     }
     let camera = to_camera(center);
     found.depth = camera.z;
-    // The clamp acts on the Jacobian alone, not on where the centroid is drawn.
+    // The clamp affects only the Jacobian, not the projected centroid.
     let wide = mul(camera.z, view.tan_fov.x);
     let tall = mul(camera.z, view.tan_fov.y);
     let most = vec2<f32>(mul(mul(1.3, view.tan_fov.x), camera.z), mul(mul(1.3, view.tan_fov.y), camera.z));
@@ -176,8 +177,8 @@ fn project_shape(corners: array<vec3<f32>, 3>, limit: f32, face: ptr<function, F
     (*face).x.w = div(1.0, area);
     (*face).z.w = limit;
 
-    // Eccentricity E is the triangle grown E times about its centroid. In a sliver rounding scatters it by
-    // `noise`, and samples outside of any box are lit.
+    // The points of eccentricity E form the triangle enlarged E times about its centroid. In slivers,
+    // rounding moves samples by up to `noise`, so samples outside any tight box can be covered.
     let low = min(min(u[0], u[1]), u[2]);
     let high = max(max(u[0], u[1]), u[2]);
     let across = limit * max(high.x - low.x, high.y - low.y) + 16.0;
@@ -195,7 +196,7 @@ fn project_face(number: u32, face: ptr<function, Face>) -> Projected {
     var found = project_shape(positions_of(corners_of(number)), limit, face);
     found.kept = found.kept && found.tiles.z > found.tiles.x && found.tiles.w > found.tiles.y;
     if (limit < 0.0) {
-        found.samples.z = -1; // kept, as upstream, but seen nowhere
+        found.samples.z = -1; // kept like in the official code, but visible nowhere
     }
 #if PLANAR
     (*face).dual2.w = coverage[COVERAGE * number];
@@ -234,7 +235,7 @@ fn cover(face: Face, x: f32, y: f32) -> Seen {
     let h = f32(view.height);
     let ray = vec2<f32>(view.tan_fov.x * ((2.0 * (x - view.shift.x) - w + 1.0) / w),
                         view.tan_fov.y * ((2.0 * (y - view.shift.y) - h + 1.0) / h));
-    // Near an edge-on plane this sum cancels, and z is as good as its rounding.
+    // If the plane is nearly edge-on, this sum cancels, and z has only the precision of its rounding.
     let slope = keep(keep(ray.x * face.normal.x) + keep(ray.y * face.normal.y)) + face.normal.z;
     let z = face.corner.w / slope;
     let d = vec3<f32>(z * ray, z) - face.corner.xyz;

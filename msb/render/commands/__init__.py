@@ -1,1 +1,1 @@
-"""The commands that draw, and that list what can draw."""
+"""The commands `msb render` and `msb devices`."""

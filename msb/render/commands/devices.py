@@ -1,4 +1,4 @@
-"""`msb devices`: what OpenCL can compute on here, which renderers can draw, and what could be added."""
+"""`msb devices`: the OpenCL devices and renderers of this machine, and hints at missing ones."""
 
 from __future__ import annotations
 
@@ -19,11 +19,10 @@ _BYTES = ("global_memory", "max_allocation", "local_memory")
 
 @command("msb devices", "msb devices -v --device cpu", "msb devices --json -")
 def devices(drawing: Annotated[Drawing, ("device",)], output: JsonOutput) -> None:
-    """List the OpenCL devices, whether each builds kernels and which one is used; and the renderers.
+    """List the OpenCL devices, whether each builds kernels, the default device, and the renderers.
 
-    Every device is tried anew. -v shows every limit and ability, and what had to be done to make a device
-    work. docs/opencl.md tells how to get more devices, docs/engines.md how to get the renderers that are
-    missing.
+    Every device is tested again. -v shows all limits and capabilities, and the workarounds that a device
+    needed. docs/opencl.md explains how to get more devices, docs/engines.md how to install missing renderers.
     """
     from msb.cl.devices import choose_device, try_devices
     from msb.cl.loader import notes
@@ -36,7 +35,7 @@ def devices(drawing: Annotated[Drawing, ("device",)], output: JsonOutput) -> Non
     except MsbError as error:
         problem = error
     if not tried:
-        raise problem or DeviceError("DEVICE_NOT_FOUND", "the devices went away while they were listed")
+        raise problem or DeviceError("DEVICE_NOT_FOUND", "the devices disappeared while they were listed")
     hints = [*notes(), *_failures(tried), *_missing(tried)]
     renderers = _renderers(choice)
     output.write_json(
@@ -55,8 +54,8 @@ def devices(drawing: Annotated[Drawing, ("device",)], output: JsonOutput) -> Non
     if output.prints_text:
         _print(tried, choice, hints, output)
         rows = [
-            (each["name"], "yes" if each["missing"] is None else "no" if output.quiet else each["missing"])
-            for each in renderers
+            (item["name"], "yes" if item["missing"] is None else "no" if output.quiet else item["missing"])
+            for item in renderers
         ]
         output.table(("\n--renderer", "\nCan draw"), rows)
     if problem:
@@ -69,7 +68,7 @@ def _print(tried: list[Tried], choice: Choice | None, hints: list[str], output: 
     for record, trial, _ in tried:
         mark = " *" if choice and record.selector == choice.record.selector else ""
         memory = f"{record.global_memory / 2**30:.1f} GiB"
-        builds = ("mended" if trial.mended else "yes") if trial.builds else "NO"
+        builds = ("fixed" if trial.mended else "yes") if trial.builds else "NO"
         cells = (record.kind, str(record.compute_units), memory, record.driver, builds)
         rows.append((record.selector + mark, *cells, f"{record.name}, {record.platform}"))
     output.table(names, rows, right=(2, 3))
@@ -85,10 +84,10 @@ def _print(tried: list[Tried], choice: Choice | None, hints: list[str], output: 
 
 
 def _renderers(choice: Choice | None) -> list[dict[str, Any]]:
-    """Return every renderer: its name, where it is, and what is missing before it can draw."""
+    """Return every renderer: its name, its module, and why it cannot draw here (None if it can)."""
     from msb.render.backend import ON_OPENCL, renderers, what_is_missing
 
-    without = None if choice else "no OpenCL device that builds kernels"
+    without = None if choice else "no OpenCL device builds kernels here"
     return [
         {
             "name": name,
@@ -101,9 +100,9 @@ def _renderers(choice: Choice | None) -> list[dict[str, Any]]:
 
 def _why(choice: Choice) -> str:
     if choice.source == "default":
-        return "is taken unless --device, MSB_DEVICE or PYOPENCL_CTX names another: CPUs first, PoCL first."
+        return "default device (PoCL and CPUs first); --device, MSB_DEVICE or PYOPENCL_CTX selects another"
     source = "--device" if choice.source == "argument" else choice.source
-    return f"is taken because of {source} {choice.selector}"
+    return f"selected by {source} {choice.selector}"
 
 
 def _details(device: Tried) -> Iterator[tuple[str, str]]:
@@ -113,8 +112,8 @@ def _details(device: Tried) -> Iterator[tuple[str, str]]:
     builds = "yes" if trial.builds else f"no: {trial.why}"
     if trial.mended:
         builds += (
-            f", once its compiler, which knows no processor of this kind, is told that it is a "
-            f"{trial.mended} (docs/opencl.md; {MEND_VARIABLE}=0 switches that off)"
+            f", with a workaround: its compiler does not know this processor and compiles for "
+            f"{trial.mended} instead (docs/opencl.md; {MEND_VARIABLE}=0 disables it)"
         )
     yield "builds kernels", builds
     for key, value in record.to_dict().items():
@@ -123,7 +122,7 @@ def _details(device: Tried) -> Iterator[tuple[str, str]]:
 
 
 def _failures(tried: list[Tried]) -> list[str]:
-    """Return for each device that does not build kernels why that is, and what to do."""
+    """Return for each device that does not build kernels the reason and the remedy."""
     return [
         f"{record.selector} does not build kernels: {trial.why}. {advice}."
         for record, trial, advice in tried
@@ -132,12 +131,12 @@ def _failures(tried: list[Tried]) -> list[str]:
 
 
 def _missing(tried: list[Tried]) -> list[str]:
-    """Return what could be added to this machine, one sentence for each."""
+    """Return hints about platforms that could be added to this machine, one sentence each."""
     from msb.cl.loader import how_to_get_pocl
 
     hints = []
     if not any(record.selector.startswith("pocl:") for record, _, _ in tried):
-        hints.append(f"No PoCL, the platform results are compared on: {how_to_get_pocl()}.")
+        hints.append(f"PoCL, the reference platform of results, is not installed: {how_to_get_pocl()}.")
     if not any(record.kind == "gpu" for record, _, _ in tried):
-        hints.append("No GPU: one appears when its driver brings OpenCL (an .icd file).")
+        hints.append("No GPU found. Install a driver for it that includes OpenCL (an .icd file).")
     return hints

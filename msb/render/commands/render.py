@@ -1,4 +1,4 @@
-"""`msb render`: images of an asset from a dataset's cameras, a turntable or a flight."""
+"""`msb render`: images of an asset from a dataset's cameras, a turntable or a camera flight."""
 
 from __future__ import annotations
 
@@ -24,25 +24,26 @@ if TYPE_CHECKING:
     from msb.scenes.datasets import Scene
 
 Split = Literal["train", "test", "all"]
-_COUNTS = "does not go with --scene, which draws what counts, at the size that counts"
+_COUNTS = "cannot be used with --scene, which draws the scene's evaluation views at their evaluation size"
 
 
 @dataclass(frozen=True)
 class RenderOptions:
-    """What is drawn, and what is written of it."""
+    """What to render, and which files to write."""
 
     out: Annotated[
-        Path | None, Option("Where images go.", ("--out", "-o"), metavar="FOLDER", output="folder")
+        Path | None,
+        Option("Write images to this folder.", ("--out", "-o"), metavar="FOLDER", output="folder"),
     ] = None
     tier: Annotated[
         Literal["reference", "dedicated", "standard", "both"],
-        Option("How to draw; msb methods says what each tier keeps. both: dedicated, standard."),
+        Option("Tier to render; msb methods describes the tiers. both: dedicated and standard."),
     ] = "standard"
     scene: Annotated[
         Path | None,
         Option(
-            "A dataset's scene instead of --cameras: its test views, size and background as msb run has "
-            "them. --camera train or all draws others.",
+            "Render the test views of a dataset's scene, with size and background as in msb run. "
+            "--camera train or all selects other views.",
             metavar="DIR",
         ),
     ] = None
@@ -50,40 +51,40 @@ class RenderOptions:
     turntable: Annotated[
         str | None,
         Option(
-            "N cameras around the asset instead of --cameras, 20 degrees above the horizon or so many.",
+            "N cameras around the asset, DEGREES above the horizon (default: 20).",
             metavar="N[,DEGREES]",
         ),
     ] = None
     up: Annotated[Up | None, Option("With --turntable: the axis that points up. Default: the asset's.")] = (
         None
     )
-    flight: Annotated[int | None, Option("N cameras on a smooth path through the chosen ones.", least=1)] = (
-        None
-    )
+    flight: Annotated[
+        int | None, Option("Replace the cameras by N frames of a smooth path through them.", least=1)
+    ] = None
     format: Annotated[Literal["png", "npy", "exr"], Option("With --out: format of the images.")] = "png"
     name: Annotated[
         str | None,
         Option(
-            "With --out: names of files: {camera}, {tier}, {index}. Default: {camera}, or {camera}_{tier}.",
+            "With --out: file names from {camera}, {tier}, {index}. Default: {camera} or {camera}_{tier}.",
             metavar="TEMPLATE",
         ),
     ] = None
-    depth: Annotated[bool, Option("With --out: also write depths (npy, or exr with it).")] = False
-    ids: Annotated[bool, Option("With --out: also write face ids; -1 means no face.")] = False
+    depth: Annotated[bool, Option("With --out: also write depths (exr with --format exr, else npy).")] = False
+    ids: Annotated[bool, Option("With --out: also write face ids; -1 is the background.")] = False
     film: Annotated[Path | None, file_option("Also write a film, .mp4 or .gif.")] = None
     fps: Annotated[int, Option("With --film: frames per second.", least=1, most=240)] = 24
 
     @property
     def tiers(self) -> tuple[Tier, ...]:
-        """The tiers that are drawn, one after the other."""
+        """The tiers to render, in order."""
         return ("dedicated", "standard") if self.tier == "both" else (self.tier,)
 
 
 def _check_options(options: RenderOptions, views: Views, typed: Typed) -> None:
-    """Reject options that contradict each other."""
-    require(options.out or options.film, "give --out FOLDER for images, --film FILE for a film, or both")
+    """Raise an error for options that contradict each other."""
+    require(options.out or options.film, "pass --out FOLDER for images, --film FILE for a film, or both")
     sources = views.cameras, options.scene, options.turntable
-    require(any(sources), "give one of --cameras PATH, --scene DIR and --turntable N")
+    require(any(sources), "pass --cameras PATH, --scene DIR or --turntable N")
     if options.out is None:
         typed.reject(["depth", "ids", "format", "name"], "needs --out FOLDER")
     if options.scene is not None:
@@ -91,7 +92,7 @@ def _check_options(options: RenderOptions, views: Views, typed: Typed) -> None:
     else:
         typed.reject(["image_folder"], "needs --scene DIR")
     if options.turntable is not None:
-        typed.reject(["cameras", "camera", "flight"], "does not go with --turntable, which makes its cameras")
+        typed.reject(["cameras", "camera", "flight"], "cannot be used with --turntable")
     else:
         typed.reject(["up"], "needs --turntable N")
     if options.film is None:
@@ -116,11 +117,11 @@ def render(
     output: JsonOutput,
     typed: Typed,
 ) -> None:
-    """Draw an asset: images, and depth and face ids if asked for.
+    """Render an asset: images, and depths and face ids if requested.
 
-    An image is named like its camera. PNG holds floor(255 c + 0.5) of the clamped colour as stored; npy and
-    exr hold the floats as rendered, neither clamped nor rounded. The hash that is printed is of the floats of
-    all images; it is the same on the same device with the same versions.
+    Each image is named after its camera. PNG stores floor(255 c + 0.5) of the clamped colours; npy and exr
+    store the floats as rendered, neither clamped nor rounded. The printed hash covers the floats of all
+    images; it is reproducible on the same device with the same versions.
     """
     from msb.api.command_files import open_asset
     from msb.render import Renderer
@@ -153,7 +154,7 @@ def render(
         check_supported(asset, tier)
     documents = []
     for tier in options.tiers:
-        # With --tier both, order and sampling go to dedicated, --supersample to standard.
+        # With --tier both, --order and --sampling apply to dedicated, --supersample to standard.
         alone = len(options.tiers) == 1
         modes = drawing.modes if alone or tier == "dedicated" else {}
         more = lean_options(tier, drawing.renderer, ids=options.ids) | modes
@@ -181,7 +182,7 @@ def render(
 
 
 def _cameras(asset: Asset, options: RenderOptions, views: Views, output: Output) -> list[Camera]:
-    """Return the cameras of --cameras, or of a path through them, or of a turntable."""
+    """Return the cameras of --cameras, of a flight through them, or of a turntable."""
     from msb.scenes import interpolated
     from msb.scenes.around import ELEVATION, around
     from msb.scenes.paths import MAX_FRAMES
@@ -190,12 +191,12 @@ def _cameras(asset: Asset, options: RenderOptions, views: Views, output: Output)
         match = re.fullmatch(r"(\d{1,20})(?:,(-?\d{1,2}(?:\.\d{1,6})?))?", options.turntable)
         if match is None:
             raise UsageError(
-                "USAGE", f'--turntable is "{shorten(options.turntable, 40)}"; it must look like 8 or 8,45'
+                "USAGE", f'--turntable is "{shorten(options.turntable, 40)}"; write it as 8 or 8,45'
             )
         count, degrees = int(match[1]), float(match[2] or ELEVATION)
         if not (1 <= count <= MAX_FRAMES and abs(degrees) < 90):
-            text = f"from 1 to {MAX_FRAMES} cameras, less than 90 degrees above or below the horizon"
-            raise UsageError("USAGE", f"--turntable is {options.turntable}; it takes {text}")
+            text = f"1 to {MAX_FRAMES} cameras, at less than 90 degrees above or below the horizon"
+            raise UsageError("USAGE", f"--turntable is {options.turntable}; allowed are {text}")
         width, height = views.pixels(960, 720)
         return around(asset, count, width, height, options.up, degrees)
     cameras = views.read(output.note)
@@ -208,7 +209,7 @@ def _cameras(asset: Asset, options: RenderOptions, views: Views, output: Output)
 
 
 def _scene(asset: Asset, path: Path, image_folder: str | None, output: Output) -> Scene:
-    """Return a scene as a run evaluates the asset on it, and print its warnings."""
+    """Return a scene as `msb run` evaluates the asset on it, and print its warnings."""
     from msb.scenes.datasets import scaled_note, scene_of
 
     scene = scene_of(asset.manifest, path, image_folder=image_folder)
@@ -220,21 +221,21 @@ def _scene(asset: Asset, path: Path, image_folder: str | None, output: Output) -
 
 
 def _note_training(asset: Asset, scene: Scene, path: Path, output: Output) -> None:
-    """Print what the asset's training did otherwise, unless its reader has warned of it already."""
+    """Print how the training differed from the scene, except for warnings that opening the asset printed."""
     from msb.scenes.datasets import stated_background, trained_otherwise
 
-    said = {warning.message for warning in asset.warnings}
+    reported = {warning.message for warning in asset.warnings}
     manifest = asset.manifest
     for finding in trained_otherwise(manifest.training, stated_background(manifest), scene):
-        if finding.message not in said:
+        if finding.message not in reported:
             output.note(finding.to_line(path))
 
 
 def _views_of(scene: Scene, views: Views) -> tuple[Split, list[Camera]]:
-    """Return the cameras that are asked for, and their split: the test views unless --camera names others.
+    """Return the requested cameras of a scene and their split; the default is the test views.
 
-    ``train`` and ``all`` are the training views, and these before the test views. A number is that of a test
-    view, or after these of a training view.
+    ``train`` selects the training views, ``all`` the training and then the test views. Numbers count the test
+    views first, then the training views.
     """
     train, test = list(scene.train), list(scene.test)
     words = set(views.camera)
@@ -247,7 +248,7 @@ def _views_of(scene: Scene, views: Views) -> tuple[Split, list[Camera]]:
 
 
 class _Images:
-    """What is written of each frame, and where."""
+    """Writes the requested files of each frame, and knows their names."""
 
     def __init__(self, options: RenderOptions, output: Output) -> None:
         from msb.render.images import check_film, check_format
@@ -261,35 +262,36 @@ class _Images:
             check_film(options.film)
 
     def check(self, views: list[Camera]) -> None:
-        """Refuse to overwrite, before anything is rendered."""
+        """Raise an error if files would overwrite each other or existing ones. Called before rendering."""
         names = [name for tier in self.options.tiers for name in self.names(views, tier)]
         if self.options.out is not None:
             if len(set(names)) < len(names):
                 lacks = "{camera} or {index}" if len(views) > 1 else "{tier}"
-                text = f'--name "{self.template}" gives two images one name; it may lack {lacks}'
+                text = f'--name "{self.template}" gives two images the same name; add {lacks} to it'
                 raise UsageError("USAGE", text)
             for name in names:
                 for kind in self.kinds:
                     self.output.check_free(self.place(name, kind))
         if self.options.film is not None and len({(view.width, view.height) for view in views}) > 1:
-            raise UsageError("USAGE", "the cameras differ in size; --size WxH makes a film possible")
+            raise UsageError("USAGE", "the cameras differ in size; pass --size WxH to make a film")
 
     def names(self, views: list[Camera], tier: str) -> list[str]:
         """Return the name of each image below the folder, without its suffix."""
         from msb.render.images import image_names
 
         if PurePath(self.template).is_absolute() or ".." in PurePath(self.template).parts:
-            raise UsageError("USAGE", f'--name "{shorten(self.template)}" leads out of --out FOLDER')
+            raise UsageError("USAGE", f'--name "{shorten(self.template)}" points outside the folder of --out')
         parts = re.split(r"{(\w*)}", self.template)
         if wrong := set(parts[1::2]) - {"camera", "tier", "index"}:
             raise UsageError(
-                "USAGE", f'--name: "{{{wrong.pop()}}}" is none of {{camera}}, {{tier}}, {{index}}'
+                "USAGE", f'--name: "{{{wrong.pop()}}}" is unknown; use {{camera}}, {{tier}} or {{index}}'
             )
         values = [
             {"camera": camera, "tier": tier, "index": f"{index:05d}"}
             for index, camera in enumerate(image_names(views))
         ]
-        return ["".join(each[part] if odd % 2 else part for odd, part in enumerate(parts)) for each in values]
+        # The parts at odd positions are the names in braces.
+        return ["".join(row[part] if i % 2 else part for i, part in enumerate(parts)) for row in values]
 
     def place(self, name: str, kind: str) -> Path:
         """Return the file for one kind of output of the frame `name`."""
@@ -301,7 +303,7 @@ class _Images:
     def draw(
         self, renderer: Renderer, views: list[Camera], color: tuple[float, float, float]
     ) -> list[dict[str, Any]]:
-        """Render and write every view; return a row of JSON for each."""
+        """Render and write every view; return a row of JSON data for each."""
         from msb.render.images import Writers, write_film
 
         rows: list[dict[str, Any]] = []
@@ -320,16 +322,14 @@ class _Images:
                 for _ in images():
                     pass
         if not any(row["coverage"] for row in rows):
-            text = (
-                "warning: no picture shows any of it: the cameras look elsewhere, or are of other coordinates"
-            )
-            self.output.note(f"{text}; --turntable 8 looks at all of it")
+            text = "the cameras do not look at the asset, or use other coordinates; try --turntable 8"
+            self.output.note(f"warning: all images are empty: {text}")
         if self.output.prints_text:
-            self.say(rows, renderer.tier)
+            self.print_summary(rows, renderer.tier)
         return rows
 
     def write(self, writers: Any, name: str, view: Camera, frame: Frame) -> dict[str, Any]:
-        """Hand the frame's planes to the writers; return what the JSON says of it."""
+        """Submit the requested planes of a frame to the writers; return the frame's row of JSON data."""
         from msb.render.images import write_image
 
         row: dict[str, Any] = {"camera": view.name, "width": view.width, "height": view.height}
@@ -342,15 +342,15 @@ class _Images:
         for kind in self.kinds:
             plane = planes[kind]
             if plane is None:
-                raise UsageError("USAGE", "this tier and method have no face ids; leave out --ids")
+                raise UsageError("USAGE", "face ids are not available for this tier and method; omit --ids")
             target = self.place(name, kind)
             form = self.options.format if kind == "image" else self.planes
             writers.submit(write_image, target, plane, form, overwrite=self.output.force)
             row[kind] = str(target)
         return row
 
-    def say(self, rows: list[dict[str, Any]], tier: str) -> None:
-        """Print what was made, in a line or a few."""
+    def print_summary(self, rows: list[dict[str, Any]], tier: str) -> None:
+        """Print the number of images and their hash, and with --verbose a line for each image."""
         where = [str(self.options.out)] if self.options.out is not None else []
         where += [str(self.options.film)] if self.options.film is not None else []
         plural = "" if len(rows) == 1 else "s"

@@ -1,7 +1,7 @@
-"""Projected primitives -> depth order -> tile lists, all on the device.
+"""From projected primitives to depth order and tile lists, all on the device.
 
-The host reads two counts only: how many primitives are listed, and how many entries all lists have together,
-which decides how much memory the lists need.
+The host reads only two counts: the number of listed faces, and the total length of all lists, which decides
+how much memory the lists need.
 """
 
 from typing import NamedTuple
@@ -14,21 +14,22 @@ from msb.cl.sort import sort_pairs
 from msb.errors import DeviceError
 from msb.registry import Order
 
-# Number of faces, or samples of a row, that a work-item takes at once; PoCL crashes with 16
+# Faces, or samples of a row, that one work-item processes at once (SIMD lanes). PoCL crashes with 16
 # (docs/opencl.md).
 LANES = {"cpu": 8, "gpu": 1}
-# Work-items of a group of the stages over faces.
+# Work-items per work-group in the stages over faces.
 WORK_GROUP = 64
-# Places that a work-item of a CPU looks through for equal depths; a multiple of the lanes.
+# Places that one CPU work-item searches for equal depths; a multiple of the lanes.
 SETTLED = 1024
 
 
 class Projected(NamedTuple):
-    """The buffers that `project` writes for F faces. Each face that some tile lists has a place in them.
+    """The buffers that the kernel `project` writes for F faces.
 
-    `faces`, `keys` and `tiles` have for each place the record that blending reads, the depth, and the
-    rectangle of tiles; a work-item's places begin at the row of its first face. `listed` counts the listed
-    faces of each work-item, `visible` says of each row whether the official culling keeps its face.
+    Each face that at least one tile lists has a place in `faces` (the record that blending reads), `keys`
+    (its depth) and `tiles` (its rectangle of tiles). The places of a work-item begin at the row of its first
+    face. `listed` counts the listed faces of each work-item. `visible` marks the rows whose faces pass the
+    official culling.
     """
 
     faces: Buffer
@@ -39,9 +40,10 @@ class Projected(NamedTuple):
 
 
 class TileLists(NamedTuple):
-    """Tile t lists ``list[starts[t] : starts[t + 1]]``, places of faces from front to back.
+    """Tile t lists ``list[starts[t] : starts[t + 1]]``: places of faces from front to back.
 
-    `starts` is uint64 (columns * rows + 1,), `list` is uint32.
+    `starts` is uint64 (columns * rows + 1,), `list` is uint32. `listed` is the number of listed faces,
+    `pairs` the length of `list`.
     """
 
     starts: Buffer
@@ -51,11 +53,11 @@ class TileLists(NamedTuple):
 
 
 class DepthSort:
-    """Puts places of listed faces in the order of blending: by depth, and by number at equal depth.
+    """Sorts the places of listed faces into blending order: by depth, and by face number at equal depth.
 
-    The official sort is stable, hence the numbers; order "none" sorts by them alone. `by_rows` says whether
-    faces lie in the order of their numbers, as they are stored, and not in drawing order
-    (`msb.render.splat.order`).
+    The official sort is stable, so faces of equal depth keep the order of their numbers. With order "none"
+    the numbers alone decide. `by_rows` tells whether the rows on the device are in the order of the face
+    numbers (as stored) or in the order of `msb.render.splat.order`.
     """
 
     def __init__(self, device: Device, program: Program, order: Order) -> None:
@@ -65,13 +67,14 @@ class DepthSort:
         self.by_rows = True
 
     def __call__(self, projected: Projected, depths: Buffer, places: Buffer) -> Buffer:
-        """Return `places`, which are ascending, sorted by their `depths`. Both arrays are overwritten."""
+        """Return the ascending `places` sorted by their `depths`. Both buffers are overwritten."""
         if self._by_number_alone:
             return places if self.by_rows else self._by_number(projected, depths, places)
         order = self._by_depth(depths, places)
         if self.by_rows or self._settle(projected, *order):
             return order[1]
-        # Too many are equal, as in a plane that the camera faces: one stable sort after the other.
+        # Too many depths are equal, for example in a plane parallel to the image: sort by number, then stably
+        # by depth.
         places = self._by_number(projected, depths, places)
         arguments = places, projected.keys, depths, np.uint32(places.size)
         self._program.depths_of(places.size, WORK_GROUP, *arguments)
@@ -81,14 +84,14 @@ class DepthSort:
         return sort_pairs(self._device, depths, places, name="splat depth sort")
 
     def _by_number(self, projected: Projected, keys: Buffer, places: Buffer) -> Buffer:
-        """Return `places` sorted by the numbers of their faces, which are `keys` from here on."""
+        """Return `places` sorted by the numbers of their faces; `keys` is overwritten with these."""
         count = places.size
         self._program.numbers_of(count, WORK_GROUP, places, projected.faces, keys, np.uint32(count))
         bits = (projected.visible.size - 1).bit_length()
         return sort_pairs(self._device, keys, places, bits=bits, name="splat number sort")[1]
 
     def _settle(self, projected: Projected, depths: Buffer, places: Buffer) -> bool:
-        """Sort equal depths by number; return False where there are too many for that."""
+        """Sort places of equal depth by face number in place; return False if a run is too long for that."""
         unsettled = self._device.scratch("splat unsettled", 1, np.uint32)
         unsettled.fill(0)
         arguments = depths, places, projected.faces, unsettled, np.uint32(places.size)
@@ -102,11 +105,15 @@ class DepthSort:
 def bin_faces(
     device: Device, projected: Projected, chunk: int, columns: int, rows: int, sort: DepthSort
 ) -> TileLists:
-    """Queue depth order and tile lists of faces projected `chunk` a work-item; waits for the two counts."""
+    """Return the depth-ordered tile lists of faces that were projected `chunk` per work-item.
+
+    Waits for the device twice, to read the two counts.
+    """
     program = device.program(f"splat_bins_{device.style}")
     items = projected.listed.size
     with device.stage("sort"):
         before = device.scratch("splat listed before", items + 1, np.uint32)
+        # The listed faces before each work-item give each listed face its slot in the compacted arrays.
         exclusive_scan(device, projected.listed, before)
         listed = int(before.read(start=items)[0])
         keys = device.scratch("splat depth keys", listed, np.uint32)
@@ -114,16 +121,18 @@ def bin_faces(
         group = 1 if device.style == "cpu" else WORK_GROUP
         sizes = np.uint32(items), np.uint32(chunk)
         program.compact(items, group, before, projected.keys, keys, places, *sizes)
+        # Compact keys and places, then bring the places into blending order.
         if listed:
             places = sort(projected, keys, places)
     with device.stage("bin"):
-        make = _count_and_fill if device.style == "cpu" else _sort_by_tile
-        return make(device, projected, places, listed, columns, columns * rows)
+        build = _count_and_fill if device.style == "cpu" else _sort_by_tile
+        return build(device, projected, places, listed, columns, columns * rows)
 
 
 def _count_and_fill(
     device: Device, projected: Projected, order: Buffer, listed: int, columns: int, tiles: int
 ) -> TileLists:
+    """Build the lists by counting: each chunk of faces counts its entries per tile, then writes them."""
     program = device.program(f"splat_bins_{device.style}")
     chunk, chunks = chunks_of(device, listed)
     counts = device.scratch("splat tile counts of chunks", (max(chunks, 1), tiles), np.uint32)
@@ -131,10 +140,12 @@ def _count_and_fill(
     starts = device.scratch("splat tile starts", tiles + 1, np.uint64)
     sizes = np.uint32(listed), np.uint32(chunk), np.uint32(columns), np.uint32(tiles)
     ordered = device.scratch("splat ordered tiles", (max(listed, 1), 4), np.uint16)
+    # Entries of each chunk and tile; the sums over chunks give the start of each tile's list.
     program.count_tiles(chunks, 1, order, projected.tiles, ordered, counts, *sizes)
     program.sum_tiles(tiles, WORK_GROUP, counts, totals, np.uint32(chunks), np.uint32(tiles))
     exclusive_scan(device, totals, starts, tiles)
     pairs = int(starts.read(start=tiles)[0])
+    # Each chunk appends its faces to the lists, in order, at offsets from the counts.
     lists = device.scratch("splat tile lists", max(pairs, 1), np.uint32)
     program.fill_tiles(chunks, 1, order, ordered, counts, starts, lists, *sizes)
     return TileLists(starts, lists, listed, pairs)
@@ -143,14 +154,16 @@ def _count_and_fill(
 def _sort_by_tile(
     device: Device, projected: Projected, order: Buffer, listed: int, columns: int, tiles: int
 ) -> TileLists:
+    """Build the lists by sorting pairs of (tile, face) by tile; the stable sort keeps the depth order."""
     program = device.program(f"splat_bins_{device.style}")
     counts = device.scratch("splat tiles of ordered faces", max(listed, 1), np.uint32)
     offsets = device.scratch("splat pair offsets", listed + 1, np.uint64)
+    # Number of tiles that each face covers, and the first pair of each face.
     program.count_pairs(listed, WORK_GROUP, order, projected.tiles, counts, np.uint32(listed))
     exclusive_scan(device, counts, offsets, listed)
     pairs = int(offsets.read(start=listed)[0])
     if pairs > MOST:
-        text = f"{pairs} pairs of tile and face are too many to sort ({MOST}): draw a smaller image"
+        text = f"the image needs {pairs} pairs of tile and face; {MOST} can be sorted: render a smaller image"
         raise DeviceError("DEVICE_MEMORY", text)
     starts = device.scratch("splat tile starts", tiles + 1, np.uint64)
     pair_tiles = device.scratch("splat pair tiles", max(pairs, 1), np.uint32)
@@ -162,5 +175,6 @@ def _sort_by_tile(
         pair_tiles, places = sort_pairs(
             device, pair_tiles, places, count=pairs, bits=bits, name="splat pair sort"
         )
+    # A tile's list starts at the first sorted pair with its number.
     program.find_starts(pairs + 1, WORK_GROUP, pair_tiles, starts, np.uint32(pairs), np.uint32(tiles))
     return TileLists(starts, places, listed, pairs)

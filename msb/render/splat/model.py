@@ -1,68 +1,65 @@
-"""The model that the splatting pipeline draws: an asset as the kernels take it, and helpers that make one.
+"""The model that the splatting pipeline draws, and helper functions that build one from an asset.
 
-A method's module `look` has a function ``splat_model(asset, settings)`` that returns a `Model`, beside its
-one kernel file, which the head of `splat_stages.cl` describes.
+The module `look` of a method has a function ``splat_model(asset, settings)`` that returns a `Model`.
+Beside it lies the method's one kernel file; the head of `splat_stages.cl` describes its contents.
 """
-
-from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from msb.asset import Asset
 from msb.asset.activation import rest_coefficients
 from msb.asset.drawable import require, required_buffer
 from msb.registry import METHODS, role
 from msb.render.splat.view import Culling
 
-if TYPE_CHECKING:
-    from msb.asset import Asset
+Settings = Mapping[str, Any]
 
-    Settings = Mapping[str, Any]
-
-# Depth in scene units in front of which an engine clips.
+# Near plane of the engine sampling, in scene units: the near plane of the standard tier.
 ENGINE_NEAR = 0.01
-# The logarithm of what is 0 in float32. Powers that end below it are slow to raise to, and where sigma is as
-# small as after training most do.
+# Natural logarithm below which a float32 power is 0 (the smallest float32 is exp(-103.3)). Computing such
+# powers is slow, and with the small sigmas of trained models most of them are that small.
 _LEAST = -105.0
+# Culling of the engine sampling: faces are clipped at the near plane and reach no farther than their corners.
 CLIPPED = Culling(nearest=ENGINE_NEAR, dilation=1.0, clipped=True)
 
 
 @dataclass(frozen=True)
 class Model:
-    """An asset as the kernels take it, with activated parameters and the settings in force.
+    """An asset in the form that the kernels read: activated parameters and the values of the settings.
 
     Attributes
     ----------
     program, package : str
-        The kernel file, and the package that holds it.
+        The kernel file, and the package that contains it.
     face_words, engine_words : int
-        The size of the file's struct `Face`, in words of four bytes, for official and for an engine's
-        sampling.
+        The size of the file's struct `Face` in words of four bytes, for official and for engine sampling.
     defines : mapping
-        The definitions that the file is compiled with.
+        Definitions for the compilation of the kernel file.
     near, far : float
-        The planes of the official projection matrix.
+        The planes of the official projection matrix, in scene units.
     culling, engine_culling : Culling
     scale : int
         The number of samples per pixel along each axis.
     box_mean : bool
-        Whether pixels are means of all their samples; otherwise they are interpolated bilinearly.
+        Whether a pixel is the mean of all its samples. Otherwise pixels are interpolated bilinearly from the
+        samples around their centres.
     own : mapping of str to numpy.float32, numpy.int32 or numpy.uint32
-        Values for the method's kernels that the settings decide: members of ``view->own`` by their names.
+        Values of the method's settings for its kernels: the members of ``view->own`` by name.
     positions : (V, 3) float32
     coverage : (n, c) float32
-        The activated opacity of faces or vertices, and values that it and the falloff decide for every view;
-        each method's kernel file says which values.
+        The activated opacity of faces or vertices, and values derived from it and the falloff that do not
+        depend on the view. The method's kernel file documents the columns.
     vertex_colors : bool
         Whether colours and opacities belong to vertices; otherwise they belong to faces.
     outputs : tuple of str
         The optional fields of a frame that the method defines.
     raw : mapping
-        Name of the official kernel's buffer -> our plane.
+        Name of an official buffer -> our plane with the same content.
     """
 
     program: str
@@ -85,33 +82,39 @@ class Model:
 
     @property
     def pixel_samples(self) -> tuple[int, int]:
-        """The first and the last sample along each axis whose mean is a pixel.
+        """The first and the last sample along each axis that are averaged into a pixel.
 
-        They are all of the pixel's, or the one or two in its middle, as bilinear interpolation has it.
+        These are all samples of the pixel (`box_mean`), or the one or two samples in its middle, which is
+        bilinear interpolation at the pixel's centre.
         """
         return (0, self.scale - 1) if self.box_mean else ((self.scale - 1) // 2, self.scale // 2)
 
 
 def rim(opacity: NDArray[np.float32], sigma: NDArray[np.float32] | np.float32) -> NDArray[np.float32]:
-    """Return a little less than the phi at which o phi^sigma = 1/255; 2 where alpha is less everywhere."""
+    """Return slightly less than the phi with o phi^sigma = 1/255; 2 where alpha is smaller everywhere.
+
+    phi is 0 on the edges and 1 at the incentre of a face, o its opacity. Samples with a smaller phi are
+    skipped.
+    """
     share = 1 / (255.0 * np.maximum(opacity, 1e-30).astype(np.float64))
-    found = np.where(share < 1.0001, np.float32(0), np.float32(2))
-    with np.errstate(divide="ignore"):  # a sigma that is 0 in float32: phi^0 is 1 everywhere inside
+    limit = np.where(share < 1.0001, np.float32(0), np.float32(2))
+    # sigma may be 0 in float32; phi^0 is 1 in the whole face.
+    with np.errstate(divide="ignore"):
         power = np.broadcast_to(1 / np.asarray(sigma, np.float64), share.shape)
         near = (share >= np.exp(_LEAST / power)) & (share < 1.0001)
-        found[near] = np.minimum(share[near], 1) ** power[near] * 0.9999
-    return found
+        limit[near] = np.minimum(share[near], 1) ** power[near] * 0.9999
+    return limit
 
 
 def contour(opacity: NDArray[np.float32], sigma: NDArray[np.float32] | np.float32) -> NDArray[np.float32]:
-    """Return the phi at which o phi^sigma = 0.01, as the official fast power has it: each step rounded."""
+    """Return the phi with o phi^sigma = 0.01, rounded step by step like the official fast power."""
     with np.errstate(divide="ignore", over="ignore"):
         power = (1 / sigma) * np.log2(np.float32(0.01) / opacity, dtype=np.float64).astype(np.float32)
         return np.asarray(np.exp2(power, dtype=np.float64), np.float32)
 
 
 def make_model(asset: Asset, settings: Settings) -> Model:
-    """Return `asset` as the kernels take it, as its method's module `look` makes it (``splat_model``)."""
+    """Return the model of an asset, built by ``splat_model`` of its method's module `look`."""
     method = asset.manifest.method
     look: Any = role(method, "look")
     require(asset, "compositing", "kind", "front_to_back")
@@ -121,7 +124,7 @@ def make_model(asset: Asset, settings: Settings) -> Model:
 
 
 def sh_buffers(asset: Asset, rows: int) -> tuple[NDArray[Any], NDArray[Any] | None]:
-    """Return `f_dc`, and `f_rest` in the order coefficient, channel (None at degree 0)."""
+    """Return `f_dc`, and `f_rest` in coefficient-major order (None at degree 0)."""
     first = required_buffer(asset, "f_dc", rows, 3)
     degree = asset.manifest.sh_degree
     if degree == 0:
@@ -131,7 +134,7 @@ def sh_buffers(asset: Asset, rows: int) -> tuple[NDArray[Any], NDArray[Any] | No
 
 
 def soup_positions(asset: Asset) -> NDArray[np.float32]:
-    """Return positions as rows of three corners a face, whatever the indices are."""
+    """Return positions (3 F, 3) with three rows per face, also for meshes with shared vertices."""
     positions, indices = asset.buffers["positions"], asset.buffers["indices"]
     if asset.manifest.topology == "triangle_soup":
         return positions

@@ -1,9 +1,9 @@
-"""A model on the device: its faces, in an order that makes drawing fast, and their bounding spheres.
+"""Keeps a model on the device: its faces, in an order that makes rendering fast, and bounding spheres.
 
-Checkpoints hold faces in the order in which training made them, so the faces that a view shows are scattered
-over all of memory. This module sorts them along a space-filling curve; in soups, faces of similar size also
-lie together. The order cannot be seen from outside: faces keep their numbers, and faces of equal depth are
-blended in the order of the asset.
+Checkpoints store faces in the order of training, so the faces in view are scattered over the whole memory.
+This module sorts them along a space-filling curve; in triangle soups, faces of similar size also become
+neighbours. Results do not change: faces keep their numbers, and faces of equal depth are blended in the order
+of the asset.
 """
 
 from collections.abc import Iterator, Mapping
@@ -20,20 +20,20 @@ from msb.render.backend import Group
 from msb.render.device_scope import DeviceScope
 from msb.render.splat.bins import LANES, WORK_GROUP
 
-# Faces in a group with a common bounding sphere.
+# Faces that share a bounding sphere in the CPU style.
 FACE_GROUP = 64
-# Bits of a sort key for each axis. Three make 54 bits; below them there is room for an exponent.
+# Bits of a sort key per axis. Three axes take 54 of 64 bits, which leaves room for the exponent of the size.
 _AXIS_BITS = 18
-# Bits of a sort key for the size of a face.
+# Bits of a sort key for the size of a face: the exponent of its inradius.
 _SIZE_BITS = 8
-# Rows that are put in order at a time; this few stay in the processor's cache.
+# Rows that are permuted at a time; this number fits into the processor's cache.
 _PIECE = 1 << 14
-# Stands for an array that a method's kernels do not read.
+# Placeholder for an array that a method's kernels do not read.
 _NOTHING = np.zeros(1, np.float32)
-# Faces are reordered only if the model takes at most this share of the device's memory.
+# Largest share of the device's memory that a model may take to be sorted, because sorting needs a copy.
 _MODEL_SHARE = 1 / 4
 
-# Name -> an array of the model that kernels read; "positions" and "indices" are always there.
+# Name -> array of the model that kernels read; "positions" and "indices" always exist.
 Arrays = Mapping[str, "NDArray[np.generic] | None"]
 
 _few: ContextVar[bool] = ContextVar("_few", default=False)
@@ -41,7 +41,7 @@ _few: ContextVar[bool] = ContextVar("_few", default=False)
 
 @contextmanager
 def few_frames() -> Iterator[None]:
-    """Leave models as they are stored, in a block: of each, too few frames are drawn to gain by an order."""
+    """Do not sort models within this block. Use it if too few frames are rendered to repay the sort."""
     token = _few.set(True)
     try:
         yield
@@ -50,11 +50,11 @@ def few_frames() -> Iterator[None]:
 
 
 def keep_model(scope: DeviceScope, program: Program, count: int, arrays: Arrays) -> None:
-    """Keep a model of `count` faces on the device, in the order in which it is stored.
+    """Keep a model of `count` faces on the device, in stored order.
 
-    The scope receives every array under its name, "numbers" (uint32, the number of the face in each row),
-    "bounds" and, for the CPU style, "groups" (splat_bounds.cl says what these two hold). `program` is the
-    method's.
+    The scope receives every array under its name, and also "numbers" (uint32, the face number of each row),
+    "bounds" and, in the CPU style, "groups" (splat_bounds.cl describes both). `program` is the method's
+    program.
     """
     kept, device = scope.kept, scope.device
     for name, array in arrays.items():
@@ -70,12 +70,12 @@ def keep_model(scope: DeviceScope, program: Program, count: int, arrays: Arrays)
 
 
 def order_model(scope: DeviceScope, program: Program, count: int, arrays: Arrays) -> bool:
-    """Sort the `count` faces of a model that the scope keeps, and return whether that was done.
+    """Sort the `count` faces of a model that the scope keeps; return whether they were sorted.
 
-    In a soup, all per-face arrays are permuted together. In a mesh, the index rows are permuted, and the
-    vertex arrays are sorted along the same curve. The kept model becomes a copy in memory, also if the arrays
-    were a mapped file before. Where memory is too small for that copy, or in a block of `few_frames`, the
-    model stays as it is and the result is False.
+    In a triangle soup all per-face arrays are permuted together. In an indexed mesh the index rows are
+    permuted, and the vertex arrays are sorted along the same curve. The kept model becomes a copy in memory,
+    even if its arrays were a mapped file. If the memory is too small for the copy, or within `few_frames`,
+    the model is left unchanged and the result is False.
     """
     if _few.get():
         return False
@@ -85,6 +85,7 @@ def order_model(scope: DeviceScope, program: Program, count: int, arrays: Arrays
         return False
     indices = given.pop("indices", None)
     try:
+        # The new order of the faces, and in indexed meshes of the vertices.
         positions = given["positions"]
         faces = rows = _curve_order(device, kept["bounds"], count, by_size=indices is None)
         if indices is not None:
@@ -101,6 +102,7 @@ def order_model(scope: DeviceScope, program: Program, count: int, arrays: Arrays
     finally:
         device.release_scratch("splat order ")
         device.release_scratch("splat face sort")
+    # Replace the arrays on the device by the sorted copies.
     for name, array in {**ordered, "numbers": faces}.items():
         kept[name].release()
         kept[name] = device.share(array, name, kept[name].group)
@@ -109,12 +111,13 @@ def order_model(scope: DeviceScope, program: Program, count: int, arrays: Arrays
 
 
 def _lanes_up(device: Device, count: int) -> int:
+    """Return `count` rounded up to a whole number of the device's lanes."""
     lanes = LANES[device.style]
     return -(-count // lanes) * lanes
 
 
 def _bound(scope: DeviceScope, program: Program, count: int) -> None:
-    """Compute the bounding spheres of faces and groups. Most faces out of view are dropped by them."""
+    """Compute the bounding spheres of faces and groups, which cull most faces outside the view."""
     kept, style = scope.kept, scope.device.style
     bounds = kept["bounds"]
     faces, stride = np.uint32(count), np.uint32(bounds.shape[1])
@@ -129,10 +132,11 @@ def _bound(scope: DeviceScope, program: Program, count: int) -> None:
 def _curve_order(device: Device, points: Buffer, count: int, *, by_size: bool) -> NDArray[np.uint32]:
     """Return the face or vertex number for each row of the new order.
 
-    The first three rows of `points`, (4, n), are x, y and z.
+    The first three rows of `points` (4, n) are x, y and z. With `by_size` the faces are sorted by size first.
     """
     with points.mapped() as rows:
         low, high = rows[:3, :count].min(axis=1), rows[:3, :count].max(axis=1)
+    # Scale all axes alike, so that the longest side of the bounding box uses all bits.
     span = np.max(high.astype(np.float64) - low)
     scale = np.float32(((1 << _AXIS_BITS) - 1) / span if 0 < span < np.inf else 0)
     keys = device.scratch("splat order keys", count, np.uint64)
@@ -144,6 +148,7 @@ def _curve_order(device: Device, points: Buffer, count: int, *, by_size: bool) -
 
 
 def _vertex_order(device: Device, positions: NDArray[np.generic]) -> NDArray[np.uint32]:
+    """Return the numbers of the vertices along the curve."""
     count = len(positions)
     points = device.scratch("splat order points", (4, count), np.float32)
     points.write(np.ascontiguousarray(positions.T))
@@ -153,7 +158,7 @@ def _vertex_order(device: Device, positions: NDArray[np.generic]) -> NDArray[np.
 def _renumbered(
     indices: NDArray[np.generic], faces: NDArray[np.uint32], order: NDArray[np.uint32]
 ) -> NDArray[np.uint32]:
-    """Return `indices` in the order of `faces`, with each vertex number replaced by its row in `order`."""
+    """Return `indices` in the order of `faces`, with vertex numbers replaced by their rows in `order`."""
     places = np.zeros_like(order)
     places[order] = np.arange(len(order), dtype=np.uint32)
     renumbered: NDArray[np.uint32] = places[_in_order(indices, faces)]
@@ -161,7 +166,8 @@ def _renumbered(
 
 
 def _in_order(array: NDArray[np.generic], order: NDArray[np.uint32]) -> NDArray[np.generic]:
-    # Unlike zeros, empty uses huge pages.
+    """Return the rows of `array` in the given order."""
+    # Unlike zeros, empty allocates huge pages.
     ordered = np.empty(array.shape, array.dtype)  # noqa: TID251 - filled below
     for start in range(0, len(order), _PIECE):
         here = slice(start, start + _PIECE)

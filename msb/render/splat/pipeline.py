@@ -1,6 +1,7 @@
-"""The OpenCL pipeline of the splatting methods: project, order by depth, list by tile, blend front to back.
+"""The OpenCL pipeline of the splatting methods: project, sort by depth, list by tile, blend front to back.
 
-docs/dedicated.md describes the stages and their cost, `msb.render.splat.model` what differs between methods.
+docs/dedicated.md describes the stages and their cost. `msb.render.splat.model` describes the differences
+between methods.
 """
 
 import math
@@ -28,17 +29,17 @@ from msb.render.splat.order import FACE_GROUP, Arrays, keep_model, order_model
 from msb.render.splat.view import TILE, make_view, own_members
 from msb.scenes import Camera
 
-# Number of faces that a work-item projects: on a CPU enough to fill its queues, yet few enough to give many
-# times as many work-items as threads.
+# Faces that a work-item projects. On a CPU, large enough to amortise its buffers, and small enough for many
+# more work-items than threads.
 _CHUNK = {"cpu": 4096, "gpu": 1}
-# Bytes of a band of the raster, for each compute unit of a CPU (what its cache holds), or in all. Planes of
-# samples are kept for one band at a time, since 4 x 4 samples of an 8K frame are 10 GB.
+# Memory of a band of the raster in bytes: per compute unit of a CPU (the size of its cache), or in total on a
+# GPU. Planes of samples exist for one band at a time, because 4 x 4 samples of an 8K frame take 10 GB.
 _BAND_BYTES = {"cpu": 2 << 20, "gpu": 256 << 20}
-# Records of bands that stay on the device from frame to frame.
+# Band records that stay on the device from frame to frame.
 _MOST_RECORDS = 1024
-# Values of `tile_rule`, which splat_common.cl explains.
+# Values of `tile_rule`; splat_common.cl explains them.
 _TILE_RULES = {"TILES_REACHED": 0, "TILES_BOTH": 1, "TILES_OFFICIAL": 2}
-# Constants of the kernels that this side needs, too.
+# Constants that Python and the kernels share.
 _CONSTANTS: dict[str, Define] = {
     "ENGINE_NEAR": ENGINE_NEAR,
     "FACE_GROUP": FACE_GROUP,
@@ -52,7 +53,7 @@ _SPREAD_PLANES = ("red", "green", "blue", "share")
 
 
 class _Listed(NamedTuple):
-    """What a camera sees: its `View`, the projected faces, and their lists by columns and rows of tiles."""
+    """A camera's `View` record, the projected faces, and their lists for columns x rows of tiles."""
 
     view: Buffer
     projected: Projected
@@ -62,7 +63,7 @@ class _Listed(NamedTuple):
 
 
 class _Band(NamedTuple):
-    """Planes of the samples of some rows of tiles, which are whole rows of pixels."""
+    """Planes of samples for some rows of tiles, which hold whole rows of pixels."""
 
     samples: Buffer
     first_tile_row: int
@@ -72,23 +73,23 @@ class _Band(NamedTuple):
 
 
 class SplattingPipeline(OnDevice):
-    """Draws one asset of 2DTS, Triangle-Splatting or MeshSplatting as its official renderer does.
+    """Renders an asset of a splatting method like its official renderer.
 
     Parameters
     ----------
     outputs : "auto", "all" or iterable of str
-        The parts that a frame should hold besides image, alpha, depth and visible: "normal", "depth_median",
-        "face_id" (None where the method has none) and "raw". Fewer parts are faster. "auto" is all, but raw
-        buffers only if a pixel has one sample: with 4 x 4 samples they take 16 times the memory.
+        The optional parts of a frame: "normal", "depth_median", "face_id" (None if the method does not define
+        them) and "raw". Fewer parts are faster. "auto" requests all of them, but raw buffers only with one
+        sample per pixel, because 4 x 4 samples take 16 times the memory.
     order : {"tile", "global", "none"}
-        "tile" is the official order. "global" sorts by depth, but a primitive is seen wherever it reaches,
-        not in its official tiles alone. "none" draws in the order of the asset, as an engine without sorting
-        would.
+        "tile" is the official order. "global" sorts by depth, and shows a primitive wherever it reaches, not
+        only in its official tiles. "none" draws in the order of the asset, like an engine without sorting.
     sampling : {"official", "engine"}
-        "engine" makes fragments as graphics hardware does; docs/dedicated.md describes it.
+        "engine" generates fragments like graphics hardware; see docs/dedicated.md.
     early_stop, exact_tiles : bool
-        Whether blending ends where nothing can change any more, and whether a face is listed only in those of
-        its official tiles that it reaches. Neither changes a pixel; the benchmark shows what they are worth.
+        Whether blending stops when a pixel cannot change any more, and whether a face is listed only in those
+        of its official tiles that it reaches. Neither changes any pixel. The benchmark measures the time that
+        they save.
     """
 
     name = "msb-dedicated"
@@ -125,12 +126,12 @@ class SplattingPipeline(OnDevice):
             "rest_stride": 0 if f_rest is None else f_rest.shape[1],
             "tile_rule": _TILE_RULES[tile_rule if order == "tile" else "TILES_REACHED"],
         }
-        # Upstream's background depth is the farthest corner, as stored.
+        # The official background depth is the distance of the farthest stored corner.
         self._stored_positions = asset.buffers["positions"]
-        axes = model.positions.T  # NumPy takes 20 times as long to reduce along the first axis
+        axes = model.positions.T  # NumPy reduces along the first axis 20 times more slowly
         self._extent = np.array([max(axis.max(), -axis.min()) for axis in axes], np.float32)
 
-        soup = not model.vertex_colors  # three corners a row, whatever the indices are
+        soup = not model.vertex_colors  # positions then have one row of three corners per face
         self._frames = 0
         self._band_records: dict[tuple[int, ...], Buffer] = {}
         self._scope = DeviceScope(device, "splat")
@@ -147,7 +148,8 @@ class SplattingPipeline(OnDevice):
                 "FACE_WORDS": self.record_words,
                 "COVERAGE": model.coverage.shape[1],
             }
-            # All that comes before blending is the same whatever is blended, and so is compiled once.
+            # The stages before blending do not depend on the blended quantities, so their program is compiled
+            # once.
             self._program = self._built()
             self._early_stop = early_stop
             self._blend_program = self._built(EXTRAS=bool(self._outputs), EARLY_STOP=early_stop)
@@ -163,7 +165,7 @@ class SplattingPipeline(OnDevice):
             self._sort = DepthSort(self._device, self._program, order)
 
     def _built(self, **blending: Define) -> Program:
-        """Return the method's program for what is blended: what most frames have if nothing is said."""
+        """Return the method's program compiled for some `blending`; the defaults suit most frames."""
         chosen = {**self._defines, "EXTRAS": True, "EARLY_STOP": True, **blending}
         return self._device.program(self._model.program, chosen, self._model.package)
 
@@ -179,16 +181,17 @@ class SplattingPipeline(OnDevice):
 
     @in_turn
     def draw(self, camera: Camera, background: tuple[float, float, float]) -> Drawn:
-        """Draw as `render` and wait, reading nothing back but the two counts of the tile lists."""
+        """Draw like `render` and wait, reading back only the two counts of the tile lists."""
         self._order_faces()
         with self._device.timing() as timing:
             self._run(camera, background)
         return Drawn(timing.milliseconds(), timing.span(), timing.since_queued())
 
     def _order_faces(self, at_frame: int = SETTLED_AT) -> None:
-        """Put faces in drawing order before that frame.
+        """Sort the faces on the device before frame number `at_frame`.
 
-        That takes as long as some hundred frames gain; who draws three is likely to draw many.
+        Sorting takes the time that about a hundred frames save. A caller that renders three frames will
+        probably render many.
         """
         self._frames += 1
         if self._unordered is not None and self._frames >= at_frame:
@@ -197,7 +200,7 @@ class SplattingPipeline(OnDevice):
             self._unordered = None
 
     def _run(self, camera: Camera, background: tuple[float, float, float]) -> None:
-        """Queue everything from the projection to the pixels of the frame."""
+        """Queue all stages from the projection to the pixels of the frame."""
         device, seen = self._device, self._list(camera)
         planes = _EXTRA_PLANES if self._outputs else _PLANES
         width, height = camera.width, camera.height
@@ -220,41 +223,45 @@ class SplattingPipeline(OnDevice):
 
     @in_turn
     def shares(self, camera: Camera, picture: NDArray[np.float32] | None = None) -> NDArray[np.float64]:
-        """Return what each face adds to the image that `camera` sees, and what `picture` shows there.
+        """Return the contribution of each face to the image of `camera`, and to the colours of `picture`.
 
         Parameters
         ----------
         camera : Camera
         picture : (H, W, 3) float32, optional
-            Finite.
+            Finite colours.
 
         Returns
         -------
-        (F, 4) float64, or (F, 1), the sum of the weights alone, without a picture
-            Red, green and blue of the picture, each weighted by alpha times transmittance of the face in that
-            pixel and summed over all pixels; and the sum of these weights. A pixel of several samples has
-            the mean of theirs, so that the weights of all faces add up to the alpha of the frame.
+        (F, 4) float64, or (F, 1) without a picture
+            Red, green and blue of the picture, weighted by alpha times transmittance of the face in each
+            pixel and summed over all pixels; then the sum of these weights, the only column without a
+            picture. A pixel with several samples has the mean of their weights, so the weights of all faces
+            add up to the alpha of the frame.
         """
         device, seen = self._device, self._list(camera)
         share = self._built(EXTRAS=False, EARLY_STOP=self._early_stop, SHARES=True).share
-        shown = self._scratch("picture", (camera.height, camera.width, 3))
+        colors = self._scratch("picture", (camera.height, camera.width, 3))
         if picture is None:
-            shown.fill(0)
+            colors.fill(0)
         else:
-            shown.write(np.ascontiguousarray(picture, np.float32))
+            colors.write(np.ascontiguousarray(picture, np.float32))
         pairs = seen.lists.pairs
         sums = self._scratch("share sums", (max(pairs, 1), 4))
         sums.fill(0)
+        # In each band, copy the picture's pixels to their samples, then add up each list entry's weighted
+        # colours.
         for band in self._bands(camera, seen, len(_SPREAD_PLANES)):
             _, height, width = band.samples.shape
             record = self._band_record(band, camera.width)
             spread = device.program("splat_resolve").spread
-            spread((width, height), (WORK_GROUP, 1), shown, record, band.samples)
+            spread((width, height), (WORK_GROUP, 1), colors, record, band.samples)
             self._blend(share, seen, band, sums)
         numbers = self._scratch("share numbers", max(pairs, 1), np.uint32)
         arguments = seen.lists.list, seen.projected.faces, numbers, np.uint32(pairs)
         self._program.numbers_of(pairs, WORK_GROUP, *arguments)
-        # Entries are added in their order, in double precision. Those of faces that others hide add nothing.
+        # Entries are added in list order and in double precision. Entries without weight (hidden faces) are
+        # skipped.
         with numbers.mapped() as named, sums.mapped() as summed:
             adding = np.flatnonzero(summed[:pairs, 3])
             faces, columns = named[adding].astype(np.intp), summed[adding, 3 if picture is None else 0 :].T
@@ -275,6 +282,7 @@ class SplattingPipeline(OnDevice):
         return _Listed(view, projected, lists, columns, rows)
 
     def _project(self, view: Buffer) -> Projected:
+        """Queue the projection of all faces, and with vertex colours their evaluation."""
         count, static, device = self._count, self._static, self._device
         chunk, chunks = self._chunk, -(-count // self._chunk)
         projected = Projected(
@@ -303,8 +311,9 @@ class SplattingPipeline(OnDevice):
         return projected
 
     def _bands(self, camera: Camera, seen: _Listed, planes: int, *, whole: bool = False) -> Iterator[_Band]:
-        """Yield one band of samples after the other, all in the same memory, or the `whole` raster."""
+        """Yield bands of samples, all in the same memory; a single band if the `whole` raster is needed."""
         columns, rows, scale = seen.columns, seen.rows, self._model.scale
+        # A band is a whole number of rows of tiles and of rows of pixels.
         step = math.lcm(TILE, scale) // TILE
         room = _BAND_BYTES[self._device.style]
         if self._device.style == "cpu":
@@ -320,7 +329,7 @@ class SplattingPipeline(OnDevice):
             yield _Band(part, first, here, first_row, last_row - first_row)
 
     def _blend(self, kernel: Kernel, seen: _Listed, band: _Band, *more: Buffer) -> None:
-        """Queue `blend`, or `share` with the buffer of its sums, for a band."""
+        """Queue the kernel `blend`, or `share` with the buffer of its sums, for a band."""
         lists = seen.view, seen.lists.starts, seen.lists.list, seen.projected.faces
         first, here = band.first_tile_row, band.tile_rows
         arguments = *lists, band.samples, np.uint32(first), np.uint32(here), *more
@@ -330,10 +339,10 @@ class SplattingPipeline(OnDevice):
             kernel((seen.columns * TILE, here * TILE), (TILE, TILE), *arguments)
 
     def _band_record(self, band: _Band, width: int) -> Buffer:
-        """Return the `Band` of splat_resolve.cl, of pixels in rows of `width`."""
+        """Return the `Band` record of splat_resolve.cl for a band with rows of `width` pixels."""
         model, (_, plane_rows, stride) = self._model, band.samples.shape
         values = width, band.rows, model.scale, *model.pixel_samples, stride, plane_rows, band.first_row
-        if values not in self._band_records:  # to write it waits for what is queued
+        if values not in self._band_records:  # writing one waits for all queued commands
             if len(self._band_records) >= _MOST_RECORDS:
                 self._band_records.clear()
             self._band_records[values] = self._device.upload(np.array(values, np.uint32), "splat bands")
@@ -346,6 +355,7 @@ class SplattingPipeline(OnDevice):
         width: int,
         background: tuple[float, float, float],
     ) -> None:
+        """Queue the computation of pixels from the samples of a band."""
         program, record = self._device.program("splat_resolve"), self._band_record(band, width)
         size, group = (width, band.rows), (WORK_GROUP, 1)
         targets = pixels["image"], pixels["alpha"], pixels["depth"]
@@ -355,6 +365,7 @@ class SplattingPipeline(OnDevice):
             program.resolve_extras(size, group, band.samples, record, *extras)
 
     def _read(self, camera: Camera, background: tuple[float, float, float]) -> Frame:
+        """Read back the requested parts of a frame."""
         pixels = self._pixels
         chosen = self._outputs & set(self._model.outputs)
         optional: dict[str, Any] = {name: pixels[name].read() for name in sorted(chosen)}
@@ -368,7 +379,7 @@ class SplattingPipeline(OnDevice):
         )
 
     def _read_visible(self) -> NDArray[np.bool_]:
-        """Return which faces the official culling keeps, in the order of the asset."""
+        """Return which faces pass the official culling, in the order of the asset."""
         visible = self._scratch("visible by number", self._count, np.uint8)
         arguments = self._visible, self._static["numbers"], visible, np.uint32(self._count)
         self._program.visible_by_number(self._count, WORK_GROUP, *arguments)

@@ -1,4 +1,4 @@
-"""The record of a camera for the splatting kernels; `View` in splat_common.cl has the same layout."""
+"""The camera record of the splatting kernels; `View` in splat_common.cl has the same layout."""
 
 import math
 from collections.abc import Mapping
@@ -24,7 +24,7 @@ LIMITS = np.dtype(
     ]
 )
 
-# The members that `View` has for every method. Each takes four bytes, so there is no padding.
+# Members of `View` for every method. Each takes a multiple of four bytes, so the compiler adds no padding.
 VIEW = np.dtype(
     [
         ("world_to_camera", np.float32, 12),
@@ -50,7 +50,7 @@ _C_TYPES: dict[np.dtype[Any], str] = {
 
 
 def own_members(own: Mapping[str, np.generic]) -> dict[str, str]:
-    """Return the kernel definition that adds a method's own members to `View`, in their order."""
+    """Return the kernel definition that adds a method's values to `View`, in their order."""
     members = "".join(f"{_C_TYPES[value.dtype]} {name}; " for name, value in own.items())
     return {"OWN_MEMBERS": members.rstrip()} if own else {}
 
@@ -59,13 +59,14 @@ def own_members(own: Mapping[str, np.generic]) -> dict[str, str]:
 class Culling:
     """The bounds outside which a method draws no face."""
 
-    # A face whose camera z is at most this is dropped.
+    # Smallest depth (camera z, scene units): faces at or below it are dropped.
     nearest: float
-    # A face reaches at most this multiple of its corners' distances from the centroid.
+    # How far a face reaches, as a multiple of the distances of its corners from the centroid.
     dilation: float
-    # It also reaches this number of samples beyond that.
+    # Samples beyond `dilation` that a face may reach.
     margin: float = 2.0
-    # If true, the largest z of the face is compared with `nearest`; otherwise the z of its centroid is.
+    # True: compare the largest depth of the face with `nearest`, because it is clipped. False: compare the
+    # depth of its centroid.
     clipped: bool = False
 
 
@@ -79,17 +80,17 @@ def make_view(
     culling: Culling,
     extent: NDArray[np.float32],
 ) -> NDArray[Any]:
-    """Return the `View` record of a camera. Along each axis the raster has `scale` samples per pixel.
+    """Return the `View` record of a camera for a raster with `scale` samples per pixel and axis.
 
-    The planes `near` and `far` change only the z row of the projection. `fields` are the common members that
-    do not depend on the camera, `own` those of the method; `extent` (3,) is the largest magnitude of a
-    coordinate along each axis of the world.
+    `near` and `far` affect only the z row of the projection. `fields` are common members that do not depend
+    on the camera, `own` are the method's values.
+    `extent` (3,) is the largest magnitude of a coordinate along each axis.
 
     The 3DGS family projects with tan(fov / 2) and the float32 product P W, whose terms are added from first
-    to last. The camera centre is computed from the float32 W in double precision and then rounded, because
-    the last bits of upstream's float32 inverse depend on the linear algebra library. Upstream ignores the
-    principal point. We add its distance from the middle of the image to the sample positions, which changes
-    nothing where that distance is 0. Sources: GaodeRender/triangle-splatting: src/diff_recon/utils/camera.py;
+    to last. The camera centre is computed from the float32 W in double precision and rounded, because the
+    last bits of the official float32 inverse depend on the linear algebra library. Official code ignores the
+    principal point. We add its distance from the middle of the image to the sample positions, which has no
+    effect at distance 0. Sources: GaodeRender/triangle-splatting: src/diff_recon/utils/camera.py;
     trianglesplatting/triangle-splatting: utils/graphics_utils.py, scene/cameras.py.
     """
     view = np.zeros((), [*VIEW.descr, ("own", [(name, value.dtype) for name, value in own.items()])])
@@ -102,7 +103,7 @@ def make_view(
     projection[3, 2] = 1
     world_to_camera = camera.world_to_camera.astype(np.float32)
     full = projection[:, :1] * world_to_camera[:1]
-    for k in range(1, 4):  # no matrix product: a BLAS fuses and reorders
+    for k in range(1, 4):  # not a matrix product, because BLAS fuses and reorders the sums
         full = full + projection[:, k : k + 1] * world_to_camera[k : k + 1]
     view["world_to_camera"] = world_to_camera[:3].ravel()
     view["full"] = full.ravel()
@@ -120,12 +121,14 @@ def make_view(
 
 
 def _limits(view: NDArray[Any], culling: Culling, extent: NDArray[np.float32]) -> tuple[Any, ...]:
-    """Return the members of `Limits`. They exceed the official ones by the largest rounding error."""
+    """Return the members of `Limits`: the official bounds, widened by the largest rounding error."""
     pose = view["world_to_camera"].reshape(3, 4).astype(np.float64)
     size = np.array([view["width"], view["height"]], np.float64)
     tan, shift = view["tan_fov"].astype(np.float64), view["shift"].astype(np.float64)
+    # Bound of the rounding error of a camera-space coordinate, in scene units.
     rounding = 16 * np.finfo(np.float32).eps * (np.abs(pose[:, :3]) @ extent + np.abs(pose[:, 3])).max()
-    # Sample x of the raster looks along x / z = tan (2 (x - shift) + 1 - width) / width.
+    # Slopes x / z and y / z of the raster's borders, with the margin. Sample x looks along x / z = tan (2 (x
+    # - shift) + 1 - width) / width.
     ends = np.array([view["columns"], view["rows"]]) * TILE
     margin = culling.margin + 0.004 * size.max()
     low, high = -margin, ends + margin

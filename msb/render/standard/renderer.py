@@ -1,4 +1,4 @@
-"""The standard tier: an opaque, z-buffered, unlit mesh, drawn by OpenCL on a CPU or a GPU."""
+"""The standard tier: an opaque, unlit mesh with a z-buffer, in OpenCL on a CPU or GPU."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -21,35 +21,37 @@ from msb.scenes import Camera
 
 # Steps per pixel of the grid that corners are snapped to.
 _UNITS = 1 << SUBPIXEL_BITS
-# Widths and heights of tiles in pixels, the largest first; zbuffer_cpu.cl keeps coarse depths for at most 256
-# x 128 pixels.
+# Widths and heights of tiles in pixels, largest first. zbuffer_cpu.cl stores coarse depths for at most 256 x
+# 128 pixels.
 _TILES = ((256, 128), (256, 64), (128, 64), (64, 32))
+# Tiles per processor that balance the load well enough.
 _TILES_PER_PROCESSOR = 8
+# Columns and rows of padding around a tile, and the capacity of its list of clusters.
 _PAD, _PAD_ROWS, _LIST = 8, 4, 8192
 # Number of coarse depths of a tile.
 _COARSE = 64
 _GROUP_SIZE = 64
-# Floats of a camera's record, as zbuffer_math.cl has it.
+# Floats of a camera record in zbuffer_math.cl.
 VIEW_WORDS = 51
-# Least number of work-groups for triangles that one work-item would draw too slowly, and their number for
-# each compute unit, which fills it; and number of those that share a huge triangle.
+# For triangles too large for one work-item: the least number of work-groups, the number per compute unit that
+# fills it, and the number of work-groups that share one huge triangle.
 _GROUPS, _GROUPS_A_UNIT, _ROWS = 256, 32, 16
 
 
 class StandardRenderer(OnDevice):
-    """Draws any asset with a static colour as an opaque mesh; rules and kernels are in docs/standard.md.
+    """Renders any asset with static colours as an opaque mesh; docs/standard.md has the rules.
 
-    Each pixel has one sample at its centre. Faces are two-sided and clipped at a near plane of 0.01; there is
-    no far plane. Colours are interpolated in perspective. Of two faces that share an edge exactly one covers
-    each sample; at equal depths the face with the lowest number wins.
+    Each pixel has one sample at its centre. Faces are two-sided and clipped at a near plane of 0.01 scene
+    units, without a far plane. Colours are interpolated with perspective correction. If two faces share an
+    edge, exactly one of them covers each sample. At equal depths the face with the lowest number is visible.
 
-    Of the asset's settings only `ste_threshold`, which hides faces, has an effect. The image is drawn
-    `supersample` times as large, 1 to 16, and averaged.
+    Of the asset's settings only `ste_threshold`, which hides faces, has an effect. With `supersample` from 2
+    to 16 the image is rendered that many times as large, and averaged.
     """
 
     name = "msb-standard"
     version = __version__
-    # Whether the triangles can be given other places and colours between frames.
+    # Whether positions and colours of the triangles may be changed between frames.
     moves = False
 
     def __init__(
@@ -88,9 +90,9 @@ class StandardRenderer(OnDevice):
     ) -> Frame:
         """Draw the asset from `camera` over `background` (RGB, in the asset's colour space).
 
-        With supersampling image and alpha are means over a pixel's samples; depth and face are those of its
-        nearest sample. Without it the arrays of `out`, a frame of this size that is no longer needed, are
-        filled again: the first touch of new memory takes longer than the copy.
+        With supersampling, image and alpha are means over the samples of a pixel; depth and face are taken
+        from its nearest sample. Without it, `out` may be a frame of this size that is no longer needed: its
+        arrays are overwritten, because the first access to new memory takes longer than the copy.
         """
         reused = {} if out is None or self._supersample > 1 else vars(out)
         with self._device.timing() as timing:
@@ -109,7 +111,7 @@ class StandardRenderer(OnDevice):
         background: tuple[float, float, float] = (0.0, 0.0, 0.0),
         out: NDArray[np.float32] | None = None,
     ) -> NDArray[np.float32]:
-        """Return the image alone, (H, W, 3) float32; without supersampling into `out`, if given."""
+        """Return only the image, (H, W, 3) float32; without supersampling into `out`, if given."""
         image = self._run(camera, background, everything=False)["image"]
         if self._supersample > 1:
             return box_mean(image.read(), self._supersample)
@@ -117,7 +119,7 @@ class StandardRenderer(OnDevice):
 
     @in_turn
     def draw(self, camera: Camera, background: tuple[float, float, float]) -> Drawn:
-        """Draw and wait, reading nothing back."""
+        """Draw and wait, without reading anything back."""
         with self._device.timing() as timing:
             self._run(camera, background, everything=True)
         return Drawn(timing.milliseconds(), timing.span(), timing.since_queued())
@@ -130,9 +132,10 @@ class StandardRenderer(OnDevice):
         everything: bool,
         view: Buffer | None = None,
     ) -> dict[str, Buffer]:
-        """Queue all commands of a frame; return what `Frame` calls its arrays.
+        """Queue all commands of a frame; return field of `Frame` -> buffer.
 
-        `view` is the camera's record, if the device has it; to write it waits for what is queued.
+        `view` is the camera record if it is already on the device, which avoids a wait for queued commands.
+        Without `everything` only the image is computed.
         """
         scale = self._supersample
         width, height = camera.width * scale, camera.height * scale
@@ -153,6 +156,7 @@ class StandardRenderer(OnDevice):
         return planes
 
     def _run_cpu(self, view: Buffer, width: np.int32, height: np.int32, output: tuple[Any, ...]) -> None:
+        """Queue culling, and drawing tile by tile."""
         mesh, device = self._triangles, self._device
         groups = max(1, -(-mesh.clusters // GROUP))
         rects = self._scratch("rectangles", (4, mesh.stride), np.int32)
@@ -160,6 +164,7 @@ class StandardRenderer(OnDevice):
         group_rects = self._scratch("group rectangles", (groups, 4), np.int32)
         counter = self._scratch("next tile", 1, np.int32)
         count, stride = np.int32(mesh.clusters), np.int32(mesh.stride)
+        # Screen rectangles and least depths of the clusters, and rectangles of groups of clusters.
         culled = rects, nearest, group_rects
         with device.stage("cull"):
             if mesh.clusters:
@@ -168,6 +173,8 @@ class StandardRenderer(OnDevice):
                 )
             else:
                 counter.fill(0)
+        # Each processor takes the next tile until none is left; `scratch` holds its colours, depths and
+        # lists.
         processors = device.record.compute_units
         tile_width, tile_height = _tile_size(int(width), int(height), processors)
         words = 2 * (tile_width + _PAD) * (tile_height + _PAD_ROWS) + _COARSE + 2 * _LIST
@@ -195,6 +202,7 @@ class StandardRenderer(OnDevice):
             )
 
     def _run_gpu(self, view: Buffer, width: np.int32, height: np.int32, output: tuple[Any, ...]) -> None:
+        """Queue a depth pass over all triangles and the shading of the pixels."""
         mesh, device, program = self._triangles, self._device, self._program
         count = int(width) * int(height)
         pixels = self._scratch("pixels", (count, 2), np.uint32, group="targets")
@@ -202,6 +210,8 @@ class StandardRenderer(OnDevice):
         counter = self._scratch("list lengths", 2, np.int32)
         with device.stage("clear"):
             program.clear(count, _GROUP_SIZE, pixels, counter, np.uint32(count))
+        # Small triangles are drawn by one work-item each; larger ones go to a list, and work-groups draw
+        # them. Without 64-bit atomics a second pass finds the face at the nearest depth.
         group, groups = (_GROUP_SIZE, 1), _GROUPS_A_UNIT * device.record.compute_units
         corners = (mesh.colors, *mesh.textures) if mesh.textures else ()
         for number in range(1 if device.record.int64_atomics else 2):
@@ -229,7 +239,7 @@ class StandardRenderer(OnDevice):
 
 
 def _tile_size(width: int, height: int, processors: int) -> tuple[int, int]:
-    """Return the largest size of tiles that leaves every processor several, so that none waits for long."""
+    """Return the largest tile size that leaves several tiles per processor, to balance the load."""
     for size in _TILES:
         if -(-width // size[0]) * -(-height // size[1]) >= _TILES_PER_PROCESSOR * processors:
             return size
@@ -237,25 +247,24 @@ def _tile_size(width: int, height: int, processors: int) -> tuple[int, int]:
 
 
 def view_record(camera: Camera) -> NDArray[np.float32]:
-    """Return the record of a camera as zbuffer_math.cl has it, (VIEW_WORDS,) float32, computed in float64.
+    """Return the camera record of zbuffer_math.cl, (VIEW_WORDS,) float32, computed in float64.
 
-    The centre of the camera is split into its nearest float32 and a rest, so that a camera far from the
-    world's origin loses no precision. The kernels subtract the first part before they rotate a point; the
-    rest is rotated here, and the kernels add it afterwards.
+    The centre of the camera is split into its nearest float32 and a remainder, so that a camera far from the
+    origin loses no precision. The kernels subtract the first part before they rotate a point. The remainder
+    is rotated here, and the kernels add it afterwards.
     """
     rotation = camera.world_to_camera[:3, :3]
-    inverse = camera.camera_to_world[:3, :3]  # not the transpose: rotations are orthonormal to 1e-4 only
+    inverse = camera.camera_to_world[:3, :3]  # not the transpose: rotations are only orthonormal to 1e-4
     rounded = camera.center.astype(np.float32).astype(np.float64)
     rest = camera.center - rounded
     scale = np.array([camera.fx * _UNITS, camera.fy * _UNITS])
     rows = rotation * np.append(scale, 1.0)[:, None]
-    # A ray's direction in the world, for a camera x, y, z of (u - cx) / fx, (v - cy) / fy, 1.
+    # Direction of a ray in the world per camera x, y and z, for the ray ((u - cx) / fx, (v - cy) / fy, 1).
     ray = inverse.T / np.array([camera.fx, camera.fy, 1.0])[:, None]
     principal = np.array([camera.cx, camera.cy])
     with np.errstate(over="ignore"):
-        low, ray_low = (
-            part - part.astype(np.float32) for part in (rows, ray)
-        )  # for what is computed in double
+        # The remainders of the float32 values, for the kernels' computations in double precision.
+        low, ray_low = (part - part.astype(np.float32) for part in (rows, ray))
     parts = (rows, rounded, -rows @ rest, principal * _UNITS + 0.5, scale, rest, ray, principal, low, ray_low)
-    with np.errstate(over="ignore"):  # a camera 1e39 away sees nothing
+    with np.errstate(over="ignore"):  # a camera 1e39 units away sees nothing
         return np.concatenate([part.reshape(-1) for part in parts]).astype(np.float32)

@@ -1,4 +1,4 @@
-"""Supersampling, the option of the standard tier: many samples a pixel."""
+"""Supersampling, an option of the standard tier: several samples per pixel."""
 
 import operator
 from dataclasses import replace
@@ -15,7 +15,7 @@ MAX_SUPERSAMPLE = 16
 
 
 def checked_supersample(value: int) -> int:
-    """Return the samples along each side of a pixel, if there can be so many."""
+    """Return the number of samples along each side of a pixel; an invalid one is SETTING_VALUE."""
     try:
         samples = 0 if isinstance(value, bool) else operator.index(value)
     except TypeError:
@@ -27,18 +27,19 @@ def checked_supersample(value: int) -> int:
 
 
 def enlarged(camera: Camera, scale: int) -> Camera:
-    """Return `camera` with `scale` times as many pixels each way."""
+    """Return `camera` with `scale` times as many pixels along each axis."""
     return camera if scale == 1 else camera.resized(camera.width * scale, camera.height * scale)
 
 
 def box_filter(frame: Frame, scale: int) -> Frame:
-    """Return `frame` with `scale` x `scale` of its pixels made one.
+    """Return a frame whose pixels combine `scale` x `scale` pixels of `frame` each.
 
-    Image and alpha are means. Depth and face are those of the nearest sample; at equal depths the lowest face
-    number counts.
+    Image and alpha are means. Depth and face are taken from the nearest sample, at equal depths from the
+    lowest face number.
     """
     image, alpha = box_mean(frame.image, scale), box_mean(frame.alpha, scale)
-    # Depths are positive, so their bits are in order; faces as unsigned numbers put those of no face last.
+    # Bits of positive floats sort like the floats. As unsigned numbers, background samples (-1) come last.
+    # So the least 64-bit key of (depth, face) is the nearest sample with the lowest face.
     samples = np.where(frame.depth > 0, frame.depth, np.inf).astype(np.float32).view(np.uint32)
     if frame.face_id is not None:
         samples = samples.astype(np.uint64) << np.uint64(32) | frame.face_id.astype(np.uint32)
@@ -52,21 +53,21 @@ def box_filter(frame: Frame, scale: int) -> Frame:
 
 
 def box_mean(plane: NDArray[np.float32], scale: int) -> NDArray[np.float32]:
-    """Return a plane (H s, W s, ...) whose pixels are the means of `scale` x `scale` of its own."""
+    """Return a plane whose pixels are means of `scale` x `scale` pixels of `plane` (H s, W s, ...)."""
     return np.asarray(_boxes(plane, scale, np.add) / scale**2, np.float32)
 
 
-def _boxes(plane: NDArray[Any], scale: int, both: np.ufunc) -> NDArray[Any]:
-    """Return a plane (H s, W s, ...) whose pixels are `scale` x `scale` of its own put together by `both`."""
+def _boxes(plane: NDArray[Any], scale: int, combine: np.ufunc) -> NDArray[Any]:
+    """Return a plane whose pixels combine `scale` x `scale` pixels of `plane` (H s, W s, ...) each."""
     height, width, *rest = plane.shape
     rows = plane.reshape(height // scale, scale, -1)
-    columns = _together(rows.swapaxes(0, 1), both).reshape(height // scale, width // scale, scale, *rest)
-    return _together(np.moveaxis(columns, 2, 0), both)
+    columns = _reduce(rows.swapaxes(0, 1), combine).reshape(height // scale, width // scale, scale, *rest)
+    return _reduce(np.moveaxis(columns, 2, 0), combine)
 
 
-def _together(parts: NDArray[Any], both: np.ufunc) -> NDArray[Any]:
-    """Return what `both` makes of all parts: pass by pass, which is many times as fast as `reduce` here."""
-    made: NDArray[Any] = parts[0].copy()
+def _reduce(parts: NDArray[Any], combine: np.ufunc) -> NDArray[Any]:
+    """Return all parts combined. Pass by pass, which is faster than `ufunc.reduce` here."""
+    total: NDArray[Any] = parts[0].copy()
     for part in parts[1:]:
-        both(made, part, out=made)
-    return made
+        combine(total, part, out=total)
+    return total

@@ -1,4 +1,4 @@
-"""An asset's textures on the device: every level of every texture in one buffer, and where each lies."""
+"""An asset's textures on the device: all levels of all textures in one buffer, and their offsets."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -10,7 +10,7 @@ from msb.asset.texture import LINEAR, ROUNDING, Sampler, Textured, level_sizes, 
 from msb.cl import Buffer, Device
 from msb.errors import DeviceError
 
-# Rows before those of textures, and rows of a texture; zbuffer_texture.cl says what they hold.
+# Number of header rows, and rows per texture, in the table that zbuffer_texture.cl documents.
 _FIRST_ROW, _TEXTURE_ROWS = 2, 5
 _WRAPS = {"repeat": 0, "clamp": 1, "mirror": 2}
 _DEFINES = {
@@ -19,31 +19,32 @@ _DEFINES = {
     "CLAMPED": _WRAPS["clamp"],
     "MIRRORED": _WRAPS["mirror"],
 }
-# Texels that the kernels can number.
+# Texels that the kernels can number with an int.
 _MOST = 2**31 - 1
 
 
-# The linear light of each byte of sRGB.
+# sRGB byte -> linear light in 16 bits.
 _LINEAR = np.rint(LINEAR * 65535).astype(np.uint16)
 
 
 @dataclass(frozen=True)
 class Texels:
-    """What zbuffer_texture.cl reads beside triangles and their tints."""
+    """The buffers that zbuffer_texture.cl reads besides triangles and their vertex colours."""
 
-    # Numbers (slots,) of textures if there are several, texels (N, 4) uint16, and the rows (R, 4) int32.
+    # Texture numbers (slots,) if there are several textures, texels (N, 4) uint16, and the table (R, 4)
+    # int32.
     buffers: tuple[Buffer, ...]
     defines: dict[str, int]
     tinted: bool
     several: bool
 
-    def preparation(self, tint: Buffer, shown: Buffer) -> tuple[Any, ...]:
-        """Return the arguments that `records` in zbuffer_prepare.cl has for textures alone."""
-        return tint, np.int32(self.tinted), shown, np.int32(self.several), self.buffers[0]
+    def preparation(self, tint: Buffer, face_textures: Buffer) -> tuple[Any, ...]:
+        """Return the texture arguments of the kernel `records` in zbuffer_prepare.cl."""
+        return tint, np.int32(self.tinted), face_textures, np.int32(self.several), self.buffers[0]
 
 
 def put_texels(device: Device, textured: Textured, slots: int, *, tinted: bool) -> Texels:
-    """Put the textures on `device`; the `slots` have no numbers of textures yet.
+    """Upload the textures to `device`; the texture numbers of the `slots` are filled in later.
 
     Raises
     ------
@@ -52,18 +53,22 @@ def put_texels(device: Device, textured: Textured, slots: int, *, tinted: bool) 
     """
     sampler = textured.sampler
     sizes = [level_sizes(*image.shape[:2])[: None if sampler.mipmaps else 1] for image in textured.images]
+    # Every level has one more row and column than its image, for the wrapped neighbours.
     count = sum((height + 1) * (width + 1) for levels in sizes for height, width in levels)
     if count > _MOST:
-        text = f"the textures have {count:,} texels with their smaller levels; a device takes {_MOST:,}"
+        text = f"the textures have {count:,} texels with their mip levels; a device accepts {_MOST:,}"
         raise DeviceError("DEVICE_MEMORY", text)
-    # NumPy's memory is in huge pages, where a device shares it and the system has them.
+    # NumPy allocates huge pages, which a device that shares the host's memory then uses.
     texels = device.share(np.zeros((count, 4), np.uint16), "standard textures", "appearance")
     rows = np.zeros((_FIRST_ROW + _TEXTURE_ROWS * len(sizes), 4), np.int32)
     wraps = (_WRAPS[wrap] for wrap in (sampler.wrap_u, sampler.wrap_v))
+    # Rows 0 and 1: filter, mip maps and wrap modes; the alpha cutoff, and whether vertex colours and several
+    # textures exist.
     rows[0] = (sampler.filter == "nearest", sampler.mipmaps, *wraps)
     several = textured.face_texture is not None
     rows[1, :3] = np.float32((sampler.alpha_cutoff or 0) - ROUNDING).view(np.int32), tinted, several
     first = 0
+    # Then per texture: width, height, last level, and the first texel of each level.
     for number, image in enumerate(textured.images):
         levels = levels_read(image, sampler)
         numbers = rows[_FIRST_ROW + _TEXTURE_ROWS * number :].reshape(-1)
@@ -73,16 +78,17 @@ def put_texels(device: Device, textured: Textured, slots: int, *, tinted: bool) 
             numbers[4 + level] = first
             texels.write(packed(_bordered(texture, sampler)), start=4 * first)
             first += (height + 1) * (width + 1)
-    held = (
+    buffers = (
         device.allocate(slots if several else 1, np.uint32, "standard texture numbers", "appearance"),
         texels,
         device.upload(rows, "standard texture rows", "appearance"),
     )
-    return Texels(held, {**_DEFINES, "CUTOFF": int(sampler.alpha_cutoff is not None)}, tinted, several)
+    defines = {**_DEFINES, "CUTOFF": int(sampler.alpha_cutoff is not None)}
+    return Texels(buffers, defines, tinted, several)
 
 
 def _bordered(image: NDArray[np.uint8], sampler: Sampler) -> NDArray[np.uint8]:
-    """Return a level with a column and a row more: what lies past its last ones."""
+    """Return a level with one more column and row: the texels that follow the last ones by the wrap mode."""
     for axis, wrap in enumerate((sampler.wrap_v, sampler.wrap_u)):
         widths = [(0, 0)] * 3
         widths[axis] = (0, 1)
@@ -91,9 +97,9 @@ def _bordered(image: NDArray[np.uint8], sampler: Sampler) -> NDArray[np.uint8]:
 
 
 def packed(image: NDArray[np.uint8]) -> NDArray[np.uint16]:
-    """Return texels (H, W, 3 | 4) as linear light and alpha (H W, 4) in 16 bits."""
-    made = np.full((*image.shape[:2], 4), 65535, np.uint16)
-    made[..., :3] = _LINEAR[image[..., :3]]
+    """Return texels (H, W, 3 | 4) as linear light and alpha, (H W, 4) uint16."""
+    texels = np.full((*image.shape[:2], 4), 65535, np.uint16)
+    texels[..., :3] = _LINEAR[image[..., :3]]
     if image.shape[2] == 4:
-        made[..., 3] = image[..., 3] * np.uint16(257)
-    return made.reshape(-1, 4)
+        texels[..., 3] = image[..., 3] * np.uint16(257)
+    return texels.reshape(-1, 4)

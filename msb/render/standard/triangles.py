@@ -1,4 +1,4 @@
-"""An asset's triangles on the device, made once, as the z-buffer's kernels read them."""
+"""An asset's triangles on the device, prepared once, in the form that the z-buffer kernels read."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -13,14 +13,14 @@ from msb.asset.texture import textures_of
 from msb.cl import Buffer, Device, sort_pairs
 from msb.render.standard.texels import Texels, put_texels
 
-# Bits of the grid that corners are snapped to: 1/4096 pixel.
+# Bits of the grid that corners are snapped to: steps of 1/4096 pixel.
 SUBPIXEL_BITS = 12
 # Floats of a triangle's record.
 WORDS = 16
-# The kinds of colours: RGBA8 of each corner, RGB of the face (both in the record), RGB of each corner in
-# a buffer of its own, and textures.
+# Kinds of colours: RGBA8 per corner, or RGB per face (both in the record); RGB floats per corner in a
+# separate buffer; textures.
 BYTES_OF_CORNERS, FLOATS_OF_FACE, FLOATS_OF_CORNERS, TEXTURES = range(4)
-# What every program that includes zbuffer_math.cl is built with.
+# Definitions for every program that includes zbuffer_math.cl.
 RECORD_DEFINES = {
     "SUBPIXEL_BITS": SUBPIXEL_BITS,
     "WORDS": WORDS,
@@ -29,16 +29,18 @@ RECORD_DEFINES = {
     "FLOATS_OF_CORNERS": FLOATS_OF_CORNERS,
     "TEXTURES": TEXTURES,
 }
-# Number of triangles that a CPU draws at once.
+# Triangles that a CPU draws at once (SIMD lanes).
 BLOCK = 8
-# Number of triangles that are culled together.
+# Triangles that are culled together by a bounding box.
 CLUSTER = 2 * BLOCK
-# Number of clusters whose rectangles are culled together.
+# Clusters whose screen rectangles are culled together.
 GROUP = 64
 _GROUP_SIZE = 64
-# Prefix of the names of scratch buffers that are given back before the first frame.
+# Name prefix of scratch buffers that are released before the first frame.
 _PREPARATION = "standard preparation"
+# Vertices that are sampled to find the grid for the drawing order.
 _SAMPLES = 1 << 14
+# Bits of a Morton code: 10 per axis.
 _MORTON_BITS = 30
 
 
@@ -46,52 +48,52 @@ _MORTON_BITS = 30
 class Triangles:
     """The buffers that stay on the device between frames."""
 
-    # (slots, 16) words: corners, colours, face. A slot is a place in drawing order: on a CPU neighbouring
-    # slots are near in space, on a GPU slots are in the order of faces.
+    # (slots, 16) words: corners, colours, face. A slot is a place in drawing order. On a CPU neighbouring
+    # slots are near each other in space; on a GPU slots are in the order of faces.
     records: Buffer
-    # (slots, 9) float32 where corners have colours in floats, (slots, 12) where textures are multiplied by
-    # colours, else one word that no kernel reads.
+    # (slots, 9) float32 for float colours per corner; (slots, 12) for vertex colours that multiply textures;
+    # else one unused word.
     colors: Buffer
-    # (6, stride) float32: centre and half extent of the clusters of triangles.
+    # (6, stride) float32: centre and half extent of each cluster.
     boxes: Buffer
-    # The kind of colours, COLORS in the kernels.
+    # The kind of colours; COLORS in the kernels.
     kind: int
     slots: int
     clusters: int
     stride: int
     texels: Texels | None
-    # Queues what makes records, colours and boxes of the sources; of use as long as these are there.
+    # Queues the computation of records, colours and boxes from the sources, while these exist.
     fill: Callable[[], None]
-    # Queues what copies the records into a buffer like theirs; those of faces that are 0 in another, (F,)
-    # uint8, get no area, and so no pixel.
+    # Queues a copy of the records into a buffer of the same shape. Faces that are 0 in another buffer, (F,)
+    # uint8, become empty triangles.
     copy_some: Callable[[Buffer, Buffer], None]
-    # Positions and colours as the asset holds them, if they are to be written anew; else none.
+    # Positions and colours as the asset stores them, if they may be changed; else empty.
     sources: dict[str, Buffer]
 
     @property
     def buffers(self) -> dict[str, Buffer]:
-        """All buffers, by use."""
-        own = self.records, self.colors, self.boxes
-        return {buffer.use: buffer for buffer in (*own, *self.textures)}
+        """Purpose -> buffer, for all buffers."""
+        buffers = self.records, self.colors, self.boxes, *self.textures
+        return {buffer.use: buffer for buffer in buffers}
 
     @property
     def textures(self) -> tuple[Buffer, ...]:
-        """What the kernels that draw textures take at their end."""
+        """The additional arguments of kernels that draw textures."""
         return self.texels.buffers if self.texels else ()
 
     @property
     def defines(self) -> dict[str, int]:
-        """What the kernels that draw are told of the colours."""
+        """Definitions for the drawing kernels: the kind of colours, and constants of records and textures."""
         return {**RECORD_DEFINES, "COLORS": self.kind, **(self.texels.defines if self.texels else {})}
 
 
 def make_triangles(
     device: Device, asset: Asset, settings: Mapping[str, Any], *, moving: bool = False
 ) -> Triangles:
-    """Put the triangles of `asset` on `device`, in drawing order.
+    """Upload the triangles of `asset` to `device` in drawing order.
 
-    If they are `moving`, their sources stay: whoever writes them queues `fill`. The drawing order stays that
-    of their first places, which is right wherever they go, and fast as long as that is near.
+    If they are `moving`, the sources stay on the device: write to them and call `fill`. The drawing order
+    follows the first positions; this is always correct, and fast as long as triangles stay near them.
     """
     positions, indices = asset.buffers["positions"], asset.buffers["indices"]
     listed = shown_faces(asset, settings.get("ste_threshold"))
@@ -119,12 +121,14 @@ def make_triangles(
     source = [_put(device, array) if moving else device.upload(array, "standard source") for array in arrays]
     vertices, faces, chosen, color, *more = source
     head = vertices, faces, chosen, np.int32(listed is None)
+    # On a CPU, sort the faces by the Morton codes of their positions, so that clusters are compact.
     order, ordered = chosen, device.style == "cpu" and count > 0
     if ordered:
         low, scale = _cells(asset)
         keys = device.scratch(f"{_PREPARATION} along the curve", count, np.uint32)
         program.place(count, _GROUP_SIZE, *head, keys, low, scale, np.uint32(count))
         order = sort_pairs(device, keys, bits=_MORTON_BITS, name=_PREPARATION)[1]
+    # Allocate the results: records, colours per corner, and boxes of clusters.
     records = device.allocate((slots, WORDS), np.float32, "standard triangles", "geometry")
     corner_colors = device.allocate(
         (slots, wide) if wide else (1,), np.float32, "standard colors", "appearance"
@@ -133,15 +137,15 @@ def make_triangles(
     stride = -(-clusters // BLOCK) * BLOCK
     boxes = device.allocate((6, stride), np.float32, "standard boxes", "geometry")
     sizes = tuple(np.int32(value) for value in (CLUSTER, slots, clusters, stride))
-    made = (np.int32(ordered), color, np.int32(domain == "corner"), records, corner_colors)
+    colors_and_targets = (np.int32(ordered), color, np.int32(domain == "corner"), records, corner_colors)
     ends = np.uint32(count), np.uint32(slots), *([] if texels is None else texels.preparation(*more))
 
     def fill() -> None:
-        program.records(slots, _GROUP_SIZE, *head, order, *made, *ends)
+        program.records(slots, _GROUP_SIZE, *head, order, *colors_and_targets, *ends)
         program.bound(clusters, _GROUP_SIZE, records, boxes, *sizes)
 
-    def copy_some(shown: Buffer, copies: Buffer) -> None:
-        program.some_records(slots, _GROUP_SIZE, records, shown, copies, np.uint32(slots))
+    def copy_some(selected: Buffer, copies: Buffer) -> None:
+        program.some_records(slots, _GROUP_SIZE, records, selected, copies, np.uint32(slots))
 
     fill()
     device.finish()
@@ -156,14 +160,14 @@ def make_triangles(
 
 
 def _put(device: Device, array: NDArray[Any]) -> Buffer:
-    """Return a copy of an array on the device, which may be written there: `upload` may share memory."""
+    """Return a writable copy of an array on the device (`upload` may share memory with the array)."""
     buffer = device.allocate(array.shape, array.dtype, "standard source", "geometry")
     buffer.write(np.ascontiguousarray(array))
     return buffer
 
 
 def _arranged(colors: StaticColors) -> tuple[int, NDArray[Any], str]:
-    """Return the kind of colours, the array the kernel reads, and its domain."""
+    """Return the kind of colours, the array that the kernel reads, and its domain."""
     values = np.ascontiguousarray(colors.values)
     if colors.domain == "face":
         if values.dtype == np.uint8:
@@ -173,10 +177,11 @@ def _arranged(colors: StaticColors) -> tuple[int, NDArray[Any], str]:
 
 
 def _cells(asset: Asset) -> tuple[NDArray[np.float32], np.float32]:
-    """Return origin and cells per unit of the grid that orders triangles.
+    """Return the origin and the cells per unit of the grid that orders triangles.
 
-    It spans the bounds, but no more than half as much again as lies between the second and the 98th
-    percentile: a few far away triangles, which captures have, must not leave one cell to all others.
+    The grid spans the bounds, but at most 1.5 times the range from the 2nd to the 98th percentile of the
+    vertices. Captures have a few triangles far away, which would otherwise leave a single cell for all
+    others.
     """
     positions, bounds = asset.buffers["positions"], asset.manifest.bounds
     step = max(1, len(positions) // _SAMPLES)

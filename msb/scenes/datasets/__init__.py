@@ -1,7 +1,7 @@
 """Datasets: scenes in their official layouts, split, sized and composited by one set of rules.
 
-It decodes no photograph; `msb.metrics.ground_truth`
-does. docs/datasets.md describes layouts and rules.
+This package reads only headers of photographs; `msb.metrics.ground_truth` decodes them. docs/datasets.md
+describes layouts and rules.
 """
 
 from msb.scenes.datasets.catalog import DATASETS

@@ -1,4 +1,4 @@
-"""Plain data: the datasets of the benchmark, their scenes and groups of scenes."""
+"""The datasets of the benchmark, their scenes and groups of scenes."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -6,31 +6,31 @@ from typing import Literal
 
 from msb.scenes.colors import WHITE, Color
 
-# The name of a capture that belongs to none of `DATASETS` and was given no name.
+# Name of a capture that belongs to none of `DATASETS` and was given no name.
 CUSTOM = "custom"
 
-# The layout of a scene's folder. "colmap" has sparse/, "blender" has transforms_train.json and
+# Layout of a scene's folder. "colmap" has sparse/, "blender" has transforms_train.json and
 # transforms_test.json, "transforms" has transforms.json without a split, "neus" has cameras.npz.
 Layout = Literal["colmap", "blender", "transforms", "neus"]
 
 
 @dataclass(frozen=True)
 class Dataset:
-    """One dataset.
+    """A dataset.
 
     Attributes
     ----------
     title : str
     scenes : mapping of str to str
-        Scene -> its group; a dataset without groups has one, "".
+        Scene -> its group, which is "" in datasets without groups.
     masked : bool
-        Whether only the object counts: photographs then bring a mask and are laid over `background`.
+        Whether only the object is evaluated: photographs have a mask and are composited over `background`.
     background : Color, optional
-        The background of photographs and renderings; None if each method has its own (`Rules.backgrounds`).
+        The background of photographs and renderings; None if it depends on the method (`Rules.backgrounds`).
     folders : tuple of str
-        Names that the folder above the scenes has in published packages, in lower case.
+        Names, in lower case, of the folder above the scenes in published packages.
     views : (int, int), optional
-        The numbers of training and test views of a scene, if they are the same for all scenes.
+        The numbers of training and test views, if they are equal for all scenes.
     """
 
     title: str
@@ -48,7 +48,7 @@ _INDOOR, _OUTDOOR = (
 _OBJECTS = ("chair", "drums", "ficus", "hotdog", "lego", "materials", "mic", "ship")
 _SCANS = (24, 37, 40, 55, 63, 65, 69, 83, 97, 105, 106, 110, 114, 118, 122)
 
-# Id -> dataset, in the order of the tables.
+# Id -> dataset, in the order of the paper's tables.
 DATASETS: dict[str, Dataset] = {
     "mipnerf360": Dataset(
         "Mip-NeRF 360",
@@ -81,7 +81,7 @@ DATASETS: dict[str, Dataset] = {
 def guess_dataset(layout: Layout, name: str, above: str) -> str:
     """Return the dataset of a scene called `name` in a folder called `above`, or `CUSTOM`.
 
-    The folder above decides, then the scene's name together with its layout.
+    The folder above takes precedence over the scene's name, which must match the layout.
     """
     for key, dataset in DATASETS.items():
         if above.lower() in dataset.folders:

@@ -1,4 +1,4 @@
-"""Describe a scene's folder: its content, what of it is used, and what official code does otherwise."""
+"""Describe a scene's folder: its content, the files that are used, and deviations of official code."""
 
 import contextlib
 from dataclasses import asdict, dataclass
@@ -23,7 +23,7 @@ from msb.scenes.image_size import image_size
 
 @dataclass(frozen=True)
 class ImageFolder:
-    """A folder with photographs: their number, how many the scene has `used`, and the size of the first."""
+    """A folder of photographs: their number, how many the scene uses, and the size of the first."""
 
     name: str
     images: int
@@ -33,10 +33,10 @@ class ImageFolder:
 
 @dataclass(frozen=True)
 class SceneReport:
-    """What was found in a scene's folder; `scene` is None if it cannot be read, and `error` then says why.
+    """The content of a scene's folder; either `scene` or `error` is None.
 
-    `points` is the number of SfM points, None if there are none to be read; `unused` names files with the
-    reason, `deviations` what a method's official code does otherwise.
+    `points` is the number of SfM points, None if they cannot be read. `unused` lists unused files with the
+    reason, `deviations` how each method's official code reads the scene differently.
     """
 
     path: Path
@@ -62,16 +62,15 @@ class SceneReport:
             "error": None if error is None else {"code": error.code, "message": error.message},
             "evaluated": None if self.scene is None else _evaluated(self.scene),
             "points": self.points,
-            "image_folders": [asdict(each) for each in self.image_folders],
-            "warnings": [
-                {"code": each.code, "file": each.file, "message": each.message} for each in self.findings
-            ],
+            "image_folders": [asdict(folder) for folder in self.image_folders],
+            "warnings": [{"code": f.code, "file": f.file, "message": f.message} for f in self.findings],
             "unused": self.unused,
             "deviations": self.deviations,
         }
 
 
 def _evaluated(scene: Scene) -> dict[str, Any]:
+    """Return JSON data about how the scene is evaluated."""
     first = scene.test[0]
     return {
         "rules": scene.rules,
@@ -90,19 +89,21 @@ def _evaluated(scene: Scene) -> dict[str, Any]:
 
 
 def describe_scene(path: Path, **options: Any) -> SceneReport:
-    """Return the report on the scene at `path`, a folder that `find_layout` knows; options of `read_scene`.
+    """Return a report on the scene at `path`; `options` are passed to `read_scene`.
 
-    No error about the scene's content is raised; the report holds it in `error`.
+    The path must be a folder that `find_layout` recognises. Errors about the scene's content are not raised
+    but stored in the report.
     """
     place, layout = path.absolute(), find_layout(path)
     if layout is None:
-        raise ValueError(f"{path} is no scene; find_scenes finds them")
+        raise ValueError(f"{path} is not a scene; use find_scenes to find scenes")
     scene: Scene | None = None
     problem: MsbError | None = None
     try:
         scene = read_scene(path, **options)
     except MsbError as error:
         problem = error
+    # Facts that do not need a valid scene, then facts about how it is evaluated.
     dataset = options.get("dataset") or dataset_of(path)
     images = _image_folders(path, scene)
     points, missing = _points(path, layout)
@@ -125,6 +126,7 @@ def describe_scene(path: Path, **options: Any) -> SceneReport:
 
 
 def _image_folders(root: Path, scene: Scene | None) -> tuple[ImageFolder, ...]:
+    """Return the folders of a scene that contain images."""
     used: set[Path] = set()
     if scene is not None:
         views = (*scene.train, *scene.test)
@@ -133,7 +135,7 @@ def _image_folders(root: Path, scene: Scene | None) -> tuple[ImageFolder, ...]:
     for folder in folders(root):
         if images := images_in(folder):
             size: Size | None = None
-            with contextlib.suppress(MsbError):  # what is evaluated is checked where it is read
+            with contextlib.suppress(MsbError):  # reading the scene has reported errors of images in use
                 size = image_size(images[0])
             holding.append(ImageFolder(folder.name, len(images), len(used.intersection(images)), size))
     return tuple(holding)
@@ -152,19 +154,20 @@ def _points(root: Path, layout: Layout) -> tuple[int | None, list[Finding]]:
 
 
 def _view_count(scene: Scene) -> list[Finding]:
-    """Return a warning if the scene is one of the benchmark and has not the views it must have."""
+    """Return a warning if a benchmark scene does not have the published number of views."""
     dataset = DATASETS.get(scene.dataset)
     counts = len(scene.train), len(scene.test)
     wanted = dataset.views if dataset is not None and scene.name in dataset.scenes else None
     if wanted is None or wanted == counts:
         return []
-    text = "it has {} training and {} test views; published are {} and {}".format(*counts, *wanted)
+    text = "it has {} training and {} test views; the published scene has {} and {}".format(*counts, *wanted)
     return [finding("SCENE_LAYOUT", text, severity="warning", file=str(scene.root), value=counts)]
 
 
 def _unused(
     root: Path, layout: Layout, scene: Scene | None, images: tuple[ImageFolder, ...]
 ) -> tuple[str, ...]:
+    """Return descriptions of image folders and files that the scene does not use."""
     if scene is None:
         return ()
     unused = []
@@ -173,18 +176,18 @@ def _unused(
             size = "" if folder.size is None else f" of {folder.size[0]} x {folder.size[1]}"
             unused.append(f"{folder.name}: {folder.images} images{size}")
         elif folder.used < folder.images and folder.name != MASKS:
-            unused.append(f"{folder.name}: {folder.images - folder.used} images that no camera names")
+            unused.append(f"{folder.name}: {folder.images - folder.used} images without a camera")
     if layout == "colmap" and is_file(root / TRAIN):
-        unused.append(f"{TRAIN}: the COLMAP model goes first")
+        unused.append(f"{TRAIN}: the COLMAP model takes precedence")
     if is_file(root / "transforms_val.json"):
-        unused.append("transforms_val.json: validation views are neither trained on nor tested")
+        unused.append("transforms_val.json: validation views are used neither for training nor for tests")
     if layout == "colmap" and is_file(root / MATRICES):
-        unused.append(f"{MATRICES}: only to bring meshes to millimetres, the COLMAP model has the cameras")
+        unused.append(f"{MATRICES}: used only to scale meshes to millimetres; cameras are read from COLMAP")
     return tuple(unused)
 
 
 def _deviations(root: Path, ours: Scene, options: dict[str, Any]) -> dict[str, tuple[str, ...]]:
-    """Return for each method how its own code would read the scene differently."""
+    """Return for each method how its official code would read the scene differently."""
     given = {key: value for key, value in options.items() if key == "dataset"}
     deviations: dict[str, tuple[str, ...]] = {}
     for name in RULES:
@@ -198,29 +201,31 @@ def _deviations(root: Path, ours: Scene, options: dict[str, Any]) -> dict[str, t
 
 
 def _cannot(error: MsbError, dataset: str) -> str:
-    """Return in few words why a method's official code does not read a scene that ours do."""
+    """Return a short reason why a method's official code does not read a scene that our rules read."""
     if error.code == "SCENE_UNKNOWN":
         return f"no rule for {dataset}"
     if error.code == "SCENE_IMAGE_MISSING":
-        return "takes" + error.message.partition(";")[0].partition(" from")[2]
+        return f"needs the folder{error.message.partition(';')[0].partition(' in')[2]}"
     return error.message
 
 
 def _differences(ours: Scene, theirs: Scene) -> list[str]:
+    """Return short descriptions of the differences between a scene read by our rules and by others."""
     first, second = ours.test[0], theirs.test[0]
     differences = []
-    shown, size = (f"{view.width} x {view.height}" for view in (first, second))
-    if (theirs.image_folder, size) != (ours.image_folder, shown):
+    our_size, size = (f"{view.width} x {view.height}" for view in (first, second))
+    # Size and resampling of photographs, test split, intrinsics, background, masks and rounding.
+    if (theirs.image_folder, size) != (ours.image_folder, our_size):
         how = f", resized ({theirs.resampling})" if theirs.gt_resized else ""
         place = "" if theirs.image_folder == "." else f"{theirs.image_folder} at "
         differences.append(f"{place}{size}{how}")
     elif theirs.gt_resized and theirs.resampling != ours.resampling:
         differences.append(f"resized {theirs.resampling}")
     if [view.name for view in theirs.test] != [view.name for view in ours.test]:
-        differences.append("other test views")
+        differences.append("different test views")
     if _lens(first.resized(second.width, second.height)) != _lens(second):
         differences.append(
-            "recorded principal point" if theirs.camera_convention == "full_K" else "other intrinsics"
+            "recorded principal point" if theirs.camera_convention == "full_K" else "different intrinsics"
         )
     if theirs.background != ours.background:
         differences.append(f"over {color_name(theirs.background)}")
@@ -232,10 +237,11 @@ def _differences(ours: Scene, theirs: Scene) -> list[str]:
 
 
 def _lens(camera: Camera) -> tuple[float, ...]:
+    """Return the intrinsics rounded to 1/1000 pixel, for comparison."""
     return tuple(round(value, 3) for value in (camera.fx, camera.fy, camera.cx, camera.cy))
 
 
 def color_name(color: tuple[float, float, float]) -> str:
-    """Return "white", "black", or the three numbers."""
+    """Return "white", "black", or the three numbers of a colour."""
     names = {value: name for name, value in NAMED.items()}
     return names.get(color, "(" + ", ".join(f"{value:g}" for value in color) + ")")

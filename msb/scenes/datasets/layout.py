@@ -1,4 +1,4 @@
-"""How a scene's folder is laid out, where the scenes below a folder are, and the raw cameras in them."""
+"""The layout of a scene's folder, the search for scenes below a folder, and a scene's recorded cameras."""
 
 import contextlib
 from collections.abc import Iterator
@@ -20,10 +20,10 @@ TRAIN, TEST, SINGLE = "transforms_train.json", "transforms_test.json", "transfor
 
 
 def find_layout(folder: Path) -> Layout | None:
-    """Return the layout of `folder`, or None if it is no scene.
+    """Return the layout of `folder`, or None if it is not a scene.
 
-    A folder `sparse` decides before transforms_train.json, as in the 3DGS family (scene/__init__.py);
-    cameras.npz counts where neither is there.
+    Like in the 3DGS family (scene/__init__.py), a folder `sparse` takes precedence over
+    transforms_train.json; cameras.npz is used only without both.
     """
     if is_folder(folder / "sparse"):
         return "colmap"
@@ -44,41 +44,44 @@ def find_scenes(path: Path) -> list[Path]:
     scenes = [scene for child in folders(path) for scene in _scenes_below(child)]
     if not scenes:
         text = (
-            f"it holds no scene: no sparse/0, {TRAIN} or {MATRICES} in it or in the folders below; "
-            "docs/datasets.md shows the layouts"
+            f"it contains no scene: neither it nor its subfolders have sparse/0, {TRAIN} or {MATRICES}; "
+            "docs/datasets.md describes the layouts"
         )
         raise SceneError("SCENE_LAYOUT", text, file=path)
     return scenes
 
 
 def _scenes_below(folder: Path) -> list[Path]:
+    """Return `folder` if it is a scene, else the scenes in it."""
     if find_layout(folder) is not None:
         return [folder]
     return [child for child in folders(folder) if find_layout(child) is not None]
 
 
 def folders(path: Path) -> Iterator[Path]:
-    """Yield the folders in `path`, sorted by name, hidden ones left out."""
+    """Yield the folders in `path`, sorted by name, except hidden ones."""
     yield from (child for child in _children(path) if not child.name.startswith(".") and is_folder(child))
 
 
 def images_in(folder: Path) -> list[Path]:
-    """Return the PNG and JPEG files in `folder`, sorted by name; none if there is no such folder."""
+    """Return the PNG and JPEG files in `folder`, sorted by name; empty if the folder does not exist."""
     images = (child for child in _children(folder) if child.suffix.lower() in IMAGE_SUFFIXES)
     return [image for image in images if is_file(image)]
 
 
 def _children(folder: Path) -> list[Path]:
+    """Return the sorted content of a folder; empty if it cannot be read."""
     with contextlib.suppress(OSError):
         return sorted(folder.iterdir())
     return []
 
 
 def read_views(root: Path, layout: Layout, rules: Rules, image_folder: str) -> list[Camera]:
-    """Return the cameras of the scene at `root` as recorded, training views first, each with its split."""
+    """Return the recorded cameras of the scene at `root`, training views first, each with its split."""
     if layout == "blender":
         views = _read_blender(root)
     else:
+        # Layouts without a split: every eighth view is a test view.
         views = _read_unsplit(root, layout, image_folder)
         if rules.first_lens:
             views = [_with_lens(view, views[0]) for view in views]
@@ -86,28 +89,30 @@ def read_views(root: Path, layout: Layout, rules: Rules, image_folder: str) -> l
         views = [*train, *test]
     for split, what in (("train", "training"), ("test", "test")):
         if not any(view.split == split for view in views):
-            text = f"none of its {len(views)} views is a {what} view"
+            text = f"its {len(views)} views include no {what} view"
             raise SceneError("SCENE_LAYOUT", text, file=root)
     return views
 
 
 def _read_blender(root: Path) -> list[Camera]:
+    """Return the cameras of both JSON files, which must exist."""
     for name in (TRAIN, TEST):
         if not is_file(root / name):
             other = TEST if name == TRAIN else TRAIN
-            text = f"{name} is not there; a scene with {other} needs both"
+            text = f"{name} is missing; a scene with {other} needs both files"
             raise SceneError("SCENE_LAYOUT", text, file=root, pointer=name)
     return read_cameras(root)
 
 
 def _read_unsplit(root: Path, layout: Layout, image_folder: str) -> list[Camera]:
+    """Return the cameras of a layout without a split."""
     if layout == "transforms":
         return read_cameras(root / SINGLE)
     if layout == "neus":
         return read_neus(root / MATRICES, images_in(root / image_folder))
     model = find_model(root)
     if model is None:
-        text = "sparse/0 holds no COLMAP model: cameras and images, both .bin or both .txt"
+        text = "sparse/0 contains no COLMAP model: it needs cameras and images, both .bin or both .txt"
         raise SceneError("SCENE_LAYOUT", text, file=root)
     return read_cameras(model)
 

@@ -1,4 +1,4 @@
-"""Read cameras.npz, the projections of the views of a DTU scan as IDR and NeuS package them.
+"""Read cameras.npz, the projection matrices of a DTU scan in the packages of IDR and NeuS.
 
 Source: `lioryariv/idr`: code/utils/rend_util.py (`load_K_Rt_from_P`), as used by `Totoro97/NeuS` and 2DGS.
 """
@@ -19,29 +19,28 @@ from msb.scenes.image_size import image_size
 from msb.scenes.source import Source
 
 MATRICES = "cameras.npz"
-# Most bytes of a 4 x 4 matrix with its header, which has a few hundred; checked before anything is
-# decompressed.
+# Largest file of a 4 x 4 matrix in bytes; real ones have a few hundred. Checked before decompression.
 _MAX_MEMBER = 4096
-# Most views that are looked for; DTU has 49 or 64.
+# Largest number of views that are read; DTU has 49 or 64.
 _MAX_VIEWS = 4096
 
 
 def read_matrices(path: Path) -> tuple[list[NDArray[np.float64]], list[NDArray[np.float64]]]:
-    """Return world_mat_i and scale_mat_i, (4, 4) each, of all views.
+    """Return the matrices world_mat_i and scale_mat_i, (4, 4) each, of all views.
 
-    world_mat_i @ scale_mat_i projects points of the normalised frame to pixels; scale_mat_0 takes that frame
-    to DTU's millimetres.
+    world_mat_i @ scale_mat_i projects points of the normalised frame to pixels. scale_mat_0 transforms that
+    frame to DTU's millimetres.
     """
     source = Source.open(path)
     try:
         archive = zipfile.ZipFile(io.BytesIO(bytes(source.data)))
-    except Exception:  # damage shows as any exception
-        raise _bad(source, "it is not an archive as numpy.savez writes one") from None
+    except Exception:  # damaged files raise various exceptions
+        raise _bad(source, "it is not an archive written by numpy.savez") from None
     with archive:
         names = set(archive.namelist())
         count = next((i for i in range(_MAX_VIEWS) if f"world_mat_{i}.npy" not in names), _MAX_VIEWS)
         if not count:
-            raise _bad(source, "it holds no world_mat_0")
+            raise _bad(source, "it does not contain world_mat_0")
         world, scale = (
             [_matrix(source, archive, f"{kind}_{index}") for index in range(count)]
             for kind in ("world_mat", "scale_mat")
@@ -50,12 +49,13 @@ def read_matrices(path: Path) -> tuple[list[NDArray[np.float64]], list[NDArray[n
 
 
 def _matrix(source: Source, archive: zipfile.ZipFile, name: str) -> NDArray[np.float64]:
+    """Return one matrix of the archive."""
     try:
         info = archive.getinfo(f"{name}.npy")
     except KeyError:
-        raise _bad(source, f"it holds no {name}") from None
+        raise _bad(source, f"it does not contain {name}") from None
     matrix: NDArray[np.float64] | None = None
-    # Damage shows as any exception, and old headers as warnings.
+    # Damaged files raise various exceptions, old headers cause warnings.
     with contextlib.suppress(Exception), warnings.catch_warnings():
         warnings.simplefilter("ignore")
         if info.file_size <= _MAX_MEMBER:
@@ -66,7 +66,7 @@ def _matrix(source: Source, archive: zipfile.ZipFile, name: str) -> NDArray[np.f
 
 
 def _numbers(stream: io.BytesIO) -> NDArray[np.float64] | None:
-    """Return the 4 x 4 numbers of a .npy; the header is read before memory is taken for what it declares."""
+    """Return the 4 x 4 numbers of a .npy; its header is checked before memory is allocated."""
     if np.lib.format.read_magic(stream) != (1, 0):
         return None
     shape, by_columns, dtype = np.lib.format.read_array_header_1_0(stream)
@@ -77,19 +77,21 @@ def _numbers(stream: io.BytesIO) -> NDArray[np.float64] | None:
 
 
 def read_neus(path: Path, images: Sequence[Path]) -> list[Camera]:
-    """Return a camera for each image, sorted by name as the matrices of cameras.npz, in the normalised frame.
+    """Return a camera for each image; images are sorted by name, in the order of the matrices.
 
-    (world_mat_i scale_mat_i)[:3] = K [R | t], decomposed by RQ with a positive diagonal of K, which is
-    divided by K[2, 2]. The skew K[0, 1], some tenths of a pixel in DTU, is left out: no camera here has one.
+    Cameras are in the normalised frame. (world_mat_i scale_mat_i)[:3] = K [R | t] is decomposed by RQ with a
+    positive diagonal of K, which is divided by K[2, 2]. The skew K[0, 1], some tenths of a pixel in DTU, is
+    dropped, because cameras here have none.
     """
     world, scale = read_matrices(path)
     source = Source(path, b"")
     if len(images) != len(world):
-        raise _bad(source, f"it has {len(world)} views for {len(images)} photographs; it needs one for each")
+        text = f"it has {len(world)} views for {len(images)} photographs; the numbers must be equal"
+        raise _bad(source, text)
     cameras = []
     for index, image in enumerate(images):
         with source.locating(f"world_mat_{index}"):
-            with np.errstate(all="ignore"):  # what overflows is refused as no camera
+            with np.errstate(all="ignore"):  # `decompose` rejects matrices that overflowed
                 projection = world[index] @ scale[index]
             lens, pose = decompose(projection)
             size = image_size(image)
@@ -109,8 +111,8 @@ def decompose(projection: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDA
     sign = np.sign(np.diag(lens))
     lens, rotation = lens * sign, rotation * sign[:, None]
     if not (np.isfinite(lens).all() and abs(np.linalg.det(left)) > 1e-12 * np.linalg.norm(left) ** 3 > 0):
-        raise SceneError("SCENE_LAYOUT", "the projection is singular; it must be that of a camera")
-    if np.linalg.det(rotation) < 0:  # a projection counts up to its sign
+        raise SceneError("SCENE_LAYOUT", "the projection is singular; it is not the projection of a camera")
+    if np.linalg.det(rotation) < 0:  # the sign of a projection is arbitrary
         rotation, last, left = -rotation, -last, -left
     pose = np.eye(4)
     pose[:3, :3] = rotation
@@ -119,4 +121,5 @@ def decompose(projection: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDA
 
 
 def _bad(source: Source, message: str) -> SceneError:
+    """Return an error about the file."""
     return source.error("SCENE_LAYOUT", f"{message}; it must hold world_mat_i and scale_mat_i of every view")

@@ -1,4 +1,4 @@
-"""What should be known of a scene: its cameras' size beside its photographs', and how a model was trained."""
+"""Notes about a scene: cameras and photographs of different size, and differences of a model's training."""
 
 import contextlib
 import os
@@ -19,24 +19,25 @@ from msb.scenes.datasets.rules import AS_IS, Size, half_even
 from msb.scenes.datasets.scene import Scene
 from msb.scenes.image_size import image_size
 
-# Cameras are far larger than photographs if they are this many times as wide.
+# Cameras are reported as far larger than photographs if they are this many times as wide.
 _FAR = 1.5
 
 
 def scaled_note(scenes: Iterable[Scene]) -> str | None:
-    """Return a sentence on scenes whose cameras were recorded far larger than their photographs are.
+    """Return a sentence about scenes with cameras recorded far larger than their photographs, or None.
 
-    The first is described, the others are counted.
+    It describes the first such scene and counts the others.
     """
     sentences = {scene.root: text for scene in scenes if (text := _scaled(scene)) is not None}
     if not sentences:
         return None
     more = len(sentences) - 1
-    alike = f"; so it is in {more} more scene{'s' if more > 1 else ''}" if more else ""
+    alike = f" (the same applies to {more} more scene{'s' if more > 1 else ''})" if more else ""
     return f"{next(iter(sentences.values()))}{alike}"
 
 
 def _scaled(scene: Scene) -> str | None:
+    """Return the sentence about one scene, or None."""
     view = scene.test[0]
     recorded, used = view.source_size or (view.width, view.height), (view.width, view.height)
     stored = None if view.image_path is None else _stored(view.image_path)
@@ -44,15 +45,16 @@ def _scaled(scene: Scene) -> str | None:
         return None
     place = "" if scene.image_folder == "." else f" in {shorten(scene.image_folder, 40)}"
     return (
-        f"the cameras of {shorten(scene.name, 40)} were recorded at {_text(recorded)} pixels, the photographs"
-        f"{place} have {_text(stored)}: the cameras are scaled, {_text(used)} is drawn and compared"
+        f"the cameras of {shorten(scene.name, 40)} were recorded at {_text(recorded)} pixels, but the "
+        f"photographs{place} have {_text(stored)}; the cameras are scaled, and images of {_text(used)} are "
+        "rendered and compared"
     )
 
 
 def recorded_note(path: str | os.PathLike[str], cameras: Sequence[Camera]) -> str | None:
-    """Return a sentence on cameras of a COLMAP model that are drawn far larger than photographs beside it.
+    """Return a sentence about a COLMAP model with cameras far larger than photographs beside it, or None.
 
-    `path` is where `read_cameras` found the cameras, which are as recorded.
+    `path` is the path that was passed to `read_cameras`, `cameras` its result.
     """
     view = cameras[0]
     beside = photographs_beside(path, cameras)
@@ -60,19 +62,23 @@ def recorded_note(path: str | os.PathLike[str], cameras: Sequence[Camera]) -> st
         return None
     folder, size = beside
     return (
-        f"the cameras are drawn as recorded, at {view.width} x {view.height} pixels; the photographs in "
-        f"{shorten(folder.name, 40)} have {_text(size)}: --scale {size[0] / view.width:.4g} draws "
-        "at their size"
+        f"images are rendered at the recorded size of the cameras, {view.width} x {view.height} pixels; the "
+        f"photographs in {shorten(folder.name, 40)} have {_text(size)}: pass --scale "
+        f"{size[0] / view.width:.4g} to render at their size"
     )
 
 
 def photographs_beside(path: str | os.PathLike[str], cameras: Sequence[Camera]) -> tuple[Path, Size] | None:
-    """Return the folder of the largest photographs of a COLMAP scene, and their size; arguments as above."""
+    """Return the folder of the largest photographs of a COLMAP scene and their size; None without any.
+
+    Arguments as in `recorded_note`.
+    """
     place = given_path(path)
     model = find_model(place) if is_folder(place) else None
     if model is None:
         return None
     root = next((above.parent for above in (model, model.parent) if above.name == "sparse"), model)
+    # Sizes of the first camera's photograph in all folders images*.
     sizes: dict[Size, Path] = {}
     for folder in folders(root):
         with contextlib.suppress(MsbError):
@@ -84,59 +90,64 @@ def photographs_beside(path: str | os.PathLike[str], cameras: Sequence[Camera]) 
 
 
 def _stored(file: Path) -> Size | None:
-    """Return the size of an image, None if it is not there or cannot be read."""
+    """Return the size of an image; None if it is missing or cannot be read."""
     with contextlib.suppress(MsbError):
         return image_size(file) if is_file(file) else None
     return None
 
 
 def _text(size: Size) -> str:
+    """Return a size as text."""
     return f"{size[0]} x {size[1]}"
 
 
-def trained_otherwise(training: Mapping[str, Any], own: Color | None, scene: Scene) -> Iterator[Finding]:
-    """Yield a warning for each way in which the `training` of a manifest differs from how `scene` counts.
+def trained_otherwise(
+    training: Mapping[str, Any], background: Color | None, scene: Scene
+) -> Iterator[Finding]:
+    """Yield a warning for each difference between a model's training and the evaluation on `scene`.
 
-    `own` is the background that the model was trained over, where the asset states it.
+    `training` is that section of the manifest. `background` is the colour behind the training images, if the
+    asset records it.
     """
     if training.get("eval") is False:
         yield saw_test_views()
-    if own is not None and own != scene.background:
-        yield over_another(own, scene.background)
-    there = scene.test[0].width, scene.test[0].height
+    if background is not None and background != scene.background:
+        yield over_another(background, scene.background)
+    evaluated = scene.test[0].width, scene.test[0].height
     size = _size(training, scene)
-    if size is not None and max(abs(a - b) for a, b in zip(size, there, strict=True)) > 1:
-        before, now = (f"{width} x {height}" for width, height in (size, there))
+    if size is not None and max(abs(a - b) for a, b in zip(size, evaluated, strict=True)) > 1:
         yield _otherwise(
-            f"it was trained on photographs of {before} pixels and is evaluated at {now}: its numbers are "
-            "not those of a model that was trained at that size"
+            f"it was trained on photographs of {_text(size)} pixels and is evaluated at {_text(evaluated)}; "
+            "results may differ from a model trained at that size"
         )
 
 
 def saw_test_views() -> Finding:
     """Return the warning about a model that was trained on all views."""
-    return _otherwise("it was trained on the test views (eval=False): its numbers on them are not comparable")
+    return _otherwise("it was trained on the test views (eval=False); results on these are not comparable")
 
 
-def over_another(own: Color, drawn: Color) -> Finding:
-    """Return the warning about a model that is drawn over another colour than the one it was trained over."""
+def over_another(background: Color, drawn: Color) -> Finding:
+    """Return the warning about a model rendered over another background than in its training."""
     return _otherwise(
-        f"it was trained over {color_name(own)} and is drawn over {color_name(drawn)}: where the background "
-        "shows, it differs from photographs for that alone"
+        f"it was trained over {color_name(background)} and is rendered over {color_name(drawn)}; "
+        "wherever the background is visible, it differs from the photographs"
     )
 
 
 def _otherwise(text: str) -> Finding:
+    """Return a warning about the training."""
     return finding("CHECKPOINT_CONFIG", text, severity="warning")
 
 
 def _size(training: Mapping[str, Any], scene: Scene) -> Size | None:
-    """Return the size of the photographs of the training, None where it cannot be told."""
+    """Return the size of the photographs in the training; None if it is unknown."""
     if "width" in training and "height" in training:
         return training["width"], training["height"]
     view, folder = scene.test[0], training.get("images")
-    if folder in (None, "..") or scene.layout != "colmap":  # elsewhere the folder is not asked
+    if folder in (None, "..") or scene.layout != "colmap":  # other layouts ignore the folder
         return None
+    # Size of the stored photographs, or of the published folder images_N if it is missing here.
     stored: Size | None = None
     with contextlib.suppress(MsbError):
         stored = image_size(SpelledFiles(scene.root / folder).find(str(view.name)))

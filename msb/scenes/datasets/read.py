@@ -1,4 +1,4 @@
-"""From a scene's folder to a `Scene`: layout, rules, photographs and cameras brought together."""
+"""From a scene's folder to a `Scene`: combines layout, rules, photographs and cameras."""
 
 import os
 from collections.abc import Sequence
@@ -19,7 +19,7 @@ from msb.scenes.datasets.rulebook import OURS, RULES, evaluation_background, sta
 from msb.scenes.datasets.rules import CONVENTIONS, ROUNDINGS, Convention, Rules, check_resolution
 from msb.scenes.datasets.scene import Scene
 
-# Pixels by which gs_fov may move the principal point without a warning.
+# Distance in pixels that gs_fov may move the principal point without a warning.
 MAX_SHIFT = 0.5
 
 
@@ -33,36 +33,35 @@ def read_scene(
     background: Sequence[float] | None = None,
     rules: str = OURS,
 ) -> Scene:
-    """Read one scene of a dataset. docs/datasets.md shows the layouts and the rules.
+    """Read a scene of a dataset. docs/datasets.md describes the layouts and the rules.
 
     Parameters
     ----------
     path : str or Path
         The scene's folder.
     dataset : str, optional
-        An id of `DATASETS`, or any other name for a capture of one's own, which has the rules of "custom".
-        Default: told by the names of the folder and the one above it.
+        An id of `DATASETS`, or any other name for another capture, which is read by the rules of "custom".
+        Default: derived from the names of the folder and its parent.
     image_folder : str, optional
-        The folder below the scene that is taken instead of the one that the rules name.
+        The folder below the scene to use instead of the rules' folder.
     resolution : int, optional
-        The resolution, with the meaning of ``-r`` in the 3DGS family, instead of the rules' own: 1, 2, 4 or 8
-        divide the size, -1 leaves photographs up to 1600 pixels wide alone, any other number is a width in
-        pixels.
+        The resolution, instead of the rules' value, with the meaning of ``-r`` in the 3DGS family: 1, 2, 4 or
+        8 divide the size, -1 keeps photographs up to 1600 pixels wide, any other number is a width in pixels.
     camera_convention : {"gs_fov", "full_K"}, optional
-        "gs_fov" takes the recorded angles of view and puts the principal point into the middle; "full_K"
-        takes the recorded principal point. It must be what the checkpoint was trained with
-        (`RULES[method].convention`). Default: that of the rules, which is "gs_fov" for ours.
+        "gs_fov" uses the recorded angles of view and a principal point in the middle; "full_K" uses the
+        recorded principal point. It must be the convention that the checkpoint was trained with
+        (`RULES[method].convention`). Default: the convention of the rules, which is "gs_fov" for ours.
     background : (float, float, float), optional
-        The background colour in [0, 1]. Default: white for the masked datasets, else that of the rules, black
-        for ours. `evaluation_background` gives what the benchmark takes for a method.
+        The background colour in [0, 1]. Default: white for masked datasets, else the rules' background, black
+        for ours. `evaluation_background` returns the benchmark's background for a method.
     rules : str
-        A key of `RULES`: "ours", or a method, to read the scene as its official code does.
+        A key of `RULES`: "ours", or a method, to read the scene like its official code.
 
     Returns
     -------
     Scene
-        The scene. Of photographs only the headers are read. A missing training photograph gives a warning;
-        test photographs must be there.
+        The scene. Only the headers of photographs are read. A missing training photograph causes a warning;
+        test photographs must exist.
 
     Raises
     ------
@@ -83,19 +82,23 @@ def read_scene(
     wish = None if resolution is None else check_resolution(resolution)
     color = evaluation_background(key) if rules == OURS else by.background_of(key)
     warnings: list[Finding] = []
+    # Which files are used, then the recorded cameras with the paths of their files.
     chosen, how = choose_photographs(root, key, layout, place.name, by, image_folder, wish, warnings)
     files = SpelledFiles(root / chosen.folder)
+    # Recorded cameras with their photographs, then resized to the evaluated size.
     views = [
         replace(view, image_path=files.find(str(view.name)))
         for view in read_views(root, layout, by, chosen.folder)
     ]
     native = photograph_sizes(root, views, warnings)
     masks = (None, {}) if chosen.compositing == "none" else find_masks(root, key, views)
+    # Resize the cameras to the evaluated size of their photographs.
     rounding = ROUNDINGS[how]
     cameras = [
         view.resized(*rounding(size, chosen.resolution)) for view, size in zip(views, native, strict=True)
     ]
     resized = any((c.width, c.height) != size for c, size in zip(cameras, native, strict=True))
+    # Like the 3DGS family, move the principal point to the middle; warn if the move is visible.
     if convention == "gs_fov":
         warnings += _shifted(root, cameras)
         cameras = [camera.centered() for camera in cameras]
@@ -122,24 +125,25 @@ def read_scene(
 
 
 def dataset_of(path: str | os.PathLike[str]) -> str:
-    """Return the dataset of a scene, told by the names of its folder and the one above it."""
+    """Return the dataset of a scene, derived from the names of its folder and its parent."""
     root = given_path(path)
     layout, place = _layout(root), _place(root)
     return guess_dataset(layout, place.name, place.parent.name)
 
 
 def _place(root: Path) -> Path:
+    """Return the absolute path, with the names as given."""
     return Path(os.path.abspath(root))  # noqa: PTH100 - names as given, not where links lead
 
 
 def _layout(root: Path) -> Layout:
-    """Return how the scene at `root` is laid out; refuse what is none."""
+    """Return the layout of a scene's folder; raise an error if it is not a scene."""
     check_folder(root)
     layout = find_layout(root)
     if layout is None:
-        scenes = find_scenes(root)  # refuses a folder without any
+        scenes = find_scenes(root)  # raises an error if the folder contains no scenes either
         names = ", ".join(scene.relative_to(root).as_posix() for scene in scenes[:4])
-        text = f"it is no scene but holds {len(scenes)}: {shorten(names)}; give one of them"
+        text = f"it is not a scene but contains {len(scenes)}: {shorten(names)}; pass one of them"
         raise SceneError("SCENE_LAYOUT", text, file=root)
     return layout
 
@@ -147,12 +151,13 @@ def _layout(root: Path) -> Layout:
 def rules_of(name: str) -> Rules:
     """Return the rules of this name."""
     if name not in RULES:
-        text = f"there are no rules {shorten(repr(name), 40)}; there are {', '.join(RULES)}"
+        text = f"rules {shorten(repr(name), 40)} do not exist; choose one of {', '.join(RULES)}"
         raise SceneError("SCENE_ARGUMENT", text)
     return RULES[name]
 
 
 def _color(values: Sequence[float]) -> Color:
+    """Return the background as a colour; each channel must be from 0 to 1."""
     if len(values) != 3 or not all(0 <= value <= 1 for value in values):
         text = f"the background is {shorten(repr(values), 60)}; it must be red, green and blue from 0 to 1"
         raise SceneError("SCENE_ARGUMENT", text)
@@ -161,20 +166,20 @@ def _color(values: Sequence[float]) -> Color:
 
 
 def _shifted(root: Path, cameras: Sequence[Camera]) -> list[Finding]:
-    """Return a warning if the middle of the image is visibly not the principal point."""
+    """Return a warning if the principal point is visibly off the middle of the image."""
     far = max(max(abs(c.cx - c.width / 2), abs(c.cy - c.height / 2)) for c in cameras)
     if far <= MAX_SHIFT:
         return []
     text = (
-        f"the recorded principal point is up to {far:.1f} pixels off the middle, where gs_fov puts it; "
-        "checkpoints trained with it need camera_convention full_K"
+        f"gs_fov moves the recorded principal point by up to {far:.1f} pixels to the middle of the image; "
+        "checkpoints trained with the recorded point need camera_convention full_K"
     )
     return [finding("SCENE_PRINCIPAL_POINT", text, severity="warning", file=str(root), value=far)]
 
 
 @dataclass(frozen=True)
 class SceneAt:
-    """A scene on which a method is evaluated: the arguments of `read_scene`, and its name in the results."""
+    """A scene for the evaluation of a method: arguments of `read_scene`, and its name in the results."""
 
     dataset: str
     name: str
@@ -184,9 +189,9 @@ class SceneAt:
     background: Color
     camera_convention: Convention
 
-    @lru_cache(maxsize=8)  # noqa: B019 - a few are kept as long as they are the last
+    @lru_cache(maxsize=8)  # noqa: B019 - at most eight scenes stay in memory
     def read(self) -> Scene:
-        """Return the scene; the last few are kept."""
+        """Return the scene; recently read scenes are cached."""
         return read_scene(**{key: value for key, value in vars(self).items() if key != "name"})
 
 
@@ -201,11 +206,12 @@ def scene_at(
     background: Color | None = None,
     camera_convention: Convention | None = None,
 ) -> SceneAt:
-    """Return how a method is evaluated on a scene, of whose folder nothing is read yet.
+    """Return how a method is evaluated on a scene, without reading its folder.
 
-    `own_background` is that of the method's official evaluation, if the model records it. The last four are
-    asked for instead of the rules, as for `read_scene`: the size is else that of our rules, the camera the
-    one the method is trained with, the background that of `evaluation_background`.
+    `own_background` is the background of the method's official evaluation, if the model
+    records it. The last four arguments override the rules, as in `read_scene`. By default the size follows
+    our rules, the camera is the one the method is trained with, and the background is
+    `evaluation_background`.
     """
     return SceneAt(
         dataset=dataset,
@@ -225,13 +231,13 @@ def scene_of(
     image_folder: str | None = None,
     resolution: int | None = None,
 ) -> Scene:
-    """Return the scene of a folder as the method of a model is evaluated on it; raises as `read_scene`."""
-    place, own = given_path(path), stated_background(manifest)
+    """Return the scene in a folder as the method of a model is evaluated on it; raises like `read_scene`."""
+    place = given_path(path)
     at = scene_at(
         place,
         dataset_of(place),
         manifest.method,
-        own_background=own,
+        own_background=stated_background(manifest),
         image_folder=image_folder,
         resolution=resolution,
     )

@@ -1,4 +1,4 @@
-"""The rules by which datasets are read, by name: ours, and those of each method's official code."""
+"""The rules for reading datasets, by name: our rules, and the rules of each method's official code."""
 
 from collections.abc import Iterator, Mapping
 
@@ -24,7 +24,7 @@ _OURS = Rules(
 
 
 class _EveryRules(Mapping[str, Rules]):
-    """Our own rules and those that methods declare, looked up when one is asked for."""
+    """Our rules and the rules declared by methods, looked up on access."""
 
     def __getitem__(self, name: str) -> Rules:
         rules = _OURS if name == OURS else METHODS[name].rules
@@ -40,29 +40,28 @@ class _EveryRules(Mapping[str, Rules]):
         return sum(1 for _ in self)
 
 
-# Name -> rules: "ours", and the name of each method that declares some.
+# Name -> rules: "ours", and each method that declares rules.
 RULES: Mapping[str, Rules] = _EveryRules()
 
 
 def evaluation_background(dataset: str, method: str | None = None, own: Color | None = None) -> Color:
-    """Return the colour behind models in the benchmark: the dataset's, else that of the method's training.
+    """Return the background of a model in the benchmark: the dataset's, else the one of its training.
 
-    Masked datasets are evaluated over white whatever the method; where there is no mask each model keeps
-    `own`, the background of its official evaluation; if it records none, that of its method, or black.
+    Masked datasets are evaluated over white for every method. Otherwise each model keeps `own`, the
+    background of its official evaluation. If it records none, the method's background is used, or black.
     """
     fixed = DATASETS[dataset].background if dataset in DATASETS else None
     return fixed or own or RULES.get(method or OURS, RULES[OURS]).background_of(dataset)
 
 
 def stated_background(manifest: Manifest) -> Color | None:
-    """Return the background of the model's official evaluation, None if the asset does not state it."""
+    """Return the background of the model's official evaluation; None if the asset does not record it."""
     return parse_color("official", manifest.appearance.get("background"))
 
 
 def own_background(manifest: Manifest) -> Color:
-    """Return the colour over which a model is drawn where nobody names another and no dataset has its own.
+    """Return the default background of a model: the asset's, else its method's, else black.
 
-    Every command and the Python interface take it: what the asset states, else what its method's official
-    evaluation has, else black.
+    All commands and the Python interface use it if neither the user nor a dataset chooses a background.
     """
     return evaluation_background(CUSTOM, manifest.method, stated_background(manifest))

@@ -1,11 +1,11 @@
-"""Plain data: which photographs each loader takes, at which size, through which camera, over which colour.
+"""Rules of loaders: their choice of photographs, image sizes, cameras and backgrounds.
 
-"ours" is the benchmark's one rule for all methods; the others are what the methods' official code does, as
-each declares it (`msb.registry`), so that a deviation can be shown, and undone where official numbers are to
-be reproduced. docs/datasets.md prints this as a table.
+"ours" is the benchmark's rule for all methods. The others describe the methods' official code, as each method
+declares it (`msb.registry`). With them, deviations can be listed, and official numbers reproduced.
+docs/datasets.md prints the rules as a table.
 
-A `resolution` is what the 3DGS family takes as ``-r``: 1, 2, 4 or 8 divide the size, -1 leaves all but very
-large photographs alone, any other number is a width in pixels.
+A `resolution` has the meaning of ``-r`` in the 3DGS family: 1, 2, 4 or 8 divide the size, -1 keeps all but
+very large photographs, any other number is a width in pixels.
 """
 
 import math
@@ -25,25 +25,25 @@ Compositing = Literal["before_resize", "after_resize", "none"]
 Size = tuple[int, int]
 Rounding = Literal["half_even", "floor", "half_up"]
 AS_IS = -1
-# Size in pixels to which larger photographs are reduced if no resolution is asked for.
+# Larger photographs are reduced to this width in pixels if no resolution is requested.
 LARGEST = 1600
 _DIVISORS = (1, 2, 4, 8)
 
 
 @dataclass(frozen=True)
 class Photographs:
-    """The photographs of a dataset: which files are taken, and what is done to them.
+    """The photographs of a dataset: which files are used, and how they are processed.
 
     Attributes
     ----------
     folder : str
-        The folder below the scene; "." if the names already lead to the files (NeRF-Synthetic).
+        The folder below the scene; "." if the names are already paths (NeRF-Synthetic).
     resolution : int
     compositing : Compositing
-        When a masked photograph is laid over the background; "none" drops the mask.
+        When a masked photograph is composited over the background; "none" ignores the mask.
     instead : (str, int), optional
-        The folder and divisor to take if `folder` does not exist; the size is then that of the shipped
-        folder.
+        The folder and divisor to use if `folder` does not exist; sizes are then rounded like in the
+        published folder.
     """
 
     folder: str = "images"
@@ -59,23 +59,24 @@ class Rules:
     Attributes
     ----------
     title, source : str
-        The name of the rules' owner, and their source (owner/repo: path).
+        The loader's name, and the source of its rules (owner/repo: path).
     convention : Convention
-        The camera the method is trained with. "gs_fov": angles of view as recorded, the principal point in
-        the middle. "full_K": the recorded principal point.
+        The camera the method is trained with. "gs_fov": recorded angles of view, principal point in the
+        middle. "full_K": recorded principal point.
     rounding : Rounding
     resampling : {"bicubic", "bilinear"}
         Pillow's filters, both antialiased.
     first_lens : bool
         Whether the intrinsics of the file's first image are used for all images.
     order : {"stem", "name"}
-        The key by which views are sorted before every eighth is taken for testing.
+        The sort key of views; every eighth view in this order is a test view.
     quantized : bool
         Whether the ground truth is rounded to 8 bits before it is compared.
     photographs : mapping
-        Dataset, or dataset/group -> `Photographs`. If a dataset is absent, the code has no rule for it.
+        Dataset, or dataset/group -> `Photographs`. Missing datasets are not supported by the code.
     backgrounds : mapping
-        Dataset -> colour behind the model in the method's own evaluation; "" stands for all other datasets.
+        Dataset -> background of the model in the method's official evaluation; "" stands for all other
+        datasets.
     """
 
     title: str
@@ -90,16 +91,16 @@ class Rules:
     backgrounds: Mapping[str, Color] = field(default_factory=lambda: {"": BLACK})
 
     def photographs_of(self, dataset: str, group: str = "") -> Photographs | None:
-        """Return the rule for a dataset's scenes of a group, None if there is none."""
+        """Return the rule for a group of a dataset's scenes; None if the dataset is not supported."""
         key = dataset if dataset in DATASETS else CUSTOM
         return self.photographs.get(f"{key}/{group}") or self.photographs.get(key)
 
     def background_of(self, dataset: str) -> Color:
-        """Return the colour behind the model in the method's own evaluation on a dataset."""
+        """Return the background in the method's official evaluation on a dataset."""
         return self.backgrounds.get(dataset, self.backgrounds[""])
 
 
-# The photographs that all code derived from 3DGS takes.
+# Photographs used by all code derived from 3DGS.
 FAMILY: Mapping[str, Photographs] = {
     "mipnerf360/outdoor": Photographs("images_4"),
     "mipnerf360/indoor": Photographs("images_2"),
@@ -109,7 +110,8 @@ FAMILY: Mapping[str, Photographs] = {
     CUSTOM: Photographs(),
 }
 
-# Those it takes where its scripts name no folder: of Mip-NeRF 360 the originals, reduced to `LARGEST`.
+# Photographs used by such code if its scripts name no folder: for Mip-NeRF 360 the originals, reduced to
+# `LARGEST`.
 FULL_SIZE: Mapping[str, Photographs] = {
     **FAMILY,
     "mipnerf360/outdoor": Photographs(),
@@ -118,20 +120,20 @@ FULL_SIZE: Mapping[str, Photographs] = {
 
 
 def check_resolution(resolution: int) -> int:
-    """Return `resolution` if it is a valid one."""
+    """Return `resolution` if it is valid."""
     if not (resolution == AS_IS or 1 <= resolution <= MAX_SIDE):
         text = (
-            f"the resolution is {shorten(repr(resolution), 40)}; it must be 1, 2, 4 or 8, which divide, "
-            "-1, as is, or a width in pixels"
+            f"the resolution is {shorten(repr(resolution), 40)}; it must be 1, 2, 4 or 8 (divide the size), "
+            "-1 (keep it), or a width in pixels"
         )
         raise SceneError("SCENE_ARGUMENT", text)
     return resolution
 
 
 def half_even(size: Size, resolution: int) -> Size:
-    """Return the size the 3DGS family, Triangle-Splatting, MeshSplatting and 2DGS resize to.
+    """Return the resized size in the 3DGS family, Triangle-Splatting, MeshSplatting and 2DGS.
 
-    Divided sides are rounded half to even, others cut off. Only a width above `LARGEST` is reduced at -1.
+    Divided sides are rounded half to even, others truncated. At -1 only widths above `LARGEST` are reduced.
 
     Source: `graphdeco-inria/gaussian-splatting`: utils/camera_utils.py (`loadCam`).
     """
@@ -141,14 +143,14 @@ def half_even(size: Size, resolution: int) -> Size:
     if resolution == AS_IS and width <= LARGEST:
         return size
     scale = width / (LARGEST if resolution == AS_IS else resolution)
-    return int(width / scale), int(height / scale)  # 1601 / (1601 / 1600) is a little less than 1600
+    return int(width / scale), int(height / scale)  # 1601 / (1601 / 1600) is slightly less than 1600
 
 
 def floor(size: Size, resolution: int) -> Size:
-    """Return the size 2DTS resizes to: sides cut off; at -1 the longer side is at most `LARGEST`.
+    """Return the resized size in 2DTS: sides are truncated; at -1 the longer side is at most `LARGEST`.
 
-    Source: `GaodeRender/triangle-splatting`: the datasets' `target_res`. It has no widths; the family's rule
-    stands in for them.
+    Source: `GaodeRender/triangle-splatting`: the datasets' `target_res`. It does not support widths, for
+    which the rule of the 3DGS family is used.
     """
     width, height = size
     if resolution in _DIVISORS:
@@ -162,10 +164,10 @@ def floor(size: Size, resolution: int) -> Size:
 
 
 def half_up(size: Size, resolution: int) -> Size:
-    """Return the size of the folders images_2, images_4 and images_8 as Mip-NeRF 360 ships them.
+    """Return the size in the folders images_2, images_4 and images_8 as published with Mip-NeRF 360.
 
-    Divided sides are rounded half up (`nerfbaselines/nerfbaselines`: its Mip-NeRF 360 loader); otherwise
-    as `half_even`.
+    Divided sides are rounded half up (`nerfbaselines/nerfbaselines`: its Mip-NeRF 360 loader); otherwise as
+    in `half_even`.
     """
     if resolution not in _DIVISORS:
         return half_even(size, resolution)

@@ -1,4 +1,4 @@
-"""A scene of a dataset, once read: cameras at the size evaluated, and facts about their photographs."""
+"""A scene of a dataset after reading: cameras at the evaluated size, and properties of their photographs."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -16,33 +16,33 @@ MaskSource = Literal["png_alpha", "mask_folder"]
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """One scene of a dataset under one set of rules. `msb.metrics.ground_truth` makes its photographs.
+    """A scene of a dataset under one set of rules. `msb.metrics.ground_truth` loads its photographs.
 
     Attributes
     ----------
     dataset, name : str
         Names as in result records, such as "mipnerf360" and "garden".
     rules : str
-        The rules by which it was read; a key of `RULES`.
+        The rules used for reading; a key of `RULES`.
     image_folder : str
-        The folder below `root`; "." if the names of the cameras already lead to the files.
+        The folder below `root`; "." if the cameras' names are already paths.
     resolution : int
         The resolution, with the meaning of ``-r`` in the 3DGS family.
     train, test : tuple of Camera
-        The cameras at the size evaluated, sorted as the rules say. They have `name` (unique within the
-        scene), `image_path`, `split`, and `source_size` if the intrinsics were recorded for another size.
+        The cameras at the evaluated size, sorted by the rules. They have a `name` (unique in the scene),
+        `image_path`, `split`, and `source_size` if the intrinsics were recorded for another size.
     background : (float, float, float)
-        The colour behind the model, and behind a masked photograph.
+        The background of the model, and of masked photographs.
     mask_source : {"png_alpha", "mask_folder"}, optional
-        Where the masks of the photographs are; None if there are none, or they are not used.
+        The kind of masks; None if masks are missing or not used.
     masks : mapping of str to Path
-        Name of a camera -> the file of its mask, for "mask_folder".
+        Camera name -> the file of its mask, for "mask_folder".
     resampling : {"bicubic", "bilinear"}
-        The filter with which photographs are resized.
+        The filter for resizing photographs.
     quantized : bool
         Whether the ground truth is rounded to 8 bits before it is compared.
     gt_resized : bool
-        Whether a photograph is stored in another size than the one evaluated.
+        Whether a photograph is stored in another size than the evaluated one.
     """
 
     dataset: str

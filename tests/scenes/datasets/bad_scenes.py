@@ -1,4 +1,4 @@
-"""Scenes that must be refused: name -> a stub scene, what breaks it, the code, and the file that is named."""
+"""Invalid scenes: name -> stub scene, modification, error code, and the file that the error names."""
 
 import shutil
 from collections.abc import Callable
@@ -93,7 +93,7 @@ BAD: dict[str, tuple[str, Callable[[Path], Any], str, str]] = {
 
 
 def read_case(name: str, root: Path) -> Any:
-    """Write one of them below `root`, and read it."""
+    """Write the scene of a case below `root`, and read it."""
     place, change, *_ = BAD[name]
     scene = shutil.copytree(STUBS / place, root / place)
     change(scene)

@@ -1,4 +1,4 @@
-"""Copies of the stub scenes, to be changed and broken."""
+"""Copies of the stub scenes that tests may modify."""
 
 import shutil
 from pathlib import Path
@@ -13,13 +13,13 @@ SCENES = ("mipnerf360/pebble", "tanksandtemples/pebble", "nerf_synthetic/pebble"
 
 
 class Copy(Protocol):
-    """Copy a stub scene: ``copy("dtu/scan1")``, under another path if one is given."""
+    """Copy a stub scene: ``copy("dtu/scan1")``, to another path if one is given."""
 
     def __call__(self, scene: str, to: str | None = None) -> Path: ...
 
 
 def text_model(root: Path, lenses: str, shots: str) -> None:
-    """Replace the COLMAP model of a copy by one in text."""
+    """Replace the COLMAP model of a copy by a model in text format."""
     (root / "sparse/0/cameras.txt").write_text(lenses)
     (root / "sparse/0/images.txt").write_text(shots)
     for name in ("cameras", "images"):
@@ -28,7 +28,7 @@ def text_model(root: Path, lenses: str, shots: str) -> None:
 
 @pytest.fixture
 def copy(tmp_path: Path) -> Copy:
-    """Return a function that copies a stub scene below the test's folder and returns where it is."""
+    """Return a function that copies a stub scene into the test's folder and returns its path."""
 
     def run(scene: str, to: str | None = None) -> Path:
         shutil.copytree(STUBS / scene, tmp_path / (to or scene))

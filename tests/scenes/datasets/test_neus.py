@@ -35,19 +35,19 @@ def test_golden_projections_are_decomposed() -> None:
 
 @pytest.mark.parametrize("sign", [1, -1])
 @pytest.mark.parametrize("scale", [1e-3, 1.0, 1e4])
-def test_a_projection_counts_up_to_a_factor(sign: int, scale: float) -> None:
+def test_a_projection_is_defined_up_to_a_factor(sign: int, scale: float) -> None:
     lens = np.array([[900.0, 0.3, 400], [0, 880, 290], [0, 0, 1]])
     q, _ = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))
     rotation = q * np.sign(np.linalg.det(q))
     shift = np.array([0.3, -2, 5])
     projection = np.eye(4)
     projection[:3] = sign * scale * lens @ np.column_stack([rotation, shift])
-    found, pose = decompose(projection)
-    np.testing.assert_allclose(found, lens, rtol=1e-9, atol=1e-9)
+    decomposed, pose = decompose(projection)
+    np.testing.assert_allclose(decomposed, lens, rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(pose[:3], np.column_stack([rotation, shift]), rtol=1e-9, atol=1e-9)
 
 
-def test_a_singular_projection_is_refused() -> None:
+def test_a_singular_projection_is_rejected() -> None:
     flat = np.eye(4)
     flat[2] = flat[1]
     for matrix in (flat, np.zeros((4, 4)), np.full((4, 4), 1e300), np.full((4, 4), np.inf)):

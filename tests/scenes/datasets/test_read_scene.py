@@ -1,4 +1,4 @@
-"""Scenes in each layout: what is read, split, sized and warned about."""
+"""Scenes in each layout: cameras, split, sizes and warnings."""
 
 import json
 import shutil
@@ -65,7 +65,7 @@ def test_a_scene_in_each_layout(
 
 
 @pytest.mark.parametrize(
-    ("place", "made"),
+    ("place", "originals"),
     [
         ("mipnerf360/pebble", mipnerf360_cameras(PEBBLE)),
         ("tanksandtemples/pebble", tanksandtemples_cameras(PEBBLE)),
@@ -73,14 +73,14 @@ def test_a_scene_in_each_layout(
         ("dtu/scan1", dtu_cameras(PEBBLE)),
     ],
 )
-def test_cameras_are_those_the_photographs_were_taken_with(place: str, made: list[Camera]) -> None:
+def test_cameras_equal_the_cameras_of_the_photographs(place: str, originals: list[Camera]) -> None:
     scene = read_scene(STUBS / place)
     by_name = {str(camera.name).removesuffix(".png"): camera for camera in (*scene.train, *scene.test)}
-    assert len(by_name) == len(made)
-    for wanted in made:
-        found = by_name[str(wanted.name).removesuffix(".png")]
-        np.testing.assert_allclose(found.world_to_camera, wanted.world_to_camera, atol=1e-9)
-        np.testing.assert_allclose((found.fov_x, found.fov_y), (wanted.fov_x, wanted.fov_y), rtol=1e-9)
+    assert len(by_name) == len(originals)
+    for wanted in originals:
+        camera = by_name[str(wanted.name).removesuffix(".png")]
+        np.testing.assert_allclose(camera.world_to_camera, wanted.world_to_camera, atol=1e-9)
+        np.testing.assert_allclose((camera.fov_x, camera.fov_y), (wanted.fov_x, wanted.fov_y), rtol=1e-9)
 
 
 def test_every_8th_by_stem_is_a_test_view() -> None:
@@ -90,10 +90,10 @@ def test_every_8th_by_stem_is_a_test_view() -> None:
     assert list(scene.train) == sorted_by_stem(scene.train)
 
 
-def test_json_splits_count_and_nothing_is_globbed() -> None:
+def test_views_are_read_from_json_splits_not_from_folders() -> None:
     scene = read_scene(STUBS / "nerf_synthetic/pebble")
-    there = {path.name for path in (STUBS / "nerf_synthetic/pebble/test").iterdir()}
-    assert len(there) == 12  # depths and normals too
+    files = {path.name for path in (STUBS / "nerf_synthetic/pebble/test").iterdir()}
+    assert len(files) == 12  # including depths and normals
     assert [camera.name for camera in scene.test] == [f"test/r_{i}.png" for i in range(4)]
 
 
@@ -129,7 +129,7 @@ def test_without_the_shipped_folder_images_are_resized_to_its_size(copy: Copy) -
     np.testing.assert_allclose(scene.test[0].K, shipped.test[0].K, rtol=1e-12)
 
 
-def test_a_folder_and_a_resolution_may_be_asked_for() -> None:
+def test_folder_and_resolution_can_be_requested() -> None:
     root = STUBS / "mipnerf360/pebble"
     assert sizes(read_scene(root, image_folder="images_2")) == {(128, 96)}
     assert sizes(read_scene(root, image_folder="images", resolution=8)) == {(32, 24)}
@@ -163,7 +163,7 @@ def test_photographs_of_another_shape_than_the_camera_are_a_warning(copy: Copy) 
     assert scene.test[0].fov_y == pytest.approx(2 * np.arctan(120 / 600))
 
 
-def test_a_capture_of_ones_own(copy: Copy) -> None:
+def test_a_custom_capture(copy: Copy) -> None:
     root = copy("mipnerf360/pebble", "mine/office")
     scene = read_scene(root)
     assert (scene.dataset, scene.name, scene.image_folder) == ("custom", "office", "images")
@@ -197,7 +197,7 @@ def test_conventions_differ_by_the_principal_point(copy: Copy) -> None:
     assert full.test[0].source_size == (256, 192)
 
 
-def test_diffsoup_takes_the_first_lens_of_the_file_for_all(copy: Copy) -> None:
+def test_diffsoup_uses_the_first_lens_for_all_views(copy: Copy) -> None:
     root = copy("mipnerf360/pebble")
     lenses = "7 PINHOLE 256 192 270 270 140 90\n1 PINHOLE 512 384 300 300 256 192\n"
     order = [16, *range(1, 16)]  # the last name first
@@ -235,7 +235,7 @@ def test_the_rules_of_the_methods(
     assert scene.quantized is (rules not in ("two_dts", "diffsoup"))
 
 
-def test_background_may_be_given() -> None:
+def test_the_background_can_be_passed() -> None:
     scene = read_scene(STUBS / "mipnerf360/pebble", background=(0, 0.5, 1))
     assert scene.background == (0, 0.5, 1)
 
@@ -244,13 +244,13 @@ def test_background_may_be_given() -> None:
 
 
 def test_scenes_are_found_below_a_folder() -> None:
-    found = [path.relative_to(STUBS).as_posix() for path in find_scenes(STUBS)]
-    assert found == sorted(SCENES)
+    paths = [path.relative_to(STUBS).as_posix() for path in find_scenes(STUBS)]
+    assert paths == sorted(SCENES)
     assert find_scenes(STUBS / "dtu") == [STUBS / "dtu/scan1"]
     assert find_scenes(STUBS / "dtu/scan1") == [STUBS / "dtu/scan1"]
 
 
-def test_a_relative_path_still_has_names(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_names_are_derived_from_a_relative_path(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(STUBS / "dtu" / "scan1")
     scene = read_scene(".")
     assert (scene.dataset, scene.name, scene.root) == ("dtu", "scan1", Path())

@@ -1,4 +1,4 @@
-"""The tables: datasets, loaders and the sizes they evaluate at."""
+"""Tables of datasets and loaders, and the evaluated sizes."""
 
 import json
 from typing import Any
@@ -46,7 +46,7 @@ def test_datasets_have_the_scenes_of_the_benchmark() -> None:
         ("colmap", "scan1", "DTU", "dtu"),
     ],
 )
-def test_a_dataset_is_told_by_names(layout: Any, name: str, above: str, dataset: str) -> None:
+def test_a_dataset_is_recognised_by_names(layout: Any, name: str, above: str, dataset: str) -> None:
     assert guess_dataset(layout, name, above) == dataset
 
 

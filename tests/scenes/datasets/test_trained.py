@@ -1,4 +1,4 @@
-"""What a training or a recording did otherwise than a scene is evaluated: its split, background and size."""
+"""Warnings about a training or recording that differs from the evaluation: split, background, size."""
 
 import shutil
 from pathlib import Path
@@ -12,21 +12,21 @@ from msb.scenes.datasets import read_scene, recorded_note, scaled_note, trained_
 from .conftest import STUBS
 
 CAPTURE = STUBS / "mipnerf360/pebble"
-"""Photographs of 64 x 48 in images_4, 128 x 96 in images_2, 256 x 192 in images; the first count."""
+"""Photographs of 64 x 48 in images_4 (evaluated), 128 x 96 in images_2, 256 x 192 in images."""
 ALIKE: list[dict[str, Any]] = [
     {},
     {"eval": True, "images": "images_4", "resolution": -1},
     {"images": "images", "resolution": 4},
     {"width": 64, "height": 48},
-    {"images": "somewhere", "resolution": 1},  # which size that folder has is not known
+    {"images": "somewhere", "resolution": 1},  # the size of that folder is unknown
 ]
 
 
 @pytest.mark.parametrize("training", ALIKE, ids=str)
-def test_a_training_as_the_scene_is_evaluated_gives_no_warning(training: dict[str, Any]) -> None:
+def test_equal_training_and_evaluation_give_no_warning(training: dict[str, Any]) -> None:
     scene = read_scene(CAPTURE)
-    for own in (None, (0.0, 0.0, 0.0)):
-        assert list(trained_otherwise(training, own, scene)) == []
+    for background in (None, (0.0, 0.0, 0.0)):
+        assert list(trained_otherwise(training, background, scene)) == []
 
 
 @pytest.mark.parametrize(
@@ -34,19 +34,19 @@ def test_a_training_as_the_scene_is_evaluated_gives_no_warning(training: dict[st
     [
         ({"images": "images_2", "resolution": -1}, "128 x 96"),
         ({"images": "images_4", "resolution": 2}, "32 x 24"),
-        ({"images": "images_8", "resolution": 1}, "32 x 24"),  # which is not there any more
+        ({"images": "images_8", "resolution": 1}, "32 x 24"),  # that folder no longer exists
         ({"images": "images", "resolution": 100}, "100 x 75"),
         ({"width": 640, "height": 480}, "640 x 480"),
     ],
     ids=str,
 )
-def test_another_size_is_said_with_both(training: dict[str, Any], size: str) -> None:
-    (found,) = trained_otherwise(training, None, read_scene(CAPTURE))
-    assert f"{size} pixels" in found.message
-    assert "64 x 48" in found.message
+def test_a_different_size_is_reported_with_both_sizes(training: dict[str, Any], size: str) -> None:
+    (warning,) = trained_otherwise(training, None, read_scene(CAPTURE))
+    assert f"{size} pixels" in warning.message
+    assert "64 x 48" in warning.message
 
 
-def test_the_split_and_the_background_are_said_with_what_follows() -> None:
+def test_split_and_background_are_reported() -> None:
     first, second = trained_otherwise({"eval": False}, (1.0, 1.0, 1.0), read_scene(CAPTURE))
     assert "eval=False" in first.message
     assert "over white" in second.message
@@ -55,7 +55,7 @@ def test_the_split_and_the_background_are_said_with_what_follows() -> None:
 PEBBLE = STUBS / "mipnerf360/pebble"
 
 
-def test_scaled_cameras_are_noted_once_with_all_sizes() -> None:
+def test_scaled_cameras_are_noted_with_all_sizes() -> None:
     names = ("dtu/scan1", "mipnerf360/pebble", "tanksandtemples/pebble")
     masked, small, other = (read_scene(STUBS / name) for name in names)
     note = scaled_note([masked, small, small])
@@ -63,12 +63,12 @@ def test_scaled_cameras_are_noted_once_with_all_sizes() -> None:
     more = scaled_note([masked, small, other])
     assert more.startswith(note)
     assert more != note
-    assert scaled_note([masked]) is None  # photographs of the recorded size: what resizes them is a rule
+    assert scaled_note([masked]) is None  # photographs have the recorded size; a rule resizes them
     halved = read_scene(PEBBLE, image_folder="images_2", dataset="custom", resolution=2)
     assert "images_2 have 128 x 96" in scaled_note([halved])
 
 
-def test_cameras_as_recorded_name_the_scale_of_the_photographs_beside_them(tmp_path: Path) -> None:
+def test_the_note_on_recorded_size_names_the_scale_of_the_photographs(tmp_path: Path) -> None:
     assert recorded_note(PEBBLE, read_cameras(PEBBLE)) is None  # images has their size
     for name in ("sparse", "images_2", "images_4"):
         shutil.copytree(PEBBLE / name, tmp_path / name)
