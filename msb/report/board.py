@@ -56,10 +56,6 @@ class Board(Report):
 
     page = "board.html"
 
-    @property
-    def mixes(self) -> bool:
-        return any(row.paper for table in self.tables.values() for row in table.rows)
-
 
 def submitted_pictures(results: ResultSet) -> list[tuple[Shown, bytes]]:
     """Return the pictures that go with a submission: of each dataset the largest and a typical loss."""

@@ -1,7 +1,7 @@
 """From records to numbers: every metric of every cell, means over scenes, gaps; and why one is missing."""
 
 import re
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -80,16 +80,15 @@ def collect(results: ResultSet) -> Numbers:
     gaps: dict[GapKey, Gaps] = {}
     splits: dict[SplitKey, Split] = {}
     ratios: dict[RatioKey, Ratio] = {}
-    drawn_by: dict[tuple[str, str], str] = {}
+    drawn_by: dict[str, dict[str, str]] = {}
     by_dataset: dict[str, dict[Place, Mapping[str, Result]]] = {}
     for place, own in records.items():
         by_dataset.setdefault(place.dataset, {})[place] = own
     for dataset in _ordered(by_dataset, SCENES):
         there = by_dataset[dataset]
         scenes = _ordered({place.scene for place in there}, SCENES.get(dataset, ()))
-        drawers = _drawers(there)
+        drawers = drawn_by[dataset] = _drawers(there)
         conditions_of = _conditions(there)
-        drawn_by |= {(dataset, condition): name for condition, name in drawers.items()}
         for method in _ordered(conditions_of, METHODS):
             of_scenes = {scene: there.get(Place(dataset, scene, method), {}) for scene in scenes}
             conditions = conditions_of[method]
@@ -344,42 +343,32 @@ def _with_setups(
     values: Mapping[Key, Number], records: Mapping[Place, Mapping[str, Result]]
 ) -> dict[Key, Number]:
     """Return `values`, with a note on image metrics wherever a setup is not that of most on its scene."""
-    setups = {
-        place: described
-        for place, conditions in records.items()
-        if (described := next(filter(None, map(_described, conditions.values())), None))
-    }
-    notes: dict[tuple[str, str], dict[str, None]] = {}
-    trained: dict[tuple[str, str, str], dict[str, None]] = {}
-    for (dataset, scene, method), conditions in records.items():
-        for text in dict.fromkeys(text for one in conditions.values() for text in one.trained):
-            for row in (scene, MEAN):  # in the same words, so that a table has them once
-                trained.setdefault((dataset, row, method), {})[f"{scene}: {text}"] = None
-    counts: dict[tuple[str, str, str], Counter[str]] = {}
-    for place, own in setups.items():
-        for what, value in own.items():
-            counts.setdefault((place.dataset, place.scene, what), Counter())[value] += 1
-    for place, own in setups.items():
-        for what, value in own.items():
+    setups: dict[Place, dict[str, str]] = {}
+    counts: dict[tuple[str, ...], Counter[str]] = defaultdict(Counter)
+    # Dataset and method, or dataset, scene and method -> notes, each once and in order.
+    notes: dict[tuple[str, ...], dict[str, None]] = defaultdict(dict)
+    for place, conditions in records.items():
+        if described := next(filter(None, map(_described, conditions.values())), None):
+            setups[place] = described
+            for what, value in described.items():
+                counts[place.dataset, place.scene, what][value] += 1
+        for text in (text for result in conditions.values() for text in result.trained):
+            for row in (place.scene, MEAN):  # in the same words, so that a table has them once
+                notes[place.dataset, row, place.method][f"{place.scene}: {text}"] = None
+    for place, described in setups.items():
+        of_method = notes[place.dataset, place.method]
+        for what, value in described.items():
             ((usual, _),) = counts[place.dataset, place.scene, what].most_common(1)
             if value != usual:
-                note = f"{what} {value}, where the other methods have {usual}"
-                notes.setdefault((place.dataset, place.method), {})[note] = None
-        if place.dataset in _OVER_WHITE and own["background"] == "white":
-            notes.setdefault((place.dataset, place.method), {})[WHITE] = None
-    return {
-        key: replace(
-            number,
-            notes=(
-                *number.notes,
-                *notes.get((key.dataset, key.method), ()),
-                *trained.get((key.dataset, key.scene, key.method), ()),
-            ),
-        )
-        if key.metric in QUALITY and number.value is not None
-        else number
-        for key, number in values.items()
-    }
+                of_method[f"{what} {value}, where the other methods have {usual}"] = None
+        if place.dataset in _OVER_WHITE and described["background"] == "white":
+            of_method[WHITE] = None
+    noted = dict(values)
+    for key, number in values.items():
+        if key.metric in QUALITY and number.value is not None:
+            more = notes[key.dataset, key.method], notes[key.dataset, key.scene, key.method]
+            noted[key] = replace(number, notes=(*number.notes, *more[0], *more[1]))
+    return noted
 
 
 def _described(result: Result) -> dict[str, str] | None:

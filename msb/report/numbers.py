@@ -123,7 +123,7 @@ class Numbers:
     gaps: Mapping[GapKey, Gaps] = field(default_factory=dict)
     ratios: Mapping[RatioKey, Ratio] = field(default_factory=dict)
     views: Mapping[Key, Mapping[str, float]] = field(default_factory=dict)
-    drawn_by: Mapping[tuple[str, str], str] = field(default_factory=dict)
+    drawn_by: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     splits: Mapping[SplitKey, Split] = field(default_factory=dict)
     verdicts: Mapping[Key, str] = field(default_factory=dict)
     of_paper: bool = False
@@ -179,14 +179,11 @@ class Numbers:
 
     def gap_tiers(self, dataset: str) -> list[tuple[str, str]]:
         """Return the pairs (standard, dedicated) that gaps of a dataset go through."""
-        return gap_tiers(self.conditions(dataset), self._drawn_by(dataset))
+        return gap_tiers(self.conditions(dataset), self.drawn_by.get(dataset, {}))
 
     def ratio_tiers(self, dataset: str) -> list[tuple[str, str]]:
         """Return the pairs (standard, dedicated) whose frame rates are held against each other."""
-        return ratio_tiers(self.conditions(dataset), self._drawn_by(dataset))
-
-    def _drawn_by(self, dataset: str) -> dict[str, str]:
-        return {condition: name for (of, condition), name in self.drawn_by.items() if of == dataset}
+        return ratio_tiers(self.conditions(dataset), self.drawn_by.get(dataset, {}))
 
     @cached_property
     def _keys(self) -> dict[str, list[Key]]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import json
 import os
 import re
@@ -16,7 +15,7 @@ from msb.base.extras import need_extra
 from msb.base.version import __version__
 from msb.bench.folder import WALK_FILM, Results
 from msb.report.numbers import condition_title, dataset_title, method_title, scene_title
-from msb.report.pictures import GT, views
+from msb.report.pictures import GT, data_uri, views
 from msb.report.safe_names import slug
 from msb.report.tables.asset import asset_tables, provenance
 from msb.report.tried import repairs, tried_tasks
@@ -112,7 +111,7 @@ def _verdict_page(
         views=views(report.results, [place]),
         tables=tables,
         provenance=provenance(records),
-        topology=None if picture is None else f"data:image/png;base64,{base64.b64encode(picture).decode()}",
+        topology=None if picture is None else data_uri("image/png", picture),
         asset=asset,
         tried=tried_tasks(own.get("exported_mesh")),
         repairs=repairs(own.get("exported_mesh")),
@@ -148,7 +147,7 @@ def _film(path: Path, root: Path, folder: Path | None) -> dict[str, str] | None:
     with suppress(OSError, ValueError):  # not readable; a NUL in a name; another drive
         if path.is_file() and path.resolve().is_relative_to(root.resolve()):
             if path.stat().st_size <= SMALL_VIDEO:
-                return {"data": f"data:video/mp4;base64,{base64.b64encode(path.read_bytes()).decode()}"}
+                return {"data": data_uri("video/mp4", path.read_bytes())}
             start = folder or root
             return {"link": os.path.relpath(path.resolve(), start.resolve()).replace(os.sep, "/")}
     return None

@@ -101,11 +101,12 @@ def paper_numbers(*tables: str) -> Numbers:
     for label in tables or PAPER_TABLES:
         for key, number in _table(label).items():
             values.setdefault(key, number)
-    drawn_by = {
-        (key.dataset, key.condition): "their own code" if key.condition == "non_engine" else "Unity"
-        for key in values
-    }
-    return Numbers(values, _gaps(values), _ratios(values), drawn_by=drawn_by, of_paper=True)
+    drawn_by: dict[str, dict[str, str]] = {}
+    for key in values:
+        name = "their own code" if key.condition == "non_engine" else "Unity"
+        drawn_by.setdefault(key.dataset, {})[key.condition] = name
+    numbers = Numbers(values, drawn_by=drawn_by, of_paper=True)
+    return replace(numbers, gaps=_gaps(numbers), ratios=_ratios(numbers))
 
 
 def paper_row(table: str, **where: str) -> dict[str, float]:
@@ -199,43 +200,30 @@ def _noted(key: Key, number: Number) -> Number:
     return Number(number.value, notes=tuple(notes))
 
 
-def _means(values: dict[Key, Number], condition: str, metric: str) -> dict[tuple[str, str], float]:
-    return {
-        (key.dataset, key.method): number.value
-        for key, number in values.items()
-        if (key.scene, key.condition, key.metric, key.source) == (MEAN, condition, metric, "")
-        and number.value is not None
-    }
-
-
-def _gaps(values: dict[Key, Number]) -> dict[GapKey, Gaps]:
+def _gaps(numbers: Numbers) -> dict[GapKey, Gaps]:
     all_gaps: dict[GapKey, Gaps] = {}
-    for metric in QUALITY:
-        sides = [_means(values, condition, metric) for condition in DRAWN_CONDITIONS]
-        for where in dict.fromkeys((*sides[0], *sides[1], *sides[2])):
-            dataset, method = where
-            gaps = value_gaps(metric, *(side.get(where) for side in sides))
-            if any(gap.value is not None for gap in (gaps.adapt, gaps.port, gaps.deploy)):
-                all_gaps[GapKey(dataset, MEAN, method, metric)] = gaps
+    for dataset in numbers.datasets():
+        for method in numbers.methods(dataset):
+            for metric in QUALITY:
+                keys = (Key(dataset, MEAN, method, condition, metric) for condition in DRAWN_CONDITIONS)
+                gaps = value_gaps(metric, *map(numbers.value, keys))
+                if any(gap.value is not None for gap in (gaps.adapt, gaps.port, gaps.deploy)):
+                    all_gaps[GapKey(dataset, MEAN, method, metric)] = gaps
     return all_gaps
 
 
-def _ratios(values: dict[Key, Number]) -> dict[RatioKey, Ratio]:
-    rates = {
-        key: number.value
-        for key, number in values.items()
-        if (key.metric, key.source) == ("fps", "") and number.value is not None
-    }
-    found = {}
+def _ratios(numbers: Numbers) -> dict[RatioKey, Ratio]:
+    ratios = {}
     for above, below in (("standard", "dedicated"), ("dedicated", "non_engine")):
-        ratios = {
-            key: rate / under
-            for key, rate in rates.items()
-            if key.condition == above and (under := rates.get(key._replace(condition=below)))
-        }
-        for key, ratio in ratios.items():
-            if key.scene == MEAN:
-                own = {k.scene: r for k, r in ratios.items() if k._replace(scene=MEAN) == key != k}
-                where = RatioKey(key.dataset, key.method, above, below)
-                found[where] = Ratio(ratio, None, own, len(own))
-    return found
+        for dataset in numbers.datasets():
+            for method in numbers.methods(dataset, above):
+                of_scenes = {}
+                for scene in (MEAN, *numbers.scenes(dataset)):
+                    key = Key(dataset, scene, method, above, "fps")
+                    rate, under = numbers.value(key), numbers.value(key._replace(condition=below))
+                    if rate is not None and under:
+                        of_scenes[scene] = rate / under
+                if (mean := of_scenes.pop(MEAN, None)) is not None:
+                    where = RatioKey(dataset, method, above, below)
+                    ratios[where] = Ratio(mean, None, of_scenes, len(of_scenes))
+    return ratios

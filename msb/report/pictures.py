@@ -26,6 +26,11 @@ _QUALITY = 85
 _MOST_PIXELS = 1 << 26
 
 
+def data_uri(kind: str, data: bytes) -> str:
+    """Return the address of `data` within a page; `kind` is its MIME type."""
+    return f"data:{kind};base64,{base64.b64encode(data).decode()}"
+
+
 @dataclass(frozen=True)
 class Picture:
     """A JPEG: its name in the report's folder of images, and its bytes."""
@@ -36,7 +41,7 @@ class Picture:
     @property
     def uri(self) -> str:
         """The picture as part of a page."""
-        return f"data:image/jpeg;base64,{base64.b64encode(self.data).decode()}"
+        return data_uri("image/jpeg", self.data)
 
 
 @dataclass(frozen=True)

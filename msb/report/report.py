@@ -66,7 +66,7 @@ class Report:
     @property
     def mixes(self) -> bool:
         """Whether some table holds rows of the paper among ours."""
-        return self.results is not None and any(row.paper for one in self.tables.values() for row in one.rows)
+        return any(row.paper for table in self.tables.values() for row in table.rows)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the report as JSON data (schema msb.report/1), numbers as full doubles."""

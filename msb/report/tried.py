@@ -1,6 +1,5 @@
 """What was tried on an asset's mesh, tasks and ways to repair it, as its page shows them."""
 
-import base64
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
@@ -10,6 +9,7 @@ from msb.bench.documents import Look, RepairDocument, Strategy
 from msb.bench.folder import REPAIRS_FOLDER, TRIAL_FOLDER
 from msb.errors import shorten
 from msb.report.metric_format import text
+from msb.report.pictures import data_uri
 from msb.report.results import Loaded
 from msb.report.table import NOT_THERE, Cell, Column, Row, Table
 
@@ -57,7 +57,7 @@ def _png_uri(loaded: Loaded, folder: str, name: str | None) -> str | None:
     data = read_file(path, _MOST_BYTES)
     if not data.startswith(_PNG) or len(data) > _MOST_BYTES:
         return None
-    return f"data:image/png;base64,{base64.b64encode(data).decode()}"
+    return data_uri("image/png", data)
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,9 @@
 """The whole report and `msb report`: findings, charts, verdicts and pages, also of odd results."""
 
 import json
+import os
 import re
+import shutil
 import xml.etree.ElementTree as ET
 from collections.abc import Callable
 from html.parser import HTMLParser
@@ -28,6 +30,9 @@ from tests.report.factory import (
     write_results,
 )
 from tests.report.test_writers import HOSTILE
+from tests.robustness.conftest import Bound, bound
+
+__all__ = ["bound"]
 
 
 class Page(HTMLParser):
@@ -337,6 +342,20 @@ def test_report_is_written_whole_and_replaces_itself_but_nothing_put_into_it(msb
     assert (folder / "report" / "mine.txt").exists()
     msb("report", "-f", "-o", folder, folder).ends(2, "USAGE: ")
     msb("report", "-f", "-o", folder.parent, folder).ends(2, "OUTPUT_EXISTS: ")
+
+
+@pytest.mark.slow
+def test_results_of_another_user_are_reported_elsewhere(bound: Bound, small: Path, tmp_path: Path) -> None:
+    root = shutil.copytree(small, tmp_path / "theirs")
+    for path in (root, *root.rglob("*")):
+        path.chmod(0o555 if path.is_dir() else 0o444)
+        if os.geteuid() == 0:
+            os.chown(path, 65534, 65534)
+    status, _, err = bound("-m", "msb", "report", "--format", "csv", root)
+    assert (status, err.startswith(f"OUTPUT_UNWRITABLE: {root / 'report'}: ")) == (3, True)
+    status, _, err = bound("-m", "msb", "report", "--format", "csv", root, "-o", tmp_path / "mine")
+    assert (status, err) == (0, "")
+    assert not (root / "report").exists()
 
 
 @pytest.mark.slow

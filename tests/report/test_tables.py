@@ -2,22 +2,20 @@
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
-import numpy as np
 import pytest
 from scipy.stats import ttest_rel
 
 from msb.bench.aggregate import SCENES
 from msb.bench.documents import AuditDocument
-from msb.bench.records import Reason, Setup, Training
+from msb.bench.records import Reason, Training
 from msb.errors import UsageError
 from msb.report.against import holm
 from msb.report.build import build_report
 from msb.report.collect import SOUP
 from msb.report.findings import Finding, find
 from msb.report.layout import mark_best
-from msb.report.metric_format import digits, text
+from msb.report.metric_format import text
 from msb.report.numbers import MEAN, Key, Number, Numbers
 from msb.report.paper import contradictions, paper_numbers
 from msb.report.report import Report
@@ -26,7 +24,6 @@ from msb.report.results import read_results
 from msb.report.table import Cell, Column, Row, Table
 from msb.report.tables import measured
 from msb.report.tables.asset import asset_tables
-from msb.report.tables.gaps import gaps_table
 from msb.report.tables.measured import DRIVER_NOTE
 from msb.report.tables.reproducibility import reproducibility_statistics
 from tests.report.factory import (
@@ -36,7 +33,7 @@ from tests.report.factory import (
     numbers_of,
     write,
 )
-from tests.report.test_golden import of_the_model_alone
+from tests.report.test_golden import compare, of_the_model_alone
 
 
 def row_of(table: Table, *labels: str) -> Row:
@@ -86,15 +83,6 @@ def test_no_cell_is_ever_blank(whole: Report) -> None:
             assert len(row.cells) == len(table.columns)
             assert all(cell.text for cell in row.cells)
             assert all((cell.value is None) == (cell.text in ("N/A", "--")) for cell in row.cells)
-
-
-def test_gaps_between_incomparable_paths_say_why(tmp_path: Path) -> None:
-    measure(tmp_path, "non_engine")
-    measure(tmp_path, "dedicated", setup={"background": (1.0, 1.0, 1.0)})
-    numbers = numbers_of(tmp_path, allow_mixed=True)
-    row = row_of(gaps_table(numbers, "capture"), "PSNR ↑", "2DTS")
-    assert (row.cells[0].text, row.cells[1].text) == ("--", "--")
-    assert row.cells[0].reason != row.cells[1].reason
 
 
 @pytest.mark.parametrize("told", [5 << 30, None])
@@ -172,27 +160,11 @@ def test_the_papers_mesh_stands_beside_meshes_of_its_dataset(
     assert [row.labels[0] for row in table.rows] == ["this mesh", *([name] if beside else [])]
 
 
-def test_components_are_in_millions_unless_that_says_nothing() -> None:
-    shown = [text("components", value) for value in (715_000, 100_000, 99_999, 3)]
-    assert shown == ["0.71 M", "0.10 M", "99,999", "3"]
-
-
 def test_notes_of_all_cells_move_to_the_table() -> None:
     cells = tuple(Cell("1", 1.0, "psnr", notes=notes) for notes in (("both",), ("both", "one")))
     table = Table("x", "x", ("x",), (Column("a"), Column("b")), (Row(("r",), cells),)).with_common_notes()
     assert table.notes == ("both",)
     assert table.footnotes() == {"one": "a"}
-
-
-def kinds(numbers: Numbers) -> set[str]:
-    return {finding.kind for finding in find(numbers)}
-
-
-@pytest.mark.parametrize("apart", [0.0, 0.004])
-def test_nobody_leads_by_less_than_a_table_shows(tmp_path: Path, apart: float) -> None:
-    for method, psnr, ssim in (("two_dts", 30.0, 0.8), ("mesh_splatting", 30.0 + apart, 0.9)):
-        measure(tmp_path, "non_engine", psnr, ssim, method=method)
-    assert "leaders" not in kinds(numbers_of(tmp_path))
 
 
 def test_speed_and_structure_stay_however_much_there_is_to_say_of_quality(numbers: Numbers) -> None:
@@ -207,84 +179,24 @@ def test_speed_and_structure_stay_however_much_there_is_to_say_of_quality(number
     assert find(Numbers({})) == []
 
 
-@pytest.mark.parametrize("value", [-0.04, 0.04])
-def test_no_zero_has_a_sign(value: float) -> None:
-    assert text("host_ms", value) == digits(value, 1, sign=True) == "0.0"
-
-
-ROOMS = ("desk", "chair", "room", "hall")
-
-
-def shown(root: Path, method: str, scene: str, psnr: float, **changes: Any) -> list[float]:
-    """Write a record of three views around `psnr`, and return their values."""
-    shifts = np.random.default_rng(len(method + scene) + round(psnr)).normal(0, 0.3, 3)
-    shifts -= shifts.mean()
-    measure(root, "standard", psnr, shifts=tuple(shifts), method=method, scene=scene, **changes)
-    return list(psnr + shifts)
-
-
-def report(root: Path) -> Report:
-    return build_report(read_results(root), pictures=False, against="mesh_splatting")
-
-
 def test_the_difference_is_that_of_a_paired_test_over_scenes(tmp_path: Path) -> None:
-    for number, scene in enumerate(ROOMS):
-        shown(tmp_path, "mesh_splatting", scene, 24.0 + number)
-        shown(tmp_path, "two_dts", scene, 24.5 + 1.1 * number)
-    wanted = ttest_rel([24.5 + 1.1 * n for n in range(4)], [24.0 + n for n in range(4)])
+    theirs, ours = [24.0, 25.0, 26.0, 27.0], [24.5, 25.6, 26.7, 27.8]
+    compare(tmp_path, ("desk", "chair", "room", "hall"), "mesh_splatting", *theirs)
+    compare(tmp_path, ("desk", "chair", "room", "hall"), "two_dts", *ours)
+    wanted = ttest_rel(ours, theirs)
     ends = wanted.confidence_interval(0.95)
-    made = report(tmp_path)
-    (row, _) = made.tables["against"].rows
-    assert row.labels == ("Standard", "PSNR ↑", "2DTS")
-    better, low, high, p, holm, over = row.cells
+    made = build_report(read_results(tmp_path), pictures=False, against="mesh_splatting")
+    better, low, high, p, holm, over = made.tables["against"].rows[0].cells
     assert (better.text, low.text, high.text, over.text) == ("+0.65", "+0.44", "+0.86", "4 scenes")
     assert [low.value, high.value, p.value] == pytest.approx([ends.low, ends.high, wanted.pvalue], rel=1e-9)
     assert holm.value == p.value, "SSIM is equal everywhere, so there is one test"
-    for value in ("over 4 scenes", "0.65 dB better", "0.44 to 0.86", "p = 0.002"):
-        assert value in made.findings[0].sentence
     assert better.to_dict()["interval_over"] == "4 scenes"
     assert better.to_dict()["significant"] is True
 
 
-def test_one_scene_is_compared_by_its_views_and_what_is_worse_is_said_to_be(tmp_path: Path) -> None:
-    theirs = shown(tmp_path, "mesh_splatting", "desk", 24.0)
-    ours = shown(tmp_path, "two_dts", "desk", 21.0)
-    made = report(tmp_path)
-    better, _, _, p, *_ = made.tables["against"].rows[0].cells
-    assert (better.text, p.value) == ("-3.00", pytest.approx(ttest_rel(ours, theirs).pvalue, rel=1e-9))
-    assert "2DTS is 3.00 dB worse" in made.findings[0].sentence
-    assert made.notes
-
-
-def test_only_cells_that_both_have_are_compared_and_others_say_why(tmp_path: Path) -> None:
-    setup = Setup(camera_convention="gs_fov", image_folder="images_8", gt_resized=False, background=(1, 1, 1))
-    for scene in ROOMS[:3]:
-        shown(tmp_path, "mesh_splatting", scene, 24.0)
-        shown(tmp_path, "triangle_splatting", scene, 25.0, setup=setup)
-    for scene in ROOMS[1:]:
-        shown(tmp_path, "two_dts", scene, 25.0 + len(scene))
-    rows = {
-        row.labels[2]: row.cells for row in report(tmp_path).tables["against"].rows if "PSNR" in row.labels[1]
-    }
-    assert [rows["2DTS"][0].text, rows["2DTS"][5].text] == ["+5.50 (2/4)", "2 scenes"]
-    assert rows["Triangle-Splatting"][0].value is None
-
-
-def test_another_background_is_a_methods_own_and_noted(tmp_path: Path) -> None:
-    setup = Setup(camera_convention="full_K", image_folder="images_4", gt_resized=False, background=(1, 1, 1))
-    for scene in ROOMS:
-        shown(tmp_path, "mesh_splatting", scene, 24.0)
-        shown(tmp_path, "two_dts", scene, 24.0)
-        shown(tmp_path, "triangle_splatting", scene, 25.0, setup=setup)
-    table = report(tmp_path).tables["against"]
-    cell = next(row.cells[0] for row in table.rows if row.labels[2] == "Triangle-Splatting")
-    assert cell.value == pytest.approx(1.0)
-    assert any("background white" in note for note in cell.notes)
-
-
 def test_nothing_to_compare_is_said(tmp_path: Path) -> None:
-    shown(tmp_path, "mesh_splatting", "desk", 24.0)
-    made = report(tmp_path)
+    compare(tmp_path, ["desk"], "mesh_splatting", 24.0)
+    made = build_report(read_results(tmp_path), pictures=False, against="mesh_splatting")
     assert "against" not in made.tables
     assert made.notes[0].startswith("against mesh_splatting: ")
     with pytest.raises(UsageError, match="USAGE"):

@@ -17,6 +17,8 @@ from msb.report.writers import Format, Printed
 _FOLDER = "report"
 # The diagnostic of a mesh of more faces takes longer than all the rest; --topology all draws it.
 _MOST_FACES = 300_000
+# Options that need folders of results.
+_OF_RESULTS = ("views", "published", "against", "allow_mixed")
 
 
 @dataclass(frozen=True)
@@ -120,13 +122,17 @@ def report(
     if folders and options.paper:
         typed.reject(["paper"], "replaces folders of results, and both are given")
     if options.paper:
-        typed.reject(["views", "published", "against", "allow_mixed"], "needs results and excludes --paper")
+        typed.reject(_OF_RESULTS, "needs results and excludes --paper")
     if options.table is not None:
         typed.reject(["out"], "does not go with --table, which prints the table and writes nothing")
     wanted = options.wanted()
     board = any(is_submission(path) for path in folders)
     if board:
-        _check_board(folders, options)
+        if others := [path for path in folders if not is_submission(path)]:
+            text = "it is no submission (.zip of msb submit); folders and submissions are reported apart"
+            raise UsageError("USAGE", text, file=others[0])
+        typed.reject(_OF_RESULTS, "does not go with submissions")
+        require(options.out is not None or options.table is not None, "say with -o where the board goes")
     target = options.out if options.out is not None or not folders else folders[0] / _FOLDER
     if options.table is not None or target is None:
         form = options.printed()
@@ -171,21 +177,6 @@ def _print(made: Report, label: str | None, form: Printed, output: Output) -> No
     output.write_json(made.to_dict() if label is None else tables[0].to_dict())
     if output.prints_text:
         echo("\n".join(map(WRITERS[form], tables)).removesuffix("\n"))
-
-
-def _check_board(paths: tuple[Path, ...], options: ReportOptions) -> None:
-    """Refuse what does not go with submissions."""
-    from msb.bench.submission import is_submission
-
-    if others := [path for path in paths if not is_submission(path)]:
-        text = "it is no submission (.zip of msb submit); folders and submissions are reported apart"
-        raise UsageError("USAGE", text, file=others[0])
-    for name in ("views", "published", "against", "allow_mixed"):
-        if getattr(options, name):
-            option = name.removesuffix("s").replace("_", "-")
-            raise UsageError("USAGE", f"--{option} does not go with submissions")
-    if options.out is None and options.table is None:
-        raise UsageError("USAGE", "say with -o where the board goes")
 
 
 def _make(folders: tuple[Path, ...], options: ReportOptions, output: Output, *, pictures: bool) -> Report:

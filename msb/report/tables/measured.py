@@ -174,7 +174,7 @@ def renderer_comparison(numbers: Numbers, dataset: str, paper: Numbers | None = 
             Line(
                 (
                     condition_title(condition),
-                    f"by {by}" if (by := numbers.drawn_by.get((dataset, condition))) else NOT_THERE,
+                    f"by {by}" if (by := numbers.drawn_by.get(dataset, {}).get(condition)) else NOT_THERE,
                     title(metric),
                 ),
                 {"condition": condition, "metric": metric},
