@@ -23,10 +23,10 @@ from msb.bench.documents import (
 from msb.bench.records import File, Reason, RendererTiming, Result, Training
 from msb.bench.submission import ABOUT, About, Submission, read_submission, write_submission
 from msb.errors import InputError
-from msb.report.board import _names, build_board, submitted_pictures
+from msb.report.board import _name_submissions, build_board, submitted_pictures
 from msb.report.collect import collect
 from msb.report.pages import report_files
-from msb.report.results import Loaded, read_results, result_set
+from msb.report.results import LoadedResult, read_results, result_set
 from tests.cli.conftest import Msb
 from tests.report.factory import (
     AUDIT,
@@ -90,7 +90,9 @@ def test_nothing_in_it_says_where_or_who(tmp_path: Path) -> None:
         assert word not in data.decode("latin-1").lower()
     (tmp_path / "a.zip").write_bytes(data)
     (back,) = read_submission(tmp_path / "a.zip").records
-    before, after = (collect(result_set([Loaded(one, tmp_path, tmp_path)])).values for one in (record, back))
+    before, after = (
+        collect(result_set([LoadedResult(one, tmp_path, tmp_path)])).values for one in (record, back)
+    )
     assert {key: number.value for key, number in after.items()} == {
         key: number.value for key, number in before.items()
     }
@@ -291,10 +293,10 @@ def test_nobody_has_the_name_of_another_or_of_the_paper(tmp_path: Path) -> None:
 
 def test_names_that_look_the_same_are_told_apart() -> None:
     for name in ("The  paper", "the\u00a0paper", "the pa\u034fper", "the paper\u2800", "\uff54he paper"):
-        (shown,) = _names([_sent_by(name)])
+        (shown,) = _name_submissions([_sent_by(name)])
         assert shown.endswith(" (000000)")
     names = ["Lab X", "Lab  X", "lab x\u200b", "Lab Y", "\u3164"]
-    shown = _names([_sent_by(name, str(number)) for number, name in enumerate(names)])
+    shown = _name_submissions([_sent_by(name, str(number)) for number, name in enumerate(names)])
     assert shown == ["Lab X (000000)", "Lab  X (111111)", "lab x (222222)", "Lab Y", "4" * 12]
 
 

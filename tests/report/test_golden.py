@@ -16,7 +16,7 @@ from msb.bench.records import Cell, Floor, Training, WalkDocument
 from msb.report.build import build_report, paper_report
 from msb.report.report import Report
 from msb.report.results import read_results
-from msb.report.writers import markdown
+from msb.report.writers import to_markdown
 from tests.report.factory import METRICS, WALK, at_rate, bake, chamfer, measure, quality, write, write_results
 
 GOLDEN = Path(__file__).with_name("golden.md")
@@ -228,7 +228,7 @@ def shown(title: str, report: Report, tables: tuple[str, ...]) -> Iterator[str]:
     for verdict in dict.fromkeys((*report.verdicts[:1], *report.verdicts[-1:])):
         yield f"## {'/'.join(verdict.place)}"
         yield from (f"{one.use}: {one.mark}. {one.why}" for one in verdict.statements)
-    yield from (markdown(report.tables[label]) for label in tables)
+    yield from (to_markdown(report.tables[label]) for label in tables)
 
 
 def text() -> str:

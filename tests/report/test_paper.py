@@ -12,18 +12,18 @@ from msb.errors import InputError
 from msb.registry import METHODS, PASSES, TIERS, Method
 from msb.report.build import paper_report
 from msb.report.layout import number_cell
-from msb.report.metric_format import title
+from msb.report.metric_format import metric_title
 from msb.report.numbers import MEAN, GapKey, Key, condition_title, dataset_title, scene_title
 from msb.report.paper import (
-    ENGINE_PICTURE,
-    LPIPS_ELSEWHERE,
+    ENGINE_RENDERING,
     PAPER_TABLES,
+    PUBLISHED_LPIPS,
     Source,
     contradictions,
     paper_numbers,
     published_numbers,
 )
-from msb.report.table import Cell, Table
+from msb.report.table import Table, TableCell
 from msb.report.tables.reproducibility import SOURCES
 from tests.cli.conftest import Here
 from tests.conftest import ROOT
@@ -60,14 +60,14 @@ class Lookup:
     """Cells of a table by what is written around them, as a reader finds them."""
 
     def __init__(self, table: Table) -> None:
-        self.cells: dict[frozenset[str], Cell] = {}
+        self.cells: dict[frozenset[str], TableCell] = {}
         for row in table.rows:
             for column, cell in zip(table.columns, row.cells, strict=True):
                 words = frozenset((*row.labels, column.title, *column.groups))
                 assert words not in self.cells
                 self.cells[words] = cell
 
-    def find(self, *words: str) -> Cell:
+    def find(self, *words: str) -> TableCell:
         (found,) = [cell for key, cell in self.cells.items() if set(words) <= key]
         return found
 
@@ -78,14 +78,14 @@ def words_of(label: str, cell: dict[str, Any]) -> list[str]:
     condition, scene = condition_title(cell["condition"]), scene_title(cell["scene"])
     on, method, name = dataset_title(cell["dataset"]), title_of(cell), METRICS[metric].title
     return {
-        "mip360_renderer_comparison": [condition, method, title(metric)],
-        "tnt_renderer_comparison": [condition, method, scene, title(metric)],
+        "mip360_renderer_comparison": [condition, method, metric_title(metric)],
+        "tnt_renderer_comparison": [condition, method, scene, metric_title(metric)],
         "tnt_unity_runtime_resources": [condition, method, scene, "Render" if metric == "memory" else name],
         "mip360_unity_gpu_latency": [f"{condition} (ms ↓)", method, scene, name],
         "mip360_unity_memory": [f"{condition} (MiB ↓)", method, scene],
-        "mesh_connectivity": [scene, title(metric)],
-        "reproducibility_comparison": [on, method, SOURCES.get(cell.get("source"), ""), title(metric)],
-    }.get(label, [on, method, title(metric)])
+        "mesh_connectivity": [scene, metric_title(metric)],
+        "reproducibility_comparison": [on, method, SOURCES.get(cell.get("source"), ""), metric_title(metric)],
+    }.get(label, [on, method, metric_title(metric)])
 
 
 @pytest.mark.parametrize("label", [*PAPER_TABLES, "method_attributes", "feature_mapping"])
@@ -184,10 +184,10 @@ def test_both_results_of_diffsoup_are_kept_apart() -> None:
 def test_an_engines_picture_and_lpips_from_elsewhere_are_noted() -> None:
     numbers = paper_numbers()
     dedicated = Key("mipnerf360", MEAN, "two_dts", "dedicated", "psnr")
-    assert numbers.number(dedicated).notes == (ENGINE_PICTURE,)
-    assert ENGINE_PICTURE not in numbers.number(dedicated._replace(condition="standard")).notes
+    assert numbers.number(dedicated).notes == (ENGINE_RENDERING,)
+    assert ENGINE_RENDERING not in numbers.number(dedicated._replace(condition="standard")).notes
     lpips = Key("mipnerf360", MEAN, "diffsoup", "non_engine", "lpips", "paper")
-    assert numbers.number(lpips).notes == (LPIPS_ELSEWHERE,)
+    assert numbers.number(lpips).notes == (PUBLISHED_LPIPS,)
     assert numbers.number(lpips._replace(source="meshsplatbench")).notes == ()
     assert numbers.number(lpips._replace(dataset="tanksandtemples")).value is None
     memory = numbers.number(Key("mipnerf360", "garden", "two_dts", "standard", "memory"))

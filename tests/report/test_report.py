@@ -16,12 +16,12 @@ from msb.bench.documents import AuditDocument
 from msb.bench.records import Cell as Place_
 from msb.bench.records import File, read_result
 from msb.report.build import build_report, paper_report
-from msb.report.figures import deployment_gap, differences
+from msb.report.figures import plot_deployment_gap, plot_differences
 from msb.report.numbers import MEAN, Key, Number, Numbers
 from msb.report.pages import report_files
 from msb.report.report import Report
-from msb.report.results import Loaded, Place, read_results, result_set
-from msb.report.tables.reproducibility import pairs
+from msb.report.results import LoadedResult, Place, read_results, result_set
+from msb.report.tables.reproducibility import pair_with_published
 from tests.cli.conftest import Msb
 from tests.report.factory import (
     AUDIT,
@@ -67,10 +67,10 @@ def test_views_show_the_largest_loss_and_the_chosen_one(small: Path) -> None:
     assert "12.30 dB (Triangle-Splatting)" in titles[0]
     assert any("truck, a/0002.png" in title for title in titles)
     view = section.views[0]
-    assert list(view.shots) == ["two_dts", "triangle_splatting", "mesh_splatting", "diffsoup"]
-    headings = [[shot.heading for shot in shots] for shots in view.shots.values()]
+    assert list(view.renderings) == ["two_dts", "triangle_splatting", "mesh_splatting", "diffsoup"]
+    headings = [[shot.heading for shot in shots] for shots in view.renderings.values()]
     assert headings == [["Non-Engine", "Dedicated", "Standard"]] * 3 + [["Non-Engine", "Dedicated"]]
-    picture = view.shots["two_dts"][2].picture
+    picture = view.renderings["two_dts"][2].picture
     assert picture.data[:3] == b"\xff\xd8\xff"
 
 
@@ -171,7 +171,7 @@ def test_films_are_embedded_if_small_and_linked_if_not(report: Report, small: Pa
     name = "verdict-tanksandtemples-train-two_dts.html"
     text = report_files(report, formats=["html"], folder=small / "report")[name].decode()
     assert 'src="data:video/mp4;base64,ZmlsbQ=="' in text
-    monkeypatch.setattr("msb.report.pages.SMALL_VIDEO", 2)
+    monkeypatch.setattr("msb.report.pages.MAX_EMBEDDED_FILM", 2)
     text = report_files(report, formats=["html"], folder=small / "report")[name].decode()
     assert 'href="../videos/tanksandtemples/train/two_dts.mp4"' in text
     path.unlink()
@@ -207,7 +207,7 @@ def test_hostile_names_stay_names(tmp_path: Path) -> None:
         # Its folders are of plain names, since no folder can have these.
         path = write(tmp_path, make_result("x", "y", "z", condition))
         path.write_bytes(made.model_copy(update=changes).to_json())
-        found.append(Loaded(read_result(path), path, tmp_path))
+        found.append(LoadedResult(read_result(path), path, tmp_path))
     made_report = build_report(result_set(found))
     files = report_files(made_report)
     assert all(re.fullmatch(r"((tables|figures|images)/)?[A-Za-z0-9_.-]+", name) for name in files)
@@ -262,17 +262,17 @@ def test_charts_are_well_formed_and_take_the_colours_of_the_page(report: Report)
     assert "reproducibility-tanksandtemples" in names
     identifiers: list[str] = []
     for figure in charts:
-        root = ET.fromstring(figure.alone)
+        root = ET.fromstring(figure.standalone)
         identifiers += [value for node in root.iter() if (value := node.get("id"))]
         assert "currentColor" in figure.inline
-        assert "#010203" not in figure.inline + figure.alone
+        assert "#010203" not in figure.inline + figure.standalone
         assert "<script" not in figure.svg
     assert len(identifiers) == len(set(identifiers))
 
 
 @pytest.mark.slow
 def test_charts_are_the_same_bytes_again(numbers: Numbers) -> None:
-    first, second = (deployment_gap(numbers, "mipnerf360") for _ in range(2))
+    first, second = (plot_deployment_gap(numbers, "mipnerf360") for _ in range(2))
     assert first == second
     assert first.pdf() == second.pdf()
 
@@ -286,7 +286,7 @@ def test_models_of_one_protocol_do_not_look_alike() -> None:
         for model in models
         for condition in conditions
     }
-    figure = deployment_gap(Numbers(values), "mine")
+    figure = plot_deployment_gap(Numbers(values), "mine")
     drawn = re.findall(r'<path d="[^"]*" clip-path="[^"]*" style="([^"]*)"', figure.svg)
     looks = {style for style in drawn if re.search(r"stroke-width: 1\.8\b", style)}
     assert len(looks) == len(models)  # a colour and a line style each
@@ -314,11 +314,11 @@ def test_the_paper_tells_no_scenes_of_its_means() -> None:
 @pytest.mark.slow
 def test_published_scenes_give_bars_per_scene(numbers: Numbers) -> None:
     scene = Key("tanksandtemples", "train", "two_dts", "non_engine", "psnr", "paper")
-    found = pairs(numbers, Numbers({scene: Number(23.0)}))
-    figure = differences(found, "tanksandtemples")
+    found = pair_with_published(numbers, Numbers({scene: Number(23.0)}))
+    figure = plot_differences(found, "tanksandtemples")
     assert "per scene" in figure.caption
     assert ">train<" in figure.svg
-    assert differences(found, "dtu") is None
+    assert plot_differences(found, "dtu") is None
 
 
 @pytest.fixture(scope="module")

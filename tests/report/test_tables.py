@@ -10,21 +10,21 @@ from msb.bench.aggregate import SCENES
 from msb.bench.documents import AuditDocument
 from msb.bench.records import Reason, Training
 from msb.errors import UsageError
-from msb.report.against import holm
 from msb.report.build import build_report
 from msb.report.collect import SOUP
-from msb.report.findings import Finding, find
+from msb.report.findings import Finding, derive_findings
 from msb.report.layout import mark_best
-from msb.report.metric_format import text
+from msb.report.method_comparison import adjust_by_holm
+from msb.report.metric_format import format_value
 from msb.report.numbers import MEAN, Key, Number, Numbers
 from msb.report.paper import contradictions, paper_numbers
 from msb.report.report import Report
 from msb.report.results import Place as ResultPlace
 from msb.report.results import read_results
-from msb.report.table import Cell, Column, Row, Table
-from msb.report.tables import measured
+from msb.report.table import Table, TableCell, TableColumn, TableRow
+from msb.report.tables import measurements
 from msb.report.tables.asset import asset_tables
-from msb.report.tables.measured import DRIVER_NOTE
+from msb.report.tables.measurements import DRIVER_NOTE
 from msb.report.tables.reproducibility import reproducibility_statistics
 from tests.report.factory import (
     AUDIT,
@@ -36,7 +36,7 @@ from tests.report.factory import (
 from tests.report.test_golden import compare, of_the_model_alone
 
 
-def row_of(table: Table, *labels: str) -> Row:
+def row_of(table: Table, *labels: str) -> TableRow:
     (found,) = [row for row in table.rows if row.labels == labels and not row.paper]
     return found
 
@@ -59,7 +59,7 @@ def test_our_means_are_the_papers_where_the_records_are(numbers: Numbers) -> Non
 
 
 def test_the_papers_row_stands_under_ours(numbers: Numbers) -> None:
-    table = measured.native_summary(numbers, paper_numbers())
+    table = measurements.native_summary(numbers, paper_numbers())
     first, second = table.rows[:2]
     assert (first.paper, second.paper) == (False, True)
     assert second.labels == ("Mip-NeRF 360", "in the paper")
@@ -67,13 +67,17 @@ def test_the_papers_row_stands_under_ours(numbers: Numbers) -> None:
 
 
 def test_ties_at_the_printed_precision_are_all_bold() -> None:
-    cells = [Cell(text("psnr", value), value, "psnr") for value in (27.124, 27.118, 27.11)]
-    marked = mark_best(cells, ["x"] * 3, alone=False)
+    cells = [TableCell(format_value("psnr", value), value, "psnr") for value in (27.124, 27.118, 27.11)]
+    marked = mark_best(cells, ["x"] * 3, single=False)
     assert [cell.bold for cell in marked] == [True, True, False]
-    cells = [Cell("0.2", 0.2, "lpips"), Cell("0.3", 0.3, "lpips"), Cell("6", 6.0, "mean_valence")]
-    assert [cell.bold for cell in mark_best(cells, ["x"] * 3, alone=True)] == [True, False, False]
-    cells = [Cell("27.1", 27.1, "psnr"), Cell("N/A", None, "psnr")]
-    assert [mark_best(cells, ["x"] * 2, alone=alone)[0].bold for alone in (False, True)] == [False, True]
+    cells = [
+        TableCell("0.2", 0.2, "lpips"),
+        TableCell("0.3", 0.3, "lpips"),
+        TableCell("6", 6.0, "mean_valence"),
+    ]
+    assert [cell.bold for cell in mark_best(cells, ["x"] * 3, single=True)] == [True, False, False]
+    cells = [TableCell("27.1", 27.1, "psnr"), TableCell("N/A", None, "psnr")]
+    assert [mark_best(cells, ["x"] * 2, single=single)[0].bold for single in (False, True)] == [False, True]
 
 
 def test_no_cell_is_ever_blank(whole: Report) -> None:
@@ -92,7 +96,7 @@ def test_the_drivers_figure_stands_beside_our_buffers_where_there_is_one(
     made = measure(tmp_path, "dedicated", memory={"driver_bytes": told})
     numbers = numbers_of(tmp_path)
     of_asset = asset_tables(ResultPlace("capture", "desk", "two_dts"), {"dedicated": made}, numbers)
-    for table in (measured.memory(numbers, "capture"), of_asset["memory"]):
+    for table in (measurements.memory(numbers, "capture"), of_asset["memory"]):
         assert (table.rows[0].cells[-1].text == "5120", DRIVER_NOTE in table.notes) == (bool(told),) * 2
 
 
@@ -161,8 +165,10 @@ def test_the_papers_mesh_stands_beside_meshes_of_its_dataset(
 
 
 def test_notes_of_all_cells_move_to_the_table() -> None:
-    cells = tuple(Cell("1", 1.0, "psnr", notes=notes) for notes in (("both",), ("both", "one")))
-    table = Table("x", "x", ("x",), (Column("a"), Column("b")), (Row(("r",), cells),)).with_common_notes()
+    cells = tuple(TableCell("1", 1.0, "psnr", notes=notes) for notes in (("both",), ("both", "one")))
+    table = Table(
+        "x", "x", ("x",), (TableColumn("a"), TableColumn("b")), (TableRow(("r",), cells),)
+    ).with_common_notes()
     assert table.notes == ("both",)
     assert table.footnotes() == {"one": "a"}
 
@@ -171,12 +177,12 @@ def test_speed_and_structure_stay_however_much_there_is_to_say_of_quality(number
     assert len(numbers.datasets()) == 4
     many = [Finding("against", f"Number {number}.", "against") for number in range(20)]
     for first in ([], many):
-        found = [one.kind for one in find(numbers, first)]
+        found = [one.kind for one in derive_findings(numbers, first)]
         assert {"slowdown", "structure", "training", "unsupported"} <= set(found)
         assert len(found) <= 12
         assert found.count("ranking") <= 1
     assert (found[0], len(found)) == ("against", 12)
-    assert find(Numbers({})) == []
+    assert derive_findings(Numbers({})) == []
 
 
 def test_the_difference_is_that_of_a_paired_test_over_scenes(tmp_path: Path) -> None:
@@ -198,12 +204,12 @@ def test_nothing_to_compare_is_said(tmp_path: Path) -> None:
     compare(tmp_path, ["desk"], "mesh_splatting", 24.0)
     made = build_report(read_results(tmp_path), pictures=False, against="mesh_splatting")
     assert "against" not in made.tables
-    assert made.notes[0].startswith("against mesh_splatting: ")
+    assert made.notes[0].startswith("--against mesh_splatting: ")
     with pytest.raises(UsageError, match="USAGE"):
         build_report(read_results(tmp_path), pictures=False, against="two_dts")
 
 
 def test_p_for_all_tests_together_is_holms() -> None:
-    assert holm([0.01, 0.04, 0.03, 0.005]) == pytest.approx([0.03, 0.06, 0.06, 0.02])
-    assert holm([0.9, 0.8]) == [1.0, 1.0]
-    assert holm([]) == []
+    assert adjust_by_holm([0.01, 0.04, 0.03, 0.005]) == pytest.approx([0.03, 0.06, 0.06, 0.02])
+    assert adjust_by_holm([0.9, 0.8]) == [1.0, 1.0]
+    assert adjust_by_holm([]) == []
