@@ -1,4 +1,4 @@
-"""The board: one table of the results of many submissions, in which every row names its origin."""
+"""The board: one table of results from many submissions. Every row names its origin."""
 
 import io
 import unicodedata
@@ -152,7 +152,7 @@ def build_board(
 
 
 def _name_submissions(submissions: Sequence[Submission]) -> list[str]:
-    """Return a name for each submission; all are different, and none is that of the paper.
+    """Return a name for each submission; all are different, and no name is "the paper".
 
     Names that look the same get digits of the submission's hash. Letters of other scripts that resemble Latin
     letters are not recognised; the hashes in the table of files distinguish these.
@@ -251,7 +251,7 @@ def _list_rows(numbers: Mapping[str, Numbers]) -> dict[RowKey, list[str]]:
 
 
 def _group_records(results: ResultSet) -> dict[RowKey, list[Result]]:
-    """Return row -> its records: one for a scene, those of all scenes for a mean."""
+    """Return row -> its records: one for a scene, the records of all scenes for a mean."""
     records: dict[RowKey, list[Result]] = {}
     for loaded in results:
         dataset, scene, method = loaded.place
@@ -377,7 +377,7 @@ def _list_groups(groups: Iterable[Sequence[str]]) -> str:
 def _read_views(name: str, submission: Submission) -> Iterator[ComparedView]:
     """Yield the submitted views.
 
-    Each image must be a JPEG, and its PSNR must be that of a record; otherwise InputError is raised.
+    Raises InputError unless each image is a JPEG and its PSNR equals the PSNR in one of the records.
     """
     recorded = {
         (*record.cell.names[:3], condition_title(record.cell.condition_key), image.name, image.values["psnr"])
@@ -405,7 +405,7 @@ def _read_views(name: str, submission: Submission) -> Iterator[ComparedView]:
 
 
 def _read_image(picture: Shown, submission: Submission, number: int) -> JpegImage:
-    """Return a submitted image; `number` is that of its view. Raises InputError unless it is a small JPEG."""
+    """Return a submitted image; `number` counts the views. Raises InputError unless it is a small JPEG."""
     from PIL import Image
 
     data = submission.pictures[picture.file]

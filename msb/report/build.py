@@ -33,7 +33,7 @@ ONE_SCENE = (
     "views are similar"
 )
 NO_COMPARISON = "--against {}: no other method was measured under the same condition on the same scene"
-# Datasets whose scenes stand side by side in the paper's tables; those of others stand below each other.
+# The paper's tables show the scenes of these datasets side by side, and the scenes of others in rows.
 FEW_SCENES = ("tanksandtemples",)
 # Label of a table of the paper -> our builder of this table, and its dataset if it is about one.
 _PAPER: dict[str, tuple[Callable[..., Table], str]] = {
@@ -85,7 +85,7 @@ _SECTIONS = {
     ),
     "features": (
         "Features kept by each tier",
-        "Features of the representations, and those that each tier keeps.",
+        "Features of the representations, and the features that each tier keeps.",
         "",
     ),
     "scenes": ("Results per scene", "The values behind the means.", ""),
@@ -109,13 +109,13 @@ def build_report(
     published : mapping of Key to Number, optional
         Further published numbers (`published_numbers`).
     chosen : sequence of str
-        Views to show ("SCENE/IMAGE") in addition to those with the largest and the median loss.
+        Views to show ("SCENE/IMAGE") in addition to the views with the largest and the median loss.
     pictures : bool
         Whether to include charts and renderings.
     with_paper : bool
         Whether to include the paper's numbers. Those in `published` are always included.
     against : str, optional
-        A method or label with which every other method is compared, view by view.
+        A method or label. Every other method is compared with it, view by view.
     """
     _check_chosen(results, chosen)
     numbers = collect(results)
@@ -272,7 +272,7 @@ def _check_chosen(results: ResultSet, chosen: Sequence[str]) -> None:
 
 
 def _without(paper: Numbers, datasets: Sequence[str]) -> Numbers:
-    """Return the paper's numbers without those of `datasets`."""
+    """Return the paper's numbers without `datasets`."""
     return replace(
         paper,
         values={key: number for key, number in paper.values.items() if key.dataset not in datasets},

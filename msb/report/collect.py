@@ -156,7 +156,7 @@ def _sort_names(names: Iterable[str], first: Iterable[str]) -> list[str]:
 
 
 def _list_conditions(of_places: Mapping[Place, Mapping[str, Result]]) -> dict[str, list[str]]:
-    """Return method -> its conditions on a dataset: those with records, and those it does not support."""
+    """Return method -> its conditions on a dataset, with records or unsupported."""
     recorded: dict[str, set[str]] = {}
     for place, conditions in of_places.items():
         recorded.setdefault(place.method, set()).update(conditions)
@@ -177,7 +177,7 @@ def _why_unsupported(method: str, condition: str) -> str | None:
 
 
 def _metrics_of(condition: str) -> tuple[str, ...]:
-    """Return the metrics of a condition, without those of the trained model."""
+    """Return the metrics of a condition, without metrics of the trained model."""
     metrics = (*AUDITED, *_OF_MESH) if condition == "exported_mesh" else (*QUALITY, *_DRAWN)
     return (*metrics, *_OF_MESH, *_OF_BAKE) if condition.startswith(f"{BAKED}/") else metrics
 
@@ -220,7 +220,7 @@ def _add_condition(
 
 
 def _floor_number(metric: str, result: Result | None, number: Number) -> Number:
-    """Return the cost of a single triangle. `number` is that of the mesh: without it there is no floor."""
+    """Return the cost of a single triangle, or `number`, the cost of the mesh, if that has no value."""
     if number.value is None:
         return number
     if result is None or result.floor is None:
@@ -363,7 +363,7 @@ def _add_gaps(
 def _add_setup_notes(
     values: Mapping[Key, Number], records: Mapping[Place, Mapping[str, Result]]
 ) -> dict[Key, Number]:
-    """Return `values` with notes on image metrics whose setup differs from that of the other methods."""
+    """Return `values` with notes on image metrics if the setup differs between methods."""
     setups: dict[Place, dict[str, str]] = {}
     counts: dict[tuple[str, ...], Counter[str]] = defaultdict(Counter)
     # (dataset, method) or (dataset, scene, method) -> notes. The dictionaries keep notes unique and in order.

@@ -104,7 +104,7 @@ class ComparedView:
 def select_views(
     results: ResultSet, places: Sequence[Place], chosen: Sequence[str] = ()
 ) -> list[ComparedView]:
-    """Return the views to show: those with the largest and the median loss, and the chosen ones.
+    """Return the views with the largest and the median loss, and the chosen ones.
 
     Parameters
     ----------
@@ -137,7 +137,7 @@ def select_views(
 
 
 def view_names(results: ResultSet, place: Place) -> set[str]:
-    """Return the names of the test views on which an asset was compared."""
+    """Return the names of the test views of an asset."""
     return {image.name for loaded in results.places[place].values() for image in loaded.images}
 
 

@@ -1,7 +1,7 @@
 """Charts as SVG and PDF: gaps and their parts, quality against speed, differences from published results.
 
-The colours are those of Okabe and Ito, which colour-blind readers can distinguish; markers, line styles and
-hatches carry the same information. Text and axes take the text colour of the page that embeds them.
+Colour-blind readers can distinguish the colours (by Okabe and Ito); markers, line styles and hatches carry
+the same information. Text and axes take the text colour of the page that embeds them.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ _INK, _PAPER = "#010203", "#fdfcfb"
 _SIZE = (4.6, 3.3)
 # A legend with more rows than this makes the chart taller, by `_ROW_HEIGHT` inches for each further row.
 _LEGEND_ROWS, _ROW_HEIGHT = 4, 0.19
-# Minimum number of bars for which a chart has room, so that a single bar does not fill it.
+# A chart has room for at least three bars, so that a single bar does not fill it.
 _MIN_BARS = 3
 
 
@@ -68,7 +68,7 @@ class Figure:
     @cached_property
     def svg(self) -> str:
         """The SVG with placeholders for the colours of text and page."""
-        # Prefix identifiers, which would otherwise clash with those of other figures in the same page.
+        # Prefix identifiers, so that figures in the same page do not share any.
         return re.sub(r'(\bid="|href="#|url\(#)', rf"\g<1>{self.name}-", self.draw("svg").decode())
 
     def pdf(self) -> bytes:
@@ -88,7 +88,7 @@ class Figure:
 
 
 def make_figures(numbers: Numbers, paper: Numbers | None = None) -> list[Figure]:
-    """Return every chart for which there are numbers."""
+    """Return all charts that have numbers."""
     charts = []
     for dataset in numbers.datasets():
         charts += [plot_deployment_gap(numbers, dataset), plot_loss_split(numbers, dataset)]
@@ -186,7 +186,7 @@ def plot_loss_split(numbers: Numbers, dataset: str) -> Figure | None:
                 step = STEPS.index(name)
                 axes.barh(place, better - worse, 0.5, worse, color=_COLORS[step], hatch=_HATCHES[step],
                           edgecolor=_INK, linewidth=0.6, alpha=0.85, label=STEP_TITLES[name])  # fmt: skip
-            # Ticks mark both ends of every part, also where a gain covers the part below it.
+            # Ticks mark both ends of every part, because a gain covers the part below it.
             ends = [parts[0][2], *(better for _, better, _ in parts)]
             axes.plot(ends, [place] * len(ends), color=_INK, marker="|", markersize=16, linestyle="none")
         axes.set_yticks(range(len(bars)), [method_title(method) for method in bars])

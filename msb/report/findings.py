@@ -30,11 +30,11 @@ from msb.report.tables.bakes import STEP_TITLES
 _MAX_FINDINGS = 12
 # Kinds of findings that are kept even if there are more than `_MAX_FINDINGS`.
 _ALWAYS_KEPT = ("slowdown", "engine_slowdown", "walk", "structure", "training", "unsupported")
-# Kinds of findings that come last: results that one expects, and those that are not about deployment.
+# Kinds of findings that come last: expected results, and results that are not about deployment.
 _MINOR = ("monotone", "same_ranking", "training", "unsupported")
 # A PSNR difference below this, in dB, prints as 0.00.
 _MIN_DIFFERENCE = 0.005
-# Metrics other than image quality by which a method can lead -> the condition in which they are compared.
+# Further metrics that a method can lead -> condition of the comparison.
 _COSTS = {
     "chamfer": "non_engine",
     "fps": "dedicated",
@@ -50,7 +50,7 @@ Ranking = list[tuple[str, float]]
 
 @dataclass(frozen=True)
 class Finding:
-    """A sentence or two. `kind` says what it is about, `table` is the label of the table with its numbers."""
+    """One or more sentences; `kind` is their topic, `table` the label of the table with the numbers."""
 
     kind: str
     sentence: str
@@ -96,7 +96,7 @@ def join_words(words: Sequence[str]) -> str:
 def _mean_cases(
     numbers: Numbers, metric: str, detail: Callable[[Key, float], str], without: str = ""
 ) -> list[_Case]:
-    """Return all measured averages of a metric, except those with the note `without`."""
+    """Return all measured averages of a metric that do not have the note `without`."""
     return [
         _Case(number.value, key.dataset, key.method, detail(key, number.value))
         for key, number in numbers.values.items()
@@ -107,7 +107,7 @@ def _mean_cases(
 
 
 def _significance(difference: Interval | None) -> str:
-    """Return the result of the t test of a difference, or why there is none; "" between published values."""
+    """Return the result of the t test of a difference, or why it was not tested; "" for published values."""
     if difference is None:
         return ""
     if difference.p is None:
@@ -213,24 +213,20 @@ def _describe_gap(gap: Gap, signed: float, ends: tuple[float, float]) -> str:
 
 def _split_findings(numbers: Numbers) -> Iterator[Finding]:
     """Yield the parts of the largest loss from Dedicated to Standard, and the share that bakes recover."""
-    complete = {
-        key: split
-        for key, split in numbers.splits.items()
-        if (key.scene, key.metric) == (MEAN, "psnr")
-        and split.total is not None
-        and split.total.signed is not None
-        and all(gap.signed is not None for gap in split.steps.values())
-    }
     cases = []
-    for key, split in complete.items():
-        if split.total is not None and split.total.signed is not None:
-            # A bake may be worse than the ceiling: the best of the two counts.
-            steps = (gap.signed or 0.0 for name, gap in split.steps.items() if name != "blending")
-            cases.append((split.total.signed, max(accumulate(steps)), key))
+    for key, split in numbers.splits.items():
+        steps = {name: gap.signed for name, gap in split.steps.items() if gap.signed is not None}
+        if (key.scene, key.metric) != (MEAN, "psnr") or len(steps) < len(split.steps):
+            continue
+        if split.total is None or split.total.signed is None:
+            continue
+        # A bake may be worse than the ceiling: the best of the two counts.
+        recovered = max(accumulate(loss for name, loss in steps.items() if name != "blending"))
+        cases.append((split.total.signed, recovered, key))
     if not cases:
         return
     total, _, key = max(cases)
-    split = complete[key]
+    split = numbers.splits[key]
     parts = []
     for name, gap in split.steps.items():
         # Steps without a bake between them are one part.
@@ -251,7 +247,7 @@ def _split_findings(numbers: Numbers) -> Iterator[Finding]:
 
 
 def _monotone_findings(numbers: Numbers) -> Iterator[Finding]:
-    """Yield the cases in which Dedicated or a variant does not lie between Non-Engine and Standard."""
+    """Yield the cases that are not monotone: Dedicated is not between Non-Engine and Standard."""
     comparable = [
         (key, gaps)
         for key, gaps in numbers.gaps.items()
@@ -265,8 +261,8 @@ def _monotone_findings(numbers: Numbers) -> Iterator[Finding]:
         return
     if not broken:
         sentence = (
-            f"In {_all_of(len(comparable), 'comparable case')}, Dedicated lies between Non-Engine and Standard, "
-            "so the adaptation and portability gaps add up to the deployment gap."
+            f"In {_all_of(len(comparable), 'comparable case')}, Dedicated lies between Non-Engine and "
+            "Standard, so the adaptation and portability gaps add up to the deployment gap."
         )
         yield Finding("monotone", sentence, f"gaps-{slug(comparable[0][0].dataset)}")
     for dedicated in dict.fromkeys(place[2] for place in broken):
@@ -281,7 +277,7 @@ def _not_monotone(broken: dict[tuple[str, str, str], list[tuple[GapKey, Gaps]]],
     Parameters
     ----------
     broken : dict
-        (dataset, method, condition) -> the metrics in which quality is not monotone.
+        (dataset, method, condition) -> gaps of the metrics that are not monotone.
     total : int
         Number of comparable (dataset, method) pairs.
     """
@@ -361,7 +357,7 @@ def _ranking_findings(numbers: Numbers) -> Iterator[Finding]:
 
 
 def _leader_findings(numbers: Numbers) -> Iterator[Finding]:
-    """Yield the best method in each metric, for datasets on which no method is best in all of them."""
+    """Yield the best method in each metric for datasets without an overall best method."""
     sentences: list[str] = []
     table = ""
     for dataset in numbers.datasets():
@@ -382,7 +378,7 @@ def _leader_findings(numbers: Numbers) -> Iterator[Finding]:
 
 
 def _find_leaders(numbers: Numbers, dataset: str, condition: str) -> dict[str, list[str]]:
-    """Return method -> metrics with values in which it is the best; empty without image quality."""
+    """Return method -> the metrics that it leads, with values; empty without image quality."""
     leaders: dict[str, list[str]] = {}
     has_images = any(_rank(numbers, dataset, condition, metric) for metric in QUALITY)
     for metric in (*QUALITY, *_COSTS) if has_images else ():
@@ -427,7 +423,7 @@ def _is_ahead(metric: str, value: float, other: float) -> bool:
 
 
 def _surface_findings(numbers: Numbers) -> Iterator[Finding]:
-    """Yield the datasets on which image quality and Chamfer distance rank the methods differently."""
+    """Yield the datasets with different rankings by image quality and by Chamfer distance."""
     for dataset in numbers.datasets():
         surfaces = _rank(numbers, dataset, "non_engine", "chamfer")
         orders = []

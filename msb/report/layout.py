@@ -79,13 +79,13 @@ def make_table(
     ----------
     numbers : Numbers
     paper : Numbers or None
-        The paper's numbers, which get a row below each of our rows for which there are any.
+        The paper's numbers. Each row of ours with published counterparts gets a row of them below.
     label, caption, heads
         As in `Table`.
     columns : sequence of TableColumn
     row_specs : iterable of RowSpec
     of : mapping of str to str
-        Fields that all keys share. The fields of a column override them, and those of a row override both.
+        Fields that all keys share. Fields of columns override them, fields of rows override both.
     best_of : sequence of str
         Key fields. Numbers of one metric that agree in these fields compete for the best value; the paper's
         numbers compete separately. Without fields nothing is marked.

@@ -176,8 +176,8 @@ def _make_table(document: RepairDocument) -> Table:
     compared = f"dB: mean PSNR against the mesh as stored, over {document.views}"
     notes = [f'{compared}; "same" means that all pixels are equal.']
     if stored.trials:
-        notes.append(f"Tasks: those that work, possibly with limitations, of {', '.join(stored.trials)}.")
-    caption = "What each repair strategy keeps and costs."
+        notes.append(f"Tasks: number that works, possibly with limitations, of {', '.join(stored.trials)}.")
+    caption = "Repair strategies: faces kept, similarity and cost."
     columns = tuple(TableColumn(title) for title in titles)
     return Table("repairs", caption, ("Strategy",), columns, tuple(rows), tuple(notes))
 

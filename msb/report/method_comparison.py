@@ -11,15 +11,7 @@ from msb.errors import UsageError, shorten
 from msb.report.findings import Finding
 from msb.report.layout import difference_cell
 from msb.report.metric_format import format_digits, metric_title
-from msb.report.numbers import (
-    MEAN,
-    QUALITY,
-    Key,
-    Numbers,
-    condition_title,
-    dataset_title,
-    method_title,
-)
+from msb.report.numbers import MEAN, QUALITY, Key, Numbers, condition_title, dataset_title, method_title
 from msb.report.results import Place, ResultSet
 from msb.report.table import NOT_AVAILABLE, Table, TableCell, TableColumn, TableRow
 from msb.report.tables.gaps import REASONS, gap_cell
@@ -40,7 +32,7 @@ _NOTES = (
     "95 % interval: t interval over the means of the scenes, or over the views of a single scene. An "
     "interval over views applies to that scene only, and is too narrow if neighbouring views are similar",
 )
-# Reasons for which a comparison does not exist at all; with other reasons it gets a row without a value.
+# A comparison with one of these reasons gets no row; with other reasons it gets a row without a value.
 _NO_COMPARISON = ("missing", "failed", "not_measured", "unsupported")
 
 
@@ -107,7 +99,7 @@ def comparison_table(comparisons: list[Comparison], numbers: Numbers, other: str
         tuple(rows),
         (
             *_NOTES,
-            "p: two-sided paired t test of the hypothesis that there is no difference; p, Holm: adjusted for "
+            "p: two-sided paired t test of the null hypothesis of no difference; p, Holm: adjusted for "
             f"{tests} of this table, because some p values fall below 0.05 by chance (Holm, 1979)",
         ),
     ).with_common_notes()
@@ -147,7 +139,7 @@ def _describe(comparison: Comparison, other: str) -> str:
         lead = f"{method} {'leads' if better else 'trails'} {other} by {amount} dB"
     parts = []
     if interval.ends is not None:
-        # The interval is that of the printed, positive amount.
+        # The signs of the interval follow the printed amount, which is positive.
         low, high = interval.ends if better else (-interval.ends[1], -interval.ends[0])
         parts.append(f"95 % CI {format_digits(low, 2)} to {format_digits(high, 2)}")
     if interval.p is None:

@@ -21,12 +21,12 @@ from msb.report.table import NOT_AVAILABLE
 
 # Values of `Key.scene` that stand for averages over the scenes of a dataset.
 MEAN = "mean"
-# The average cost of a single triangle over the scenes: what a renderer costs independently of the mesh.
+# The average cost of a single triangle over the scenes: the cost of a renderer independent of the mesh.
 FLOOR = "floor_mean"
 # Value of `Key.scene` for an average -> heading of its row.
 MEANS = {"indoor_mean": "Indoor mean", "outdoor_mean": "Outdoor mean", MEAN: "Mean", FLOOR: "Floor"}
 
-# Conditions with images, in the order in which quality is lost: Non-Engine, Dedicated, Standard.
+# Conditions with images in the order of falling quality: Non-Engine, Dedicated, Standard.
 DRAWN_CONDITIONS = tuple(TIER_OF)
 
 # Image quality metrics. The mapping is filled on first access, because other packages can add metrics.
@@ -77,9 +77,9 @@ class Number:
     value : float or None
         In the unit of the records.
     absent : str
-        Printed if there is no value: "N/A" (not supported) or "--".
+        Printed in place of a missing value: "N/A" (not supported) or "--".
     reason : str or None
-        Why there is no value.
+        Why the value is missing.
     present, expected : int
         A mean is over `present` of `expected` scenes.
     notes : tuple of str
@@ -253,7 +253,7 @@ def method_title(method: str) -> str:
 
 
 def select_variants(conditions: Iterable[str], condition: str) -> list[str]:
-    """Return those of `conditions` that are variants, engines or bakes of `condition`."""
+    """Return all variants, engines or bakes of `condition` among `conditions`."""
     return [name for name in conditions if name.startswith(f"{condition}/")]
 
 

@@ -50,7 +50,7 @@ def report_files(
     topology : mapping of Place to bytes, optional
         The topology diagnostic of each asset, as PNG.
     folder : Path, optional
-        The folder in which the files will be written, from which large films are linked.
+        The folder that will hold the files; links to large films are relative to it.
 
     Notes
     -----
@@ -181,7 +181,7 @@ def _environment() -> Environment:
 
 
 def _unbroken(heading: str) -> str:
-    """Return a heading in which an arrow stays on the line of the word before it."""
+    """Return a heading with a no-break space before each arrow."""
     return re.sub(" (?=[↑↓])", "\N{NO-BREAK SPACE}", heading)
 
 

@@ -66,12 +66,12 @@ ENGINE_RENDERING = (
 PUBLISHED_LPIPS = "LPIPS as published; its network, version or scaling of the images may differ from ours"
 
 
-# Where a number is published: the keys of `msb.report.tables.reproducibility.SOURCES`.
+# Publication of a number: the keys of `msb.report.tables.reproducibility.SOURCES`.
 Source = Literal["", "paper", "public", "meshsplatbench"]
 
 
 class _PublishedCell(BaseModel):
-    """A number of a published table in the paper's terms; `na` is printed where there is no value."""
+    """A number of a published table in the paper's terms; `na` is printed in place of a missing value."""
 
     model_config = ConfigDict(extra="ignore", frozen=True, allow_inf_nan=False, strict=True)
 

@@ -30,7 +30,7 @@ class Section:
 
 @dataclass(frozen=True)
 class Report:
-    """A report with the numbers and records from which it is made.
+    """A report with its numbers and records.
 
     Attributes
     ----------
@@ -38,7 +38,7 @@ class Report:
     sections : tuple of Section
     findings : tuple of Finding
     notes : tuple of str
-        What a reader must know first: mixed results, failed cells.
+        Warnings for the reader: mixed results, failed cells.
     numbers : Numbers
     results : ResultSet or None
         None for the paper's own tables.

@@ -1,4 +1,4 @@
-"""Tables as data, independent of the format in which they are written."""
+"""Tables as data, independent of output formats."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class TableCell:
     bold : bool
         Whether the value is the best of those it is compared with.
     reason : str or None
-        Why there is no value.
+        Why the value is missing.
     notes : tuple of str
         Footnotes of this cell.
     present, expected : int
@@ -57,7 +57,7 @@ class TableCell:
 
     @property
     def number(self) -> float | None:
-        """The value by which rows are sorted, or None."""
+        """The value for sorting rows, or None."""
         return self.value if isinstance(self.value, float) else None
 
     def to_dict(self) -> dict[str, Any]:

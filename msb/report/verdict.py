@@ -15,22 +15,14 @@ from msb.metrics.likeness import ALIKE, NEARLY, decibels
 from msb.report.collect import REFERENCE
 from msb.report.mesh_trials import TaskOutcome, read_task_outcomes
 from msb.report.metric_format import format_value
-from msb.report.numbers import (
-    GapKey,
-    Key,
-    Numbers,
-    condition_title,
-    dataset_title,
-    method_title,
-    scene_title,
-)
+from msb.report.numbers import GapKey, Key, Numbers, condition_title, dataset_title, method_title, scene_title
 from msb.report.results import LoadedResult, Place
 from msb.report.safe_names import plain_text
 from msb.report.table import NOT_SUPPORTED
 
 Mark = Literal["YES", "WITH CARE", "NO", "UNKNOWN", "NOTE"]
 
-# Below this PSNR in dB native renderings show next to nothing of the photographs, so they are no reference.
+# Below this PSNR in dB, native renderings have little in common with the photographs and are not a reference.
 MIN_NATIVE_PSNR = 15.0
 # Minimum PSNR in dB between two renderings, its mark, and its wording.
 _SIMILARITIES: tuple[tuple[float, Mark, str], ...] = (
@@ -46,7 +38,7 @@ _LOSSES: tuple[tuple[float, Mark, str], ...] = (
 )
 # Maximum P95 of the frame time, in milliseconds, for 60 and for 30 frames per second.
 SMOOTH_MS, USABLE_MS = 1000 / 60, 1000 / 30
-# Maximum number of views on which two renderings are compared, evenly spread: more would take minutes for a
+# Two renderings are compared on at most this number of evenly spread views: more would take minutes for a
 # complete benchmark.
 _MAX_VIEWS = 8
 _LEVELS: dict[str, Mark] = {"ok": "YES", "limited": "WITH CARE", "bad": "NO"}
@@ -56,7 +48,7 @@ _LEVELS: dict[str, Mark] = {"ok": "YES", "limited": "WITH CARE", "bad": "NO"}
 class Statement:
     """Whether an asset is suitable for a use.
 
-    `why` holds the number from which the mark follows. `short` names the use in a table.
+    `why` gives the reason with its number. `short` names the use in a table.
     """
 
     mark: Mark

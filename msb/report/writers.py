@@ -1,6 +1,6 @@
 """Write one table as Markdown, LaTeX, CSV or JSON.
 
-Names in result files can contain any characters, so each writer escapes those with a meaning in its format.
+Names in result files can contain any characters, so each writer escapes the special characters of its format.
 """
 
 import csv
@@ -52,7 +52,7 @@ def to_markdown(table: Table) -> str:
     lines = [f"**{escape_markdown(table.caption)}**", "", _markdown_line(heads), aligned]
     section = ""
     for row in table.rows:
-        # A section heading is a row of its own.
+        # A section heading is a separate row.
         if row.section and row.section != section:
             lines.append(_markdown_line([f"*{escape_markdown(row.section)}*"] + [""] * (len(heads) - 1)))
         section = row.section
@@ -151,7 +151,7 @@ def _markdown_cell(cell: TableCell, marks: dict[str, str]) -> str:
 
 
 def _without_empty_columns(table: Table) -> Table:
-    """Return the table without columns in which every cell is "--", and with a note that lists them."""
+    """Return the table without columns that only hold "--", and with a note that lists them."""
     cells = [[row.cells[number] for row in table.rows] for number in range(len(table.columns))]
     kept = [n for n, column in enumerate(cells) if any(cell.text != NOT_AVAILABLE for cell in column)]
     if not kept or len(kept) == len(cells):

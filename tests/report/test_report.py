@@ -70,7 +70,7 @@ def test_views_show_the_largest_loss_and_the_chosen_one(small: Path) -> None:
     assert list(view.renderings) == ["two_dts", "triangle_splatting", "mesh_splatting", "diffsoup"]
     headings = [[shot.heading for shot in shots] for shots in view.renderings.values()]
     assert headings == [["Non-Engine", "Dedicated", "Standard"]] * 3 + [["Non-Engine", "Dedicated"]]
-    picture = view.renderings["two_dts"][2].picture
+    picture = view.renderings["two_dts"][2].image
     assert picture.data[:3] == b"\xff\xd8\xff"
 
 

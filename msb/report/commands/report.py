@@ -14,7 +14,7 @@ from msb.report.report import Report
 from msb.report.results import Place
 from msb.report.writers import ReportFormat, TableFormat
 
-# Name of the folder in the results folder to which a report is written by default.
+# Reports are written to this folder within the results folder by default.
 _FOLDER = "report"
 # Maximum number of faces of a mesh whose diagnostic is drawn by default: larger ones take longer than the
 # rest of the report.

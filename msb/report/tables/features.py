@@ -54,7 +54,7 @@ def deployment_features() -> Table:
 def _tier_cell(method: Method, tier: Tier, name: str) -> TableCell:
     retained = method.retained.get(tier)
     if retained is None:
-        why = method.unsupported.get(tier, "its package does not declare what the tier keeps")
+        why = method.unsupported.get(tier, "its package does not declare the features of this tier")
         return TableCell(NOT_SUPPORTED, reason=f"{method.title}: {why}")
     notes = (retained.notes[name],) if name in retained.notes else ()
     return _feature_cell(getattr(retained, name), notes)

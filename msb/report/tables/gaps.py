@@ -214,7 +214,7 @@ def _replace_tiers(key: GapKey, tiers: Iterable[str]) -> list[str]:
 
 
 def _ratio_cells(numbers: Numbers, key: GapKey) -> tuple[TableCell, ...]:
-    """Return two cells per ratio of frame rates: that of the means, and the range over the scenes."""
+    """Return two cells per pair of conditions: ratio of the mean frame rates, and range over the scenes."""
     cells: list[TableCell] = []
     for pair in _RATIOS:
         conditions = _replace_tiers(key, pair)

@@ -49,7 +49,7 @@ FLOOR_NOTE = (
     "Floor: a single triangle of the model with the shared texture or network, rendered at the size of the "
     "largest view, mean over scenes: the cost of the renderer independent of the mesh"
 )
-# What a reader must know to interpret the connectivity metrics (paper, "Interpretation").
+# How to interpret the connectivity metrics (paper, "Interpretation").
 STRUCTURE_NOTES = (
     "of the mesh as stored: nothing was merged, removed or repaired",
     "boundaries may be legitimate: open scenes, sheets, and surfaces that no camera saw have them",
