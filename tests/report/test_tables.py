@@ -1,4 +1,4 @@
-"""Our own tables and findings, beyond golden.md: what is bold or missing and why, the paper's rows."""
+"""Tables and findings, in addition to golden.md: bold and missing values, notes, the paper's rows."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -33,15 +33,15 @@ from tests.report.factory import (
     numbers_of,
     write,
 )
-from tests.report.test_golden import compare, of_the_model_alone
+from tests.report.test_golden import compare, metrics_of_the_model
 
 
 def row_of(table: Table, *labels: str) -> TableRow:
-    (found,) = [row for row in table.rows if row.labels == labels and not row.paper]
-    return found
+    (row,) = [row for row in table.rows if row.labels == labels and not row.paper]
+    return row
 
 
-def test_our_means_are_the_papers_where_the_records_are(numbers: Numbers) -> None:
+def test_means_of_synthetic_records_equal_the_papers(numbers: Numbers) -> None:
     paper, compared = paper_numbers(), 0
     for key, published in paper.values.items():
         if (
@@ -58,7 +58,7 @@ def test_our_means_are_the_papers_where_the_records_are(numbers: Numbers) -> Non
     assert compared > 200
 
 
-def test_the_papers_row_stands_under_ours(numbers: Numbers) -> None:
+def test_the_papers_row_follows_ours(numbers: Numbers) -> None:
     table = measurements.native_summary(numbers, paper_numbers())
     first, second = table.rows[:2]
     assert (first.paper, second.paper) == (False, True)
@@ -89,20 +89,19 @@ def test_no_cell_is_ever_blank(whole: Report) -> None:
             assert all((cell.value is None) == (cell.text in ("N/A", "--")) for cell in row.cells)
 
 
-@pytest.mark.parametrize("told", [5 << 30, None])
-def test_the_drivers_figure_stands_beside_our_buffers_where_there_is_one(
-    tmp_path: Path, told: int | None
-) -> None:
-    made = measure(tmp_path, "dedicated", memory={"driver_bytes": told})
+@pytest.mark.parametrize("driver_bytes", [5 << 30, None])
+def test_memory_reported_by_the_driver_has_a_column(tmp_path: Path, driver_bytes: int | None) -> None:
+    record = measure(tmp_path, "dedicated", memory={"driver_bytes": driver_bytes})
     numbers = numbers_of(tmp_path)
-    of_asset = asset_tables(ResultPlace("capture", "desk", "two_dts"), {"dedicated": made}, numbers)
+    of_asset = asset_tables(ResultPlace("capture", "desk", "two_dts"), {"dedicated": record}, numbers)
     for table in (measurements.memory(numbers, "capture"), of_asset["memory"]):
-        assert (table.rows[0].cells[-1].text == "5120", DRIVER_NOTE in table.notes) == (bool(told),) * 2
+        assert (table.rows[0].cells[-1].text == "5120", DRIVER_NOTE in table.notes) == (
+            bool(driver_bytes),
+        ) * 2
 
 
-def test_what_is_of_the_model_makes_no_condition_of_images(tmp_path: Path) -> None:
-    """Neither alone nor beside a method that has one."""
-    of_the_model_alone(tmp_path)
+def test_metrics_of_the_model_do_not_imply_images(tmp_path: Path) -> None:
+    metrics_of_the_model(tmp_path)
     assert numbers_of(tmp_path).conditions("dtu") == []
     write(tmp_path, make_result("dtu", SCENES["dtu"][0], "mesh_splatting", "non_engine"))
     both = build_report(read_results(tmp_path), pictures=False, with_paper=False)
@@ -110,10 +109,10 @@ def test_what_is_of_the_model_makes_no_condition_of_images(tmp_path: Path) -> No
     assert [column.title for column in both.tables["renderer_comparison-dtu"].columns] == ["MeshSplatting"]
 
 
-def test_where_nothing_of_the_model_is_known_there_is_no_row_and_no_column_of_dashes(tmp_path: Path) -> None:
+def test_methods_without_metrics_of_the_model_have_no_row_and_no_column(tmp_path: Path) -> None:
     trained = Training(seconds=1500.0, peak_memory_bytes=None, source="track.json")
     write(tmp_path, make_result("dtu", "scan24", "two_dts", "exported_mesh", training=trained))
-    lost = {"training": Reason(code="FILE_NOT_FOUND", message="there is no such file")}
+    lost = {"training": Reason(code="FILE_NOT_FOUND", message="the file does not exist")}
     write(tmp_path, make_result("mipnerf360", "garden", "two_dts", "dedicated", reasons=lost))
     tables = build_report(read_results(tmp_path), pictures=False).tables
     assert [row.labels for row in tables["native_summary"].rows if not row.paper] == [("DTU", "2DTS")]
@@ -121,7 +120,7 @@ def test_where_nothing_of_the_model_is_known_there_is_no_row_and_no_column_of_da
     assert not any(name.endswith("-non_engine") for name in tables)
 
 
-def test_a_soup_with_a_degenerate_row_is_one_as_in_its_verdict(tmp_path: Path) -> None:
+def test_a_soup_with_a_degenerate_face_is_noted_as_a_soup(tmp_path: Path) -> None:
     counts = {**AUDIT["counts"], "faces": 1001, "repeated_index_faces": 1, "referenced_vertices": 3000}
     measure(tmp_path, "exported_mesh", audit=AuditDocument.of({**AUDIT, "counts": counts}))
     key = Key("capture", "desk", "two_dts", "exported_mesh", "nonmanifold_vertex_ratio")
@@ -143,7 +142,7 @@ def test_reproducibility_statistics_name_the_worst_pair(numbers: Numbers) -> Non
 
 
 @pytest.mark.slow
-def test_what_contradicts_the_papers_numbers_stands_where_they_do(whole: Report, results: Path) -> None:
+def test_contradictions_are_noted_beside_the_papers_numbers(whole: Report, results: Path) -> None:
     (known,) = [note for note in contradictions()["slowdown"] if "on the host" in note]
     assert f"in the paper: {known}" in whole.tables["slowdown"].notes
     alone = build_report(read_results(results), pictures=False, with_paper=False)
@@ -154,12 +153,12 @@ def test_what_contradicts_the_papers_numbers_stands_where_they_do(whole: Report,
     ("dataset", "scene", "beside"),
     [("mipnerf360", "garden", True), ("mipnerf360", "pebble", False), ("dtu", "scan24", False)],
 )
-def test_the_papers_mesh_stands_beside_meshes_of_its_dataset(
+def test_the_papers_mesh_is_compared_with_meshes_of_its_dataset(
     tmp_path: Path, dataset: str, scene: str, beside: bool
 ) -> None:
-    made = measure(tmp_path, "exported_mesh", dataset=dataset, scene=scene)
+    record = measure(tmp_path, "exported_mesh", dataset=dataset, scene=scene)
     place = ResultPlace(dataset, scene, "two_dts")
-    table = asset_tables(place, {"exported_mesh": made}, numbers_of(tmp_path))["structure"]
+    table = asset_tables(place, {"exported_mesh": record}, numbers_of(tmp_path))["structure"]
     name = "MeshSplatting, mean of Mip-NeRF 360 in the paper"
     assert [row.labels[0] for row in table.rows] == ["this mesh", *([name] if beside else [])]
 
@@ -173,43 +172,43 @@ def test_notes_of_all_cells_move_to_the_table() -> None:
     assert table.footnotes() == {"one": "a"}
 
 
-def test_speed_and_structure_stay_however_much_there_is_to_say_of_quality(numbers: Numbers) -> None:
+def test_findings_on_speed_and_structure_are_never_dropped(numbers: Numbers) -> None:
     assert len(numbers.datasets()) == 4
     many = [Finding("against", f"Number {number}.", "against") for number in range(20)]
     for first in ([], many):
-        found = [one.kind for one in derive_findings(numbers, first)]
-        assert {"slowdown", "structure", "training", "unsupported"} <= set(found)
-        assert len(found) <= 12
-        assert found.count("ranking") <= 1
-    assert (found[0], len(found)) == ("against", 12)
+        kinds = [finding.kind for finding in derive_findings(numbers, first)]
+        assert {"slowdown", "structure", "training", "unsupported"} <= set(kinds)
+        assert len(kinds) <= 12
+        assert kinds.count("ranking") <= 1
+    assert (kinds[0], len(kinds)) == ("against", 12)
     assert derive_findings(Numbers({})) == []
 
 
-def test_the_difference_is_that_of_a_paired_test_over_scenes(tmp_path: Path) -> None:
+def test_differences_are_tested_by_a_paired_t_test_over_scenes(tmp_path: Path) -> None:
     theirs, ours = [24.0, 25.0, 26.0, 27.0], [24.5, 25.6, 26.7, 27.8]
     compare(tmp_path, ("desk", "chair", "room", "hall"), "mesh_splatting", *theirs)
     compare(tmp_path, ("desk", "chair", "room", "hall"), "two_dts", *ours)
-    wanted = ttest_rel(ours, theirs)
-    ends = wanted.confidence_interval(0.95)
-    made = build_report(read_results(tmp_path), pictures=False, against="mesh_splatting")
-    better, low, high, p, holm, over = made.tables["against"].rows[0].cells
+    expected = ttest_rel(ours, theirs)
+    ends = expected.confidence_interval(0.95)
+    report = build_report(read_results(tmp_path), pictures=False, against="mesh_splatting")
+    better, low, high, p, holm, over = report.tables["against"].rows[0].cells
     assert (better.text, low.text, high.text, over.text) == ("+0.65", "+0.44", "+0.86", "4 scenes")
-    assert [low.value, high.value, p.value] == pytest.approx([ends.low, ends.high, wanted.pvalue], rel=1e-9)
+    assert [low.value, high.value, p.value] == pytest.approx([ends.low, ends.high, expected.pvalue], rel=1e-9)
     assert holm.value == p.value, "SSIM is equal everywhere, so there is one test"
     assert better.to_dict()["interval_over"] == "4 scenes"
     assert better.to_dict()["significant"] is True
 
 
-def test_nothing_to_compare_is_said(tmp_path: Path) -> None:
+def test_a_note_explains_that_there_is_nothing_to_compare(tmp_path: Path) -> None:
     compare(tmp_path, ["desk"], "mesh_splatting", 24.0)
-    made = build_report(read_results(tmp_path), pictures=False, against="mesh_splatting")
-    assert "against" not in made.tables
-    assert made.notes[0].startswith("--against mesh_splatting: ")
+    report = build_report(read_results(tmp_path), pictures=False, against="mesh_splatting")
+    assert "against" not in report.tables
+    assert report.notes[0].startswith("--against mesh_splatting: ")
     with pytest.raises(UsageError, match="USAGE"):
         build_report(read_results(tmp_path), pictures=False, against="two_dts")
 
 
-def test_p_for_all_tests_together_is_holms() -> None:
+def test_p_values_are_adjusted_by_holms_method() -> None:
     assert adjust_by_holm([0.01, 0.04, 0.03, 0.005]) == pytest.approx([0.03, 0.06, 0.06, 0.02])
     assert adjust_by_holm([0.9, 0.8]) == [1.0, 1.0]
     assert adjust_by_holm([]) == []

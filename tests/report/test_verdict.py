@@ -19,9 +19,9 @@ from tests.report.factory import (
     VIEWS,
     make_result,
     measure,
-    note_hashes,
     repairs,
     trial,
+    update_hashes,
     verdict_of,
     way,
     write,
@@ -67,7 +67,7 @@ def test_appearance_is_judged_by_the_two_renderings(
             place.parent.mkdir(parents=True, exist_ok=True)
             changed = picture + random.integers(-change, change + 1, picture.shape)
             Image.fromarray(changed.astype(np.uint8)).save(place)
-        note_hashes(file)
+        update_hashes(file)
     dedicated = verdict_of(tmp_path)[DEDICATED]
     assert (dedicated.mark, value in dedicated.why) == (mark, True), dedicated
 
@@ -193,14 +193,14 @@ def test_bakes_follow_the_tiers_with_their_names() -> None:
 def test_every_format_has_the_parts_of_the_loss(root: Path) -> None:
     files = report_files(build_report(read_results(root)))
     for suffix in ("md", "tex", "csv", "json"):
-        assert b"anew" in files[f"tables/loss_split-capture.{suffix}"]
+        assert b"fitted" in files[f"tables/loss_split-capture.{suffix}"]
         assert b"as exported" in files[f"tables/bakes-capture.{suffix}"]
     assert b"## Parts of the loss" in files["report.md"]
     assert b"figures/loss_split-capture.svg" in files["report.md"]
     assert files["figures/loss_split-capture.pdf"].startswith(b"%PDF")
     assert b'id="loss_split-capture"' in files["index.html"]
     (page,) = [text for name, text in files.items() if name.startswith("verdict-")]
-    assert b"anew" in page
+    assert b"(fitted)" in page
 
 
 def test_without_bakes_there_is_no_section_on_them(tmp_path: Path) -> None:
