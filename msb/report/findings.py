@@ -7,13 +7,12 @@ from typing import NamedTuple
 
 from msb.bench.aggregate import METRICS
 from msb.bench.gaps import PAIRS, Gap, GapName, Gaps
-from msb.bench.intervals import Interval, excludes_zero, interval
+from msb.bench.intervals import Interval, excludes_zero
 from msb.bench.records import BAKED
 from msb.report.collect import REFERENCE, SOUP
 from msb.report.metric_format import format_digits, format_value
 from msb.report.numbers import (
     MEAN,
-    ON_CPU,
     QUALITY,
     GapKey,
     Key,
@@ -21,6 +20,14 @@ from msb.report.numbers import (
     condition_title,
     dataset_title,
     method_title,
+)
+from msb.report.rankings import (
+    find_swaps,
+    format_ranking,
+    is_ahead,
+    most_certain_swap,
+    rank_common_methods,
+    rank_methods,
 )
 from msb.report.safe_names import plain_text, slug
 from msb.report.table import NOT_SUPPORTED
@@ -44,8 +51,6 @@ _COSTS = {
     "train_memory": "non_engine",
 }
 _GAPS: dict[GapName, str] = {"adapt": "adaptation", "port": "portability", "deploy": "deployment"}
-# Methods with their averages in a metric, best first.
-Ranking = list[tuple[str, float]]
 
 
 @dataclass(frozen=True)
@@ -324,23 +329,22 @@ def _ranking_findings(numbers: Numbers) -> Iterator[Finding]:
         for first, second in combinations(conditions, 2):
             if "/" in first or first.partition("/")[0] == second.partition("/")[0]:
                 continue  # a variant is only compared with Non-Engine
-            before = _rank_common(numbers, dataset, first, second)
-            after = _rank_common(numbers, dataset, second, first)
+            before = rank_common_methods(numbers, dataset, first, second)
+            after = rank_common_methods(numbers, dataset, second, first)
             if len(before) < 2:
                 continue
             compared += 1
-            if swapped := _swapped(before, after):
-                # The change is as certain as its most certain swap of two methods.
-                tests = (_test_swap(numbers, dataset, pair, (first, second)) for pair in swapped)
+            if swapped := find_swaps(before, after):
+                test = most_certain_swap(numbers, dataset, swapped, (first, second))
                 pair_title = f"{_condition_name(first)} to {_condition_name(second)}"
-                changes.setdefault(_significance(min(tests, key=_p)), []).append(pair_title)
+                changes.setdefault(_significance(test), []).append(pair_title)
                 moved |= {first, second}
         if changes:
             pairs = "; ".join(f"{join_words(names)} ({result})" for result, names in changes.items())
             # Conditions with equal rankings share an entry.
             orders: dict[str, list[str]] = {}
             for condition in filter(moved.__contains__, conditions):
-                order = _format_ranking(_rank(numbers, dataset, condition, "psnr"))
+                order = format_ranking(rank_methods(numbers, dataset, condition, "psnr"))
                 orders.setdefault(order, []).append(_condition_name(condition))
             rankings = "; ".join(f"{join_words(titles)}: {order}" for order, titles in orders.items())
             where = f"On {dataset_title(dataset)}, the PSNR ranking of the methods changes from"
@@ -380,11 +384,11 @@ def _leader_findings(numbers: Numbers) -> Iterator[Finding]:
 def _find_leaders(numbers: Numbers, dataset: str, condition: str) -> dict[str, list[str]]:
     """Return method -> the metrics that it leads, with values; empty without image quality."""
     leaders: dict[str, list[str]] = {}
-    has_images = any(_rank(numbers, dataset, condition, metric) for metric in QUALITY)
+    has_images = any(rank_methods(numbers, dataset, condition, metric) for metric in QUALITY)
     for metric in (*QUALITY, *_COSTS) if has_images else ():
         of = _COSTS.get(metric, condition)
-        ranked = _rank(numbers, dataset, of, metric)
-        if len(ranked) > 1 and _is_ahead(metric, ranked[0][1], ranked[1][1]):
+        ranked = rank_methods(numbers, dataset, of, metric)
+        if len(ranked) > 1 and is_ahead(metric, ranked[0][1], ranked[1][1]):
             method, value = ranked[0]
             tier = f"{condition_title(of)} " if of != condition and metric in ("fps", "memory") else ""
             leaders.setdefault(method, []).append(f"{tier}{_format_with_unit(metric, value)}")
@@ -398,43 +402,19 @@ def _format_with_unit(metric: str, value: float) -> str:
     return f"{definition.title.partition(' (')[0]} ({format_value(metric, value)}{unit})"
 
 
-def _rank(numbers: Numbers, dataset: str, condition: str, metric: str) -> Ranking:
-    """Return the methods with complete averages, best first. Frame rates of a CPU are not ranked."""
-    means = [
-        (method, number.value)
-        for method in numbers.methods(dataset)
-        if (number := numbers.number(Key(dataset, MEAN, method, condition, metric))).value is not None
-        and number.present == number.expected
-        and not any(note.startswith(ON_CPU) for note in number.notes)
-    ]
-    return sorted(means, key=lambda item: item[1], reverse=METRICS[metric].better == "higher")
-
-
-def _rank_common(numbers: Numbers, dataset: str, condition: str, other: str) -> Ranking:
-    """Return the PSNR ranking in `condition` of the methods with complete averages in both conditions."""
-    methods = dict(_rank(numbers, dataset, other, "psnr"))
-    return [item for item in _rank(numbers, dataset, condition, "psnr") if item[0] in methods]
-
-
-def _is_ahead(metric: str, value: float, other: float) -> bool:
-    """Return whether `value` is better than `other` by at least the last printed digit."""
-    difference = value - other if METRICS[metric].better == "higher" else other - value
-    return difference >= METRICS[metric].last_digit
-
-
 def _surface_findings(numbers: Numbers) -> Iterator[Finding]:
     """Yield the datasets with different rankings by image quality and by Chamfer distance."""
     for dataset in numbers.datasets():
-        surfaces = _rank(numbers, dataset, "non_engine", "chamfer")
+        surfaces = rank_methods(numbers, dataset, "non_engine", "chamfer")
         orders = []
         for metric in ("psnr", "lpips"):
-            images = _rank(numbers, dataset, "non_engine", metric)
+            images = rank_methods(numbers, dataset, "non_engine", metric)
             both = dict(images).keys() & dict(surfaces).keys()
             first, second = ([item for item in order if item[0] in both] for order in (images, surfaces))
-            if _swapped(first, second, metric, "chamfer"):
-                orders.append(f"{METRICS[metric].title}: {_format_ranking(first, metric)}")
+            if find_swaps(first, second, metric, "chamfer"):
+                orders.append(f"{METRICS[metric].title}: {format_ranking(first, metric)}")
         if orders:
-            orders.append(f"Chamfer distance in mm: {_format_ranking(surfaces, 'chamfer')}")
+            orders.append(f"Chamfer distance in mm: {format_ranking(surfaces, 'chamfer')}")
             where = f"On {dataset_title(dataset)}, the methods rank differently by images and by surfaces"
             yield Finding("surface_order", f"{where}. {'; '.join(orders)}.", "native_summary")
 
@@ -450,50 +430,6 @@ def _training_findings(numbers: Numbers) -> Iterator[Finding]:
     if first.detail != last.detail:
         sentence = f"Training takes {first.detail} ({first.name}) to {last.detail} ({last.name})."
         yield Finding("training", sentence, "native_summary")
-
-
-def _swapped(
-    before: Ranking, after: Ranking, metric: str = "psnr", after_metric: str = "psnr"
-) -> list[tuple[str, str]]:
-    """Return the pairs of methods whose order differs, by at least the last printed digit in both rankings.
-
-    `before` is ranked by `metric`, `after` by `after_metric`.
-    """
-    values = dict(after)
-    return [
-        (better, worse)
-        for (better, first), (worse, second) in combinations(before, 2)
-        if _is_ahead(metric, first, second) and _is_ahead(after_metric, values[worse], values[better])
-    ]
-
-
-def _test_swap(
-    numbers: Numbers, dataset: str, pair: tuple[str, str], conditions: tuple[str, str]
-) -> Interval:
-    """Return the less certain of the PSNR differences between two methods under two conditions.
-
-    A swap is significant only if both differences are.
-    """
-    intervals = []
-    for condition in conditions:
-        scenes = []
-        for scene in numbers.scenes(dataset):
-            values, others = (
-                numbers.views.get(Key(dataset, scene, method, condition, "psnr"), {}) for method in pair
-            )
-            if common := [values[view] - others[view] for view in values if view in others]:
-                scenes.append(common)
-        intervals.append(interval(scenes))
-    return max(intervals, key=_p)
-
-
-def _p(difference: Interval) -> float:
-    """Return p of a difference; untested differences sort after all others."""
-    return 2.0 if difference.p is None else difference.p
-
-
-def _format_ranking(ranking: Ranking, metric: str = "psnr") -> str:
-    return ", ".join(f"{method_title(method)} {format_value(metric, value)}" for method, value in ranking)
 
 
 def _speed_findings(numbers: Numbers) -> Iterator[Finding]:
