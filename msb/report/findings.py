@@ -532,8 +532,8 @@ def _structure_findings(numbers: Numbers) -> Iterator[Finding]:
         count = format_value("components", components)
         sentence += f" and {count} component{'' if count == '1' else 's'}"
     if len(cases) > 1 and low.detail == high.detail:
-        meshes = _all_of(len(cases), "indexed mesh", "es")
-        sentence += f"; the share of non-manifold vertices is the same for {meshes}"
+        all_meshes = _all_of(len(cases), "indexed mesh", "es")
+        sentence += f"; the share of non-manifold vertices is the same for {all_meshes}"
     elif len(cases) > 1:
         sentence += (
             f". This is the largest share among {len(cases)} indexed meshes; the smallest is {low.detail} "
