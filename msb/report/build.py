@@ -123,6 +123,7 @@ def build_report(
     paper = paper_numbers() if with_paper else Numbers({}, of_paper=True)
     if published:
         paper = replace(paper, values={**paper.values, **published})
+    # The paper's numbers are not comparable with those of other scenes under the name of its datasets.
     others = [dataset for dataset in numbers.datasets() if numbers.has_other_scenes(dataset)]
     paper = _without(paper, others)
     findings = tuple(derive_findings(numbers, first=comparison_findings(comparisons, against or "")))
@@ -136,6 +137,7 @@ def build_report(
         intro = "Differences from the other methods, with confidence intervals and t tests."
         table = comparison_table(comparisons, numbers, against)
         sections = (Section(LABEL, title, intro, (table,)), *sections)
+    # Warnings at the top of the report.
     notes = [*results.notes]
     notes += [ONE_SCENE] if any("views of one scene" in finding.sentence for finding in findings) else []
     notes += [NO_COMPARISON.format(against)] if against and not comparisons else []
@@ -200,6 +202,7 @@ def _make_sections(
     datasets = numbers.datasets()
     drawn = [dataset for dataset in datasets if numbers.conditions(dataset)]
     deployed = [d for d in drawn if any(condition != "non_engine" for condition in numbers.conditions(d))]
+    # Datasets with few scenes have tables with the scenes side by side.
     few = [dataset for dataset in deployed if dataset in FEW_SCENES]
     audited = [dataset for dataset in datasets if numbers.methods(dataset, "exported_mesh")]
 

@@ -140,6 +140,7 @@ def derive_findings(numbers: Numbers, first: Iterable[Finding] = ()) -> list[Fin
         *_structure_findings(numbers),
         *_unsupported_findings(numbers),
     ]
+    # The sort is stable: minor findings move to the end, all others keep the order above.
     findings.sort(key=lambda finding: finding.kind in _MINOR)
     optional = [finding for finding in findings if finding.kind not in _ALWAYS_KEPT]
     dropped = optional[max(0, _MAX_FINDINGS - (len(findings) - len(optional))) :]
@@ -233,6 +234,7 @@ def _split_findings(numbers: Numbers) -> Iterator[Finding]:
         cases.append((split.total.signed, recovered, key))
     if not cases:
         return
+    # Describe the parts of the largest loss.
     total, _, key = max(cases)
     split = numbers.splits[key]
     parts = []
@@ -245,6 +247,7 @@ def _split_findings(numbers: Numbers) -> Iterator[Finding]:
         f"{_name(key.dataset, key.method)} loses {format_digits(total, 2)} dB PSNR from Dedicated to "
         f"Standard: {', '.join(parts)}."
     )
+    # State the recovered share of all losses, in percent.
     shares = [100 * recovered / lost for lost, recovered, _ in cases if lost >= _MIN_DIFFERENCE]
     if len(shares) > 1:
         low, high = min(shares), max(shares)
@@ -261,6 +264,7 @@ def _monotone_findings(numbers: Numbers) -> Iterator[Finding]:
         for key, gaps in numbers.gaps.items()
         if (key.scene, key.standard) == (MEAN, "standard") and gaps.monotone is not None
     ]
+    # (dataset, method, condition) -> the metrics that are not monotone
     broken: dict[tuple[str, str, str], list[tuple[GapKey, Gaps]]] = {}
     for key, gaps in comparable:
         if gaps.monotone is False:
@@ -293,6 +297,7 @@ def _not_monotone(broken: dict[tuple[str, str, str], list[tuple[GapKey, Gaps]]],
     def excess(place: tuple[str, str, str]) -> float:
         return broken[place][0][1].triangle_excess or 0.0
 
+    # The case with the largest excess is described by its first metric, the others are only named.
     first, *others = sorted(broken, key=excess, reverse=True)
     (dataset, method, dedicated), cases = first, broken[first]
     title, (key, gaps) = _condition_name(dedicated), cases[0]
@@ -544,6 +549,7 @@ def _structure_findings(numbers: Numbers) -> Iterator[Finding]:
 
 def _unsupported_findings(numbers: Numbers) -> Iterator[Finding]:
     """Yield the conditions that methods do not support."""
+    # Method -> conditions; the finding links to the table of the first dataset.
     names: dict[str, dict[str, None]] = {}
     first = ""
     for key, number in numbers.values.items():

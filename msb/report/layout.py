@@ -94,6 +94,7 @@ def make_table(
     notes : tuple of str
         Further notes.
     """
+    # Each row with the keys of its cells.
     grid = [(spec, [Key(**{**of, **column.of, **spec.of}) for column in columns]) for spec in row_specs]
     rows = _make_rows(numbers, grid, best_of)
     if paper is not None:
@@ -146,6 +147,7 @@ def mark_best(cells: Sequence[TableCell], groups: Sequence[Hashable], *, single:
     single : bool
         Whether a value without a competitor is bold.
     """
+    # (group, metric) -> places of the competing cells
     rivals: dict[tuple[Hashable, str], list[int]] = {}
     for place, (cell, group) in enumerate(zip(cells, groups, strict=True)):
         if group is not None and cell.value is not None and METRICS[cell.metric].better:

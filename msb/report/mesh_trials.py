@@ -118,6 +118,7 @@ def _advise(stored: Strategy, others: Sequence[Strategy]) -> tuple[list[str], st
     visible = min(
         (strategy for strategy in better if not strategy.looks.standard.same), key=_rank, default=None
     )
+    # A visible change is only mentioned if its result is better than without one.
     sentences, plan = [], None
     if invisible is not None:
         plan = ",".join(invisible.plan)

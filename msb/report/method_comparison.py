@@ -63,6 +63,7 @@ def compare_methods(results: ResultSet, numbers: Numbers, other: str) -> list[Co
 
 def _compute_gap(results: ResultSet, numbers: Numbers, key: Key, other: str) -> Gap:
     """Return the gap between the method `other` and the method at `key`."""
+    # Scene -> method -> record under the condition of `key`.
     scenes = numbers.scenes(key.dataset)
     records = {
         scene: {
@@ -78,6 +79,7 @@ def _compute_gap(results: ResultSet, numbers: Numbers, key: Key, other: str) -> 
 
 def comparison_table(comparisons: list[Comparison], numbers: Numbers, other: str) -> Table:
     """Return the table with a row per comparison."""
+    # Number of a comparison -> p; untested comparisons are not part of the adjustment.
     p = {
         n: interval.p
         for n, comparison in enumerate(comparisons)
@@ -176,6 +178,7 @@ def adjust_by_holm(p: list[float]) -> list[float]:
 
     The smallest of n values is multiplied by n, the next by n - 1, and so on; the results never decrease.
     """
+    # Visit the p values in ascending order; `least` is the adjusted value of the previous one.
     adjusted, least = dict.fromkeys(range(len(p)), 0.0), 0.0
     for rank, place in enumerate(sorted(adjusted, key=p.__getitem__)):
         least = adjusted[place] = max(least, min(1.0, p[place] * (len(p) - rank)))

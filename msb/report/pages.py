@@ -58,11 +58,13 @@ def report_files(
     ``images/*.jpg`` (md), ``figures/*.pdf`` (tex), ``tables/LABEL.*`` (md, tex, csv, json), ``index.html``
     and ``verdict-DATASET-SCENE-METHOD.html`` (html). The pages embed everything except large films.
     """
+    # JSON of the whole report, and all tables in the text formats.
     text = json.dumps(report.to_dict(), indent=1, allow_nan=False, ensure_ascii=False) + "\n"
     files: dict[str, str | bytes] = {"report.json": text}
     for suffix, writer in WRITERS.items():
         if suffix in formats:
             files |= {f"tables/{label}.{suffix}": writer(table) for label, table in report.tables.items()}
+    # Charts: PDF for LaTeX, SVG beside the Markdown.
     if "tex" in formats:
         for section in report.sections:
             files |= {f"figures/{figure.name}.pdf": figure.pdf() for figure in section.figures}
@@ -71,6 +73,7 @@ def report_files(
         for section in report.sections:
             files |= {f"figures/{figure.name}.svg": figure.standalone for figure in section.figures}
             files |= {f"images/{image.name}": image.data for view in section.views for image in view.images}
+    # The index page, and a page per asset.
     if "html" in formats:
         places = [verdict.place for verdict in report.verdicts]
         pages = {place: f"verdict-{'-'.join(map(slug, place))}.html" for place in places}

@@ -191,12 +191,14 @@ def _noted(key: Key, number: Number) -> Number:
             return number
         reason = f"{method_title(key.method)}'s paper reports no results on {dataset_title(key.dataset)}"
         return replace(number, reason=reason)
+    # Numbers of an engine, and LPIPS of other sources.
     if key.metric == "memory" and key.condition == "standard":
         return Number(number.value, notes=(ENGINE_MEMORY,))
     if key.condition == "dedicated" and (key.metric in QUALITY or key.metric == "fps"):
         return Number(number.value, notes=(ENGINE_RENDERING,))
     if key.metric == "lpips" and key.source in ("paper", "public"):
         return Number(number.value, notes=(PUBLISHED_LPIPS,))
+    # Notes that methods declare on their native results.
     if key.condition != "non_engine" or key.source not in ("", "meshsplatbench"):
         return number
     known = METHODS[key.method].paper_notes if key.method in METHODS else ()

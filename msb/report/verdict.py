@@ -106,6 +106,7 @@ def judge(place: Place, loaded: Mapping[str, LoadedResult], numbers: Numbers) ->
     uses = {"standard": "Standard-tier mesh, any engine"}
     uses |= {name: f"Model with its native shaders ({condition_title(name)})" for name in dedicated}
     uses |= {name: f"Baked mesh, any engine ({plain_text(name.partition('/')[2])})" for name in bakes}
+    # Only supported conditions have a frame rate.
     supported = {name for name, record in records.items() if record.status != "unsupported"}
     timed = [name for name in ("standard", *dedicated) if name in supported]
     statements = [
@@ -210,6 +211,7 @@ def _judge_speed(condition: str, record: Result) -> Statement:
 
 def _format_milliseconds(value: float) -> str:
     """Return "16.2 ms" for 16.21 and "16.69 ms" for 16.69, which must not round to the limit of 16.7 ms."""
+    # Add decimals until the printed time differs from both limits.
     for decimals in (1, 2, 3):
         printed = f"{value:.{decimals}f}"
         if printed not in (f"{limit:.{decimals}f}" for limit in (SMOOTH_MS, USABLE_MS)):

@@ -1,4 +1,4 @@
-"""Small good assets, and their parts, from which bad assets are made."""
+"""Small good assets, and their parts for making bad assets."""
 
 import copy
 import hashlib
@@ -113,7 +113,7 @@ class Parts:
     files: dict[str, bytes]
 
     def text(self) -> bytes:
-        """Return the manifest as JSON text, in the form in which assets are written."""
+        """Return the manifest as JSON text, like the writer of assets."""
         return (json.dumps(self.manifest, indent=2) + "\n").encode()
 
     def change(self, pointer: str, value: Any) -> Self:

@@ -1,6 +1,6 @@
 """Synthetic results of a complete benchmark: all datasets, scenes, methods and conditions, without rendering.
 
-The means over scenes equal those of the paper, if it has them, so that tables of these records can be
+The means over scenes equal the paper's means, if it has them, so that tables of these records can be
 compared with it. Scenes differ by offsets that sum to zero.
 """
 
@@ -87,7 +87,7 @@ def write(root: Path, result: Result, *, images: bool = False, **parts: Any) -> 
 
 
 def update_hashes(path: Path) -> None:
-    """Replace the hashes in a record by those of its current images."""
+    """Update the hashes in a record to its current images."""
     data = json.loads(path.read_text())
     for image in data["quality"]["images"] if data["quality"] else ():
         image["sha256"] = file_sha256(path.parent / image["file"])
@@ -298,7 +298,7 @@ _FALLBACK: dict[str, dict[str, float]] = {
     "standard": {"psnr": 0.6, "ssim": 0.5, "lpips": 0.6, "fps": 3000, "p50_ms": 0.3, "p95_ms": 0.3,
                  "memory": 1e8},
 }  # fmt: skip
-"""Values that the paper lacks. PSNR and SSIM are given relative to those of Non-Engine."""
+"""Values that the paper lacks. PSNR and SSIM are factors of the Non-Engine values."""
 
 
 def _value(cell: Cell, metric: str) -> float:

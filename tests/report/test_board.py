@@ -223,7 +223,7 @@ def test_board_has_the_rows_of_all_submitters_and_of_the_paper(small: Path, tmp_
     mean = [row for row in rows if row["labels"] == ("Tanks and Temples", "Mean", "2DTS")]
     dedicated = [row for row in mean if row["Condition"] == "Dedicated"]
     assert [row["From"] for row in dedicated] == ["Our <b>lab</b>", "Theirs", "the paper"]
-    assert len({row["PSNR ↑"] for row in dedicated}) == 1  # the synthetic means are those of the paper
+    assert len({row["PSNR ↑"] for row in dedicated}) == 1  # the synthetic means equal the paper's
     truck = next(row for row in rows if row["labels"][1:] == ("truck", "2DTS") and row["From"] == "Theirs")
     assert truck["Model"] == hashlib.sha256(b"tanksandtemples/truck/two_dts").hexdigest()[:12]
     assert not any(row["From"] == "the paper" for row in _rows(build_board(files, with_paper=False)))

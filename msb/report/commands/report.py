@@ -128,6 +128,7 @@ def report(
     if options.table is not None:
         typed.reject(["out"], "cannot be combined with --table, which prints a table and writes nothing")
     formats = options.written_formats()
+    # Submissions make a board, for which options of results do not apply.
     board = any(is_submission(path) for path in folders)
     if board:
         if others := [path for path in folders if not is_submission(path)]:
@@ -136,6 +137,7 @@ def report(
         typed.reject(_RESULTS_OPTIONS, "cannot be combined with submissions")
         require(options.out is not None or options.table is not None, "name the board's folder with -o")
     target = options.out if options.out is not None or not folders else folders[0] / _FOLDER
+    # Print tables without writing files.
     if options.table is not None or target is None:
         form = options.printed_format()
         _print_tables(_build(folders, options, output, pictures=False), options.table, form, output)
@@ -146,6 +148,7 @@ def report(
     if not {"md", "tex", "html"}.isdisjoint(formats):
         # Checked first, so that the error does not come after a long computation.
         need_extra("bench", "jinja2", "matplotlib", what="a report", instead="--format csv,json needs none")
+    # Build and write the report.
     built = _build(folders, options, output, pictures=True)
     diagnostics = _draw_diagnostics(built, options.topology, output) if "html" in formats else {}
     with output.progress(f"writing {target.name}"):

@@ -146,6 +146,7 @@ def _make_bakes_table(label: str, caption: str, heads: tuple[str, ...], rows: li
 
 def _asset_rows(numbers: Numbers, place: tuple[str, str, str], *labels: str) -> list[TableRow]:
     """Return the row of the exported mesh and one per bake; `place` is dataset, scene and method."""
+    # The exported mesh is drawn as Standard; a bake is drawn and audited under its own condition.
     bakes = numbers.variants(place[0], BAKED)
     rows = []
     for condition in ("standard", *bakes):

@@ -62,6 +62,7 @@ def gaps_table(numbers: Numbers, dataset: str, paper: Numbers | None = None) -> 
     Further rows replace Standard by an engine or a bake, Dedicated by a variant, or both by the two tiers of
     one engine.
     """
+    # A block of rows per metric: the two tiers first, then engines, bakes and variants.
     rows: list[TableRow] = []
     for metric in QUALITY:
         for standard, dedicated in numbers.gap_pairs(dataset):
@@ -157,6 +158,7 @@ def slowdown_table(numbers: Numbers, paper: Numbers | None = None) -> Table:
 def _gap_cells(numbers: Numbers, key: GapKey) -> dict[str, TableCell]:
     """Return the cells of the gaps at `key`, by the keys of `_COLUMNS`."""
     gaps = numbers.gaps.get(key)
+    # Cells for gaps without a value.
     absent = {}
     for name in _NAMES:
         reason = "missing" if gaps is None else gaps[name].reason

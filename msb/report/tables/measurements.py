@@ -123,6 +123,7 @@ def _scene_rows(
         heading = ", ".join(filter(None, (prefix, *section)))
         return RowSpec((scene_title(scene),), {"scene": scene, **(of or {})}, heading, scene in MEANS, bold)
 
+    # First the groups of the dataset, then scenes outside of them, then the mean.
     remaining = numbers.scenes(dataset)
     for group in groups if members else ():
         of_group = [scene for scene in remaining if scene in members[group]]
@@ -225,6 +226,7 @@ def per_scene(numbers: Numbers, dataset: str, condition: str) -> Table:
 
     The best method of each scene is bold.
     """
+    # Methods without images still have a column for the Chamfer distance on DTU.
     chamfer = ("chamfer",) if (dataset, condition) == ("dtu", "non_engine") else ()
     with_images = numbers.methods(dataset, condition)
     return make_table(
@@ -313,6 +315,7 @@ def walk(numbers: Numbers, dataset: str) -> Table:
 def memory(numbers: Numbers, dataset: str, paper: Numbers | None = None) -> Table:
     """Return the device memory of every deployment, per scene."""
     pairs, omitted = _deployments(numbers, dataset, "memory")
+    # A column per condition and method, followed by the memory that the driver reports, if there is any.
     columns = []
     by_driver = False
     for condition, method in pairs:
@@ -338,6 +341,7 @@ def memory(numbers: Numbers, dataset: str, paper: Numbers | None = None) -> Tabl
 
 def runtime_resources(numbers: Numbers, dataset: str, paper: Numbers | None = None) -> Table:
     """Return frame time, memory and asset size, with the scenes side by side, for few scenes."""
+    # Heading -> metric -> title; each block has a column per scene, mean and metric.
     blocks = {
         "Device time of a frame (ms ↓)": {metric: METRICS[metric].title for metric in _PERCENTILES},
         "Memory (MiB ↓)": {"memory": "Render", "asset_size": METRICS["asset_size"].title},
