@@ -1,7 +1,7 @@
-"""One headless browser for the pages of many tests: starting one takes four processor seconds.
+"""A headless browser that many tests share, because starting one takes four seconds of processor time.
 
-It is told what to do over a pipe, by the debugging protocol of Chromium
-(https://chromedevtools.github.io/devtools-protocol/). Each page has a context, hence storage, of its own.
+It is controlled over a pipe with the debugging protocol of Chromium
+(https://chromedevtools.github.io/devtools-protocol/). Each page has a separate context, and thus storage.
 """
 
 import contextlib
@@ -27,27 +27,28 @@ FLAGS = (
     "--remote-debugging-pipe",
 )
 SECONDS = 300
-"""Of waiting for an answer, after which the browser is given up."""
+"""Time limit for an answer of the browser, in seconds."""
 
 
 class Browser:
-    """A browser that opens pages one after the other.
+    """A browser that opens one page at a time.
 
     Parameters
     ----------
     program : str
+        Path of Chromium.
     folder : Path
-        For its profile and what it says.
-    more : strings, optional
-        Flags.
+        Folder for its profile and its log.
+    more : sequence of str, optional
+        Further flags.
     """
 
     def __init__(self, program: str, folder: Path, more: Sequence[str] = ()) -> None:
         self._number, self._unread, self._folder = 0, b"", folder
-        theirs_in, self._to = os.pipe()
-        self._from, theirs_out = os.pipe()
-        # The browser reads from 3 and writes to 4: numbers that these may have here.
-        pair = [fcntl.fcntl(one, fcntl.F_DUPFD, 10) for one in (theirs_in, theirs_out)]
+        browser_in, self._to = os.pipe()
+        self._from, browser_out = os.pipe()
+        # The browser reads from descriptor 3 and writes to 4. Move ours away from these numbers first.
+        pair = [fcntl.fcntl(end, fcntl.F_DUPFD, 10) for end in (browser_in, browser_out)]
         self._log: IO[bytes] = (folder / "log").open("w+b")
         root = ["--no-sandbox"] if os.geteuid() == 0 else []
         self._process = subprocess.Popen(
@@ -55,14 +56,14 @@ class Browser:
             stdin=subprocess.DEVNULL,
             stdout=self._log,
             stderr=self._log,
-            preexec_fn=lambda: [os.dup2(one, number) for one, number in zip(pair, (3, 4), strict=True)],
+            preexec_fn=lambda: [os.dup2(end, number) for end, number in zip(pair, (3, 4), strict=True)],
             pass_fds=(3, 4),
         )
-        for one in (theirs_in, theirs_out, *pair):
-            os.close(one)
+        for end in (browser_in, browser_out, *pair):
+            os.close(end)
 
     def run(self, path: Path, script: str, query: str = "", size: tuple[int, int] = (800, 600)) -> Any:
-        """Open the file at `path`, and return the JSON that a script makes in it, the body of a function."""
+        """Open a file, run `script` (the body of a function) in it, and return its result as JSON."""
         context = self._ask("Target.createBrowserContext")["browserContextId"]
         target = self._ask("Target.createTarget", url="about:blank", browserContextId=context)["targetId"]
         page = self._ask("Target.attachToTarget", targetId=target, flatten=True)["sessionId"]
@@ -76,54 +77,56 @@ class Browser:
             "new Promise((done) => document.readyState === 'complete' ? done()"
             " : addEventListener('load', () => done()))"
         )
-        found = self._ask(
+        answer = self._ask(
             "Runtime.evaluate", page, awaitPromise=True, returnByValue=True,
             expression=f"{loaded}.then(async () => {{ {script} }})",
         )  # fmt: skip
         self._ask("Target.disposeBrowserContext", browserContextId=context)
-        assert "exceptionDetails" not in found, found["exceptionDetails"]
-        return found["result"].get("value")
+        assert "exceptionDetails" not in answer, answer["exceptionDetails"]
+        return answer["result"].get("value")
 
     def show(self, page: bytes, script: str, query: str = "", size: tuple[int, int] = (800, 600)) -> Any:
-        """As `run`, of a page that is not in a file yet."""
+        """Like `run`, for a page that is given as bytes."""
         path = self._folder / "page.html"
         path.write_bytes(page)
         return self.run(path, script, query, size)
 
     def close(self) -> None:
-        """End it, and the processes that it has started."""
+        """End the browser and its child processes."""
         with contextlib.suppress(AssertionError, OSError, subprocess.TimeoutExpired):
             self._ask("Browser.close")
             self._process.wait(30)
         self._process.kill()
         self._process.wait()
         self._log.close()
-        for one in (self._to, self._from):
-            os.close(one)
+        for end in (self._to, self._from):
+            os.close(end)
 
     def _ask(self, method: str, session: str | None = None, **parameters: Any) -> dict[str, Any]:
+        """Send a request and return its answer."""
         self._number += 1
-        told = {"id": self._number, "method": method, "params": parameters}
-        line = json.dumps(told if session is None else {**told, "sessionId": session}).encode() + b"\0"
+        request = {"id": self._number, "method": method, "params": parameters}
+        line = json.dumps(request if session is None else {**request, "sessionId": session}).encode() + b"\0"
         while line:
             line = line[os.write(self._to, line) :]
         until = time.monotonic() + SECONDS
         while True:
             answer = json.loads(self._message(until))
-            if answer.get("id") == self._number:  # others tell of what happens
+            if answer.get("id") == self._number:  # other messages are events
                 assert "error" not in answer, (method, answer["error"])
                 return answer["result"]
 
     def _message(self, until: float) -> bytes:
+        """Return the next message of the browser, which ends with a NUL."""
         pieces = [self._unread]
         while b"\0" not in pieces[-1]:
             ready, _, _ = select.select([self._from], [], [], max(0.0, until - time.monotonic()))
             piece = os.read(self._from, 1 << 20) if ready else b""
-            assert piece, f"the browser does not answer: {self._last_words()}"
+            assert piece, f"the browser does not answer: {self._end_of_log()}"
             pieces.append(piece)
         message, _, self._unread = b"".join(pieces).partition(b"\0")
         return message
 
-    def _last_words(self) -> str:
+    def _end_of_log(self) -> str:
         self._log.seek(0)
         return self._log.read()[-2000:].decode("utf-8", "replace")

@@ -1,4 +1,4 @@
-"""What all tests share: where data is, and small meshes whose counts follow from how they are made."""
+"""Set-up, fixtures and small data that all tests share."""
 
 import gc
 import os
@@ -20,18 +20,18 @@ from tests.validator import WRITTEN, Validator, keep_written, missing
 ROOT = Path(__file__).parent.parent
 SHARED = ROOT.parent / "shared"
 UNKNOWN_CPU = ROOT / "tests" / "cl" / "unknown_cpu"
-"""In PYTHONPATH it makes the PoCL wheel behave as on a processor that it does not know."""
+"""A folder for PYTHONPATH with which the PoCL wheel behaves as on an unknown processor."""
 SHORT = {
     "bake": {"--seconds": "0"},
     "bench": {"--repeat": "2", "--seconds": "0"},
     "report": {"--topology": "none"},
     "view": {"--size": "320x240"},
 }
-"""Command -> options with which it ends sooner, for tests that only see whether it succeeds."""
+"""Command -> options that shorten it, for tests that only check its exit status."""
 
 
 def shortened(words: Sequence[str]) -> list[str]:
-    """Return the words of a command line, its program first, with the options of `SHORT` that it lacks."""
+    """Return a command line (with its program) with the missing options of `SHORT`."""
     typed = {word.partition("=")[0] for word in words}
     options = SHORT.get(words[1], {}) if words[0] == "msb" and len(words) > 1 else {}
     added = [word for flag, value in options.items() if flag not in typed for word in (flag, value)]
@@ -46,30 +46,28 @@ CAPABILITIES = {
     "engines": ("msb/engines", "tests/engines"),
     "viewers": ("viewers", "tests/viewers"),
 }
-"""Capability -> the folders that can be deleted together (tests/test_deletable.py)."""
+"""Capability -> folders that can be deleted together (tests/test_deletable.py)."""
 WHOLE = all((ROOT / folder).is_dir() for folders in CAPABILITIES.values() for folder in folders[:1])
 of_the_whole = pytest.mark.skipif(not WHOLE, reason="a capability was removed")
-"""Mark of a test that compares something with all capabilities."""
+"""Mark of tests that need all capabilities."""
 
 
 KERNELS = pytest.StashKey[tuple[Path, int]]()
-"""PoCL's cache of this session, and the number of files that it began with."""
+"""The kernel cache of this session, and its initial number of files."""
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Give PoCL a kernel cache of this session's own, and show it the wheel alone; child processes included.
+    """Give this session and its child processes a separate kernel cache, and PoCL's wheel as only platform.
 
-    How long anything takes decides no test of hypothesis either.
-
-    What a killed compiler leaves in a cache, another version of the kernels, or another platform that the
-    system happens to have, must not decide a test. A variable that is set holds; `tests.machines` sets them.
+    Then damaged caches, other versions of the kernels, and other platforms of the system do not affect tests.
+    Variables that are already set are not changed; `tests.machines` sets them. Hypothesis gets no time limit.
     """
-    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # so a shell starts what runs in the background
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # shells do this for background processes
         signal.signal(signal.SIGINT, signal.default_int_handler)
-    wanted = {"POCL_CACHE_DIR"} - os.environ.keys()
+    variables = {"POCL_CACHE_DIR"} - os.environ.keys()
     if not {"OCL_ICD_VENDORS", "MSB_DEVICE"} & os.environ.keys() and _the_wheel_is_installed():
-        wanted.add("OCL_ICD_VENDORS")  # in an empty folder the loader finds what lies beside pyopencl
-    for variable in wanted:
+        variables.add("OCL_ICD_VENDORS")  # with an empty folder the loader only finds the wheel
+    for variable in variables:
         folder = tempfile.TemporaryDirectory(prefix="msb-test-", ignore_cleanup_errors=True)
         os.environ[variable] = folder.name
         config.add_cleanup(folder.cleanup)
@@ -80,18 +78,18 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_sessionfinish(session: pytest.Session, exitstatus: int) -> None:
-    """Keep what was compiled, if everything passed."""
+    """Keep the compiled kernels if all tests passed."""
     if exitstatus == 0 and KERNELS in session.config.stash:
         kernel_cache.keep(*session.config.stash[KERNELS])
 
 
 def pytest_collection_finish() -> None:
-    """Keep the collector of garbage from going through thousands of tests again and again."""
+    """Exclude the thousands of collected tests from garbage collection."""
     gc.freeze()
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
-    """List what was skipped, and why; once, not in every worker as well."""
+    """List skipped tests with reasons, except in worker processes."""
     if hasattr(terminalreporter.config, "workerinput"):
         return
     reasons = (str(report.longrepr[2]) for report in terminalreporter.stats.get("skipped", ()))
@@ -99,7 +97,7 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
 
 
 def list_skips(reasons: Iterable[str]) -> None:
-    """Add lines to the file that MSB_TEST_SKIPS names, for who runs several sessions; else do nothing."""
+    """Append lines to the file MSB_TEST_SKIPS, if it is set: it collects the skips of several sessions."""
     if file := os.environ.get("MSB_TEST_SKIPS"):
         with Path(file).open("a", encoding="utf-8") as stream:
             stream.writelines(f"{reason}\n" for reason in reasons)
@@ -114,7 +112,7 @@ def _the_wheel_is_installed() -> bool:
 
 @pytest.fixture(scope="session")
 def validator(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Validator | None]:
-    """Return the official glTF-Validator, or None where it is not installed."""
+    """Return the official glTF-Validator, or None if it is not installed."""
     if missing():
         yield None
         return
@@ -127,7 +125,7 @@ def validator(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Validator | 
 
 @pytest.fixture(autouse=True)
 def _valid_glbs(validator: Validator | None) -> Iterator[None]:
-    """Hold every GLB that a test writes, by a command as well, to no error and no warning."""
+    """Check that every GLB that a test or its commands write has no errors and no warnings."""
     yield
     if validator is not None:
         assert validator.judge_written() == {}
@@ -135,13 +133,13 @@ def _valid_glbs(validator: Validator | None) -> Iterator[None]:
 
 @pytest.fixture(scope="session")
 def demo_asset() -> Path:
-    """Return the shipped MeshSplatting-like asset."""
+    """Return the shipped asset that resembles MeshSplatting."""
     return ROOT / "data_stubs" / "splat_like.triasset"
 
 
 @pytest.fixture(scope="session")
 def shared() -> Path:
-    """Return the folder of other people's data, or skip: it is never committed."""
+    """Return the folder of external data, which is never committed; skip without it."""
     if not (SHARED / "golden").is_dir():
         pytest.skip(f"the shared data folder is absent ({SHARED.name} beside the repository)")
     return SHARED
@@ -149,32 +147,32 @@ def shared() -> Path:
 
 @pytest.fixture(scope="session")
 def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
-    """Return a browser that stays open, or skip."""
+    """Return a browser for the whole session; skip without Chromium."""
     from msb.engines.browser import find_browser
 
-    if (found := find_browser()) is None or os.name == "nt":
-        pytest.skip("there is no Chromium here")
-    opened = Browser(found, tmp_path_factory.mktemp("browser"))
+    if (program := find_browser()) is None or os.name == "nt":
+        pytest.skip("Chromium is not installed")
+    opened = Browser(program, tmp_path_factory.mktemp("browser"))
     yield opened
     opened.close()
 
 
 @pytest.fixture
 def in_browser(browser: Browser) -> Callable[..., Any]:
-    """Return what opens a page from its file, runs a script in it and returns the JSON that this makes."""
+    """Return `Browser.show`, which opens a page, runs a script in it and returns its result."""
     return browser.show
 
 
 @pytest.fixture
 def unknown(tmp_path: Path) -> dict[str, str]:
-    """Return the variables of a process on a machine whose processor the PoCL wheel does not know."""
+    """Return environment variables with which the PoCL wheel does not know the processor."""
     from msb.cl import loader, mend
     from msb.cl.devices import found_devices
 
     if not any(mend.is_wheel(handle) for _, handle in found_devices(loader.opencl())):
-        pytest.skip("the PoCL wheel is not here")
+        pytest.skip("the PoCL wheel is not installed")
     if mend.hindrance():
-        pytest.skip(f"the wheel cannot be mended on this machine: {mend.hindrance()}")
+        pytest.skip(f"the wheel cannot be repaired on this machine: {mend.hindrance()}")
     return {
         "PYTHONPATH": f"{UNKNOWN_CPU}{os.pathsep}{ROOT}",
         "POCL_CACHE_DIR": str(tmp_path / "pocl"),

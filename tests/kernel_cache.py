@@ -1,7 +1,7 @@
-"""What PoCL has compiled for one session of tests serves the next: compiling is a third of `make test`.
+"""Cache of compiled kernels between test sessions: compiling takes a third of the time of `make test`.
 
-A session works on a copy of its own, and what it leaves is kept only if all its tests passed: what a killed
-compiler leaves behind decides no test. PoCL itself tells programs, options and processors apart.
+Each session works on a copy, which replaces the cache only if all tests passed, so that incomplete files of a
+killed compiler do not affect tests. PoCL distinguishes programs, options and processors itself.
 """
 
 import hashlib
@@ -18,37 +18,37 @@ from msb.cl.loader import user_cache
 SOURCES = Path(__file__).parent.parent / "msb"
 
 
-def kept() -> Path:
-    """Return the user's folder for the kernels as they are now, and this PoCL."""
+def cache_folder() -> Path:
+    """Return the cache folder for the current kernels and the installed PoCL."""
     wheel = metadata.version("pocl-binary-distribution")
     digest = hashlib.sha256("\n".join([wheel, sys.version, sysconfig.get_platform()]).encode())
     for path in sorted(SOURCES.rglob("*.cl")):
         digest.update(path.read_bytes())
     cache = user_cache()
     if cache is None:
-        raise FileNotFoundError("a user without a home keeps nothing")
+        raise FileNotFoundError("a user without a home folder has no cache")
     return cache / "meshsplatbench" / f"kernels-{digest.hexdigest()[:12]}"
 
 
 def copy_to(folder: Path) -> int:
-    """Copy what is kept, if anything, and return the number of files."""
-    with suppress(OSError, metadata.PackageNotFoundError):  # it only costs time
-        shutil.copytree(kept(), folder, dirs_exist_ok=True)
+    """Copy the cache, if it exists, to `folder`; return the number of files."""
+    with suppress(OSError, metadata.PackageNotFoundError):  # without the cache tests are slower
+        shutil.copytree(cache_folder(), folder, dirs_exist_ok=True)
     return _count(folder)
 
 
 def keep(folder: Path, before: int) -> None:
-    """Put `folder` in the place of what is kept if more is in it than `before`, and drop other kernels."""
+    """Replace the cache by `folder` if it has more files than `before`; delete caches of other kernels."""
     if _count(folder) == before:
         return
     with suppress(OSError, metadata.PackageNotFoundError):
-        place = kept()
+        place = cache_folder()
         place.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(prefix="made-", dir=place.parent) as made:
-            shutil.copytree(folder, Path(made, "new"), ignore=shutil.ignore_patterns("tempfile_*"))
+        with tempfile.TemporaryDirectory(prefix="new-", dir=place.parent) as temporary:
+            shutil.copytree(folder, Path(temporary, "new"), ignore=shutil.ignore_patterns("tempfile_*"))
             for old in place.parent.glob("kernels-*"):
-                old.rename(Path(made, old.name))
-            Path(made, "new").rename(place)
+                old.rename(Path(temporary, old.name))
+            Path(temporary, "new").rename(place)
 
 
 def _count(folder: Path) -> int:

@@ -1,4 +1,4 @@
-"""Wrong arguments of public functions have codes; numbers of NumPy are numbers."""
+"""Invalid arguments of public functions raise our errors; numbers of NumPy are accepted."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -45,7 +45,7 @@ def weights(asset: msb.Asset, value: float) -> np.ndarray:
 
 
 @pytest.mark.parametrize(("call", "code"), WRONG.values(), ids=WRONG)
-def test_wrong_arguments_are_our_errors(
+def test_invalid_arguments_raise_our_errors(
     asset: msb.Asset, call: Callable[[msb.Asset], Any], code: str
 ) -> None:
     with pytest.raises(msb.MsbError) as caught:
@@ -53,7 +53,7 @@ def test_wrong_arguments_are_our_errors(
     assert caught.value.code == code
 
 
-def test_numbers_of_numpy_are_numbers() -> None:
-    held = plan.Options(debris_faces=np.int64(3), pair_color=np.float32(0.5)).check()
-    assert (held.debris_faces, held.pair_color) == (3, 0.5)
-    assert type(held.debris_faces) is int
+def test_numbers_of_numpy_are_accepted() -> None:
+    options = plan.Options(debris_faces=np.int64(3), pair_color=np.float32(0.5)).check()
+    assert (options.debris_faces, options.pair_color) == (3, 0.5)
+    assert type(options.debris_faces) is int

@@ -1,4 +1,4 @@
-"""Each capability can be deleted: the rest then imports, lists its commands and passes its tests.
+"""Each capability can be deleted: all other modules load, the remaining commands are listed, and tests pass.
 
 Each test works on a copy of the tree. Without one capability, every module is imported and the tests of the
 commands' help run. Without any of them, all remaining tests are collected and those of `QUICK` run.
@@ -26,14 +26,14 @@ try:
     packages.append(msb_viewers)
 except ModuleNotFoundError:
     pass
-modules = [pkgutil.walk_packages(each.__path__, each.__name__ + ".") for each in packages]
-names = [module.name for found in modules for module in found]
+walks = [pkgutil.walk_packages(package.__path__, package.__name__ + ".") for package in packages]
+names = [module.name for modules in walks for module in modules]
 for name in names:
     if not name.endswith("__main__"):
         importlib.import_module(name)
-print(len(names), *(each.__path__[0] for each in packages))
+print(len(names), *(package.__path__[0] for package in packages))
 """
-# An editable installation puts the viewers of another checkout into the search path.
+# An editable installation adds the viewers of another checkout to the search path.
 SITE = """
 import os, sys
 others = [place for place in sys.path if place not in {places!r} and os.path.isdir(place + "/msb_viewers")]
@@ -41,7 +41,7 @@ sys.path[:] = [place for place in sys.path if place not in others]
 """
 
 QUICK = "api or cli or delivery or snapshots or docs"
-"""The tests of the Python interface, of the kit of commands, their help, and the documentation (``-k``)."""
+"""Tests of the Python interface, the command kit, the help texts and the documentation (an argument of -k)."""
 
 
 def copy_without(capabilities: Iterable[str], copy: Path) -> None:
@@ -58,7 +58,7 @@ def copy_without(capabilities: Iterable[str], copy: Path) -> None:
 
 
 def run(copy: Path, *words: str) -> subprocess.CompletedProcess[str]:
-    """Run Python in the copy, which must not find the packages of another checkout."""
+    """Run Python in the copy, without access to packages of another checkout."""
     places = [str(copy), str(copy / "viewers")]
     site = copy.parent / "site"
     site.mkdir(exist_ok=True)
@@ -70,7 +70,7 @@ def run(copy: Path, *words: str) -> subprocess.CompletedProcess[str]:
 
 
 def commands_of(capability: str) -> set[str]:
-    """Return the commands whose modules are deleted."""
+    """Return the commands of a capability, whose modules are deleted with it."""
     folders = [folder.replace("/", ".") for folder in CAPABILITIES[capability] if folder.startswith("msb/")]
     modules = tuple(f"{folder}." for folder in folders or ["msb_viewers"])
     entries = {name: place.module for places in BUILT_IN.values() for name, place in places.items()}
@@ -80,7 +80,7 @@ def commands_of(capability: str) -> set[str]:
 @pytest.fixture
 def copy(tmp_path: Path) -> Path:
     if shutil.which("git") is None or not (ROOT / ".git").exists():
-        pytest.skip("this is no checkout of git")
+        pytest.skip("this is not a git checkout")
     return tmp_path / "copy"
 
 
@@ -96,9 +96,9 @@ def check(capabilities: Iterable[str], copy: Path) -> None:
     loaded = run(copy, "-c", IMPORT_ALL)
     assert loaded.returncode == 0, loaded.stderr
     assert all(place.startswith(str(copy)) for place in loaded.stdout.split()[1:])
-    helped = run(copy, "-m", "msb", "--help")
-    assert (helped.returncode, helped.stderr) == (0, "")
-    listed = {line.split()[0] for line in helped.stdout.splitlines() if line.startswith("  ")}
+    top_help = run(copy, "-m", "msb", "--help")
+    assert (top_help.returncode, top_help.stderr) == (0, "")
+    listed = {line.split()[0] for line in top_help.stdout.splitlines() if line.startswith("  ")}
     entries = {name for places in BUILT_IN.values() for name in places}
     assert listed & entries == entries - removed
     for name in removed:
@@ -129,7 +129,7 @@ def test_a_capability_has_commands(capability: str) -> None:
 
 
 def main() -> None:
-    """Check one capability, and run all quick tests that remain."""
+    """Check one capability, and run all remaining quick tests."""
     with tempfile.TemporaryDirectory() as folder:
         copy = Path(folder) / "copy"
         check([sys.argv[1]], copy)

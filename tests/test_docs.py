@@ -1,4 +1,4 @@
-"""What the documentation shows holds: docstring examples, links, pictures, public names, shipped data."""
+"""The documentation is correct: docstring examples, links, images, public names, shipped data."""
 
 import doctest
 import importlib
@@ -38,15 +38,15 @@ def test_docstring_examples_give_what_they_show(module: str, monkeypatch: pytest
 
 
 def anchors(path: Path) -> set[str]:
-    """Return what a link into the Markdown file can name: headings, as GitHub forms it, and anchors."""
+    """Return the anchors of a Markdown file: headings in GitHub's form, and HTML anchors."""
     text = path.read_text(encoding="utf-8")
     headings = re.findall(r"^#+ (.*)$", text, re.MULTILINE)
-    named = {re.sub(r"[^\w\- ]", "", heading.strip().lower()).replace(" ", "-") for heading in headings}
-    return named | set(re.findall(r'<a id="([\w-]+)"', text))
+    slugs = {re.sub(r"[^\w\- ]", "", heading.strip().lower()).replace(" ", "-") for heading in headings}
+    return slugs | set(re.findall(r'<a id="([\w-]+)"', text))
 
 
 @of_the_whole
-def test_links_lead_somewhere() -> None:
+def test_links_have_existing_targets() -> None:
     for path in (*ROOT.glob("*.md"), *PAGES):
         text = path.read_text(encoding="utf-8")
         for target, anchor in re.findall(r"\]\(([^)#:\s]*)(?:#([^)\s]+))?\)", text):
@@ -55,60 +55,60 @@ def test_links_lead_somewhere() -> None:
             assert not anchor or anchor in anchors(place), f"{path.name}: {target}#{anchor}"
 
 
-def test_pictures_are_shown_and_say_what_they_show() -> None:
-    shown = set()
+def test_images_are_used_and_have_descriptions() -> None:
+    used = set()
     for path in (README, *PAGES):
         for text, target in re.findall(r"!\[([^\]]*)\]\(([^)\s]+)\)", path.read_text(encoding="utf-8")):
             assert len(text) > 10, f"{path.name}: {target}"
-            shown.add((path.parent / target).resolve())
+            used.add((path.parent / target).resolve())
     images = {path.resolve() for path in (ROOT / "docs" / "images").iterdir()}
-    assert images - shown == {(ROOT / "docs" / "images" / "icon.svg").resolve()}  # of the site itself
+    assert images - used == {(ROOT / "docs" / "images" / "icon.svg").resolve()}  # used by the site itself
 
 
 def public_names() -> set[str]:
-    """Return what `import msb` offers, and what documents import, by their full names."""
-    found = {f"msb.{name}" for name in msb.__all__ if name not in ("__version__", "metrics")}
+    """Return the public names of `msb` and all names that documents import, as full names."""
+    public = {f"msb.{name}" for name in msb.__all__ if name not in ("__version__", "metrics")}
     for text in (*PAGES.values(), README.read_text(encoding="utf-8")):
         for module, names in re.findall(r"^ *from (msb[\w.]*) import ([^#\n]+)$", text, re.MULTILINE):
-            found |= {f"{module}.{name.strip(' ()')}" for name in names.split(",") if name.strip(" ()")}
-    return found - {"msb.metrics"}
+            public |= {f"{module}.{name.strip(' ()')}" for name in names.split(",") if name.strip(" ()")}
+    return public - {"msb.metrics"}
 
 
 @of_the_whole
-def test_the_reference_has_everything_public() -> None:
+def test_the_reference_lists_all_public_names() -> None:
     listed = re.findall(r"^::: (\S+)$", PAGES[ROOT / "docs" / "api.md"], re.MULTILINE)
 
-    def called(name: str) -> object:
-        module, _, member = name.rpartition(".")
-        found = importlib.import_module(module)
-        thing = getattr(found, member) if hasattr(found, member) else importlib.import_module(name)
-        # msb.render, msb.why, msb.metrics.identity and others are functions and packages in one.
-        own = getattr(thing, "__name__", "").rpartition(".")[2]
-        return getattr(thing, own, thing) if isinstance(thing, ModuleType) else thing
+    def resolve(name: str) -> object:
+        module_name, _, member = name.rpartition(".")
+        module = importlib.import_module(module_name)
+        value = getattr(module, member) if hasattr(module, member) else importlib.import_module(name)
+        # Some packages, such as msb.render, are callable: they stand for the function of the same name.
+        function = getattr(value, "__name__", "").rpartition(".")[2]
+        return getattr(value, function, value) if isinstance(value, ModuleType) else value
 
-    there = [called(name) for name in listed]
-    assert not [name for name in sorted(public_names()) if called(name) not in there]
+    documented = [resolve(name) for name in listed]
+    assert not [name for name in sorted(public_names()) if resolve(name) not in documented]
 
 
 @pytest.mark.slow
-def test_docs_have_a_word_on_every_option_and_metric() -> None:
-    said = set(re.findall(r"(?<![\w-])--?[a-zA-Z][\w-]*", "".join(PAGES.values())))
+def test_docs_mention_every_option_and_metric() -> None:
+    mentioned = set(re.findall(r"(?<![\w-])--?[a-zA-Z][\w-]*", "".join(PAGES.values())))
     root = get_command(app)
     context = Context(root)
-    silent = {
+    missing = {
         f"msb {name} {'/'.join(param.opts)}"
         for name in root.list_commands(context)
         for param in root.get_command(context, name).params
-        if param.param_type_name == "option" and said.isdisjoint(param.opts)
+        if param.param_type_name == "option" and mentioned.isdisjoint(param.opts)
     }
-    assert not silent
+    assert not missing
     metrics = PAGES[ROOT / "docs" / "metrics.md"]
-    assert not [each.title for each in IMAGE_METRICS.values() if f"## {each.title}" not in metrics]
+    assert not [metric.title for metric in IMAGE_METRICS.values() if f"## {metric.title}" not in metrics]
 
 
 @of_the_whole
-def test_every_code_of_an_error_is_in_a_test() -> None:
-    """Those of files that are read have tests of their own, which hold each to a bad file."""
+def test_every_error_code_is_in_a_test() -> None:
+    """Error codes of files are excluded: other tests check them with bad files."""
     words: set[str] = set()
     for path in (ROOT / "tests").rglob("*.py"):
         words.update(re.findall(r"[A-Z][A-Z0-9_]+", path.read_text(encoding="utf-8")))
@@ -116,7 +116,7 @@ def test_every_code_of_an_error_is_in_a_test() -> None:
     assert not {code for kind in EXIT_STATUS if kind not in of_files for code in kind.codes} - words
 
 
-def test_nothing_cites_a_document_that_is_not_here() -> None:
+def test_no_text_cites_a_missing_document() -> None:
     absent = re.compile(
         r"\bDESIG[N]\b|(?<!\w)\(spe[c]:|(?<!OpenCL 1.2 )(?<!OpenCL C 1.2 )\bspecificatio[n],? (section )?\d"
     )
@@ -125,13 +125,13 @@ def test_nothing_cites_a_document_that_is_not_here() -> None:
             assert not absent.search(path.read_text(encoding="utf-8")), path
 
 
-def test_shipped_asset_is_what_its_script_makes(tmp_path: Path) -> None:
+def test_shipped_asset_equals_the_output_of_its_script(tmp_path: Path) -> None:
     msb.save(splat_like_asset(), tmp_path / "again.triasset")
     shipped = ROOT / "data_stubs" / "splat_like.triasset"
     assert (tmp_path / "again.triasset").read_bytes() == shipped.read_bytes()
 
 
-def test_no_module_is_too_long_to_hold_in_mind() -> None:
+def test_no_module_has_more_than_600_lines() -> None:
     reasons = {"msb/errors.py": "one table of all codes"}
     long = {
         path.relative_to(ROOT).as_posix()

@@ -1,10 +1,10 @@
-"""All commands and Python that docs show are run; shipped data stands in for placeholders.
+"""Run all commands and Python code of the documentation, with shipped data in place of placeholders.
 
-README and guides, which need no stand-ins, are run by tests/test_guides.py.
+README and guides, which have no placeholders, are run by tests/test_guides.py.
 
-What is shown as ``console`` is a command a line, or, where a line starts with $, commands and what they
-print. A document's commands run one after the other, in one process, in a folder of their own; those of all
-documents that need the same extra, together.
+A ``console`` block has one command per line. If some of its lines start with $, these are commands, and the
+others are their output. The commands of a document run one after the other in one process and one folder.
+Commands that need an extra run together with the commands of other documents that need the same extra.
 """
 
 import importlib.util
@@ -36,14 +36,14 @@ MODEL = ROOT / "tests" / "tiny" / "models" / "walled" / "mesh_splatting"
 TWO_DTS = ROOT / "tests" / "tiny" / "models" / "walled" / "two_dts"
 
 NOT_RUN = {
-    r"(pip|python3\S*|dask|export) ": "installs or starts something that is not ours",
+    r"(pip|python3\S*|dask|export) ": "installs or starts other programs",
     r"msb view (?!.*--(screenshot|figure|html) )": "opens a window",
-    r"msb trial (?!.*--task )": "takes minutes; tests/trial tries every task",
-    r"msb repair --compare ": "takes long; with one task it is an example of --help, which are run, too",
-    r"msb bake --(for-solid|scene) ": "takes long; the same is an example of --help, which are run, too",
-    r"msb run --scheduler ": "needs a cluster; tests/bench/test_interruption.py has one",
+    r"msb trial (?!.*--task )": "takes minutes; tests/trial runs every task",
+    r"msb repair --compare ": "takes minutes; a shorter one is an example of --help, which is run",
+    r"msb bake --(for-solid|scene) ": "takes minutes; it is an example of --help, which is run",
+    r"msb run --scheduler ": "needs a cluster; tests/bench/test_interruption.py starts one",
 }
-"""Commands that are not run, and why. Of ours at least the options are parsed."""
+"""Pattern of commands that are not run -> reason. Options of our commands are at least parsed."""
 NEEDS = {
     r"msb view .*--(screenshot|figure)": "view",
     r"msb-audit .*--cross-check": "crosscheck",
@@ -52,8 +52,8 @@ NEEDS = {
     r"msb bench .*--renderer threejs": "threejs",
     r"msb web .*--(tier dedicated|verify)": "threejs",
 }
-"""Commands that need more than the core: an extra, or a renderer that `msb devices` says is missing."""
-PYTHON_NOT_RUN = {"docs/metrics.md": "it scores images, weights and scans of the reader's"}
+"""Pattern of commands that need more than the core -> an extra, or a renderer (see `msb devices`)."""
+PYTHON_NOT_RUN = {"docs/metrics.md": "it needs images, weights and scans of the reader"}
 PEERS = {"view": "pyvista", "crosscheck": "pymeshlab", "trial": "xatlas"}
 
 DRIVER = """
@@ -87,7 +87,7 @@ def blocks(document: str, language: str) -> list[str]:
 
 
 def commands(document: str) -> Iterator[str]:
-    """Yield what a reader would type, comments left out."""
+    """Yield the commands of a document without comments."""
     for block in blocks(document, "console"):
         lines = block.splitlines()
         if any(line.startswith("$ ") for line in lines):
@@ -102,15 +102,15 @@ def first(table: dict[str, str], command: str) -> str | None:
 
 
 def cases() -> dict[str, list[str]]:
-    """Return what to run by document or need, each command where it is shown first."""
+    """Return document or need -> its commands. A repeated command runs with its first document only."""
     seen: set[str] = set()
-    found: dict[str, list[str]] = {}
+    by_document: dict[str, list[str]] = {}
     for document in DOCUMENTS:
         for command in commands(document):
             if command not in seen and first(NOT_RUN, command) is None:
-                found.setdefault(first(NEEDS, command) or document, []).append(command)
+                by_document.setdefault(first(NEEDS, command) or document, []).append(command)
             seen.add(command)
-    return found
+    return by_document
 
 
 def skip_without(need: str) -> None:
@@ -123,7 +123,7 @@ def skip_without(need: str) -> None:
 
 @pytest.fixture(scope="module")
 def stand_ins(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return a folder in which everything exists that the documents name."""
+    """Return a folder with all files that the documents name."""
     folder = tmp_path_factory.mktemp("documents")
     links = {
         "tests": ROOT / "tests",
@@ -155,20 +155,20 @@ def stand_ins(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.mark.parametrize(("shown", "lines"), cases().items(), ids=cases())
-def test_every_command_runs(shown: str, lines: list[str], stand_ins: Path, tmp_path: Path) -> None:
-    if shown not in DOCUMENTS:
-        skip_without(shown)
+@pytest.mark.parametrize(("document", "lines"), cases().items(), ids=cases())
+def test_every_command_runs(document: str, lines: list[str], stand_ins: Path, tmp_path: Path) -> None:
+    if document not in DOCUMENTS:
+        skip_without(document)
     shutil.copytree(stand_ins, tmp_path, symlinks=True, dirs_exist_ok=True)
-    if shown == "threejs":  # what the browser draws in software has no sixteen samples a pixel
+    if document == "threejs":  # software rendering of the browser lacks 16 samples per pixel
         (tmp_path / "garden.triasset").unlink()
         msb.save(msb.export(TWO_DTS), tmp_path / "garden.triasset")
     for line in lines:
-        if line.startswith("msb export "):  # it writes what else would stand in for it
+        if line.startswith("msb export "):  # it writes this file itself
             (tmp_path / shlex.split(line)[-1]).unlink(missing_ok=True)
     paths = [str(ROOT), str(ROOT / "viewers")]
-    if shown == "docs/extending.md":
-        site = installed(shown, tmp_path / "site")
+    if document == "docs/extending.md":
+        site = installed(document, tmp_path / "site")
         paths.append(str(site))
         shutil.copy(site / "facets.toml", tmp_path)
         subprocess.run([sys.executable, site / "make_facets.py"], cwd=tmp_path, check=True)
@@ -187,7 +187,7 @@ def test_every_command_runs(shown: str, lines: list[str], stand_ins: Path, tmp_p
     )
     assert done.returncode == 0, f"{done.stdout[-2000:]}\n{done.stderr[-2000:]}"
     assert done.stdout.count("\n$ ") + 1 >= len(lines)
-    if shown == "docs/extending.md":
+    if document == "docs/extending.md":
         report = tmp_path / "out" / "facets-report"
         pages = [path.read_text() for path in report.glob("*.html")]
         assert all(any(name in page for page in pages) for name in ("Facets", "Edges ↓"))
@@ -203,9 +203,9 @@ def test_python_runs(document: str, stand_ins: Path, tmp_path: Path, monkeypatch
 
 
 def installed(document: str, site: Path) -> Path:
-    """Return a folder that holds the packages of `document` as pip would have installed them.
+    """Return a folder with the packages of `document`, in the form in which pip installs them.
 
-    A block is the file that the line before it names; a pyproject.toml ends the files of a package.
+    The line before a block names its file. A pyproject.toml is the last file of a package.
     """
     text = (ROOT / document).read_text(encoding="utf-8")
     for name, block in re.findall(
@@ -228,22 +228,22 @@ def installed(document: str, site: Path) -> Path:
 
 
 def test_options_of_commands_that_are_not_run_exist() -> None:
-    shown = [command for document in DOCUMENTS for command in commands(document)]
-    ours = [command for command in shown if command.startswith("msb ") and first(NOT_RUN, command)]
+    every = [command for document in DOCUMENTS for command in commands(document)]
+    ours = [command for command in every if command.startswith("msb ") and first(NOT_RUN, command)]
     assert ours
-    known = typer.main.get_command(app)
+    root = typer.main.get_command(app)
     for command in ours:
         _, name, *words = shlex.split(command)
-        found = known.get_command(typer.Context(known), name)
-        found.make_context(name, words).close()
+        subcommand = root.get_command(typer.Context(root), name)
+        subcommand.make_context(name, words).close()
 
 
 @pytest.mark.parametrize("pattern", [*NOT_RUN, *NEEDS])
-def test_every_exception_is_of_use(pattern: str) -> None:
+def test_every_pattern_matches_a_command(pattern: str) -> None:
     assert any(re.match(pattern, command) for document in DOCUMENTS for command in commands(document))
 
 
-def test_shell_commands_are_marked_as_such() -> None:
+def test_shell_commands_are_in_console_blocks() -> None:
     for document in DOCUMENTS:
         for block in blocks(document, ""):
             assert not re.match(r"(msb|msb-audit|pip|make|\$) ", block), f"{document}: {block}"

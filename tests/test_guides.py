@@ -1,7 +1,7 @@
-"""README and the guides by user work from a wheel in an empty folder, and print what they show.
+"""README and the guides work with an installed wheel in an empty folder, with the output that they show.
 
-What stands after a command in a ``console`` block is what it prints on standard output; ``...`` stands for
-anything. Commands of a document, and its Python, run one after the other in one folder.
+The lines after a command in a ``console`` block are its standard output; ``...`` stands for any text. All
+commands and the Python code of a document run one after the other in one folder.
 """
 
 import doctest
@@ -47,7 +47,7 @@ for words in json.loads(steps):
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return a folder in which this tree's wheel is installed."""
+    """Return a folder with the installed wheel of this tree."""
     pytest.importorskip("hatchling.builders", reason="extra test is not installed (hatchling)")
     from hatchling.builders.wheel import WheelBuilder
 
@@ -61,27 +61,25 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def steps(document: str) -> list[tuple[str, str]]:
-    """Return the commands with what they print, and the Python as one step where it is shown last."""
+    """Return the commands of a document with their output, and all its Python code as the last step."""
     text = (ROOT / document).read_text(encoding="utf-8")
-    found, python = [], []
+    commands, python = [], []
     for language, block in re.findall(r"^```(\w+)\n(.*?)^```", text, re.DOTALL | re.MULTILINE):
         if language == "console":
             for part in re.split(r"^\$ ", block, flags=re.MULTILINE)[1:]:
                 command, _, output = part.partition("\n")
-                found.append((command, output))
+                commands.append((command, output))
         elif language == "python":
             python.append(block)
-    return [*found, *([("\n".join(python), "...\n")] if python else [])]
+    return [*commands, *([("\n".join(python), "...\n")] if python else [])]
 
 
 @pytest.mark.parametrize("document", DOCUMENTS)
-def test_everything_typed_works_from_a_wheel_in_an_empty_folder(
-    document: str, site: Path, tmp_path: Path
-) -> None:
+def test_documents_work_with_a_wheel_in_an_empty_folder(document: str, site: Path, tmp_path: Path) -> None:
     if "[bench]" in (ROOT / document).read_text(encoding="utf-8"):
         pytest.importorskip("skimage", reason="extra bench is not installed")
-    shown = steps(document)
-    words = [shlex.split(step) if step.startswith("msb") else step for step, _ in shown]
+    documented = steps(document)
+    words = [shlex.split(step) if step.startswith("msb") else step for step, _ in documented]
     done = subprocess.run(
         [sys.executable, "-c", DRIVER, str(ROOT), str(site), json.dumps(words)],
         capture_output=True,
@@ -92,13 +90,13 @@ def test_everything_typed_works_from_a_wheel_in_an_empty_folder(
     )
     assert done.returncode == 0, f"{done.stdout[-1000:]}\n{done.stderr[-2000:]}"
     checker = doctest.OutputChecker()
-    for (step, wanted), printed in zip(shown, done.stdout.split(chr(30))[:-1], strict=True):
-        assert checker.check_output(wanted, printed, FLAGS), f"{step}\n{wanted}\n{printed}"
+    for (step, expected), printed in zip(documented, done.stdout.split(chr(30))[:-1], strict=True):
+        assert checker.check_output(expected, printed, FLAGS), f"{step}\n{expected}\n{printed}"
 
 
-def test_guides_are_commands_with_their_output() -> None:
+def test_guides_have_commands_and_name_no_files_of_a_checkout() -> None:
     for document in DOCUMENTS:
         assert steps(document), document
         text = (ROOT / document).read_text(encoding="utf-8")
-        assert "data_stubs" not in text, f"{document} names what a wheel has not"
+        assert "data_stubs" not in text, f"{document} names a folder that a wheel lacks"
     assert len((ROOT / "README.md").read_text(encoding="utf-8").splitlines()) <= 90

@@ -1,4 +1,4 @@
-"""Who may import whom, and what of others. The tables below are the rule; the code is held to them."""
+"""Rules for imports between our packages and of third-party packages. The tables below are the rules."""
 
 import ast
 import os
@@ -19,44 +19,44 @@ from tests.conftest import ROOT, of_the_whole
 pytestmark = pytest.mark.slow  # `make lint` runs them
 
 GROUND = {"errors", "base", "registry", "asset", "scenes"}
-"""NumPy and the standard library only; scenes reads the headers of photographs with Pillow."""
+"""Packages that need NumPy and the standard library only; scenes also reads image headers with Pillow."""
 ALLOWED: dict[str, set[str]] = {
     "__main__": {"cli"},
-    # The kit of commands knows no capability; where it may look for one is a table of names.
+    # The command kit knows no capability; it finds commands through a table of names.
     "cli": GROUND,
     "command_files": GROUND | {"cli", "api", "meshes"},
     "__init__": GROUND
     | {"topology", "render", "repair", "trial", "bake", "adapters", "metrics", "api", "why", "delivery"},
     "why": GROUND | {"adapters", "meshes", "metrics", "api", "render", "views"},
-    # The verbs: from a path to what lies there, what is found of it, and back.
+    # Opening files, auditing assets, and writing files.
     "api": GROUND | {"meshes", "adapters", "topology"},
-    # What is written of an asset: a file for the web is as coarse as pictures allow.
+    # Writing files for the web, whose precision depends on renderings.
     "delivery": GROUND | {"meshes", "render", "views"},
     "views": GROUND | {"adapters", "meshes", "metrics", "render"},
     "errors": set(),
-    # The registry and what methods declare: how their code reads datasets is said with `scenes`.
+    # The registry and the declarations of methods, which use `scenes` to declare how datasets are read.
     "registry": {"errors", "base", "scenes"},
     "methods": {"registry", "scenes"},
     "base": {"errors"},
     "asset": GROUND,
-    # The verbs, as methods of an asset: they import `msb` when they are called.
+    # Methods of an asset that call functions of `msb`, which they import when they are called.
     "asset.asset": GROUND | {"msb"},
     "scenes": GROUND,
     "meshes": GROUND,
     "adapters": GROUND | {"meshes"},
     "cl": {"errors", "base"},
     "topology": {"errors", "base", "cl"},
-    # Of scenes, how photographs are compared.
+    # From scenes: how photographs are compared.
     "metrics": {"errors", "base", "meshes", "scenes"},
     "render": GROUND | {"cl", "api"},
     "reference": GROUND,
     "engines": GROUND | {"render", "meshes", "metrics"},
-    # A method's folder, by role: what draws knows no checkpoint, the reference nothing that draws.
+    # The folder of a method, by role: renderers know no checkpoints, and the reference no renderers.
     "methods.adapter": GROUND | {"adapters", "meshes"},
     "methods.official": GROUND | {"adapters", "meshes", "methods.adapter"},
     "methods.reference": GROUND | {"reference"},
     "methods.look": GROUND | {"render", "cl"},
-    # Of bench, the records and what follows from them; of metrics and topology, how numbers are printed.
+    # From bench: records and numbers derived from them; from metrics and topology: formats of numbers.
     "report": {"errors", "base", "registry", "bench", "metrics", "topology"},
     "bench": GROUND
     | {
@@ -74,7 +74,7 @@ ALLOWED: dict[str, set[str]] = {
         "bake",
     },
     "repair": GROUND | {"api", "meshes", "topology", "metrics", "render"},
-    # A trial can be of the repaired mesh.
+    # A trial can test a repaired mesh.
     "trial": GROUND | {"api", "meshes", "topology", "metrics", "render", "repair", "views"},
     "bake": GROUND
     | {
@@ -90,11 +90,11 @@ ALLOWED: dict[str, set[str]] = {
         "topology",
         "views",
     },
-    # What shows is below the commands that open it.
+    # Commands that open viewers are above the viewers.
     "viewers": GROUND | {"api", "meshes", "topology", "metrics", "render", "cl"},
 }
 KIT = {"cli", "api", "render", "command_files"}
-"""What every command may import beside what its package may: the kit, opening files, options of drawing."""
+"""Packages that every command may import in addition: the command kit, opening files, rendering options."""
 COMMANDS: dict[str, set[str]] = {
     "repair": {"trial", "views", "delivery", "adapters"},
     "api": {"report", "viewers", "delivery"},
@@ -103,7 +103,7 @@ COMMANDS: dict[str, set[str]] = {
     "viewers": {"views", "delivery"},
     "report": {"viewers"},
 }
-"""What the commands of a package may import beside that, when they are called."""
+"""Package -> further packages that its commands may import when they are called."""
 LAZY = {
     "torch",
     "PIL",
@@ -133,7 +133,7 @@ LAZY = {
     "pxr",
     "usd_validation_nvidia",
 }
-"""Imported inside the function that needs them, never when a module loads."""
+"""Packages that are imported inside functions only, never when a module loads."""
 FOREIGN: dict[str, set[str]] = {
     "scenes": {"numpy", "PIL"},
     "topology": {"numpy", "scipy", "igl", "pymeshlab", "manifold3d", "networkx", "trimesh"}
@@ -154,7 +154,7 @@ FOREIGN: dict[str, set[str]] = {
     | {"fast_simplification"},
     "report": {"pydantic", "PIL", "jinja2", "matplotlib"},
 }
-"""Third-party packages a part may use; the ground and everything not named here: numpy."""
+"""Part -> allowed third-party packages. Parts that are not listed may use numpy."""
 DISTRIBUTIONS = {
     "PIL": "pillow",
     "DracoPy": "dracopy",
@@ -171,12 +171,12 @@ DISTRIBUTIONS = {
     "mathutils": "bpy",
     "gpu": "bpy",
 }
-"""Module -> what pip installs it by, where the two differ."""
+"""Module -> name of its pip package, if they differ."""
 When = Literal["loaded", "called", "never"]
-"""When an import runs: with its module, with a function, or for types alone."""
+"""When an import runs: with its module, with a function, or never (for type checks only)."""
 OURS = {"msb", "msb_viewers"}
 LOADS_NOTHING = {"msb_viewers.options"}
-"""Options that the help of a command names."""
+"""Modules of the viewers that may be loaded with a module: options for the help of commands."""
 PEERS = {"igl", "pymeshlab", "manifold3d", "networkx", "usd_validation_nvidia"}
 MODULES = sorted([*(ROOT / "msb").rglob("*.py"), *(ROOT / "viewers").rglob("*.py")])
 
@@ -189,7 +189,7 @@ def part_of(path: Path) -> str:
 
 
 def part_named(names: Sequence[str]) -> str:
-    """Return the part of the module msb.NAMES; in a method's folder the role its name begins with."""
+    """Return the part of the module msb.NAMES; for a module of a method, its role, the start of its name."""
     in_folder = names[0] == "methods" and len(names) > 2 and (ROOT / "msb" / "methods" / names[1]).is_dir()
     if in_folder and names[2].islower() and names[2] != "__init__":
         return f"methods.{names[2].partition('_')[0]}"
@@ -210,7 +210,7 @@ def imports_of(path: Path) -> list[tuple[str, When]]:
             when.update(dict.fromkeys(ast.walk(node), "called"))
         if isinstance(node, ast.If) and getattr(node.test, "id", "") == "TYPE_CHECKING":
             when.update(dict.fromkeys(ast.walk(node), "never"))
-    found: list[tuple[str, When]] = []
+    imports: list[tuple[str, When]] = []
     for node in ast.walk(tree):
         names: list[str] = []
         if isinstance(node, ast.Import):
@@ -219,7 +219,7 @@ def imports_of(path: Path) -> list[tuple[str, When]]:
             assert node.level == 0, f"{path}: relative imports hide which part is meant"
             module = node.module or ""
             folder = ROOT / module.replace(".", "/")
-            # In a method's folder the role of a module counts; the folder itself declares data.
+            # For modules of a method the role counts; the package itself declares data.
             if module.startswith("msb.methods."):
                 roles = {path.stem for path in folder.glob("*.py")} if folder.is_dir() else None
                 names = [
@@ -228,12 +228,12 @@ def imports_of(path: Path) -> list[tuple[str, When]]:
                 ]
             else:
                 names = [f"msb.{name.name}" for name in node.names] if module == "msb" else [module]
-        found += [(name, when.get(node, "loaded")) for name in names]
-    return found
+        imports += [(name, when.get(node, "loaded")) for name in names]
+    return imports
 
 
 def allowed(part: str) -> set[str]:
-    """Return what a part may import of ours; its commands may import more."""
+    """Return our packages that a part may import; commands may import more than their package."""
     package = part.removesuffix(".command")
     if package == part:
         return ALLOWED[part]
@@ -247,23 +247,25 @@ def test_module_imports_only_what_its_part_may(path: Path) -> None:
         top, _, rest = name.partition(".")
         if top == "msb":
             target = part_named(tuple(rest.split("."))) or "msb"
-            assert not target.endswith(".command") or target == part, f"{path}: a command is its own"
+            assert not target.endswith(".command") or target == part, f"{path}: commands must not be imported"
             if target != part:
                 assert target in allowed(part), f"{path}: {part} may not import msb.{target}"
                 assert target != "msb" or when != "loaded", f"{path}: {name} at load"
         elif top == "msb_viewers" and part.startswith("viewers"):
             continue
         elif top not in sys.stdlib_module_names:
-            wanted = FOREIGN.get(part) or FOREIGN.get(part.removesuffix(".command"), set()) | {"numpy"}
-            wanted = wanted | ({"typer", "rich", "msb_viewers"} if part.endswith(".command") else set())
-            assert top in wanted, f"{path}: {part} may not import {top}"
+            allowed_names = FOREIGN.get(part) or FOREIGN.get(part.removesuffix(".command"), set()) | {"numpy"}
+            allowed_names = allowed_names | (
+                {"typer", "rich", "msb_viewers"} if part.endswith(".command") else set()
+            )
+            assert top in allowed_names, f"{path}: {part} may not import {top}"
             assert when != "loaded" or top not in LAZY or name in LOADS_NOTHING, (
                 f"{path}: import {top} inside the function that needs it"
             )
 
 
 def installed_by(requirements: list[str]) -> set[str]:
-    """Return the names of distributions in `requirements`, as pyproject.toml writes them."""
+    """Return the names of distributions in `requirements`, in the spelling of pyproject.toml."""
     return {re.split(r"[^\w.-]", line, maxsplit=1)[0].lower() for line in requirements}
 
 
@@ -273,7 +275,7 @@ EXTRAS = {name: installed_by(lines) for name, lines in PROJECT["optional-depende
 
 
 def others(path: Path) -> set[tuple[str, When]]:
-    """Return what pip has to install for the module, and when it is needed."""
+    """Return the pip packages that a module needs, and when it needs them."""
     return {
         (DISTRIBUTIONS.get(top, top), when)
         for name, when in imports_of(path)
@@ -281,46 +283,46 @@ def others(path: Path) -> set[tuple[str, When]]:
     }
 
 
-def test_what_loads_with_a_module_is_a_core_dependency() -> None:
+def test_packages_that_load_with_a_module_are_core_dependencies() -> None:
     needed = {name: path for path in MODULES for name, when in others(path) if when == "loaded"}
     assert {name: path for name, path in needed.items() if name not in CORE} == {}
 
 
-def test_what_is_imported_is_installed_by_the_core_or_an_extra_that_is_asked_for() -> None:
+def test_imported_packages_belong_to_the_core_or_to_an_extra() -> None:
     used = {name for path in MODULES for name, _ in others(path)}
     known = CORE.union(*(EXTRAS[name] for name in EXTRAS if name not in ("test", "fuzz", "all", "docs")))
     assert used - known == set()
 
 
-def test_the_core_installs_nothing_that_only_runs_reports_and_viewers_use() -> None:
+def test_the_core_installs_no_packages_of_runs_reports_and_viewers() -> None:
     parts = [path for path in MODULES if part_of(path) not in ("bench", "report", "viewers")]
     used = {name for path in parts for name, _ in others(path)}
-    # PoCL's wheel holds no module, and typer depends on pydantic anyway.
+    # The wheel of PoCL has no module, and typer depends on pydantic anyway.
     assert CORE - used == {"pocl-binary-distribution", "pydantic"}
 
 
 @of_the_whole
-def test_an_error_about_an_extra_names_the_one_that_installs_the_module() -> None:
-    asked = set()
+def test_errors_about_missing_modules_name_the_extra_that_installs_them() -> None:
+    named_extras = set()
     for path in MODULES:
         for node in ast.walk(ast.parse(path.read_text())):
             if isinstance(node, ast.Call) and getattr(node.func, "id", "") in ("need_extra", "install"):
                 words = [str(a.value) for a in node.args if isinstance(a, ast.Constant)]
-                for extra in words[:1]:  # none in the function that is called itself
-                    asked.add(extra)
+                for extra in words[:1]:  # calls without constants have no extra
+                    named_extras.add(extra)
                     installed = EXTRAS[extra] | OURS
                     assert {DISTRIBUTIONS.get(word, word) for word in words[1:]} <= installed, path
-    # Those that only a checkout uses are asked for by nothing in the package.
-    assert asked == set(EXTRAS) - {"all", "test", "fuzz", "train", "docs"}
+    # Some extras are for checkouts only; no error names them.
+    assert named_extras == set(EXTRAS) - {"all", "test", "fuzz", "train", "docs"}
 
 
-def test_all_is_every_extra_but_those_for_developers_and_the_largest() -> None:
+def test_extra_all_has_every_extra_except_for_developers_and_the_largest() -> None:
     (line,) = PROJECT["optional-dependencies"]["all"]
-    named = line.partition("[")[2].rstrip("]").split(",")
-    assert set(named) == set(EXTRAS) - {"all", "blender", "intel", "train", "docs", "fuzz", "test"}
+    included = line.partition("[")[2].rstrip("]").split(",")
+    assert set(included) == set(EXTRAS) - {"all", "blender", "intel", "train", "docs", "fuzz", "test"}
 
 
-def test_only_cross_checks_and_trials_know_the_peers() -> None:
+def test_only_cross_checks_and_trials_import_peers() -> None:
     users = {
         path.relative_to(ROOT / "msb").as_posix()
         for path in MODULES
@@ -330,44 +332,47 @@ def test_only_cross_checks_and_trials_know_the_peers() -> None:
     assert all(user.startswith(("topology/crosscheck", "trial")) for user in users)
 
 
-def test_what_draws_opens_no_path_but_at_its_front_door() -> None:
+def test_only_one_module_of_render_opens_files() -> None:
     drawing = [path for path in MODULES if part_of(path) == "render"]
     users = [path.name for path in drawing if any(name == "msb.api.opening" for name, _ in imports_of(path))]
     assert users == ["renderer.py"]
 
 
 FOLDERS = ("msb", "viewers", "data_stubs", "benchmarks", "fuzz", "tools")
-ROOMS = {path.stem for path in (ROOT / "msb").iterdir()} - {"__init__"}
+PACKAGES = {path.stem for path in (ROOT / "msb").iterdir()} - {"__init__"}
 
 
-def room(names: Sequence[str]) -> str | None:
-    """Return the room of a module: a package or module of msb/, the viewers or another folder of ours."""
+def top_package(names: Sequence[str]) -> str | None:
+    """Return the top-level unit of a module: a package or module of msb/, the viewers, or a folder."""
     if "cli" not in names and {"command", "commands", "command_files"} & set(names):
-        return "commands"  # they stand above all rooms
+        return "commands"  # commands are above all packages
     if names[0] == "msb":
-        return names[1] if len(names) > 1 and names[1] in ROOMS else None  # who comes in by the front
+        return names[1] if len(names) > 1 and names[1] in PACKAGES else None  # msb itself is not a unit
     return "viewers" if names[0] == "msb_viewers" else names[0] if names[0] in FOLDERS else None
 
 
 def arrows() -> set[tuple[str, str, When]]:
-    """Return which room imports which other, and when."""
+    """Return (importing unit, imported unit, when) of all imports between units."""
     return {
-        (here, there, when)
+        (importer, imported, when)
         for path in (path for folder in FOLDERS for path in (ROOT / folder).rglob("*.py"))
         for name, when in imports_of(path)
-        if (here := room(path.relative_to(ROOT).with_suffix("").parts))
-        and (there := room(name.split(".")))
-        and here != there
+        if (importer := top_package(path.relative_to(ROOT).with_suffix("").parts))
+        and (imported := top_package(name.split(".")))
+        and importer != imported
     }
 
 
-def test_no_import_runs_up() -> None:
-    """Rooms can be put in an order in which each imports those below it, whenever the import runs."""
+def test_imports_have_no_cycles() -> None:
+    """Units can be ordered so that each one only imports units below it."""
     below: dict[str, set[str]] = {}
-    for here, there, when in arrows():
+    for importer, imported, when in arrows():
         if when != "never":
-            below.setdefault(here, set()).add(there)
-    assert [*TopologicalSorter(below).static_order()][-1] in (*FOLDERS, "commands")  # or it raises CycleError
+            below.setdefault(importer, set()).add(imported)
+    assert [*TopologicalSorter(below).static_order()][-1] in (
+        *FOLDERS,
+        "commands",
+    )  # raises CycleError for a cycle
 
 
 def test_rules_cover_every_part() -> None:
@@ -392,7 +397,7 @@ PEERS_AND_MORE = {"torch", "trimesh", "igl", "pymeshlab", "networkx", "pyopencl"
     ],
     ids=["import", "help", "help of view", "audit"],
 )
-def test_nothing_is_loaded_that_is_not_needed(code: str, spared: set[str]) -> None:
+def test_packages_are_not_loaded_before_they_are_needed(code: str, spared: set[str]) -> None:
     show = "\nimport sys; print(*{name.partition('.')[0] for name in sys.modules})"
     path = os.pathsep.join((str(ROOT), str(ROOT / "viewers")))
     done = subprocess.run(
@@ -409,5 +414,5 @@ def test_nothing_is_loaded_that_is_not_needed(code: str, spared: set[str]) -> No
 
 
 if __name__ == "__main__":  # python -m tests.test_import_rules
-    pairs = {(here, there) for here, there, _ in arrows()}
-    print(f"{len({each for pair in pairs for each in pair})} rooms, {len(pairs)} arrows between them")
+    pairs = {(importer, imported) for importer, imported, _ in arrows()}
+    print(f"{len({unit for pair in pairs for unit in pair})} units, {len(pairs)} imports between them")

@@ -1,4 +1,4 @@
-"""Every folder of a method holds what it must, and what it declares agrees with it: docs/extending.md."""
+"""Every method has the required modules, tests and data, in agreement with its declaration."""
 
 from data_stubs.made_models import _WRITERS
 from msb.adapters.exporter import adapters
@@ -7,7 +7,7 @@ from msb.scenes.datasets.rulebook import OURS, RULES
 from tests.conftest import ROOT
 
 TRAINED = {name for name, method in METHODS.items() if method.native is not None}
-"""Methods with a representation of their own; the others are only shown as meshes, or not at all."""
+"""Methods with a trained representation; the others are meshes only."""
 
 
 def test_every_method_has_an_adapter() -> None:
@@ -28,11 +28,11 @@ def test_every_method_with_a_reference_tier_has_a_reference_and_golden_images() 
         assert any(f'"{name}"' in test.read_text() for test in tests), name
 
 
-def test_every_trained_method_is_drawn_on_the_dedicated_tier_and_has_a_model_among_the_stubs() -> None:
+def test_every_trained_method_has_a_dedicated_tier_and_a_demo_model() -> None:
     assert {name for name, method in METHODS.items() if method.supports("dedicated")} == TRAINED
     assert {name for name, _ in with_role("look")} == {name for name, _ in with_role("official")} == TRAINED
     assert _WRITERS.keys() == TRAINED
 
 
-def test_every_method_says_how_its_own_code_reads_datasets() -> None:
+def test_every_method_declares_how_its_code_reads_datasets() -> None:
     assert RULES.keys() - {OURS} == METHODS.keys() - {"mesh", "trisplat"}

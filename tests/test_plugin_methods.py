@@ -1,6 +1,6 @@
-"""A method in somebody else's package: that of docs/extending.md, installed, missing, and broken.
+"""A method in another package, the one of docs/extending.md: installed, missing and broken.
 
-A warning that a test does not expect fails it: nothing is warned of where all is well.
+Unexpected warnings fail these tests.
 """
 
 import runpy
@@ -26,7 +26,8 @@ TWO_DTS = ROOT / "tests" / "tiny" / "models" / "walled" / "two_dts"
 CAMERA = msb.Camera.look_at((0, 0, 3), (0, 0, 0), up=(0, 1, 0), width=96, height=72, fov_y=0.9)
 
 
-def forget() -> None:
+def clear_caches() -> None:
+    """Forget installed packages, so that they are searched again."""
     registry._installed.cache_clear()
     registry._loadable.cache_clear()
     metric_registry._installed.cache_clear()
@@ -36,18 +37,18 @@ def forget() -> None:
 
 @pytest.fixture
 def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    """The package, installed, and a model of it in the folder we are in."""
+    """Return the folder of the installed package. The current folder holds a model of its method."""
     folder = installed("docs/extending.md", tmp_path / "site")
     monkeypatch.syspath_prepend(folder)
     monkeypatch.chdir(tmp_path)
-    forget()
+    clear_caches()
     runpy.run_path(str(folder / "make_facets.py"))
     yield folder
     monkeypatch.undo()
-    forget()
+    clear_caches()
 
 
-def test_it_is_one_of_the_methods(site: Path) -> None:
+def test_the_method_is_listed_and_detected(site: Path) -> None:
     assert list(METHODS) == [*BUILT_IN, "facets"]
     assert METHODS["facets"].title == "Facets"
     assert detect("facets.npz") == "facets"
@@ -59,16 +60,16 @@ def test_it_is_one_of_the_methods(site: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("style", ["cpu", "gpu"])
 @pytest.mark.parametrize("order", ["tile", "none"])
-def test_its_kernels_draw_what_its_reference_draws(site: Path, style: Any, order: str) -> None:
+def test_its_kernels_match_its_reference(site: Path, style: Any, order: str) -> None:
     asset = msb.export("facets.npz")
     modes: dict[str, Any] = {"background": (1, 1, 1), "settings": {"sharpness": 2.5}, "order": order}
-    wanted = msb.render(asset, CAMERA, tier="reference", **modes)
+    expected = msb.render(asset, CAMERA, tier="reference", **modes)
     with open_device("cpu", style=style) as device:
-        found = msb.render(asset, CAMERA, tier="dedicated", device=device, **modes)
-    np.testing.assert_allclose(found.image, wanted.image, atol=2e-6)
-    np.testing.assert_array_equal(found.visible, wanted.visible)
-    assert found.alpha.max() > 0.9
-    assert found.image.std() > 0.05
+        frame = msb.render(asset, CAMERA, tier="dedicated", device=device, **modes)
+    np.testing.assert_allclose(frame.image, expected.image, atol=2e-6)
+    np.testing.assert_array_equal(frame.visible, expected.visible)
+    assert frame.alpha.max() > 0.9
+    assert frame.image.std() > 0.05
 
 
 def test_without_its_package_an_asset_has_the_standard_tier(site: Path) -> None:
@@ -76,7 +77,7 @@ def test_without_its_package_an_asset_has_the_standard_tier(site: Path) -> None:
     before = msb.audit(asset).to_dict(), msb.render(asset, CAMERA).image
     msb.save(asset, "facets.triasset")
     sys.path.remove(str(site))
-    forget()
+    clear_caches()
     asset = msb.load("facets.triasset")
     assert [(w.code, w.severity) for w in asset.warnings] == [("TRIASSET_METHOD_NOT_INSTALLED", "warning")]
     assert "facets" in asset.warnings[0].message
@@ -103,13 +104,11 @@ def test_without_its_package_an_asset_has_the_standard_tier(site: Path) -> None:
         ("Face-ts = msb_facets", None, "Face-ts"),
     ],
 )
-def test_a_package_that_cannot_be_used_is_one_warning(
-    site: Path, entry: str, text: str | None, why: str
-) -> None:
+def test_a_broken_package_gives_one_warning(site: Path, entry: str, text: str | None, why: str) -> None:
     (site / "msb_facets-1.0.dist-info" / "entry_points.txt").write_text(f"[msb.methods]\n{entry}\n")
     if text is not None:
         (site / "msb_facets" / "__init__.py").write_text(text)
-    forget()
+    clear_caches()
     with pytest.warns(PackageWarning, match=f"^PACKAGE_LEFT_OUT: .*{why}") as caught:
         assert list(METHODS) == list(BUILT_IN)
     assert len(caught) == 1
@@ -117,18 +116,18 @@ def test_a_package_that_cannot_be_used_is_one_warning(
 
 
 @pytest.mark.parametrize("text", ["1 / 0\n", "def recognises(content):\n    1 / 0\n"])
-def test_an_adapter_that_fails_leaves_other_models_alone(site: Path, text: str) -> None:
+def test_a_failing_adapter_does_not_affect_other_models(site: Path, text: str) -> None:
     (site / "msb_facets" / "adapter.py").write_text(text)
-    forget()
+    clear_caches()
     with pytest.warns(PackageWarning, match="facets.*adapter.*ZeroDivisionError"):
         assert detect(TWO_DTS) == "two_dts"
 
 
-def test_a_role_that_cannot_be_loaded_is_said_to_be_the_packages(site: Path) -> None:
+def test_errors_of_a_package_name_the_package(site: Path) -> None:
     asset = msb.export("facets.npz")
     (site / "msb_facets" / "look.py").write_text("import sys; sys.exit('no CUDA')\n")
     (site / "msb_facets" / "reference.py").write_text("def render(*_): 1 / 0\n")
-    forget()
+    clear_caches()
     for tier, why in (
         ("dedicated", "look: it cannot be loaded: SystemExit"),
         ("reference", "fails: ZeroDiv"),
@@ -141,6 +140,6 @@ def test_a_role_that_cannot_be_loaded_is_said_to_be_the_packages(site: Path) -> 
 def test_a_method_without_roles_may_be_a_module(site: Path) -> None:
     (site / "msb_alone.py").write_text("from msb.registry import Method\nMETHOD = Method(title='Alone')\n")
     (site / "msb_facets-1.0.dist-info" / "entry_points.txt").write_text("[msb.methods]\nalone = msb_alone\n")
-    forget()
+    clear_caches()
     assert METHODS["alone"].title == "Alone"
     assert detect(TWO_DTS) == "two_dts"

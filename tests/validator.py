@@ -1,7 +1,7 @@
-"""The official glTF-Validator, which holds every GLB that a test writes to no error and no warning.
+"""The official glTF-Validator, which checks every GLB that a test writes for errors and warnings.
 
-`make engines` brings it into .engines; where it is not, tests write GLB unjudged, and the validator's own
-test is skipped.
+`make engines` installs it in .engines. Without it the files are not checked, and the test of the validator is
+skipped.
 """
 
 import io
@@ -16,22 +16,19 @@ from uuid import uuid4
 from msb.meshes.files import FORMATS
 
 WRITTEN = "MSB_TEST_GLBS"
-"""The variable that names the folder where processes of tests keep what GLB they write."""
+"""Environment variable with the folder for copies of all GLB files that processes of tests write."""
 PACKAGE = Path(__file__).parent.parent / ".engines" / "node_modules" / "gltf-validator"
 
 
 def missing() -> str | None:
-    """Return why there is no validator here, or None."""
+    """Return why the validator cannot be used, or None."""
     if shutil.which("node") is None:
         return "Node.js is not installed"
-    return None if PACKAGE.is_dir() else "glTF-Validator is not here: make engines"
+    return None if PACKAGE.is_dir() else "glTF-Validator is not installed; run make engines"
 
 
 class Validator:
-    """A process that judges one file after the other; it starts with the first.
-
-    `written` is a folder of files that are to be judged.
-    """
+    """A process that validates files; `written` is the folder of files to check."""
 
     def __init__(self, written: Path) -> None:
         self.written = written
@@ -46,17 +43,17 @@ class Validator:
         assert self._process.stdout is not None
         self._process.stdin.write(len(glb).to_bytes(4, "little") + glb)
         self._process.stdin.flush()
-        found: list[str] = json.loads(self._process.stdout.readline())
-        return found
+        problems: list[str] = json.loads(self._process.stdout.readline())
+        return problems
 
     def judge_written(self) -> dict[str, list[str]]:
-        """Return the problems of the files that wait; they wait no more."""
-        found = {}
+        """Return file name -> problems for the files in `written`, and delete them."""
+        by_name = {}
         for path in self.written.glob("*.glb"):
             if problems := self.problems(path.read_bytes()):
-                found[path.name] = problems
+                by_name[path.name] = problems
             path.unlink()
-        return found
+        return by_name
 
     def close(self) -> None:
         """End the process."""
@@ -66,7 +63,7 @@ class Validator:
 
 
 def keep_written(folder: Path) -> None:
-    """Keep a copy of every GLB that this process, or a fork of it, writes from now on in `folder`."""
+    """Save a copy of every GLB that this process or its forks write from now on in `folder`."""
     form = FORMATS[".glb"]
     plain = form.write
     assert plain is not None
@@ -77,6 +74,6 @@ def keep_written(folder: Path) -> None:
         plain(mesh, again, *more)
         part = folder / f"{uuid4()}.part"
         part.write_bytes(again.getvalue())
-        part.rename(part.with_suffix(".glb"))  # none whose writer was killed half-way is judged
+        part.rename(part.with_suffix(".glb"))  # incomplete files of killed processes keep the ending .part
 
     FORMATS[".glb"] = replace(form, write=write)

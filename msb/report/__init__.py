@@ -1,4 +1,4 @@
-"""Result records to tables, figures and pages; the paper's own tables ship here as data."""
+"""Tables, charts, findings and pages from benchmark results, with the published tables of the paper."""
 
 from msb.report.paper import paper_row
 

@@ -1,9 +1,9 @@
-"""The board: what many people submitted, in one table that says of each row where it is from."""
+"""The board: one table of results from many submissions. Every row names its origin."""
 
 import io
 import unicodedata
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
@@ -14,8 +14,9 @@ from msb.bench.submission import MOST_PICTURES, Shown, Submission
 from msb.errors import InputError, UsageError, shorten
 from msb.metrics.identity import defined
 from msb.report.collect import collect
+from msb.report.compared_views import ComparedView, JpegImage, Rendering, select_views
 from msb.report.layout import number_cell
-from msb.report.metric_format import title_with_unit
+from msb.report.metric_format import metric_title_with_unit
 from msb.report.numbers import (
     MEANS,
     QUALITY,
@@ -28,340 +29,395 @@ from msb.report.numbers import (
     scene_title,
 )
 from msb.report.paper import paper_numbers
-from msb.report.pictures import Picture, Shot, View, views
 from msb.report.report import Report, Section
-from msb.report.results import Loaded, ResultSet, result_set
+from msb.report.results import LoadedResult, ResultSet, result_set
 from msb.report.safe_names import plain_text
-from msb.report.table import NOT_THERE, Cell, Column, Row, Table
+from msb.report.table import NOT_AVAILABLE, Table, TableCell, TableColumn, TableRow
 
+# Submitter of the paper's rows.
 THE_PAPER = "the paper"
 _MESH = "exported_mesh"
+# Columns after the image quality metrics.
 _METRICS = ("fps", "p50_ms", "p95_ms", "memory", "asset_size", "nonmanifold_edge_ratio", "components")
-# Hex digits of a hash in the table; the list of files has all of them.
-_SHORT = 12
-# Hex digits of a hash that tell apart who chose the same name: more where that is somebody's name, too.
-_FEWEST, _ALL = 6, 64
-_MOST_SIDE = 4096
-_BLANK = frozenset("\u115f\u1160\u2800")
-# Letters that show nothing, and the categories of others that do, or that are but marks on letters.
-_UNSEEN = frozenset(("Cc", "Cf", "Cn", "Cs", "Me", "Mn"))
+# Hexadecimal digits of a hash in the table of results; the table of files has all 64.
+_HASH_DIGITS = 12
+# Hexadecimal digits that distinguish submitters of the same name. More are used if the result is itself the
+# name of a submitter.
+_MIN_NAME_DIGITS, _MAX_NAME_DIGITS = 6, 64
+# Maximum width and height of a submitted image, in pixels.
+_MAX_SIDE = 4096
+# Invisible letters (Hangul fillers, empty Braille pattern), and Unicode categories without a visible glyph of
+# their own: controls, formatting, unassigned, surrogates, combining marks.
+_BLANK_LETTERS = frozenset("\u115f\u1160\u2800")
+_INVISIBLE_CATEGORIES = frozenset(("Cc", "Cf", "Cn", "Cs", "Me", "Mn"))
+
+# Dataset, scene or mean, method, condition.
+RowKey = tuple[str, str, str, str]
 
 
 @dataclass(frozen=True)
 class Board(Report):
-    """A report whose one table has rows of many submissions, and a page of its own."""
+    """A report with one table for many submissions. `submissions` are pairs of a unique name and its file."""
 
-    # Name on the board, which tells apart those who chose the same, and submission.
     submissions: tuple[tuple[str, Submission], ...] = ()
 
     page = "board.html"
 
-    @property
-    def mixes(self) -> bool:
-        return any(row.paper for table in self.tables.values() for row in table.rows)
-
 
 def submitted_pictures(results: ResultSet) -> list[tuple[Shown, bytes]]:
-    """Return the pictures that go with a submission: of each dataset the largest and a typical loss."""
-    shown: list[tuple[Shown, bytes]] = []
+    """Return the images of a submission: the views with the largest and the median loss of each dataset.
+
+    Each image comes with its description, as a JPEG.
+    """
+    pictures: list[tuple[Shown, bytes]] = []
     for dataset in dict.fromkeys(place.dataset for place in results.places):
-        for view in views(results, [place for place in results.places if place.dataset == dataset]):
-            of: dict[str, Any] = {
+        places = [place for place in results.places if place.dataset == dataset]
+        for view in select_views(results, places):
+            common: dict[str, Any] = {
                 "dataset": dataset,
                 "scene": view.scene,
-                "image": view.image,
+                "image": view.view,
                 "why": view.why,
                 "file": "-",
             }
-            if view.gt is not None:
-                shown.append((Shown(**of), view.gt.data))
-            for method, shots in view.shots.items():
-                for shot in shots:
-                    if shot.picture is not None:
-                        about = Shown(**of, method=method, condition=shot.heading, psnr=shot.psnr)
-                        shown.append((about, shot.picture.data))
-    return shown[:MOST_PICTURES]
+            if view.ground_truth is not None:
+                pictures.append((Shown(**common), view.ground_truth.data))
+            for method, renderings in view.renderings.items():
+                for rendering in renderings:
+                    if rendering.image is not None:
+                        about = Shown(
+                            **common, method=method, condition=rendering.heading, psnr=rendering.psnr
+                        )
+                        pictures.append((about, rendering.image.data))
+    return pictures[:MOST_PICTURES]
 
 
 def build_board(
     submissions: Sequence[Submission], *, with_paper: bool = True, pictures: bool = True
 ) -> Board:
-    """Return the board of `submissions`, with the paper's numbers under those of the same kind.
+    """Return the board of `submissions`, with the paper's numbers below comparable rows.
 
     Raises
     ------
     UsageError
-        Two of them are the same file.
+        A submission is given twice.
     InputError
-        RECORD_INVALID: a picture is none.
+        RECORD_INVALID: a submitted image is invalid.
     """
-    for one, other in pairwise(sorted(submissions, key=lambda each: each.sha256)):
-        if one.sha256 == other.sha256:
-            raise UsageError("USAGE", f"it is the same submission as {other.path.name}", file=one.path)
-    named = tuple(zip(_names(submissions), submissions, strict=True))
-    loaded = {
-        name: result_set([Loaded(record, each.path, each.path) for record in each.records], allow_mixed=True)
-        for name, each in named
+    for submission, other in pairwise(sorted(submissions, key=lambda submission: submission.sha256)):
+        if submission.sha256 == other.sha256:
+            text = f"it is the same submission as {other.path.name}"
+            raise UsageError("USAGE", text, file=submission.path)
+    named = tuple(zip(_name_submissions(submissions), submissions, strict=True))
+    results = {
+        name: result_set(
+            [LoadedResult(record, submission.path, submission.path) for record in submission.records],
+            allow_mixed=True,
+        )
+        for name, submission in named
     }
-    numbers = {name: collect(results) for name, results in loaded.items()}
+    numbers = {name: collect(of_submission) for name, of_submission in results.items()}
     paper = paper_numbers() if with_paper else Numbers({}, of_paper=True)
+    views: tuple[ComparedView, ...] = ()
+    if pictures:
+        views = tuple(view for name, submission in named for view in _read_views(name, submission))
     sections = (
         Section(
             "board",
             "Results",
-            "Every row says whose it is, of which model and photographs, and what drew it.",
-            (_results(loaded, numbers, paper),),
+            "Each row names its submitter, model, photographs and renderer.",
+            (_results_table(results, numbers, paper),),
         ),
-        Section(
-            "looks",
-            "What it looks like",
-            "Pictures that were submitted with the numbers.",
-            views=tuple(view for name, each in named for view in _views(name, each)) if pictures else (),
-        ),
+        Section("looks", "Renderings", "Images submitted with the results.", views=views),
         Section(
             "files",
-            "What was measured",
-            "Hashes tell whether two rows are of the same model and photographs.",
-            (_submissions(named), _files(loaded)),
+            "Files",
+            "Equal hashes mean that two rows measure the same model on the same photographs.",
+            (_submissions_table(named), _files_table(results)),
         ),
     )
-    several = "" if len(named) == 1 else "s"
-    total = sum(map(len, loaded.values()))
-    summary = f"{total} results of {len(named)} submission{several}; nothing was computed again."
+    plural = "" if len(named) == 1 else "s"
+    total = sum(map(len, results.values()))
+    summary = f"{total} results of {len(named)} submission{plural}; nothing was computed again."
     return Board(
-        "MeshSplatBench board", summary, tuple(one for one in sections if one.tables or one.views), (),
-        tuple(_differences(loaded)), Numbers({}), None, with_paper, named,
-    )  # fmt: skip
+        "MeshSplatBench board",
+        summary,
+        sections=tuple(section for section in sections if section.tables or section.views),
+        findings=(),
+        notes=tuple(_find_differences(results)),
+        numbers=Numbers({}),
+        with_paper=with_paper,
+        submissions=named,
+    )
 
 
-def _names(submissions: Sequence[Submission]) -> list[str]:
-    """Return what each submission is called: no two are called the same, and none as the paper is.
+def _name_submissions(submissions: Sequence[Submission]) -> list[str]:
+    """Return a name for each submission; all are different, and no name is "the paper".
 
-    Letters of other scripts that look like ours are others: the hashes in the list of files tell these apart.
+    Names that look the same get digits of the submission's hash. Letters of other scripts that resemble Latin
+    letters are not recognised; the hashes in the table of files distinguish these.
     """
-    count = Counter([_seen(THE_PAPER), *(_seen(_plain(each)) for each in submissions)])
+    plain_names = [_plain_name(submission) for submission in submissions]
+    count = Counter(map(_visible_form, [THE_PAPER, *plain_names]))
     names: list[str] = []
-    for digits in range(_FEWEST, _ALL + 1):
+    for digits in range(_MIN_NAME_DIGITS, _MAX_NAME_DIGITS + 1):
         names = [
-            name if count[_seen(name := _plain(each))] == 1 else f"{name} ({each.sha256[:digits]})"
-            for each in submissions
+            name if count[_visible_form(name)] == 1 else f"{name} ({submission.sha256[:digits]})"
+            for name, submission in zip(plain_names, submissions, strict=True)
         ]
-        if len(set(map(_seen, names))) == len(names):
+        if len(set(map(_visible_form, names))) == len(names):
             break
     return names
 
 
-def _plain(submission: Submission) -> str:
+def _plain_name(submission: Submission) -> str:
+    """Return the submitter's name on one line, or digits of the hash for a name without visible letters."""
     name = plain_text(submission.about.name).strip()
-    return name if _seen(name) else submission.sha256[:_SHORT]
+    return name if _visible_form(name) else submission.sha256[:_HASH_DIGITS]
 
 
-def _seen(name: str) -> str:
-    """Return the letters that are seen of a name, of one form and case: two of the same look the same."""
-    letters = (one for one in unicodedata.normalize("NFKC", name) if one not in _BLANK and not one.isspace())
-    return "".join(one for one in letters if unicodedata.category(one) not in _UNSEEN).casefold()
+def _visible_form(name: str) -> str:
+    """Return the visible letters of a name in lower case; names that look the same have the same form."""
+    normal = unicodedata.normalize("NFKC", name)
+    letters = (letter for letter in normal if letter not in _BLANK_LETTERS and not letter.isspace())
+    visible = (letter for letter in letters if unicodedata.category(letter) not in _INVISIBLE_CATEGORIES)
+    return "".join(visible).casefold()
 
 
-def _results(loaded: Mapping[str, ResultSet], numbers: Mapping[str, Numbers], paper: Numbers) -> Table:
-    """Return the table of all rows; the numbers of a model's mesh stand in every row of the model."""
+def _results_table(results: Mapping[str, ResultSet], numbers: Mapping[str, Numbers], paper: Numbers) -> Table:
+    """Return a row per scene, method, condition and submitter.
+
+    `results` and `numbers` are by submitter. The metrics of a mesh are repeated in all rows of its model.
+    """
     metrics = [*QUALITY, *_METRICS]
     rows = []
-    records = {name: _by_row(results) for name, results in loaded.items()}
-    for place, names in _places(numbers).items():
-        dataset, scene, method, condition = place
+    records = {name: _group_records(of_submitter) for name, of_submitter in results.items()}
+    for row_key, names in _list_rows(numbers).items():
+        dataset, scene, method, condition = row_key
         keys = [
-            Key(dataset, scene, method, _MESH if each in AUDITED else condition, each) for each in metrics
+            Key(dataset, scene, method, _MESH if metric in AUDITED else condition, metric)
+            for metric in metrics
         ]
         labels = dataset_title(dataset), scene_title(scene), method_title(method)
         for name in names:
-            cells = (_bare(number_cell(key.metric, numbers[name].number(key))) for key in keys)
-            words = _text(condition_title(condition)), _text(name)
-            rows.append(Row(labels, (*words, *cells, *_provenance(records[name].get(place, ())))))
-        theirs = [_bare(number_cell(key.metric, paper.number(key))) for key in keys]
-        if any(cell.value is not None for cell in theirs):
-            words = _text(condition_title(condition)), _text(THE_PAPER)
-            rows.append(Row(labels, (*words, *theirs, *[_text(NOT_THERE)] * 4), paper=True))
+            cells = [_without_reason(number_cell(key.metric, numbers[name].number(key))) for key in keys]
+            origin = _text_cell(condition_title(condition)), _text_cell(name)
+            provenance = _provenance_cells(records[name].get(row_key, ()))
+            rows.append(TableRow(labels, (*origin, *cells, *provenance)))
+        cells = [_without_reason(number_cell(key.metric, paper.number(key))) for key in keys]
+        if any(cell.value is not None for cell in cells):
+            origin = _text_cell(condition_title(condition)), _text_cell(THE_PAPER)
+            provenance = (_text_cell(NOT_AVAILABLE),) * 4
+            rows.append(TableRow(labels, (*origin, *cells, *provenance), paper=True))
     columns = [
-        *(Column(name, filters=True) for name in ("Condition", "From")),
-        *(Column(title_with_unit(metric)) for metric in metrics),
-        *(Column(name) for name in ("Model", "Photographs", "msb", "Drawn by")),
+        *(TableColumn(name, filters=True) for name in ("Condition", "From")),
+        *(TableColumn(metric_title_with_unit(metric)) for metric in metrics),
+        *(TableColumn(name) for name in ("Model", "Photographs", "msb", "Drawn by")),
     ]
-    caption = "Results; the lists choose rows."
+    caption = "Results. The lists filter the rows."
     heads = "Dataset", "Scene", "Method"
     return Table("board", caption, heads, tuple(columns), tuple(rows)).with_common_notes()
 
 
-def _places(numbers: Mapping[str, Numbers]) -> dict[tuple[str, str, str, str], list[str]]:
-    """Return dataset, scene or mean, method and condition -> who has numbers there, in the table's order."""
-    found: dict[tuple[str, str, str, str], list[str]] = {}
-    for name, own in numbers.items():
-        # A mean over one scene says nothing more than the scene.
-        scenes = {(key.dataset, key.scene) for key in own.values if key.scene not in MEANS}
+def _list_rows(numbers: Mapping[str, Numbers]) -> dict[RowKey, list[str]]:
+    """Return the rows of the table in their order, each with the submitters that have numbers for it."""
+    names_of: dict[RowKey, list[str]] = {}
+    for name, of_submitter in numbers.items():
+        scenes = {(key.dataset, key.scene) for key in of_submitter.values if key.scene not in MEANS}
         count = Counter(dataset for dataset, _ in scenes)
-        there = {
-            key[:4] for key, number in own.values.items() if number.value is not None and not key.of_asset
+        row_keys = {
+            key[:4]
+            for key, number in of_submitter.values.items()
+            if number.value is not None and not key.is_of_asset
         }
-        drawn = {at[:3] for at in there if at[3] != _MESH}
-        for at in there:
-            dataset, scene, _, condition = at
-            if not (scene in MEANS and count[dataset] == 1) and not (condition == _MESH and at[:3] in drawn):
-                found.setdefault(at, []).append(name)
-    names = dict.fromkeys(key.dataset for own in numbers.values() for key in own.values)
+        drawn = {row_key[:3] for row_key in row_keys if row_key[3] != _MESH}
+        for row_key in row_keys:
+            dataset, scene, _, condition = row_key
+            # A mean over one scene repeats the scene, and drawn conditions repeat the metrics of the mesh.
+            is_repeated_mean = scene in MEANS and count[dataset] == 1
+            is_repeated_mesh = condition == _MESH and row_key[:3] in drawn
+            if not is_repeated_mean and not is_repeated_mesh:
+                names_of.setdefault(row_key, []).append(name)
+    names = dict.fromkeys(key.dataset for of_submitter in numbers.values() for key in of_submitter.values)
     datasets = {dataset: number for number, dataset in enumerate(names)}
     means = list(MEANS)
 
-    def order(at: tuple[str, str, str, str]) -> tuple[Any, ...]:
-        dataset, scene, method, condition = at
-        place = means.index(scene) if scene in MEANS else -1
-        return datasets[dataset], place, scene, method, condition_order(condition), condition
+    def order(row_key: RowKey) -> tuple[Any, ...]:
+        dataset, scene, method, condition = row_key
+        mean = means.index(scene) if scene in MEANS else -1  # means follow the scenes
+        return datasets[dataset], mean, scene, method, condition_order(condition), condition
 
-    return {at: found[at] for at in sorted(found, key=order)}
+    return {row_key: names_of[row_key] for row_key in sorted(names_of, key=order)}
 
 
-def _by_row(results: ResultSet) -> dict[tuple[str, str, str, str], list[Result]]:
-    """Return dataset, scene or mean, method and condition -> the records there."""
-    found: dict[tuple[str, str, str, str], list[Result]] = {}
-    for one in results:
-        dataset, scene, method = one.place
+def _group_records(results: ResultSet) -> dict[RowKey, list[Result]]:
+    """Return row -> its records: one for a scene, the records of all scenes for a mean."""
+    records: dict[RowKey, list[Result]] = {}
+    for loaded in results:
+        dataset, scene, method = loaded.place
         for row in dict.fromkeys((scene, *MEANS)):
-            place = dataset, row, method, one.result.cell.condition_key
-            found.setdefault(place, []).append(one.result)
-    return found
+            row_key = dataset, row, method, loaded.result.cell.condition_key
+            records.setdefault(row_key, []).append(loaded.result)
+    return records
 
 
-def _bare(cell: Cell) -> Cell:
-    """Return a cell without the reasons why it is empty: most rows of a board have many."""
+def _without_reason(cell: TableCell) -> TableCell:
+    """Return an empty cell without its reason: most rows of a board have many empty cells."""
     return cell if cell.value is not None else replace(cell, reason=None, notes=())
 
 
-def _text(text: str) -> Cell:
-    return Cell(text, text)
+def _text_cell(text: str) -> TableCell:
+    return TableCell(text, text)
 
 
-def _provenance(held: Sequence[Result]) -> tuple[Cell, ...]:
-    """Return the cells on model, photographs, version and device of one record, or of those of a mean."""
-    said: list[set[str]] = [set(), set(), set(), set()]
-    for one in held:
-        said[0] |= {one.asset.sha256[:_SHORT]} if one.asset and one.asset.sha256 else set()
-        said[1] |= {one.inputs.get("quality", {}).get("photographs", "")[:_SHORT]} - {""}
-        said[2] |= {plain_text(one.tool_version)}
-        said[3] |= {_device(one)} - {""}
+def _provenance_cells(records: Sequence[Result]) -> tuple[TableCell, ...]:
+    """Return the cells for model, photographs, version and device; "N different" if the records differ."""
+    models = {
+        record.asset.sha256[:_HASH_DIGITS] for record in records if record.asset and record.asset.sha256
+    }
+    photographs = {_photographs_hash(record)[:_HASH_DIGITS] for record in records} - {""}
+    versions = {plain_text(record.tool_version) for record in records}
+    devices = {_device_name(record) for record in records} - {""}
     return tuple(
-        _text(next(iter(own)) if len(own) == 1 else f"{len(own)} different" if own else NOT_THERE)
-        for own in said
+        _text_cell(
+            next(iter(values))
+            if len(values) == 1
+            else f"{len(values)} different"
+            if values
+            else NOT_AVAILABLE
+        )
+        for values in (models, photographs, versions, devices)
     )
 
 
-def _device(result: Result) -> str:
-    drawn = str(result.drawn_on.get("name", ""))
-    if result.renderer is not None and result.renderer.kind in ("upstream", "msb_reference"):
-        return "its own renderer" if result.renderer.kind == "upstream" else "our NumPy renderer"
-    return shorten(plain_text(drawn), 60)
+def _photographs_hash(record: Result) -> str:
+    """Return the hash of the photographs and of their processing, or ""."""
+    return str(record.inputs.get("quality", {}).get("photographs", ""))
 
 
-def _submissions(named: Sequence[tuple[str, Submission]]) -> Table:
+def _device_name(record: Result) -> str:
+    name = str(record.drawn_on.get("name", ""))
+    if record.renderer is not None and record.renderer.kind in ("upstream", "msb_reference"):
+        return "native renderer" if record.renderer.kind == "upstream" else "our NumPy renderer"
+    return shorten(plain_text(name), 60)
+
+
+def _submissions_table(named: Sequence[tuple[str, Submission]]) -> Table:
     names = ("Results", "msb", "SHA-256 of the submission", "SHA-256 of msb's code", "Drawn by")
     rows = []
-    for name, each in named:
-        devices = ", ".join(dict.fromkeys(filter(None, map(_device, each.records)))) or NOT_THERE
-        cells = [str(len(each.records)), plain_text(each.about.tool_version), each.sha256]
-        rows.append(Row((name,), tuple(map(_text, (*cells, each.about.code_sha256, devices)))))
-    note = "hashes say that a file is whole and which one it is, not who made it"
-    return Table(
-        "submissions", "Who submitted what.", ("From",), tuple(map(Column, names)), tuple(rows), (note,)
-    )
+    for name, submission in named:
+        devices = dict.fromkeys(filter(None, map(_device_name, submission.records)))
+        cells = (
+            str(len(submission.records)),
+            plain_text(submission.about.tool_version),
+            submission.sha256,
+            submission.about.code_sha256,
+            ", ".join(devices) or NOT_AVAILABLE,
+        )
+        rows.append(TableRow((name,), tuple(map(_text_cell, cells))))
+    note = "a hash identifies a file and shows that it is complete; it does not prove who made it"
+    columns = tuple(map(TableColumn, names))
+    return Table("submissions", "Submissions.", ("From",), columns, tuple(rows), (note,))
 
 
-def _files(loaded: Mapping[str, ResultSet]) -> Table:
+def _files_table(results: Mapping[str, ResultSet]) -> Table:
+    """Return the hashes of all files behind the results of each submitter and model."""
     rows = []
-    for name, results in loaded.items():
-        for place, own in results.places.items():
-            held = [one.result for one in own.values()]
-            files = {
-                kind: {file.sha256 for one in held if (file := getattr(one, kind)) and file.sha256}
+    for name, of_submitter in results.items():
+        for place, conditions in of_submitter.places.items():
+            records = [loaded.result for loaded in conditions.values()]
+            hashes = [
+                {file.sha256 for record in records if (file := getattr(record, kind)) and file.sha256}
                 for kind in ("asset", "checkpoint", "renders")
-            }
-            photographs = {one.inputs.get("quality", {}).get("photographs") for one in held} - {None}
+            ]
+            hashes.append({_photographs_hash(record) for record in records} - {""})
             model = (
                 f"{dataset_title(place.dataset)}, {scene_title(place.scene)}, {method_title(place.method)}"
             )
-            cells = (
-                ", ".join(sorted(map(str, each))) or NOT_THERE for each in (*files.values(), photographs)
-            )
-            rows.append(Row((name, model), tuple(map(_text, cells))))
-    names = ("Asset", "Checkpoint", "Own renderings", "Photographs")
-    caption = "SHA-256 of the files; of photographs, a hash of theirs and of how they are compared."
-    return Table("files", caption, ("From", "Model"), tuple(map(Column, names)), tuple(rows))
+            cells = (", ".join(sorted(map(str, values))) or NOT_AVAILABLE for values in hashes)
+            rows.append(TableRow((name, model), tuple(map(_text_cell, cells))))
+    names = ("Asset", "Checkpoint", "Native renderings", "Photographs")
+    caption = "SHA-256 of the files. The hash of photographs includes how they are compared."
+    return Table("files", caption, ("From", "Model"), tuple(map(TableColumn, names)), tuple(rows))
 
 
-def _differences(loaded: Mapping[str, ResultSet]) -> Iterator[str]:
-    """Yield what makes rows of one submission, or of several, not comparable."""
-    yield from (f"{name}: {note}" for name, results in loaded.items() for note in results.notes)
+def _find_differences(results: Mapping[str, ResultSet]) -> Iterator[str]:
+    """Yield why rows of one or of several submissions cannot be compared."""
+    yield from (f"{name}: {note}" for name, of_submitter in results.items() for note in of_submitter.notes)
+    # (dataset, scene, method) -> hash of the photographs -> submitters, and metric -> definition ->
+    # submitters.
     photographs: dict[tuple[str, str, str], dict[str, list[str]]] = {}
     metrics: dict[str, dict[str, list[str]]] = {}
-    for name, results in loaded.items():
-        for one in results:
-            key = one.result.inputs.get("quality", {}).get("photographs")
-            if key:
-                where = (
-                    dataset_title(one.place.dataset),
-                    scene_title(one.place.scene),
-                    method_title(one.place.method),
-                )
+    for name, of_submitter in results.items():
+        for loaded in of_submitter:
+            if key := _photographs_hash(loaded.result):
+                dataset, scene, method = loaded.place
+                where = dataset_title(dataset), scene_title(scene), method_title(method)
                 photographs.setdefault(where, {}).setdefault(key, []).append(name)
-            for identity in () if one.result.quality is None else one.result.quality.metrics:
+            for identity in () if loaded.result.quality is None else loaded.result.quality.metrics:
                 text = str(sorted(defined(identity).items()))
                 metrics.setdefault(str(identity.get("name")), {}).setdefault(text, []).append(name)
-    alike: dict[str, list[str]] = {}
-    for where, kinds in photographs.items():
-        if len(kinds) > 1:
-            who = " and ".join(" with ".join(dict.fromkeys(names)) for names in kinds.values())
-            alike.setdefault(who, []).append(", ".join(where))
-    for who, places in alike.items():
-        yield f"not on the same photographs, size or background: {who}, of {'; '.join(places)}"
-    for metric, kinds in metrics.items():
-        if len(kinds) > 1:
-            who = " and ".join(" with ".join(dict.fromkeys(names)) for names in kinds.values())
-            yield f"{plain_text(metric)} is defined differently by {who}"
+    # Models with the same groups of submitters share a sentence.
+    places_of: dict[str, list[str]] = {}
+    for where, groups in photographs.items():
+        if len(groups) > 1:
+            places_of.setdefault(_list_groups(groups.values()), []).append(", ".join(where))
+    for submitters, places in places_of.items():
+        yield f"different photographs, sizes or backgrounds: {submitters}, for {'; '.join(places)}"
+    for metric, groups in metrics.items():
+        if len(groups) > 1:
+            yield f"different definitions of {plain_text(metric)}: {_list_groups(groups.values())}"
 
 
-def _views(name: str, submission: Submission) -> Iterator[View]:
-    """Yield the pictures of a submission, each checked to be one, and to have the PSNR of its record."""
-    compared = {
+def _list_groups(groups: Iterable[Sequence[str]]) -> str:
+    """Return "A with B and C" for the groups of names (A, B) and (C)."""
+    return " and ".join(" with ".join(dict.fromkeys(names)) for names in groups)
+
+
+def _read_views(name: str, submission: Submission) -> Iterator[ComparedView]:
+    """Yield the submitted views.
+
+    Raises InputError unless each image is a JPEG and its PSNR equals the PSNR in one of the records.
+    """
+    recorded = {
         (*record.cell.names[:3], condition_title(record.cell.condition_key), image.name, image.values["psnr"])
         for record in submission.records
         for image in (() if record.quality is None else record.quality.images)
     }
-    grouped: dict[tuple[str, str, str, str], list[Shown]] = {}
-    for one in submission.about.pictures:
-        grouped.setdefault((one.dataset, one.scene, one.image, one.why), []).append(one)
-    for number, ((dataset, scene, image, why), shown) in enumerate(grouped.items()):
-        own = {one.file: _picture(one, submission, number) for one in shown}
-        truth = next((own[one.file] for one in shown if one.method is None), None)
-        shots: dict[str, list[Shot]] = {}
-        for one in shown:
-            if one.method is not None:
-                heading = str(one.condition)
-                if (dataset, scene, one.method, heading, image, one.psnr) not in compared:
-                    text = f"the PSNR of {one.file} is that of none of its records"
+    by_view: dict[tuple[str, str, str, str], list[Shown]] = {}
+    for picture in submission.about.pictures:
+        by_view.setdefault((picture.dataset, picture.scene, picture.image, picture.why), []).append(picture)
+    for number, ((dataset, scene, view, why), pictures) in enumerate(by_view.items()):
+        images = {picture.file: _read_image(picture, submission, number) for picture in pictures}
+        ground_truth = next((images[picture.file] for picture in pictures if picture.method is None), None)
+        renderings: dict[str, list[Rendering]] = {}
+        for picture in pictures:
+            if picture.method is not None:
+                heading = str(picture.condition)
+                if (dataset, scene, picture.method, heading, view, picture.psnr) not in recorded:
+                    text = f"the PSNR of {picture.file} differs from that of all its records"
                     raise InputError("RECORD_INVALID", text, file=submission.path)
-                shots.setdefault(one.method, []).append(Shot(plain_text(heading), one.psnr, own[one.file]))
-        said = f"{plain_text(why)}; from {name}"
-        yield View(dataset, scene, image, said, truth, {key: tuple(each) for key, each in shots.items()})
+                rendering = Rendering(plain_text(heading), picture.psnr, images[picture.file])
+                renderings.setdefault(picture.method, []).append(rendering)
+        explanation = f"{plain_text(why)}; from {name}"
+        by_method = {method: tuple(row) for method, row in renderings.items()}
+        yield ComparedView(dataset, scene, view, explanation, ground_truth, by_method)
 
 
-def _picture(shown: Shown, submission: Submission, number: int) -> Picture:
+def _read_image(picture: Shown, submission: Submission, number: int) -> JpegImage:
+    """Return a submitted image; `number` counts the views. Raises InputError unless it is a small JPEG."""
     from PIL import Image
 
-    data = submission.pictures[shown.file]
+    data = submission.pictures[picture.file]
     try:
         with Image.open(io.BytesIO(data), formats=("JPEG",)) as file:
-            right = max(file.size) <= _MOST_SIDE
-            if right:
+            valid = max(file.size) <= _MAX_SIDE
+            if valid:
                 file.load()
     except (OSError, ValueError, SyntaxError, Image.DecompressionBombError):
-        right = False
-    if not right:
-        text = f"{shown.file} is no JPEG of at most {_MOST_SIDE} pixels a side"
+        valid = False
+    if not valid:
+        text = f"{picture.file} is not a JPEG of at most {_MAX_SIDE} x {_MAX_SIDE} pixels"
         raise InputError("RECORD_INVALID", text, file=submission.path)
-    return Picture(f"{submission.sha256[:_SHORT]}-{number}-{shown.file.rpartition('/')[2]}", data)
+    name = f"{submission.sha256[:_HASH_DIGITS]}-{number}-{picture.file.rpartition('/')[2]}"
+    return JpegImage(name, data)

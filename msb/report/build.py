@@ -1,4 +1,4 @@
-"""Make the report of results, and that of the paper's own tables."""
+"""Build the report on a set of results, and the report of the paper's own tables."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -7,47 +7,47 @@ from itertools import groupby
 from msb.base.version import __version__
 from msb.bench.records import BAKED
 from msb.errors import UsageError, shorten
-from msb.report.against import LABEL, against_findings, against_table, comparisons
 from msb.report.collect import collect
-from msb.report.figures import Figure, figures
-from msb.report.findings import find
+from msb.report.compared_views import ComparedView, select_views, view_names
+from msb.report.figures import Figure, make_figures
+from msb.report.findings import derive_findings
 from msb.report.layout import PAPER_ROW
+from msb.report.method_comparison import LABEL, compare_methods, comparison_findings, comparison_table
 from msb.report.numbers import Key, Number, Numbers, dataset_title, method_title
 from msb.report.paper import contradictions, paper_numbers
-from msb.report.pictures import View, view_names, views
-from msb.report.report import Report, Section, places_of
+from msb.report.report import Report, Section, list_places
 from msb.report.results import ResultSet
 from msb.report.table import Table
-from msb.report.tables import measured
+from msb.report.tables import measurements
 from msb.report.tables.bakes import bakes_table, split_table
 from msb.report.tables.features import deployment_features, native_features
 from msb.report.tables.gaps import gaps_table, slowdown_table
 from msb.report.tables.reproducibility import SOURCES, reproducibility, reproducibility_statistics
 
 OTHER_SCENES = (
-    "{}: no scene is one of the published set, so means are over those there are and the paper's "
-    "numbers are not beside them"
+    "{}: none of the scenes belongs to the published dataset. Means are over the scenes of this run, and the "
+    "paper's numbers are not shown"
 )
 ONE_SCENE = (
-    "what is significant over the views of one scene is so of that scene alone, and less sure than it looks "
-    "as far as neighbouring views are alike"
+    "significance tests on one scene apply to that scene only, and overstate certainty when neighbouring "
+    "views are similar"
 )
-NOTHING_AGAINST = "against {}: no other method was measured under the same condition on the same scene"
-# The paper sets the scenes of these datasets side by side, and of others below each other.
+NO_COMPARISON = "--against {}: no other method was measured under the same condition on the same scene"
+# The paper's tables show the scenes of these datasets side by side, and the scenes of others in rows.
 FEW_SCENES = ("tanksandtemples",)
-# Label of a table of the paper -> the function that makes ours, and its dataset if it is of one.
+# Label of a table of the paper -> our builder of this table, and its dataset if it is about one.
 _PAPER: dict[str, tuple[Callable[..., Table], str]] = {
-    "native_summary": (measured.native_summary, ""),
-    "native_comprehensive_results": (measured.native_summary, ""),
-    "mip360_renderer_comparison": (measured.renderer_comparison, "mipnerf360"),
-    "tnt_renderer_comparison": (measured.scene_comparison, "tanksandtemples"),
-    "tnt_unity_runtime_resources": (measured.runtime_resources, "tanksandtemples"),
-    "mip360_unity_gpu_latency": (measured.latency, "mipnerf360"),
-    "mip360_unity_memory": (measured.memory, "mipnerf360"),
-    "mesh_connectivity": (measured.mesh_connectivity, "mipnerf360"),
+    "native_summary": (measurements.native_summary, ""),
+    "native_comprehensive_results": (measurements.native_summary, ""),
+    "mip360_renderer_comparison": (measurements.renderer_comparison, "mipnerf360"),
+    "tnt_renderer_comparison": (measurements.scene_comparison, "tanksandtemples"),
+    "tnt_unity_runtime_resources": (measurements.runtime_resources, "tanksandtemples"),
+    "mip360_unity_gpu_latency": (measurements.latency, "mipnerf360"),
+    "mip360_unity_memory": (measurements.memory, "mipnerf360"),
+    "mesh_connectivity": (measurements.mesh_connectivity, "mipnerf360"),
     "reproducibility_comparison": (reproducibility, ""),
 }
-# Label of a table of ours -> what the paper calls it, where that is another name.
+# Label of a table of ours -> label in the paper, if they differ.
 _PAPER_LABELS = {
     "renderer_comparison-mipnerf360": "mip360_renderer_comparison",
     "renderer_comparison-tanksandtemples": "tnt_renderer_comparison",
@@ -56,43 +56,39 @@ _PAPER_LABELS = {
     "reproducibility": "reproducibility_comparison",
 }
 
-# Name of a section -> its title, its introduction and the kind of its charts.
+# Name of a section -> title, introduction, and the kind of its charts.
 _SECTIONS = {
     "deployment": (
-        "From condition to condition",
-        "What each tier and engine makes of the same models, and what is lost on the way.",
+        "Quality by condition",
+        "Image quality of the same models with their native renderers, on each tier and in each engine.",
         "deployment_gap",
     ),
-    "gaps": ("Deployment gaps", "How much quality each step costs.", ""),
+    "gaps": ("Deployment gaps", "Loss of quality at each step of deployment.", ""),
     "bakes": (
-        "Where the loss is",
-        "What plain assets of the models can reach, and so which part of the loss is the export's.",
+        "Parts of the loss",
+        "Quality that baked meshes reach, and thus the part of the loss that is due to the export.",
         "loss_split",
     ),
-    "looks": ("What it looks like", "The same test view under every condition.", ""),
-    "native": ("With their own renderers", "The methods before any deployment.", ""),
-    "runtime": ("Speed and memory", "What drawing costs.", "quality_speed"),
+    "looks": ("Renderings", "The same test views under every condition.", ""),
+    "native": ("Native renderers", "Results of the methods before deployment.", ""),
+    "runtime": ("Speed and memory", "Frame rate, frame time and memory of rendering.", "quality_speed"),
     "walk": (
-        "Off the path",
-        "What flickers and where holes are on a flight between and beyond the cameras.",
+        "Away from the captured views",
+        "Flicker and holes on a camera path between and beyond the captured views.",
         "",
     ),
-    "structure": (
-        "Structure of the meshes",
-        "Whether the exported mesh is more than a set of triangles.",
-        "",
-    ),
+    "structure": ("Structure of the meshes", "Connectivity of the exported meshes.", ""),
     "reproducibility": (
-        "Against published results",
-        "How near this run comes to what was published.",
+        "Published results",
+        "Differences between this run and published results.",
         "reproducibility",
     ),
     "features": (
-        "What each tier keeps",
-        "What the representations have, and what the tiers keep of it.",
+        "Features kept by each tier",
+        "Features of the representations, and the features that each tier keeps.",
         "",
     ),
-    "scenes": ("Every scene", "The numbers behind the means.", ""),
+    "scenes": ("Results per scene", "The values behind the means.", ""),
 }
 
 
@@ -105,44 +101,48 @@ def build_report(
     with_paper: bool = True,
     against: str | None = None,
 ) -> Report:
-    """Return the report on `results`, with the paper's numbers beside ours.
+    """Return the report on `results`.
 
     Parameters
     ----------
+    results : ResultSet
     published : mapping of Key to Number, optional
-        More published numbers (`published_numbers`).
+        Further published numbers (`published_numbers`).
     chosen : sequence of str
-        Views to show, "SCENE/IMAGE", besides those with the largest and a typical loss.
+        Views to show ("SCENE/IMAGE") in addition to the views with the largest and the median loss.
     pictures : bool
-        Whether charts and renderings are wanted.
+        Whether to include charts and renderings.
     with_paper : bool
-        Whether the paper's numbers are wanted beside ours; those in `published` are in any case.
+        Whether to include the paper's numbers. Those in `published` are always included.
     against : str, optional
-        A method, or its label, that every other one is held against, view by view.
+        A method or label. Every other method is compared with it, view by view.
     """
     _check_chosen(results, chosen)
     numbers = collect(results)
-    compared = [] if against is None else comparisons(results, numbers, against)
+    comparisons = [] if against is None else compare_methods(results, numbers, against)
     paper = paper_numbers() if with_paper else Numbers({}, of_paper=True)
     if published:
         paper = replace(paper, values={**paper.values, **published})
+    # The paper's numbers are not comparable with those of other scenes under the name of its datasets.
     others = [dataset for dataset in numbers.datasets() if numbers.has_other_scenes(dataset)]
     paper = _without(paper, others)
-    findings = tuple(find(numbers, first=against_findings(compared, against or "")))
-    charts = figures(numbers, paper) if pictures else []
-    places = places_of(results, numbers) if pictures else []
+    findings = tuple(derive_findings(numbers, first=comparison_findings(comparisons, against or "")))
+    charts = make_figures(numbers, paper) if pictures else []
+    places = list_places(results, numbers) if pictures else []
     by_dataset = groupby(places, key=lambda place: place.dataset)
-    shown = tuple(view for _, own in by_dataset for view in views(results, list(own), chosen))
-    sections = _sections(numbers, paper, charts, shown)
-    if compared and against:
-        title = f"Against {method_title(against)}"
-        intro = "Whether the other methods are better, and how sure that is."
-        sections = (Section(LABEL, title, intro, (against_table(compared, numbers, against),)), *sections)
+    views = tuple(view for _, group in by_dataset for view in select_views(results, list(group), chosen))
+    sections = _make_sections(numbers, paper, charts, views)
+    if comparisons and against:
+        title = f"Comparison with {method_title(against)}"
+        intro = "Differences from the other methods, with confidence intervals and t tests."
+        table = comparison_table(comparisons, numbers, against)
+        sections = (Section(LABEL, title, intro, (table,)), *sections)
+    # Warnings at the top of the report.
     notes = [*results.notes]
-    notes += [ONE_SCENE] if any("views of one scene" in one.sentence for one in findings) else []
-    notes += [NOTHING_AGAINST.format(against)] if against and not compared else []
+    notes += [ONE_SCENE] if any("views of one scene" in finding.sentence for finding in findings) else []
+    notes += [NO_COMPARISON.format(against)] if against and not comparisons else []
     notes += [OTHER_SCENES.format(", ".join(map(dataset_title, others)))] if others and with_paper else []
-    notes += [*_failures(results), *_other_renderings(results, shown)]
+    notes += [*_list_failures(results), *_list_changed_files(results, views)]
     summary = _summary(results, numbers)
     return Report(
         "MeshSplatBench report", summary, sections, findings, tuple(notes), numbers, results, with_paper
@@ -150,9 +150,9 @@ def build_report(
 
 
 def paper_report(*, pictures: bool = True) -> Report:
-    """Return the paper's own tables, made of its numbers by the builders that make ours."""
+    """Return the paper's own tables, built from its numbers by the builders of our tables."""
     numbers = paper_numbers()
-    own = [
+    tables = [
         replace(build(paper_numbers(label), *filter(None, [dataset])), label=label)
         for label, (build, dataset) in _PAPER.items()
     ]
@@ -161,93 +161,103 @@ def paper_report(*, pictures: bool = True) -> Report:
         Section(
             "tables",
             "The paper's tables",
-            "Printed from the paper's numbers by the writer of ours.",
-            _with_contradictions(*own, native_features(), deployment_features()),
+            "The paper's numbers, printed in the same way as ours.",
+            _with_contradictions(*tables, native_features(), deployment_features()),
         ),
         Section(
             "derived",
-            "What follows from them",
-            "Gaps and ratios the paper states in prose, from the means it prints.",
+            "Derived numbers",
+            "Gaps and ratios that the paper states in prose, computed from its printed means.",
             _with_contradictions(*derived, slowdown_table(numbers)),
-            tuple(figures(numbers)) if pictures else (),
+            tuple(make_figures(numbers)) if pictures else (),
         ),
     )
-    findings = [replace(one, table=_PAPER_LABELS.get(one.table, one.table)) for one in find(numbers)]
-    summary = "The tables of the MeshSplatBench paper, from its own numbers; nothing here was measured."
+    findings = [
+        replace(finding, table=_PAPER_LABELS.get(finding.table, finding.table))
+        for finding in derive_findings(numbers)
+    ]
+    summary = "The tables of the MeshSplatBench paper with its own numbers; nothing was measured here."
     return Report("The paper's tables", summary, sections, tuple(findings), (), numbers)
 
 
-def _with_contradictions(*own: Table) -> tuple[Table, ...]:
-    """Return tables of the paper with notes on what contradicts them elsewhere in the paper."""
+def _with_contradictions(*tables: Table) -> tuple[Table, ...]:
+    """Return tables of the paper with notes on statements of the paper that contradict them."""
     known = contradictions()
-    return tuple(replace(table, notes=(*table.notes, *known.get(table.label, ()))) for table in own)
+    return tuple(replace(table, notes=(*table.notes, *known.get(table.label, ()))) for table in tables)
 
 
 def _with_paper_notes(table: Table) -> Table:
-    """Return a table of ours with notes on what contradicts the paper's numbers in it, if it has any."""
-    beside = any(SOURCES["meshsplatbench"] in column.groups for column in table.columns)
-    if not beside and not any(row.paper for row in table.rows):
+    """Return a table of ours with notes on contradictions in the paper, if it holds the paper's numbers."""
+    has_columns = any(SOURCES["meshsplatbench"] in column.groups for column in table.columns)
+    if not has_columns and not any(row.paper for row in table.rows):
         return table
     known = contradictions().get(_PAPER_LABELS.get(table.label, table.label), ())
     return replace(table, notes=(*table.notes, *(f"{PAPER_ROW}: {note}" for note in known)))
 
 
-def _sections(
-    numbers: Numbers, paper: Numbers, charts: Sequence[Figure], shown: tuple[View, ...]
+def _make_sections(
+    numbers: Numbers, paper: Numbers, charts: Sequence[Figure], views: tuple[ComparedView, ...]
 ) -> tuple[Section, ...]:
+    """Return the sections with at least one table, chart or view."""
     datasets = numbers.datasets()
     drawn = [dataset for dataset in datasets if numbers.conditions(dataset)]
     deployed = [d for d in drawn if any(condition != "non_engine" for condition in numbers.conditions(d))]
+    # Datasets with few scenes have tables with the scenes side by side.
     few = [dataset for dataset in deployed if dataset in FEW_SCENES]
     audited = [dataset for dataset in datasets if numbers.methods(dataset, "exported_mesh")]
 
+    # Tables that depend on the kind of dataset, or on published numbers.
     runtime = [slowdown_table(numbers, paper)] if deployed else []
-    runtime += [measured.runtime_resources(numbers, dataset, paper) for dataset in few]
+    runtime += [measurements.runtime_resources(numbers, dataset, paper) for dataset in few]
     for dataset in deployed:
         if dataset not in few:
-            runtime += [measured.latency(numbers, dataset, paper), measured.memory(numbers, dataset, paper)]
-        runtime += [measured.frame_time(numbers, dataset)]
+            runtime += [
+                measurements.latency(numbers, dataset, paper),
+                measurements.memory(numbers, dataset, paper),
+            ]
+        runtime += [measurements.frame_time(numbers, dataset)]
     published: list[Table] = []
     if any(key.source for key in paper.values if key.dataset in datasets):
         published += [reproducibility(numbers, paper)]
         published += [reproducibility_statistics(numbers, paper)]
-    made: dict[str, Iterable[Table]] = {
+    # Name of a section -> its tables; empty tables are dropped below.
+    tables_of: dict[str, Iterable[Table]] = {
         "deployment": [
-            *(measured.renderer_comparison(numbers, dataset, paper) for dataset in drawn),
-            *(measured.scene_comparison(numbers, dataset, paper) for dataset in few),
+            *(measurements.renderer_comparison(numbers, dataset, paper) for dataset in drawn),
+            *(measurements.scene_comparison(numbers, dataset, paper) for dataset in few),
         ],
         "gaps": (gaps_table(numbers, dataset, paper) for dataset in deployed),
         "bakes": (
             table
             for dataset in drawn
-            if numbers.in_place_of(dataset, BAKED)
+            if numbers.variants(dataset, BAKED)
             for table in (split_table(numbers, dataset), bakes_table(numbers, dataset))
         ),
-        "native": [measured.native_summary(numbers, paper)],
+        "native": [measurements.native_summary(numbers, paper)],
         "runtime": runtime,
-        "walk": (measured.walk(numbers, dataset) for dataset in deployed if _walked(numbers, dataset)),
-        "structure": (measured.mesh_connectivity(numbers, dataset, paper) for dataset in audited),
+        "walk": (measurements.walk(numbers, dataset) for dataset in deployed if _has_walk(numbers, dataset)),
+        "structure": (measurements.mesh_connectivity(numbers, dataset, paper) for dataset in audited),
         "reproducibility": published,
         "features": [native_features(), deployment_features()],
         "scenes": (
-            measured.per_scene(numbers, dataset, condition)
+            measurements.per_scene(numbers, dataset, condition)
             for dataset in datasets
             for condition in dict.fromkeys(("non_engine", *numbers.conditions(dataset)))
         ),
     }
     sections = []
     for name, (title, intro, kind) in _SECTIONS.items():
-        tables = (table for table in made.get(name, ()) if table.rows and table.columns)
-        own = tuple(map(_with_paper_notes, tables))
+        filled = (table for table in tables_of.get(name, ()) if table.rows and table.columns)
+        tables = tuple(map(_with_paper_notes, filled))
         figures = tuple(chart for chart in charts if chart.name.partition("-")[0] == kind)
-        looks = shown if name == "looks" else ()
-        if own or figures or looks:
-            sections.append(Section(name, title, intro, own, figures, looks))
+        shown_views = views if name == "looks" else ()
+        if tables or figures or shown_views:
+            sections.append(Section(name, title, intro, tables, figures, shown_views))
     return tuple(sections)
 
 
-def _walked(numbers: Numbers, dataset: str) -> bool:
-    """Return whether a condition was walked through on a scene of a dataset."""
+def _has_walk(numbers: Numbers, dataset: str) -> bool:
+    """Return whether a dataset has results of a walk beyond the captured views."""
     return any(
         number.value is not None
         for key, number in numbers.values.items()
@@ -256,15 +266,16 @@ def _walked(numbers: Numbers, dataset: str) -> bool:
 
 
 def _check_chosen(results: ResultSet, chosen: Sequence[str]) -> None:
+    """Raise UsageError unless all views "SCENE/IMAGE" exist."""
     known = {f"{place.scene}/{image}" for place in results.places for image in view_names(results, place)}
     for name in chosen:
         if name not in known:
-            example = f"; {min(known)} is one" if known else ""
-            raise UsageError("USAGE", f'there is no test view "{shorten(name, 80)}"{example}')
+            example = f"; name a view such as {min(known)}" if known else ""
+            raise UsageError("USAGE", f'--view: the test view "{shorten(name, 80)}" does not exist{example}')
 
 
 def _without(paper: Numbers, datasets: Sequence[str]) -> Numbers:
-    """Return the paper's numbers without those of `datasets`: they are of other scenes."""
+    """Return the paper's numbers without `datasets`."""
     return replace(
         paper,
         values={key: number for key, number in paper.values.items() if key.dataset not in datasets},
@@ -274,6 +285,7 @@ def _without(paper: Numbers, datasets: Sequence[str]) -> Numbers:
 
 
 def _summary(results: ResultSet, numbers: Numbers) -> str:
+    """Return the number of results, methods, scenes and datasets, and our version."""
     methods = {place.method for place in results.places}
     scenes = {(place.dataset, place.scene) for place in results.places}
     of = f"{_count(len(results), 'result')} of {_count(len(methods), 'method')}"
@@ -285,23 +297,24 @@ def _count(number: int, noun: str) -> str:
     return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
-def _other_renderings(results: ResultSet, shown: Iterable[View]) -> Iterator[str]:
-    """Yield the renderings that are not shown, because they are not what the records say."""
-    gone = [
+def _list_changed_files(results: ResultSet, views: Iterable[ComparedView]) -> Iterator[str]:
+    """Yield notes on renderings that are missing, or not shown because they differ from the recorded ones."""
+    missing = [
         loaded.path.parent / image.file
         for loaded in results
         for image in loaded.images
         if loaded.file(image.file) is None
     ]
-    if gone:
-        more = f", and {len(gone) - 1} more" if len(gone) > 1 else ""
-        yield f"rendering gone: {gone[0]}{more}; msb run draws it again"
-    shots = (shot for view in shown for own in view.shots.values() for shot in own)
-    for path in dict.fromkeys(shot.changed for shot in shots if shot.changed is not None):
-        yield f"rendering changed since it was compared: {path}; msb run draws it again"
+    if missing:
+        more = f" and {len(missing) - 1} more" if len(missing) > 1 else ""
+        yield f"missing rendering: {missing[0]}{more}; msb run renders it again"
+    renderings = (rendering for view in views for row in view.renderings.values() for rendering in row)
+    for path in dict.fromkeys(rendering.changed for rendering in renderings if rendering.changed):
+        yield f"the rendering {path} has changed since it was measured; msb run renders it again"
 
 
-def _failures(results: ResultSet) -> list[str]:
+def _list_failures(results: ResultSet) -> list[str]:
+    """Return a note per failed cell."""
     notes = []
     for loaded in results:
         reason = loaded.result.reason

@@ -1,7 +1,7 @@
-"""From records to numbers: every metric of every cell, means over scenes, gaps; and why one is missing."""
+"""Collect numbers from result records: metrics, averages over scenes, gaps, and reasons for missing ones."""
 
 import re
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -15,9 +15,9 @@ from msb.metrics.registry import IMAGE_METRICS
 from msb.metrics.vgg import weights_source
 from msb.registry import METHODS
 from msb.report.numbers import (
+    ASSET_METRICS,
     FLOOR,
     MEAN,
-    OF_ASSET,
     ON_CPU,
     QUALITY,
     GapKey,
@@ -27,84 +27,87 @@ from msb.report.numbers import (
     RatioKey,
     SplitKey,
     condition_order,
-    gap_tiers,
-    ratio_tiers,
+    list_gap_pairs,
+    list_ratio_pairs,
     scene_title,
 )
 from msb.report.results import Place, ResultSet
-from msb.report.table import NOT_SUPPORTED, NOT_THERE
+from msb.report.table import NOT_AVAILABLE, NOT_SUPPORTED
 
-_RATES = ("fps", "p50_ms", "p95_ms", "spread_ms", "busy_p50_ms", "host_ms", "unsteady")
-# Metrics of a walk off the path.
+# Metrics by condition: timing, the walk beyond the captured views, and all other metrics of drawn conditions.
+_TIMING = ("fps", "p50_ms", "p95_ms", "spread_ms", "busy_p50_ms", "host_ms", "unsteady")
 WALK = ("flicker", "flicker_worst", "holes")
-# Metrics of a condition with images, besides those of `QUALITY`.
-_IMAGES = (*_RATES, *WALK, "memory", "driver_memory", "asset_size")
-# Metrics of exported meshes and of bakes, and of bakes alone.
+_DRAWN = (*_TIMING, *WALK, "memory", "driver_memory", "asset_size")
+# Metrics of exported and baked meshes, and of baked meshes alone.
 _OF_MESH, _OF_BAKE = ("faces", "tasks"), ("psnr_16", "bake_seconds")
-# Metric -> the part of `Result.reasons` that says why it is not there.
-_PARTS = {
-    **dict.fromkeys((*_RATES, "memory", "driver_memory"), "timing"),
+# Metric -> key of `Result.reasons` that explains a missing value.
+_REASON_KEYS = {
+    **dict.fromkeys((*_TIMING, "memory", "driver_memory"), "timing"),
     **dict.fromkeys(WALK, "walk"),
     **dict.fromkeys(("train_memory", "train_seconds"), "training"),
     "chamfer": "chamfer",
     "tasks": "trial",
 }
-
-# Metric -> its key in `Result.floor`.
-_FLOORS = {"memory": "memory_bytes", "p50_ms": "p50_ms", "p95_ms": "p95_ms"}
+# Metric -> attribute of `Result.floor`, the cost of a single triangle.
+_FLOOR_ATTRIBUTES = {"memory": "memory_bytes", "p50_ms": "p50_ms", "p95_ms": "p95_ms"}
 
 NOT_RUN = "not run"
 REFERENCE = "rendered by our reference renderer, not by the method's own code"
-SOUP = "a soup: no two faces share a vertex, so nothing of its connectivity can be good or bad"
-LPIPS = "LPIPS of VGG16's features, version 0.1, of images scaled to [-1, 1]"
-RESIZED = "against photographs resized here, not shipped in this size"
-STE = "ste_threshold is on: faces of less opacity are left out, where Standard knows of no opacity otherwise"
+SOUP = "a triangle soup: its triangles share no vertices, so its connectivity cannot be judged"
+LPIPS = "LPIPS version 0.1 with VGG16 features, on images scaled to [-1, 1]"
+RESIZED = "against photographs that were resized here, not distributed at this size"
+STE = "ste_threshold is set: faces below this opacity are pruned, whereas Standard otherwise ignores opacity"
 WHITE = "photographs and renderings over white, as in the dataset's protocol"
-_OVER_WHITE = ("dtu", "nerf_synthetic")
+# Datasets whose protocol composites over white.
+_WHITE_DATASETS = ("dtu", "nerf_synthetic")
 _COLORS = {(0.0, 0.0, 0.0): "black", (1.0, 1.0, 1.0): "white"}
-_DRAWERS = {"upstream": "their own code", "msb_reference": "NumPy"}
+# `RendererInfo.kind` of Non-Engine images -> who drew them.
+_NATIVE_RENDERERS = {"upstream": "their own code", "msb_reference": "NumPy"}
 _CAMERAS = {
-    "gs_fov": "gs_fov (the principal point in the middle)",
-    "full_K": "full_K (the principal point where it is)",
+    "gs_fov": "gs_fov (principal point at the image centre)",
+    "full_K": "full_K (principal point as calibrated)",
 }
 
 
 def collect(results: ResultSet) -> Numbers:
-    """Return the numbers of `results`: datasets, methods and scenes in the paper's order, then others."""
+    """Return the numbers of `results`: datasets, methods and scenes of the paper first, in its order."""
     records: dict[Place, dict[str, Result]] = {
         place: {condition: loaded.result for condition, loaded in conditions.items()}
         for place, conditions in results.places.items()
     }
     values: dict[Key, Number] = {}
-    views = _views(records)
+    views = _collect_views(records)
     gaps: dict[GapKey, Gaps] = {}
     splits: dict[SplitKey, Split] = {}
     ratios: dict[RatioKey, Ratio] = {}
-    drawn_by: dict[tuple[str, str], str] = {}
+    drawn_by: dict[str, dict[str, str]] = {}
     by_dataset: dict[str, dict[Place, Mapping[str, Result]]] = {}
-    for place, own in records.items():
-        by_dataset.setdefault(place.dataset, {})[place] = own
-    for dataset in _ordered(by_dataset, SCENES):
-        there = by_dataset[dataset]
-        scenes = _ordered({place.scene for place in there}, SCENES.get(dataset, ()))
-        drawers = _drawers(there)
-        conditions_of = _conditions(there)
-        drawn_by |= {(dataset, condition): name for condition, name in drawers.items()}
-        for method in _ordered(conditions_of, METHODS):
-            of_scenes = {scene: there.get(Place(dataset, scene, method), {}) for scene in scenes}
+    for place, of_conditions in records.items():
+        by_dataset.setdefault(place.dataset, {})[place] = of_conditions
+    for dataset in _sort_names(by_dataset, SCENES):
+        of_places = by_dataset[dataset]
+        scenes = _sort_names({place.scene for place in of_places}, SCENES.get(dataset, ()))
+        renderers = drawn_by[dataset] = _find_renderers(of_places)
+        conditions_of = _list_conditions(of_places)
+        for method in _sort_names(conditions_of, METHODS):
+            # Scene -> condition -> record of this method, empty for scenes without records.
+            of_scenes = {scene: of_places.get(Place(dataset, scene, method), {}) for scene in scenes}
             conditions = conditions_of[method]
+            # Single values and averages, first of the conditions, then of the trained model.
             for condition in conditions:
                 metrics = _metrics_of(condition)
                 _add_condition(values, views, dataset, method, condition, metrics, of_scenes)
-            _add_condition(values, views, dataset, method, "non_engine", OF_ASSET, of_scenes)
-            _add_gaps(gaps, dataset, method, gap_tiers(conditions, drawers), of_scenes)
+            _add_condition(values, views, dataset, method, "non_engine", ASSET_METRICS, of_scenes)
+            # Differences between conditions, and parts of the loss, per scene and on average.
+            _add_gaps(gaps, dataset, method, list_gap_pairs(conditions, renderers), of_scenes)
             expected = expected_scenes(dataset, scenes)
-            for scene, over in {**{scene: (scene,) for scene in scenes}, MEAN: expected}.items():
+            for scene, averaged in {**{scene: (scene,) for scene in scenes}, MEAN: expected}.items():
                 for metric in QUALITY:
-                    split = loss_split(metric, of_scenes, over)
+                    split = loss_split(metric, of_scenes, averaged)
                     if split is not None:
                         splits[SplitKey(dataset, scene, method, metric)] = split
-            for standard, dedicated in ratio_tiers(conditions, drawers):
+            # Ratios of frame rates.
+            for standard, dedicated in list_ratio_pairs(conditions, renderers):
                 for pair in ((standard, dedicated), (dedicated, "non_engine")):
                     ratios[RatioKey(dataset, method, *pair)] = slowdown(of_scenes, expected, *pair)
     verdicts = {
@@ -113,24 +116,25 @@ def collect(results: ResultSet) -> Numbers:
         for condition, result in conditions.items()
         if result.audit is not None
     }
-    return Numbers(_with_setups(values, records), gaps, ratios, views, drawn_by, splits, verdicts)
+    return Numbers(_add_setup_notes(values, records), gaps, ratios, views, drawn_by, splits, verdicts)
 
 
-def _drawers(there: Mapping[Place, Mapping[str, Result]]) -> dict[str, str]:
-    """Return condition -> what drew it in a dataset: an engine, OpenCL, NumPy, or the methods' own code."""
+def _find_renderers(of_places: Mapping[Place, Mapping[str, Result]]) -> dict[str, str]:
+    """Return condition -> its renderer on a dataset: an engine, OpenCL, NumPy, or the methods' own code."""
     names: dict[str, dict[str, None]] = {}
-    for conditions in there.values():
+    for conditions in of_places.values():
         for condition, result in conditions.items():
             if condition != "exported_mesh":
                 kind = "" if result.renderer is None else result.renderer.kind
-                own = "OpenCL" if result.cell.condition != "non_engine" else _DRAWERS.get(kind)
-                if name := result.cell.renderer or own:
+                native = result.cell.condition == "non_engine"
+                default = _NATIVE_RENDERERS.get(kind) if native else "OpenCL"
+                if name := result.cell.renderer or default:
                     names.setdefault(condition, {})[name] = None
-    return {condition: ", ".join(own) for condition, own in names.items()}
+    return {condition: ", ".join(renderers) for condition, renderers in names.items()}
 
 
-def _views(records: Mapping[Place, Mapping[str, Result]]) -> dict[Key, dict[str, float]]:
-    """Return the values of every view, of image metrics that all views of a record have."""
+def _collect_views(records: Mapping[Place, Mapping[str, Result]]) -> dict[Key, dict[str, float]]:
+    """Return view -> value for each image metric that all views of a record have."""
     return {
         Key(*place, condition, metric): values
         for place, conditions in records.items()
@@ -140,8 +144,8 @@ def _views(records: Mapping[Place, Mapping[str, Result]]) -> dict[Key, dict[str,
     }
 
 
-def _ordered(names: Iterable[str], first: Iterable[str]) -> list[str]:
-    """Return `names`: first those in `first`, in its order, then the others, scan2 before scan10."""
+def _sort_names(names: Iterable[str], first: Iterable[str]) -> list[str]:
+    """Return `names`: those in `first` in its order, then the others with numbers sorted as numbers."""
     order = list(first)
 
     def rank(name: str) -> tuple[int, list[Any]]:
@@ -151,29 +155,30 @@ def _ordered(names: Iterable[str], first: Iterable[str]) -> list[str]:
     return sorted(names, key=rank)
 
 
-def _conditions(there: Mapping[Place, Mapping[str, Result]]) -> dict[str, list[str]]:
-    """Return method -> conditions with records of it in a dataset, and others that it does not support."""
-    shown: dict[str, set[str]] = {}
-    for place, own in there.items():
-        shown.setdefault(place.method, set()).update(own)
-    names = dict.fromkeys(name for own in there.values() for name in own)
+def _list_conditions(of_places: Mapping[Place, Mapping[str, Result]]) -> dict[str, list[str]]:
+    """Return method -> its conditions on a dataset, with records or unsupported."""
+    recorded: dict[str, set[str]] = {}
+    for place, conditions in of_places.items():
+        recorded.setdefault(place.method, set()).update(conditions)
+    names = dict.fromkeys(name for conditions in of_places.values() for name in conditions)
     order = {name: number for number, name in enumerate(sorted(names, key=condition_order))}
-    for method in shown.keys() & METHODS.keys():
-        shown[method].update(name for name in names if _unsupported(method, name))
-    return {method: sorted(own, key=order.__getitem__) for method, own in shown.items()}
+    for method in recorded.keys() & METHODS.keys():
+        recorded[method].update(name for name in names if _why_unsupported(method, name))
+    return {method: sorted(conditions, key=order.__getitem__) for method, conditions in recorded.items()}
 
 
-def _unsupported(method: str, condition: str) -> str | None:
-    known = METHODS.get(method)
+def _why_unsupported(method: str, condition: str) -> str | None:
+    """Return why a method does not support the tier of a condition; None if it does."""
+    definition = METHODS.get(method)
     tier = condition.partition("/")[0]
-    if known is None or tier not in ("dedicated", "standard"):
+    if definition is None or tier not in ("dedicated", "standard"):
         return None
-    return known.unsupported.get(tier)  # type: ignore[call-overload,no-any-return]
+    return definition.unsupported.get(tier)  # type: ignore[call-overload,no-any-return]
 
 
 def _metrics_of(condition: str) -> tuple[str, ...]:
-    """Return the metrics of a condition, without those of the model itself."""
-    metrics = (*AUDITED, *_OF_MESH) if condition == "exported_mesh" else (*QUALITY, *_IMAGES)
+    """Return the metrics of a condition, without metrics of the trained model."""
+    metrics = (*AUDITED, *_OF_MESH) if condition == "exported_mesh" else (*QUALITY, *_DRAWN)
     return (*metrics, *_OF_MESH, *_OF_BAKE) if condition.startswith(f"{BAKED}/") else metrics
 
 
@@ -186,82 +191,88 @@ def _add_condition(
     metrics: Iterable[str],
     of_scenes: Mapping[str, Mapping[str, Result]],
 ) -> None:
+    """Add the numbers of a condition to `values`: of each scene, and averages."""
     for metric in metrics:
+        # Single scenes, with the confidence interval over their views.
         numbers = {}
         for scene, conditions in of_scenes.items():
-            result = _holder(conditions, metric) if metric in OF_ASSET else conditions.get(condition)
-            numbers[scene] = _number(metric, method, condition, result)
+            of_asset = metric in ASSET_METRICS
+            result = _find_asset_record(conditions, metric) if of_asset else conditions.get(condition)
             key = Key(dataset, scene, method, condition, metric)
-            values[key] = numbers[scene] = _with_interval(numbers[scene], [key], views)
-        if metric in _FLOORS:
-            members = expected_scenes(dataset, of_scenes)
+            number = _make_number(metric, method, condition, result)
+            values[key] = numbers[scene] = _with_interval(number, [key], views)
+        # The average cost of a single triangle.
+        expected = expected_scenes(dataset, of_scenes)
+        if metric in _FLOOR_ATTRIBUTES:
             floors = {
-                scene: _floor(metric, of_scenes[scene].get(condition), number)
+                scene: _floor_number(metric, of_scenes[scene].get(condition), number)
                 for scene, number in numbers.items()
-                if scene in members
+                if scene in expected
             }
-            values[Key(dataset, FLOOR, method, condition, metric)] = _mean(floors, members)
-        groups = {**scene_groups(dataset), MEAN: expected_scenes(dataset, of_scenes)}
-        for name, members in groups.items():
-            own = {scene: number for scene, number in numbers.items() if scene in members}
-            if own:
-                keys = [Key(dataset, scene, method, condition, metric) for scene in own]
-                mean = _with_interval(_mean(own, members), keys, views)
+            values[Key(dataset, FLOOR, method, condition, metric)] = _average(floors, expected)
+        # Averages over groups of scenes and over all of them.
+        for name, members in {**scene_groups(dataset), MEAN: expected}.items():
+            of_group = {scene: number for scene, number in numbers.items() if scene in members}
+            if of_group:
+                keys = [Key(dataset, scene, method, condition, metric) for scene in of_group]
+                mean = _with_interval(_average(of_group, members), keys, views)
                 values[Key(dataset, name, method, condition, metric)] = mean
 
 
-def _floor(metric: str, result: Result | None, whole: Number) -> Number:
-    """Return what a renderer takes for one triangle, or why there is no number of the `whole` mesh either."""
-    if whole.value is None:
-        return whole
+def _floor_number(metric: str, result: Result | None, number: Number) -> Number:
+    """Return the cost of a single triangle, or `number`, the cost of the mesh, if that has no value."""
+    if number.value is None:
+        return number
     if result is None or result.floor is None:
         return Number(None, reason="no single triangle was timed")
-    return Number(float(getattr(result.floor, _FLOORS[metric])), notes=tuple(_notes(metric, result)))
+    value = float(getattr(result.floor, _FLOOR_ATTRIBUTES[metric]))
+    return Number(value, notes=tuple(_notes_on(metric, result)))
 
 
 def _with_interval(number: Number, keys: Sequence[Key], views: Mapping[Key, Mapping[str, float]]) -> Number:
-    """Return a number with the interval of the mean over the views at `keys`; it is not held against 0."""
+    """Return `number` with the confidence interval of the mean over the views at `keys`, untested."""
     if number.value is None or keys[0].metric not in QUALITY:
         return number
-    own = interval([list(views[key].values()) for key in keys if key in views])
-    return replace(number, interval=replace(own, p=None, reason=None if own.ends else own.reason))
+    mean = interval([list(views[key].values()) for key in keys if key in views])
+    return replace(number, interval=replace(mean, p=None, reason=None if mean.ends else mean.reason))
 
 
-def _holder(conditions: Mapping[str, Result], metric: str) -> Result | None:
-    """Return the record that has a number of the whole asset, else the one that says why there is none."""
+def _find_asset_record(conditions: Mapping[str, Result], metric: str) -> Result | None:
+    """Return the record with a metric of the trained model, else one with the reason for its absence."""
     for result in conditions.values():
         if METRICS[metric].get(result) is not None:
             return result
-    own = [result for result in conditions.values() if _PARTS[metric] in result.reasons]
-    return next(iter([*own, *conditions.values()]), None)
+    with_reason = [result for result in conditions.values() if _REASON_KEYS[metric] in result.reasons]
+    return next(iter([*with_reason, *conditions.values()]), None)
 
 
-def _number(metric: str, method: str, condition: str, result: Result | None) -> Number:
+def _make_number(metric: str, method: str, condition: str, result: Result | None) -> Number:
+    """Return the value of a metric in a record, or its absence with the reason."""
     if result is None:
-        why = _unsupported(method, condition)
-        return Number(None, NOT_THERE, NOT_RUN) if why is None else Number(None, NOT_SUPPORTED, why)
+        why = _why_unsupported(method, condition)
+        return Number(None, NOT_AVAILABLE, NOT_RUN) if why is None else Number(None, NOT_SUPPORTED, why)
     value = METRICS[metric].get(result)
     if value is not None:
-        return Number(float(value), notes=tuple(_notes(metric, result)))
+        return Number(float(value), notes=tuple(_notes_on(metric, result)))
+    if result.status == "unsupported":
+        return Number(None, NOT_SUPPORTED, None if result.reason is None else result.reason.message)
     if result.status != "done":
-        mark = NOT_SUPPORTED if result.status == "unsupported" else NOT_THERE
         reason = result.reason
-        text = None if reason is None else reason.message
-        failed = f"failed: {reason.code}: {text}" if reason else "failed"
-        return Number(None, mark, text if result.status == "unsupported" else failed)
-    return Number(None, NOT_THERE, _why_missing(metric, result))
+        return Number(None, NOT_AVAILABLE, f"failed: {reason.code}: {reason.message}" if reason else "failed")
+    return Number(None, NOT_AVAILABLE, _why_missing(metric, result))
 
 
 def _why_missing(metric: str, result: Result) -> str:
-    part = "quality" if metric in QUALITY else _PARTS.get(metric)
-    own = "renderer_timing" if metric in ("fps", "memory") else part
-    for name in (part, own):
+    """Return why a finished record has no value of a metric."""
+    part = "quality" if metric in QUALITY else _REASON_KEYS.get(metric)
+    measured_elsewhere = "renderer_timing" if metric in ("fps", "memory") else part
+    for name in (part, measured_elsewhere):
         if name in result.reasons:
             return result.reasons[name].message
     if result.quality is not None and metric in result.quality.missing:
         return result.quality.missing[metric]
-    weights = metric in IMAGE_METRICS and IMAGE_METRICS[metric].load is not None
-    if weights and result.quality is not None and result.quality.lpips_reason:
+    needs_weights = metric in IMAGE_METRICS and IMAGE_METRICS[metric].load is not None
+    if needs_weights and result.quality is not None and result.quality.lpips_reason:
         return f"{IMAGE_METRICS[metric].title}: {result.quality.lpips_reason}; {weights_source(None)}"
     if metric == "driver_memory" and result.memory is not None and result.memory.driver_reason:
         return f"by the driver: {result.memory.driver_reason}"
@@ -269,15 +280,16 @@ def _why_missing(metric: str, result: Result) -> str:
         return "the Chamfer distance needs a reference scan, which only DTU has"
     return {
         "timing": "not timed",
-        "walk": "not walked through",
-        "training": "no record of the training was given",
+        "walk": "no walk beyond the captured views was rendered",
+        "training": "no training record was given",
         "chamfer": "the Chamfer distance was not measured",
-        "trial": "no task was tried",
+        "trial": "no trial task was run",
     }.get(part or "", "not measured")
 
 
-def _notes(metric: str, result: Result) -> Iterable[str]:
-    part = "quality" if metric in QUALITY else _PARTS.get(metric)
+def _notes_on(metric: str, result: Result) -> Iterable[str]:
+    """Yield footnotes on the value of a metric in a record."""
+    part = "quality" if metric in QUALITY else _REASON_KEYS.get(metric)
     if part == "quality":
         if result.renderer is not None and result.renderer.kind == "msb_reference":
             yield REFERENCE
@@ -288,33 +300,37 @@ def _notes(metric: str, result: Result) -> Iterable[str]:
             yield STE
         if metric == "lpips":
             yield LPIPS
-            for one in () if result.quality is None else result.quality.metrics:
-                if one.get("name") == "lpips_vgg" and one.get("weights"):
-                    yield weights_source(one["weights"])
+            for identity in () if result.quality is None else result.quality.metrics:
+                if identity.get("name") == "lpips_vgg" and identity.get("weights"):
+                    yield weights_source(identity["weights"])
         if metric == "psnr" and result.quality is not None and result.quality.psnr_inf_count:
-            yield "images equal to the ground truth count 100 dB"
+            yield "images equal to the ground truth count as 100 dB"
     elif metric in AUDITED and result.audit is not None and result.audit.counts.all_apart:
         yield SOUP
     elif metric in ("fps", "memory") and result.renderer_timing is not None:
-        yield f"measured elsewhere, on {result.renderer_timing.device}: {result.renderer_timing.timed}"
+        timing = result.renderer_timing
+        yield f"measured separately, on {timing.device}: {timing.timed}"
     elif metric in WALK and result.walk is not None:
-        yield f"on a walk of {result.walk.frames} frames of {result.walk.width} x {result.walk.height} pixels"
-    elif metric in _RATES and result.timing is not None and result.timing.device_kind != "gpu":
-        kind = ON_CPU if result.timing.device_kind == "cpu" else "measured on a device that is no GPU"
+        walk = result.walk
+        yield f"on a walk of {walk.frames} frames of {walk.width} x {walk.height} pixels"
+    elif metric in _TIMING and result.timing is not None and result.timing.device_kind != "gpu":
+        kind = ON_CPU if result.timing.device_kind == "cpu" else "measured on a device that is not a GPU"
         name = result.drawn_on.get("name")
         yield kind if name is None else f"{kind}: {name}"
 
 
-def _mean(numbers: Mapping[str, Number], members: Iterable[str]) -> Number:
+def _average(numbers: Mapping[str, Number], members: Iterable[str]) -> Number:
+    """Return the mean of `numbers` (by scene) over the scenes `members`, with their notes."""
     mean = mean_over({scene: number.value for scene, number in numbers.items()}, members)
     if mean.value is not None:
         notes = dict.fromkeys(note for number in numbers.values() for note in number.notes)
         if mean.partial:
-            over = sorted(scene for scene, number in numbers.items() if number.value is not None)
-            named = ", ".join(map(scene_title, over))
-            notes[f"({mean.present}/{mean.expected}) is the mean over {named} alone"] = None
+            scenes = sorted(scene for scene, number in numbers.items() if number.value is not None)
+            named = ", ".join(map(scene_title, scenes))
+            notes[f"({mean.present}/{mean.expected}): mean over {named} only"] = None
         return Number(mean.value, present=mean.present, expected=mean.expected, notes=tuple(notes))
-    absent = NOT_SUPPORTED if all(n.absent == NOT_SUPPORTED for n in numbers.values()) else NOT_THERE
+    # No scene has a value: give the most frequent reason.
+    absent = NOT_SUPPORTED if all(n.absent == NOT_SUPPORTED for n in numbers.values()) else NOT_AVAILABLE
     reasons = Counter(number.reason for number in numbers.values() if number.absent == absent)
     reason = reasons.most_common(1)[0][0] if reasons else None
     return Number(None, absent, reason, present=0, expected=mean.expected)
@@ -324,73 +340,68 @@ def _add_gaps(
     gaps: dict[GapKey, Gaps],
     dataset: str,
     method: str,
-    tiers: Sequence[tuple[str, str]],
+    pairs: Sequence[tuple[str, str]],
     of_scenes: Mapping[str, Mapping[str, Result]],
 ) -> None:
+    """Add the quality gaps of a method to `gaps`, for each pair (standard, dedicated) of conditions."""
     expected = expected_scenes(dataset, of_scenes)
-    for pair in tiers:
+    for pair in pairs:
+        # The records by tier instead of by condition.
         named = dict(zip(("non_engine", "standard", "dedicated"), ("non_engine", *pair), strict=True))
         compared = {
-            scene: {name: own[condition] for name, condition in named.items() if condition in own}
-            for scene, own in of_scenes.items()
+            scene: {
+                tier: conditions[condition] for tier, condition in named.items() if condition in conditions
+            }
+            for scene, conditions in of_scenes.items()
         }
         for metric in QUALITY:
             gaps[GapKey(dataset, MEAN, method, metric, *pair)] = dataset_gaps(metric, compared, expected)
-            for scene, own in compared.items():
-                gaps[GapKey(dataset, scene, method, metric, *pair)] = scene_gaps(metric, own)
+            for scene, tiers in compared.items():
+                gaps[GapKey(dataset, scene, method, metric, *pair)] = scene_gaps(metric, tiers)
 
 
-def _with_setups(
+def _add_setup_notes(
     values: Mapping[Key, Number], records: Mapping[Place, Mapping[str, Result]]
 ) -> dict[Key, Number]:
-    """Return `values`, with a note on image metrics wherever a setup is not that of most on its scene."""
-    setups = {
-        place: described
-        for place, conditions in records.items()
-        if (described := next(filter(None, map(_described, conditions.values())), None))
-    }
-    notes: dict[tuple[str, str], dict[str, None]] = {}
-    trained: dict[tuple[str, str, str], dict[str, None]] = {}
-    for (dataset, scene, method), conditions in records.items():
-        for text in dict.fromkeys(text for one in conditions.values() for text in one.trained):
-            for row in (scene, MEAN):  # in the same words, so that a table has them once
-                trained.setdefault((dataset, row, method), {})[f"{scene}: {text}"] = None
-    counts: dict[tuple[str, str, str], Counter[str]] = {}
-    for place, own in setups.items():
-        for what, value in own.items():
-            counts.setdefault((place.dataset, place.scene, what), Counter())[value] += 1
-    for place, own in setups.items():
-        for what, value in own.items():
+    """Return `values` with notes on image metrics if the setup differs between methods."""
+    setups: dict[Place, dict[str, str]] = {}
+    counts: dict[tuple[str, ...], Counter[str]] = defaultdict(Counter)
+    # (dataset, method) or (dataset, scene, method) -> notes. The dictionaries keep notes unique and in order.
+    notes: dict[tuple[str, ...], dict[str, None]] = defaultdict(dict)
+    for place, conditions in records.items():
+        if setup := next(filter(None, map(_describe_setup, conditions.values())), None):
+            setups[place] = setup
+            for what, value in setup.items():
+                counts[place.dataset, place.scene, what][value] += 1
+        for text in (text for result in conditions.values() for text in result.trained):
+            # The scene and the average have the same words, so that a table prints the note once.
+            for row in (place.scene, MEAN):
+                notes[place.dataset, row, place.method][f"{place.scene}: {text}"] = None
+    for place, setup in setups.items():
+        of_method = notes[place.dataset, place.method]
+        for what, value in setup.items():
             ((usual, _),) = counts[place.dataset, place.scene, what].most_common(1)
             if value != usual:
-                note = f"{what} {value}, where the other methods have {usual}"
-                notes.setdefault((place.dataset, place.method), {})[note] = None
-        if place.dataset in _OVER_WHITE and own["background"] == "white":
-            notes.setdefault((place.dataset, place.method), {})[WHITE] = None
-    return {
-        key: replace(
-            number,
-            notes=(
-                *number.notes,
-                *notes.get((key.dataset, key.method), ()),
-                *trained.get((key.dataset, key.scene, key.method), ()),
-            ),
-        )
-        if key.metric in QUALITY and number.value is not None
-        else number
-        for key, number in values.items()
-    }
+                of_method[f"{what}: {value}; the other methods have {usual}"] = None
+        if place.dataset in _WHITE_DATASETS and setup["background"] == "white":
+            of_method[WHITE] = None
+    noted = dict(values)
+    for key, number in values.items():
+        if key.metric in QUALITY and number.value is not None:
+            more = notes[key.dataset, key.method], notes[key.dataset, key.scene, key.method]
+            noted[key] = replace(number, notes=(*number.notes, *more[0], *more[1]))
+    return noted
 
 
-def _described(result: Result) -> dict[str, str] | None:
-    """Return what of a record's setup must be the same for two methods to be compared like for like."""
+def _describe_setup(result: Result) -> dict[str, str] | None:
+    """Return the parts of a setup that must be equal for a fair comparison of two methods, in words."""
     if result.setup is None:
         return None
     images = () if result.quality is None else result.quality.images
     sizes = Counter((image.width, image.height) for image in images).most_common(1)
     background = result.setup.background
     return {
-        "images of": result.setup.image_folder,
+        "photographs": result.setup.image_folder,
         "image size": f"{sizes[0][0][0]} x {sizes[0][0][1]}" if sizes else "unknown",
         "camera convention": _CAMERAS[result.setup.camera_convention],
         "background": _COLORS.get(background, ", ".join(f"{value:g}" for value in background)),

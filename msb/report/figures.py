@@ -1,8 +1,7 @@
-"""The charts as SVG and PDF: gaps between conditions and their parts, quality against speed, differences from
-the published.
+"""Charts as SVG and PDF: gaps and their parts, quality against speed, differences from published results.
 
-Colours are Okabe and Ito's, which the colour-blind can tell apart; markers, line styles and hatches say the
-same without them. Text and axes take the colour of the page they stand in.
+Colour-blind readers can distinguish the colours (by Okabe and Ito); markers, line styles and hatches carry
+the same information. Text and axes take the text colour of the page that embeds them.
 """
 
 from __future__ import annotations
@@ -36,7 +35,7 @@ from msb.report.numbers import (
 )
 from msb.report.safe_names import plain_text, slug
 from msb.report.tables.bakes import STEP_TITLES
-from msb.report.tables.reproducibility import SOURCES, Pair, pairs
+from msb.report.tables.reproducibility import SOURCES, PublishedPair, pair_with_published
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -48,66 +47,64 @@ _LINES: tuple[Any, ...] = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (8
 _HATCHES = ("", "//", "xx", "..")
 _CONDITION_MARKERS = {"non_engine": "*", "dedicated": "s", "standard": "^"}
 _VARIANT_MARKERS = ("D", "P", "X", "v")
-# Placeholders of the colours of text and page, which depend on where the figure is shown.
+# Placeholders for the colours of text and page, which are replaced when the figure is embedded or saved.
 _INK, _PAPER = "#010203", "#fdfcfb"
-# Width and height of a chart in inches; a phone shows it about this wide.
+# Width and height of a chart in inches, about the width of a phone's screen.
 _SIZE = (4.6, 3.3)
-# Rows of a legend for which the height leaves room, and the inches that each further one adds.
-_ROWS, _ROW = 4, 0.19
-# A chart of fewer bars leaves room for so many: one bar would fill it.
-_FEWEST_BARS = 3
+# A legend with more rows than this makes the chart taller, by `_ROW_HEIGHT` inches for each further row.
+_LEGEND_ROWS, _ROW_HEIGHT = 4, 0.19
+# A chart has room for at least three bars, so that a single bar does not fill it.
+_MIN_BARS = 3
 
 
 @dataclass(frozen=True)
 class Figure:
-    """One chart, drawn when it is asked for: `drawn` returns the file of a format.
-
-    `name` names its file and anchor; `caption` says in words what it shows.
-    """
+    """One chart: `name` is its file name and anchor, `draw` returns its file in a format."""
 
     name: str
     caption: str
-    drawn: Callable[[Literal["svg", "pdf"]], bytes] = field(compare=False, repr=False)
+    draw: Callable[[Literal["svg", "pdf"]], bytes] = field(compare=False, repr=False)
 
     @cached_property
     def svg(self) -> str:
-        """The SVG, with placeholders for the colours of text and page."""
-        # Identifiers would clash with those of the next figure in the same page.
-        return re.sub(r'(\bid="|href="#|url\(#)', rf"\g<1>{self.name}-", self.drawn("svg").decode())
+        """The SVG with placeholders for the colours of text and page."""
+        # Prefix identifiers, so that figures in the same page do not share any.
+        return re.sub(r'(\bid="|href="#|url\(#)', rf"\g<1>{self.name}-", self.draw("svg").decode())
 
     def pdf(self) -> bytes:
-        """Return the chart as a PDF for LaTeX, with the fonts it needs and without a background."""
-        return self.drawn("pdf")
+        """Return the chart as a PDF for LaTeX, with embedded fonts and without a background."""
+        return self.draw("pdf")
 
     @property
     def inline(self) -> str:
-        """The SVG as an element of a page, in the colours of the text around it."""
+        """The SVG as an element of a page, in the colours of the surrounding text."""
         body = self.svg[self.svg.index("<svg") :]
         return body.replace(_INK, "currentColor").replace(_PAPER, "none")
 
     @property
-    def alone(self) -> str:
+    def standalone(self) -> str:
         """The SVG as a file, black on white."""
         return self.svg.replace(_INK, "#1e2024").replace(_PAPER, "#ffffff")
 
 
-def figures(numbers: Numbers, paper: Numbers | None = None) -> list[Figure]:
-    """Return every chart there are numbers for."""
+def make_figures(numbers: Numbers, paper: Numbers | None = None) -> list[Figure]:
+    """Return all charts that have numbers."""
     charts = []
     for dataset in numbers.datasets():
-        charts += [deployment_gap(numbers, dataset), loss_split(numbers, dataset)]
-        charts += [quality_speed(numbers, dataset)]
+        charts += [plot_deployment_gap(numbers, dataset), plot_loss_split(numbers, dataset)]
+        charts += [plot_quality_speed(numbers, dataset)]
     if paper is not None:
-        own = [pair for pair in pairs(numbers, paper) if pair.key.metric == "psnr"]
-        charts += [differences(own, dataset) for dataset in numbers.datasets()]
+        psnr = [pair for pair in pair_with_published(numbers, paper) if pair.key.metric == "psnr"]
+        charts += [plot_differences(psnr, dataset) for dataset in numbers.datasets()]
     return [figure for figure in charts if figure is not None]
 
 
-def deployment_gap(numbers: Numbers, dataset: str) -> Figure | None:
-    """Return PSNR from Non-Engine to Dedicated to Standard, a line per method; None without two points."""
+def plot_deployment_gap(numbers: Numbers, dataset: str) -> Figure | None:
+    """Return PSNR under Non-Engine, Dedicated and Standard, a line per method; None without two points."""
+    # (method, dedicated tier or variant) -> points (condition number, PSNR in dB)
     lines = {
         (method, dedicated): points
-        for dedicated in ("dedicated", *numbers.in_place_of(dataset, "dedicated"))
+        for dedicated in ("dedicated", *numbers.variants(dataset, "dedicated"))
         for method in numbers.methods(dataset, "non_engine", dedicated, "standard")
         if (dedicated == "dedicated" or method in numbers.methods(dataset, dedicated))
         and (points := _condition_means(numbers, dataset, method, dedicated))
@@ -121,7 +118,9 @@ def deployment_gap(numbers: Numbers, dataset: str) -> Figure | None:
     def draw(axes: Axes) -> None:
         for (method, dedicated), points in lines.items():
             style = dict(styles[method])
-            if name := dedicated.partition("/")[2]:  # a variant: the method's line, thin and open
+            if name := dedicated.partition("/")[
+                2
+            ]:  # a variant: the method's line, but thin with open markers
                 style |= {"linewidth": 0.9, "markerfacecolor": "none", "markeredgecolor": style["color"]}
                 style |= {"marker": markers[dedicated], "label": f"{style['label']}, {plain_text(name)}"}
             axes.plot(*zip(*points, strict=True), **style)
@@ -133,17 +132,17 @@ def deployment_gap(numbers: Numbers, dataset: str) -> Figure | None:
         _legend(axes)
 
     caption = (
-        "PSNR of each method with its own renderer, dedicated and standard. A line stops at the last "
-        "condition that supports the method; its means are over the scenes that all of its conditions have. "
-        "A thin line with open markers goes through a variant of Dedicated."
+        "PSNR of each method with its native renderer, on the dedicated tier and on the standard tier. A "
+        "line ends at the last condition that supports the method; means are over the scenes that all "
+        "conditions of the method have. Thin lines with open markers are variants of Dedicated."
     )
-    return _figure("deployment_gap", dataset, caption, draw, _other_scenes(numbers, dataset))
+    return _make_figure("deployment_gap", dataset, caption, draw, _other_scenes(numbers, dataset))
 
 
 def _condition_means(numbers: Numbers, dataset: str, method: str, dedicated: str) -> list[tuple[int, float]]:
-    """Return place of a condition -> mean PSNR, over the scenes that all conditions of the method have.
+    """Return (condition number, mean PSNR in dB) pairs over the scenes that all conditions of a method have.
 
-    The slope of a line is a gap, which two means over other scenes would not show. The paper has means only.
+    With equal scenes the slope of a line is a gap. For the paper, which has only means, these are used.
     """
     through = [dedicated if condition == "dedicated" else condition for condition in DRAWN_CONDITIONS]
     means = [numbers.value(Key(dataset, MEAN, method, condition, "psnr")) for condition in through]
@@ -165,8 +164,12 @@ def _condition_means(numbers: Numbers, dataset: str, method: str, dedicated: str
     ]
 
 
-def loss_split(numbers: Numbers, dataset: str) -> Figure | None:
-    """Return a bar per method from Standard's PSNR to Dedicated's, in its parts; None without bakes."""
+def plot_loss_split(numbers: Numbers, dataset: str) -> Figure | None:
+    """Return a bar per method from the PSNR of Standard to that of Dedicated; None without bakes.
+
+    The parts of a bar are the losses of colours, faces and blending.
+    """
+    # Method -> (step, PSNR at its better end, PSNR at its worse end), in dB.
     bars = {
         method: [(name, *gap.ends) for name, gap in split.steps.items() if gap.ends is not None]
         for method in numbers.methods(dataset)
@@ -180,13 +183,14 @@ def loss_split(numbers: Numbers, dataset: str) -> Figure | None:
         axes.use_sticky_edges = False
         for place, parts in enumerate(bars.values()):
             for name, better, worse in parts:
-                which = STEPS.index(name)
-                axes.barh(place, better - worse, 0.5, worse, color=_COLORS[which], hatch=_HATCHES[which],
+                step = STEPS.index(name)
+                axes.barh(place, better - worse, 0.5, worse, color=_COLORS[step], hatch=_HATCHES[step],
                           edgecolor=_INK, linewidth=0.6, alpha=0.85, label=STEP_TITLES[name])  # fmt: skip
+            # Ticks mark both ends of every part, because a gain covers the part below it.
             ends = [parts[0][2], *(better for _, better, _ in parts)]
             axes.plot(ends, [place] * len(ends), color=_INK, marker="|", markersize=16, linestyle="none")
         axes.set_yticks(range(len(bars)), [method_title(method) for method in bars])
-        middle, half = (len(bars) - 1) / 2, max(len(bars), _FEWEST_BARS) / 2
+        middle, half = (len(bars) - 1) / 2, max(len(bars), _MIN_BARS) / 2
         axes.set_ylim(middle + half, middle - half)
         axes.grid(visible=False, axis="y")
         axes.set_xlabel("PSNR (dB): from Standard (left) to Dedicated (right)")
@@ -195,15 +199,16 @@ def loss_split(numbers: Numbers, dataset: str) -> Figure | None:
         _legend(axes, [named[title] for title in STEP_TITLES.values() if title in named])
 
     caption = (
-        "what the loss from Dedicated to Standard is made of. From the left: Standard, the same triangles in "
-        "the best static colours, the best bake of other triangles, Dedicated. A part that runs to the left "
-        "is a gain; a method without Standard begins at the second."
+        "parts of the loss from Dedicated to Standard. From left to right: Standard, the same triangles "
+        "with the best static colours, the best bake with other triangles, Dedicated. A part that runs to "
+        "the left is a gain. A method without Standard starts at the second point."
     )
-    return _figure("loss_split", dataset, caption, draw, _other_scenes(numbers, dataset))
+    return _make_figure("loss_split", dataset, caption, draw, _other_scenes(numbers, dataset))
 
 
-def quality_speed(numbers: Numbers, dataset: str) -> Figure | None:
+def plot_quality_speed(numbers: Numbers, dataset: str) -> Figure | None:
     """Return PSNR against frames per second, a marker per condition and method; None without two points."""
+    # Method -> (condition, frames per second, PSNR in dB).
     points: dict[str, list[tuple[str, float, float]]] = {}
     conditions = [
         name for name in numbers.conditions(dataset) if not name.startswith(("standard/", f"{BAKED}/"))
@@ -223,11 +228,11 @@ def quality_speed(numbers: Numbers, dataset: str) -> Figure | None:
         from matplotlib.lines import Line2D
         from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
-        for method, own in points.items():
+        for method, of_method in points.items():
             style = styles[method]
-            _, xs, ys = zip(*own, strict=True)
+            _, xs, ys = zip(*of_method, strict=True)
             axes.plot(xs, ys, **{**style, "marker": "", "linewidth": 1})
-            for condition, x, y in own:
+            for condition, x, y in of_method:
                 axes.plot([x], [y], color=style["color"], linestyle="none", markeredgecolor=_INK,
                           markeredgewidth=0.6, marker=markers[condition],
                           markersize=10 if condition == "non_engine" else 7)  # fmt: skip
@@ -237,83 +242,87 @@ def quality_speed(numbers: Numbers, dataset: str) -> Figure | None:
         axes.xaxis.set_minor_formatter(NullFormatter())
         axes.set_xlabel("frames per second, logarithmic")
         axes.set_ylabel("PSNR (dB), higher is better")
+        # The legend lists methods as lines and conditions as markers.
         handles = [Line2D([], [], **{**styles[method], "marker": ""}) for method in points]
         handles += [
             Line2D([], [], color="none", marker=markers[condition], markerfacecolor=_INK,
                    markeredgecolor=_INK, label=condition_title(condition))
             for condition in conditions
-            if any(condition == one for own in points.values() for one, _, _ in own)
+            if any(condition == name for of_method in points.values() for name, _, _ in of_method)
         ]  # fmt: skip
         _legend(axes, handles)
 
     caption = (
-        "quality against speed. Up is better, right is faster; the markers are the conditions, the line "
-        "styles the methods."
+        "quality against speed. Higher is better, further right is faster; markers are conditions, line "
+        "styles are methods."
     )
-    return _figure("quality_speed", dataset, caption, draw, _other_scenes(numbers, dataset))
+    return _make_figure("quality_speed", dataset, caption, draw, _other_scenes(numbers, dataset))
 
 
-def differences(published: Sequence[Pair], dataset: str) -> Figure | None:
-    """Return bars of ours - published PSNR, of scenes where those are published, else of the means."""
-    own = [
+def plot_differences(pairs: Sequence[PublishedPair], dataset: str) -> Figure | None:
+    """Return bars of our PSNR minus the published one: per scene if scenes are published, else of means."""
+    of_dataset = [
         pair
-        for pair in published
+        for pair in pairs
         if pair.key.dataset == dataset
         and pair.key.condition == "non_engine"
         and pair.key.source != "meshsplatbench"
     ]
-    scenes = [pair for pair in own if pair.key.scene != MEAN]
-    own = scenes or own
-    if not own:
+    scenes = [pair for pair in of_dataset if pair.key.scene != MEAN]
+    drawn = scenes or of_dataset
+    if not drawn:
         return None
 
-    def name(pair: Pair) -> str:
+    def group_name(pair: PublishedPair) -> str:
         return scene_title(pair.key.scene) if scenes else method_title(pair.key.method)
 
-    def series(pair: Pair) -> str:
+    def series_name(pair: PublishedPair) -> str:
         source = SOURCES[pair.key.source].lower()
         return f"{method_title(pair.key.method)} - {source}" if scenes else f"this run - {source}"
 
-    groups = list(dict.fromkeys(map(name, own)))
-    kinds = list(dict.fromkeys(map(series, own)))
+    groups = list(dict.fromkeys(map(group_name, drawn)))
+    series = list(dict.fromkeys(map(series_name, drawn)))
 
     def draw(axes: Axes) -> None:
-        width = 0.8 / len(kinds)
-        for place, kind in enumerate(kinds):
-            bars = [pair for pair in own if series(pair) == kind]
+        # The bars of a group stand side by side and fill 80 % of its width.
+        width = 0.8 / len(series)
+        for place, name in enumerate(series):
+            bars = [pair for pair in drawn if series_name(pair) == name]
             axes.bar(
-                [groups.index(name(pair)) + (place - (len(kinds) - 1) / 2) * width for pair in bars],
+                [groups.index(group_name(pair)) + (place - (len(series) - 1) / 2) * width for pair in bars],
                 [pair.difference for pair in bars],
                 width,
-                label=kind,
+                label=name,
                 edgecolor=_INK,
                 linewidth=0.6,
                 color=_COLORS[place % len(_COLORS)],
                 hatch=_HATCHES[place % len(_HATCHES)],
             )
         axes.axhline(0, color=_INK, linewidth=0.8)
-        turned: dict[str, Any] = {"rotation": 30, "ha": "right"} if sum(map(len, groups)) > 40 else {}
-        axes.set_xticks(range(len(groups)), groups, **turned)
+        # Long labels are rotated: 40 characters fit below the axis.
+        rotated: dict[str, Any] = {"rotation": 30, "ha": "right"} if sum(map(len, groups)) > 40 else {}
+        axes.set_xticks(range(len(groups)), groups, **rotated)
         axes.set_ylabel("PSNR difference (dB)")
         _legend(axes)
 
     of = "per scene" if scenes else "of the means over scenes"
-    return _figure("reproducibility", dataset, f"PSNR of this run minus published PSNR, {of}.", draw)
+    return _make_figure("reproducibility", dataset, f"PSNR of this run minus published PSNR, {of}.", draw)
 
 
 def _styles(numbers: Numbers) -> dict[str, dict[str, Any]]:
-    """Return model -> what its lines look like, the same in every chart; no two models look alike.
+    """Return method or model label -> line style, the same in all charts and different for any two.
 
-    A method of ours looks as in every report; labels and methods of other packages take the places after it.
+    A built-in method has the same style in every report. Labels and methods of other packages follow.
     """
     models = [method for dataset in numbers.datasets() for method in numbers.methods(dataset)]
     styles = {}
     for place, method in enumerate(dict.fromkeys([*METHODS, *models])):
-        again, own = divmod(place, len(_COLORS))
+        # With every round through the colours, markers and lines shift against them.
+        round_, color = divmod(place, len(_COLORS))
         styles[method] = {
-            "color": _COLORS[own],
-            "marker": _MARKERS[(own + again) % len(_MARKERS)],
-            "linestyle": _LINES[(own + 2 * again) % len(_LINES)],
+            "color": _COLORS[color],
+            "marker": _MARKERS[(color + round_) % len(_MARKERS)],
+            "linestyle": _LINES[(color + 2 * round_) % len(_LINES)],
             "markeredgecolor": _INK,
             "markeredgewidth": 0.6,
             "linewidth": 1.8,
@@ -323,46 +332,50 @@ def _styles(numbers: Numbers) -> dict[str, dict[str, Any]]:
 
 
 def _variant_markers(numbers: Numbers, dataset: str) -> dict[str, str]:
-    """Return the marker of each variant of the dedicated tier."""
-    return dict(zip(numbers.in_place_of(dataset, "dedicated"), cycle(_VARIANT_MARKERS), strict=False))
+    """Return variant of the dedicated tier -> marker."""
+    return dict(zip(numbers.variants(dataset, "dedicated"), cycle(_VARIANT_MARKERS), strict=False))
 
 
 def _legend(axes: Axes, handles: Sequence[Any] = ()) -> None:
-    """Write a legend of `handles`, or of all that is drawn, below the chart; a long one makes it taller."""
+    """Draw a legend of `handles` (default: all) below the chart, which grows with a long legend."""
     handles = handles or axes.get_legend_handles_labels()[0]
-    figure: Any = axes.figure  # a whole one, for which matplotlib's types do not vouch
+    figure: Any = axes.figure  # never a subfigure, which matplotlib's types allow
     figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 2), frameon=False)
     rows = (len(handles) + 1) // 2
     width, height = _SIZE
-    figure.set_size_inches(width, height + _ROW * max(rows - _ROWS, 0))
+    figure.set_size_inches(width, height + _ROW_HEIGHT * max(rows - _LEGEND_ROWS, 0))
 
 
 def _other_scenes(numbers: Numbers, dataset: str) -> str:
-    """Return which scenes go by the name of a published dataset that has none of them."""
+    """Return the first scenes of a dataset that has the name of a published one but none of its scenes."""
+    if not numbers.has_other_scenes(dataset):
+        return ""
     scenes = list(map(scene_title, numbers.scenes(dataset)))
-    shown = ", ".join([*scenes[:3], *(["..."] if len(scenes) > 3 else [])])
-    return f" ({shown})" if numbers.has_other_scenes(dataset) else ""
+    return f" ({', '.join([*scenes[:3], *(['...'] if len(scenes) > 3 else [])])})"
 
 
-def _figure(kind: str, dataset: str, caption: str, draw: Callable[[Axes], None], scenes: str = "") -> Figure:
+def _make_figure(
+    kind: str, dataset: str, caption: str, draw: Callable[[Axes], None], scenes: str = ""
+) -> Figure:
     title = f"{dataset_title(dataset)}{scenes}"
-    return Figure(f"{kind}-{slug(dataset)}", f"{title}: {caption}", partial(_drawn, title, draw))
+    return Figure(f"{kind}-{slug(dataset)}", f"{title}: {caption}", partial(_save, title, draw))
 
 
-def _drawn(title: str, draw: Callable[[Axes], None], form: Literal["svg", "pdf"]) -> bytes:
+def _save(title: str, draw: Callable[[Axes], None], form: Literal["svg", "pdf"]) -> bytes:
     """Return a chart as a file; the same numbers give the same bytes."""
-    logging.getLogger("matplotlib").setLevel(logging.ERROR)  # a cache it cannot write is no news to a user
+    logging.getLogger("matplotlib").setLevel(logging.ERROR)  # hide warnings about an unwritable cache
     need_extra("bench", "matplotlib", what="a figure")
     from matplotlib import rc_context
     from matplotlib.figure import Figure as Canvas
 
+    # Settings of text and lines, and of backgrounds, get the placeholder colours.
     inked = ("text.color", "axes.edgecolor", "axes.labelcolor", "xtick.color", "ytick.color", "grid.color")
     faces = ("figure.facecolor", "axes.facecolor", "savefig.facecolor")
     settings = {
         "svg.fonttype": "none",
         "svg.hashsalt": "msb",
-        "pdf.fonttype": 42,  # TrueType: publishers refuse the default, Type 3
-        "text.parse_math": False,  # a dollar sign in a scene's name is one
+        "pdf.fonttype": 42,  # TrueType: publishers reject the default, Type 3
+        "text.parse_math": False,  # scene names can contain dollar signs
         "font.family": "sans-serif",
         "font.size": 9,
         "axes.grid": True,
@@ -375,12 +388,13 @@ def _drawn(title: str, draw: Callable[[Axes], None], form: Literal["svg", "pdf"]
     }
     file = io.BytesIO()
     with rc_context(settings), warnings.catch_warnings():
-        # A browser has glyphs that the font used for measuring has not.
+        # Browsers have glyphs that the font used for measuring lacks.
         warnings.filterwarnings("ignore", "Glyph", UserWarning)
         canvas = Canvas(figsize=_SIZE, layout="constrained")
         axes = canvas.add_subplot()
         axes.set_title(title, fontsize=10, fontweight="bold")
         draw(axes)
-        unnamed = {"svg": ("Date", "Creator"), "pdf": ("CreationDate", "Creator", "Producer")}
-        canvas.savefig(file, format=form, metadata=dict.fromkeys(unnamed[form]))
+        # Without dates and program versions equal charts are equal files.
+        omitted = {"svg": ("Date", "Creator"), "pdf": ("CreationDate", "Creator", "Producer")}
+        canvas.savefig(file, format=form, metadata=dict.fromkeys(omitted[form]))
     return file.getvalue()

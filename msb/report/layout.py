@@ -1,22 +1,37 @@
-"""From the places of numbers to a table: look up, print, mark the best, set the paper's under ours."""
+"""Lay out numbers as tables: look them up, format them, mark the best, add the paper's rows."""
 
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 from msb.bench.aggregate import METRICS
-from msb.report.metric_format import decimals, digits, printed_value, text, title
+from msb.report.metric_format import (
+    choose_decimals,
+    format_digits,
+    format_value,
+    metric_title,
+    to_printed_unit,
+)
 from msb.report.numbers import ON_CPU, Key, Number, Numbers, condition_title, dataset_title, method_title
-from msb.report.table import Cell, Column, Row, Table
+from msb.report.table import Table, TableCell, TableColumn, TableRow
 
+# Last label of the paper's rows.
 PAPER_ROW = "in the paper"
 
 
 @dataclass(frozen=True)
-class Line:
-    """A row before its numbers: labels, and the fields it gives to the keys of its cells.
+class RowSpec:
+    """A table row before its numbers are looked up.
 
-    `bold` prints the whole row bold.
+    Attributes
+    ----------
+    labels : tuple of str
+    of : mapping of str to str
+        Fields that the row contributes to the `Key` of each of its numbers.
+    section, strong
+        As in `TableRow`.
+    bold : bool
+        Whether all numbers of the row are printed bold.
     """
 
     labels: tuple[str, ...]
@@ -30,18 +45,18 @@ _TITLES: Mapping[str, Callable[[str], str]] = {
     "dataset": dataset_title,
     "method": method_title,
     "condition": condition_title,
-    "metric": title,
+    "metric": metric_title,
 }
 
 
-def line(**of: str) -> Line:
-    """Return the line whose labels are the titles of the fields that it gives to its keys."""
-    return Line(tuple(_TITLES[name](value) for name, value in of.items()), of)
+def titled_row(**of: str) -> RowSpec:
+    """Return the row whose labels are the titles of its key fields, such as ``condition="standard"``."""
+    return RowSpec(tuple(_TITLES[name](value) for name, value in of.items()), of)
 
 
-def metric_columns(metrics: Iterable[str], *groups: str, **of: str) -> list[Column]:
-    """Return a column per metric under the headings `groups`; `of` are more fields of its keys."""
-    return [Column(title(metric), groups, {"metric": metric, **of}) for metric in metrics]
+def metric_columns(metrics: Iterable[str], *groups: str, **of: str) -> list[TableColumn]:
+    """Return one column per metric below the headings `groups`; `of` are further fields of its keys."""
+    return [TableColumn(metric_title(metric), groups, {"metric": metric, **of}) for metric in metrics]
 
 
 def make_table(
@@ -50,95 +65,128 @@ def make_table(
     label: str,
     caption: str,
     heads: tuple[str, ...],
-    columns: Sequence[Column],
-    lines: Iterable[Line],
+    columns: Sequence[TableColumn],
+    row_specs: Iterable[RowSpec],
     of: Mapping[str, str],
     *,
     best_of: Sequence[str] = (),
     definitions: tuple[str, ...] = (),
     notes: tuple[str, ...] = (),
 ) -> Table:
-    """Return the table of the numbers whose keys are made of the fields of `of`, a column and a line.
+    """Return a table of numbers.
 
-    The paper's numbers stand under each row that has one. Numbers of one metric whose keys agree in the
-    fields `best_of` compete for being the best, the paper's apart. `definitions` are notes on how we measure;
-    the paper's own tables are printed without them.
+    Parameters
+    ----------
+    numbers : Numbers
+    paper : Numbers or None
+        The paper's numbers. Each row of ours with published counterparts gets a row of them below.
+    label, caption, heads
+        As in `Table`.
+    columns : sequence of TableColumn
+    row_specs : iterable of RowSpec
+    of : mapping of str to str
+        Fields that all keys share. Fields of columns override them, fields of rows override both.
+    best_of : sequence of str
+        Key fields. Numbers of one metric that agree in these fields compete for the best value; the paper's
+        numbers compete separately. Without fields nothing is marked.
+    definitions : tuple of str
+        Notes on how we measure, which the paper's own tables omit.
+    notes : tuple of str
+        Further notes.
     """
-    grid = [(line, [Key(**{**of, **column.of, **line.of}) for column in columns]) for line in lines]
-    rows = _rows(numbers, grid, best_of)
+    # Each row with the keys of its cells.
+    grid = [(spec, [Key(**{**of, **column.of, **spec.of}) for column in columns]) for spec in row_specs]
+    rows = _make_rows(numbers, grid, best_of)
     if paper is not None:
+        # Insert the paper's rows from the last to the first, so that earlier places stay valid.
         known = [n for n, (_, keys) in enumerate(grid) if any(paper.value(key) is not None for key in keys)]
-        theirs = _rows(paper, [grid[n] for n in known], best_of)
-        for n, row in reversed(list(zip(known, theirs, strict=True))):
+        paper_rows = _make_rows(paper, [grid[n] for n in known], best_of)
+        for n, row in reversed(list(zip(known, paper_rows, strict=True))):
             labels = (*row.labels[:-1], PAPER_ROW)
             rows.insert(n + 1, replace(row, labels=labels, strong=False, paper=True))
     notes = notes if numbers.of_paper else (*definitions, *notes)
     return Table(label, caption, heads, tuple(columns), tuple(rows), notes).with_common_notes()
 
 
-def number_cell(metric: str, number: Number) -> Cell:
-    """Return the cell of one number."""
+def number_cell(metric: str, number: Number) -> TableCell:
+    """Return the cell of a number."""
     parts: dict[str, Any] = {"notes": number.notes, "present": number.present, "expected": number.expected}
     unit = METRICS[metric].unit
     if number.value is None:
-        return Cell(number.absent, None, metric, unit, reason=number.reason, **parts)
-    value, printed = printed_value(metric, number.value), text(metric, number.value)
-    return Cell(printed + _count(parts), value, metric, unit, interval=number.interval, **parts)
+        return TableCell(number.absent, None, metric, unit, reason=number.reason, **parts)
+    value, printed = to_printed_unit(metric, number.value), format_value(metric, number.value)
+    return TableCell(printed + _scene_count(parts), value, metric, unit, interval=number.interval, **parts)
 
 
-def difference_cell(metric: str, value: float, *, sign: bool = True, more: int = 0, **parts: Any) -> Cell:
-    """Return the cell of a difference, printed with `more` decimals than the metric; `parts` are others."""
-    shown = METRICS[metric]
-    printed = digits(value, shown.decimals + more, sign=sign)
-    return Cell(printed + _count(parts), value, metric, shown.unit, **parts)
+def difference_cell(
+    metric: str, value: float, *, sign: bool = True, more: int = 0, **parts: Any
+) -> TableCell:
+    """Return the cell of a difference in `metric`.
+
+    It has `more` decimals than values of the metric. `parts` are further attributes of the cell.
+    """
+    definition = METRICS[metric]
+    printed = format_digits(value, definition.decimals + more, sign=sign)
+    return TableCell(printed + _scene_count(parts), value, metric, definition.unit, **parts)
 
 
-def _count(parts: Mapping[str, Any]) -> str:
-    """Return of how many scenes a mean is, where some are missing."""
+def _scene_count(parts: Mapping[str, Any]) -> str:
+    """Return " (7/9)" for a mean over 7 of 9 scenes, "" for a complete one."""
     present, expected = parts.get("present", 1), parts.get("expected", 1)
     return f" ({present}/{expected})" if present < expected else ""
 
 
-def mark_best(cells: Sequence[Cell], groups: Sequence[Hashable], *, alone: bool) -> list[Cell]:
-    """Return `cells` with the best of each group bold, and with it all that are printed alike.
+def mark_best(cells: Sequence[TableCell], groups: Sequence[Hashable], *, single: bool) -> list[TableCell]:
+    """Return `cells` with the best value of each group and metric bold, including ties as printed.
 
-    A cell of the group None does not compete; `alone` says whether a value without a rival is the best.
+    Parameters
+    ----------
+    cells : sequence of TableCell
+    groups : sequence of hashable
+        Group of each cell; cells of the group None do not compete.
+    single : bool
+        Whether a value without a competitor is bold.
     """
+    # (group, metric) -> places of the competing cells
     rivals: dict[tuple[Hashable, str], list[int]] = {}
     for place, (cell, group) in enumerate(zip(cells, groups, strict=True)):
         if group is not None and cell.value is not None and METRICS[cell.metric].better:
             rivals.setdefault((group, cell.metric), []).append(place)
     marked = list(cells)
     for (_, metric), places in rivals.items():
-        if len(places) < 2 and not alone:
+        if len(places) < 2 and not single:
             continue
         choose = max if METRICS[metric].better == "higher" else min
-        # What is printed decides: a reader sees no more.
-        best = choose(_as_printed(cells[place]) for place in places)
+        # Printed values are compared: a reader sees no more digits.
+        best = choose(_round_as_printed(cells[place]) for place in places)
         for place in places:
-            marked[place] = replace(cells[place], bold=_as_printed(cells[place]) == best)
+            marked[place] = replace(cells[place], bold=_round_as_printed(cells[place]) == best)
     return marked
 
 
-def _as_printed(cell: Cell) -> float:
+def _round_as_printed(cell: TableCell) -> float:
     assert isinstance(cell.value, float)
-    return round(cell.value, decimals(cell.metric, cell.value))
+    return round(cell.value, choose_decimals(cell.metric, cell.value))
 
 
-def _rows(numbers: Numbers, grid: list[tuple[Line, list[Key]]], best_of: Sequence[str]) -> list[Row]:
-    keys = [key for _, own in grid for key in own]
+def _make_rows(
+    numbers: Numbers, grid: list[tuple[RowSpec, list[Key]]], best_of: Sequence[str]
+) -> list[TableRow]:
+    """Return the rows of `grid` with their cells, the best values bold."""
+    keys = [key for _, row_keys in grid for key in row_keys]
     values = [numbers.number(key) for key in keys]
+    # Frame rates of a CPU never compete.
     groups = [
         tuple(getattr(key, field) for field in best_of)
         if best_of and not any(note.startswith(ON_CPU) for note in number.notes)
         else None
         for key, number in zip(keys, values, strict=True)
     ]
-    made = [number_cell(key.metric, number) for key, number in zip(keys, values, strict=True)]
-    cells = iter(mark_best(made, groups, alone=numbers.of_paper))  # as the paper does
+    plain = [number_cell(key.metric, number) for key, number in zip(keys, values, strict=True)]
+    cells = iter(mark_best(plain, groups, single=numbers.of_paper))  # the paper prints single values bold
     rows = []
-    for line, own in grid:
-        row = [next(cells) for _ in own]
-        row = [replace(cell, bold=cell.value is not None) for cell in row] if line.bold else row
-        rows.append(Row(line.labels, tuple(row), line.section, line.strong))
+    for spec, row_keys in grid:
+        row = [next(cells) for _ in row_keys]
+        row = [replace(cell, bold=cell.value is not None) for cell in row] if spec.bold else row
+        rows.append(TableRow(spec.labels, tuple(row), spec.section, spec.strong))
     return rows

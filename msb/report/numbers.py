@@ -1,7 +1,7 @@
-"""What tables, figures and findings are made of: numbers by dataset, scene, method, condition and metric.
+"""The numbers of tables, charts and findings, by dataset, scene, method, condition and metric.
 
-Ours come from records (`msb.report.collect`), the paper's from its tables (`msb.report.paper`); from here on
-both take the same way.
+Measured numbers come from result records (`msb.report.collect`), the paper's numbers from its published
+tables (`msb.report.paper`). All later code treats both alike.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -17,30 +17,42 @@ from msb.bench.split import Split
 from msb.metrics.registry import IMAGE_METRICS
 from msb.registry import METHODS
 from msb.report.safe_names import plain_text
-from msb.report.table import NOT_THERE
+from msb.report.table import NOT_AVAILABLE
 
+# Values of `Key.scene` that stand for averages over the scenes of a dataset.
 MEAN = "mean"
+# The average cost of a single triangle over the scenes: the cost of a renderer independent of the mesh.
 FLOOR = "floor_mean"
-# Names that stand for means over scenes -> the headings of their rows; a floor is of one triangle alone.
+# Value of `Key.scene` for an average -> heading of its row.
 MEANS = {"indoor_mean": "Indoor mean", "outdoor_mean": "Outdoor mean", MEAN: "Mean", FLOOR: "Floor"}
 
-# The conditions that hold images, in the order in which quality is lost.
+# Conditions with images in the order of falling quality: Non-Engine, Dedicated, Standard.
 DRAWN_CONDITIONS = tuple(TIER_OF)
 
-# The metrics of images; looked into no earlier than needed, since packages bring some.
+# Image quality metrics. The mapping is filled on first access, because other packages can add metrics.
 QUALITY = IMAGE_METRICS
-# Metrics of the trained model, shown with the Non-Engine results, whichever record holds them.
-OF_ASSET = ("train_memory", "train_seconds", "chamfer")
-# Begins the note on a rate that says as much of what else the machine did: it is not marked as the best.
+# Metrics of the trained model, independent of the renderer. Tables show them with the Non-Engine results.
+ASSET_METRICS = ("train_memory", "train_seconds", "chamfer")
+# First words of the note on frame rates of a CPU. They depend on other work of the machine, so they are never
+# marked as the best.
 ON_CPU = "measured on a CPU device"
 
 
 class Key(NamedTuple):
-    """What a number is of: `scene` may be a key of `MEANS`; `metric` is one of `msb.bench.aggregate.METRICS`.
+    """Identifies a number.
 
-    `condition` is "standard/NAME" where an engine draws in its place, "dedicated/NAME" of a variant,
-    "baked/NAME" of a bake. `source`
-    is "" for measured numbers, and a key of `msb.report.tables.reproducibility.SOURCES` for published ones.
+    Attributes
+    ----------
+    dataset, method : str
+    scene : str
+        The name of a scene, or a key of `MEANS`.
+    condition : str
+        "non_engine", "dedicated", "standard" or "exported_mesh". "dedicated/NAME" is a variant of the
+        dedicated tier, "standard/NAME" the standard tier in another engine, "baked/NAME" a baked mesh.
+    metric : str
+        A key of `msb.bench.aggregate.METRICS`.
+    source : str
+        "" for measured numbers, otherwise a key of `msb.report.tables.reproducibility.SOURCES`.
     """
 
     dataset: str
@@ -51,20 +63,33 @@ class Key(NamedTuple):
     source: str = ""
 
     @property
-    def of_asset(self) -> bool:
-        """Whether the number is of the model itself, so that it says nothing of there being images."""
-        return self.metric in OF_ASSET
+    def is_of_asset(self) -> bool:
+        """Whether the number describes the trained model: it does not imply images of the condition."""
+        return self.metric in ASSET_METRICS
 
 
 @dataclass(frozen=True)
 class Number:
-    """A number in the records' unit, or `reason` why there is none and `absent`, "N/A" or "--", in its place.
+    """A number, or the reason for its absence.
 
-    A mean is over `present` of the `expected` scenes; `interval` is that of a mean over views.
+    Attributes
+    ----------
+    value : float or None
+        In the unit of the records.
+    absent : str
+        Printed in place of a missing value: "N/A" (not supported) or "--".
+    reason : str or None
+        Why the value is missing.
+    present, expected : int
+        A mean is over `present` of `expected` scenes.
+    notes : tuple of str
+        Footnotes.
+    interval : Interval or None
+        95 % confidence interval of a mean over views.
     """
 
     value: float | None
-    absent: str = NOT_THERE
+    absent: str = NOT_AVAILABLE
     reason: str | None = None
     present: int = 1
     expected: int = 1
@@ -73,10 +98,10 @@ class Number:
 
 
 class GapKey(NamedTuple):
-    """What gaps are of. `scene` may be "mean".
+    """Identifies the three quality gaps of a method.
 
-    `standard` and `dedicated` are the conditions in the place of the two tiers: an engine's or a bake's, and
-    a variant's.
+    `scene` is a scene or "mean". `standard` and `dedicated` name the conditions that stand for the two tiers:
+    the tiers themselves, another engine or a bake for `standard`, a variant for `dedicated`.
     """
 
     dataset: str
@@ -87,13 +112,13 @@ class GapKey(NamedTuple):
     dedicated: str = "dedicated"
 
     @property
-    def own_tiers(self) -> bool:
-        """Whether the gaps are between the tiers themselves, with neither engine nor variant."""
+    def is_between_tiers(self) -> bool:
+        """Whether the gaps are between the two tiers themselves, without engines, bakes and variants."""
         return (self.standard, self.dedicated) == ("standard", "dedicated")
 
 
 class SplitKey(NamedTuple):
-    """What the parts of a loss are of. `scene` may be "mean"."""
+    """Identifies the parts of a quality loss. `scene` is a scene or "mean"."""
 
     dataset: str
     scene: str
@@ -102,7 +127,7 @@ class SplitKey(NamedTuple):
 
 
 class RatioKey(NamedTuple):
-    """What a ratio of frame rates is of: two conditions, in the means over a dataset."""
+    """Identifies the ratio of the average frame rates of two conditions on a dataset."""
 
     dataset: str
     method: str
@@ -112,81 +137,96 @@ class RatioKey(NamedTuple):
 
 @dataclass(frozen=True)
 class Numbers:
-    """All numbers of a set of results, or of the paper (`of_paper`). Names come in the order of `values`.
+    """All numbers of a set of results, or of the paper.
 
-    `views` has the values of every view, of the image metrics of a scene; `drawn_by` what drew a dataset's
-    condition: "OpenCL", an engine, the methods' own code; `verdicts` that of the audit of each exported mesh
-    and bake, whose key has no metric.
+    Attributes
+    ----------
+    values : mapping of Key to Number
+        Its order is the order of datasets, methods and scenes in all tables.
+    gaps, ratios, splits : mappings
+        Quality gaps, ratios of frame rates, and parts of quality losses.
+    views : mapping of Key to a mapping of str to float
+        View -> value, for image metrics of single scenes.
+    drawn_by : mapping of str to a mapping of str to str
+        Dataset -> condition -> renderer: "OpenCL", the name of an engine, or "their own code".
+    verdicts : mapping of Key to str
+        Audit verdict ("ok", "limited", "bad") of each exported or baked mesh; the metric of these keys is "".
+    of_paper : bool
+        Whether these are the paper's numbers.
     """
 
     values: Mapping[Key, Number]
     gaps: Mapping[GapKey, Gaps] = field(default_factory=dict)
     ratios: Mapping[RatioKey, Ratio] = field(default_factory=dict)
     views: Mapping[Key, Mapping[str, float]] = field(default_factory=dict)
-    drawn_by: Mapping[tuple[str, str], str] = field(default_factory=dict)
+    drawn_by: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     splits: Mapping[SplitKey, Split] = field(default_factory=dict)
     verdicts: Mapping[Key, str] = field(default_factory=dict)
     of_paper: bool = False
 
     def number(self, key: Key) -> Number:
-        """Return the number at `key`, or -- where nothing is known about it."""
+        """Return the number at `key`; unknown keys give an absent number ("--")."""
         return self.values.get(key, Number(None))
 
     def value(self, key: Key) -> float | None:
+        """Return the value at `key`, or None."""
         return self.number(key).value
 
     def datasets(self) -> list[str]:
         """Return the datasets."""
         return list(self._keys)
 
-    def methods(self, dataset: str, *conditions: str, of_asset: Sequence[str] = ()) -> list[str]:
-        """Return the methods of a dataset; if `conditions` are named, those with a record of one.
+    def methods(self, dataset: str, *conditions: str, asset_metrics: Sequence[str] = ()) -> list[str]:
+        """Return the methods of a dataset.
 
-        The metrics `of_asset`, of the model itself, do as well where they have a value.
+        Parameters
+        ----------
+        dataset : str
+        conditions : str
+            Only return methods with a record of one of these conditions.
+        asset_metrics : sequence of str
+            Also return methods with a value of one of these metrics of the trained model.
         """
-        own = (
+        keys = (
             key
             for key in self._keys.get(dataset, ())
             if not conditions
             or (
                 key.condition in conditions
-                and (not key.of_asset or (key.metric in of_asset and self.value(key) is not None))
+                and (not key.is_of_asset or (key.metric in asset_metrics and self.value(key) is not None))
             )
         )
-        return list(dict.fromkeys(key.method for key in own))
+        return list(dict.fromkeys(key.method for key in keys))
 
     def has_other_scenes(self, dataset: str) -> bool:
-        """Return whether a dataset has a published name but none of its scenes, such as the stubs."""
+        """Return whether a dataset has the name of a published one, but none of its scenes."""
         published, scenes = SCENES.get(dataset, ()), self.scenes(dataset)
         return bool(published and scenes) and not any(scene in published for scene in scenes)
 
     def scenes(self, dataset: str) -> list[str]:
-        """Return the scenes of a dataset, means apart."""
+        """Return the scenes of a dataset, without averages."""
         return list(dict.fromkeys(key.scene for key in self._keys.get(dataset, ()) if key.scene not in MEANS))
 
     def conditions(self, dataset: str) -> list[str]:
-        """Return the conditions that hold images, each followed by its variants or engines; then bakes."""
+        """Return the conditions with images: tiers, each followed by its variants or engines, then bakes."""
         conditions = dict.fromkeys(
             key.condition
             for key in self._keys.get(dataset, ())
-            if key.condition != "exported_mesh" and not key.of_asset
+            if key.condition != "exported_mesh" and not key.is_of_asset
         )
         return sorted(conditions, key=condition_order)
 
-    def in_place_of(self, dataset: str, condition: str) -> list[str]:
-        """Return the variants or engines of a condition in a dataset, or the bakes of "baked"."""
-        return in_place_of(self.conditions(dataset), condition)
+    def variants(self, dataset: str, condition: str) -> list[str]:
+        """Return the variants of "dedicated", the engines of "standard", or the bakes of "baked"."""
+        return select_variants(self.conditions(dataset), condition)
 
-    def gap_tiers(self, dataset: str) -> list[tuple[str, str]]:
-        """Return the pairs (standard, dedicated) that gaps of a dataset go through."""
-        return gap_tiers(self.conditions(dataset), self._drawn_by(dataset))
+    def gap_pairs(self, dataset: str) -> list[tuple[str, str]]:
+        """Return the pairs (standard, dedicated) of conditions between which gaps are computed."""
+        return list_gap_pairs(self.conditions(dataset), self.drawn_by.get(dataset, {}))
 
-    def ratio_tiers(self, dataset: str) -> list[tuple[str, str]]:
-        """Return the pairs (standard, dedicated) whose frame rates are held against each other."""
-        return ratio_tiers(self.conditions(dataset), self._drawn_by(dataset))
-
-    def _drawn_by(self, dataset: str) -> dict[str, str]:
-        return {condition: name for (of, condition), name in self.drawn_by.items() if of == dataset}
+    def ratio_pairs(self, dataset: str) -> list[tuple[str, str]]:
+        """Return the pairs (standard, dedicated) of conditions whose frame rates are compared."""
+        return list_ratio_pairs(self.conditions(dataset), self.drawn_by.get(dataset, {}))
 
     @cached_property
     def _keys(self) -> dict[str, list[Key]]:
@@ -198,58 +238,59 @@ class Numbers:
 
 
 def dataset_title(dataset: str) -> str:
-    """Return a dataset's heading."""
+    """Return the heading of a dataset."""
     return TITLES.get(dataset) or plain_text(dataset)
 
 
 def scene_title(scene: str) -> str:
-    """Return the heading of a scene, or of a mean of scenes."""
+    """Return the heading of a scene or of an average."""
     return MEANS.get(scene) or plain_text(scene)
 
 
 def method_title(method: str) -> str:
-    """Return a method's heading."""
+    """Return the heading of a method."""
     return METHODS[method].title if method in METHODS else plain_text(method)
 
 
-def in_place_of(conditions: Iterable[str], condition: str) -> list[str]:
-    """Return those of `conditions` that are variants or engines of one, or the bakes of "baked"."""
+def select_variants(conditions: Iterable[str], condition: str) -> list[str]:
+    """Return all variants, engines or bakes of `condition` among `conditions`."""
     return [name for name in conditions if name.startswith(f"{condition}/")]
 
 
-def gap_tiers(conditions: Sequence[str], drawn_by: Mapping[str, str]) -> list[tuple[str, str]]:
-    """Return the pairs (standard, dedicated) that gaps go through.
+def list_gap_pairs(conditions: Sequence[str], drawn_by: Mapping[str, str]) -> list[tuple[str, str]]:
+    """Return the pairs (standard, dedicated) of conditions between which gaps are computed.
 
-    They are the tiers, each variant, each engine, each engine's two tiers where it draws both, and each bake.
+    These are the two tiers, Standard with each variant of Dedicated, each engine and each bake with
+    Dedicated, and the two tiers of each engine that draws both.
     """
-    variants = in_place_of(conditions, "dedicated")
+    variants = select_variants(conditions, "dedicated")
     pairs = [
         *(("standard", dedicated) for dedicated in ("dedicated", *variants)),
-        *((engine, "dedicated") for engine in in_place_of(conditions, "standard")),
-        *ratio_tiers(conditions, drawn_by),
-        *((bake, "dedicated") for bake in in_place_of(conditions, BAKED)),
+        *((engine, "dedicated") for engine in select_variants(conditions, "standard")),
+        *list_ratio_pairs(conditions, drawn_by),
+        *((bake, "dedicated") for bake in select_variants(conditions, BAKED)),
     ]
     return list(dict.fromkeys(pairs))
 
 
-def ratio_tiers(conditions: Sequence[str], drawn_by: Mapping[str, str]) -> list[tuple[str, str]]:
-    """Return the pairs (standard, dedicated) whose frame rates may be held against each other.
+def list_ratio_pairs(conditions: Sequence[str], drawn_by: Mapping[str, str]) -> list[tuple[str, str]]:
+    """Return the pairs (standard, dedicated) of conditions whose frame rates are compared.
 
-    With Dedicated and each variant of it goes the Standard of the engine that draws it, where there is one:
-    rates of two engines are of two devices.
+    Dedicated and each of its variants is paired with Standard in the same engine, if that exists: frame rates
+    of two engines are measured on different devices.
     """
-    engines = {drawn_by.get(name): name for name in in_place_of(conditions, "standard")}
-    dedicated = ("dedicated", *in_place_of(conditions, "dedicated"))
+    engines = {drawn_by.get(name): name for name in select_variants(conditions, "standard")}
+    dedicated = ("dedicated", *select_variants(conditions, "dedicated"))
     return [(engines.get(drawn_by.get(name, ""), "standard"), name) for name in dedicated]
 
 
 def condition_order(condition: str) -> tuple[int, bool]:
-    """Return what conditions are sorted by: as quality is lost, each followed by its variants or engines."""
-    own, slash, _ = condition.partition("/")
-    return list(CONDITION_TITLES).index(own), bool(slash)
+    """Return the sort key of a condition: tiers as quality is lost, each before its variants or engines."""
+    tier, slash, _ = condition.partition("/")
+    return list(CONDITION_TITLES).index(tier), bool(slash)
 
 
 def condition_title(condition: str) -> str:
-    """Return a condition's heading, with the variant's, engine's or bake's name behind it."""
-    own, _, name = condition.partition("/")
-    return f"{CONDITION_TITLES[own]}, {plain_text(name)}" if name else CONDITION_TITLES[own]
+    """Return the heading of a condition, such as "Dedicated" or "Baked, ceiling"."""
+    tier, _, name = condition.partition("/")
+    return f"{CONDITION_TITLES[tier]}, {plain_text(name)}" if name else CONDITION_TITLES[tier]

@@ -1,8 +1,7 @@
-"""The files of a report: Markdown, tables in every format, and pages that need nothing but themselves."""
+"""Write a report as files: Markdown, tables in every format, and self-contained HTML pages."""
 
 from __future__ import annotations
 
-import base64
 import json
 import os
 import re
@@ -15,33 +14,33 @@ from typing import TYPE_CHECKING, Any
 from msb.base.extras import need_extra
 from msb.base.version import __version__
 from msb.bench.folder import WALK_FILM, Results
+from msb.report.compared_views import GROUND_TRUTH, data_uri, select_views
+from msb.report.mesh_trials import read_repairs, read_task_outcomes
 from msb.report.numbers import condition_title, dataset_title, method_title, scene_title
-from msb.report.pictures import GT, views
 from msb.report.safe_names import slug
 from msb.report.tables.asset import asset_tables, provenance
-from msb.report.tried import repairs, tried_tasks
-from msb.report.writers import WRITERS, Format, markdown, markdown_text
+from msb.report.writers import WRITERS, ReportFormat, escape_markdown, to_markdown
 
 if TYPE_CHECKING:
     from jinja2 import Environment
 
     from msb.report.report import Report
-    from msb.report.results import Loaded, Place
+    from msb.report.results import LoadedResult, Place
     from msb.report.verdict import Verdict
 
-FORMATS: tuple[Format, ...] = ("md", "tex", "csv", "json", "html")
-# A film of at most this many bytes becomes part of the page.
-SMALL_VIDEO = 4 << 20
+FORMATS: tuple[ReportFormat, ...] = ("md", "tex", "csv", "json", "html")
+# A film of at most this size in bytes is embedded in the page (4 MiB), a larger one is linked.
+MAX_EMBEDDED_FILM = 4 << 20
 
 
 def report_files(
     report: Report,
     *,
-    formats: Collection[Format] = FORMATS,
+    formats: Collection[ReportFormat] = FORMATS,
     topology: Mapping[Place, bytes] | None = None,
     folder: Path | None = None,
 ) -> dict[str, bytes]:
-    """Return file name -> content, for every file of the report.
+    """Return file name -> content of every file of the report.
 
     Parameters
     ----------
@@ -51,27 +50,30 @@ def report_files(
     topology : mapping of Place to bytes, optional
         The topology diagnostic of each asset, as PNG.
     folder : Path, optional
-        Where the files will lie: films too large for a page are linked from there.
+        The folder that will hold the files; links to large films are relative to it.
 
     Notes
     -----
-    ``report.json`` in any case, ``report.md``,
-    ``tables/LABEL.*``, ``figures/*.svg`` (md) and ``*.pdf`` (tex), ``images/*.jpg``, ``index.html`` and
-    ``verdict-DATASET-SCENE-METHOD.html``. The pages hold all they show.
+    ``report.json`` is always written. Other files by format: ``report.md``, ``figures/*.svg`` and
+    ``images/*.jpg`` (md), ``figures/*.pdf`` (tex), ``tables/LABEL.*`` (md, tex, csv, json), ``index.html``
+    and ``verdict-DATASET-SCENE-METHOD.html`` (html). The pages embed everything except large films.
     """
+    # JSON of the whole report, and all tables in the text formats.
     text = json.dumps(report.to_dict(), indent=1, allow_nan=False, ensure_ascii=False) + "\n"
     files: dict[str, str | bytes] = {"report.json": text}
     for suffix, writer in WRITERS.items():
         if suffix in formats:
             files |= {f"tables/{label}.{suffix}": writer(table) for label, table in report.tables.items()}
+    # Charts: PDF for LaTeX, SVG beside the Markdown.
     if "tex" in formats:
         for section in report.sections:
             files |= {f"figures/{figure.name}.pdf": figure.pdf() for figure in section.figures}
     if "md" in formats:
         files["report.md"] = _template("report.md", report=report).rstrip("\n") + "\n"
         for section in report.sections:
-            files |= {f"figures/{figure.name}.svg": figure.alone for figure in section.figures}
-            files |= {f"images/{one.name}": one.data for view in section.views for one in view.pictures}
+            files |= {f"figures/{figure.name}.svg": figure.standalone for figure in section.figures}
+            files |= {f"images/{image.name}": image.data for view in section.views for image in view.images}
+    # The index page, and a page per asset.
     if "html" in formats:
         places = [verdict.place for verdict in report.verdicts]
         pages = {place: f"verdict-{'-'.join(map(slug, place))}.html" for place in places}
@@ -82,7 +84,7 @@ def report_files(
 
 
 def _grid(report: Report) -> dict[str, Any]:
-    """Return the verdicts as dataset -> scene -> method -> verdict, and the methods."""
+    """Return the verdicts for the table of assets: dataset -> scene -> method -> verdict, and all methods."""
     datasets: dict[str, dict[str, dict[str, Verdict]]] = {}
     methods: dict[str, None] = {}
     for verdict in report.verdicts:
@@ -95,11 +97,12 @@ def _grid(report: Report) -> dict[str, Any]:
 def _verdict_page(
     report: Report, verdict: Verdict, topology: Mapping[Place, bytes], folder: Path | None
 ) -> str:
+    """Return the page of one asset."""
     assert report.results is not None
     place = verdict.place
-    own = report.results.places[place]
-    picture = topology.get(place)
-    records = {name: loaded.result for name, loaded in own.items()}
+    conditions = report.results.places[place]
+    diagnostic = topology.get(place)
+    records = {name: loaded.result for name, loaded in conditions.items()}
     tables = asset_tables(place, records, report.numbers)
     if not report.with_paper:
         tables = {name: table.without_paper() for name, table in tables.items()}
@@ -109,46 +112,51 @@ def _verdict_page(
         "verdict.html",
         report=report,
         verdict=verdict,
-        views=views(report.results, [place]),
+        views=select_views(report.results, [place]),
         tables=tables,
         provenance=provenance(records),
-        topology=None if picture is None else f"data:image/png;base64,{base64.b64encode(picture).decode()}",
+        topology=None if diagnostic is None else data_uri("image/png", diagnostic),
         asset=asset,
-        tried=tried_tasks(own.get("exported_mesh")),
-        repairs=repairs(own.get("exported_mesh")),
+        outcomes=read_task_outcomes(conditions.get("exported_mesh")),
+        repairs=read_repairs(conditions.get("exported_mesh")),
         audited=audit is not None,
         level=None if audit is None else audit.verdict.level,
-        video=_video(report, place, folder),
-        walks=_walks(own, folder),
+        video=_find_video(report, place, folder),
+        walks=_find_walks(conditions, folder),
     )
 
 
-def _video(report: Report, place: Place, folder: Path | None) -> dict[str, str] | None:
-    """Return the film of an asset: its data if it is small, else its address."""
+def _find_video(report: Report, place: Place, folder: Path | None) -> dict[str, str] | None:
+    """Return the film of all conditions of an asset, or None."""
     assert report.results is not None
     for root in report.results.roots:
-        if film := _film(Results(root).video(*place), root, folder):
+        if film := _embed_film(Results(root).video(*place), root, folder):
             return film
     return None
 
 
-def _walks(own: Mapping[str, Loaded], folder: Path | None) -> list[tuple[str, dict[str, str]]]:
-    """Return title and film of each condition that was walked through."""
+def _find_walks(
+    conditions: Mapping[str, LoadedResult], folder: Path | None
+) -> list[tuple[str, dict[str, str]]]:
+    """Return the title and the film of each condition with a walk beyond the captured views."""
     return [
         (condition_title(name), film)
-        for name, loaded in own.items()
+        for name, loaded in conditions.items()
         if loaded.result.walk is not None
         and loaded.result.walk.film is not None
-        and (film := _film(loaded.path.with_name(WALK_FILM), loaded.root, folder))
+        and (film := _embed_film(loaded.path.with_name(WALK_FILM), loaded.root, folder))
     ]
 
 
-def _film(path: Path, root: Path, folder: Path | None) -> dict[str, str] | None:
-    """Return a film below the results folder `root`: its data if it is small, else its address."""
-    with suppress(OSError, ValueError):  # not readable; a NUL in a name; another drive
+def _embed_film(path: Path, root: Path, folder: Path | None) -> dict[str, str] | None:
+    """Return a film in the results folder `root` as {"data": address with data} or {"link": relative path}.
+
+    Films up to `MAX_EMBEDDED_FILM` bytes are embedded. Returns None if the file does not exist.
+    """
+    with suppress(OSError, ValueError):  # unreadable, a NUL in the name, or on another drive
         if path.is_file() and path.resolve().is_relative_to(root.resolve()):
-            if path.stat().st_size <= SMALL_VIDEO:
-                return {"data": f"data:video/mp4;base64,{base64.b64encode(path.read_bytes()).decode()}"}
+            if path.stat().st_size <= MAX_EMBEDDED_FILM:
+                return {"data": data_uri("video/mp4", path.read_bytes())}
             start = folder or root
             return {"link": os.path.relpath(path.resolve(), start.resolve()).replace(os.sep, "/")}
     return None
@@ -168,15 +176,15 @@ def _environment() -> Environment:
         "method": method_title,
         "scene": scene_title,
         "unbroken": _unbroken,
-        "md": markdown_text,
-        "markdown": markdown,
+        "md": escape_markdown,
+        "markdown": to_markdown,
     }
-    environment.globals |= {"GT": GT, "version": __version__}
+    environment.globals |= {"GROUND_TRUTH": GROUND_TRUTH, "version": __version__}
     return environment
 
 
 def _unbroken(heading: str) -> str:
-    """Keep an arrow on the line of its word."""
+    """Return a heading with a no-break space before each arrow."""
     return re.sub(" (?=[↑↓])", "\N{NO-BREAK SPACE}", heading)
 
 

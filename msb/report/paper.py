@@ -1,4 +1,4 @@
-"""The paper's own numbers, read from its tables as data, to be set beside ours or printed again."""
+"""The published numbers of the paper, read from its tables as JSON."""
 
 import json
 import os
@@ -26,9 +26,9 @@ from msb.report.numbers import (
     dataset_title,
     method_title,
 )
-from msb.report.table import NOT_THERE
+from msb.report.table import NOT_AVAILABLE
 
-# The tables of numbers, by the paper's labels. The two feature matrices are printed from `msb.registry`.
+# The numeric tables by the paper's labels. The two feature matrices are printed from `msb.registry`.
 PAPER_TABLES = (
     "native_summary",
     "native_comprehensive_results",
@@ -41,8 +41,9 @@ PAPER_TABLES = (
     "reproducibility_comparison",
 )
 
+# The paper's name of a method -> ours.
 OUR_METHODS = {method.paper_name: name for name, method in METHODS.items() if method.paper_name}
-# The paper's name of a metric -> ours, of the audit or `msb.bench.aggregate.METRICS`, if it is another.
+# The paper's name of a metric -> ours (of the audit or `msb.bench.aggregate.METRICS`), if they differ.
 _OUR_METRICS = {
     "gpu_ms_p50": "p50_ms",
     "gpu_ms_p95": "p95_ms",
@@ -53,25 +54,25 @@ _OUR_METRICS = {
     "valence": "mean_valence",
 }
 
-ENGINE_FLOOR = (
-    "the paper's Standard memory is nearly the same for all methods and smaller than their meshes: what its "
-    "engine takes without them, so it is not comparable with ours, which counts every buffer"
+ENGINE_MEMORY = (
+    "the paper's Standard memory is nearly equal for all methods and smaller than their meshes: it is the "
+    "memory of the engine without the mesh. It is not comparable with ours, which counts every buffer"
 )
 
-ENGINE_PICTURE = (
-    "the paper's Dedicated is an engine's picture, ours the official one; its like is a variant with the "
-    "order global and the sampling engine"
+ENGINE_RENDERING = (
+    "the paper's Dedicated was rendered by an engine, ours follows the official code; compare it with a "
+    "variant that has the order global and the sampling engine"
 )
-LPIPS_ELSEWHERE = (
-    "LPIPS as it was published, which may be of another network, version or scaling of the images"
-)
+PUBLISHED_LPIPS = "LPIPS as published; its network, version or scaling of the images may differ from ours"
 
 
-# What a number may be from: the keys of `msb.report.tables.reproducibility.SOURCES`.
+# Publication of a number: the keys of `msb.report.tables.reproducibility.SOURCES`.
 Source = Literal["", "paper", "public", "meshsplatbench"]
 
 
-class _Cell(BaseModel):
+class _PublishedCell(BaseModel):
+    """A number of a published table in the paper's terms; `na` is printed in place of a missing value."""
+
     model_config = ConfigDict(extra="ignore", frozen=True, allow_inf_nan=False, strict=True)
 
     dataset: Annotated[str, Field(min_length=1, max_length=200)]
@@ -85,27 +86,30 @@ class _Cell(BaseModel):
     na: Literal["N/A", "--"] = "--"
 
 
-class _PaperTable(BaseModel):
+class _PublishedTable(BaseModel):
+    """The cells of a published table (schema msb-paper-table/1)."""
+
     model_config = ConfigDict(extra="ignore", frozen=True, strict=True)
 
     schema_: Literal["msb-paper-table/1"] = Field(alias="schema")
-    cells: tuple[_Cell, ...]
+    cells: tuple[_PublishedCell, ...]
 
 
 def paper_numbers(*tables: str) -> Numbers:
-    """Return the numbers of the paper's `tables` (labels; default all) in the paper's order.
+    """Return the numbers of the paper's `tables` (by label; default: all) in the paper's order.
 
-    Where two tables disagree, both numbers are kept, each under its own `Key.source`.
+    If two tables disagree, both numbers are kept under different values of `Key.source`.
     """
     values: dict[Key, Number] = {}
     for label in tables or PAPER_TABLES:
         for key, number in _table(label).items():
             values.setdefault(key, number)
-    drawn_by = {
-        (key.dataset, key.condition): "their own code" if key.condition == "non_engine" else "Unity"
-        for key in values
-    }
-    return Numbers(values, _gaps(values), _ratios(values), drawn_by=drawn_by, of_paper=True)
+    drawn_by: dict[str, dict[str, str]] = {}
+    for key in values:
+        name = "their own code" if key.condition == "non_engine" else "Unity"
+        drawn_by.setdefault(key.dataset, {})[key.condition] = name
+    numbers = Numbers(values, drawn_by=drawn_by, of_paper=True)
+    return replace(numbers, gaps=_gaps(numbers), ratios=_ratios(numbers))
 
 
 def paper_row(table: str, **where: str) -> dict[str, float]:
@@ -136,17 +140,17 @@ def paper_row(table: str, **where: str) -> dict[str, float]:
 
 
 def methods_in(table: str) -> list[str]:
-    """Return the methods that a paper table has rows of; `table` as of `paper_row`."""
+    """Return the methods with rows in a table of the paper; `table` is a label as in `paper_row`."""
     return list(dict.fromkeys(key.method for key in _table(table)))
 
 
 def published_numbers(path: str | os.PathLike[str]) -> dict[Key, Number]:
-    """Return published per-scene numbers from a file of the shape of ``paper_tables/*.json``.
+    """Return published numbers from a JSON file with the schema of ``paper_tables/*.json``.
 
-    The paper compares with them scene by scene but does not print them, so they are the user's to bring.
-    Their `Key.source` is "paper" where the file names none.
+    With such a file, results can be compared with published values of single scenes, which the paper does
+    not print. `Key.source` is "paper" unless the file names another source.
     """
-    cells = checked(_PaperTable, read_json(path, 1 << 24), file=Path(path), code="RECORD_INVALID").cells
+    cells = checked(_PublishedTable, read_json(path, 1 << 24), file=Path(path), code="RECORD_INVALID").cells
     numbers = {}
     for cell in cells:
         if cell.value is not None and (cell.metric in METRICS or cell.metric in _OUR_METRICS):
@@ -156,7 +160,7 @@ def published_numbers(path: str | os.PathLike[str]) -> dict[Key, Number]:
 
 
 def contradictions() -> dict[str, list[str]]:
-    """Return label of a table of the paper's report -> notes on what in the paper contradicts it."""
+    """Return label of a table -> notes on statements of the paper that contradict the table."""
     notes: dict[str, list[str]] = json.loads(_text("contradictions"))
     return notes
 
@@ -167,11 +171,12 @@ def _text(name: str) -> str:
 
 @cache
 def _table(label: str) -> dict[Key, Number]:
-    cells = _PaperTable.model_validate_json(_text(label)).cells
+    cells = _PublishedTable.model_validate_json(_text(label)).cells
     return {key: _noted(key, number) for key, number in map(_entry, cells)}
 
 
-def _entry(cell: _Cell) -> tuple[Key, Number]:
+def _entry(cell: _PublishedCell) -> tuple[Key, Number]:
+    """Return a published cell in our terms and in the unit of the records."""
     metric = _OUR_METRICS.get(cell.metric, cell.metric)
     method = OUR_METHODS.get(cell.method, cell.method)
     key = Key(cell.dataset, cell.scene, method, cell.condition, metric, cell.source)
@@ -180,62 +185,53 @@ def _entry(cell: _Cell) -> tuple[Key, Number]:
 
 
 def _noted(key: Key, number: Number) -> Number:
-    """Return `number` with what is known to be wrong with it (docs/report.md, "in the paper")."""
+    """Return a number of the paper with notes on why it cannot be compared with ours, if there are any."""
     if number.value is None:
-        if key.source != "paper" or number.absent != NOT_THERE:
+        if key.source != "paper" or number.absent != NOT_AVAILABLE:
             return number
-        where = f"{method_title(key.method)}'s own paper reports no results on {dataset_title(key.dataset)}"
-        return replace(number, reason=where)
+        reason = f"{method_title(key.method)}'s paper reports no results on {dataset_title(key.dataset)}"
+        return replace(number, reason=reason)
+    # Numbers of an engine, and LPIPS of other sources.
     if key.metric == "memory" and key.condition == "standard":
-        return Number(number.value, notes=(ENGINE_FLOOR,))
+        return Number(number.value, notes=(ENGINE_MEMORY,))
     if key.condition == "dedicated" and (key.metric in QUALITY or key.metric == "fps"):
-        return Number(number.value, notes=(ENGINE_PICTURE,))
+        return Number(number.value, notes=(ENGINE_RENDERING,))
     if key.metric == "lpips" and key.source in ("paper", "public"):
-        return Number(number.value, notes=(LPIPS_ELSEWHERE,))
-    own = METHODS[key.method].paper_notes if key.method in METHODS else ()
+        return Number(number.value, notes=(PUBLISHED_LPIPS,))
+    # Notes that methods declare on their native results.
     if key.condition != "non_engine" or key.source not in ("", "meshsplatbench"):
-        own = ()
-    notes = (one.text for one in own if key.metric in one.metrics and one.dataset in (None, key.dataset))
-    return Number(number.value, notes=tuple(notes))
+        return number
+    known = METHODS[key.method].paper_notes if key.method in METHODS else ()
+    notes = (note for note in known if key.metric in note.metrics and note.dataset in (None, key.dataset))
+    return replace(number, notes=tuple(note.text for note in notes))
 
 
-def _means(values: dict[Key, Number], condition: str, metric: str) -> dict[tuple[str, str], float]:
-    return {
-        (key.dataset, key.method): number.value
-        for key, number in values.items()
-        if (key.scene, key.condition, key.metric, key.source) == (MEAN, condition, metric, "")
-        and number.value is not None
-    }
-
-
-def _gaps(values: dict[Key, Number]) -> dict[GapKey, Gaps]:
+def _gaps(numbers: Numbers) -> dict[GapKey, Gaps]:
+    """Return the quality gaps between the paper's averages."""
     all_gaps: dict[GapKey, Gaps] = {}
-    for metric in QUALITY:
-        sides = [_means(values, condition, metric) for condition in DRAWN_CONDITIONS]
-        for where in dict.fromkeys((*sides[0], *sides[1], *sides[2])):
-            dataset, method = where
-            gaps = value_gaps(metric, *(side.get(where) for side in sides))
-            if any(gap.value is not None for gap in (gaps.adapt, gaps.port, gaps.deploy)):
-                all_gaps[GapKey(dataset, MEAN, method, metric)] = gaps
+    for dataset in numbers.datasets():
+        for method in numbers.methods(dataset):
+            for metric in QUALITY:
+                keys = (Key(dataset, MEAN, method, condition, metric) for condition in DRAWN_CONDITIONS)
+                gaps = value_gaps(metric, *map(numbers.value, keys))
+                if any(gap.value is not None for gap in (gaps.adapt, gaps.port, gaps.deploy)):
+                    all_gaps[GapKey(dataset, MEAN, method, metric)] = gaps
     return all_gaps
 
 
-def _ratios(values: dict[Key, Number]) -> dict[RatioKey, Ratio]:
-    rates = {
-        key: number.value
-        for key, number in values.items()
-        if (key.metric, key.source) == ("fps", "") and number.value is not None
-    }
-    found = {}
+def _ratios(numbers: Numbers) -> dict[RatioKey, Ratio]:
+    """Return the ratios of the paper's frame rates: of the averages, and of scenes that the paper prints."""
+    ratios = {}
     for above, below in (("standard", "dedicated"), ("dedicated", "non_engine")):
-        ratios = {
-            key: rate / under
-            for key, rate in rates.items()
-            if key.condition == above and (under := rates.get(key._replace(condition=below)))
-        }
-        for key, ratio in ratios.items():
-            if key.scene == MEAN:
-                own = {k.scene: r for k, r in ratios.items() if k._replace(scene=MEAN) == key != k}
-                where = RatioKey(key.dataset, key.method, above, below)
-                found[where] = Ratio(ratio, None, own, len(own))
-    return found
+        for dataset in numbers.datasets():
+            for method in numbers.methods(dataset, above):
+                of_scenes = {}
+                for scene in (MEAN, *numbers.scenes(dataset)):
+                    key = Key(dataset, scene, method, above, "fps")
+                    rate, under = numbers.value(key), numbers.value(key._replace(condition=below))
+                    if rate is not None and under:
+                        of_scenes[scene] = rate / under
+                if (mean := of_scenes.pop(MEAN, None)) is not None:
+                    where = RatioKey(dataset, method, above, below)
+                    ratios[where] = Ratio(mean, None, of_scenes, len(of_scenes))
+    return ratios

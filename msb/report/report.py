@@ -1,14 +1,14 @@
-"""The report as data: sections with tables, charts and pictures, the findings, and a verdict per asset."""
+"""The report as data: sections with tables, charts and renderings, findings, and a verdict per asset."""
 
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from typing import Any
 
 from msb.base.version import __version__
+from msb.report.compared_views import ComparedView
 from msb.report.figures import Figure
 from msb.report.findings import Finding
 from msb.report.numbers import Numbers
-from msb.report.pictures import View
 from msb.report.results import Place, ResultSet
 from msb.report.table import Table
 from msb.report.verdict import Verdict, judge
@@ -18,22 +18,32 @@ SCHEMA = "msb.report/1"
 
 @dataclass(frozen=True)
 class Section:
-    """One section of the report. `name` is its anchor."""
+    """One section of a report; `name` is its anchor."""
 
     name: str
     title: str
     intro: str
     tables: tuple[Table, ...] = ()
     figures: tuple[Figure, ...] = ()
-    views: tuple[View, ...] = ()
+    views: tuple[ComparedView, ...] = ()
 
 
 @dataclass(frozen=True)
 class Report:
-    """The report as data, with the numbers and records it is made of.
+    """A report with its numbers and records.
 
-    `notes` is what to know before reading: mixed results, failed cells. `results` is None for the paper's own
-    tables, `with_paper` says whether its numbers stand beside ours.
+    Attributes
+    ----------
+    title, summary : str
+    sections : tuple of Section
+    findings : tuple of Finding
+    notes : tuple of str
+        Warnings for the reader: mixed results, failed cells.
+    numbers : Numbers
+    results : ResultSet or None
+        None for the paper's own tables.
+    with_paper : bool
+        Whether the paper's numbers stand beside ours.
     """
 
     title: str
@@ -46,16 +56,16 @@ class Report:
     with_paper: bool = True
 
     page = "index.html"
-    """The template of its first page."""
+    """The template of the first page."""
 
     @cached_property
     def verdicts(self) -> tuple[Verdict, ...]:
-        """The verdict on each asset; made when it is asked for, because renderings are compared for it."""
+        """The verdict on each asset. It is computed on first access, because it compares renderings."""
         if self.results is None:
             return ()
-        held = self.results.places
+        places = self.results.places
         return tuple(
-            judge(place, held[place], self.numbers) for place in places_of(self.results, self.numbers)
+            judge(place, places[place], self.numbers) for place in list_places(self.results, self.numbers)
         )
 
     @property
@@ -65,11 +75,11 @@ class Report:
 
     @property
     def mixes(self) -> bool:
-        """Whether some table holds rows of the paper among ours."""
-        return self.results is not None and any(row.paper for one in self.tables.values() for row in one.rows)
+        """Whether a table holds rows of the paper among ours."""
+        return any(row.paper for table in self.tables.values() for row in table.rows)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the report as JSON data (schema msb.report/1), numbers as full doubles."""
+        """Return the report as JSON data (schema msb.report/1) with unrounded numbers."""
         return {
             "schema": SCHEMA,
             "tool_version": __version__,
@@ -80,8 +90,8 @@ class Report:
             "verdicts": [
                 {
                     **verdict.place._asdict(),
-                    "statements": [one.to_dict() for one in verdict.statements],
-                    "tried": [one.to_dict() for one in verdict.tried],
+                    "statements": [statement.to_dict() for statement in verdict.statements],
+                    "tried": [outcome.to_dict() for outcome in verdict.outcomes],
                 }
                 for verdict in self.verdicts
             ],
@@ -89,8 +99,8 @@ class Report:
         }
 
 
-def places_of(results: ResultSet, numbers: Numbers) -> list[Place]:
-    """Return the assets and scenes there are, by dataset, method and scene in the order of the numbers."""
+def list_places(results: ResultSet, numbers: Numbers) -> list[Place]:
+    """Return the assets by dataset, method and scene, in the order of the numbers."""
     return [
         place
         for dataset in numbers.datasets()

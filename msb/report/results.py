@@ -1,4 +1,4 @@
-"""Result records from results folders: they are found, read, and refused where they cannot be compared."""
+"""Read result records from results folders, and reject records that must not be compared."""
 
 import os
 from collections import Counter
@@ -17,7 +17,7 @@ from msb.report.numbers import condition_order
 
 
 class Place(NamedTuple):
-    """An asset and its scene."""
+    """Identifies an asset: the model of a scene by a method (or by the label of a model)."""
 
     dataset: str
     scene: str
@@ -25,28 +25,29 @@ class Place(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Loaded:
-    """A record, its file, and the results folder of that file."""
+class LoadedResult:
+    """A result record with its file and its results folder."""
 
     result: Result
+    # The file of the record, and the results folder that contains it.
     path: Path
     root: Path
-    # What tells the model from one of the same name in another folder.
+    # Part of the folder's path that distinguishes the model from another one of the same name, else "".
     folder: str = ""
 
     @property
     def place(self) -> Place:
-        """The asset and scene it is of."""
+        """The asset of the record."""
         dataset, scene, model, _ = self.result.cell.names
         return Place(dataset, scene, f"{model}, {self.folder}" if self.folder else model)
 
     @property
     def images(self) -> tuple[ImageQuality, ...]:
-        """The images that were compared, none where there were none."""
+        """The images that were compared with photographs."""
         return () if self.result.quality is None else self.result.quality.images
 
-    def changed(self, image: ImageQuality) -> Path | None:
-        """Return the file of a rendering if it is there and not the one that was compared."""
+    def changed_file(self, image: ImageQuality) -> Path | None:
+        """Return the file of a rendering if it exists but differs from the one that was compared."""
         path = self.file(image.file)
         if path is None:
             return None
@@ -56,23 +57,26 @@ class Loaded:
             return path
 
     def file(self, name: str) -> Path | None:
-        """Return a file the record names relative to itself, if it is there and inside the results folder."""
+        """Return the file `name`, relative to the record, if it exists and lies in the results folder."""
         try:
             path = (self.path.parent / name).resolve()
             inside = path.is_relative_to(self.root.resolve()) and path.is_file()
-        except (OSError, ValueError):  # a NUL in the name, a name too long
+        except (OSError, ValueError):  # a NUL in the name, or a name that is too long
             return None
         return path if inside else None
 
 
+Loaded = LoadedResult  # the former name, used by fuzz.readers
+
+
 @dataclass(frozen=True)
 class ResultSet:
-    """Records by asset and condition, and notes on records that were mixed."""
+    """Records by asset and condition, with notes on mixed records and missing metrics."""
 
-    places: Mapping[Place, Mapping[str, Loaded]]
+    places: Mapping[Place, Mapping[str, LoadedResult]]
     notes: tuple[str, ...] = ()
 
-    def __iter__(self) -> Iterator[Loaded]:
+    def __iter__(self) -> Iterator[LoadedResult]:
         return (loaded for conditions in self.places.values() for loaded in conditions.values())
 
     def __len__(self) -> int:
@@ -85,94 +89,108 @@ class ResultSet:
 
 
 def read_results(*folders: str | os.PathLike[str], allow_mixed: bool = False) -> ResultSet:
-    """Return the records below ``FOLDER/cells`` of every results folder.
+    """Return the records of all results folders.
 
-    If two folders hold the same cell, and measured the same, the later one's counts. With `allow_mixed`
-    records that differ in what must be equal are taken, and noted, instead of refused; models whose records
-    in two folders differ are kept apart, under the folders' names.
+    Parameters
+    ----------
+    *folders : path-like
+        Folders that `msb run` wrote. If two of them hold the same cell, the later folder counts.
+    allow_mixed : bool
+        Accept records that must not be compared, and note it. Models whose records in two folders differ
+        then stay separate, named after the folders.
+
+    Raises
+    ------
+    UsageError
+        RESULTS_MIXED: records must not be compared, and `allow_mixed` is false.
+    InputError
+        RESULTS_EMPTY: a folder holds no record. RECORD_INVALID: a record is invalid.
     """
     records = [loaded for folder in folders for loaded in _read_folder(given_path(folder))]
     return result_set(records, allow_mixed=allow_mixed)
 
 
-def result_set(records: Sequence[Loaded], *, allow_mixed: bool = False) -> ResultSet:
-    """Return records together; raises UsageError as `read_results`."""
-    apart = _apart(records)
+def result_set(records: Sequence[LoadedResult], *, allow_mixed: bool = False) -> ResultSet:
+    """Return `records` by asset and condition; raises UsageError like `read_results`."""
+    conflicts = _find_conflicts(records)
     names = _folder_names(records)
     records = [
-        replace(one, folder=names[one.root]) if one.place._replace(scene="") in apart else one
-        for one in records
+        replace(loaded, folder=names[loaded.root]) if loaded.place._replace(scene="") in conflicts else loaded
+        for loaded in records
     ]
-    problems = [*apart.values(), *dict.fromkeys(_problems(records))]
+    problems = [*conflicts.values(), *dict.fromkeys(_find_differences(records))]
     if problems and not allow_mixed:
         more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
-        way = ' label one of the models in its protocol (label = "ours"),' if apart else ""
-        text = f"{problems[0]}{more};{way} report them apart, or give --allow-mixed"
+        label = ' give one of the models a label in its protocol (label = "ours"),' if conflicts else ""
+        text = f"{problems[0]}{more};{label} report them separately, or pass --allow-mixed"
         raise UsageError("RESULTS_MIXED", text)
-    places: dict[Place, dict[str, Loaded]] = {}
+    places: dict[Place, dict[str, LoadedResult]] = {}
     for loaded in sorted(records, key=lambda loaded: condition_order(loaded.result.cell.condition_key)):
         places.setdefault(loaded.place, {})[loaded.result.cell.condition_key] = loaded
-    return ResultSet(places, (*(f"mixed: {problem}" for problem in problems), *_not_installed(records)))
+    return ResultSet(places, (*(f"mixed results: {text}" for text in problems), *_missing_packages(records)))
 
 
-def _not_installed(found: Iterable[Loaded]) -> Iterator[str]:
-    """Yield a note on each metric of a package that was there when something was measured, and is not now."""
-    counts = Counter(key for one in found if (held := one.result.quality) for key in held.not_installed)
+def _missing_packages(records: Iterable[LoadedResult]) -> Iterator[str]:
+    """Yield a note on each recorded metric whose package is not installed."""
+    qualities = [loaded.result.quality for loaded in records]
+    counts = Counter(key for quality in qualities if quality for key in quality.not_installed)
     for key, count in sorted(counts.items()):
-        records = "a record has" if count == 1 else f"{count} records have"
-        yield f"{records} a metric {key}, whose package is not installed here: its values are left out"
+        of = "1 record" if count == 1 else f"{count} records"
+        yield f"the metric {key} of {of} is omitted, because its package is not installed"
 
 
-def _read_folder(root: Path) -> list[Loaded]:
+def _read_folder(root: Path) -> list[LoadedResult]:
     check_folder(root, "folder of results")
     files = Results(root).records()
     if not files:
-        text = "there is no result in it: no cells/DATASET/SCENE/METHOD/COLUMN/result.json, as msb run writes"
+        text = "it holds no results (cells/DATASET/SCENE/METHOD/COLUMN/result.json); name a folder of msb run"
         raise InputError("RESULTS_EMPTY", text, file=root)
-    found = []
+    records = []
     for path in files:
         result = read_result(path)
         Results(root).check_place(result, path)
-        found.append(Loaded(result, path, root))
-    return found
+        records.append(LoadedResult(result, path, root))
+    return records
 
 
-def _problems(found: Iterable[Loaded]) -> Iterator[str]:
-    """Yield what differs between records that stand beside each other in a table."""
-    identities: dict[str, tuple[object, Loaded]] = {}
-    of_place: dict[tuple[Place, str], tuple[object, Loaded]] = {}
-    for loaded in found:
+def _find_differences(records: Iterable[LoadedResult]) -> Iterator[str]:
+    """Yield how records differ that stand side by side in a table."""
+    identities: dict[str, tuple[object, LoadedResult]] = {}
+    of_place: dict[tuple[Place, str], tuple[object, LoadedResult]] = {}
+    for loaded in records:
         result = loaded.result
+        # Every metric must have one definition in all records.
         for identity in () if result.quality is None else result.quality.metrics:
             definition = defined(identity)
             first, other = identities.setdefault(str(identity.get("name")), (definition, loaded))
             if first != definition:
                 yield f"{_name(loaded)} and {_name(other)} define {identity.get('name')} differently"
-        for what, value in _must_agree(result).items():
+        # All conditions of an asset must be drawn and compared in the same way.
+        for what, value in _facts_of_asset(result).items():
             first, other = of_place.setdefault((loaded.place, what), (value, loaded))
             if first != value:
                 yield f"{_name(loaded)} and {_name(other)} differ in {what}"
 
 
-def _apart(found: Sequence[Loaded]) -> dict[Place, str]:
-    """Return dataset and model -> what differs between two folders' records of one of its cells."""
-    seen: dict[tuple[str, ...], Loaded] = {}
-    differ: dict[Place, str] = {}
-    named = _folder_names(found)
-    for loaded in found:
-        other = seen.setdefault(loaded.result.cell.names, loaded)
-        one, two = _measured(other.result), _measured(loaded.result)
-        what = [name for name in one.keys() & two.keys() if one[name] != two[name]]
+def _find_conflicts(records: Sequence[LoadedResult]) -> dict[Place, str]:
+    """Return dataset and model -> how the records of one cell in two folders differ."""
+    first_records: dict[tuple[str, ...], LoadedResult] = {}
+    conflicts: dict[Place, str] = {}
+    names = _folder_names(records)
+    for loaded in records:
+        other = first_records.setdefault(loaded.result.cell.names, loaded)
+        facts, other_facts = _facts_of_cell(loaded.result), _facts_of_cell(other.result)
+        what = [name for name in other_facts.keys() & facts.keys() if other_facts[name] != facts[name]]
         if what and other.root != loaded.root:
-            folders = f"{named[other.root]} and {named[loaded.root]}"
+            folders = f"{names[other.root]} and {names[loaded.root]}"
             where = "/".join(loaded.result.cell.names)
             text = f"{folders} hold {where} with different {' and '.join(sorted(what))}"
-            differ.setdefault(loaded.place._replace(scene=""), text)
-    return differ
+            conflicts.setdefault(loaded.place._replace(scene=""), text)
+    return conflicts
 
 
-def _measured(result: Result) -> dict[str, object]:
-    """Return what two records of one cell must agree in to be of the same thing."""
+def _facts_of_cell(result: Result) -> dict[str, object]:
+    """Return what two records of a cell must share to be measurements of the same thing."""
     facts: dict[str, object] = {}
     if result.renderer is not None:
         facts["settings"] = result.renderer.settings
@@ -182,28 +200,29 @@ def _measured(result: Result) -> dict[str, object]:
     return facts
 
 
-def _folder_names(found: Iterable[Loaded]) -> dict[Path, str]:
-    """Return results folder -> the last parts of its path, as many as tell it from the others."""
-    roots = list(dict.fromkeys(loaded.root.absolute() for loaded in found))
+def _folder_names(records: Iterable[LoadedResult]) -> dict[Path, str]:
+    """Return results folder -> the last parts of its path, as many as distinguish it from the others."""
+    roots = list(dict.fromkeys(loaded.root.absolute() for loaded in records))
     count = 1
     while len({root.parts[-count:] for root in roots}) < len(roots):
         count += 1
-    return {loaded.root: "/".join(loaded.root.absolute().parts[-count:]) for loaded in found}
+    return {loaded.root: "/".join(loaded.root.absolute().parts[-count:]) for loaded in records}
 
 
-def _must_agree(result: Result) -> dict[str, object]:
+def _facts_of_asset(result: Result) -> dict[str, object]:
+    """Return what all conditions of an asset must share. Variants and bakes may have other settings."""
     facts: dict[str, object] = {}
     if result.setup is not None:
         facts["their setup (cameras, image folder, background)"] = result.setup
     if result.model_asset is not None and result.model_asset.sha256 is not None:
         facts["the asset's bytes"] = result.model_asset.sha256
-    own_settings = result.cell.variant is None and result.cell.bake is None
-    if result.renderer is not None and result.renderer.kind != "upstream" and own_settings:
+    is_tier = result.cell.variant is None and result.cell.bake is None
+    if result.renderer is not None and result.renderer.kind != "upstream" and is_tier:
         facts["their settings"] = result.renderer.settings
     if result.quality is not None:
         facts["their test images or sizes"] = result.quality.views
     return facts
 
 
-def _name(loaded: Loaded) -> str:
+def _name(loaded: LoadedResult) -> str:
     return f"{loaded.root.name}: {'/'.join(loaded.result.cell.names)}"

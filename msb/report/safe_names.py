@@ -1,21 +1,25 @@
-"""Names from records made safe: as names of files and anchors, and as text of one line."""
+"""Make names from result files safe to use as file names, as anchors and as one line of text."""
 
 import hashlib
 import re
 import unicodedata
 
-_MOST = 60
+# Maximum length of the readable part of a slug, in characters: file systems allow 255 bytes for a name, and
+# names of verdict pages join three slugs.
+_MAX_SLUG_LENGTH = 60
 
 
 def slug(name: str) -> str:
-    """Return `name` if it is plain, else what is plain of it and a hash: no path, no markup, no collision.
+    """Return a file name or anchor for `name`: letters, digits, "_" and "." only.
+
+    A name with other characters gets a hash at its end, so that different names have different slugs.
 
     Examples
     --------
     >>> slug("garden"), slug("../a b")
     ('garden', 'a_b-2c2c79')
     """
-    plain = re.sub(r"[^A-Za-z0-9_.]+", "_", name)[:_MOST].strip("._")
+    plain = re.sub(r"[^A-Za-z0-9_.]+", "_", name)[:_MAX_SLUG_LENGTH].strip("._")
     if plain == name and name:
         return name
     digest = hashlib.sha256(name.encode("utf-8", "surrogatepass")).hexdigest()[:6]
@@ -24,5 +28,5 @@ def slug(name: str) -> str:
 
 def plain_text(text: str) -> str:
     """Return `text` on one line, without control, formatting and unpaired surrogate characters."""
-    kept = (" " if letter.isspace() else letter for letter in text)
-    return "".join(letter for letter in kept if unicodedata.category(letter) not in ("Cc", "Cf", "Cs"))
+    spaced = (" " if letter.isspace() else letter for letter in text)
+    return "".join(letter for letter in spaced if unicodedata.category(letter) not in ("Cc", "Cf", "Cs"))

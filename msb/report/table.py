@@ -1,4 +1,4 @@
-"""A table as data, which every writer writes and every page shows."""
+"""Tables as data, independent of output formats."""
 
 from __future__ import annotations
 
@@ -11,17 +11,32 @@ from msb.bench.intervals import Interval
 from msb.metrics.registry import IMAGE_METRICS
 
 SCHEMA = "msb.table/1"
-# N/A stands for an unsupported condition, -- for a metric that does not apply or was not reported.
-NOT_SUPPORTED, NOT_THERE = "N/A", "--"
+# Printed in cells without a value: the condition is not supported, or the value does not apply or is missing.
+NOT_SUPPORTED, NOT_AVAILABLE = "N/A", "--"
 
 
 @dataclass(frozen=True)
-class Cell:
-    """One cell: `text` is what is printed without footnote marks, "22.51 (7/9)", "N/A", "--" or "yes".
+class TableCell:
+    """One cell of a table.
 
-    `value` is the unrounded value in `unit`, None for N/A and --, which `reason` explains. `metric` and
-    `unit` are empty if it is no number, `bold` marks the best. A mean is over `present` of the `expected`
-    scenes; `interval` is that of a mean over views or of a difference, in `unit`.
+    Attributes
+    ----------
+    text : str
+        The printed text without footnote marks, such as "22.51 (7/9)", "N/A", "--" or "yes".
+    value : float, bool, str or None
+        The unrounded value in `unit`; None for "N/A" and "--".
+    metric, unit : str
+        Empty if the value is not a measurement.
+    bold : bool
+        Whether the value is the best of those it is compared with.
+    reason : str or None
+        Why the value is missing.
+    notes : tuple of str
+        Footnotes of this cell.
+    present, expected : int
+        A mean is over `present` of `expected` scenes.
+    interval : Interval or None
+        95 % confidence interval of a mean over views, or of a difference, in `unit`.
     """
 
     text: str
@@ -37,12 +52,12 @@ class Cell:
 
     @property
     def footnotes(self) -> tuple[str, ...]:
-        """The notes, the reason included."""
+        """The reason, if there is one, and the notes."""
         return self.notes if self.reason is None else (self.reason, *self.notes)
 
     @property
     def number(self) -> float | None:
-        """The value, if it is a number to sort by."""
+        """The value for sorting rows, or None."""
         return self.value if isinstance(self.value, float) else None
 
     def to_dict(self) -> dict[str, Any]:
@@ -63,11 +78,19 @@ class Cell:
 
 
 @dataclass(frozen=True)
-class Column:
-    """One column of values. `groups` are headings that span it and its neighbours, outermost first.
+class TableColumn:
+    """One column of values.
 
-    `of` are the fields that it gives to the keys of its numbers (`msb.report.layout`). By one that `filters`
-    a page lets rows be chosen.
+    Attributes
+    ----------
+    title : str
+        The heading directly above the values.
+    groups : tuple of str
+        Headings above the title, outermost first. Neighbouring columns with the same heading share it.
+    of : mapping of str to str
+        Fields that the column contributes to the `Key` of each of its numbers.
+    filters : bool
+        Whether the page offers a list that filters rows by this column.
     """
 
     title: str
@@ -76,21 +99,31 @@ class Column:
     filters: bool = False
 
     @property
-    def name(self) -> str:
+    def full_title(self) -> str:
         """The title with the headings above it."""
         return " ".join((*self.groups, self.title))
 
 
 @dataclass(frozen=True)
-class Row:
-    """One row: its labels under `Table.heads`, and a cell per column.
+class TableRow:
+    """One row of a table.
 
-    `section` is a heading above it and its neighbours. `strong` marks means. `paper` marks the paper's own
-    numbers, which stand under ours.
+    Attributes
+    ----------
+    labels : tuple of str
+        One label per entry of `Table.heads`.
+    cells : tuple of TableCell
+        One cell per column.
+    section : str
+        Heading above this row and its neighbours.
+    strong : bool
+        Whether the row holds means.
+    paper : bool
+        Whether the row holds the paper's numbers, which stand below ours.
     """
 
     labels: tuple[str, ...]
-    cells: tuple[Cell, ...]
+    cells: tuple[TableCell, ...]
     section: str = ""
     strong: bool = False
     paper: bool = False
@@ -98,62 +131,65 @@ class Row:
 
 @dataclass(frozen=True)
 class Table:
-    """A table. `label` names its files and anchors; `notes` hold for all of it."""
+    """A table: `label` names its files and anchors, `notes` apply to the whole table."""
 
     label: str
     caption: str
     heads: tuple[str, ...]
-    columns: tuple[Column, ...]
-    rows: tuple[Row, ...]
+    columns: tuple[TableColumn, ...]
+    rows: tuple[TableRow, ...]
     notes: tuple[str, ...] = ()
 
     @property
     def depth(self) -> int:
-        """The number of lines of headings above the columns' own titles."""
+        """The number of heading lines above the titles of the columns."""
         return max((len(column.groups) for column in self.columns), default=0)
 
     def spans(self, level: int) -> list[tuple[str, int]]:
-        """Return the headings of one level, from left to right, each with the columns it spans."""
-        # The same heading under another one above it is another heading.
+        """Return the headings of a level from left to right, each with the number of columns it spans."""
+        # Equal headings below different outer headings are different headings.
         paths = (column.groups[: level + 1] if level < len(column.groups) else () for column in self.columns)
-        return [(path[-1] if path else "", len(list(own))) for path, own in groupby(paths)]
+        return [(path[-1] if path else "", len(list(columns))) for path, columns in groupby(paths)]
 
-    def blocks(self) -> list[tuple[str, list[Row]]]:
-        """Return the rows in blocks, each with its heading: its section and all labels but the last."""
+    def blocks(self) -> list[tuple[str, list[TableRow]]]:
+        """Return the rows in blocks with a heading: the section and all labels except the last."""
 
-        def heading(row: Row) -> str:
+        def heading(row: TableRow) -> str:
             return ", ".join(filter(None, (row.section, *row.labels[:-1])))
 
         return [(name, list(rows)) for name, rows in groupby(self.rows, heading)]
 
     def sortable(self, column: int) -> bool:
-        """Return whether a column can sort the rows of each block: it holds numbers of one metric there."""
+        """Return whether the rows of each block can be sorted by a column: it holds numbers of one metric."""
         blocks = [[row.cells[column] for row in rows if not row.paper] for _, rows in self.blocks()]
         several = any(sum(cell.number is not None for cell in cells) > 1 for cells in blocks)
         return several and all(len({cell.metric for cell in cells}) <= 1 for cells in blocks)
 
     def footnotes(self) -> dict[str, str]:
-        """Return footnote -> mark, "a" to "z", then "aa", in the order in which a reader meets them."""
+        """Return footnote -> mark ("a" to "z", then "aa") in reading order."""
         texts = dict.fromkeys(note for row in self.rows for cell in row.cells for note in cell.footnotes)
         return {note: _letters(number) for number, note in enumerate(texts)}
 
     def with_common_notes(self) -> Table:
-        """Return the table with notes on all numbers of a metric moved from the cells to the table."""
+        """Return the table with notes that all numbers of a metric share moved to the table's notes."""
         cells = [cell for row in self.rows for cell in row.cells if cell.value is not None and not row.paper]
         metrics = dict.fromkeys(cell.metric for cell in cells)
         common: dict[str, str] = {}
         for note in dict.fromkeys(note for cell in cells for note in cell.notes):
-            having = dict.fromkeys(cell.metric for cell in cells if note in cell.notes)
-            if all(note in cell.notes for cell in cells if cell.metric in having):
-                names = ", ".join(IMAGE_METRICS[metric].title for metric in having if metric in IMAGE_METRICS)
-                common[note] = note if len(having) == len(metrics) or not names else f"{names}: {note}"
+            # A note is common if every cell of the metrics that have it has it.
+            noted_metrics = dict.fromkeys(cell.metric for cell in cells if note in cell.notes)
+            if all(note in cell.notes for cell in cells if cell.metric in noted_metrics):
+                images = [metric for metric in noted_metrics if metric in IMAGE_METRICS]
+                names = ", ".join(IMAGE_METRICS[metric].title for metric in images)
+                is_clear = len(noted_metrics) == len(metrics) or not names or note.startswith(names)
+                common[note] = note if is_clear else f"{names}: {note}"
         if not common:
             return self
 
-        def lighter(cell: Cell) -> Cell:
+        def without_common_notes(cell: TableCell) -> TableCell:
             return replace(cell, notes=tuple(note for note in cell.notes if note not in common))
 
-        rows = tuple(replace(row, cells=tuple(map(lighter, row.cells))) for row in self.rows)
+        rows = tuple(replace(row, cells=tuple(map(without_common_notes, row.cells))) for row in self.rows)
         return replace(self, rows=rows, notes=(*self.notes, *common.values()))
 
     def without_paper(self) -> Table:
@@ -161,7 +197,7 @@ class Table:
         return replace(self, rows=tuple(row for row in self.rows if not row.paper))
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the table as JSON data (schema msb.table/1), numbers as full doubles."""
+        """Return the table as JSON data (schema msb.table/1) with unrounded numbers."""
         return {
             "schema": SCHEMA,
             "label": self.label,
@@ -182,6 +218,7 @@ class Table:
 
 
 def _letters(number: int) -> str:
+    """Return the `number`-th footnote mark, counted from 0: "a" to "z", "aa", "ab", ..."""
     name = ""
     number += 1
     while number:

@@ -1,4 +1,4 @@
-"""The verdict on one asset: what it can be used for, in plain words, each statement with its number."""
+"""The verdict on one asset: its suitability for each use, with the number behind each statement."""
 
 import math
 from collections.abc import Iterator, Mapping
@@ -7,45 +7,48 @@ from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
 
 from msb import metrics
+from msb.bench.gaps import Gap
 from msb.bench.records import BAKED, ImageQuality, Result
 from msb.errors import MsbError
 from msb.metrics.images import PSNR_CAP
 from msb.metrics.likeness import ALIKE, NEARLY, decibels
 from msb.report.collect import REFERENCE
-from msb.report.metric_format import text
+from msb.report.mesh_trials import TaskOutcome, read_task_outcomes
+from msb.report.metric_format import format_value
 from msb.report.numbers import GapKey, Key, Numbers, condition_title, dataset_title, method_title, scene_title
-from msb.report.results import Loaded, Place
+from msb.report.results import LoadedResult, Place
+from msb.report.safe_names import plain_text
 from msb.report.table import NOT_SUPPORTED
-from msb.report.tried import TriedTask, tried_tasks
 
 Mark = Literal["YES", "WITH CARE", "NO", "UNKNOWN", "NOTE"]
 
-# PSNR in dB: an own renderer's pictures below it have next to nothing in common with the photographs.
-SHOWS_NOTHING = 15.0
-# The least PSNR in dB between two renderings, its mark, and how it is said.
-_ALIKE: tuple[tuple[float, Mark, str], ...] = (
-    (ALIKE, "YES", "Looks as in"),
-    (NEARLY, "WITH CARE", "Looks nearly as in"),
-    (0.0, "NO", "Looks different from"),
+# Below this PSNR in dB, native renderings have little in common with the photographs and are not a reference.
+MIN_NATIVE_PSNR = 15.0
+# Minimum PSNR in dB between two renderings, its mark, and its wording.
+_SIMILARITIES: tuple[tuple[float, Mark, str], ...] = (
+    (ALIKE, "YES", "Matches"),
+    (NEARLY, "WITH CARE", "Nearly matches"),
+    (0.0, "NO", "Differs from"),
 )
-# The loss of PSNR in dB, its mark and how it is said: less than 1 is hard to see, 3 is obvious.
+# Maximum loss of PSNR in dB, its mark, and its wording: less than 1 dB is hard to see, 3 dB is obvious.
 _LOSSES: tuple[tuple[float, Mark, str], ...] = (
-    (1.0, "YES", "Looks as in"),
-    (3.0, "WITH CARE", "Visibly worse than in"),
-    (math.inf, "NO", "Looks different from"),
+    (1.0, "YES", "Matches"),
+    (3.0, "WITH CARE", "Visibly worse than"),
+    (math.inf, "NO", "Differs from"),
 )
-# The P95 of a frame, in milliseconds, that still gives 60 or 30 frames a second.
+# Maximum P95 of the frame time, in milliseconds, for 60 and for 30 frames per second.
 SMOOTH_MS, USABLE_MS = 1000 / 60, 1000 / 30
-# Views of which two renderings are compared, evenly spread: a whole benchmark is not to take minutes.
-_MOST = 8
+# Two renderings are compared on at most this number of evenly spread views: more would take minutes for a
+# complete benchmark.
+_MAX_VIEWS = 8
 _LEVELS: dict[str, Mark] = {"ok": "YES", "limited": "WITH CARE", "bad": "NO"}
 
 
 @dataclass(frozen=True)
 class Statement:
-    """Whether the asset can be used for `use`; `why` has the number that this follows from.
+    """Whether an asset is suitable for a use.
 
-    `short` names the use in a table.
+    `why` gives the reason with its number. `short` names the use in a table.
     """
 
     mark: Mark
@@ -54,72 +57,82 @@ class Statement:
     short: str = ""
 
     def to_dict(self) -> dict[str, str]:
-        """Return it as JSON data."""
+        """Return the statement as JSON data."""
         return {"mark": self.mark, "use": self.use, "why": self.why}
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """The statements on one asset and scene, and the tasks that were tried on its mesh."""
+    """The statements on one asset, and the outcomes of trial tasks on its mesh."""
 
     place: Place
     statements: tuple[Statement, ...]
-    tried: tuple[TriedTask, ...] = ()
+    outcomes: tuple[TaskOutcome, ...] = ()
 
     @property
     def title(self) -> str:
-        """The heading: method and scene."""
+        """The heading: method, scene and dataset."""
         dataset, scene, method = self.place
         return f"{method_title(method)} on {scene_title(scene)} ({dataset_title(dataset)})"
 
+    @property
+    def tried(self) -> tuple[TaskOutcome, ...]:  # the former name, used by tests.bench
+        return self.outcomes
+
     def marks(self) -> list[tuple[Mark, list[str]]]:
-        """Return the uses under each mark, worst first; notes do not count, and "all" stands for all uses."""
+        """Return the uses by mark, worst first; ["all"] if all have the same mark. Notes are left out."""
         order: tuple[Mark, ...] = ("NO", "WITH CARE", "UNKNOWN", "YES")
-        named = [(mark, [one.short for one in self.statements if one.mark == mark]) for mark in order]
+        named = [(mark, [s.short for s in self.statements if s.mark == mark]) for mark in order]
         marked = [(mark, uses) for mark, uses in named if uses]
         return [(marked[0][0], ["all"])] if len(marked) == 1 else marked
 
 
-def judge(place: Place, loaded: Mapping[str, Loaded], numbers: Numbers) -> Verdict:
-    """Return the verdict on the asset of `place`.
+def judge(place: Place, loaded: Mapping[str, LoadedResult], numbers: Numbers) -> Verdict:
+    """Return the verdict on an asset.
 
     Parameters
     ----------
     place : Place
-    loaded : mapping of str to Loaded
+    loaded : mapping of str to LoadedResult
         Condition -> record and its files.
     numbers : Numbers
-        The numbers and gaps of the results, its scene's included.
+        The numbers and gaps of all results.
     """
-    records = {name: one.result for name, one in loaded.items()}
-    variants = [name for name in numbers.in_place_of(place.dataset, "dedicated") if name in records]
+    records = {name: record.result for name, record in loaded.items()}
+    variants = [name for name in numbers.variants(place.dataset, "dedicated") if name in records]
     dedicated = ["dedicated", *variants]
-    looks = {"standard": "A plain mesh in any engine (Standard)"}
-    looks |= {name: f"A model with its own shaders ({condition_title(name)})" for name in dedicated}
-    bakes = [name for name in numbers.in_place_of(place.dataset, BAKED) if name in records]
-    looks |= {name: f"A plain asset made anew, in any engine ({condition_title(name)})" for name in bakes}
-    able = {name for name, record in records.items() if record.status != "unsupported"}
-    timed = [name for name in ("standard", *dedicated) if name in able]
+    bakes = [name for name in numbers.variants(place.dataset, BAKED) if name in records]
+    # Condition -> use of its renderings.
+    uses = {"standard": "Standard-tier mesh, any engine"}
+    uses |= {name: f"Model with its native shaders ({condition_title(name)})" for name in dedicated}
+    uses |= {name: f"Baked mesh, any engine ({plain_text(name.partition('/')[2])})" for name in bakes}
+    # Only supported conditions have a frame rate.
+    supported = {name for name, record in records.items() if record.status != "unsupported"}
+    timed = [name for name in ("standard", *dedicated) if name in supported]
     statements = [
         *(
-            replace(_looks(place, numbers, name, use, loaded), short=condition_title(name))
-            for name, use in looks.items()
+            replace(_judge_appearance(place, numbers, name, use, loaded), short=condition_title(name))
+            for name, use in uses.items()
         ),
-        *(replace(_runs(name, records[name]), short=f"real time {condition_title(name)}") for name in timed),
-        replace(_structure(records.get("exported_mesh")), short="editing"),
-        *(_baked(name, records[name]) for name in bakes),
-        *_notes(place, numbers, records),
+        *(
+            replace(_judge_speed(name, records[name]), short=f"real time {condition_title(name)}")
+            for name in timed
+        ),
+        replace(_judge_structure(records.get("exported_mesh")), short="editing"),
+        *(_judge_bake(name, records[name]) for name in bakes),
+        *_make_notes(place, numbers, records),
     ]
-    return Verdict(place, tuple(statements), tuple(tried_tasks(loaded.get("exported_mesh"), pictures=False)))
+    outcomes = read_task_outcomes(loaded.get("exported_mesh"), pictures=False)
+    return Verdict(place, tuple(statements), tuple(outcomes))
 
 
-def _looks(
-    place: Place, numbers: Numbers, condition: str, use: str, loaded: Mapping[str, Loaded]
+def _judge_appearance(
+    place: Place, numbers: Numbers, condition: str, use: str, loaded: Mapping[str, LoadedResult]
 ) -> Statement:
-    """Judge a condition's renderings by how much they look like Non-Engine's, where both files are there.
+    """Judge the renderings of a condition by their PSNR against the native ones.
 
-    Where they are not, the loss of PSNR to the photographs has to do. Without Non-Engine, Standard is held
-    against Dedicated.
+    If files are missing, the difference of PSNR against the photographs is used instead. Without native
+    renderings Standard is compared with Dedicated.
     """
     number = numbers.number(Key(*place, condition, "psnr"))
     if number.value is None:
@@ -127,62 +140,78 @@ def _looks(
         if number.absent == NOT_SUPPORTED:
             return Statement("NO", use, f"Not supported: {reason}.")
         return Statement("UNKNOWN", use, f"Not known: {reason}.")
+
+    # Find the reference: native renderings, else (for Standard) the dedicated tier.
     tier = "dedicated" if condition.startswith("dedicated") else "standard"
     gaps = numbers.gaps.get(GapKey(*place, "psnr", **{tier: condition}))
     gap = None if gaps is None else gaps["deploy" if tier == "standard" else "adapt"]
-    start, why = "non_engine", ""
+    start, remark = "non_engine", ""
     lacks = (
-        "the images of the official renderer cannot be compared"
+        "the native renderings are not comparable"
         if start in loaded
-        else "the protocol has no images of the official renderer"
+        else "the results have no native renderings"
     )
     if tier == "standard" and gaps is not None and (gap is None or gap.signed is None):
         start, gap = "dedicated", gaps["port"]
-        why = f" Held against the dedicated tier of this run, as {lacks}."
+        remark = f" It is compared with the dedicated tier of this run, because {lacks}."
     if gap is None or gap.signed is None:
-        unknown = f"PSNR {number.value:.2f} dB; {lacks}, so there is nothing to judge it by."
+        unknown = f"PSNR {number.value:.2f} dB; there is nothing to compare it with, because {lacks}."
         return Statement("UNKNOWN", use, unknown)
     before = numbers.number(Key(*place, start, "psnr"))
-    own = "our reference of its own renderer" if REFERENCE in before.notes else "its own renderer"
-    own = "the dedicated tier" if start == "dedicated" else own
-    amount, verb = f"{abs(gap.signed):.2f}", "gains" if gap.signed < 0 else "loses"
-    change = "loses nothing" if amount == "0.00" else f"{verb} {amount} dB"
-    change += f" (PSNR {before.value:.2f} to {number.value:.2f} dB)"
-    if before.value is not None and before.value < SHOWS_NOTHING:
-        far = f"{_capital(own)} is at {before.value:.2f} dB to the photographs, too far to judge others by it"
-        return Statement("UNKNOWN", use, f"{far} (PSNR here {number.value:.2f} dB).{why}")
-    alike = likeness(loaded[start], loaded[condition])
-    if alike is None:
-        mark, how = next((mark, how) for least, mark, how in _LOSSES if gap.signed < least)
-        said = change
-    else:
-        part = f" of {alike.views} of {alike.of} views" if alike.views < alike.of else ""
-        mark, how = next((mark, how) for least, mark, how in _ALIKE if alike.psnr >= least)
-        between = f"{decibels(alike.psnr)} between the two renderings{part}"
-        said = f"{between}; to the photographs it {change}"
-    return Statement(mark, use, f"{how} {own}: {said}.{why}")
+    reference = "our reference renderer" if REFERENCE in before.notes else "its native renderer"
+    reference = "the dedicated tier" if start == "dedicated" else reference
+    if before.value is not None and before.value < MIN_NATIVE_PSNR:
+        low = f"{_capitalize(reference)} reaches only {before.value:.2f} dB PSNR against the photographs"
+        text = f"{low}, too low for a comparison (PSNR here: {number.value:.2f} dB).{remark}"
+        return Statement("UNKNOWN", use, text)
+
+    # Compare the two sets of renderings, or else their PSNR against the photographs.
+    change = f"{_describe_change(gap)} against the photographs"
+    if before.value is not None:
+        change += f" (PSNR {before.value:.2f} to {number.value:.2f} dB)"
+    similarity = measure_similarity(loaded[start], loaded[condition])
+    if similarity is None:
+        mark, wording = next((mark, wording) for limit, mark, wording in _LOSSES if gap.signed < limit)
+        return Statement(mark, use, f"{wording} {reference}: {change}.{remark}")
+    mark, wording = next(
+        (mark, wording) for least, mark, wording in _SIMILARITIES if similarity.psnr >= least
+    )
+    part = f" over {similarity.views} of {similarity.of} views" if similarity.views < similarity.of else ""
+    between = f"{decibels(similarity.psnr)} between the two renderings{part}"
+    return Statement(mark, use, f"{wording} {reference} ({between}); {change}.{remark}")
 
 
-def _runs(condition: str, record: Result) -> Statement:
+def _describe_change(gap: Gap) -> str:
+    """Return "1.01 dB worse", "0.51 dB better" or "no loss"; the gap is positive for a loss."""
+    signed = gap.signed or 0.0
+    amount = f"{abs(signed):.2f}"
+    if amount == "0.00":
+        return "no loss"
+    return f"{amount} dB {'better' if signed < 0 else 'worse'}"
+
+
+def _judge_speed(condition: str, record: Result) -> Statement:
+    """Judge whether a condition renders at 60 or 30 frames per second."""
     use = f"Real time, {condition_title(condition)}"
     timing = record.timing
     if timing is None:
         reason = record.reasons.get("timing") or record.reason
         return Statement("UNKNOWN", use, f"Not timed{f': {reason.message}' if reason else ''}.")
-    longest, rate = _milliseconds(timing.p95_ms), f"{timing.fps:.0f} frames a second in all"
-    numbers = f"95 % of the frames take at most {longest} ({rate})"
+    longest, rate = _format_milliseconds(timing.p95_ms), f"{timing.fps:.0f} frames per second on average"
+    measured = f"95 % of the frames take at most {longest} ({rate})"
     if timing.p95_ms <= SMOOTH_MS:
-        return Statement("YES", use, f"Holds 60 frames a second: {numbers}.")
+        return Statement("YES", use, f"Holds 60 frames per second: {measured}.")
     if timing.device_kind != "gpu":
-        why = f"On a {timing.device_kind.upper()} device {numbers}; a GPU has to be measured."
-        return Statement("UNKNOWN", use, why)
+        device = timing.device_kind.upper()
+        return Statement("UNKNOWN", use, f"On a {device} device, {measured}; measure it on a GPU.")
     if timing.p95_ms <= USABLE_MS:
-        return Statement("WITH CARE", use, f"Holds 30 frames a second, not 60: {numbers}.")
-    return Statement("NO", use, f"Does not hold 30 frames a second: {numbers}.")
+        return Statement("WITH CARE", use, f"Holds 30 frames per second, but not 60: {measured}.")
+    return Statement("NO", use, f"Does not hold 30 frames per second: {measured}.")
 
 
-def _milliseconds(value: float) -> str:
-    """Return "16.69 ms" of 16.69, but "16.2 ms" of 16.21: a time is not printed as a limit that it is not."""
+def _format_milliseconds(value: float) -> str:
+    """Return "16.2 ms" for 16.21 and "16.69 ms" for 16.69, which must not round to the limit of 16.7 ms."""
+    # Add decimals until the printed time differs from both limits.
     for decimals in (1, 2, 3):
         printed = f"{value:.{decimals}f}"
         if printed not in (f"{limit:.{decimals}f}" for limit in (SMOOTH_MS, USABLE_MS)):
@@ -190,81 +219,89 @@ def _milliseconds(value: float) -> str:
     return f"{printed} ms"
 
 
-def _structure(record: Result | None) -> Statement:
+def _judge_structure(record: Result | None) -> Statement:
+    """Return the audit verdict on a mesh."""
     use = "Editing: subdivision, collision, UV unwrapping, printing"
     if record is None or record.audit is None:
         reason = None if record is None else record.reason
         why = "the mesh was not audited" if reason is None else reason.message
         return Statement("UNKNOWN", use, f"Not known: {why}.")
     verdict = record.audit.verdict
-    return Statement(_LEVELS[verdict.level], use, f"{_capital(verdict.sentence)}.")
+    return Statement(_LEVELS[verdict.level], use, f"{_capitalize(verdict.sentence)}.")
 
 
-def _baked(condition: str, record: Result) -> Statement:
-    """Judge the structure of a bake, and say what it takes."""
-    title, found = condition_title(condition), _structure(record)
+def _judge_bake(condition: str, record: Result) -> Statement:
+    """Return the audit verdict on a baked mesh, with its size and bake time."""
+    label, structure = plain_text(condition.partition("/")[2]), _judge_structure(record)
     facts = ""
     if record.bake is not None and record.asset is not None:
-        size = text("asset_size", record.asset.bytes)
-        facts = f" {record.bake.faces:,} triangles, {size} MiB, made in {record.bake.seconds:.0f} s."
-    why = f"{found.why}{facts}"
-    return Statement(found.mark, f"Editing a plain asset made anew ({title})", why, f"editing {title}")
+        size = format_value("asset_size", record.asset.bytes)
+        facts = f" {record.bake.faces:,} triangles, {size} MiB, baked in {record.bake.seconds:.0f} s."
+    why = f"{structure.why}{facts}"
+    short = f"editing {condition_title(condition)}"
+    return Statement(structure.mark, f"Editing the baked mesh ({label})", why, short)
 
 
-def _notes(place: Place, numbers: Numbers, records: Mapping[str, Result]) -> Iterator[Statement]:
-    texts = dict.fromkeys(text for one in records.values() for text in one.trained)
+def _make_notes(place: Place, numbers: Numbers, records: Mapping[str, Result]) -> Iterator[Statement]:
+    """Yield notes on training, memory, size and accuracy, which have no mark."""
+    texts = dict.fromkeys(text for record in records.values() for text in record.trained)
     if texts:
-        yield Statement("NOTE", "Training", f"{_capital('; '.join(texts))}.")
-    taken = [
-        f"{text('memory', value)} MiB {condition_title(condition)}"
+        yield Statement("NOTE", "Training", f"{_capitalize('; '.join(texts))}.")
+    memory = [
+        f"{format_value('memory', value)} MiB {condition_title(condition)}"
         for condition in ("standard", "dedicated")
         if (value := numbers.value(Key(*place, condition, "memory"))) is not None
     ]
     sizes = [numbers.value(Key(*place, condition, "asset_size")) for condition in ("standard", "dedicated")]
     size = next((size for size in sizes if size is not None), None)
-    if taken:
-        yield Statement("NOTE", "Memory while drawing", f"{'; '.join(taken)}.")
+    if memory:
+        yield Statement("NOTE", "Memory while rendering", f"{'; '.join(memory)}.")
     if size is not None:
-        yield Statement("NOTE", "Size on disk", f"{text('asset_size', size)} MiB, the same for both.")
+        text = f"{format_value('asset_size', size)} MiB, the same for both tiers."
+        yield Statement("NOTE", "Size on disk", text)
     chamfer = numbers.value(Key(*place, "non_engine", "chamfer"))
     if chamfer is not None:
-        yield Statement("NOTE", "Measuring", f"The surface is {chamfer:.2f} mm from the scan, in the mean.")
+        text = f"Chamfer distance to the reference scan: {chamfer:.2f} mm on average."
+        yield Statement("NOTE", "Surface accuracy", text)
 
 
-def _capital(sentence: str) -> str:
+def _capitalize(sentence: str) -> str:
     return sentence[:1].upper() + sentence[1:]
 
 
-class Likeness(NamedTuple):
-    """The mean PSNR between two sets of renderings in dB, and of how many views of how many it is."""
+class Similarity(NamedTuple):
+    """Mean PSNR in dB between two sets of renderings, over `views` of `of` common views."""
 
     psnr: float
     views: int
     of: int
 
 
-def likeness(first: Loaded, second: Loaded) -> Likeness | None:
-    """Return how alike the renderings of two records are; None unless their files are there and unchanged.
+def measure_similarity(first: LoadedResult, second: LoadedResult) -> Similarity | None:
+    """Return the PSNR between the renderings of two records; None if files are missing or have changed.
 
-    The PSNR of a pair is capped at 100 dB, which equal images have.
+    The PSNR of a view is capped at 100 dB, the value for equal images.
     """
     others = {image.name: image for image in second.images}
     pairs = [(image, others[image.name]) for image in first.images if image.name in others]
-    count = min(_MOST, len(pairs))
-    chosen = [pairs[number * len(pairs) // count] for number in range(count)]
+    count = min(_MAX_VIEWS, len(pairs))
+    compared = [pairs[number * len(pairs) // count] for number in range(count)]
     with ThreadPoolExecutor() as pool:
-        values = list(pool.map(lambda pair: _between(first, second, *pair), chosen))
+        values = list(pool.map(lambda pair: _compare_images(first, second, *pair), compared))
     known = [value for value in values if value is not None]
     if not known or len(known) < count:
         return None
-    return Likeness(math.fsum(known) / count, count, len(pairs))
+    return Similarity(math.fsum(known) / count, count, len(pairs))
 
 
-def _between(first: Loaded, second: Loaded, one: ImageQuality, other: ImageQuality) -> float | None:
-    if one.sha256 == other.sha256:
+def _compare_images(
+    first: LoadedResult, second: LoadedResult, image: ImageQuality, other: ImageQuality
+) -> float | None:
+    """Return the PSNR in dB between an image of each record, or None."""
+    if image.sha256 == other.sha256:
         return PSNR_CAP
-    files = first.file(one.file), second.file(other.file)
-    if files[0] is None or files[1] is None or first.changed(one) or second.changed(other):
+    files = first.file(image.file), second.file(other.file)
+    if files[0] is None or files[1] is None or first.changed_file(image) or second.changed_file(other):
         return None
     try:
         return min(PSNR_CAP, metrics.psnr(metrics.read_image(files[0]), metrics.read_image(files[1])))

@@ -1,7 +1,7 @@
-"""Every bad asset there is.
+"""All bad assets.
 
-Each case has a folder of its own, since some need files beside the asset. Nothing in them is random: the
-same release writes the same bytes.
+Each case is written to a separate folder, because some need files beside the asset. Nothing is random: a
+release always writes the same bytes.
 """
 
 from pathlib import Path
@@ -13,7 +13,7 @@ CASES: tuple[Case, ...] = (*bad_manifests.CASES, *bad_folders.CASES, *bad_zips.C
 
 
 def write_case(case: Case, root: Path) -> Path:
-    """Write one case below `root` and return the path of the asset."""
+    """Write a case to a folder below `root` and return the path of the asset."""
     path = root / case.name / f"{case.name}.triasset"
     path.parent.mkdir(parents=True)
     case.write(path)

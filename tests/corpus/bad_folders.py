@@ -1,4 +1,5 @@
-"""Names that lead out of an asset, files that are not what they seem, and files with bad contents."""
+"""Bad assets: paths that leave the asset, links and devices in place of files, and bad contents of buffers.
+"""
 
 import os
 import shutil
@@ -31,7 +32,7 @@ _NAMES = {
 
 
 def _on_disk(name: str, code: str, spoil: Writer, **more: Any) -> Case:
-    """Return a case that is a good folder after `spoil` has been at it."""
+    """Return a case that consists of a good folder, changed by `spoil`."""
 
     def write(path: Path) -> None:
         parts(mesh()).write_folder(path)
@@ -42,7 +43,7 @@ def _on_disk(name: str, code: str, spoil: Writer, **more: Any) -> Case:
 
 
 def _replaced(member: str, make: Writer) -> Writer:
-    """Return a function that puts something else in place of a member."""
+    """Return a function that replaces a member by the result of `make`."""
 
     def spoil(path: Path) -> None:
         place = path / member
@@ -112,7 +113,7 @@ PATH_CASES = [
 
 
 def _file(name: str, code: str, spoil: Callable[[dict[str, bytes]], object]) -> list[Case]:
-    """Return a folder and a packed case in which `spoil` was at the files."""
+    """Return two cases, a folder and a packed asset, whose files are changed by `spoil`."""
 
     def make() -> Parts:
         good = parts(mesh())
@@ -134,7 +135,7 @@ FILE_CASES = [
 def _values(
     name: str, code: str, buffer: str, put: dict[Any, Any], make: Callable[[], Asset] = mesh, **more: Any
 ) -> Case:
-    """Return a case in which some elements of a buffer are others; the hash is that of the new values."""
+    """Return a case with other values for some elements of a buffer, and with a matching hash."""
 
     def change() -> Parts:
         asset = make()
@@ -163,7 +164,7 @@ def _float_color() -> Parts:
 
 
 def _placed(points: Any, most: list[float], radius: float) -> Parts:
-    """Return a mesh of other points with bounds and a sphere that hold them."""
+    """Return a mesh of other points with matching bounds and bounding sphere."""
     good = parts(mesh()).set_array("positions", np.array(points, np.float32))
     good.change("/bounds", {"min": [0, 0, 0], "max": most})
     return good.change("/bounding_sphere", {"center": [0, 0, 0], "radius": radius})

@@ -1,4 +1,4 @@
-"""Manifests that are no JSON document, have a bad value, or describe their buffers wrongly."""
+"""Bad assets: manifests that are not JSON, have bad values, or describe their buffers wrongly."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -13,7 +13,7 @@ MIB = 1 << 20
 
 
 def _text(name: str, spoil: Callable[[bytes], bytes]) -> Case:
-    """Return a case whose manifest is `spoil` of a good one: a folder, since every program can edit that."""
+    """Return a folder whose manifest is a good one, changed by `spoil`."""
 
     def write(path: Path) -> None:
         good = parts(mesh())
@@ -23,7 +23,7 @@ def _text(name: str, spoil: Callable[[bytes], bytes]) -> Case:
 
 
 def _insert(what: bytes) -> Callable[[bytes], bytes]:
-    """Return a function that puts `what` behind the first brace."""
+    """Return a function that inserts `what` after the first brace."""
     return lambda text: text.replace(b"{", b"{" + what, 1)
 
 
@@ -133,7 +133,7 @@ def _buffer(
 
 
 def _shared(second_offset: int, gap: int = 0) -> Callable[[], Parts]:
-    """Return a function that makes an asset whose positions and color share a file."""
+    """Return a function that makes an asset whose positions and colours share a file."""
 
     def make() -> Parts:
         good = parts(mesh())

@@ -1,4 +1,4 @@
-"""Packed assets whose ZIP is not plain: compressed, contradictory, with foreign bytes, names or records."""
+"""Bad assets: ZIP files that are compressed, contradictory, or have foreign bytes, names or records."""
 
 import io
 import struct
@@ -21,7 +21,7 @@ def good_entries() -> list[Entry]:
 
 
 def from_bytes(name: str, code: str, make: Callable[[], bytes], **more: Any) -> Case:
-    """Return a case whose file holds the bytes that `make` returns."""
+    """Return a case whose file holds the bytes returned by `make`."""
     return Case(name, code, lambda path: path.write_bytes(make()), **more)
 
 
@@ -30,17 +30,17 @@ def _zip(name: str, code: str, make: Callable[[], bytes], **more: Any) -> Case:
 
 
 def _forged(name: str, code: str, **spoil: Any) -> Case:
-    """Return a case of good members and keywords of `forge`."""
+    """Return a case of good members, packed with other arguments of `forge`."""
     return _zip(name, code, lambda: forge(good_entries(), **spoil))
 
 
 def _patched(name: str, code: str, patch: Callable[[bytes], bytes], **more: Any) -> Case:
-    """Return a case that is `patch` of a good file."""
+    """Return a case that consists of a good file, changed by `patch`."""
     return _zip(name, code, lambda: patch(forge(good_entries())), **more)
 
 
 def _member(name: str, code: str, which: int = 1, /, more: Any = None, **changes: Any) -> Case:
-    """Return a case in which one member (positions, if not said) has other attributes of `Entry`."""
+    """Return a case with other attributes of `Entry` for one member (default: positions)."""
 
     def make() -> bytes:
         entries = good_entries()
@@ -57,7 +57,7 @@ def _added(name: str, code: str, entry: Entry) -> Case:
 
 
 def _bomb() -> bytes:
-    """Return 50 MB in 49 kB."""
+    """Return a ZIP of 49 kB that unpacks to 50 MB."""
     squeezer = zlib.compressobj(9, wbits=-15)
     data = bytes(50_000_000)
     squeezed = squeezer.compress(data) + squeezer.flush()
@@ -74,7 +74,7 @@ def _by_zipfile(method: int) -> bytes:
 
 
 def _descriptor() -> bytes:
-    """Return a ZIP as streaming writers make it: sizes and CRC behind the data."""
+    """Return a ZIP of a streaming writer: sizes and CRC follow the data."""
     entries = good_entries()
     data = entries[1].data
     entries[1].both = {"flags": 8}
@@ -89,7 +89,7 @@ def _bit_rot(data: bytes) -> bytes:
 
 
 def _hidden_member() -> bytes:
-    """Return a ZIP whose first member is in no directory: a streaming reader sees another manifest."""
+    """Return a ZIP whose first member is not listed: a streaming reader reads another manifest."""
     entries = good_entries()
     hidden = forge([Entry("manifest.json", b"{}")])
     entries[0].before = hidden[: hidden.index(b"PK\x01\x02")]
@@ -97,7 +97,7 @@ def _hidden_member() -> bytes:
 
 
 def _inside_another() -> bytes:
-    """Return a ZIP with a member inside the data of another: its bytes have two meanings."""
+    """Return a ZIP with a member inside the data of another one."""
     entries = good_entries()
     inner = forge([Entry("buffers/inner.bin", b"secret" * 20)])
     entries[1].data = inner[: inner.index(b"PK\x01\x02")]
@@ -204,7 +204,7 @@ ZIP64_CASES = [
     _member("zip64_local_differs", "HOSTILE", local={**_LONG, "extra": zip64(49, 49)}),
 ]
 
-# --- no ZIP at all, and ZIPs that are cut off --------------------------------------------------------------
+# --- other files, and truncated ZIPs -----------------------------------------------------------------------
 
 
 FILE_CASES = [

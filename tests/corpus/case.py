@@ -1,4 +1,4 @@
-"""What a bad asset is: a name that says what is wrong, and the code that says so."""
+"""Definition of a bad asset: its name, the expected error code, and a function that writes it."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,12 +14,24 @@ Writer = Callable[[Path], object]
 
 @dataclass(frozen=True)
 class Case:
-    """One bad asset: what `load` raises or tolerates, or what `validate` finds.
+    """A bad asset.
 
-    `write` writes it at the path it is given; what else it needs goes beside it. `found_by` is the first that
-    reports the code; the later ones do too. "command" is `msb validate`, which also knows what makes a face
-    degenerate. `also` are codes of further errors that `validate` reports, because one fault has several
-    consequences. One that is `denied` is bad only for a user whose permissions are checked, so not for root.
+    Attributes
+    ----------
+    name : str
+    code : str
+        The expected error code.
+    write : callable
+        Writes the asset to a path, and further files beside it.
+    severity : str
+        "error" if `load` raises, "warning" or "info" if it does not.
+    found_by : "load", "validate" or "command"
+        The first check that reports the code; later ones report it as well. "command" is `msb validate`,
+        which also finds degenerate faces.
+    also : tuple of str
+        Codes of further errors that `validate` reports as consequences of the same fault.
+    denied : bool
+        Whether the asset is only bad for users other than root, whose permissions are not checked.
     """
 
     name: str
@@ -32,14 +44,14 @@ class Case:
 
 
 def packed(name: str, code: str, make: Callable[[], Parts], **more: Any) -> Case:
-    """Return a case that is a single file of the parts that `make` returns."""
+    """Return a case that is a single file, packed from the parts returned by `make`."""
     return Case(name, f"TRIASSET_{code}", lambda path: make().write_packed(path), **more)
 
 
 def changed(
     name: str, code: str, changes: dict[str, Any], make: Callable[[], Asset] = mesh, **more: Any
 ) -> Case:
-    """Return a packed case whose manifest has other values at these JSON pointers, or lacks them (REMOVE)."""
+    """Return a packed case with `changes` of its manifest: JSON pointer -> new value, or REMOVE."""
 
     def change() -> Parts:
         good = parts(make())

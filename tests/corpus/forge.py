@@ -1,4 +1,4 @@
-"""Write ZIP files and PNGs field by field, so that every one of them can lie."""
+"""Write ZIP files and PNGs field by field, so that each field can have a wrong value."""
 
 import struct
 import zlib
@@ -16,7 +16,7 @@ Fields = dict[str, Any]
 
 @dataclass
 class Entry:
-    """One member. `both`, `local` and `central` override header fields: both headers, or one alone.
+    """One member of a ZIP. `both`, `local` and `central` override fields of both headers or of one of them.
 
     Fields are version, flags, method, time, date, crc, packed, size, name (bytes) and extra (bytes); the
     central header also has made_by, comment (bytes), disk, internal, attributes and offset.
@@ -28,15 +28,15 @@ class Entry:
     local: Fields = field(default_factory=dict)
     central: Fields = field(default_factory=dict)
     before: bytes = b""
-    """Bytes between the member before and the local header."""
+    """Bytes between the previous member and the local header."""
     after: bytes = b""
-    """Bytes behind the data, for instance a data descriptor."""
+    """Bytes after the data, such as a data descriptor."""
     aligned: bool = True
     listed_only: bool = False
-    """Has a central header, but no local header and no data of its own."""
+    """Whether the member has a central header only, without a local header and data."""
 
     def fields(self) -> Fields:
-        """Return what both headers say if nothing is overridden."""
+        """Return the fields of both headers before `local` and `central` are applied."""
         return {
             "version": 20,
             "flags": 0,
@@ -140,9 +140,15 @@ def zip64(*values: int) -> bytes:
 def write_sparse(
     path: Path, members: Iterable[tuple[str, bytes, int]], make: Callable[[str, bytes, int, int], Entry]
 ) -> None:
-    """Write an archive with ZIP64 records, of names, bytes, and the lengths of holes behind them.
+    """Write a sparse archive with ZIP64 records.
 
-    `make` returns the entry of a name, its bytes, its whole size and its place.
+    Parameters
+    ----------
+    path : Path
+    members : iterable of (str, bytes, int)
+        Name, data, and the length of the hole after the data.
+    make : callable
+        Returns the entry for a name, its data, its total size and its offset.
     """
     directory, members = b"", list(members)
     with path.open("wb") as file:
@@ -168,7 +174,7 @@ def chunk(kind: bytes, body: bytes) -> bytes:
 def png(
     width: int, height: int, *, depth: int = 8, kind: int = 2, rows: bytes = b"", more: bytes = b""
 ) -> bytes:
-    """Return a PNG whose header says so, whatever `rows` (before they are packed) hold."""
+    """Return a PNG with this header, independent of the uncompressed `rows`."""
     head = chunk(b"IHDR", struct.pack(">2I5B", width, height, depth, kind, 0, 0, 0))
     end = chunk(b"IDAT", zlib.compress(rows)) + chunk(b"IEND", b"")
     return b"\x89PNG\r\n\x1a\n" + head + more + end

@@ -1,4 +1,4 @@
-"""Three small good assets, and their parts, which the bad ones are made from."""
+"""Small good assets, and their parts for making bad assets."""
 
 import copy
 import hashlib
@@ -17,7 +17,7 @@ from tests.corpus.forge import Entry, forge
 
 SHA_OF_NOTHING = hashlib.sha256().hexdigest()
 REMOVE = object()
-"""As the new value of a key: the key goes."""
+"""Value for `Parts.change` that removes a key."""
 
 
 def mesh() -> Asset:
@@ -62,7 +62,7 @@ def soup() -> Asset:
 
 
 def textured() -> Asset:
-    """Return a square of two faces, each with a texture of its own: V = 4, F = 2."""
+    """Return a square of two faces with one texture per face: V = 4, F = 2."""
     texels = np.arange(24, dtype=np.uint8).reshape(2, 2, 2, 3) * 10
     buffers = {
         "positions": np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]], np.float32),
@@ -107,17 +107,17 @@ def decoder() -> Asset:
 
 @dataclass
 class Parts:
-    """An asset in pieces that can be spoilt one by one."""
+    """The manifest and files of an asset, which can be changed separately."""
 
     manifest: dict[str, Any]
     files: dict[str, bytes]
 
     def text(self) -> bytes:
-        """Return the manifest as the writer would write it, whatever is in it."""
+        """Return the manifest as JSON text, like the writer of assets."""
         return (json.dumps(self.manifest, indent=2) + "\n").encode()
 
     def change(self, pointer: str, value: Any) -> Self:
-        """Set (or `REMOVE`) what the JSON pointer names, and return self."""
+        """Set (or `REMOVE`) the value at a JSON pointer, and return self."""
         *path, last = pointer[1:].split("/")
         target = self.manifest
         for key in path:
@@ -129,7 +129,7 @@ class Parts:
         return self
 
     def set_array(self, name: str, array: np.ndarray) -> Self:
-        """Replace the values of a buffer, its hash and its shape included, and return self."""
+        """Replace the values, shape and hash of a buffer, and return self."""
         spec, data = self.manifest["buffers"][name], array.tobytes()
         spec.update(byte_length=len(data), shape=list(array.shape), sha256=hashlib.sha256(data).hexdigest())
         self.files[spec["file"]] = data

@@ -1,8 +1,7 @@
-"""Every bad checkpoint, mesh, source of cameras and scene: a code says what to do, a message what is wrong.
+"""All bad checkpoints, meshes, camera files and scenes, with their error codes and messages.
 
-The messages of all bad files are kept in tests/golden/refusals.json, one line for each file.
-`python -m tests.corpus.refusals` writes them again after a message was changed on purpose; read the
-difference like code.
+The messages of all bad files are stored in tests/golden/refusals.json, one line per file. After an intended
+change of a message run `python -m tests.corpus.refusals`, and read the difference.
 """
 
 import json
@@ -21,9 +20,9 @@ from tests.meshes import bad_files
 from tests.scenes import bad_cameras
 from tests.scenes.datasets import bad_scenes
 
-KEPT = Path(__file__).parents[1] / "golden" / "refusals.json"
+MESSAGES = Path(__file__).parents[1] / "golden" / "refusals.json"
 _FOREIGN = re.compile(r"((?:is not|cannot be) (?:JSON|read|opened|listed|UTF-8|decoded)): .*", re.DOTALL)
-"""What follows is said by Python, a library or the system, each version in its own words."""
+"""The end of such a message comes from Python, a library or the system, and depends on its version."""
 
 REFUSED: dict[str, tuple[str, Callable[[Path], object]]] = {
     **{
@@ -40,46 +39,50 @@ REFUSED: dict[str, tuple[str, Callable[[Path], object]]] = {
         for name in table
     },
 }
-"""Kind and name -> code, and a function that writes the file below a folder and reads it. Assets have a test
-of their own."""
+"""Kind and name -> error code, and a function that writes the file to a folder and reads it. Assets are
+tested in tests/asset/test_bad_assets.py."""
 
 
 @cache
-def kept() -> dict[str, str]:
+def read_messages() -> dict[str, str]:
     """Return kind and name of a bad file -> its message."""
-    words: dict[str, str] = json.loads(KEPT.read_text(encoding="utf-8"))
-    return words
+    messages: dict[str, str] = json.loads(MESSAGES.read_text(encoding="utf-8"))
+    return messages
 
 
-def own_words(message: str) -> str:
-    """Return a message without the words of others in it."""
+def without_foreign_text(message: str) -> str:
+    """Return a message without text of Python, libraries and the system."""
     return _FOREIGN.sub(r"\1", message)
 
 
-def of_case(findings: list[Finding], code: str) -> str:
-    """Return the message of the finding of a case."""
-    return own_words(next(item.message for item in findings if item.code == code))
+def find_message(findings: list[Finding], code: str) -> str:
+    """Return the message of the first finding with this code."""
+    return without_foreign_text(next(item.message for item in findings if item.code == code))
+
+
+kept, of_case = read_messages, find_message  # names in tests/asset
 
 
 def _write() -> None:
-    words = {}
+    messages = {}
     with tempfile.TemporaryDirectory() as temporary:
         for case in bad_assets.CASES:
             path = bad_assets.write_case(case, Path(temporary))
             try:
-                found = (msb.validate if case.found_by == "command" else validate)(path)
-                words[f"asset/{case.name}"] = of_case(list(found.findings), case.code)
+                report = (msb.validate if case.found_by == "command" else validate)(path)
+                messages[f"asset/{case.name}"] = find_message(list(report.findings), case.code)
             except InputError as error:
-                words[f"asset/{case.name}"] = own_words(error.message)
-            except StopIteration:  # permissions, which root need not have
+                messages[f"asset/{case.name}"] = without_foreign_text(error.message)
+            except StopIteration:  # permissions are not checked for root
                 pass
     for name, (_, read) in REFUSED.items():
         with tempfile.TemporaryDirectory() as temporary:
             try:
                 read(Path(temporary))
             except MsbError as error:
-                words[name] = own_words(error.message.replace(temporary, ""))
-    KEPT.write_text(json.dumps(words, indent=0, sort_keys=True, ensure_ascii=False) + "\n", encoding="utf-8")
+                messages[name] = without_foreign_text(error.message.replace(temporary, ""))
+    text = json.dumps(messages, indent=0, sort_keys=True, ensure_ascii=False) + "\n"
+    MESSAGES.write_text(text, encoding="utf-8")
 
 
 if __name__ == "__main__":

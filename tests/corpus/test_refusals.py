@@ -1,4 +1,4 @@
-"""Every bad checkpoint, mesh, source of cameras and scene gives its code, in one clear line."""
+"""Every bad checkpoint, mesh, camera file and scene gives its error code, with a message of one line."""
 
 from pathlib import Path
 
@@ -6,7 +6,7 @@ import pytest
 
 from msb.errors import CheckpointError, MeshFileError, MsbError, SceneError
 from tests.adapters.bad_checkpoints import CASES as CHECKPOINTS
-from tests.corpus.refusals import REFUSED, kept, own_words
+from tests.corpus.refusals import REFUSED, read_messages, without_foreign_text
 
 
 @pytest.mark.parametrize("name", REFUSED)
@@ -16,7 +16,7 @@ def test_a_bad_file_gives_its_code(name: str, tmp_path: Path) -> None:
         read(tmp_path)
     error = caught.value
     assert error.code == code
-    assert own_words(error.message.replace(str(tmp_path), "")) == kept()[name]
+    assert without_foreign_text(error.message.replace(str(tmp_path), "")) == read_messages()[name]
     assert str(error.file).startswith(str(tmp_path))
     assert str(error) == f"{code}: {error.file}: {error.message}"
     assert str(error).isprintable()
@@ -31,7 +31,7 @@ def codes_of(kind: str) -> set[str]:
 
 
 def test_every_code_has_a_bad_file() -> None:
-    # The other codes of checkpoints are about models (test_bad_models.py), those of scenes about arguments.
+    # Other codes of checkpoints are tested by test_bad_models.py; other codes of scenes are about arguments.
     assert {case.code for case in CHECKPOINTS} <= CheckpointError.codes
     assert codes_of("checkpoint") == {
         f"CHECKPOINT_{what}" for what in ("NOT_RECOGNISED", "DAMAGED", "HOSTILE", "FORM")
@@ -39,5 +39,5 @@ def test_every_code_has_a_bad_file() -> None:
     assert codes_of("mesh") == MeshFileError.codes - {"MESH_FILE_LEFT_OUT"}  # a note
     cameras = {code for code in SceneError.codes if not code.startswith("SCENE_")}
     assert codes_of("cameras") == cameras - {"CAMERA_PATH"}
-    about_files = {"SCENE_LAYOUT", "SCENE_IMAGE", "SCENE_IMAGE_MISSING"}
-    assert codes_of("scene") & SceneError.codes >= about_files
+    codes_of_files = {"SCENE_LAYOUT", "SCENE_IMAGE", "SCENE_IMAGE_MISSING"}
+    assert codes_of("scene") & SceneError.codes >= codes_of_files

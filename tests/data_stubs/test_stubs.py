@@ -1,4 +1,4 @@
-"""The shipped scenes are what their scripts make, and small."""
+"""The demo scenes and models: size, views, quality, and photographs equal to the output of their script."""
 
 import json
 from pathlib import Path
@@ -19,20 +19,22 @@ from msb.scenes.datasets.read import scene_at
 from tests.conftest import ROOT
 
 STUBS = ROOT / "data_stubs"
-MADE = [name for name in TRAINED if name != "triangle_splatting_plus"]  # MeshSplatting's look and layout
+METHODS = [
+    name for name in TRAINED if name != "triangle_splatting_plus"
+]  # same renderer and layout as MeshSplatting
 MAX_BYTES = 8_000_000
 MAX_FACES = 8000
-LEAST_PSNR = 28.0
+MIN_PSNR = 28.0
 SCENES = {"walled": "mipnerf360/pebble", "pebble": "nerf_synthetic/pebble"}
 
 
-def test_stubs_are_small() -> None:
+def test_demo_data_is_small() -> None:
     files = [path for path in STUBS.rglob("*") if path.is_file() and "__pycache__" not in path.parts]
     assert sum(path.stat().st_size for path in files) < MAX_BYTES
 
 
 @pytest.mark.parametrize("dataset", captures.WRITERS)
-def test_every_scene_has_24_views_or_more_and_eight_held_out(dataset: str) -> None:
+def test_every_scene_has_at_least_24_views_and_eight_test_views(dataset: str) -> None:
     place = STUBS / "scenes" / captures.place_of(dataset, WORLD)
     scene = read_scene(
         place / "scan1" if dataset == "dtu" else place, resolution=1 if dataset == "dtu" else None
@@ -45,8 +47,8 @@ def test_every_scene_has_24_views_or_more_and_eight_held_out(dataset: str) -> No
 
 @pytest.mark.slow
 @pytest.mark.parametrize("world", SCENES)
-@pytest.mark.parametrize("method", MADE)
-def test_every_model_is_trained_and_shows_views_it_has_not_seen(world: str, method: str) -> None:
+@pytest.mark.parametrize("method", METHODS)
+def test_every_model_is_trained_and_renders_test_views_well(world: str, method: str) -> None:
     folder = STUBS / "models" / world / method
     asset = msb.open(folder)
     assert asset.manifest.method == method
@@ -55,20 +57,20 @@ def test_every_model_is_trained_and_shows_views_it_has_not_seen(world: str, meth
     scene = scene_at(STUBS / "scenes" / SCENES[world], dataset, method).read()
     assert len(scene.test) == 8
     with msb.Renderer(asset, "dedicated") as renderer:
-        found = [
+        psnr = [
             metrics.psnr(
                 np.clip(renderer.render(camera, scene.background).image, 0, 1), ground_truth(scene, camera)
             )
             for camera in scene.test
         ]
-    assert np.mean(found) >= LEAST_PSNR
-    told = json.loads((folder / "training.json").read_text())
-    assert told["note"].startswith("optimised by our trainer")
-    assert told["psnr"][-1]["psnr"] == pytest.approx(np.mean(found), abs=0.05)
+    assert np.mean(psnr) >= MIN_PSNR
+    training = json.loads((folder / "training.json").read_text())
+    assert training["note"].startswith("optimised by our trainer")
+    assert training["psnr"][-1]["psnr"] == pytest.approx(np.mean(psnr), abs=0.05)
 
 
 @pytest.mark.slow
-def test_photographs_are_what_the_script_renders() -> None:
+def test_photographs_equal_renderings_of_the_script() -> None:
     alone = captures.nerf_synthetic_cameras(WORLD)["test"][2]
     stored = _pixels(STUBS / f"scenes/nerf_synthetic/pebble/{alone.name}.png")
     rendered = captures.coarse(photograph(still_life.pebbles(), alone), WORLD.levels)
@@ -81,7 +83,7 @@ def _pixels(path: Path) -> np.ndarray:
 
 
 @pytest.mark.slow
-def test_every_pebble_is_closed_and_one_has_a_hole() -> None:
+def test_every_pebble_is_closed_and_one_is_a_torus() -> None:
     numbers = []
     for stone in still_life.PEBBLES:
         vertices, faces = still_life.surface_of(stone.distance)

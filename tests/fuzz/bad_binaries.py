@@ -15,7 +15,7 @@ from tests.fuzz.bad_texts import Bad
 
 
 def picture(mode: str, size: tuple[int, int] = (4, 3), form: str = "PNG") -> bytes:
-    """Return a black picture of a kind of Pillow's."""
+    """Return a black image with a mode and format of Pillow."""
     stream = io.BytesIO()
     Image.new(mode, size).save(stream, form)
     return stream.getvalue()
@@ -28,12 +28,12 @@ def npy(header: str, body: bytes = b"", version: bytes = b"\1\0") -> bytes:
 
 
 def shape(axes: str, dtype: str = "<f4") -> str:
-    """Return the header of a .npy file."""
+    """Return the header of a .npy file with this shape."""
     return f"{{'descr': '{dtype}', 'fortran_order': False, 'shape': ({axes})}}"
 
 
 def archive(method: int = zipfile.ZIP_STORED, **members: bytes) -> bytes:
-    """Return an archive of .npy files."""
+    """Return a ZIP archive of .npy files."""
     stream = io.BytesIO()
     with zipfile.ZipFile(stream, "w", method, compresslevel=1) as file:
         for name, content in members.items():
@@ -76,7 +76,7 @@ _NEUS: dict[str, bytes] = {
 
 
 def page(scene: Any, array: bytes = zlib.compress(bytes(45))) -> bytes:
-    """Return a page of a scene and one array."""
+    """Return a page with a scene and one array."""
     text = scene if isinstance(scene, bytes) else json.dumps({"dedicated": scene}).encode()
     return b'<script type="application/json" id="scene">%b</script>' % text + (
         b'<script type="text/plain" data-array="a">%b</script>' % base64.b64encode(array)

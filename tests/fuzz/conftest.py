@@ -1,4 +1,4 @@
-"""Targets of fuzzing read files of all capabilities."""
+"""Fuzz targets need all capabilities; if one was removed, no test of this folder is collected."""
 
 from tests.conftest import WHOLE
 

@@ -1,7 +1,7 @@
-"""Every bad asset, checkpoint, mesh and source of cameras: `python -m tests.fuzz.corpora OUTDIR` writes them.
+"""Write all bad assets, checkpoints, meshes and camera files: `python -m tests.fuzz.corpora OUTDIR`.
 
-Of each, index.json has the function of `fuzz.readers` that reads it, the path that is given to the reader,
-the path below which the reader may open files, and the code of the error, or "" where the reader returns.
+index.json has a row per file: the function of `fuzz.readers` that reads it, the path for the reader, the path
+below which the reader may open files, and the expected error code ("" if the reader succeeds).
 """
 
 import json
@@ -18,7 +18,7 @@ Row = tuple[str, str, str, str]
 
 
 def assets(root: Path) -> list[Row]:
-    """Write the assets that are bad for every user, and a good one; return their rows."""
+    """Write all assets that are bad for every user, and a good one; return their rows."""
     root.mkdir()
     good.parts(good.mesh()).write_packed(root / "good")
     rows = [("asset", str(root / "good"), str(root / "good"), "")]
@@ -42,7 +42,7 @@ def checkpoints(root: Path) -> list[Row]:
 
 
 def meshes(root: Path) -> list[Row]:
-    """Write the meshes, and a good one of each format; return their rows."""
+    """Write all bad meshes, and a good mesh of each format; return their rows."""
     root.mkdir()
     rows = []
     cases = [(suffix, content, "") for suffix, content in builders.SMALL.items()]
@@ -56,7 +56,7 @@ def meshes(root: Path) -> list[Row]:
 
 
 def cameras(root: Path) -> list[Row]:
-    """Write the sources of cameras, each with the files beside it, and good ones; return their rows."""
+    """Write all bad camera files with the files beside them, and good ones; return their rows."""
     cases = [(kind, files, "", "") for kind, files in bad_cameras.SMALL.items()]
     cases += [(name, files, target, code) for name, (files, target, code) in bad_cameras.BAD.items()]
     rows = []
@@ -68,7 +68,7 @@ def cameras(root: Path) -> list[Row]:
 
 
 def write_all(root: Path) -> int:
-    """Write all of them below the new folder `root`, and index.json; return how many there are."""
+    """Write all files and index.json to the new folder `root`; return the number of files."""
     root.mkdir(parents=True)
     rows = [row for make in (assets, checkpoints, meshes, cameras) for row in make(root / make.__name__)]
     (root / "index.json").write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")

@@ -1,7 +1,7 @@
-"""Feed readers hostile bytes in a process that may do no harm: run by test_targets.py.
+"""Feed hostile bytes to readers in a guarded process, which test_targets.py starts.
 
-``python -m tests.fuzz.guarded_driver SCRATCH TARGET...`` feeds targets their seeds and mutations of them;
-with ``corpora`` in place of targets it reads what `tests.fuzz.corpora` wrote to the folder SCRATCH.
+``python -m tests.fuzz.guarded_driver SCRATCH TARGET...`` feeds seeds and their mutations to targets. With
+``corpora`` in place of targets it reads the files that `tests.fuzz.corpora` wrote to the folder SCRATCH.
 """
 
 import json
@@ -23,17 +23,18 @@ from msb.errors import MsbError
 from tests.fuzz.mutations import TIMES, mutate_bytes, mutate_text
 
 MUTATIONS = 60 * TIMES
-"""Of each target; fuzzing is for more."""
+"""Number of mutations per target; a fuzzer tries many more."""
 SECONDS = 1.5
-"""Of processor time for one input of a target."""
+"""Limit for one input of a target, in seconds of processor time."""
 ALL_SECONDS = 300 * TIMES
-"""Of processor time for the process: other work on the machine does not count."""
+"""Limit for the process, in seconds of processor time, which other work of the machine does not affect."""
 MOST_MIB = 350
-"""Peak of resident memory over the corpora; the highest is a third of a million tensors of 32 axes."""
+"""Limit of resident memory over the corpora, in MiB. The peak is a checkpoint of 330,000 tensors with 32
+axes."""
 
 
 def spin(until: float) -> None:
-    """Be busy."""
+    """Use processor time until the clock of the process reaches `until`, in seconds."""
     while time.process_time() <= until:
         pass
 
@@ -52,18 +53,18 @@ EVIL_IF_CLOSED: dict[str, Callable[[Path], object]] = {
     "read": lambda path: (path.parent / "beside").read_bytes(),
     "compile": lambda path: compile("1", "<input>", "exec"),
 }
-"""What a target may do, but no reader of the corpora."""
+"""Actions that are allowed for targets, but not for readers of the corpora."""
 
 
 def inputs(name: str, seeds: list[bytes]) -> list[bytes]:
-    """Return the seeds and mutations of them, the same every time."""
+    """Return the seeds and their mutations, which are always the same."""
     rng = random.Random(f"mutations of {name}")
-    made = []
+    mutants = []
     for number in range(MUTATIONS):
         seed = rng.choice(seeds)
         mutate = mutate_text if number % 2 and seed[:1] in b"{[" and seed else mutate_bytes
-        made.append(mutate(seed, rng) if len(seed) > 1 else seed)
-    return [*seeds, *made]
+        mutants.append(mutate(seed, rng) if len(seed) > 1 else seed)
+    return [*seeds, *mutants]
 
 
 def report(text: str) -> None:
@@ -71,7 +72,7 @@ def report(text: str) -> None:
 
 
 def feed_targets(scratch: Path, names: list[str]) -> None:
-    """Feed all targets of these names; the first that fails ends the process."""
+    """Feed the targets; the first failure ends the process."""
     feeds = {}
     for name in names:
         if name in EVIL:
@@ -81,7 +82,7 @@ def feed_targets(scratch: Path, names: list[str]) -> None:
 
         seeds = TARGETS[name].small_seeds()
         feeds[name] = TARGETS[name].at(scratch / name), inputs(name, seeds)
-        for seed in seeds[:3]:  # what is imported on first use is imported now
+        for seed in seeds[:3]:  # trigger imports on first use, which the guard forbids
             feeds[name][0](seed)
     limit_memory()
     guard = Guard(scratch, report)
@@ -102,16 +103,16 @@ def feed_targets(scratch: Path, names: list[str]) -> None:
 
 
 def read_corpora(root: Path) -> None:
-    """Read every file of the index; one that does not give its code ends the process."""
+    """Read every file of the index; the first file with another error code ends the process."""
     rows = json.loads((root / "index.json").read_text())
     for reader, path, _, code in rows:
-        if not code:  # what is imported on first use is imported now
+        if not code:  # trigger imports on first use, which the guard forbids
             getattr(readers, reader)(Path(path))
     limit_memory()
     guard = ClosedGuard(root, report)
-    # Opened now, read later: no such file may be opened under guard.
+    # This file is opened now, because the guard forbids it later.
     with Path("/proc/self/status").open(encoding="ascii") as status:
-        for reader, path, guard.inside, wanted in rows:
+        for reader, path, guard.inside, expected in rows:
             read = EVIL_IF_CLOSED.get(reader) or getattr(readers, reader)
             code = ""
             with guard:
@@ -119,16 +120,16 @@ def read_corpora(root: Path) -> None:
                     read(Path(path))
                 except MsbError as error:
                     code = error.code
-            if code != wanted:
-                sys.exit(f"{path} gives {code!r}, not {wanted!r}")
+            if code != expected:
+                sys.exit(f"{path} gives {code!r}, not {expected!r}")
         peak = peak_mib(status)
     if peak > MOST_MIB:
-        sys.exit(f"{peak} MiB at most")
+        sys.exit(f"peak memory {peak} MiB exceeds {MOST_MIB} MiB")
     print(f"{len(rows)} files")
 
 
 def main(scratch: Path, names: list[str]) -> None:
-    """Do what the command line says within `ALL_SECONDS`."""
+    """Run the command line with a limit of `ALL_SECONDS`."""
     warnings.simplefilter("error")
     resource.setrlimit(resource.RLIMIT_CPU, (ALL_SECONDS, ALL_SECONDS))
     if names == ["corpora"]:

@@ -1,4 +1,4 @@
-"""Seeded mutations of bytes and of JSON: what a fuzz target is fed when nothing watches its coverage."""
+"""Seeded mutations of bytes and of JSON, for fuzz targets without coverage feedback."""
 
 import os
 import random
@@ -6,7 +6,7 @@ import re
 from collections.abc import Callable
 
 TIMES = int(os.environ.get("MSB_MUTATIONS", "1"))
-"""How many times as much is tried as in a run of all tests."""
+"""Factor for the number of mutations, relative to a normal test run."""
 
 
 def span(data: bytearray, rng: random.Random, longest: int = 64) -> slice:
@@ -63,7 +63,7 @@ REPLACEMENTS = [token.encode() for token in (NUMBERS + " " + OTHERS).split()]
 
 
 def replace_token(text: bytes, rng: random.Random) -> bytes:
-    """Return the text with one token replaced by another value, or by another of its own."""
+    """Return the text with one token replaced, by another token of the text or by a fixed value."""
     tokens = list(TOKENS.finditer(text))
     token = rng.choice(tokens)
     new = rng.choice(tokens).group() if rng.random() < 0.3 else rng.choice(REPLACEMENTS)
@@ -71,7 +71,7 @@ def replace_token(text: bytes, rng: random.Random) -> bytes:
 
 
 def double_line(text: bytes, rng: random.Random) -> bytes:
-    """Return the text with a line twice or elsewhere: a key doubled or moved into another object."""
+    """Return the text with one line duplicated or moved, possibly into another object."""
     lines = text.splitlines(keepends=True)
     line = rng.choice(lines) if rng.random() < 0.5 else lines.pop(rng.randrange(len(lines)))
     lines.insert(rng.randrange(len(lines) + 1), line)

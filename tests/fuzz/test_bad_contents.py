@@ -1,4 +1,4 @@
-"""Bad contents of files give their code, at the place where the reader looks for the file."""
+"""Bad contents of files give their error codes."""
 
 import time
 from pathlib import Path
@@ -10,7 +10,7 @@ from tests.fuzz.bad_binaries import BAD as BAD_BINARIES
 from tests.fuzz.bad_texts import BAD as BAD_TEXTS
 
 SECONDS = 2.0
-"""Of processor time."""
+"""Limit of processor time per file."""
 BAD = BAD_TEXTS | BAD_BINARIES
 
 

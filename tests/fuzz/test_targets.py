@@ -1,4 +1,4 @@
-"""Every reader with hostile bytes: a value or our error, in a process that may do no harm."""
+"""All readers with hostile bytes: they return a value or raise our error, in a guarded process."""
 
 import json
 import os
@@ -12,13 +12,13 @@ from fuzz.targets import TARGETS
 from tests.conftest import ROOT
 from tests.fuzz.corpora import write_all
 
-pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="memory is capped as Linux does it")
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="the memory limit needs Linux")
 STUCK = 1800
-"""Seconds of wall time after which a process that takes no processor time is given up."""
+"""Limit of wall time in seconds, for a process that hangs without using processor time."""
 
 
 def run(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
-    """Run the driver in the root of the repository, where the package `fuzz` is."""
+    """Run the driver in the root of the repository, which contains the package `fuzz`."""
     command = [sys.executable, "-m", "tests.fuzz.guarded_driver", *arguments]
     environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
     return subprocess.run(
@@ -27,14 +27,14 @@ def run(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
 
 
 @pytest.mark.slow
-def test_every_target_survives_its_seeds_and_mutations_of_them(tmp_path: Path) -> None:
+def test_every_target_survives_its_seeds_and_their_mutations(tmp_path: Path) -> None:
     done = run(tmp_path, *TARGETS)
     assert done.returncode == 0, done.stderr[-3000:]
-    assert done.stdout.startswith(f"{len(TARGETS)} targets, ")  # and nothing was printed by a library
+    assert done.stdout.startswith(f"{len(TARGETS)} targets, ")  # libraries print nothing
 
 
 @pytest.mark.slow
-def test_reading_bad_files_executes_nothing_opens_nothing_else_and_stays_small(tmp_path: Path) -> None:
+def test_reading_bad_files_runs_no_code_opens_no_other_file_and_needs_little_memory(tmp_path: Path) -> None:
     count = write_all(tmp_path / "corpora")
     done = run(tmp_path / "corpora", "corpora")
     assert done.returncode == 0, done.stderr[-3000:]
@@ -42,12 +42,12 @@ def test_reading_bad_files_executes_nothing_opens_nothing_else_and_stays_small(t
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("deed", ["exec", "write", "child", "socket", "memory", "slow", "error"])
-def test_the_guard_sees(deed: str, tmp_path: Path) -> None:
-    """A target that does what none may do is found out: the test above can fail."""
-    done = run(tmp_path, deed)
+@pytest.mark.parametrize("action", ["exec", "write", "child", "socket", "memory", "slow", "error"])
+def test_the_guard_detects(action: str, tmp_path: Path) -> None:
+    """Forbidden actions of a target are detected, so the test above can fail."""
+    done = run(tmp_path, action)
     assert done.returncode != 0
-    wanted = {
+    messages = {
         "exec": "exec of code from '<input>'",
         "write": "opened for writing",
         "child": "forbidden: subprocess.Popen",
@@ -56,19 +56,19 @@ def test_the_guard_sees(deed: str, tmp_path: Path) -> None:
         "slow": "s of processor time",
         "error": "KeyError",
     }
-    assert wanted[deed] in done.stderr
+    assert messages[action] in done.stderr
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("deed", "seen"), [("import", "import ('this'"), ("read", "beside' opened"), ("compile", "compile (")]
+    ("action", "event"), [("import", "import ('this'"), ("read", "beside' opened"), ("compile", "compile (")]
 )
-def test_the_closed_guard_sees(deed: str, seen: str, tmp_path: Path) -> None:
+def test_the_closed_guard_detects(action: str, event: str, tmp_path: Path) -> None:
     path = str(tmp_path / "x")
-    (tmp_path / "index.json").write_text(json.dumps([[deed, path, path, "x"]]))
+    (tmp_path / "index.json").write_text(json.dumps([[action, path, path, "x"]]))
     done = run(tmp_path, "corpora")
     assert done.returncode != 0
-    assert f"forbidden: {seen}" in done.stderr or f"{seen} with mode" in done.stderr
+    assert f"forbidden: {event}" in done.stderr or f"{event} with mode" in done.stderr
 
 
 # --- prefixes
@@ -79,12 +79,12 @@ PREFIXES = {
     **dict.fromkeys(("ply", "stl", "glb", "colmap_cameras_bin", "colmap_images_bin", "colmap_points_bin")),
     **dict.fromkeys(("transforms_json", "cameras_json", "views_json")),
 }
-"""Formats that say where they end: target -> the codes of what ends sooner, if few."""
+"""Targets of formats that store their length -> expected codes of truncated files, or None for any code."""
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", PREFIXES)
-def test_no_prefix_of_these_is_taken_for_a_whole_file(name: str, tmp_path: Path) -> None:
+def test_truncated_files_are_rejected(name: str, tmp_path: Path) -> None:
     feed, whole = TARGETS[name].at(tmp_path), TARGETS[name].small_seeds()[0]
     assert feed(whole) is None
     codes = set()

@@ -1,7 +1,9 @@
-"""The tests that draw, on other OpenCL platforms: `python -m tests.machines [NAME ...]`, or `make test-all`.
+"""Run the rendering tests on other OpenCL platforms: `python -m tests.machines [NAME ...]`, or `make
+test-all`.
 
-A platform is shown to the loader alone, and chosen by name: the PoCL of the wheel is always found as well.
-What is not installed is skipped, with the package to install.
+Each platform is the only one that is registered with the OpenCL loader, and it is chosen by name, because the
+loader always finds the PoCL of the wheel as well. A platform that is not installed is skipped with a message
+that names its package.
 """
 
 import argparse
@@ -22,16 +24,28 @@ VENDORS = Path("/etc/OpenCL/vendors")
 ALL_CORES = "-n", "auto", "--dist", "worksteal"
 SHOW = (
     "from msb.cl.devices import choose_device, try_devices\n"
-    "taken = choose_device().record.selector\n"
-    "found = next(device for device in try_devices() if device.record.selector == taken)\n"
-    "print(found.record, f'style {found.record.style}', *filter(None, [found.trial.mended]), sep='; ')"
+    "selector = choose_device().record.selector\n"
+    "device = next(device for device in try_devices() if device.record.selector == selector)\n"
+    "print(device.record, f'style {device.record.style}', *filter(None, [device.trial.mended]), sep='; ')"
 )
 
 
 class Machine(NamedTuple):
-    """A platform: its package (Debian's, or pip's), its MSB_DEVICE, what else it needs, and pytest's words.
+    """An OpenCL platform.
 
-    `library` is part of the name of its library; "" for the wheel's, which the loader finds itself.
+    Attributes
+    ----------
+    package : str
+        Package of Debian or pip.
+    library : str
+        Part of the name of its library; "" for the PoCL of the wheel, which the loader finds without an
+        entry.
+    device : str
+        Value of MSB_DEVICE.
+    environment : dict
+        Further environment variables.
+    tests : tuple of str
+        Arguments of pytest.
     """
 
     package: str
@@ -41,12 +55,12 @@ class Machine(NamedTuple):
     tests: tuple[str, ...]
 
 
-ELSEWHERE_ALIKE = ("cl/test_loader", "cl/test_trial", "render/test_arguments", "render/test_images")
-"""How platforms are found and tried, which each of these tests sets up itself; and what runs no kernel."""
-# The slow ones are the same kernels on larger and random scenes.
-QUICK = *ALL_CORES, "-m", "not slow", *(f"--ignore=tests/{name}.py" for name in ELSEWHERE_ALIKE)
-OWN_STYLE = "-k", "not gpu"
-"""On a CPU, nobody draws by the kernels for a GPU but who asks for them."""
+PLATFORM_INDEPENDENT = ("cl/test_loader", "cl/test_trial", "render/test_arguments", "render/test_images")
+"""Tests that set up their platform themselves, and tests that run no kernel."""
+# Slow tests run the same kernels on larger and random scenes.
+QUICK = *ALL_CORES, "-m", "not slow", *(f"--ignore=tests/{name}.py" for name in PLATFORM_INDEPENDENT)
+CPU_STYLE = "-k", "not gpu"
+"""Skip the GPU style of the kernels, which is not the default on a CPU."""
 GOLDEN = tuple(f"tests/render/test_{name}.py" for name in ("diffsoup", "splatting_golden", "standard"))
 PICTURES = (
     "tests/bake/test_raster.py",
@@ -55,26 +69,26 @@ PICTURES = (
 )
 COMPARED = tuple(f"tests/render/test_{name}.py" for name in ("splat_order", "splatting", "standard_far"))
 MACHINES = {
-    # The system's PoCL, another version; `make test` has the wheel's alone, and both styles of kernels. What
-    # renderers do with their input, and share, is no compiler's business.
+    # The PoCL of the system, which is another version. `make test` runs both styles of kernels with the PoCL
+    # of the wheel. Tests of inputs and shared code of the renderers do not depend on the compiler.
     "pocl": Machine(
         "pocl-opencl-icd",
         "libpocl",
         "pocl:0",
         {},
-        (*QUICK, *OWN_STYLE, "tests/cl", *PICTURES, *COMPARED),
+        (*QUICK, *CPU_STYLE, "tests/cl", *PICTURES, *COMPARED),
     ),
-    # As on a processor that the wheel does not know, so that it has to be mended: the same library otherwise,
-    # which makes other machine code.
+    # The wheel on a processor that it does not know, for which it must be repaired. The library is the same,
+    # but compiles to other machine code.
     "unknown": Machine(
         "pocl-binary-distribution",
         "",
         "pocl",
         {"PYTHONPATH": str(UNKNOWN_CPU)},
-        (*QUICK, *OWN_STYLE, "tests/cl/test_scan_sort.py", *GOLDEN),
+        (*QUICK, *CPU_STYLE, "tests/cl/test_scan_sort.py", *GOLDEN),
     ),
-    # Style gpu; tests of the other one are skipped. llvmpipe takes minutes for what is left out: large and
-    # random scenes, comparisons with the references. Golden images and work-groups are in.
+    # GPU style; tests of the CPU style are skipped. Golden images and work-groups are tested. Large and
+    # random scenes and comparisons with the references are not, because llvmpipe takes minutes for them.
     "rusticl": Machine(
         "mesa-opencl-icd",
         "libRusticlOpenCL",
@@ -82,11 +96,11 @@ MACHINES = {
         {"RUSTICL_ENABLE": "llvmpipe"},
         (*QUICK, "-k", "not 8k", "tests/cl", *PICTURES),
     ),
-    # Style gpu, on a card; its driver brings OpenCL, in containers without an entry for the loader.
+    # GPU style, on a card. Its driver includes OpenCL; in containers it is not registered with the loader.
     "nvidia": Machine(
         "nvidia-opencl-icd", "libnvidia-opencl", "nvidia", {}, (*QUICK, "tests/cl", *PICTURES, *COMPARED)
     ),
-    # An interpreter that looks for races, a thousand times as slow: a small scene of each kind.
+    # An interpreter that detects data races. It is about 1000 times slower, so each kind of scene is small.
     "oclgrind": Machine(
         "oclgrind",
         "liboclgrind-rt-icd",
@@ -94,10 +108,10 @@ MACHINES = {
         {
             "OCLGRIND_CHECK_API": "1",
             "OCLGRIND_DATA_RACES": "1",
-            # Optimised code has intrinsics that the interpreter does not know.
+            # Optimised code has intrinsics that the interpreter does not support.
             "OCLGRIND_BUILD_OPTIONS": "-cl-opt-disable",
             "OCLGRIND_MAX_ERRORS": "1000000",
-            # It allocates for each work-item; to give that back each time takes half as long again.
+            # It allocates memory for each work-item; returning it to the system each time takes 50 % longer.
             "MALLOC_TRIM_THRESHOLD_": "4000000000",
             "MALLOC_TOP_PAD_": "67108864",
         },
@@ -106,21 +120,22 @@ MACHINES = {
 }
 
 
-def library_of(machine: Machine) -> str | None:
-    """Return what an entry for the loader has to name, None where the machine is not installed."""
+def find_library_name(machine: Machine) -> str | None:
+    """Return the library for the entry of the loader, or None if the platform is not installed."""
     if not machine.library:
         try:
             return metadata.distribution(machine.package).version
         except metadata.PackageNotFoundError:
             return None
-    named = [line.strip() for file in sorted(VENDORS.glob("*.icd")) for line in file.read_text().splitlines()]
-    beside = map(str, Path("/usr/lib").glob("oclgrind/*.so"))  # Debian registers no entry for it
+    files = sorted(VENDORS.glob("*.icd"))
+    registered = [line.strip() for file in files for line in file.read_text().splitlines()]
+    unregistered = map(str, Path("/usr/lib").glob("oclgrind/*.so"))  # Debian does not register Oclgrind
     loadable = find_library(machine.library.removeprefix("lib")) or ""
-    return next((name for name in (*named, *beside, loadable) if machine.library in name), None)
+    return next((name for name in (*registered, *unregistered, loadable) if machine.library in name), None)
 
 
-def shown(environment: dict[str, str]) -> str:
-    """Return which device a process with that environment takes."""
+def describe_device(environment: dict[str, str]) -> str:
+    """Return the device that a process with this environment chooses, or "none: " and the error."""
     done = subprocess.run(
         [sys.executable, "-c", SHOW], env=environment, cwd=ROOT, capture_output=True, text=True, check=False
     )
@@ -128,16 +143,16 @@ def shown(environment: dict[str, str]) -> str:
 
 
 def skip(reason: str) -> bool:
-    """Say why the tests of a machine do not run; return that none failed."""
+    """Print why the tests of a platform do not run; return True, because no test failed."""
     print(f"skipped {reason}", flush=True)
     list_skips([f"machine {reason}"])
     return True
 
 
 def run(name: str) -> bool:
-    """Run the tests of a machine, if it is there; return whether they passed."""
+    """Run the tests on a platform if it is installed; return whether they passed."""
     machine = MACHINES[name]
-    library = library_of(machine)
+    library = find_library_name(machine)
     if library is None:
         return skip(f"{name}: {machine.package} is not installed")
     if name == "unknown" and (lacks := mend.hindrance()):
@@ -146,13 +161,13 @@ def run(name: str) -> bool:
         environment = {**os.environ, "OCL_ICD_VENDORS": folder, "MSB_DEVICE": machine.device}
         for variable in ("POCL_CACHE_DIR", "PYOPENCL_CTX"):
             environment.pop(variable, None)
-        without = shown(environment) if machine.library else ""
+        without = describe_device(environment) if machine.library else ""
         environment |= machine.environment
         if machine.library:
             Path(folder, f"{name}.icd").write_text(f"{library}\n")
-        device = shown(environment)
+        device = describe_device(environment)
         if device == without or device.startswith("none"):
-            print(f"{name}: FAILED, {library} is there and what is taken is {device}", flush=True)
+            print(f"{name}: FAILED, {library} is installed, but the chosen device is {device}", flush=True)
             return False
         print(f"{name}: {device}", flush=True)
         start = time.monotonic()
@@ -164,12 +179,14 @@ def run(name: str) -> bool:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("machines", nargs="*", metavar="NAME", help=f"of {', '.join(MACHINES)}; default: all")
-    chosen = parser.parse_args().machines or list(MACHINES)
-    unknown = sorted({*chosen} - {*MACHINES})
+    parser.add_argument(
+        "machines", nargs="*", metavar="NAME", help=f"one of {', '.join(MACHINES)}; default: all"
+    )
+    names = parser.parse_args().machines or list(MACHINES)
+    unknown = sorted({*names} - {*MACHINES})
     if unknown:
-        parser.error(f"{', '.join(unknown)}: there are {', '.join(MACHINES)}")
-    results = [run(name) for name in chosen]
+        parser.error(f"unknown platform {', '.join(unknown)}; choose from {', '.join(MACHINES)}")
+    results = [run(name) for name in names]
     return 0 if all(results) else 1
 
 

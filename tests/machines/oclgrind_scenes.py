@@ -1,6 +1,6 @@
-"""Kernels of the GPU style under Oclgrind: no data race, no invalid access, no divergent barrier.
+"""Kernels of the GPU style under Oclgrind: no data races, invalid accesses or divergent barriers.
 
-Run by `python -m tests.machines oclgrind`, which sets what it needs.
+Run these tests with `python -m tests.machines oclgrind`, which sets their environment.
 """
 
 import os
@@ -31,14 +31,14 @@ BACKGROUND = (0.0, 0.5, 1.0)
 
 
 KNOWN = {
-    # A pixel is read before the atomic that may change it. It only ever grows, or shrinks: what was read
-    # before another work-item's atomic costs one in vain, or saves one that would have changed nothing.
+    # A pixel is read before the atomic operation that may change it. Its value only grows (or only shrinks),
+    # so a value read too early costs a superfluous atomic operation, or saves one that would change nothing.
     "Read-write data race at global memory address": r"(?s)Kernel: (triangles|listed_triangles|raster)\n"
     r"(?=.* = load volatile )(?=.*@_Z(8atom|10atomic)_(max|min))",
-    # pyopencl asks devices of OpenCL 1.2 for properties of later versions.
+    # pyopencl queries properties of later OpenCL versions on devices of OpenCL 1.2.
     "Oclgrind - OpenCL runtime error": r"Function: clGetDeviceInfo\s+Error: +CL_INVALID_VALUE",
 }
-"""Reports of no consequence: how the first line begins, and what the rest has."""
+"""Harmless reports: start of the first line -> pattern of the complete report."""
 
 
 def is_known(report: str) -> bool:
@@ -46,14 +46,14 @@ def is_known(report: str) -> bool:
 
 
 class Watch:
-    """What Oclgrind has written since it was last asked: races in its log, errors of calls on stderr."""
+    """New reports of Oclgrind: data races in its log, and errors of API calls on standard error."""
 
     def __init__(self, log: Path, capfd: pytest.CaptureFixture[str]) -> None:
         self._log, self._capfd = log, capfd
         self._seen = log.stat().st_size if log.exists() else 0
 
     def findings(self) -> list[str]:
-        """Return the reports that are not known: a line that is not indented, and those below it that are."""
+        """Return the new reports that are not harmless: a line and the indented lines below it."""
         text = self._log.read_bytes()[self._seen :].decode() if self._log.exists() else ""
         self._seen += len(text.encode())
         text += "\n" + self._capfd.readouterr().err + "\n"
@@ -63,7 +63,7 @@ class Watch:
 
 @pytest.fixture(scope="session")
 def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return where this process's Oclgrind writes; it reads the variable when a context is made."""
+    """Return the log file of Oclgrind, which reads the variable when a context is created."""
     path = tmp_path_factory.mktemp("oclgrind") / "log"
     os.environ["OCLGRIND_LOG"] = str(path)
     return path
@@ -86,7 +86,7 @@ def gpu(log: Path) -> Iterator[Device]:
         yield opened
 
 
-def drawn_equals_the_reference(renderer: Any, asset: Any, **options: Any) -> None:
+def check_against_reference(renderer: Any, asset: Any, **options: Any) -> None:
     try:
         frame = renderer.render(front_camera(), BACKGROUND)
     finally:
@@ -104,7 +104,7 @@ def drawn_equals_the_reference(renderer: Any, asset: Any, **options: Any) -> Non
         ("diverges", "Work-group divergence detected (barrier)"),
     ],
 )
-def test_what_is_wrong_is_found(kernel: str, title: str, gpu: Device, watch: Watch) -> None:
+def test_errors_of_kernels_are_detected(kernel: str, title: str, gpu: Device, watch: Watch) -> None:
     program = gpu.program("wrong", package=KERNELS)
     assert watch.findings() == []
     getattr(program, kernel)(4, 4, gpu.allocate(4, np.int32))
@@ -128,13 +128,11 @@ def test_scan_and_sort(gpu: Device, watch: Watch) -> None:
 def test_splatting(method: str, sampling: Any, gpu: Device, watch: Watch) -> None:
     asset = soup(method, random_triangles(1, 30), degree=1)
     renderer = dedicated_renderer(asset, device=gpu, sampling=sampling)
-    drawn_equals_the_reference(renderer, asset, sampling=sampling)
+    check_against_reference(renderer, asset, sampling=sampling)
     assert watch.findings() == []
 
 
-def test_splatting_in_drawing_order_with_more_faces_a_tile_than_are_staged_at_once(
-    gpu: Device, watch: Watch
-) -> None:
+def test_splatting_in_drawing_order_with_several_batches_of_faces_per_tile(gpu: Device, watch: Watch) -> None:
     asset = soup("two_dts", random_triangles(1, 100, 2.0))
     with gpu:
         pipeline = SplattingPipeline(asset, device=gpu)
@@ -150,18 +148,18 @@ def test_splatting_shares(method: str, gpu: Device, watch: Watch) -> None:
     settings = {"supersample": 2} if method == "mesh_splatting" else {}
     with gpu:
         pipeline = SplattingPipeline(asset, device=gpu, settings=settings)
-        found = pipeline.shares(camera, np.ones((12, 16, 3), np.float32))
-    wanted = render_reference(asset, camera, settings=settings).contribution / pipeline._model.scale**2
-    np.testing.assert_allclose(found, np.stack([wanted] * 4, axis=1), rtol=1e-4, atol=1e-2)
+        shares = pipeline.shares(camera, np.ones((12, 16, 3), np.float32))
+    expected = render_reference(asset, camera, settings=settings).contribution / pipeline._model.scale**2
+    np.testing.assert_allclose(shares, np.stack([expected] * 4, axis=1), rtol=1e-4, atol=1e-2)
     assert watch.findings() == []
 
 
 @pytest.mark.parametrize("sampling", ["official", "engine"])
 @pytest.mark.parametrize("method", SPLATTING)
-def test_projection_decides_by_nothing_that_was_not_set(
+def test_projection_reads_no_uninitialised_memory(
     method: str, sampling: Any, log: Path, watch: Watch, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Only that stage can be watched so: to Oclgrind what clEnqueueFillBuffer wrote was not set."""
+    """Other stages cannot be checked: Oclgrind takes results of clEnqueueFillBuffer for uninitialised."""
     monkeypatch.setenv("OCLGRIND_UNINITIALIZED", "1")
     monkeypatch.delenv("OCLGRIND_DATA_RACES")
     settings = {"supersample": 1} if method == "mesh_splatting" else {}
@@ -170,18 +168,18 @@ def test_projection_decides_by_nothing_that_was_not_set(
         renderer = dedicated_renderer(asset, device=device, settings=settings, sampling=sampling)
         renderer.render(front_camera(8, 6), BACKGROUND)
         renderer.close()
-    decided = [one for one in watch.findings() if "Controlflow depends on uninitialized" in one]
-    assert [report for report in decided if "Kernel: project\n" in report] == []
+    reports = [report for report in watch.findings() if "Controlflow depends on uninitialized" in report]
+    assert [report for report in reports if "Kernel: project\n" in report] == []
 
 
 def test_diffsoup(device: Device, watch: Watch) -> None:
     asset = soup("diffsoup", random_triangles(1, 30))
-    drawn_equals_the_reference(dedicated_renderer(asset, device=device), asset)
+    check_against_reference(dedicated_renderer(asset, device=device), asset)
     assert watch.findings() == []
 
 
 def test_standard(device: Device, watch: Watch) -> None:
-    """Small triangles, those of a work-group, and those of many."""
+    """Triangles of three sizes: for a work-item, for a work-group, and for several work-groups."""
     sizes = [random_triangles(*given) for given in ((1, 16, 0.3), (2, 5, 2.0), (3, 1, 40))]
     asset = soup("two_dts", np.concatenate(sizes))
     StandardRenderer(asset, device=device).render(front_camera(30, 20), BACKGROUND)
@@ -197,7 +195,7 @@ def test_textures(device: Device, watch: Watch) -> None:
 
 
 def test_texture_by_least_squares(gpu: Device, watch: Watch) -> None:
-    """Of one picture of a square: what is asked of its texels, and their solution."""
+    """Optimise the texels of a square from one training image."""
     painting_of, stencils = (pytest.importorskip(f"msb.bake.{name}") for name in ("painting", "stencils"))
     lessons = pytest.importorskip("msb.bake.lessons")
     place = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], np.float32)

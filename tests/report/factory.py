@@ -1,7 +1,7 @@
-"""A whole benchmark's results without a renderer: every dataset, scene, method and condition, made up.
+"""Synthetic results of a complete benchmark: all datasets, scenes, methods and conditions, without rendering.
 
-Means over a dataset's scenes are the paper's where it has them, so that tables made of these records can be
-held to it; scenes differ by offsets that sum to zero.
+The means over scenes equal the paper's means, if it has them, so that tables of these records can be
+compared with it. Scenes differ by offsets that sum to zero.
 """
 
 import hashlib
@@ -46,7 +46,7 @@ CONDITIONS = ("non_engine", "dedicated", "standard", "exported_mesh")
 VIEWS = ("a/0001.png", "a/0002.png", "a/0003.png")
 SIZE = (96, 64)
 SHIFTS = (-0.5, 0.0, 0.5)
-"""What the PSNR of each view is above the mean."""
+"""Offset of each view's PSNR from the mean, in dB."""
 SETUP = Setup(
     camera_convention="gs_fov", image_folder="images_4", gt_resized=False, background=(0.0, 0.0, 0.0)
 )
@@ -70,7 +70,10 @@ def write_results(
 
 
 def write(root: Path, result: Result, *, images: bool = False, **parts: Any) -> Path:
-    """Write one record where `msb run` would, with some keys of its JSON replaced, and return its file."""
+    """Write a record to the place where `msb run` writes it, and return its file.
+
+    `parts` replace keys of its JSON. With `images` its images are written as well.
+    """
     folder = root.joinpath("cells", *result.cell.names)
     folder.mkdir(parents=True, exist_ok=True)
     if images and result.quality is not None:
@@ -79,12 +82,12 @@ def write(root: Path, result: Result, *, images: bool = False, **parts: Any) -> 
     path = folder / "result.json"
     path.write_text(json.dumps(data))
     if images:
-        note_hashes(path)
+        update_hashes(path)
     return path
 
 
-def note_hashes(path: Path) -> None:
-    """Note in a record that its images were compared as they are now."""
+def update_hashes(path: Path) -> None:
+    """Update the hashes in a record to its current images."""
     data = json.loads(path.read_text())
     for image in data["quality"]["images"] if data["quality"] else ():
         image["sha256"] = file_sha256(path.parent / image["file"])
@@ -102,22 +105,23 @@ def measure(
     images: bool = False,
     **changes: Any,
 ) -> Result:
-    """Write a record of 2DTS on the scene desk, or of what `changes` names, and return it.
+    """Write a record and return it: by default of the method 2DTS on the scene "desk".
 
-    `changes` are the dataset, scene and method, and parts of the record: a mapping replaces keys of a part.
+    `changes` are the dataset, scene and method, and attributes of the record. A mapping replaces parts of an
+    attribute.
     """
-    where = {"dataset": "capture", "scene": "desk", "method": "two_dts"}
-    dataset, scene, method = (changes.pop(name, default) for name, default in where.items())
-    made = make_result(dataset, scene, method, condition)
+    default_place = {"dataset": "capture", "scene": "desk", "method": "two_dts"}
+    dataset, scene, method = (changes.pop(name, default) for name, default in default_place.items())
+    record = make_result(dataset, scene, method, condition)
     if psnr is not None:
-        changes["quality"] = quality(psnr, ssim, shifts=shifts, cell=made.cell)
-    for part, value in changes.items():
-        held = getattr(made, part)
-        part_of = isinstance(value, dict) and not isinstance(held, dict)
-        changes[part] = held.model_copy(update=value) if part_of else value
-    made = made.model_copy(update=changes)
-    write(root, made, images=images)
-    return made
+        changes["quality"] = quality(psnr, ssim, shifts=shifts, cell=record.cell)
+    for name, value in changes.items():
+        current = getattr(record, name)
+        is_part = isinstance(value, dict) and not isinstance(current, dict)
+        changes[name] = current.model_copy(update=value) if is_part else value
+    record = record.model_copy(update=changes)
+    write(root, record, images=images)
+    return record
 
 
 def numbers_of(root: Path, **options: Any) -> Numbers:
@@ -126,16 +130,16 @@ def numbers_of(root: Path, **options: Any) -> Numbers:
 
 
 def verdict_of(root: Path) -> dict[str, Statement]:
-    """Return the statements on the one asset of a results folder, by their use."""
+    """Return use -> statement of the only asset in a results folder."""
     (verdict,) = build_report(read_results(root), pictures=False).verdicts
-    return {one.use: one for one in verdict.statements}
+    return {statement.use: statement for statement in verdict.statements}
 
 
 def make_result(dataset: str, scene: str, method: str, condition: str, **changes: Any) -> Result:
-    """Return the record of one cell; `changes` replaces parts of it."""
+    """Return the record of a cell; `changes` replaces its attributes."""
     cell = Cell(dataset=dataset, scene=scene, method=method, condition=condition)
-    known = METHODS.get(method)
-    why = known and known.unsupported.get(condition)
+    definition = METHODS.get(method)
+    why = definition and definition.unsupported.get(condition)
     if why:
         reason = Reason(code="UNSUPPORTED", message=why)
         return Result(cell=cell, status="unsupported", reason=reason, seconds=0.0)
@@ -146,17 +150,20 @@ def make_result(dataset: str, scene: str, method: str, condition: str, **changes
     if condition == "exported_mesh":
         parts["audit"] = AuditDocument.of(AUDIT)
     else:
-        parts |= _drawn(cell)
+        parts |= _parts_of_drawn(cell)
     return Result(**{**parts, **changes})
 
 
 def result(condition: str = "dedicated", **changes: Any) -> Result:
-    """Return the record of 2DTS on Mip-NeRF 360's garden, as `make_result`."""
+    """Return the record of 2DTS on the scene "garden" of Mip-NeRF 360, like `make_result`."""
     return make_result("mipnerf360", "garden", "two_dts", condition, **changes)
 
 
 def bake(label: str, geometry: str = "kept", *, made_of: Cell | None = None, **facts: Any) -> dict[str, Any]:
-    """Return the parts by which a record of the standard tier is that of a bake of the model of a cell."""
+    """Return the attributes that turn a record of the standard tier into one of a bake.
+
+    `made_of` is the cell of the baked model, `facts` replace keys of the bake's JSON.
+    """
     cell = made_of or Cell(dataset="mipnerf360", scene="garden", method="two_dts", condition="standard")
     source = make_result(cell.dataset, cell.scene, cell.method, "dedicated").asset
     verdict = {"level": "bad", "sentence": "a soup"}
@@ -181,7 +188,7 @@ def bake(label: str, geometry: str = "kept", *, made_of: Cell | None = None, **f
 
 
 def timing(fps: float = 100.0, **changes: Any) -> Timing:
-    """Return the timing of 100 frames that all take the same."""
+    """Return the timing of 100 frames of equal duration."""
     spans = ("p50_ms", "p95_ms", "mean_ms", "busy_p50_ms", "busy_p95_ms")
     parts: dict[str, Any] = dict.fromkeys(spans, 1000 / fps)
     parts |= {"frames": 100, "seconds": 100 / fps, "fps": fps, "round_fps": (fps, fps)}
@@ -190,7 +197,7 @@ def timing(fps: float = 100.0, **changes: Any) -> Timing:
 
 
 def at_rate(fps: float) -> dict[str, float]:
-    """Return what to replace of a timing, for so many frames a second."""
+    """Return the attributes of a timing that give `fps` frames per second."""
     return {"fps": fps, "seconds": 100 / fps}
 
 
@@ -202,9 +209,9 @@ def quality(
     shifts: tuple[float, ...] = SHIFTS,
     cell: Cell | None = None,
 ) -> Quality:
-    """Return a quality whose means are these, over views that differ a little, in PSNR by `shifts`.
+    """Return image quality with the given means over three views, whose PSNR differs by `shifts` (in dB).
 
-    The files are those of a `cell`, by default of 2DTS on Mip-NeRF 360's garden.
+    The files belong to `cell`, by default 2DTS on the scene "garden" of Mip-NeRF 360.
     """
     cell = cell or Cell(dataset="mipnerf360", scene="garden", method="two_dts", condition="dedicated")
     depth = "../../../../.."
@@ -233,21 +240,21 @@ def quality(
     )
 
 
-def write_images(folder: Path, found: Quality) -> None:
-    """Write pictures as wrong as their PSNR says, and the ground truth."""
-    for image in found.images:
-        picture = ground_truth(image.name)
+def write_images(folder: Path, measured: Quality) -> None:
+    """Write the ground truth, and renderings that are the more blurred the lower their PSNR."""
+    for image in measured.images:
+        photograph = ground_truth(image.name)
         path = folder / str(image.gt)
         path.parent.mkdir(parents=True, exist_ok=True)
-        picture.save(path)
-        blurred = picture.filter(ImageFilter.GaussianBlur(max(0.0, (32 - image.psnr) / 4)))
+        photograph.save(path)
+        blurred = photograph.filter(ImageFilter.GaussianBlur(max(0.0, (32 - image.psnr) / 4)))
         path = folder / str(image.file)
         path.parent.mkdir(parents=True, exist_ok=True)
         blurred.save(path)
 
 
 def ground_truth(name: str) -> Image.Image:
-    """Return a picture with edges and colours in it."""
+    """Return an image with edges and colours."""
     width, height = SIZE
     x, y = np.meshgrid(np.arange(width), np.arange(height))
     seed = int(_sha(name)[:4], 16)
@@ -258,28 +265,29 @@ def ground_truth(name: str) -> Image.Image:
     return Image.fromarray(pixels.astype(np.uint8))
 
 
-def _drawn(cell: Cell) -> dict[str, Any]:
+def _parts_of_drawn(cell: Cell) -> dict[str, Any]:
+    """Return the attributes of a record with images: setup, quality, renderer, timing, memory, training."""
     values = {metric: _value(cell, metric) for metric in ("psnr", "ssim", "lpips", "fps", "p50_ms", "p95_ms")}
     lpips = values["lpips"] if cell.dataset != "dtu" else None
-    found: dict[str, Any] = {
+    parts: dict[str, Any] = {
         "setup": SETUP,
         "quality": quality(values["psnr"], values["ssim"], lpips, cell=cell),
         "device": {"device": {"name": "Made-up GPU", "platform": "none"}},
     }
     kind: Any = "upstream" if cell.condition == "non_engine" else "msb"
-    found["renderer"] = RendererInfo(name=cell.condition, version="1", kind=kind)
+    parts["renderer"] = RendererInfo(name=cell.condition, version="1", kind=kind)
     p50, p95 = ({f"{kind}{name}": values[name] for kind in ("", "busy_")} for name in ("p50_ms", "p95_ms"))
     of_gpu = {**p50, **p95, "round_fps": (), "device_kind": "gpu"}
-    found["timing"] = timing(values["fps"], **of_gpu)
+    parts["timing"] = timing(values["fps"], **of_gpu)
     memory = int(_value(cell, "memory"))
-    found["memory"] = Memory(geometry=memory, appearance=0, scratch=0, targets=0, uses={"all": memory})
+    parts["memory"] = Memory(geometry=memory, appearance=0, scratch=0, targets=0, uses={"all": memory})
     if cell.condition == "non_engine":
         minutes = _value(cell, "train_seconds")
         peak = int(_value(cell, "train_memory"))
-        found["training"] = Training(seconds=minutes, peak_memory_bytes=peak, source="track.json")
+        parts["training"] = Training(seconds=minutes, peak_memory_bytes=peak, source="track.json")
         if cell.dataset == "dtu":
-            found["chamfer"] = ChamferDocument.of(chamfer(_value(cell, "chamfer")))
-    return found
+            parts["chamfer"] = ChamferDocument.of(chamfer(_value(cell, "chamfer")))
+    return parts
 
 
 _FALLBACK: dict[str, dict[str, float]] = {
@@ -290,19 +298,20 @@ _FALLBACK: dict[str, dict[str, float]] = {
     "standard": {"psnr": 0.6, "ssim": 0.5, "lpips": 0.6, "fps": 3000, "p50_ms": 0.3, "p95_ms": 0.3,
                  "memory": 1e8},
 }  # fmt: skip
-"""Where the paper has no number: absolute, but PSNR and SSIM as a share of Non-Engine's."""
+"""Values that the paper lacks. PSNR and SSIM are factors of the Non-Engine values."""
 
 
 def _value(cell: Cell, metric: str) -> float:
+    """Return the value of a metric on the scene of `cell`, around the mean of the dataset."""
     mean = _paper().value(Key(cell.dataset, MEAN, cell.method, cell.condition, metric))
-    if metric == "asset_size":  # of one asset, whatever draws it
+    if metric == "asset_size":  # equal under all conditions
         mean = _paper().value(Key(cell.dataset, MEAN, cell.method, "dedicated", metric)) or 1e8
     if mean is None:
         native = _paper().value(Key(cell.dataset, MEAN, cell.method, "non_engine", metric)) or 1.0
         mean = _FALLBACK[cell.condition][metric] * (native if metric in ("psnr", "ssim") else 1)
     scenes = SCENES.get(cell.dataset, (cell.scene,))
     place = scenes.index(cell.scene) if cell.scene in scenes else 0
-    spread = 0.01 if metric == "ssim" else 0.1  # no SSIM is above 1
+    spread = 0.01 if metric == "ssim" else 0.1  # SSIM must not exceed 1
     return mean * (1 + spread * (place - (len(scenes) - 1) / 2) / len(scenes))
 
 
@@ -369,7 +378,7 @@ SAME = {"psnr": None, "same": True, "why": None}
 
 
 def chamfer(overall: float) -> dict[str, Any]:
-    """Return a distance in mm."""
+    """Return the JSON of a Chamfer distance, in mm."""
     return {
         "mean_d2s": 1,
         "mean_s2d": 1,
@@ -381,7 +390,7 @@ def chamfer(overall: float) -> dict[str, Any]:
 
 
 def trial(*tasks: dict[str, Any]) -> dict[str, Any]:
-    """Return what became of tasks."""
+    """Return the JSON of trial tasks."""
     return {
         "schema": "msb.trial/1",
         "path": None,
@@ -393,8 +402,8 @@ def trial(*tasks: dict[str, Any]) -> dict[str, Any]:
 
 
 def way(strategy: str, /, **changes: Any) -> dict[str, Any]:
-    """Return a strategy of 100 faces that changes nothing and lets one of three tasks work."""
-    found = {
+    """Return the JSON of a repair strategy: by default nothing changes, and one of three tasks works."""
+    unchanged = {
         "strategy": strategy,
         "plan": [] if strategy == STORED else strategy.split(","),
         "peer": None,
@@ -418,11 +427,11 @@ def way(strategy: str, /, **changes: Any) -> dict[str, Any]:
         "seconds": 0.25,
         "picture": None,
     }
-    return {**found, **changes}
+    return {**unchanged, **changes}
 
 
 def repairs(*ways: dict[str, Any]) -> dict[str, Any]:
-    """Return a comparison of strategies."""
+    """Return the JSON of a comparison of repair strategies."""
     return {
         "schema": "msb.repair_compare/1",
         "path": None,

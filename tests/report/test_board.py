@@ -1,4 +1,4 @@
-"""Submissions and their board: nothing private in a file, nothing believed that does not verify."""
+"""Submissions and their board: no private data in a file, and files that fail verification are rejected."""
 
 import hashlib
 import io
@@ -23,10 +23,10 @@ from msb.bench.documents import (
 from msb.bench.records import File, Reason, RendererTiming, Result, Training
 from msb.bench.submission import ABOUT, About, Submission, read_submission, write_submission
 from msb.errors import InputError
-from msb.report.board import _names, build_board, submitted_pictures
+from msb.report.board import _name_submissions, build_board, submitted_pictures
 from msb.report.collect import collect
 from msb.report.pages import report_files
-from msb.report.results import Loaded, read_results, result_set
+from msb.report.results import LoadedResult, read_results, result_set
 from tests.cli.conftest import Msb
 from tests.report.factory import (
     AUDIT,
@@ -42,27 +42,27 @@ from tests.report.factory import (
 )
 
 Change = Callable[[dict[str, bytes]], Any]
-"""What is done to the members of an archive, by their names."""
+"""Change of the members of an archive (name -> content)."""
 
 
 @pytest.fixture(scope="module")
 def submission(small: Path) -> bytes:
-    found = read_results(small)
-    return write_submission("Our lab", [each.result for each in found], submitted_pictures(found))
+    results = read_results(small)
+    return write_submission("Our lab", [loaded.result for loaded in results], submitted_pictures(results))
 
 
-def test_the_same_results_give_the_same_bytes(small: Path, submission: bytes, tmp_path: Path) -> None:
-    found = read_results(small)
-    records = [each.result for each in found]
-    assert write_submission("Our lab", records[::-1], submitted_pictures(found)) == submission
+def test_equal_results_give_equal_bytes(small: Path, submission: bytes, tmp_path: Path) -> None:
+    results = read_results(small)
+    records = [loaded.result for loaded in results]
+    assert write_submission("Our lab", records[::-1], submitted_pictures(results)) == submission
     (tmp_path / "a.zip").write_bytes(submission)
     back = read_submission(tmp_path / "a.zip")
     assert back.about.name == "Our lab"
-    assert {each.cell.names for each in back.records} == {each.cell.names for each in records}
+    assert {record.cell.names for record in back.records} == {record.cell.names for record in records}
     assert 0 < len(back.pictures) <= 200
 
 
-def test_nothing_in_it_says_where_or_who(tmp_path: Path) -> None:
+def test_a_submission_holds_no_paths_and_no_user_names(tmp_path: Path) -> None:
     secret = "/home/alice/my scans/desk"
     lost = Reason(code="X", message=f"no {secret}/a b")
     looks = {"standard": SAME, "dedicated": {**SAME, "same": False, "why": secret}}
@@ -90,7 +90,9 @@ def test_nothing_in_it_says_where_or_who(tmp_path: Path) -> None:
         assert word not in data.decode("latin-1").lower()
     (tmp_path / "a.zip").write_bytes(data)
     (back,) = read_submission(tmp_path / "a.zip").records
-    before, after = (collect(result_set([Loaded(one, tmp_path, tmp_path)])).values for one in (record, back))
+    before, after = (
+        collect(result_set([LoadedResult(result, tmp_path, tmp_path)])).values for result in (record, back)
+    )
     assert {key: number.value for key, number in after.items()} == {
         key: number.value for key, number in before.items()
     }
@@ -99,7 +101,7 @@ def test_nothing_in_it_says_where_or_who(tmp_path: Path) -> None:
 def rebuilt(
     data: bytes, change: Callable[[dict[str, bytes]], None], *, how: int = 0, true: bool = True
 ) -> bytes:
-    """Return the archive with other members, and with `true` hashes of them in its list."""
+    """Return the archive after `change`; `how` is the compression, and with `true` hashes are updated."""
     with zipfile.ZipFile(io.BytesIO(data)) as archive:
         members = {name: archive.read(name) for name in archive.namelist()}
     change(members)
@@ -115,6 +117,8 @@ def rebuilt(
 
 
 def edit(name: str, *keys: str | int, value: Any) -> Change:
+    """Return a change that sets a value in the JSON of a member."""
+
     def change(members: dict[str, bytes]) -> None:
         data = json.loads(members[name])
         inner = data
@@ -171,24 +175,25 @@ HOSTILE = [
 
 
 @pytest.mark.parametrize(("change", "how", "where"), HOSTILE)
-def test_what_does_not_verify_is_refused(
+def test_submissions_that_fail_verification_are_rejected(
     submission: bytes, tmp_path: Path, change: Change, how: dict[str, Any], where: str
 ) -> None:
     path = tmp_path / "bad.zip"
     path.write_bytes(rebuilt(submission, change, **how))
-    with pytest.raises(InputError, match="RECORD_INVALID") as refused:
+    with pytest.raises(InputError, match="RECORD_INVALID") as caught:
         read_submission(path)
-    assert where in str(refused.value)
+    assert where in str(caught.value)
 
 
 @pytest.mark.parametrize("psnr", [9999.0, -5.0, None])
-def test_pictures_are_pictures_with_the_psnr_of_their_record(
+def test_images_must_be_jpegs_with_the_psnr_of_a_record(
     submission: bytes, tmp_path: Path, psnr: float | None
 ) -> None:
     with zipfile.ZipFile(io.BytesIO(submission)) as archive:
-        shown = json.loads(archive.read(ABOUT))["pictures"]
-        assert max(Image.open(io.BytesIO(archive.read(one["file"]))).width for one in shown) <= 480
-    number = next(number for number, one in enumerate(shown) if one["method"])
+        pictures = json.loads(archive.read(ABOUT))["pictures"]
+        widths = [Image.open(io.BytesIO(archive.read(about["file"]))).width for about in pictures]
+        assert max(widths) <= 480
+    number = next(number for number, about in enumerate(pictures) if about["method"])
     path = tmp_path / "bad.zip"
     for change in (
         edit(ABOUT, "pictures", number, "psnr", value=psnr),
@@ -199,7 +204,7 @@ def test_pictures_are_pictures_with_the_psnr_of_their_record(
             build_board([read_submission(path)])
 
 
-def test_files_that_are_cut_off_or_no_archive_are_refused(submission: bytes, tmp_path: Path) -> None:
+def test_truncated_files_and_other_files_are_rejected(submission: bytes, tmp_path: Path) -> None:
     path = tmp_path / "bad.zip"
     for data in (b"", b"PK", submission[:-9], submission + b"x", b"x" + submission):
         path.write_bytes(data)
@@ -207,7 +212,7 @@ def test_files_that_are_cut_off_or_no_archive_are_refused(submission: bytes, tmp
             read_submission(path)
 
 
-def test_board_has_everybody_s_rows_and_the_paper_s(small: Path, tmp_path: Path, msb: Msb) -> None:
+def test_board_has_the_rows_of_all_submitters_and_of_the_paper(small: Path, tmp_path: Path, msb: Msb) -> None:
     theirs = write_results(tmp_path / "theirs", datasets=["tanksandtemples"], methods=["two_dts"])
     ours = tmp_path / "ours.zip"
     msb("submit", small, "-o", ours, "--name", "Our <b>lab</b>", status=0)
@@ -218,15 +223,15 @@ def test_board_has_everybody_s_rows_and_the_paper_s(small: Path, tmp_path: Path,
     mean = [row for row in rows if row["labels"] == ("Tanks and Temples", "Mean", "2DTS")]
     dedicated = [row for row in mean if row["Condition"] == "Dedicated"]
     assert [row["From"] for row in dedicated] == ["Our <b>lab</b>", "Theirs", "the paper"]
-    assert len({row["PSNR ↑"] for row in dedicated}) == 1  # the made-up means are the paper's
-    one = next(row for row in rows if row["labels"][1:] == ("truck", "2DTS") and row["From"] == "Theirs")
-    assert one["Model"] == hashlib.sha256(b"tanksandtemples/truck/two_dts").hexdigest()[:12]
+    assert len({row["PSNR ↑"] for row in dedicated}) == 1  # the synthetic means equal the paper's
+    truck = next(row for row in rows if row["labels"][1:] == ("truck", "2DTS") and row["From"] == "Theirs")
+    assert truck["Model"] == hashlib.sha256(b"tanksandtemples/truck/two_dts").hexdigest()[:12]
     assert not any(row["From"] == "the paper" for row in _rows(build_board(files, with_paper=False)))
     page = report_files(board, formats=["html"])["index.html"].decode()
     assert "Our &lt;b&gt;lab" in page
     assert "<b>lab" not in page
     assert page.count("data:image/jpeg") > 0
-    assert all(each.sha256 in page for each in files)
+    assert all(file.sha256 in page for file in files)
     assert "http" not in page.replace("http-equiv", "").replace("http://www.w3.org", "")
 
 
@@ -240,14 +245,13 @@ def _rows(board: Any) -> list[dict[str, Any]]:
 
 
 @pytest.mark.slow
-def test_boards_of_the_command(small: Path, tmp_path: Path, msb: Msb) -> None:
+def test_board_by_command(small: Path, tmp_path: Path, msb: Msb) -> None:
     ours = tmp_path / "ours.zip"
-    said = msb("submit", "--json", "-", small, "-o", ours, "--name", "Our lab").json
-    assert said["sha256"] == hashlib.sha256(ours.read_bytes()).hexdigest()
-    made = msb("report", ours, "-o", tmp_path / "board", "--format", "html,csv")
-    assert made.status == 0, made.err
-    made = {path.name for path in (tmp_path / "board").iterdir()}
-    assert made >= {"index.html", "tables", "report.json"}
+    document = msb("submit", "--json", "-", small, "-o", ours, "--name", "Our lab").json
+    assert document["sha256"] == hashlib.sha256(ours.read_bytes()).hexdigest()
+    msb("report", ours, "-o", tmp_path / "board", "--format", "html,csv", status=0)
+    names = {path.name for path in (tmp_path / "board").iterdir()}
+    assert names >= {"index.html", "tables", "report.json"}
     msb("report", ours).ends(2, "USAGE: ")
     msb("report", ours, small, "-o", tmp_path / "x").ends(2, f"USAGE: {small}: ")
     msb("report", ours, ours, "-o", tmp_path / "x").ends(2, f"USAGE: {ours}: ")
@@ -257,7 +261,7 @@ def test_boards_of_the_command(small: Path, tmp_path: Path, msb: Msb) -> None:
     assert not (tmp_path / "x").exists()
 
 
-def test_photographs_that_differ_are_said(tmp_path: Path) -> None:
+def test_a_note_names_submissions_with_different_photographs(tmp_path: Path) -> None:
     files = []
     for name, key in (("one", "a" * 16), ("two", "b" * 16)):
         record = make_result(
@@ -266,11 +270,11 @@ def test_photographs_that_differ_are_said(tmp_path: Path) -> None:
         (tmp_path / f"{name}.zip").write_bytes(write_submission("Lab", [record], []))
         files.append(read_submission(tmp_path / f"{name}.zip"))
     (note,) = build_board(files).notes
-    one, two = (f"Lab ({each.sha256[:6]})" for each in files)
-    assert f"{one} and {two}" in note
+    first, second = (f"Lab ({file.sha256[:6]})" for file in files)
+    assert f"{first} and {second}" in note
 
 
-def test_nobody_has_the_name_of_another_or_of_the_paper(tmp_path: Path) -> None:
+def test_submitters_of_equal_names_get_different_names(tmp_path: Path) -> None:
     def sent(name: str, scene: str) -> Submission:
         (tmp_path / "a.zip").write_bytes(
             write_submission(name, [make_result("mipnerf360", scene, "two_dts", "dedicated")], [])
@@ -282,20 +286,20 @@ def test_nobody_has_the_name_of_another_or_of_the_paper(tmp_path: Path) -> None:
     board = build_board([*two, *posing])
     names = [name for name, _ in board.submissions]
     assert names == [
-        *(f"Lab ({each.sha256[:7]})" for each in two),
+        *(f"Lab ({submission.sha256[:7]})" for submission in two),
         posing[0].about.name,
         f"The paper ({posing[1].sha256[:7]})",
     ]
     assert {row["From"] for row in _rows(board)} == {*names, "the paper"}
 
 
-def test_names_that_look_the_same_are_told_apart() -> None:
+def test_names_that_look_the_same_are_distinguished() -> None:
     for name in ("The  paper", "the\u00a0paper", "the pa\u034fper", "the paper\u2800", "\uff54he paper"):
-        (shown,) = _names([_sent_by(name)])
-        assert shown.endswith(" (000000)")
+        (unique,) = _name_submissions([_sent_by(name)])
+        assert unique.endswith(" (000000)")
     names = ["Lab X", "Lab  X", "lab x\u200b", "Lab Y", "\u3164"]
-    shown = _names([_sent_by(name, str(number)) for number, name in enumerate(names)])
-    assert shown == ["Lab X (000000)", "Lab  X (111111)", "lab x (222222)", "Lab Y", "4" * 12]
+    unique = _name_submissions([_sent_by(name, str(number)) for number, name in enumerate(names)])
+    assert unique == ["Lab X (000000)", "Lab  X (111111)", "lab x (222222)", "Lab Y", "4" * 12]
 
 
 def _sent_by(name: str, digit: str = "0", records: tuple[Result, ...] = ()) -> Submission:
@@ -303,12 +307,13 @@ def _sent_by(name: str, digit: str = "0", records: tuple[Result, ...] = ()) -> S
     return Submission(Path("x.zip"), digit * 64, about, records, {})
 
 
-def test_twice_the_records_are_twice_the_work() -> None:
-    made = make_result("capture", "desk", "two_dts", "dedicated")
+def test_the_work_grows_linearly_with_the_records() -> None:
+    record = make_result("capture", "desk", "two_dts", "dedicated")
 
     def calls(count: int) -> int:
-        cells = (made.cell.model_copy(update={"scene": f"n{number}"}) for number in range(count))
-        sent = _sent_by("Lab", records=tuple(made.model_copy(update={"cell": cell}) for cell in cells))
+        """Return the number of function calls for a board of `count` records."""
+        cells = (record.cell.model_copy(update={"scene": f"n{number}"}) for number in range(count))
+        sent = _sent_by("Lab", records=tuple(record.model_copy(update={"cell": cell}) for cell in cells))
         events: list[str] = []
         before = sys.getprofile()
         sys.setprofile(lambda _frame, event, _argument: events.append(event))
@@ -318,5 +323,5 @@ def test_twice_the_records_are_twice_the_work() -> None:
             sys.setprofile(before)
         return events.count("call")
 
-    calls(1)  # what is read once
+    calls(1)  # fill caches
     assert calls(80) < 2.1 * calls(40)

@@ -1,4 +1,4 @@
-"""The paper's own tables come out of our builders and our table of methods as printed, cell for cell."""
+"""Our builders reproduce the paper's tables cell by cell, and our table of methods its feature tables."""
 
 import json
 from functools import cache
@@ -12,18 +12,18 @@ from msb.errors import InputError
 from msb.registry import METHODS, PASSES, TIERS, Method
 from msb.report.build import paper_report
 from msb.report.layout import number_cell
-from msb.report.metric_format import title
+from msb.report.metric_format import metric_title
 from msb.report.numbers import MEAN, GapKey, Key, condition_title, dataset_title, scene_title
 from msb.report.paper import (
-    ENGINE_PICTURE,
-    LPIPS_ELSEWHERE,
+    ENGINE_RENDERING,
     PAPER_TABLES,
+    PUBLISHED_LPIPS,
     Source,
     contradictions,
     paper_numbers,
     published_numbers,
 )
-from msb.report.table import Cell, Table
+from msb.report.table import Table, TableCell
 from msb.report.tables.reproducibility import SOURCES
 from tests.cli.conftest import Here
 from tests.conftest import ROOT
@@ -42,8 +42,8 @@ NAMES = {
 
 
 def raw_cells(label: str) -> list[dict[str, Any]]:
-    found: list[dict[str, Any]] = json.loads((FOLDER / f"{label}.json").read_text())["cells"]
-    return found
+    cells: list[dict[str, Any]] = json.loads((FOLDER / f"{label}.json").read_text())["cells"]
+    return cells
 
 
 @cache
@@ -57,39 +57,39 @@ def title_of(cell: dict[str, Any]) -> str:
 
 
 class Lookup:
-    """Cells of a table by what is written around them, as a reader finds them."""
+    """Cells of a table by the texts of their row and column."""
 
     def __init__(self, table: Table) -> None:
-        self.cells: dict[frozenset[str], Cell] = {}
+        self.cells: dict[frozenset[str], TableCell] = {}
         for row in table.rows:
             for column, cell in zip(table.columns, row.cells, strict=True):
                 words = frozenset((*row.labels, column.title, *column.groups))
                 assert words not in self.cells
                 self.cells[words] = cell
 
-    def find(self, *words: str) -> Cell:
-        (found,) = [cell for key, cell in self.cells.items() if set(words) <= key]
-        return found
+    def find(self, *words: str) -> TableCell:
+        (cell,) = [cell for key, cell in self.cells.items() if set(words) <= key]
+        return cell
 
 
 def words_of(label: str, cell: dict[str, Any]) -> list[str]:
-    """Return what is written around a cell of the paper in our table."""
+    """Return texts of the row and column of a cell of the paper in our table."""
     metric = NAMES.get(cell["metric"], cell["metric"])
     condition, scene = condition_title(cell["condition"]), scene_title(cell["scene"])
     on, method, name = dataset_title(cell["dataset"]), title_of(cell), METRICS[metric].title
     return {
-        "mip360_renderer_comparison": [condition, method, title(metric)],
-        "tnt_renderer_comparison": [condition, method, scene, title(metric)],
+        "mip360_renderer_comparison": [condition, method, metric_title(metric)],
+        "tnt_renderer_comparison": [condition, method, scene, metric_title(metric)],
         "tnt_unity_runtime_resources": [condition, method, scene, "Render" if metric == "memory" else name],
         "mip360_unity_gpu_latency": [f"{condition} (ms ↓)", method, scene, name],
         "mip360_unity_memory": [f"{condition} (MiB ↓)", method, scene],
-        "mesh_connectivity": [scene, title(metric)],
-        "reproducibility_comparison": [on, method, SOURCES.get(cell.get("source"), ""), title(metric)],
-    }.get(label, [on, method, title(metric)])
+        "mesh_connectivity": [scene, metric_title(metric)],
+        "reproducibility_comparison": [on, method, SOURCES.get(cell.get("source"), ""), metric_title(metric)],
+    }.get(label, [on, method, metric_title(metric)])
 
 
 @pytest.mark.parametrize("label", [*PAPER_TABLES, "method_attributes", "feature_mapping"])
-def test_its_numbers_are_those_of_the_transcription(shared: Path, label: str) -> None:
+def test_numbers_equal_those_of_the_independent_transcription(shared: Path, label: str) -> None:
     golden = shared / "golden" / "paper_tables" / f"{label}.json"
     assert json.loads(golden.read_text())["cells"] == raw_cells(label)
 
@@ -101,14 +101,14 @@ def test_every_cell_is_printed_as_in_the_paper(label: str) -> None:
     metrics = {NAMES.get(cell["metric"], cell["metric"]) for cell in cells}
     assert sum(cell.metric in metrics for cell in lookup.cells.values()) == len(cells)
     for cell in cells:
-        found = lookup.find(*words_of(label, cell))
+        ours = lookup.find(*words_of(label, cell))
         raw = cell["raw"] + (" M" if cell["unit"] == "1e6" else "")
-        assert found.text == raw, cell
-        # The one value without a rival that the paper does not print bold.
+        assert ours.text == raw, cell
+        # The paper prints all single values bold except this one.
         exception = (label, cell["method"], cell["metric"]) == ("mip360_renderer_comparison", "3dgs", "fps")
-        assert found.bold is (cell["bold"] != (exception and cell["value"] is not None)), cell
+        assert ours.bold is (cell["bold"] != (exception and cell["value"] is not None)), cell
         if cell["value"] is not None:
-            assert found.value == pytest.approx(
+            assert ours.value == pytest.approx(
                 cell["value"] * float((cell["unit"] == "1e6" and 1e6) or 1), rel=1e-12
             )
 
@@ -137,7 +137,7 @@ def test_means_follow_from_the_rows_within_rounding(label: str) -> None:
             metric, mean = METRICS[key.metric], mean_over(rows, scenes)
             assert not mean.partial, key
             scale = 1e6 if key.metric == "components" else metric.scale
-            # Half a unit of the last digit for the mean, and as much again for the rows it is of.
+            # The mean is rounded to half a unit of the last digit, and so is each of its rows.
             assert abs(mean.value - number.value) <= 10**-metric.decimals * scale * (1 + 1e-9), key
             checked += 1
     expected = {"tnt_renderer_comparison": 28, "tnt_unity_runtime_resources": 28, "mip360_unity_memory": 21,
@@ -168,9 +168,9 @@ def test_gaps_are_those_of_the_papers_means(
     assert values == [None if v is None else pytest.approx(v, abs=1e-9) for v in (adapt, port, deploy)]
     table = Lookup(printed()[f"gaps-{dataset}"])
     for column, sign in (("Gap", ""), ("Loss, signed", "+")):
-        found = [table.find("PSNR ↑", METHODS[method].title, column, name) for name in GAP_NAMES]
-        wanted = ["N/A" if value is None else f"{sign}{value:.2f}" for value in (adapt, port, deploy)]
-        assert [cell.text for cell in found] == wanted
+        cells = [table.find("PSNR ↑", METHODS[method].title, column, name) for name in GAP_NAMES]
+        expected = ["N/A" if value is None else f"{sign}{value:.2f}" for value in (adapt, port, deploy)]
+        assert [cell.text for cell in cells] == expected
 
 
 def test_both_results_of_diffsoup_are_kept_apart() -> None:
@@ -181,22 +181,22 @@ def test_both_results_of_diffsoup_are_kept_apart() -> None:
     assert "18.90" in numbers.number(key).notes[0]
 
 
-def test_an_engines_picture_and_lpips_from_elsewhere_are_noted() -> None:
+def test_numbers_that_cannot_be_compared_have_notes() -> None:
     numbers = paper_numbers()
     dedicated = Key("mipnerf360", MEAN, "two_dts", "dedicated", "psnr")
-    assert numbers.number(dedicated).notes == (ENGINE_PICTURE,)
-    assert ENGINE_PICTURE not in numbers.number(dedicated._replace(condition="standard")).notes
+    assert numbers.number(dedicated).notes == (ENGINE_RENDERING,)
+    assert ENGINE_RENDERING not in numbers.number(dedicated._replace(condition="standard")).notes
     lpips = Key("mipnerf360", MEAN, "diffsoup", "non_engine", "lpips", "paper")
-    assert numbers.number(lpips).notes == (LPIPS_ELSEWHERE,)
+    assert numbers.number(lpips).notes == (PUBLISHED_LPIPS,)
     assert numbers.number(lpips._replace(source="meshsplatbench")).notes == ()
     assert numbers.number(lpips._replace(dataset="tanksandtemples")).value is None
     memory = numbers.number(Key("mipnerf360", "garden", "two_dts", "standard", "memory"))
     gaussians = numbers.number(Key("mipnerf360", MEAN, "three_dgs", "non_engine", "lpips"))
-    assert all("not comparable" in found.notes[0] for found in (memory, gaussians))
+    assert all("not comparable" in number.notes[0] for number in (memory, gaussians))
     assert number_cell("lpips", gaussians).footnotes == gaussians.notes
 
 
-def test_published_numbers_are_read_and_held_to_the_shape(tmp_path: Path) -> None:
+def test_published_numbers_are_read_and_validated(tmp_path: Path) -> None:
     cell = {"dataset": "mipnerf360", "scene": "garden", "method": "2dts", "condition": "non_engine",
             "metric": "psnr", "value": 27.5, "unit": "dB"}  # fmt: skip
     path = tmp_path / "published.json"
@@ -212,29 +212,28 @@ def test_published_numbers_are_read_and_held_to_the_shape(tmp_path: Path) -> Non
     assert set(get_args(Source)) == SOURCES.keys()
 
 
-def test_contradictions_stand_under_the_tables_they_are_about() -> None:
-    made = paper_report(pictures=False).tables
-    assert contradictions().keys() <= made.keys()
+def test_contradictions_are_noted_below_their_tables() -> None:
+    assert contradictions().keys() <= printed().keys()
     for label, notes in contradictions().items():
-        assert set(notes) <= set(made[label].notes)
+        assert set(notes) <= set(printed()[label].notes)
 
 
 @pytest.mark.parametrize("method", METHODS.values(), ids=METHODS)
-def test_a_tier_is_supported_with_passes_or_refused_with_a_reason(method: Method) -> None:
+def test_supported_tiers_have_passes(method: Method) -> None:
     for tier in TIERS:
         assert (tier in method.passes) is method.supports(tier)
         assert set(method.passes.get(tier, ())) <= set(PASSES)
     assert all(setting.problem(setting.default) is None for setting in method.settings.values())
 
 
-def test_a_threshold_of_opacity_is_noted_where_there_is_one() -> None:
+def test_opacity_thresholds_are_noted() -> None:
     for name, method in METHODS.items():
-        kept = method.retained.get("standard")
-        thresholds = kept is not None and any("ste_threshold" in note for note in kept.notes.values())
-        assert kept is None or thresholds is ("ste_threshold" in method.settings), name
+        retained = method.retained.get("standard")
+        noted = retained is not None and any("ste_threshold" in note for note in retained.notes.values())
+        assert retained is None or noted is ("ste_threshold" in method.settings), name
 
 
-def test_the_command_knows_every_method(here: Here) -> None:
+def test_the_command_lists_every_method(here: Here) -> None:
     data = here("methods", "--json", "-").json
     assert data["methods"]["two_dts"]["paper_name"] == "2dts"
     assert set(data["methods"]) == set(METHODS)

@@ -1,4 +1,4 @@
-"""Reading records: what is refused, what may not be mixed, which files a record may name."""
+"""Reading records: invalid folders, results that must not be mixed, and files that a record may name."""
 
 import os
 from pathlib import Path
@@ -11,24 +11,24 @@ from msb.errors import InputError, UsageError
 from msb.report.results import Place, read_results
 from tests.report.factory import METRICS, make_result, measure
 
-HERE = Place("capture", "desk", "two_dts")
+DESK = Place("capture", "desk", "two_dts")
 
 
-def two(root: Path, **changes: Any) -> Path:
-    """Write two conditions of one asset, the second with parts replaced."""
+def write_two(root: Path, **changes: Any) -> Path:
+    """Write two conditions of an asset, the second one with `changes`."""
     measure(root, "non_engine")
     measure(root, "dedicated", **changes)
     return root
 
 
 def test_records_are_read_by_asset_and_condition(tmp_path: Path) -> None:
-    found = read_results(two(tmp_path))
-    assert list(found.places) == [HERE]
-    assert list(found.places[HERE]) == ["non_engine", "dedicated"]
-    assert (len(found), found.notes, found.roots) == (2, (), [tmp_path])
+    results = read_results(write_two(tmp_path))
+    assert list(results.places) == [DESK]
+    assert list(results.places[DESK]) == ["non_engine", "dedicated"]
+    assert (len(results), results.notes, results.roots) == (2, (), [tmp_path])
 
 
-def test_folders_without_results_are_refused(tmp_path: Path) -> None:
+def test_folders_without_results_are_rejected(tmp_path: Path) -> None:
     for path in (tmp_path / "nowhere", ""):
         with pytest.raises(InputError, match="FILE_NOT_FOUND"):
             read_results(path)
@@ -44,49 +44,49 @@ OTHER_VERSION = {"renderer": {"version": "0"}}
 
 
 def other_images() -> dict[str, Any]:
-    quality = make_result(*HERE, "dedicated").quality
+    quality = make_result(*DESK, "dedicated").quality
     return {"quality": {"images": quality.images[1:2]}}
 
 
 @pytest.mark.parametrize("changes", [OTHER_ASSET, OTHER_SETUP, OTHER_METRIC, other_images()])
-def test_what_must_not_be_compared_is_refused(tmp_path: Path, changes: Any) -> None:
-    two(tmp_path, **changes)
+def test_results_that_must_not_be_compared_are_rejected(tmp_path: Path, changes: Any) -> None:
+    write_two(tmp_path, **changes)
     with pytest.raises(UsageError, match="RESULTS_MIXED"):
         read_results(tmp_path)
     assert len(read_results(tmp_path, allow_mixed=True).notes) == 1
 
 
-def test_libraries_may_differ_and_methods_may_have_their_own_setup(tmp_path: Path) -> None:
-    two(tmp_path, quality={"metrics": ({**METRICS[0], "libraries": {"numpy": "1"}}, METRICS[1])})
+def test_versions_of_libraries_and_setups_of_methods_may_differ(tmp_path: Path) -> None:
+    write_two(tmp_path, quality={"metrics": ({**METRICS[0], "libraries": {"numpy": "1"}}, METRICS[1])})
     measure(tmp_path, "dedicated", method="diffsoup", **OTHER_SETUP)
     assert read_results(tmp_path).notes == ()
 
 
-def test_of_the_same_cell_in_two_folders_the_later_counts(tmp_path: Path) -> None:
+def test_the_later_folder_counts_for_equal_cells(tmp_path: Path) -> None:
     for name, seconds in (("old", 1.0), ("new", 2.0)):
         measure(tmp_path / name, "dedicated", seconds=seconds)
-    found = read_results(tmp_path / "old", tmp_path / "new")
-    assert found.places[HERE]["dedicated"].result.seconds == 2.0
-    assert len(found) == 1
+    results = read_results(tmp_path / "old", tmp_path / "new")
+    assert results.places[DESK]["dedicated"].result.seconds == 2.0
+    assert len(results) == 1
     measure(tmp_path / "new", "dedicated", **OTHER_ASSET)
     with pytest.raises(UsageError, match="RESULTS_MIXED"):
         read_results(tmp_path / "old", tmp_path / "new")
 
 
 @pytest.mark.parametrize("changes", [OTHER_ASSET, OTHER_SETTINGS, OTHER_VERSION])
-def test_two_measurements_of_one_cell_are_never_merged(tmp_path: Path, changes: Any) -> None:
+def test_different_measurements_of_a_cell_are_never_merged(tmp_path: Path, changes: Any) -> None:
     folders = tmp_path / "a" / "results", tmp_path / "b" / "results"
     for folder in folders:
-        two(folder)
+        write_two(folder)
     measure(folders[1], "dedicated", **changes)
     with pytest.raises(UsageError, match="RESULTS_MIXED"):
         read_results(*folders)
-    found = read_results(*folders, allow_mixed=True)
-    assert [place.method for place in found.places] == ["two_dts, a/results", "two_dts, b/results"]
-    assert found.notes
+    results = read_results(*folders, allow_mixed=True)
+    assert [place.method for place in results.places] == ["two_dts, a/results", "two_dts, b/results"]
+    assert results.notes
 
 
-def test_a_labelled_model_stands_beside_the_other_of_its_method(tmp_path: Path) -> None:
+def test_a_labelled_model_is_separate_from_another_model_of_its_method(tmp_path: Path) -> None:
     measure(tmp_path, "dedicated")
     measure(tmp_path, "dedicated", cell={"label": "ours"}, **OTHER_ASSET)
     assert [place.method for place in read_results(tmp_path).places] == ["ours", "two_dts"]
@@ -96,7 +96,7 @@ def test_files_outside_the_results_folder_are_not_read(tmp_path: Path) -> None:
     secret = tmp_path / "secret.png"
     secret.write_bytes(b"secret")
     root = tmp_path / "results"
-    loaded = read_results(two(root)).places[HERE]["dedicated"]
+    loaded = read_results(write_two(root)).places[DESK]["dedicated"]
     inside = loaded.path.parent / "images" / "x.png"
     inside.parent.mkdir()
     inside.write_bytes(b"x")

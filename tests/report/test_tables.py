@@ -1,33 +1,30 @@
-"""Our own tables and findings, beyond golden.md: what is bold or missing and why, the paper's rows."""
+"""Tables and findings, in addition to golden.md: bold and missing values, notes, the paper's rows."""
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
-import numpy as np
 import pytest
 from scipy.stats import ttest_rel
 
 from msb.bench.aggregate import SCENES
 from msb.bench.documents import AuditDocument
-from msb.bench.records import Reason, Setup, Training
+from msb.bench.records import Reason, Training
 from msb.errors import UsageError
-from msb.report.against import holm
 from msb.report.build import build_report
 from msb.report.collect import SOUP
-from msb.report.findings import Finding, find
+from msb.report.findings import Finding, derive_findings
 from msb.report.layout import mark_best
-from msb.report.metric_format import digits, text
+from msb.report.method_comparison import adjust_by_holm
+from msb.report.metric_format import format_value
 from msb.report.numbers import MEAN, Key, Number, Numbers
 from msb.report.paper import contradictions, paper_numbers
 from msb.report.report import Report
 from msb.report.results import Place as ResultPlace
 from msb.report.results import read_results
-from msb.report.table import Cell, Column, Row, Table
-from msb.report.tables import measured
+from msb.report.table import Table, TableCell, TableColumn, TableRow
+from msb.report.tables import measurements
 from msb.report.tables.asset import asset_tables
-from msb.report.tables.gaps import gaps_table
-from msb.report.tables.measured import DRIVER_NOTE
+from msb.report.tables.measurements import DRIVER_NOTE
 from msb.report.tables.reproducibility import reproducibility_statistics
 from tests.report.factory import (
     AUDIT,
@@ -36,15 +33,15 @@ from tests.report.factory import (
     numbers_of,
     write,
 )
-from tests.report.test_golden import of_the_model_alone
+from tests.report.test_golden import compare, metrics_of_the_model
 
 
-def row_of(table: Table, *labels: str) -> Row:
-    (found,) = [row for row in table.rows if row.labels == labels and not row.paper]
-    return found
+def row_of(table: Table, *labels: str) -> TableRow:
+    (row,) = [row for row in table.rows if row.labels == labels and not row.paper]
+    return row
 
 
-def test_our_means_are_the_papers_where_the_records_are(numbers: Numbers) -> None:
+def test_means_of_synthetic_records_equal_the_papers(numbers: Numbers) -> None:
     paper, compared = paper_numbers(), 0
     for key, published in paper.values.items():
         if (
@@ -61,8 +58,8 @@ def test_our_means_are_the_papers_where_the_records_are(numbers: Numbers) -> Non
     assert compared > 200
 
 
-def test_the_papers_row_stands_under_ours(numbers: Numbers) -> None:
-    table = measured.native_summary(numbers, paper_numbers())
+def test_the_papers_row_follows_ours(numbers: Numbers) -> None:
+    table = measurements.native_summary(numbers, paper_numbers())
     first, second = table.rows[:2]
     assert (first.paper, second.paper) == (False, True)
     assert second.labels == ("Mip-NeRF 360", "in the paper")
@@ -70,13 +67,17 @@ def test_the_papers_row_stands_under_ours(numbers: Numbers) -> None:
 
 
 def test_ties_at_the_printed_precision_are_all_bold() -> None:
-    cells = [Cell(text("psnr", value), value, "psnr") for value in (27.124, 27.118, 27.11)]
-    marked = mark_best(cells, ["x"] * 3, alone=False)
+    cells = [TableCell(format_value("psnr", value), value, "psnr") for value in (27.124, 27.118, 27.11)]
+    marked = mark_best(cells, ["x"] * 3, single=False)
     assert [cell.bold for cell in marked] == [True, True, False]
-    cells = [Cell("0.2", 0.2, "lpips"), Cell("0.3", 0.3, "lpips"), Cell("6", 6.0, "mean_valence")]
-    assert [cell.bold for cell in mark_best(cells, ["x"] * 3, alone=True)] == [True, False, False]
-    cells = [Cell("27.1", 27.1, "psnr"), Cell("N/A", None, "psnr")]
-    assert [mark_best(cells, ["x"] * 2, alone=alone)[0].bold for alone in (False, True)] == [False, True]
+    cells = [
+        TableCell("0.2", 0.2, "lpips"),
+        TableCell("0.3", 0.3, "lpips"),
+        TableCell("6", 6.0, "mean_valence"),
+    ]
+    assert [cell.bold for cell in mark_best(cells, ["x"] * 3, single=True)] == [True, False, False]
+    cells = [TableCell("27.1", 27.1, "psnr"), TableCell("N/A", None, "psnr")]
+    assert [mark_best(cells, ["x"] * 2, single=single)[0].bold for single in (False, True)] == [False, True]
 
 
 def test_no_cell_is_ever_blank(whole: Report) -> None:
@@ -88,29 +89,19 @@ def test_no_cell_is_ever_blank(whole: Report) -> None:
             assert all((cell.value is None) == (cell.text in ("N/A", "--")) for cell in row.cells)
 
 
-def test_gaps_between_incomparable_paths_say_why(tmp_path: Path) -> None:
-    measure(tmp_path, "non_engine")
-    measure(tmp_path, "dedicated", setup={"background": (1.0, 1.0, 1.0)})
-    numbers = numbers_of(tmp_path, allow_mixed=True)
-    row = row_of(gaps_table(numbers, "capture"), "PSNR ↑", "2DTS")
-    assert (row.cells[0].text, row.cells[1].text) == ("--", "--")
-    assert row.cells[0].reason != row.cells[1].reason
-
-
-@pytest.mark.parametrize("told", [5 << 30, None])
-def test_the_drivers_figure_stands_beside_our_buffers_where_there_is_one(
-    tmp_path: Path, told: int | None
-) -> None:
-    made = measure(tmp_path, "dedicated", memory={"driver_bytes": told})
+@pytest.mark.parametrize("driver_bytes", [5 << 30, None])
+def test_memory_reported_by_the_driver_has_a_column(tmp_path: Path, driver_bytes: int | None) -> None:
+    record = measure(tmp_path, "dedicated", memory={"driver_bytes": driver_bytes})
     numbers = numbers_of(tmp_path)
-    of_asset = asset_tables(ResultPlace("capture", "desk", "two_dts"), {"dedicated": made}, numbers)
-    for table in (measured.memory(numbers, "capture"), of_asset["memory"]):
-        assert (table.rows[0].cells[-1].text == "5120", DRIVER_NOTE in table.notes) == (bool(told),) * 2
+    of_asset = asset_tables(ResultPlace("capture", "desk", "two_dts"), {"dedicated": record}, numbers)
+    for table in (measurements.memory(numbers, "capture"), of_asset["memory"]):
+        assert (table.rows[0].cells[-1].text == "5120", DRIVER_NOTE in table.notes) == (
+            bool(driver_bytes),
+        ) * 2
 
 
-def test_what_is_of_the_model_makes_no_condition_of_images(tmp_path: Path) -> None:
-    """Neither alone nor beside a method that has one."""
-    of_the_model_alone(tmp_path)
+def test_metrics_of_the_model_do_not_imply_images(tmp_path: Path) -> None:
+    metrics_of_the_model(tmp_path)
     assert numbers_of(tmp_path).conditions("dtu") == []
     write(tmp_path, make_result("dtu", SCENES["dtu"][0], "mesh_splatting", "non_engine"))
     both = build_report(read_results(tmp_path), pictures=False, with_paper=False)
@@ -118,10 +109,10 @@ def test_what_is_of_the_model_makes_no_condition_of_images(tmp_path: Path) -> No
     assert [column.title for column in both.tables["renderer_comparison-dtu"].columns] == ["MeshSplatting"]
 
 
-def test_where_nothing_of_the_model_is_known_there_is_no_row_and_no_column_of_dashes(tmp_path: Path) -> None:
+def test_methods_without_metrics_of_the_model_have_no_row_and_no_column(tmp_path: Path) -> None:
     trained = Training(seconds=1500.0, peak_memory_bytes=None, source="track.json")
     write(tmp_path, make_result("dtu", "scan24", "two_dts", "exported_mesh", training=trained))
-    lost = {"training": Reason(code="FILE_NOT_FOUND", message="there is no such file")}
+    lost = {"training": Reason(code="FILE_NOT_FOUND", message="the file does not exist")}
     write(tmp_path, make_result("mipnerf360", "garden", "two_dts", "dedicated", reasons=lost))
     tables = build_report(read_results(tmp_path), pictures=False).tables
     assert [row.labels for row in tables["native_summary"].rows if not row.paper] == [("DTU", "2DTS")]
@@ -129,7 +120,7 @@ def test_where_nothing_of_the_model_is_known_there_is_no_row_and_no_column_of_da
     assert not any(name.endswith("-non_engine") for name in tables)
 
 
-def test_a_soup_with_a_degenerate_row_is_one_as_in_its_verdict(tmp_path: Path) -> None:
+def test_a_soup_with_a_degenerate_face_is_noted_as_a_soup(tmp_path: Path) -> None:
     counts = {**AUDIT["counts"], "faces": 1001, "repeated_index_faces": 1, "referenced_vertices": 3000}
     measure(tmp_path, "exported_mesh", audit=AuditDocument.of({**AUDIT, "counts": counts}))
     key = Key("capture", "desk", "two_dts", "exported_mesh", "nonmanifold_vertex_ratio")
@@ -151,7 +142,7 @@ def test_reproducibility_statistics_name_the_worst_pair(numbers: Numbers) -> Non
 
 
 @pytest.mark.slow
-def test_what_contradicts_the_papers_numbers_stands_where_they_do(whole: Report, results: Path) -> None:
+def test_contradictions_are_noted_beside_the_papers_numbers(whole: Report, results: Path) -> None:
     (known,) = [note for note in contradictions()["slowdown"] if "on the host" in note]
     assert f"in the paper: {known}" in whole.tables["slowdown"].notes
     alone = build_report(read_results(results), pictures=False, with_paper=False)
@@ -162,136 +153,62 @@ def test_what_contradicts_the_papers_numbers_stands_where_they_do(whole: Report,
     ("dataset", "scene", "beside"),
     [("mipnerf360", "garden", True), ("mipnerf360", "pebble", False), ("dtu", "scan24", False)],
 )
-def test_the_papers_mesh_stands_beside_meshes_of_its_dataset(
+def test_the_papers_mesh_is_compared_with_meshes_of_its_dataset(
     tmp_path: Path, dataset: str, scene: str, beside: bool
 ) -> None:
-    made = measure(tmp_path, "exported_mesh", dataset=dataset, scene=scene)
+    record = measure(tmp_path, "exported_mesh", dataset=dataset, scene=scene)
     place = ResultPlace(dataset, scene, "two_dts")
-    table = asset_tables(place, {"exported_mesh": made}, numbers_of(tmp_path))["structure"]
+    table = asset_tables(place, {"exported_mesh": record}, numbers_of(tmp_path))["structure"]
     name = "MeshSplatting, mean of Mip-NeRF 360 in the paper"
     assert [row.labels[0] for row in table.rows] == ["this mesh", *([name] if beside else [])]
 
 
-def test_components_are_in_millions_unless_that_says_nothing() -> None:
-    shown = [text("components", value) for value in (715_000, 100_000, 99_999, 3)]
-    assert shown == ["0.71 M", "0.10 M", "99,999", "3"]
-
-
 def test_notes_of_all_cells_move_to_the_table() -> None:
-    cells = tuple(Cell("1", 1.0, "psnr", notes=notes) for notes in (("both",), ("both", "one")))
-    table = Table("x", "x", ("x",), (Column("a"), Column("b")), (Row(("r",), cells),)).with_common_notes()
+    cells = tuple(TableCell("1", 1.0, "psnr", notes=notes) for notes in (("both",), ("both", "one")))
+    table = Table(
+        "x", "x", ("x",), (TableColumn("a"), TableColumn("b")), (TableRow(("r",), cells),)
+    ).with_common_notes()
     assert table.notes == ("both",)
     assert table.footnotes() == {"one": "a"}
 
 
-def kinds(numbers: Numbers) -> set[str]:
-    return {finding.kind for finding in find(numbers)}
-
-
-@pytest.mark.parametrize("apart", [0.0, 0.004])
-def test_nobody_leads_by_less_than_a_table_shows(tmp_path: Path, apart: float) -> None:
-    for method, psnr, ssim in (("two_dts", 30.0, 0.8), ("mesh_splatting", 30.0 + apart, 0.9)):
-        measure(tmp_path, "non_engine", psnr, ssim, method=method)
-    assert "leaders" not in kinds(numbers_of(tmp_path))
-
-
-def test_speed_and_structure_stay_however_much_there_is_to_say_of_quality(numbers: Numbers) -> None:
+def test_findings_on_speed_and_structure_are_never_dropped(numbers: Numbers) -> None:
     assert len(numbers.datasets()) == 4
     many = [Finding("against", f"Number {number}.", "against") for number in range(20)]
     for first in ([], many):
-        found = [one.kind for one in find(numbers, first)]
-        assert {"slowdown", "structure", "training", "unsupported"} <= set(found)
-        assert len(found) <= 12
-        assert found.count("ranking") <= 1
-    assert (found[0], len(found)) == ("against", 12)
-    assert find(Numbers({})) == []
+        kinds = [finding.kind for finding in derive_findings(numbers, first)]
+        assert {"slowdown", "structure", "training", "unsupported"} <= set(kinds)
+        assert len(kinds) <= 12
+        assert kinds.count("ranking") <= 1
+    assert (kinds[0], len(kinds)) == ("against", 12)
+    assert derive_findings(Numbers({})) == []
 
 
-@pytest.mark.parametrize("value", [-0.04, 0.04])
-def test_no_zero_has_a_sign(value: float) -> None:
-    assert text("host_ms", value) == digits(value, 1, sign=True) == "0.0"
-
-
-ROOMS = ("desk", "chair", "room", "hall")
-
-
-def shown(root: Path, method: str, scene: str, psnr: float, **changes: Any) -> list[float]:
-    """Write a record of three views around `psnr`, and return their values."""
-    shifts = np.random.default_rng(len(method + scene) + round(psnr)).normal(0, 0.3, 3)
-    shifts -= shifts.mean()
-    measure(root, "standard", psnr, shifts=tuple(shifts), method=method, scene=scene, **changes)
-    return list(psnr + shifts)
-
-
-def report(root: Path) -> Report:
-    return build_report(read_results(root), pictures=False, against="mesh_splatting")
-
-
-def test_the_difference_is_that_of_a_paired_test_over_scenes(tmp_path: Path) -> None:
-    for number, scene in enumerate(ROOMS):
-        shown(tmp_path, "mesh_splatting", scene, 24.0 + number)
-        shown(tmp_path, "two_dts", scene, 24.5 + 1.1 * number)
-    wanted = ttest_rel([24.5 + 1.1 * n for n in range(4)], [24.0 + n for n in range(4)])
-    ends = wanted.confidence_interval(0.95)
-    made = report(tmp_path)
-    (row, _) = made.tables["against"].rows
-    assert row.labels == ("Standard", "PSNR ↑", "2DTS")
-    better, low, high, p, holm, over = row.cells
+def test_differences_are_tested_by_a_paired_t_test_over_scenes(tmp_path: Path) -> None:
+    theirs, ours = [24.0, 25.0, 26.0, 27.0], [24.5, 25.6, 26.7, 27.8]
+    compare(tmp_path, ("desk", "chair", "room", "hall"), "mesh_splatting", *theirs)
+    compare(tmp_path, ("desk", "chair", "room", "hall"), "two_dts", *ours)
+    expected = ttest_rel(ours, theirs)
+    ends = expected.confidence_interval(0.95)
+    report = build_report(read_results(tmp_path), pictures=False, against="mesh_splatting")
+    better, low, high, p, holm, over = report.tables["against"].rows[0].cells
     assert (better.text, low.text, high.text, over.text) == ("+0.65", "+0.44", "+0.86", "4 scenes")
-    assert [low.value, high.value, p.value] == pytest.approx([ends.low, ends.high, wanted.pvalue], rel=1e-9)
+    assert [low.value, high.value, p.value] == pytest.approx([ends.low, ends.high, expected.pvalue], rel=1e-9)
     assert holm.value == p.value, "SSIM is equal everywhere, so there is one test"
-    for value in ("over 4 scenes", "0.65 dB better", "0.44 to 0.86", "p = 0.002"):
-        assert value in made.findings[0].sentence
     assert better.to_dict()["interval_over"] == "4 scenes"
     assert better.to_dict()["significant"] is True
 
 
-def test_one_scene_is_compared_by_its_views_and_what_is_worse_is_said_to_be(tmp_path: Path) -> None:
-    theirs = shown(tmp_path, "mesh_splatting", "desk", 24.0)
-    ours = shown(tmp_path, "two_dts", "desk", 21.0)
-    made = report(tmp_path)
-    better, _, _, p, *_ = made.tables["against"].rows[0].cells
-    assert (better.text, p.value) == ("-3.00", pytest.approx(ttest_rel(ours, theirs).pvalue, rel=1e-9))
-    assert "2DTS is 3.00 dB worse" in made.findings[0].sentence
-    assert made.notes
-
-
-def test_only_cells_that_both_have_are_compared_and_others_say_why(tmp_path: Path) -> None:
-    setup = Setup(camera_convention="gs_fov", image_folder="images_8", gt_resized=False, background=(1, 1, 1))
-    for scene in ROOMS[:3]:
-        shown(tmp_path, "mesh_splatting", scene, 24.0)
-        shown(tmp_path, "triangle_splatting", scene, 25.0, setup=setup)
-    for scene in ROOMS[1:]:
-        shown(tmp_path, "two_dts", scene, 25.0 + len(scene))
-    rows = {
-        row.labels[2]: row.cells for row in report(tmp_path).tables["against"].rows if "PSNR" in row.labels[1]
-    }
-    assert [rows["2DTS"][0].text, rows["2DTS"][5].text] == ["+5.50 (2/4)", "2 scenes"]
-    assert rows["Triangle-Splatting"][0].value is None
-
-
-def test_another_background_is_a_methods_own_and_noted(tmp_path: Path) -> None:
-    setup = Setup(camera_convention="full_K", image_folder="images_4", gt_resized=False, background=(1, 1, 1))
-    for scene in ROOMS:
-        shown(tmp_path, "mesh_splatting", scene, 24.0)
-        shown(tmp_path, "two_dts", scene, 24.0)
-        shown(tmp_path, "triangle_splatting", scene, 25.0, setup=setup)
-    table = report(tmp_path).tables["against"]
-    cell = next(row.cells[0] for row in table.rows if row.labels[2] == "Triangle-Splatting")
-    assert cell.value == pytest.approx(1.0)
-    assert any("background white" in note for note in cell.notes)
-
-
-def test_nothing_to_compare_is_said(tmp_path: Path) -> None:
-    shown(tmp_path, "mesh_splatting", "desk", 24.0)
-    made = report(tmp_path)
-    assert "against" not in made.tables
-    assert made.notes[0].startswith("against mesh_splatting: ")
+def test_a_note_explains_that_there_is_nothing_to_compare(tmp_path: Path) -> None:
+    compare(tmp_path, ["desk"], "mesh_splatting", 24.0)
+    report = build_report(read_results(tmp_path), pictures=False, against="mesh_splatting")
+    assert "against" not in report.tables
+    assert report.notes[0].startswith("--against mesh_splatting: ")
     with pytest.raises(UsageError, match="USAGE"):
         build_report(read_results(tmp_path), pictures=False, against="two_dts")
 
 
-def test_p_for_all_tests_together_is_holms() -> None:
-    assert holm([0.01, 0.04, 0.03, 0.005]) == pytest.approx([0.03, 0.06, 0.06, 0.02])
-    assert holm([0.9, 0.8]) == [1.0, 1.0]
-    assert holm([]) == []
+def test_p_values_are_adjusted_by_holms_method() -> None:
+    assert adjust_by_holm([0.01, 0.04, 0.03, 0.005]) == pytest.approx([0.03, 0.06, 0.06, 0.02])
+    assert adjust_by_holm([0.9, 0.8]) == [1.0, 1.0]
+    assert adjust_by_holm([]) == []

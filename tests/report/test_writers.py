@@ -1,4 +1,4 @@
-"""Every format from the same table; what a name may hold must not become markup, a formula or a path."""
+"""Writers of tables: valid output in each format, and no markup, formulas or paths from names."""
 
 import csv
 import io
@@ -8,8 +8,16 @@ import re
 import pytest
 
 from msb.report.safe_names import slug
-from msb.report.table import Cell, Column, Row, Table
-from msb.report.writers import csv_table, csv_text, json_table, latex, latex_text, markdown, markdown_text
+from msb.report.table import Table, TableCell, TableColumn, TableRow
+from msb.report.writers import (
+    escape_csv,
+    escape_latex,
+    escape_markdown,
+    to_csv,
+    to_json,
+    to_latex,
+    to_markdown,
+)
 from tests.report.test_paper import printed
 
 HOSTILE = (
@@ -19,9 +27,11 @@ HOSTILE = (
 
 
 def hostile_table() -> Table:
-    cell = Cell("1.00", 1.0, "psnr", "dB", bold=True, notes=(HOSTILE,))
-    columns = (Column(HOSTILE, (HOSTILE,)), Column("b"))
-    return Table("x", HOSTILE, ("Scene",), columns, (Row((HOSTILE,), (cell, Cell("N/A"))),), (HOSTILE,))
+    cell = TableCell("1.00", 1.0, "psnr", "dB", bold=True, notes=(HOSTILE,))
+    columns = (TableColumn(HOSTILE, (HOSTILE,)), TableColumn("b"))
+    return Table(
+        "x", HOSTILE, ("Scene",), columns, (TableRow((HOSTILE,), (cell, TableCell("N/A"))),), (HOSTILE,)
+    )
 
 
 def tables() -> list[Table]:
@@ -29,15 +39,15 @@ def tables() -> list[Table]:
 
 
 @pytest.mark.parametrize("table", tables(), ids=lambda t: t.label)
-def test_markdown_has_as_many_cells_in_every_line(table: Table) -> None:
-    lines = [line for line in markdown(table).splitlines() if line.startswith("|")]
+def test_markdown_has_the_same_number_of_cells_in_every_line(table: Table) -> None:
+    lines = [line for line in to_markdown(table).splitlines() if line.startswith("|")]
     counts = {len(re.findall(r"(?<!\\)\|", line)) for line in lines}
     assert counts == {len(table.heads) + len(table.columns) + 1}
 
 
 @pytest.mark.parametrize("table", tables(), ids=lambda t: t.label)
 def test_latex_is_balanced_and_every_row_has_all_columns(table: Table) -> None:
-    text = latex(table)
+    text = to_latex(table)
     plain = re.sub(r"\\[\\{}$&#%_]", "", text)
     assert plain.count("{") == plain.count("}")
     assert len(re.findall(r"\$", plain)) % 2 == 0
@@ -55,8 +65,8 @@ def test_latex_is_balanced_and_every_row_has_all_columns(table: Table) -> None:
 
 
 @pytest.mark.parametrize("table", tables(), ids=lambda t: t.label)
-def test_csv_reads_back_and_holds_no_formula(table: Table) -> None:
-    rows = list(csv.reader(io.StringIO(csv_table(table))))
+def test_csv_can_be_read_again_and_holds_no_formula(table: Table) -> None:
+    rows = list(csv.reader(io.StringIO(to_csv(table))))
     assert len({len(row) for row in rows}) == 1
     assert len(rows) == len(table.rows) + 1
     for cell in (cell for row in rows for cell in row):
@@ -68,17 +78,17 @@ def test_csv_reads_back_and_holds_no_formula(table: Table) -> None:
 
 @pytest.mark.parametrize("table", tables(), ids=lambda t: t.label)
 def test_json_is_the_table(table: Table) -> None:
-    data = json.loads(json_table(table), parse_constant=lambda name: pytest.fail(name))
+    data = json.loads(to_json(table), parse_constant=lambda name: pytest.fail(name))
     assert data == json.loads(json.dumps(table.to_dict()))
     assert [len(row["cells"]) for row in data["rows"]] == [len(table.columns)] * len(table.rows)
 
 
-def test_markdown_escapes_what_it_would_obey() -> None:
-    text = markdown(hostile_table())
+def test_markdown_escapes_markup() -> None:
+    text = to_markdown(hostile_table())
     assert not re.search(r"(?<!\\)<script|(?<!\\)\]\(", text)
     assert "\x1b" not in text
     assert "\u202e" not in text
-    assert markdown_text("a|b*c_") == r"a\|b\*c\_"
+    assert escape_markdown("a|b*c_") == r"a\|b\*c\_"
 
 
 @pytest.mark.parametrize(
@@ -87,13 +97,13 @@ def test_markdown_escapes_what_it_would_obey() -> None:
      ("0.30 (7/9)", "0.30 (7/9)"),
      ("+0.30 (7/9)", "'+0.30 (7/9)"), ("-0.30 (7/9)", "'-0.30 (7/9)"), ("\t=1", "'=1"), ("plain", "plain")],
 )  # fmt: skip
-def test_csv_quotes_formulas_alone(text: str, safe: str) -> None:
-    assert csv_text(text) == safe
+def test_csv_quotes_formulas_only(text: str, safe: str) -> None:
+    assert escape_csv(text) == safe
 
 
-def test_latex_sets_names_as_they_are() -> None:
-    assert latex_text(r"a_b & 50 % \x") == r"a\_b \& 50 \% \textbackslash{}x"
-    assert latex_text("x--y---z") == "x-{}-y-{}-{}-z"
+def test_latex_prints_names_unchanged() -> None:
+    assert escape_latex(r"a_b & 50 % \x") == r"a\_b \& 50 \% \textbackslash{}x"
+    assert escape_latex("x--y---z") == "x-{}-y-{}-{}-z"
 
 
 def test_slugs_are_plain_and_do_not_collide() -> None:
@@ -113,17 +123,19 @@ def test_slugs_are_plain_and_do_not_collide() -> None:
     slugs = [slug(name) for name in names]
     assert slugs[:2] == ["garden", "scan24"]
     assert len(set(slugs)) == len(names)
-    assert all(re.fullmatch(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,80}", found) for found in slugs)
+    assert all(re.fullmatch(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,80}", name) for name in slugs)
 
 
-def test_latex_leaves_out_columns_without_a_value_and_says_so() -> None:
-    columns = tuple(Column(title, (method,)) for method in ("A", "B") for title in ("PSNR", "LPIPS", "FPS"))
-    gone = Cell("--", reason="LPIPS: no weights")
-    cells = [(Cell("1.0"), gone, Cell("9"), Cell("2.0"), gone, Cell("--"))] * 2
-    rows = tuple(Row((name,), own) for name, own in zip(("x", "y"), cells, strict=True))
+def test_latex_omits_columns_without_values_with_a_note() -> None:
+    columns = tuple(
+        TableColumn(title, (method,)) for method in ("A", "B") for title in ("PSNR", "LPIPS", "FPS")
+    )
+    absent = TableCell("--", reason="LPIPS: no weights")
+    cells = [(TableCell("1.0"), absent, TableCell("9"), TableCell("2.0"), absent, TableCell("--"))] * 2
+    rows = tuple(TableRow((name,), own) for name, own in zip(("x", "y"), cells, strict=True))
     table = Table("t", "Caption", ("Scene",), columns, rows)
-    text = latex(table)
+    text = to_latex(table)
     assert r"\begin{tabular}{@{}lccc@{}}" in text
     assert r"x & 1.0 & 9 & 2.0 \\" in text
     assert "LPIPS, B FPS (LPIPS: no weights)" in text
-    assert "LPIPS" in markdown(table).splitlines()[2], "elsewhere nothing is left out"
+    assert "LPIPS" in to_markdown(table).splitlines()[2], "other formats keep all columns"

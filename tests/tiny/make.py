@@ -1,7 +1,7 @@
-"""Make the scenes and models in this folder: `python -m tests.tiny.make`. Same script, same bytes.
+"""Make the scenes and models in this folder: `python -m tests.tiny.make`.
 
-Photographs are compressed by Pillow, so their bytes depend on its version; their pixels do not, or in JPEG
-by a level.
+The script always writes the same bytes, except for photographs, whose compression depends on the version of
+Pillow. Their pixels differ by at most one level (JPEG).
 """
 
 from dataclasses import replace
@@ -22,13 +22,13 @@ SAMPLES = 4
 
 
 def photograph(surface: Surface, camera: Camera) -> NDArray[np.float64]:
-    """Return what `camera` sees, (H, W, 4), by the float64 twin of the standard tier."""
+    """Return the image (H, W, 4) of a camera, rendered by the float64 reference of the standard tier."""
     fine = camera.resized(SAMPLES * camera.width, SAMPLES * camera.height)
     frame = render_standard(
         surface.vertices, surface.faces, surface.seen_from(camera.center), "vertex", replace(fine, name=None)
     )
     alpha = averaged(np.asarray(frame.alpha)[..., None], SAMPLES)
-    color = averaged(np.asarray(frame.image), SAMPLES)  # over black: times alpha
+    color = averaged(np.asarray(frame.image), SAMPLES)  # over black, thus multiplied by alpha
     straight = np.divide(color, alpha, out=np.zeros_like(color), where=alpha > 0)
     return np.concatenate([straight, alpha], axis=2)
 
@@ -55,7 +55,7 @@ PEBBLE = captures.World(
 
 
 def write_models(folder: Path) -> None:
-    """Write a model of each method for the masked scenes, and one for those before a wall."""
+    """Write a model of each method for the masked scenes, and one for the scenes with a wall."""
     made_models.write_models(folder / "pebble", pebble(), white=True, layout="synthetic")
     made_meshes.write_meshes(folder / "pebble", pebble(), white=True)
     surface = walled().turned(captures.Y_DOWN)

@@ -1,4 +1,4 @@
-"""The tiny scenes and models are what their script makes, and resemble what they claim to be."""
+"""The tiny scenes and models equal the output of their script and have the expected structure."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -17,19 +17,19 @@ from tests.tiny import MODELS, SCENES
 from tests.tiny.make import PEBBLE, photograph, write_models
 
 
-def shipped(folder: Path) -> dict[str, bytes]:
+def read_files(folder: Path) -> dict[str, bytes]:
     return {
         path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()
     }
 
 
-def test_models_are_what_their_script_makes(tmp_path: Path) -> None:
+def test_models_equal_the_output_of_their_script(tmp_path: Path) -> None:
     write_models(tmp_path)
-    assert shipped(tmp_path) == shipped(MODELS)
+    assert read_files(tmp_path) == read_files(MODELS)
 
 
 class Unwritten:
-    """In the place of the slow part of the scripts: rendering. Notes what would have been written."""
+    """Replaces rendering, the slow part of the script, and records the files of photographs."""
 
     def __init__(self) -> None:
         self.photographs: set[Path] = set()
@@ -44,17 +44,17 @@ class Unwritten:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("dataset", captures.WRITERS)
-def test_scenes_are_what_their_scripts_make_but_for_the_photographs(
+def test_scenes_equal_the_output_of_their_script_except_for_photographs(
     dataset: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    instead = Unwritten()
-    monkeypatch.setattr(captures, "write_photograph", instead.write)
-    captures.WRITERS[dataset](replace(PEBBLE, photograph=instead.render), tmp_path)
-    there = shipped(SCENES / captures.place_of(dataset, PEBBLE))
-    made = shipped(tmp_path)
-    photographs = {path.relative_to(tmp_path).as_posix() for path in instead.photographs}
-    assert set(there) == set(made) | photographs
-    assert {name: there[name] for name in made} == made
+    replacement = Unwritten()
+    monkeypatch.setattr(captures, "write_photograph", replacement.write)
+    captures.WRITERS[dataset](replace(PEBBLE, photograph=replacement.render), tmp_path)
+    stored = read_files(SCENES / captures.place_of(dataset, PEBBLE))
+    written = read_files(tmp_path)
+    photographs = {path.relative_to(tmp_path).as_posix() for path in replacement.photographs}
+    assert set(stored) == set(written) | photographs
+    assert {name: stored[name] for name in written} == written
 
 
 def pixels(path: Path) -> Any:
@@ -63,7 +63,7 @@ def pixels(path: Path) -> Any:
 
 
 @pytest.mark.slow
-def test_photographs_are_what_the_twin_renders() -> None:
+def test_photographs_equal_renderings_of_the_reference() -> None:
     camera = captures.nerf_synthetic_cameras(PEBBLE)["test"][2]
     stored = pixels(SCENES / f"nerf_synthetic/pebble/{camera.name}.png")
     assert np.abs(stored - to_bytes(photograph(pebble(), camera))).max() <= 1

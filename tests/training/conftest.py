@@ -1,4 +1,4 @@
-"""torch is installed by `make test-all` alone, which runs these tests and says so where it cannot."""
+"""These tests need torch, which only `make test-all` installs; without it they are not collected."""
 
 from importlib.util import find_spec
 from pathlib import Path
@@ -9,7 +9,7 @@ collect_ignore_glob = [] if find_spec("torch") else ["*.py"]
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark every test here: they run in a session of their own."""
+    """Mark all tests of this folder, which run in a separate session."""
     for item in items:
         if item.path.is_relative_to(Path(__file__).parent):
             item.add_marker(pytest.mark.slow)

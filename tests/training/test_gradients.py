@@ -1,7 +1,7 @@
-"""Derivatives against finite differences, where images have them; else against differences of expectations.
+"""Gradients of the trainer's renderers against finite differences of images, or of their expectations.
 
-Windows end at their edges, and weights below 1/255 are cut: there the image jumps, by 1/255 or less. Single
-numbers among many may sit there, so most must agree closely, and all of them together.
+Images have small jumps of at most 1/255: at the edges of windows, and because weights below 1/255 are
+dropped. A few parameters may lie at a jump, so at least 90 % must agree closely.
 """
 
 from collections.abc import Callable
@@ -27,7 +27,7 @@ def triangles(count: int, seed: int, size: float = 0.8) -> np.ndarray:
 
 
 def soup(names: tuple[str, str, str, str], count: int = 5, seed: int = 0) -> dict[str, np.ndarray]:
-    """Return parameters with places, opacity logits and SH of degree 2."""
+    """Return parameters with positions, opacity logits and SH of degree 2."""
     random = np.random.default_rng(seed + 100)
     parts = (
         triangles(count, seed),
@@ -39,42 +39,45 @@ def soup(names: tuple[str, str, str, str], count: int = 5, seed: int = 0) -> dic
 
 
 def tensors(values: dict[str, np.ndarray]) -> dict[str, Any]:
-    """Return fresh tensors that ask for derivatives."""
+    """Return new tensors that require gradients."""
     return {name: torch.from_numpy(value.copy()).requires_grad_() for name, value in values.items()}
 
 
-STEP, MOST = 1e-6, 16
-"""Of each parameter so many numbers are moved, those with the largest derivatives among them."""
+STEP, COUNT = 1e-6, 16
+"""Step of the finite differences, and number of tested values per parameter. Half of them have the largest
+gradients."""
 
 
 def slope(
     function: Callable[[dict[str, Any]], Any], values: dict[str, np.ndarray], name: str, place: int
 ) -> float:
-    """Return the derivative of a number by one value, as a central difference."""
+    """Return the derivative of `function` with respect to one value of a parameter, as a central difference.
+    """
     ends = []
     for sign in (1, -1):
-        moved = values | {name: values[name].copy()}
-        moved[name].flat[place] += sign * STEP
-        ends.append(float(function(tensors(moved)).detach()))
+        changed = values | {name: values[name].copy()}
+        changed[name].flat[place] += sign * STEP
+        ends.append(float(function(tensors(changed)).detach()))
     return (ends[0] - ends[1]) / (2 * STEP)
 
 
 def check(function: Callable[[dict[str, Any]], Any], values: dict[str, np.ndarray]) -> None:
+    """Compare the gradients of `function` with central differences."""
     parameters = tensors(values)
     function(parameters).backward()
     for name, parameter in parameters.items():
-        found = parameter.grad.numpy().reshape(-1)
-        places = np.argsort(-np.abs(found))
-        places = np.concatenate([places[: MOST // 2], places[MOST // 2 :: 1 + len(places) // (MOST // 2)]])
-        wanted = np.array([slope(function, values, name, place) for place in places])
-        scale = np.abs(wanted).max()
+        gradient = parameter.grad.numpy().reshape(-1)
+        places = np.argsort(-np.abs(gradient))
+        places = np.concatenate([places[: COUNT // 2], places[COUNT // 2 :: 1 + len(places) // (COUNT // 2)]])
+        expected = np.array([slope(function, values, name, place) for place in places])
+        scale = np.abs(expected).max()
         assert scale > 0, name
-        away = np.abs(found[places] - wanted) / scale
-        assert (away <= 1e-4).mean() >= 0.9, (name, away.max())
+        error = np.abs(gradient[places] - expected) / scale
+        assert (error <= 1e-4).mean() >= 0.9, (name, error.max())
 
 
 def brightness(image: Any) -> Any:
-    """Return a number to which every pixel and channel contributes otherwise."""
+    """Return a weighted sum of all pixels and channels, with different weights."""
     weights = torch.from_numpy(np.random.default_rng(9).uniform(0.5, 1.5, tuple(image.shape)))
     return (image * weights).sum()
 
@@ -124,7 +127,7 @@ INDICES = np.arange(12).reshape(4, 3)
 PLANES = {"layout": "colmap", "z_near": 0.5, "z_far": 100.0}
 
 
-def test_diffsoup_cut_at_one_half_is_differentiable_but_for_opacity() -> None:
+def test_diffsoup_with_thresholded_opacity_is_differentiable_except_by_opacity() -> None:
     values = lattice_soup(1)
     opacity = values.pop("alpha_acc")
 
@@ -136,43 +139,43 @@ def test_diffsoup_cut_at_one_half_is_differentiable_but_for_opacity() -> None:
 
 
 def test_diffsoup_expected() -> None:
-    wanted = torch.full((CAMERA.height, CAMERA.width, 3), 0.4, dtype=torch.float64)
+    target = torch.full((CAMERA.height, CAMERA.width, 3), 0.4, dtype=torch.float64)
 
     def drawn(parameters: dict[str, Any]) -> Any:
-        found: Any = diffsoup.draw(parameters, INDICES, 1, CAMERA, BACKGROUND, PLANES, wanted)
-        return brightness(found.image) + 100 * found.l1
+        expectation: Any = diffsoup.draw(parameters, INDICES, 1, CAMERA, BACKGROUND, PLANES, target)
+        return brightness(expectation.image) + 100 * expectation.l1
 
     check(drawn, lattice_soup(1))
 
 
-def test_expectation_is_the_mean_of_what_drawn_thresholds_show() -> None:
-    """The estimator's claim: thresholds and places within a pixel drawn, images shown, their mean taken."""
+def test_expectation_equals_the_mean_over_random_thresholds() -> None:
+    """The expected image and loss equal the means over images with random thresholds and sample positions."""
     parameters = tensors(lattice_soup(1))
-    wanted = torch.full((CAMERA.height, CAMERA.width, 3), 0.4, dtype=torch.float64)
+    target = torch.full((CAMERA.height, CAMERA.width, 3), 0.4, dtype=torch.float64)
     random = np.random.default_rng(0)
-    kept: dict[str, Any] = {}
+    fragments: dict[str, Any] = {}
 
-    def watched(alpha: Any, color: Any, pairs: Any, **how: Any) -> Any:
+    def record_fragments(alpha: Any, color: Any, pairs: Any, **how: Any) -> Any:
         if len(color) == 4:
-            kept.update(alpha=alpha.detach().numpy(), color=color.detach().numpy(), pairs=pairs)
+            fragments.update(alpha=alpha.detach().numpy(), color=color.detach().numpy(), pairs=pairs)
         return composite(alpha, color, pairs, **how)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(diffsoup, "composite", watched)
-        found: Any = diffsoup.draw(parameters, INDICES, 1, CAMERA, BACKGROUND, PLANES, wanted)
-    alpha, color, ranks = kept["alpha"], kept["color"], kept["pairs"].ranks
+        patch.setattr(diffsoup, "composite", record_fragments)
+        expectation: Any = diffsoup.draw(parameters, INDICES, 1, CAMERA, BACKGROUND, PLANES, target)
+    alpha, color, ranks = fragments["alpha"], fragments["color"], fragments["pairs"].ranks
     draws, images, losses = 800, 0.0, 0.0
     for _ in range(draws):
-        # A fragment is there with the probability alpha; each pixel shows the nearest that is.
-        there = (random.random(len(alpha)) < alpha)[ranks.pair]
-        shown = np.repeat(BACKGROUND[None], CAMERA.height * CAMERA.width, 0)
+        # A fragment exists with probability alpha; each pixel shows the nearest existing fragment.
+        exists = (random.random(len(alpha)) < alpha)[ranks.pair]
+        image = np.repeat(BACKGROUND[None], CAMERA.height * CAMERA.width, 0)
         free = np.ones(len(ranks.pixels), bool)
         for part, size in ranks.slices():
-            takes = there[part] & free[:size]
-            shown[ranks.pixels[:size][takes]] = color[:3, ranks.pair[part][takes]].T
+            takes = exists[part] & free[:size]
+            image[ranks.pixels[:size][takes]] = color[:3, ranks.pair[part][takes]].T
             free[:size] &= ~takes
-        images = images + shown / draws
-        losses = losses + np.abs(shown - 0.4).mean() / draws
-    expected = found.image.detach().numpy().reshape(-1, 3)
+        images = images + image / draws
+        losses = losses + np.abs(image - 0.4).mean() / draws
+    expected = expectation.image.detach().numpy().reshape(-1, 3)
     assert np.abs(images - expected).max() < 0.08
-    assert losses == pytest.approx(found.l1.item(), abs=4e-3)
+    assert losses == pytest.approx(expectation.l1.item(), abs=4e-3)

@@ -1,4 +1,5 @@
-"""A training as a whole: better than at its start, resumable, and read by `msb` as the trainer sees it."""
+"""Complete trainings: they improve the model, can be resumed, and `msb` renders the model like the trainer.
+"""
 
 import json
 import subprocess
@@ -40,7 +41,7 @@ def values(run: Any) -> dict[str, np.ndarray]:
     ("method", "scene", "iterations"),
     [*((method, COLMAP, 150) for method in METHODS), ("two_dts", SCENES / "nerf_synthetic" / "pebble", 12)],
 )
-def test_training_makes_it_better_and_msb_renders_what_it_evaluated(
+def test_training_improves_psnr_and_msb_measures_the_same(
     method: str, scene: Path, iterations: int, tmp_path: Path
 ) -> None:
     run = training(tmp_path, method, scene, iterations)
@@ -49,21 +50,21 @@ def test_training_makes_it_better_and_msb_renders_what_it_evaluated(
     assert iterations < 100 or run.log[-1]["psnr"] > before + 1
     assert run.model.faces <= 300
     asset = msb.export(tmp_path)
-    found = [
+    psnr = [
         metrics.psnr(
             np.clip(render_reference(asset, camera, run.model.capture.background).image, 0, 1), image
         )
         for camera, image in run.model.capture.test
     ]
     assert asset.manifest.method == method
-    assert run.log[-1]["psnr"] == pytest.approx(np.mean(found), abs=0.01)
+    assert run.log[-1]["psnr"] == pytest.approx(np.mean(psnr), abs=0.01)
     assert asset.manifest.face_count == run.model.faces
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_a_training_goes_on_as_if_it_had_not_been_interrupted(method: str, tmp_path: Path) -> None:
+def test_a_resumed_training_gives_the_same_model(method: str, tmp_path: Path) -> None:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(loop, "EVERY", 14)  # one change of structure before the interruption, one after
+        patch.setattr(loop, "EVERY", 14)  # one change of structure before the interruption, and one after it
         whole = training(tmp_path / "whole", method, iterations=32)
         whole.run(lambda: False)
         part = training(tmp_path / "part", method, iterations=32)
@@ -89,15 +90,25 @@ def test_another_training_is_not_resumed(tmp_path: Path) -> None:
         training(tmp_path, "triangle_splatting").resume()
     arrays, about = read_state(tmp_path / FILE)
     assert all(array.dtype.kind in "fiu" for array in arrays.values())
-    write_state(tmp_path / FILE, {name: one for name, one in arrays.items() if name != "seen/peak"}, about)
+    write_state(
+        tmp_path / FILE, {name: array for name, array in arrays.items() if name != "seen/peak"}, about
+    )
     with pytest.raises(UsageError, match="seen/peak"):
         training(tmp_path, "two_dts").resume()
 
 
 def test_command(tmp_path: Path) -> None:
     scene = ["--scene", str(COLMAP)]
-    given = ["--method", "triangle_splatting", "--faces", "200", "--iterations", "5"]
-    line = [sys.executable, "-m", "data_stubs.training", *given, *scene, "--output", str(tmp_path / "model")]
+    options = ["--method", "triangle_splatting", "--faces", "200", "--iterations", "5"]
+    line = [
+        sys.executable,
+        "-m",
+        "data_stubs.training",
+        *options,
+        *scene,
+        "--output",
+        str(tmp_path / "model"),
+    ]
     done = subprocess.run(line, capture_output=True, text=True, cwd=ROOT, check=False)
     assert done.returncode == 0, done.stderr
     log = json.loads((tmp_path / "model" / "training.json").read_text())

@@ -1,1 +1,1 @@
-"""The commands that make tables and pages of results, and of what methods declare."""
+"""The commands `msb report`, `msb submit` and `msb methods`."""

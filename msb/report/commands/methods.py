@@ -1,4 +1,4 @@
-"""`msb methods`: what each method has, and what each tier keeps of it, printed from `msb.registry`."""
+"""The command `msb methods`: features and settings of each method, from `msb.registry`."""
 
 from collections.abc import Iterator
 from dataclasses import asdict
@@ -9,18 +9,19 @@ from msb.cli.command import command
 from msb.cli.output import JsonOutput, echo
 from msb.report.table import Table
 
-TableRows = list[tuple[str, ...]]
+# Rows of texts; the first one is the header.
+TextRows = list[tuple[str, ...]]
 
 
 @command("msb methods", "msb methods --format markdown", "msb methods --json -")
 def methods(
     *,
-    format: Annotated[Literal["text", "markdown"], Option("How to print the tables.")] = "text",
+    format: Annotated[Literal["text", "markdown"], Option("Format of the tables.")] = "text",
     output: JsonOutput,
 ) -> None:
-    """Show the methods: what their representations have, what each tier keeps, their settings.
+    """List the methods: features of their representations, features that each tier keeps, settings.
 
-    The mark -- stands for what the source representation does not have, N/A for what a tier does not support.
+    The mark -- means that the representation lacks a feature, N/A that a tier does not support it.
     """
     output.write_json(as_data())
     if not output.prints_text:
@@ -32,7 +33,7 @@ def methods(
         if format == "markdown":
             echo("\n".join(_markdown(rows)))
         else:
-            # A word a line in the header: the names below it then fit into 80 columns.
+            # One word per line in the header, so that the table fits into 80 columns.
             output.table([title.replace(" ", "\n") for title in rows[0]], rows[1:], gap=1)
 
 
@@ -47,7 +48,7 @@ def as_data() -> dict[str, Any]:
                 "title": method.title,
                 "paper_name": method.paper_name,
                 "native": method.native and asdict(method.native),
-                "retained": {tier: asdict(kept) for tier, kept in method.retained.items()},
+                "retained": {tier: asdict(retained) for tier, retained in method.retained.items()},
                 "unsupported": dict(method.unsupported),
                 "settings": {
                     key: {"default": s.default, "kind": s.kind, "choices": list(s.choices)}
@@ -59,29 +60,29 @@ def as_data() -> dict[str, Any]:
     }
 
 
-def tables() -> Iterator[tuple[str, TableRows]]:
-    """Yield title and rows, the first one the header, of each table."""
+def tables() -> Iterator[tuple[str, TextRows]]:
+    """Yield the title and the rows of each table."""
     from msb.registry import METHODS
     from msb.report.tables.features import TIER_TITLES, deployment_features, native_features
 
-    yield "What the representation has", _rows(native_features())
+    yield "Features of the representations", _table_rows(native_features())
     for tier, heading in TIER_TITLES.items():
-        kept = [method.retained[tier] for method in METHODS.values() if tier in method.retained]
-        notes = {note for each in kept for note in each.notes.values()}
+        retained = [method.retained[tier] for method in METHODS.values() if tier in method.retained]
+        notes = {note for features in retained for note in features.notes.values()}
         starred = f" (*: {'; '.join(sorted(notes))})" if notes else ""
-        yield f"What the {tier} tier keeps of it{starred}", _rows(deployment_features(), heading)
-    rows: TableRows = [("method", "tier", "why")]
+        yield f"Features kept by the {tier} tier{starred}", _table_rows(deployment_features(), heading)
+    rows: TextRows = [("method", "tier", "why")]
     rows += [
         (method.title, tier, why) for method in METHODS.values() for tier, why in method.unsupported.items()
     ]
-    yield "What no tier can do", rows
+    yield "Unsupported tiers", rows
     rows = [("method", "setting", "default", "values")]
     for name, method in METHODS.items():
         rows += [
             (
                 name,
                 key,
-                _value(s.default),
+                _format_value(s.default),
                 ", ".join(s.choices) or s.kind + (" or none" if s.optional else ""),
             )
             for key, s in method.settings.items()
@@ -89,20 +90,20 @@ def tables() -> Iterator[tuple[str, TableRows]]:
     yield "Settings", rows
 
 
-def _rows(table: Table, group: str | None = None) -> TableRows:
-    """Return the texts of a table, or of its columns under the heading `group`; a star marks a note."""
+def _table_rows(table: Table, group: str | None = None) -> TextRows:
+    """Return the texts of a table, or of its columns below the heading `group`; a star marks a note."""
     places = [n for n, column in enumerate(table.columns) if group is None or group in column.groups]
-    rows: TableRows = [("method", *(table.columns[place].title for place in places))]
+    rows: TextRows = [("method", *(table.columns[place].title for place in places))]
     for row in table.rows:
         cells = (row.cells[place] for place in places)
         rows.append((row.labels[0], *(cell.text + "*" * len(cell.notes) for cell in cells)))
     return rows
 
 
-def _value(value: object) -> str:
+def _format_value(value: object) -> str:
     return "none" if value is None else str(value).lower() if isinstance(value, bool) else str(value)
 
 
-def _markdown(rows: TableRows) -> list[str]:
+def _markdown(rows: TextRows) -> list[str]:
     lines = ["| " + " | ".join(row) + " |" for row in rows]
     return [lines[0], "|" + "---|" * len(rows[0]), *lines[1:]]

@@ -1,4 +1,4 @@
-"""`msb report`: tables, figures, findings and pages from result records."""
+"""The command `msb report`: tables, charts, findings and pages from results."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,77 +12,81 @@ from msb.cli.output import JsonOutput, Output, echo
 from msb.errors import InputError, MsbError, UsageError, shorten
 from msb.report.report import Report
 from msb.report.results import Place
-from msb.report.writers import Format, Printed
+from msb.report.writers import ReportFormat, TableFormat
 
+# Reports are written to this folder within the results folder by default.
 _FOLDER = "report"
-# The diagnostic of a mesh of more faces takes longer than all the rest; --topology all draws it.
-_MOST_FACES = 300_000
+# Maximum number of faces of a mesh whose diagnostic is drawn by default: larger ones take longer than the
+# rest of the report.
+_MAX_DIAGNOSTIC_FACES = 300_000
+# Options that need folders of results.
+_RESULTS_OPTIONS = ("views", "published", "against", "allow_mixed")
 
 
 @dataclass(frozen=True)
 class ReportOptions:
-    """What is reported, and how and where it is written."""
+    """Content, formats and place of a report."""
 
     out: Annotated[
         Path | None,
-        Option("Write here instead of to RESULTS/report.", ("--out", "-o"), metavar="FOLDER", output="own"),
+        Option("Write to FOLDER. Default: RESULTS/report.", ("--out", "-o"), metavar="FOLDER", output="own"),
     ] = None
     formats: Annotated[
         str | None,
-        Option("Some of md, tex, csv, json, html. Default: all.", ("--format",), metavar="LIST"),
+        Option("Formats to write, of md, tex, csv, json, html. Default: all.", ("--format",), metavar="LIST"),
     ] = None
     table: Annotated[
         str | None,
-        Option("Print one table, as md or what --format says; write nothing.", metavar="LABEL"),
+        Option("Print one table (as md, or in the given --format) and write nothing.", metavar="LABEL"),
     ] = None
     paper: Annotated[
         bool | None,
         Option(
-            "The paper's own tables instead of results, printed without -o; or without its numbers in any "
-            "table and chart.",
+            "Report the paper's own tables instead of results, printed unless -o is given; or leave the "
+            "paper's numbers out.",
             ("--paper/--no-paper",),
         ),
     ] = None
     views: Annotated[
         tuple[str, ...],
-        Option("Also show this test view. May be given again.", ("--view",), metavar="SCENE/IMAGE"),
+        Option("Also show this test view. Repeatable.", ("--view",), metavar="SCENE/IMAGE"),
     ] = ()
     published: Annotated[
-        Path | None, Option("JSON of published per-scene values to compare with.", metavar="FILE")
+        Path | None, Option("Compare with published values per scene (JSON).", metavar="FILE")
     ] = None
     against: Annotated[
         str | None,
         Option(
-            "Also hold every other method against this one (or its label), with intervals and p.",
+            "Compare every other method with this method or label, with confidence intervals and t tests.",
             metavar="METHOD",
         ),
     ] = None
     topology: Annotated[
         Literal["auto", "all", "none"],
-        Option("Draw the diagnostics of small meshes, of all or of none (extra: view)."),
+        Option("Draw mesh diagnostics: of small meshes (auto), of all or of none (extra: view)."),
     ] = "auto"
-    allow_mixed: Annotated[bool, Option("Accept results that must not be compared, and say so.")] = False
+    allow_mixed: Annotated[bool, Option("Accept results that must not be compared, with a note.")] = False
 
-    def wanted(self) -> list[Format]:
-        """Return the formats that are written."""
+    def written_formats(self) -> list[ReportFormat]:
+        """Return the formats to write; raises UsageError for unknown ones."""
         from msb.report.pages import FORMATS
 
         if self.formats is None:
             return list(FORMATS)
-        wanted = [part.strip() for part in self.formats.split(",")]
-        for part in wanted:
-            if part not in FORMATS:
-                text = f'--format: "{shorten(part, 40)}" is none of {", ".join(FORMATS)}'
+        formats = [part.strip() for part in self.formats.split(",")]
+        for name in formats:
+            if name not in FORMATS:
+                text = f'--format: unknown format "{shorten(name, 40)}"; choose from {", ".join(FORMATS)}'
                 raise UsageError("USAGE", text)
-        return cast("list[Format]", wanted)
+        return cast("list[ReportFormat]", formats)
 
-    def printed(self) -> Printed:
-        """Return the one format in which tables are printed: Markdown, unless --format names another."""
-        wanted: list[Format] = ["md"] if self.formats is None else self.wanted()
-        if len(wanted) > 1 or wanted[0] == "html":
-            text = f"--format: tables are printed as one of md, tex, csv, json, not {self.formats}"
+    def printed_format(self) -> TableFormat:
+        """Return the format for printed tables: Markdown by default; raises UsageError unless it is one."""
+        formats: list[ReportFormat] = ["md"] if self.formats is None else self.written_formats()
+        if len(formats) > 1 or formats[0] == "html":
+            text = f"--format: tables cannot be printed as {self.formats}; choose one of md, tex, csv, json"
             raise UsageError("USAGE", text)
-        return wanted[0]
+        return formats[0]
 
 
 @command(
@@ -95,7 +99,7 @@ def report(
     folders: Annotated[
         tuple[Path, ...],
         Argument(
-            "Folders that msb run wrote, of the same cell the last counts; or files of msb submit.",
+            "Results folders of msb run (for equal cells, the last folder counts), or files of msb submit.",
             metavar="RESULTS...",
         ),
     ] = (),
@@ -104,91 +108,84 @@ def report(
     output: JsonOutput,
     typed: Typed,
 ) -> None:
-    """Make tables, figures, findings and pages from results, with the paper's numbers beside ours.
+    """Make tables, charts, findings and pages from results, beside the paper's numbers.
 
-    The command writes report.md, report.json, tables in every format, index.html, and a page per asset that
-    says what the asset can be used for. Pages hold all they show and need no network. Nothing is computed
-    again: what the records do not have is N/A or --, with the reason. Of submissions (.zip) it makes a board:
-    one page with the rows of all, whose each is, and what does not verify is refused.
+    The command writes report.md, report.json, tables in every format, index.html, and a page per asset with a
+    verdict on its uses. The pages work offline. Nothing is computed again: missing values are printed as N/A
+    or --, with the reason. From submissions (.zip) the command makes a board: one page with the results of
+    all submitters. Submissions that fail verification are rejected.
     """
     from msb.base.files import check_folder
     from msb.base.own_folder import own_folder
     from msb.bench.submission import is_submission
     from msb.report.pages import report_files
 
-    require(folders or options.paper, "give folders of results, or --paper")
+    require(folders or options.paper, "name results folders, or pass --paper")
     if folders and options.paper:
-        typed.reject(["paper"], "replaces folders of results, and both are given")
+        typed.reject(["paper"], "cannot be combined with results folders")
     if options.paper:
-        typed.reject(["views", "published", "against", "allow_mixed"], "needs results and excludes --paper")
+        typed.reject(_RESULTS_OPTIONS, "needs results folders and cannot be combined with --paper")
     if options.table is not None:
-        typed.reject(["out"], "does not go with --table, which prints the table and writes nothing")
-    wanted = options.wanted()
+        typed.reject(["out"], "cannot be combined with --table, which prints a table and writes nothing")
+    formats = options.written_formats()
+    # Submissions make a board, for which options of results do not apply.
     board = any(is_submission(path) for path in folders)
     if board:
-        _check_board(folders, options)
+        if others := [path for path in folders if not is_submission(path)]:
+            text = "it is not a submission (.zip of msb submit); report folders and submissions separately"
+            raise UsageError("USAGE", text, file=others[0])
+        typed.reject(_RESULTS_OPTIONS, "cannot be combined with submissions")
+        require(options.out is not None or options.table is not None, "name the board's folder with -o")
     target = options.out if options.out is not None or not folders else folders[0] / _FOLDER
+    # Print tables without writing files.
     if options.table is not None or target is None:
-        form = options.printed()
-        _print(_make(folders, options, output, pictures=False), options.table, form, output)
+        form = options.printed_format()
+        _print_tables(_build(folders, options, output, pictures=False), options.table, form, output)
         return
     if not board and folders:
         check_folder(folders[0], "folder of results")
     overwrite = _check_target(target, output)
-    if not {"md", "tex", "html"}.isdisjoint(wanted):
-        # Before anything else is missed that a report can do without.
+    if not {"md", "tex", "html"}.isdisjoint(formats):
+        # Checked first, so that the error does not come after a long computation.
         need_extra("bench", "jinja2", "matplotlib", what="a report", instead="--format csv,json needs none")
-    made = _make(folders, options, output, pictures=True)
-    figures = _topology(made, options.topology, output) if "html" in wanted else {}
+    # Build and write the report.
+    built = _build(folders, options, output, pictures=True)
+    diagnostics = _draw_diagnostics(built, options.topology, output) if "html" in formats else {}
     with output.progress(f"writing {target.name}"):
-        files = report_files(made, formats=wanted, topology=figures, folder=target)
+        files = report_files(built, formats=formats, topology=diagnostics, folder=target)
         with own_folder(target, overwrite=overwrite) as folder:
             for name, data in files.items():
                 path = folder / name
                 path.parent.mkdir(parents=True, exist_ok=True)
                 path.write_bytes(data)
-    output.write_json({**made.to_dict(), "files": sorted(files)})
+    output.write_json({**built.to_dict(), "files": sorted(files)})
     if not output.prints_text:
         return
     if not output.quiet:
-        echo(made.summary)
-        for note in made.notes:
+        echo(built.summary)
+        for note in built.notes:
             echo(f"! {note}")
-        for finding in made.findings:
+        for finding in built.findings:
             echo(f"- {finding.sentence}")
     page = target / "index.html"
     echo(str(page if page.exists() else target))
 
 
-def _print(made: Report, label: str | None, form: Printed, output: Output) -> None:
-    """Print one table, or all."""
+def _print_tables(report: Report, label: str | None, form: TableFormat, output: Output) -> None:
+    """Print the table `label`, or all tables."""
     from msb.report.writers import WRITERS
 
-    if label is not None and label not in made.tables:
-        labels = ", ".join(made.tables)
-        raise UsageError("NAME_UNKNOWN", f'there is no table "{shorten(label, 60)}"; there are {labels}')
-    tables = list(made.tables.values()) if label is None else [made.tables[label]]
-    output.write_json(made.to_dict() if label is None else tables[0].to_dict())
+    if label is not None and label not in report.tables:
+        text = f'the table "{shorten(label, 60)}" does not exist; choose from {", ".join(report.tables)}'
+        raise UsageError("NAME_UNKNOWN", text)
+    tables = list(report.tables.values()) if label is None else [report.tables[label]]
+    output.write_json(report.to_dict() if label is None else tables[0].to_dict())
     if output.prints_text:
         echo("\n".join(map(WRITERS[form], tables)).removesuffix("\n"))
 
 
-def _check_board(paths: tuple[Path, ...], options: ReportOptions) -> None:
-    """Refuse what does not go with submissions."""
-    from msb.bench.submission import is_submission
-
-    if others := [path for path in paths if not is_submission(path)]:
-        text = "it is no submission (.zip of msb submit); folders and submissions are reported apart"
-        raise UsageError("USAGE", text, file=others[0])
-    for name in ("views", "published", "against", "allow_mixed"):
-        if getattr(options, name):
-            option = name.removesuffix("s").replace("_", "-")
-            raise UsageError("USAGE", f"--{option} does not go with submissions")
-    if options.out is None and options.table is None:
-        raise UsageError("USAGE", "say with -o where the board goes")
-
-
-def _make(folders: tuple[Path, ...], options: ReportOptions, output: Output, *, pictures: bool) -> Report:
+def _build(folders: tuple[Path, ...], options: ReportOptions, output: Output, *, pictures: bool) -> Report:
+    """Return the report on results, the board of submissions, or (without `folders`) the paper's report."""
     from msb.bench.submission import is_submission, read_submission
     from msb.report.board import build_board
     from msb.report.build import build_report, paper_report
@@ -219,9 +216,9 @@ def _make(folders: tuple[Path, ...], options: ReportOptions, output: Output, *, 
 
 
 def _check_target(target: Path, output: Output) -> bool:
-    """Check the folder to write; return whether files of an earlier report in it are replaced.
+    """Check the output folder; return whether its files of an earlier report are replaced.
 
-    They are replaced without --force, too: a report is made again and again.
+    They are replaced without --force: a report is usually made many times.
     """
     from msb.base.own_folder import listed_files
 
@@ -230,18 +227,18 @@ def _check_target(target: Path, output: Output) -> bool:
     return replace
 
 
-def _topology(made: Report, which: str, output: Output) -> dict[Place, bytes]:
-    """Return the diagnostic figure, a PNG, of each audited asset that is there and can be drawn."""
-    if made.results is None or which == "none":
+def _draw_diagnostics(report: Report, which: str, output: Output) -> dict[Place, bytes]:
+    """Return the diagnostic image (PNG) of each audited asset whose file exists and can be drawn."""
+    if report.results is None or which == "none":
         return {}
-    figures: dict[Place, bytes] = {}
+    diagnostics: dict[Place, bytes] = {}
     audited = [
         loaded
-        for loaded in made.results
+        for loaded in report.results
         if loaded.result.audit is not None
         and loaded.result.asset is not None
         and Path(loaded.result.asset.path).exists()
-        and (which == "all" or loaded.result.audit.counts.faces <= _MOST_FACES)
+        and (which == "all" or loaded.result.audit.counts.faces <= _MAX_DIAGNOSTIC_FACES)
     ]
     if not audited:
         return {}
@@ -249,20 +246,21 @@ def _topology(made: Report, which: str, output: Output) -> dict[Place, bytes]:
         from msb_viewers.gl import GlProbe
 
         GlProbe.start().check()
-    except (ImportError, UsageError) as error:  # the viewers can be missing
-        output.note(f"warning: no topology figures: {error}")
+    except (ImportError, UsageError) as error:  # the viewers are an optional part
+        output.note(f"warning: mesh diagnostics cannot be drawn: {error}")
         return {}
-    with output.counted("drawing topology figures", len(audited)) as step:
+    with output.counted("drawing mesh diagnostics", len(audited)) as step:
         for loaded in audited:
             try:
-                figures[loaded.place] = _draw(loaded.result)
+                diagnostics[loaded.place] = _draw_diagnostic(loaded.result)
             except MsbError as error:
-                output.note(f"warning: no topology figure: {error}")
+                output.note(f"warning: a mesh diagnostic cannot be drawn: {error}")
             step()
-    return figures
+    return diagnostics
 
 
-def _draw(result: Result) -> bytes:
+def _draw_diagnostic(result: Result) -> bytes:
+    """Return the diagnostic image of an asset; raises InputError if its mesh is not the audited one."""
     import io
 
     from msb.topology import audit_arrays
@@ -276,9 +274,7 @@ def _draw(result: Result) -> bytes:
     source = read_viewed_mesh(path)
     audit, analysis = audit_arrays(source.vertices, source.faces, attributes=source.attributes)
     if result.audit.counts != audit.counts:
-        raise InputError(
-            "RECORD_INVALID", "it is not the mesh that was audited: it has changed since", file=path
-        )
+        raise InputError("RECORD_INVALID", "the mesh has changed since it was audited", file=path)
     model = build_model(source, audit, analysis)
     file = io.BytesIO()
     compose(model, panel_images(model)).savefig(file, format="png", dpi=90, metadata={"Software": None})

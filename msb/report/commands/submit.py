@@ -1,4 +1,4 @@
-"""`msb submit`: results made fit to be published."""
+"""The command `msb submit`: package results for publication."""
 
 from pathlib import Path
 from typing import Annotated
@@ -8,22 +8,23 @@ from msb.cli.command import command
 from msb.cli.output import JsonOutput, echo, file_option
 from msb.errors import UsageError
 
-_MOST_NAME = 60
+# Maximum length of a submitter's name, in characters: it must fit a column of the board.
+_MAX_NAME_LENGTH = 60
 
 
 @command("msb submit out/one -o out/ours.zip --name 'Our lab'")
 def submit(
-    results: Annotated[Path, Argument("The folder that msb run wrote.", metavar="RESULTS")],
-    out: Annotated[Path, file_option("Where the submission goes.", "--out", "-o", endings=(".zip",))],
-    name: Annotated[str, Option("What you want to be called on the board.", metavar="NAME")],
+    results: Annotated[Path, Argument("Results folder of msb run.", metavar="RESULTS")],
+    out: Annotated[Path, file_option("The submission to write.", "--out", "-o", endings=(".zip",))],
+    name: Annotated[str, Option("Your name on the board.", metavar="NAME")],
     *,
     output: JsonOutput,
 ) -> None:
-    """Make of results one file to be published: records, hashes, commands, a few pictures.
+    """Package results into a single file for publication.
 
-    Only numbers, hashes, versions, and names of scenes, methods and devices are published. msb report makes a
-    board of such files.
-    The same results give the same bytes.
+    The file holds the records with hashes, the commands and a few images. Only numbers, hashes, versions, and
+    names of scenes, methods and devices are published. Equal results give equal files. msb report makes a
+    board from such files.
     """
     from hashlib import sha256
 
@@ -32,31 +33,32 @@ def submit(
     from msb.report.board import submitted_pictures
     from msb.report.results import read_results
 
-    if not 0 < len(name.strip()) <= _MOST_NAME or not name.isprintable():
-        raise UsageError("USAGE", f"--name: it must have 1 to {_MOST_NAME} printable characters")
+    if not 0 < len(name.strip()) <= _MAX_NAME_LENGTH or not name.isprintable():
+        raise UsageError("USAGE", f"--name: the name must have 1 to {_MAX_NAME_LENGTH} printable characters")
     with output.progress("reading results"):
-        found = read_results(results)
-    records = [loaded.result for loaded in found]
+        loaded_results = read_results(results)
+    records = [loaded.result for loaded in loaded_results]
     with output.progress(f"packing {len(records)} results"):
-        pictures = submitted_pictures(found)
+        pictures = submitted_pictures(loaded_results)
         data = write_submission(name.strip(), records, pictures)
         with new_file(out, size=len(data), overwrite=output.force) as file:
             file.write(data)
-    hashed = sha256(data).hexdigest()
+    digest = sha256(data).hexdigest()
     output.write_json(
         {
             "schema": "msb.submit/1",
             "output": str(out),
             "name": name.strip(),
-            "sha256": hashed,
+            "sha256": digest,
             "bytes": len(data),
             "records": len(records),
             "pictures": len(pictures),
         }
     )
     if output.prints_text:
-        echo(
-            f"{out}: {len(records)} results, {len(pictures)} pictures, {len(data):,} bytes, SHA-256 {hashed}"
-        )
+        echo(f"{out}: {len(records)} results, {len(pictures)} images, {len(data):,} bytes, SHA-256 {digest}")
         if not output.quiet:
-            echo("paths and messages are not published; names of scenes and images are: check them")
+            echo(
+                "Paths and messages were removed. Names of scenes and images are published: "
+                "check the file before you publish it."
+            )

@@ -1,1 +1,1 @@
-"""Every table of the report, each made from numbers alone."""
+"""The tables of a report. Each builder turns a `Numbers` object into a `Table`."""

@@ -1,4 +1,4 @@
-"""Tables of bakes: what plain assets made of the models reach and cost, and what the loss is made of."""
+"""Tables of baked meshes: their quality and cost, and the parts of the loss from Dedicated to Standard."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -7,7 +7,7 @@ from dataclasses import replace
 from msb.bench.records import BAKED
 from msb.bench.split import STEPS, Split, StepName
 from msb.report.layout import number_cell
-from msb.report.metric_format import title, title_with_unit
+from msb.report.metric_format import metric_title, metric_title_with_unit
 from msb.report.numbers import (
     MEAN,
     QUALITY,
@@ -21,46 +21,48 @@ from msb.report.numbers import (
 )
 from msb.report.results import Place
 from msb.report.safe_names import slug
-from msb.report.table import NOT_THERE, Cell, Column, Row, Table
+from msb.report.table import NOT_AVAILABLE, Table, TableCell, TableColumn, TableRow
 from msb.report.tables.gaps import absent_cell, gap_cell
 
 STEP_TITLES: dict[StepName, str] = {"colors": "Colours", "faces": "Faces", "blending": "Blending"}
 SPLIT_NOTES = (
-    "colours: from the best bake that keeps the triangles (the ceiling) to Standard; faces: from the best "
-    "other bake to the ceiling; blending: from Dedicated to that bake; best by PSNR, one sample a pixel",
-    "to keep the triangles is to move none; those that an opaque picture is better without are left out",
-    "the parts are over the same scenes and add up to the loss; what is negative is a gain",
+    "ceiling: the best bake that keeps the positions of all triangles; bake: the best of the other bakes; "
+    "best by PSNR with one sample per pixel",
+    "colours: from the ceiling to Standard; faces: from the bake to the ceiling; blending: from Dedicated "
+    "to the bake. A ceiling omits triangles without which the opaque rendering is better",
+    "the parts are over the same scenes and add up to the loss; a negative part is a gain",
 )
 _SPLIT_COLUMNS = (
-    Column("Loss"),
-    *(Column(name, ("made of",)) for name in STEP_TITLES.values()),
-    Column("Ceiling", ("between",)),
-    Column("Bake", ("between",)),
+    TableColumn("Loss"),
+    *(TableColumn(name, ("Parts",)) for name in STEP_TITLES.values()),
+    TableColumn("Ceiling", ("Bakes between",)),
+    TableColumn("Bake", ("Bakes between",)),
 )
-AS_SHIPPED = "as shipped"
+AS_EXPORTED = "as exported"
 BAKES_NOTES = (
-    "bakes are taught by training views alone and drawn as Standard is; PSNR with one sample a pixel, and "
-    "with 16, about what multisampling shows",
-    "tasks: how many of those that were tried work, with care or without",
-    "verdict: of the audit; where scenes differ, on how many of them",
+    "bakes see training views only and are rendered like Standard; PSNR with one sample per pixel, and with "
+    "16 samples, which is close to multisampling",
+    "tasks: number of trial tasks that work, possibly with limitations",
+    "verdict: of the audit; if the scenes differ, with the number of scenes",
 )
-_SHOWN = ("psnr", "psnr_16", "faces", "asset_size", "memory", "p50_ms", "bake_seconds", "tasks")
-# What of a mesh as shipped is on record with the exported mesh.
+_METRICS = ("psnr", "psnr_16", "faces", "asset_size", "memory", "p50_ms", "bake_seconds", "tasks")
+# Metrics of the mesh as exported that are recorded with the exported mesh.
 _OF_MESH = ("faces", "tasks")
+# Audit verdicts from the best to the worst.
 _LEVELS = ("ok", "limited", "bad")
 
 
 def split_table(numbers: Numbers, dataset: str) -> Table:
-    """Return what the loss from Dedicated to Standard is made of, by method and metric."""
+    """Return the parts of the loss from Dedicated to Standard, by metric and method."""
     rows = [
-        Row((title(metric), method_title(method)), _split_cells(numbers, key))
+        TableRow((metric_title(metric), method_title(method)), _split_cells(numbers, key))
         for metric in QUALITY
         for method in numbers.methods(dataset)
         if (key := SplitKey(dataset, MEAN, method, metric)) in numbers.splits
     ]
     return Table(
         f"loss_split-{slug(dataset)}",
-        f"{dataset_title(dataset)}: what the loss from Dedicated to Standard is made of.",
+        f"{dataset_title(dataset)}: parts of the loss from Dedicated to Standard.",
         ("Metric", "Method"),
         _SPLIT_COLUMNS,
         tuple(rows),
@@ -69,17 +71,18 @@ def split_table(numbers: Numbers, dataset: str) -> Table:
 
 
 def scene_split_table(numbers: Numbers, place: Place) -> Table:
-    """Return what the loss of one method on one scene is made of."""
+    """Return the parts of the loss of one asset."""
     rows = [
-        Row((title(metric),), _split_cells(numbers, key))
+        TableRow((metric_title(metric),), _split_cells(numbers, key))
         for metric in QUALITY
         if (key := SplitKey(*place, metric)) in numbers.splits
     ]
-    caption = "What the loss from Dedicated to Standard is made of."
+    caption = "Parts of the loss from Dedicated to Standard."
     return Table("split", caption, ("Metric",), _SPLIT_COLUMNS, tuple(rows), SPLIT_NOTES).with_common_notes()
 
 
-def _split_cells(numbers: Numbers, key: SplitKey) -> tuple[Cell, ...]:
+def _split_cells(numbers: Numbers, key: SplitKey) -> tuple[TableCell, ...]:
+    """Return the cells of a loss: the total, its parts, and the two bakes between them."""
     split = numbers.splits[key]
     ends = [numbers.number(Key(*key[:3], name, key.metric)) for name in ("dedicated", "standard")]
     if split.total is None or split.total.signed is None:
@@ -87,73 +90,79 @@ def _split_cells(numbers: Numbers, key: SplitKey) -> tuple[Cell, ...]:
     else:
         total = gap_cell(key.metric, split.total.signed, split.total, ends)
     steps = (_step_cell(key, split, name, ends) for name in STEPS)
-    marks = (Cell(NOT_THERE, reason="no such bake") if name is None else _label(name)
-             for name in (split.ceiling, split.baked))  # fmt: skip
-    return (total, *steps, *marks)
+    bakes = (
+        TableCell(NOT_AVAILABLE, reason="no such bake") if name is None else _bake_name_cell(name)
+        for name in (split.ceiling, split.baked)
+    )
+    return (total, *steps, *bakes)
 
 
-def _label(condition: str) -> Cell:
+def _bake_name_cell(condition: str) -> TableCell:
     name = condition.partition("/")[2]
-    return Cell(name, name)
+    return TableCell(name, name)
 
 
-def _step_cell(key: SplitKey, split: Split, name: StepName, ends: Sequence[Number]) -> Cell:
+def _step_cell(key: SplitKey, split: Split, name: StepName, ends: Sequence[Number]) -> TableCell:
+    """Return the cell of one part of a loss.
+
+    Without a bake between two parts only their sum is known. It stands in one cell, and the other one is
+    empty.
+    """
     gap = split.steps.get(name)
     if gap is not None and gap.signed is not None:
-        others = [STEP_TITLES[one].lower() for one, other in split.within.items() if other == name]
+        included = [STEP_TITLES[step].lower() for step, outer in split.within.items() if outer == name]
         cell = gap_cell(key.metric, gap.signed, gap, ends)
-        return replace(cell, notes=(*cell.notes, *(f"with what {other} cost" for other in others)))
+        return replace(cell, notes=(*cell.notes, *(f"includes the loss of {step}" for step in included)))
     if name in split.within:
-        words = (STEP_TITLES[one].lower() for one in (name, split.within[name]))
-        return Cell(NOT_THERE, reason="what {} cost is within {}, as no bake stands between".format(*words))
-    own = {"colors": ends[1:], "blending": ends[:1]}.get(name, ())
-    return absent_cell(own, "missing" if gap is None else gap.reason, key.metric)
+        part, outer_part = (STEP_TITLES[step].lower() for step in (name, split.within[name]))
+        text = f"the loss of {part} is included in {outer_part}, because no bake lies between them"
+        return TableCell(NOT_AVAILABLE, reason=text)
+    outer_ends = {"colors": ends[1:], "blending": ends[:1]}.get(name, ())
+    return absent_cell(outer_ends, "missing" if gap is None else gap.reason, key.metric)
 
 
 def bakes_table(numbers: Numbers, dataset: str) -> Table:
-    """Return the mesh as shipped and each bake: image quality, size, speed, seconds, verdict, tasks."""
-    methods = numbers.methods(dataset, *numbers.in_place_of(dataset, BAKED))
+    """Return quality, size, speed, bake time, verdict and tasks of the exported mesh and of each bake."""
+    methods = numbers.methods(dataset, *numbers.variants(dataset, BAKED))
     rows = [
         row
         for method in methods
         for row in _asset_rows(numbers, (dataset, MEAN, method), method_title(method))
     ]
-    caption = f"{dataset_title(dataset)}: the plain meshes as shipped, and what was baked."
-    return _bakes_table(f"bakes-{slug(dataset)}", caption, ("Method", "Asset"), rows)
+    caption = f"{dataset_title(dataset)}: the meshes as exported, and baked."
+    return _make_bakes_table(f"bakes-{slug(dataset)}", caption, ("Method", "Asset"), rows)
 
 
 def scene_bakes_table(numbers: Numbers, place: Place) -> Table:
-    """Return the same of one model on one scene."""
+    """Return the table of bakes of one asset."""
     rows = _asset_rows(numbers, place)
-    return _bakes_table("bakes", "The plain mesh as shipped, and what was baked.", ("Asset",), rows)
+    return _make_bakes_table("bakes", "The mesh as exported, and baked.", ("Asset",), rows)
 
 
-def _bakes_table(label: str, caption: str, heads: tuple[str, ...], rows: list[Row]) -> Table:
-    columns = (*(Column(title_with_unit(metric)) for metric in _SHOWN), Column("Verdict"))
+def _make_bakes_table(label: str, caption: str, heads: tuple[str, ...], rows: list[TableRow]) -> Table:
+    columns = (*(TableColumn(metric_title_with_unit(metric)) for metric in _METRICS), TableColumn("Verdict"))
     return Table(label, caption, heads, columns, tuple(rows), BAKES_NOTES).with_common_notes()
 
 
-def _asset_rows(numbers: Numbers, place: tuple[str, str, str], *labels: str) -> list[Row]:
-    bakes = numbers.in_place_of(place[0], BAKED)
+def _asset_rows(numbers: Numbers, place: tuple[str, str, str], *labels: str) -> list[TableRow]:
+    """Return the row of the exported mesh and one per bake; `place` is dataset, scene and method."""
+    # The exported mesh is drawn as Standard; a bake is drawn and audited under its own condition.
+    bakes = numbers.variants(place[0], BAKED)
     rows = []
     for condition in ("standard", *bakes):
         if Key(*place, condition, "psnr") not in numbers.values:
             continue
-        own = condition in bakes
-        mesh = condition if own else "exported_mesh"
-        cells = [
-            number_cell(
-                metric, numbers.number(Key(*place, mesh if metric in _OF_MESH else condition, metric))
-            )
-            for metric in _SHOWN
-        ]
-        name = condition_title(condition) if own else AS_SHIPPED
-        rows.append(Row((*labels, name), (*cells, _verdict_cell(numbers, place, mesh))))
+        is_bake = condition in bakes
+        mesh = condition if is_bake else "exported_mesh"
+        keys = [Key(*place, mesh if metric in _OF_MESH else condition, metric) for metric in _METRICS]
+        cells = [number_cell(key.metric, numbers.number(key)) for key in keys]
+        name = condition_title(condition) if is_bake else AS_EXPORTED
+        rows.append(TableRow((*labels, name), (*cells, _verdict_cell(numbers, place, mesh))))
     return rows
 
 
-def _verdict_cell(numbers: Numbers, place: tuple[str, str, str], condition: str) -> Cell:
-    """Return the level of the verdict on a mesh, or on how many scenes it is which."""
+def _verdict_cell(numbers: Numbers, place: tuple[str, str, str], condition: str) -> TableCell:
+    """Return the audit verdict on a mesh, such as "BAD", or the number of scenes with each verdict."""
     dataset, scene, method = place
     levels = Counter(
         level
@@ -162,9 +171,9 @@ def _verdict_cell(numbers: Numbers, place: tuple[str, str, str], condition: str)
         and scene in (MEAN, key.scene)
     )
     if not levels:
-        return Cell(NOT_THERE, reason="the mesh was not audited")
+        return TableCell(NOT_AVAILABLE, reason="the mesh was not audited")
     ordered = [level for level in _LEVELS if levels[level]]
     if len(ordered) == 1:
-        return Cell(ordered[0].upper(), ordered[0])
+        return TableCell(ordered[0].upper(), ordered[0])
     text = ", ".join(f"{level.upper()} {levels[level]}" for level in ordered)
-    return Cell(text, text)
+    return TableCell(text, text)

@@ -1,13 +1,14 @@
-"""The two feature matrices, made from `msb.registry`."""
+"""The two feature tables, built from `msb.registry`."""
 
 from dataclasses import fields
 
 from msb.registry import METHODS, Method, Native, Tier
-from msb.report.table import NOT_SUPPORTED, NOT_THERE, Cell, Column, Row, Table
+from msb.report.table import NOT_AVAILABLE, NOT_SUPPORTED, Table, TableCell, TableColumn, TableRow
 
+# Titles that are not simply the capitalised field name.
 _TITLES = {"sh": "SH", "view_dependence": "View-dep."}
-# Tier -> the fields of `Retained` it has columns for: an opaque fallback keeps only appearance.
-_SHOWN: dict[Tier, tuple[str, ...]] = {
+# Tier -> fields of `Retained` with a column. The opaque fallback of Standard keeps only the appearance.
+_FIELDS: dict[Tier, tuple[str, ...]] = {
     "standard": ("support", "appearance"),
     "dedicated": ("support", "view_dependence", "opacity", "soft_coverage", "depth_sort", "appearance"),
 }
@@ -15,15 +16,15 @@ TIER_TITLES: dict[Tier, str] = {"standard": "Standard deployment", "dedicated": 
 
 
 def native_features() -> Table:
-    """Return what each method's own representation has."""
+    """Return the features of each method's representation."""
     names = [field.name for field in fields(Native)]
     return Table(
         "method_attributes",
-        "What the representation and its own renderer have.",
+        "Features of the representation and of its native renderer.",
         ("Method",),
-        tuple(Column(_title(name)) for name in names),
+        tuple(TableColumn(_title(name)) for name in names),
         tuple(
-            Row((method.title,), tuple(_cell(getattr(method.native, name)) for name in names))
+            TableRow((method.title,), tuple(_feature_cell(getattr(method.native, name)) for name in names))
             for method in METHODS.values()
             if method.native
         ),
@@ -31,36 +32,39 @@ def native_features() -> Table:
 
 
 def deployment_features() -> Table:
-    """Return what each tier supports and keeps of each method of the paper."""
+    """Return the features that each tier keeps of each method."""
     rows = [
-        Row((method.title,), tuple(_kept(method, tier, name) for tier in _SHOWN for name in _SHOWN[tier]))
+        TableRow(
+            (method.title,),
+            tuple(_tier_cell(method, tier, name) for tier in _FIELDS for name in _FIELDS[tier]),
+        )
         for method in METHODS.values()
         if method.paper_name or method.retained
     ]
     return Table(
         "feature_mapping",
-        "What each tier keeps. Fallback: opaque, static colours. Method-aware: the functions listed.",
+        "Features kept by each tier. Fallback: opaque, static colours. Method-aware: the listed functions.",
         ("Method",),
-        tuple(Column(_title(name), (TIER_TITLES[tier],)) for tier in _SHOWN for name in _SHOWN[tier]),
+        tuple(TableColumn(_title(name), (TIER_TITLES[tier],)) for tier in _FIELDS for name in _FIELDS[tier]),
         tuple(rows),
-        (f"{NOT_THERE}: the representation has no such thing", f"{NOT_SUPPORTED}: not supported"),
+        (f"{NOT_AVAILABLE}: the representation lacks the feature", f"{NOT_SUPPORTED}: not supported"),
     )
 
 
-def _kept(method: Method, tier: Tier, name: str) -> Cell:
-    kept = method.retained.get(tier)
-    if kept is None:
-        return Cell(
-            NOT_SUPPORTED,
-            reason=f"{method.title}: {method.unsupported.get(tier, 'it does not say what it keeps')}",
-        )
-    return _cell(getattr(kept, name), (kept.notes[name],) if name in kept.notes else ())
+def _tier_cell(method: Method, tier: Tier, name: str) -> TableCell:
+    retained = method.retained.get(tier)
+    if retained is None:
+        why = method.unsupported.get(tier, "its package does not declare the features of this tier")
+        return TableCell(NOT_SUPPORTED, reason=f"{method.title}: {why}")
+    notes = (retained.notes[name],) if name in retained.notes else ()
+    return _feature_cell(getattr(retained, name), notes)
 
 
-def _cell(value: bool | str | None, notes: tuple[str, ...] = ()) -> Cell:
+def _feature_cell(value: bool | str | None, notes: tuple[str, ...] = ()) -> TableCell:
     if value is None:
-        return Cell(NOT_THERE)
-    return Cell({True: "yes", False: "no"}[value] if isinstance(value, bool) else value, value, notes=notes)
+        return TableCell(NOT_AVAILABLE)
+    text = {True: "yes", False: "no"}[value] if isinstance(value, bool) else value
+    return TableCell(text, value, notes=notes)
 
 
 def _title(name: str) -> str:

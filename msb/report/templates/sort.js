@@ -1,6 +1,6 @@
 "use strict";
-// A click on a heading sorts each group of rows; rows without a number stay last, and the paper's row stays
-// under ours.
+// A click on a heading sorts the rows of each group. Rows without a number stay last, and a row of the paper
+// stays below ours.
 for (const table of document.querySelectorAll("table")) {
   for (const button of table.querySelectorAll("thead button")) {
     button.addEventListener("click", () => {
@@ -32,5 +32,5 @@ function sort(body, column, descending) {
   for (const unit of units) body.append(...unit);
 }
 
-const shown = document.getElementById("paper");
-if (shown) shown.addEventListener("change", () => document.body.classList.toggle("plain", !shown.checked));
+const checkbox = document.getElementById("paper");
+if (checkbox) checkbox.addEventListener("change", () => document.body.classList.toggle("plain", !checkbox.checked));

@@ -1,0 +1,212 @@
+"""Outcomes of trial tasks and compared repair strategies, prepared for the page of an asset."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from msb.base.files import read_file
+from msb.bench.documents import Look, RepairDocument, Strategy
+from msb.bench.folder import REPAIRS_FOLDER, TRIAL_FOLDER
+from msb.errors import shorten
+from msb.report.compared_views import data_uri
+from msb.report.metric_format import format_value
+from msb.report.results import LoadedResult
+from msb.report.table import NOT_AVAILABLE, Table, TableCell, TableColumn, TableRow
+
+Mark = Literal["YES", "WITH CARE", "NO", "UNKNOWN"]
+_MARKS: dict[str, Mark] = {"works": "YES", "care": "WITH CARE", "fails": "NO", "not_run": "UNKNOWN"}
+# Audit verdicts from the best to the worst.
+_LEVELS = {"ok": 0, "limited": 1, "bad": 2}
+_PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+# A larger PNG is not embedded in a page (4 MiB).
+_MAX_BYTES = 4 << 20
+
+
+@dataclass(frozen=True)
+class TaskOutcome:
+    """Outcome of one trial task: its mark, result and problems in words, and an image of the result."""
+
+    mark: Mark
+    task: str
+    title: str
+    why: str
+    picture: str | None = None
+
+    def to_dict(self) -> dict[str, str]:
+        """Return the outcome as JSON data, without the image."""
+        return {"mark": self.mark, "task": self.task, "why": self.why}
+
+
+def read_task_outcomes(loaded: LoadedResult | None, *, pictures: bool = True) -> list[TaskOutcome]:
+    """Return the outcomes of the trial tasks on an exported mesh, with images if `pictures`."""
+    if loaded is None or loaded.result.trial is None:
+        return []
+    outcomes = []
+    for trial in loaded.result.trial.trials:
+        spent = "" if trial.outcome == "not_run" else f" ({trial.seconds:.1f} s)"
+        summary = "; ".join(filter(None, (trial.says, trial.why)))
+        why = f"{shorten(summary[:1].upper() + summary[1:], 500)}{spent}."
+        picture = _read_png(loaded, TRIAL_FOLDER, trial.picture) if pictures else None
+        outcomes.append(TaskOutcome(_MARKS[trial.outcome], trial.task, trial.title, why, picture))
+    return outcomes
+
+
+def _read_png(loaded: LoadedResult, folder: str, name: str | None) -> str | None:
+    """Return a PNG from a folder beside a record as an embeddable address; None if it is not a PNG."""
+    path = None if name is None else loaded.file(f"{folder}/{name}")
+    if path is None:
+        return None
+    data = read_file(path, _MAX_BYTES)
+    if not data.startswith(_PNG_SIGNATURE) or len(data) > _MAX_BYTES:
+        return None
+    return data_uri("image/png", data)
+
+
+@dataclass(frozen=True)
+class RepairComparison:
+    """Repair strategies for one mesh.
+
+    Attributes
+    ----------
+    table : Table
+    advice : tuple of str
+        Sentences for the owner of the mesh.
+    plan : str or None
+        The plan of the first sentence, for `msb repair --plan`.
+    pictures : tuple of (str, str)
+        Name and image of each strategy that cut, removed or added something.
+    """
+
+    table: Table
+    advice: tuple[str, ...]
+    plan: str | None
+    pictures: tuple[tuple[str, str], ...]
+
+
+def read_repairs(loaded: LoadedResult | None) -> RepairComparison | None:
+    """Return the repair strategies in the record of an exported mesh; None if it has none."""
+    if loaded is None or loaded.result.repairs is None:
+        return None
+    stored, *others = loaded.result.repairs.made
+    advice, plan = _advise(stored, others)
+    pictures = [
+        (strategy.strategy, uri)
+        for strategy in others
+        if (strategy.edges_cut or strategy.faces_added or strategy.faces_kept < stored.faces_kept)
+        and (uri := _read_png(loaded, REPAIRS_FOLDER, strategy.picture)) is not None
+    ]
+    return RepairComparison(_make_table(loaded.result.repairs), tuple(advice), plan, tuple(pictures))
+
+
+def _advise(stored: Strategy, others: Sequence[Strategy]) -> tuple[list[str], str | None]:
+    """Return sentences for the owner of the mesh, and the plan of the first one.
+
+    Parameters
+    ----------
+    stored : Strategy
+        The mesh as stored.
+    others : sequence of Strategy
+        All strategies that ran.
+    """
+    better = [strategy for strategy in others if _grade(strategy) < _grade(stored)]
+    # The best of our strategies that change no pixel, and the best of all others.
+    invisible = min(
+        (strategy for strategy in better if strategy.peer is None and strategy.looks.standard.same),
+        key=_rank,
+        default=None,
+    )
+    visible = min(
+        (strategy for strategy in better if not strategy.looks.standard.same), key=_rank, default=None
+    )
+    # A visible change is only mentioned if its result is better than without one.
+    sentences, plan = [], None
+    if invisible is not None:
+        plan = ",".join(invisible.plan)
+        sentences.append(f"With {plan} nothing visible changes, {_describe_result(invisible, stored)}.")
+    if visible is not None and (invisible is None or _grade(visible) < _grade(invisible)):
+        if plan is None and visible.peer is None:
+            plan = ",".join(visible.plan)
+        kept = 100 * visible.faces_kept / max(stored.faces_kept, 1)
+        psnr = visible.looks.standard.psnr
+        similarity = "" if psnr is None else f" and renders with {psnr:.1f} dB PSNR against the original"
+        change = f"the mesh keeps {kept:.0f} % of its faces{similarity}"
+        sentences.append(f"With {visible.strategy} {change}, {_describe_result(visible, stored)}.")
+    if not sentences:
+        sentences.append("No repair strategy improves the verdict or makes more tasks work.")
+    return sentences, plan
+
+
+def _grade(strategy: Strategy) -> tuple[int, int]:
+    """Return the sort key of a repaired mesh, the best first: tasks that work, then the audit verdict."""
+    return -strategy.trials_passed_after, _LEVELS[strategy.verdict_after]
+
+
+def _rank(strategy: Strategy) -> tuple[tuple[int, int], int]:
+    """Return the grade, with the number of components to break ties."""
+    return _grade(strategy), strategy.components
+
+
+def _describe_result(strategy: Strategy, stored: Strategy) -> str:
+    """Return the verdict and the tasks that work after a repair, compared with the stored mesh."""
+    before, after = stored.verdict_after.upper(), strategy.verdict_after.upper()
+    same = before == after
+    verdict = f"and the verdict stays {after}" if same else f"and the verdict is {after} instead of {before}"
+    if not strategy.trials:
+        return verdict
+    passed_before, passed_after = strategy.trials_passed_before, strategy.trials_passed_after
+    tasks = f"{passed_after} of {len(strategy.trials)} tasks work"
+    return (
+        f"{verdict}; {tasks}, {'as before' if passed_before == passed_after else f'{passed_before} before'}"
+    )
+
+
+def _make_table(document: RepairDocument) -> Table:
+    """Return a row per strategy."""
+    titles = (
+        *("Faces kept", "Added", "Edges cut", "Pieces", "Verdict", "Tasks"),
+        *("Standard, dB", "Dedicated, dB", "MiB", "Seconds"),
+    )
+    stored = document.made[0]
+    rows = []
+    for strategy in document.strategies:
+        if isinstance(strategy, Strategy):
+            cells = _make_cells(strategy, max(stored.faces_kept, 1))
+        else:
+            cells = (TableCell(NOT_AVAILABLE, reason=shorten(strategy.why, 300)),) * len(titles)
+        rows.append(TableRow((strategy.strategy,), cells))
+    compared = f"dB: mean PSNR against the mesh as stored, over {document.views}"
+    notes = [f'{compared}; "same" means that all pixels are equal.']
+    if stored.trials:
+        notes.append(f"Tasks: number that works, possibly with limitations, of {', '.join(stored.trials)}.")
+    caption = "Repair strategies: faces kept, similarity and cost."
+    columns = tuple(TableColumn(title) for title in titles)
+    return Table("repairs", caption, ("Strategy",), columns, tuple(rows), tuple(notes))
+
+
+def _make_cells(strategy: Strategy, stored_faces: int) -> tuple[TableCell, ...]:
+    """Return the cells of a strategy; `stored_faces` is the number of faces of the stored mesh."""
+    passed, total = strategy.trials_passed_after, len(strategy.trials)
+    tasks = TableCell(f"{passed} of {total}", float(passed), "tasks")
+    return (
+        TableCell(f"{100 * strategy.faces_kept / stored_faces:.1f} %", float(strategy.faces_kept), "faces"),
+        TableCell(f"{strategy.faces_added:,}", float(strategy.faces_added), "faces"),
+        TableCell(f"{strategy.edges_cut:,}", float(strategy.edges_cut), "edges"),
+        TableCell(f"{strategy.components:,}", float(strategy.components), "components"),
+        TableCell(strategy.verdict_after.upper(), strategy.verdict_after),
+        tasks if total else TableCell(NOT_AVAILABLE, reason="no trial task was run"),
+        _similarity_cell(strategy.looks.standard),
+        _similarity_cell(strategy.looks.dedicated),
+        TableCell(
+            format_value("asset_size", strategy.bytes), strategy.bytes / float(1 << 20), "asset_size", "MiB"
+        ),
+        TableCell(f"{strategy.seconds:.1f}", float(strategy.seconds), "seconds", "s"),
+    )
+
+
+def _similarity_cell(look: Look) -> TableCell:
+    """Return the PSNR between renderings of the repaired and the stored mesh."""
+    if look.same:
+        return TableCell("same", "same")
+    if look.psnr is None:
+        return TableCell(NOT_AVAILABLE, reason=shorten(look.why or "not rendered", 200))
+    return TableCell(f"{look.psnr:.1f}", look.psnr, "psnr", "dB")

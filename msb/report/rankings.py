@@ -1,0 +1,81 @@
+"""Rankings of methods by a metric, and the pairs of methods that swap places between two rankings."""
+
+from itertools import combinations
+
+from msb.bench.aggregate import METRICS
+from msb.bench.intervals import Interval, interval
+from msb.report.metric_format import format_value
+from msb.report.numbers import MEAN, ON_CPU, Key, Numbers, method_title
+
+# Methods with their averages in a metric, best first.
+Ranking = list[tuple[str, float]]
+
+
+def rank_methods(numbers: Numbers, dataset: str, condition: str, metric: str) -> Ranking:
+    """Return the methods with complete averages, best first. Frame rates of a CPU are not ranked."""
+    means = [
+        (method, number.value)
+        for method in numbers.methods(dataset)
+        if (number := numbers.number(Key(dataset, MEAN, method, condition, metric))).value is not None
+        and number.present == number.expected
+        and not any(note.startswith(ON_CPU) for note in number.notes)
+    ]
+    return sorted(means, key=lambda item: item[1], reverse=METRICS[metric].better == "higher")
+
+
+def rank_common_methods(numbers: Numbers, dataset: str, condition: str, other: str) -> Ranking:
+    """Return the PSNR ranking in `condition` of the methods with complete averages in both conditions."""
+    methods = dict(rank_methods(numbers, dataset, other, "psnr"))
+    return [item for item in rank_methods(numbers, dataset, condition, "psnr") if item[0] in methods]
+
+
+def is_ahead(metric: str, value: float, other: float) -> bool:
+    """Return whether `value` is better than `other` by at least the last printed digit."""
+    difference = value - other if METRICS[metric].better == "higher" else other - value
+    return difference >= METRICS[metric].last_digit
+
+
+def find_swaps(
+    before: Ranking, after: Ranking, metric: str = "psnr", after_metric: str = "psnr"
+) -> list[tuple[str, str]]:
+    """Return the pairs of methods whose order differs, by at least the last printed digit in both rankings.
+
+    `before` is ranked by `metric`, `after` by `after_metric`.
+    """
+    values = dict(after)
+    return [
+        (better, worse)
+        for (better, first), (worse, second) in combinations(before, 2)
+        if is_ahead(metric, first, second) and is_ahead(after_metric, values[worse], values[better])
+    ]
+
+
+def most_certain_swap(
+    numbers: Numbers, dataset: str, swaps: list[tuple[str, str]], conditions: tuple[str, str]
+) -> Interval:
+    """Return the t test of the most certain of `swaps` between two conditions, by PSNR.
+
+    A swap is as certain as the less certain of the differences between its methods under the two conditions.
+    """
+
+    def p_value(difference: Interval) -> float:
+        return 2.0 if difference.p is None else difference.p  # untested differences come last
+
+    def test_difference(pair: tuple[str, str], condition: str) -> Interval:
+        scenes = []
+        for scene in numbers.scenes(dataset):
+            keys = (Key(dataset, scene, method, condition, "psnr") for method in pair)
+            values, others = (numbers.views.get(key, {}) for key in keys)
+            if common := [values[view] - others[view] for view in values if view in others]:
+                scenes.append(common)
+        return interval(scenes)
+
+    tests = (
+        max((test_difference(pair, condition) for condition in conditions), key=p_value) for pair in swaps
+    )
+    return min(tests, key=p_value)
+
+
+def format_ranking(ranking: Ranking, metric: str = "psnr") -> str:
+    """Return "2DTS 28.16, 3DGS 27.21"."""
+    return ", ".join(f"{method_title(method)} {format_value(metric, value)}" for method, value in ranking)
