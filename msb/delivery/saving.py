@@ -129,11 +129,6 @@ def _check_one_of(name: str, value: Any, known: Sequence[str]) -> None:
         raise UsageError("USAGE", text)
 
 
-def output_suffix(path: Path, name: str = "the output") -> str:
-    """Return the suffix of `path` in lower case, if it is one of a format that can be written."""
-    return checked_ending(path, name, (ASSET_SUFFIX, *written_suffixes()))
-
-
 # What has none of the endings of models -> the command that writes it, and its endings.
 _MAKERS = {
     "a page": ("msb web", (".html", ".htm")),
@@ -145,20 +140,13 @@ _MAKERS = {
 _OTHER_MODELS = (".gltf", ".fbx", ".usd", ".usda", ".usdc", ".usdz", ".dae", ".blend", ".abc", ".3ds", ".x3d")
 
 
-def checked_ending(path: Path, name: str, known: Sequence[str]) -> str:
-    """Return the ending of `path` in lower case, if it is one of `known`."""
-    suffix = path.suffix.lower()
+def output_suffix(path: Path, name: str = "the output") -> str:
+    """Return the suffix of `path` in lower case, if it is one of a format that can be written."""
+    suffix, known = path.suffix.lower(), (ASSET_SUFFIX, *written_suffixes())
     if suffix in known:
         return suffix
-    makers = {
-        "a mesh file": ("msb convert", written_suffixes()),
-        "an asset": ("msb export or msb convert", (ASSET_SUFFIX,)),
-        **_MAKERS,
-    }
-    hint = next((f"; for {what}: {by}" for what, (by, endings) in makers.items() if suffix in endings), "")
+    hint = next((f"; for {what}: {by}" for what, (by, endings) in _MAKERS.items() if suffix in endings), "")
     if suffix in _OTHER_MODELS:
         hint = "; .glb is opened by Blender and by every engine"
-        hint += "" if ".glb" in known else ": msb convert writes it"
-    one_of = "one of " if len(known) > 1 else ""
     is_one = f'is "{path.name}"' + (", a folder" if is_folder(path) else "")
-    raise UsageError("USAGE", f"{name} {is_one}; it must end in {one_of}{', '.join(known)}{hint}")
+    raise UsageError("USAGE", f"{name} {is_one}; it must end in one of {', '.join(known)}{hint}")

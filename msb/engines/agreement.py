@@ -4,19 +4,13 @@ Hardware snaps corners to a grid of 1/256 pixel, some software to 1/16, ray trac
 and where faces cross, pixels may show another face. Inside of faces they may not differ.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from msb.metrics.images import psnr_of_mse
-from msb.render.frame import interior
-
-if TYPE_CHECKING:
-    from msb.render import Frame
+from msb.render.frame import Frame, interior
 
 
 @dataclass(frozen=True)

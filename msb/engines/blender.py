@@ -5,8 +5,6 @@ Blender's importer. docs/engines.md has the settings that make the colours exact
 runs there.
 """
 
-from __future__ import annotations
-
 import contextlib
 import json
 import os
@@ -16,22 +14,20 @@ import tempfile
 import threading
 from collections.abc import Mapping
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any, ClassVar, Literal
+from typing import IO, Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from msb.asset import Asset
 from msb.asset.texture import linear_to_srgb
 from msb.base.extras import install, is_installed
 from msb.engines.engine import NEAR, WALL_CLOCK, Engine, opaque_frame
 from msb.errors import DeviceError, Unsupported, UsageError, shorten
 from msb.render.backend import Drawn
-
-if TYPE_CHECKING:
-    from msb.asset import Asset
-    from msb.engines.engine import Color
-    from msb.render import Frame
-    from msb.scenes import Camera
+from msb.render.frame import Frame
+from msb.scenes import Camera
+from msb.scenes.colors import Color
 
 # The environment variable with the Python of an environment that has bpy, if that is not ours.
 VARIABLE = "MSB_BLENDER"

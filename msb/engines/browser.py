@@ -172,18 +172,6 @@ class Page:
         self._tasks.put(json.dumps(task).encode())
         return self._wait(_LONGEST_SECONDS)
 
-    def resident(self) -> int:
-        """Return the bytes of memory the browser's processes hold, 0 where the system does not say."""
-        total = 0
-        for status in Path("/proc").glob("[0-9]*/stat"):
-            with contextlib.suppress(OSError, ValueError, IndexError):
-                # The processes share a session with the one we started.
-                after = status.read_text().rpartition(")")[2].split()
-                if int(after[3]) == self._process.pid:
-                    pages = int((status.parent / "statm").read_text().split()[1])
-                    total += pages * os.sysconf("SC_PAGE_SIZE")
-        return total
-
     def _wait(self, seconds: float) -> Answer:
         end = time.monotonic() + seconds
         while True:

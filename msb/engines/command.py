@@ -135,10 +135,11 @@ def web(
         return
     target = options.out or Path()
     if path is None:
-        from msb.engines.webpage import write_web_page
+        from msb.engines.webpage import page
 
-        write_web_page(target, background=views.color(None), overwrite=output.force)
-        _say(output, target)
+        _write(target, page(background=views.color(None)), output)
+        if not output.quiet:
+            echo(str(target))
         return
     from msb.api.command_files import open_asset
     from msb.asset.look import up_axis
@@ -166,7 +167,7 @@ def web(
 
 def _write_mesh(shown: Shown, target: Path, output: Output) -> None:
     from msb.engines.engine import engine_mesh
-    from msb.engines.webpage import LARGE, write_web_page
+    from msb.engines.webpage import LARGE, page
     from msb.render.backend import check_supported
 
     check_supported(shown.asset, "standard")
@@ -174,27 +175,23 @@ def _write_mesh(shown: Shown, target: Path, output: Output) -> None:
     if len(mesh.indices) > LARGE:
         output.note(f"warning: {target}: {len(mesh.indices):,} faces are more than most browsers hold")
     with output.progress(f"writing {target.name}"):
-        write_web_page(
-            target,
-            mesh.encoded(".glb"),
-            name=shown.name,
-            cameras=shown.cameras,
-            up=shown.up,
-            background=shown.background,
-            overwrite=output.force,
-        )
-    _say(output, target)
-
-
-def _say(output: Output, target: Path) -> None:
+        glb, background = mesh.encoded(".glb"), shown.background
+        data = page(glb, name=shown.name, cameras=shown.cameras, up=shown.up, background=background)
+        _write(target, data, output)
     if not output.quiet:
         echo(str(target))
+
+
+def _write(target: Path, data: bytes, output: Output) -> None:
+    from msb.base.atomic import new_file
+
+    with new_file(target, size=len(data), overwrite=output.force) as file:
+        file.write(data)
 
 
 def write_page(shown: Shown, options: WebOptions, target: Path, output: Output) -> None:
     """Write the page of an asset, measured where a browser is at hand; tell what became of it."""
     from msb.api.command_files import open_baked
-    from msb.base.atomic import new_file
     from msb.engines.dedicated_page.page import CheckView, make_page
     from msb.engines.hardware.packing import pack
     from msb.scenes.around import around
@@ -238,8 +235,7 @@ def write_page(shown: Shown, options: WebOptions, target: Path, output: Output) 
     if measured is not None:
         page.record(measured.by, measured.psnr)
         data = page.encoded()
-    with new_file(target, size=len(data), overwrite=output.force) as file:
-        file.write(data)
+    _write(target, data, output)
     _tell(output, target, len(data), page.scene, measured)
 
 

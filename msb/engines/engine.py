@@ -1,16 +1,15 @@
 """The common parts of the engines: options, the mesh they are given, how a frame is put together."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from io import BytesIO
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from msb.asset import Asset
 from msb.asset.drawable import check_drawable
 from msb.asset.look import StaticColors, drawn_colors, shown_faces, tint_of
 from msb.asset.settings import effective_settings
@@ -18,15 +17,11 @@ from msb.asset.texture import Textured, textures_of
 from msb.errors import UsageError, shorten
 from msb.meshes import Mesh, write_mesh
 from msb.meshes.formats import Style
+from msb.render.backend import Drawn
 from msb.render.frame import Frame
 from msb.render.standard.supersampling import box_filter, checked_supersample, enlarged
-
-if TYPE_CHECKING:
-    from msb.asset import Asset
-    from msb.render.backend import Drawn
-    from msb.scenes import Camera
-
-    Color = tuple[float, float, float]
+from msb.scenes import Camera
+from msb.scenes.colors import Color
 
 # The depth of the near plane of the standard tier; there is no far plane.
 NEAR = 0.01

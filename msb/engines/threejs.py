@@ -1,24 +1,20 @@
 """Renderer `threejs`: three.js (WebGL 2) in a headless browser, on the page that `msb web` writes."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from msb.asset import Asset
 from msb.engines.browser import Page, browser_name, dated, find_browser
 from msb.engines.engine import DRAW, WALL_CLOCK, Engine, opaque_frame
 from msb.engines.webpage import camera_data, page, three_revision
 from msb.errors import DeviceError
 from msb.render.backend import Drawn
-
-if TYPE_CHECKING:
-    from msb.asset import Asset
-    from msb.engines.engine import Color
-    from msb.render import Frame
-    from msb.scenes import Camera
+from msb.render.frame import Frame
+from msb.scenes import Camera
+from msb.scenes.colors import Color
 
 
 class ThreeJsRenderer(Engine):
@@ -85,10 +81,6 @@ class ThreeJsRenderer(Engine):
     def memory(self) -> Mapping[str, int]:
         """Return use -> bytes of the page's buffers and targets."""
         return dict(self._memory)
-
-    def resident(self) -> int:
-        """Return the memory of the browser's processes."""
-        return self._page.resident()
 
     def close(self) -> None:
         """End the browser."""

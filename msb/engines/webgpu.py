@@ -5,17 +5,16 @@ is ours: K and world_to_camera, a near plane at 0.01 and no far plane (reversed 
 into a float32 target, so nothing is rounded or converted.
 """
 
-from __future__ import annotations
-
 import contextlib
 import time
 from collections.abc import Mapping
 from importlib.metadata import PackageNotFoundError, version
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from msb.asset import Asset
 from msb.base.extras import install, is_installed
 from msb.base.version import __version__
 from msb.engines.engine import DRAW, NEAR, WALL_CLOCK, Engine, opaque_frame
@@ -23,12 +22,9 @@ from msb.engines.webgpu_adapter import INSTALL, Gpu, all_adapters
 from msb.engines.webgpu_texture import ATTRIBUTES, Skin
 from msb.errors import DeviceError
 from msb.render.backend import Drawn
-
-if TYPE_CHECKING:
-    from msb.asset import Asset
-    from msb.engines.engine import Color
-    from msb.render import Frame
-    from msb.scenes import Camera
+from msb.render.frame import Frame
+from msb.scenes import Camera
+from msb.scenes.colors import Color
 
 IMAGE_FORMAT = "rgba32float"
 IDS_FORMAT = "r32uint"

@@ -13,11 +13,9 @@ import tomllib
 from collections.abc import Mapping, Sequence
 from functools import cache
 from importlib.resources import files
-from pathlib import Path
 from typing import Any
 
 from msb.asset.look import AMBIENT, GREY, light_toward
-from msb.base.atomic import new_file
 from msb.scenes import Camera
 
 # Number of faces from which a page with the asset in it is more than most browsers hold.
@@ -25,25 +23,6 @@ LARGE = 3_000_000
 _SCRIPTS = ("camera.js", "page.js", "hands.js", "files.js", "start.js")
 # What only a file of its own begins with, and what a module has to import and export.
 _OF_A_MODULE = re.compile(r"""^("use strict";\n|import .*\n|export )""", re.MULTILINE)
-
-
-def write_web_page(
-    path: Path,
-    glb: bytes | None = None,
-    *,
-    name: str = "",
-    cameras: Sequence[Camera] = (),
-    up: str = "+y",
-    background: tuple[float, float, float] = (0.0, 0.0, 0.0),
-    overwrite: bool = True,
-) -> None:
-    """Write the page of a mesh, GLB; without one it waits for a file to be dropped, or for `?url=`.
-
-    A viewer can choose among `cameras`, and turns the mesh about the axis `up`, such as "+y".
-    """
-    data = page(glb, name=name, cameras=cameras, up=up, background=background)
-    with new_file(path, overwrite=overwrite) as file:
-        file.write(data)
 
 
 def page(
@@ -55,7 +34,11 @@ def page(
     background: tuple[float, float, float] = (0.0, 0.0, 0.0),
     served: bool = False,
 ) -> bytes:
-    """Return the page, UTF-8. `served`: it asks its server what to draw (`browser.py`)."""
+    """Return the page of a mesh, UTF-8; without one it waits for a file to be dropped, or for `?url=`.
+
+    A viewer can choose among `cameras`, and turns the mesh about the axis `up`, such as "+y". `served`: it
+    asks its server what to draw (`browser.py`).
+    """
     scene = scene_data(name, cameras, up, background)
     encoded = "" if glb is None else base64.b64encode(glb).decode("ascii")
     return filled(scene, _SCRIPTS + (("remote.js",) if served else ()), glb=encoded)

@@ -1,17 +1,16 @@
 """The causes of a worse look: how each is drawn, seen and mended."""
 
-from __future__ import annotations
-
 import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from msb.adapters.official import official_exporter
+from msb.asset import Asset
 from msb.asset.look import stored_threshold, visible_faces
 from msb.asset.settings import effective_settings
 from msb.asset.tiers import why_not
@@ -19,12 +18,8 @@ from msb.errors import Unsupported
 from msb.meshes import read_mesh
 from msb.meshes.formats import written_suffixes
 from msb.registry import lookup
-from msb.why.views import DoesNotApplyError, Views
-
-if TYPE_CHECKING:
-    from msb.asset import Asset
-    from msb.render import Frame
-    from msb.why.views import Image
+from msb.render.frame import Frame
+from msb.why.views import DoesNotApplyError, Image, Views
 
 # A logit of opacity that is 1 to the last bit but a few.
 _FULL = np.float32(20.0)
@@ -41,15 +36,15 @@ _Change = tuple["Asset", dict[str, Any]]
 def _supersampling(views: Views) -> _Pair:
     manifest = views.asset.manifest
     if views.samples:
-        return views.own(settings=dict.fromkeys(views.samples, 1)), views.official()
+        return views.own(settings=dict.fromkeys(views.samples, 1)), views.official
     if why_not(manifest, "dedicated") is None:
         raise DoesNotApplyError("its own renderer takes one sample a pixel, too")
-    return views.plain(), views.several()
+    return views.plain.frames, views.plain.supersampled
 
 
 def _shading(views: Views) -> _Pair:
     views.colored_mesh()
-    return lit(views.plain(), views.light), views.plain()
+    return lit(views.plain.frames, views.light), views.plain.frames
 
 
 def lit(frames: list[Frame], light: Image) -> list[Frame]:
@@ -69,11 +64,11 @@ def lit(frames: list[Frame], light: Image) -> list[Frame]:
 def _linear_colors(views: Views) -> _Pair:
     mesh = views.colored_mesh()
     if not mesh.textures:
-        return taken_for_linear(views.plain()), views.plain()
+        return taken_for_linear(views.plain.frames), views.plain.frames
     if mesh.vertex_colors is None and mesh.face_colors is None:
         raise DoesNotApplyError("its colours are textures, of which glTF itself says that they are sRGB")
     pale = replace(mesh, vertex_colors=_pale(mesh.vertex_colors), face_colors=_pale(mesh.face_colors))
-    return views.of_mesh(pale), views.plain()
+    return views.of_mesh(pale), views.plain.frames
 
 
 def taken_for_linear(frames: list[Frame]) -> list[Image]:
@@ -85,7 +80,7 @@ def taken_for_linear(frames: list[Frame]) -> list[Image]:
 
 
 def _back_faces(views: Views) -> _Pair:
-    return views.culled(), views.plain()
+    return views.plain.culled, views.plain.frames
 
 
 def _constant(asset: Asset) -> _Change:
@@ -125,7 +120,7 @@ def _without(change: Callable[[Asset], _Change]) -> _Measure:
 
     def measure(views: Views) -> _Pair:
         asset, settings = change(views.asset)
-        return views.own(asset, settings=settings), views.official()
+        return views.own(asset, settings=settings), views.official
 
     return measure
 
@@ -135,7 +130,7 @@ def _with(asset: Asset, **buffers: NDArray[Any]) -> Asset:
 
 
 def _exporter(views: Views) -> _Pair:
-    ours = views.plain()
+    ours = views.plain.frames
     try:
         exporter = official_exporter(views.asset.manifest.method)
     except Unsupported as error:
@@ -153,7 +148,7 @@ def _exporter(views: Views) -> _Pair:
 def _order(views: Views) -> _Pair:
     if views.asset.manifest.compositing.get("kind") == "opaque_z_buffer":
         raise DoesNotApplyError("a z-buffer draws it, which needs no order")
-    return views.own(order="none"), views.official()
+    return views.own(order="none"), views.official
 
 
 def _pale(colors: NDArray[Any] | None) -> Image | None:

@@ -1,31 +1,25 @@
 """Measure every cause of a worse look on one asset, and all of them together."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from msb.api.opening import as_asset
+from msb.asset import Asset
 from msb.asset.arguments import check_type
 from msb.asset.settings import with_settings
 from msb.render.splat.order import few_frames
+from msb.scenes import Camera
 from msb.scenes.colors import check_background
 from msb.scenes.datasets import own_background
+from msb.views import Views as ChosenViews
 from msb.views import choose_views, pooled_psnr, squared_errors
-from msb.why.causes import CAUSES
+from msb.why.causes import CAUSES, Known
 from msb.why.total import Total, measured_total
-from msb.why.views import EQUAL, DoesNotApplyError, Views, clipped
-
-if TYPE_CHECKING:
-    from msb.asset import Asset
-    from msb.scenes import Camera
-    from msb.views import Views as ChosenViews
-    from msb.why.causes import Known
-    from msb.why.views import Image
+from msb.why.views import EQUAL, DoesNotApplyError, Image, Views, clipped
 
 
 @dataclass(frozen=True)

@@ -58,12 +58,12 @@ def _finite(db: float | None) -> float | None:
 def measured_total(views: Views, costs: Mapping[str, float | None]) -> Total:
     """Return the total; `costs` are the decibels of each cause by itself."""
     try:
-        own, plain = views.official(), views.plain()
+        own, plain = views.official, views.plain.frames
     except DoesNotApplyError as error:
         return Total(None, str(error))
     db = difference(plain, own)
-    wrong = difference(taken_for_linear(lit(views.culled(), views.light)), own)
-    right = difference(views.several(), own)
+    wrong = difference(taken_for_linear(lit(views.plain.culled, views.light)), own)
+    right = difference(views.plain.supersampled, own)
     asset = views.asset
     settings: dict[str, Any] = {}
     for change in BAKED.values():

@@ -1,35 +1,31 @@
 """The views of one asset, drawn in the ways that causes of a worse look compare."""
 
-from __future__ import annotations
-
 import contextlib
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from msb.asset import Asset
 from msb.asset.look import daylight, normals_of, up_axis
 from msb.asset.settings import effective_settings
 from msb.asset.tiers import why_not
 from msb.meshes.assets import mesh_from_asset
+from msb.meshes.mesh import Mesh
+from msb.registry import Tier
 from msb.render import Renderer
 from msb.render.device_scope import in_turn
+from msb.render.frame import Frame
 from msb.render.standard.renderer import StandardRenderer
 from msb.render.standard.supersampling import box_mean, enlarged
+from msb.scenes import Camera
+from msb.views import Views as ChosenViews
 from msb.views import images_of
 
-if TYPE_CHECKING:
-    from msb.asset import Asset
-    from msb.meshes.mesh import Mesh
-    from msb.registry import Tier
-    from msb.render import Frame
-    from msb.scenes import Camera
-    from msb.views import Views as ChosenViews
-
-    Image = NDArray[np.float32]
+Image = NDArray[np.float32]
 
 
 # dB from which on images differ by rounding alone.
@@ -48,7 +44,7 @@ class _Plain(NamedTuple):
     # Without back faces.
     culled: list[Frame]
     # With as many samples a pixel each way as the method takes itself; four if its renderer is this one.
-    several: list[Image]
+    supersampled: list[Image]
 
 
 class Views:
@@ -75,7 +71,6 @@ class Views:
         for name in ("supersample", "render_up_scale"):
             if isinstance(value := values.get(name), int) and value > 1:
                 self.samples[name] = value
-        self._official: list[Image] | None = None
         self._standard = None if why_not(asset.manifest, "standard") else self._drawn_plain(views.cameras)
         seen = [] if self._standard is None else [(frame.alpha > 0).any() for frame in self._standard.frames]
         self.chosen = views if seen and all(seen) else views.seeing(asset, device)
@@ -91,11 +86,10 @@ class Views:
         frames = self._drawn(asset or self.asset, "dedicated", settings, outputs=(), **options)
         return [frame.image for frame in frames]
 
+    @cached_property
     def official(self) -> list[Image]:
-        """Return the images as the method draws them."""
-        if self._official is None:
-            self._official = self.own()
-        return self._official
+        """The images as the method draws them."""
+        return self.own()
 
     def mesh(self) -> Mesh:
         """Return the mesh of the standard tier."""
@@ -109,19 +103,9 @@ class Views:
             raise DoesNotApplyError("the mesh has no colours")
         return mesh
 
-    def plain(self) -> list[Frame]:
-        """Return the frames of the standard tier as `msb render` draws it."""
-        return self._plain().frames
-
-    def culled(self) -> list[Frame]:
-        """Return the same without back faces."""
-        return self._plain().culled
-
-    def several(self) -> list[Image]:
-        """Return the images of the standard tier with several samples a pixel."""
-        return self._plain().several
-
-    def _plain(self) -> _Plain:
+    @property
+    def plain(self) -> _Plain:
+        """What the standard tier shows."""
         self._check("standard")
         assert self._standard is not None
         return self._standard

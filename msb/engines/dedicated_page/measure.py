@@ -51,17 +51,6 @@ class Measured:
         return f"{self.browser}, {self.device}{half}"
 
 
-def find_web_browser() -> str:
-    """Return the browser that measures."""
-    found = find_browser()
-    if found is None:
-        text = (
-            f"no Chromium, Chrome or Edge is on PATH, and {VARIABLE} names none, so no page can be measured"
-        )
-        raise DeviceError("DEVICE_NOT_FOUND", text)
-    return found
-
-
 def measure_page(
     data: bytes,
     scene: Mapping[str, Any],
@@ -85,7 +74,12 @@ def measure_page(
     step : callable
         Called after each view.
     """
-    browser = find_web_browser()
+    browser = find_browser()
+    if browser is None:
+        text = (
+            f"no Chromium, Chrome or Edge is on PATH, and {VARIABLE} names none, so no page can be measured"
+        )
+        raise DeviceError("DEVICE_NOT_FOUND", text)
     script = f"<script>\n{read_script('verify.js')}</script>\n</body>".encode()
     before, _, after = data.rpartition(b"</body>")
     page = Page(browser, {"page.html": before + script + after}, "bare", software=software, webgpu=True)

@@ -1,40 +1,32 @@
 """The page of the dedicated tier: an asset and the plan of its frames in one file, and what is read back."""
 
-from __future__ import annotations
-
 import base64
 import math
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from msb.asset import Asset
 from msb.asset.look import colors_of, shown_faces
 from msb.asset.settings import effective_settings
 from msb.asset.strict_json import parse_strict_json
 from msb.base.files import read_file
 from msb.engines.dedicated_page.stored import restore, store
-from msb.engines.hardware.packing import VIEW, model_of, pack
-from msb.engines.hardware.plan import Limits
+from msb.engines.hardware.packing import VIEW, Packed, model_of, pack
+from msb.engines.hardware.plan import Limits, Plan
 from msb.engines.hardware.program import make_plan
 from msb.engines.webpage import camera_data, filled, scene_data
 from msb.errors import DeviceError, InputError, MsbError
-from msb.registry import lookup
-
-if TYPE_CHECKING:
-    from msb.asset import Asset
-    from msb.engines.hardware.packing import Packed
-    from msb.engines.hardware.plan import Plan
-    from msb.registry import Order, Sampling
-    from msb.render.splat.model import Model
-    from msb.render.surface import Surface
-    from msb.scenes import Camera
-
-    Color = tuple[float, float, float]
+from msb.registry import Order, Sampling, lookup
+from msb.render.splat.model import Model
+from msb.render.surface import Surface
+from msb.scenes import Camera
+from msb.scenes.colors import Color
 
 SCRIPTS = (
     *("camera.js", "page.js", "hands.js", "store.js", "dedicated.js"),
@@ -129,13 +121,11 @@ def make_page(
     costs: Sequence[Cost] = (),
     all_faces: int | None = None,
     baked: BakedLook | None = None,
-    told: Callable[[str], None] = lambda _: None,
 ) -> DedicatedPage:
     """Return the page of an asset, turned about the axis `up`, with `cameras` to choose from.
 
     It is measured by `tests`, whose images were made by `against`. `costs` are what making the asset smaller
-    has cost, `all_faces` those of the whole model. What was `baked` of it is a look of its own. `told` is
-    called with what is being done.
+    has cost, `all_faces` those of the whole model. What was `baked` of it is a look of its own.
     """
     packed = pack(asset, settings)
     try:
@@ -146,10 +136,9 @@ def make_page(
         plans = _plans(packed, limits, "WebGPU on most graphics cards")
     kept: dict[str, tuple[dict[str, Any], bytes]] = {}
 
-    def keep(array_name: str, array: NDArray[Any], **more: Any) -> str:
-        told(f"compressing {array_name}")
+    def keep(array_name: str, array: NDArray[Any]) -> str:
         stored = store(array)
-        kept[array_name] = {**stored.head, **more}, stored.data
+        kept[array_name] = stored.head, stored.data
         return array_name
 
     plan = plans[MODES[0]]

@@ -1,15 +1,14 @@
 """An asset as the arrays that the WGSL reads, and the record of a camera."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from importlib import resources
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from msb.asset import Asset
 from msb.asset.drawable import check_drawable
 from msb.asset.settings import effective_settings
 from msb.errors import Unsupported
@@ -17,13 +16,9 @@ from msb.registry import role
 from msb.render.backend import check_supported
 from msb.render.splat.model import CLIPPED, Model, make_model, sh_buffers
 from msb.render.splat.view import make_view
-
-if TYPE_CHECKING:
-    from msb.asset import Asset
-    from msb.render.surface import Surface
-    from msb.scenes import Camera
-
-    Color = tuple[float, float, float]
+from msb.render.surface import Surface
+from msb.scenes import Camera
+from msb.scenes.colors import Color
 
 # `View` of view.wgsl, without a method's own members, which follow.
 VIEW = np.dtype(

@@ -1,13 +1,10 @@
 """The passes and buffers of a frame as plain data, which wgpu-py and a browser's WebGPU run alike."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
+from numpy.typing import NDArray
 
 # Bytes between entries of a uniform buffer that are bound one at a time.
 SLOT = 256

@@ -1,14 +1,13 @@
 """Renderer `wgpu` on the dedicated tier: the official look by an ordinary graphics pipeline."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from msb.asset import Asset
 from msb.asset.settings import check_modes
 from msb.engines.engine import WALL_CLOCK, device_kind
 from msb.engines.hardware.device import PIXEL_BYTES, DevicePlan, bands_of, pixel_bytes
@@ -18,15 +17,11 @@ from msb.engines.hardware.program import STOPS, make_plan
 from msb.engines.webgpu import WgpuRenderer
 from msb.engines.webgpu_adapter import Gpu
 from msb.errors import DeviceError, UsageError
+from msb.registry import Order, Sampling
 from msb.render.backend import Drawn
 from msb.render.frame import Frame
-
-if TYPE_CHECKING:
-    from msb.asset import Asset
-    from msb.registry import Order, Sampling
-    from msb.scenes import Camera
-
-    Color = tuple[float, float, float]
+from msb.scenes import Camera
+from msb.scenes.colors import Color
 
 FLOAT, HALF, NUMBERS = "rgba32float", "rgba16float", "r32uint"
 _BLENDS = {FLOAT: "float32", HALF: "half floats"}

@@ -86,15 +86,13 @@ async function obey() {
   if (!await ready) { await answer({ error: byId("message").textContent }); return; }
   if (!floats) { await answer({ error: "this browser cannot draw into floats (EXT_color_buffer_float)" }); return; }
   await answer({
-    three: THREE.REVISION, browser: navigator.userAgent, reversed: clip !== null, timer: clock !== null,
-    device: info ? gl.getParameter(info.UNMASKED_RENDERER_WEBGL) : gl.getParameter(gl.RENDERER),
-    subpixel_bits: gl.getParameter(gl.SUBPIXEL_BITS), side: gl.getParameter(gl.MAX_RENDERBUFFER_SIZE),
+    three: THREE.REVISION, browser: navigator.userAgent, side: gl.getParameter(gl.MAX_RENDERBUFFER_SIZE),
+    device: gl.getParameter(info ? info.UNMASKED_RENDERER_WEBGL : gl.RENDERER),
   });
   for (;;) {
     let asked;
     // Who told us what to draw has gone: end the browser with its only window.
     try { asked = await (await fetch("next")).json(); } catch { window.close(); return; }
-    if (asked.stop) { window.close(); return; }
     try {
       const { view, background } = asked;
       const ms = await timed(view, background);
