@@ -22,7 +22,7 @@ from msb.engines.blender import CyclesRenderer, blender_camera
 from msb.engines.engine import engine_mesh, opaque_frame
 from msb.engines.threejs import ThreeJsRenderer
 from msb.engines.webgpu import WgpuRenderer, camera_record
-from msb.engines.webgpu_texture import runs_of
+from msb.engines.webgpu_texture import split_runs
 from msb.errors import DeviceError, Unsupported, UsageError
 from msb.meshes import read_mesh
 from msb.render import Frame
@@ -242,4 +242,4 @@ def test_a_python_without_bpy_is_an_error(monkeypatch: pytest.MonkeyPatch, tmp_p
 
 
 def test_faces_are_drawn_in_runs_of_one_texture() -> None:
-    assert runs_of(np.array([4, 4, 2, 4], np.uint32)) == [(4, 0, 2), (2, 2, 1), (4, 3, 1)]
+    assert split_runs(np.array([4, 4, 2, 4], np.uint32)) == [(4, 0, 2), (2, 2, 1), (4, 3, 1)]

@@ -65,7 +65,7 @@ class DevicePlan:
             gpu.buffer(name, size, *usages)
             if name in plan.data:
                 array = np.ascontiguousarray(plan.data[name])
-                device.queue.write_buffer(gpu.held[name], 0, array)
+                device.queue.write_buffer(gpu.resources[name], 0, array)
         self._steps = (*plan.passes, *plan.band_passes)
         # Steps of one entry point and one layout share a pipeline: compiling takes long.
         made: dict[Any, tuple[Any, Any]] = {}
@@ -138,7 +138,7 @@ class DevicePlan:
             row[:5] = band.x, band.y, band.width, band.height, band.offset // 4
         gpu, scale, size = self._gpu, self._plan.scale, pixel_bytes(bands)
         gpu.buffer("bands", rows.nbytes, "uniform", "copy_dst")
-        gpu.device.queue.write_buffer(gpu.held["bands"], 0, rows)
+        gpu.device.queue.write_buffer(gpu.resources["bands"], 0, rows)
         gpu.buffer("pixels", size, "storage", "copy_src")
         gpu.buffer("pixels, read back", size, "copy_dst", "map_read")
         width, height = scale * bands[0].width, scale * bands[0].height
@@ -168,7 +168,7 @@ class DevicePlan:
         return self._groups[number, k]
 
     def _resource(self, binding: Binding, k: int) -> Any:
-        held = self._gpu.held[binding.name]
+        held = self._gpu.resources[binding.name]
         if binding.kind in ("texture", "numbers", "store"):
             return held.create_view()
         offset, size = binding.offset, binding.size
@@ -223,7 +223,7 @@ class DevicePlan:
         computing.set_pipeline(self._made[number][1])
         computing.set_bind_group(0, self._group(number, step, k))
         if step.indirect is not None:
-            computing.dispatch_workgroups_indirect(self._gpu.held["arguments"], step.indirect)
+            computing.dispatch_workgroups_indirect(self._gpu.resources["arguments"], step.indirect)
         elif step.groups is not None:
             computing.dispatch_workgroups(step.groups)
         else:
@@ -234,7 +234,7 @@ class DevicePlan:
         band, scale = self.bands[k], self._plan.scale
         if step.z_buffer:
             timed["depth_stencil_attachment"] = {
-                "view": self._gpu.held[Z_BUFFER].create_view(),
+                "view": self._gpu.resources[Z_BUFFER].create_view(),
                 "depth_load_op": step.load,
                 "depth_store_op": "store",
                 "depth_clear_value": 1.0,
@@ -242,7 +242,7 @@ class DevicePlan:
         drawing = encoder.begin_render_pass(
             color_attachments=[
                 {
-                    "view": self._gpu.held[target].create_view(),
+                    "view": self._gpu.resources[target].create_view(),
                     "load_op": step.load,
                     "store_op": "store",
                     "clear_value": (0, 0, 0, self._plan.clear),
@@ -256,13 +256,13 @@ class DevicePlan:
         drawing.set_pipeline(self._made[number][1])
         drawing.set_bind_group(0, self._group(number, step, k))
         for records, offset in step.records:
-            drawing.set_vertex_buffer(0, self._gpu.held[records])
-            drawing.draw_indirect(self._gpu.held["arguments"], offset)
+            drawing.set_vertex_buffer(0, self._gpu.resources[records])
+            drawing.draw_indirect(self._gpu.resources["arguments"], offset)
         drawing.end()
 
     def read(self, name: str) -> NDArray[np.uint8]:
         """Return the bytes of a buffer, by way of one that the host can map."""
-        buffer = self._gpu.held[name]
+        buffer = self._gpu.resources[name]
         return np.frombuffer(self._gpu.device.queue.read_buffer(buffer), np.uint8)
 
     def close(self) -> None:

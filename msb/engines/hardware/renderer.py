@@ -95,7 +95,7 @@ class HardwareRenderer:
         if self._packed.surface is not None:
             self._format = NUMBERS
         blends = _BLENDS.get(self._format)
-        self.device_info = gpu.about() | ({} if blends is None else {"blends": blends})
+        self.device_info = gpu.describe() | ({} if blends is None else {"blends": blends})
         self._limits = _limits_of(gpu.adapter)
         self._plan = make_plan(
             self._packed,
@@ -147,11 +147,11 @@ class HardwareRenderer:
     def _run(self, camera: Camera, background: Color, *, read: bool) -> Drawn:
         self._make_targets(camera.width, camera.height)
         view = self._packed.view_bytes(camera, background)
-        self._gpu.device.queue.write_buffer(self._gpu.held["view"], 0, view)
+        self._gpu.device.queue.write_buffer(self._gpu.resources["view"], 0, view)
         drawn = self._in_steps() if self._gpu.kind == "cpu" else self._at_once()
         if read:
-            encoder, pixels = self._gpu.device.create_command_encoder(), self._gpu.held["pixels"]
-            encoder.copy_buffer_to_buffer(pixels, 0, self._gpu.held["pixels, read back"], 0, pixels.size)
+            encoder, pixels = self._gpu.device.create_command_encoder(), self._gpu.resources["pixels"]
+            encoder.copy_buffer_to_buffer(pixels, 0, self._gpu.resources["pixels, read back"], 0, pixels.size)
             self._gpu.device.queue.submit([encoder.finish()])
         return drawn
 
@@ -181,9 +181,9 @@ class HardwareRenderer:
             self._runs.encode(encoder, steps, timed)
         times = self._gpu.run(encoder).reshape(-1, 2).astype(np.float64)
         waited = 1000 * (time.perf_counter() - start)
-        if self._gpu.tick is None:
+        if self._gpu.nanoseconds_per_tick is None:
             return Drawn({WALL_CLOCK: waited}, waited)
-        times *= self._gpu.tick / 1e6
+        times *= self._gpu.nanoseconds_per_tick / 1e6
         spent: dict[str, float] = {}
         for (stage, _), (began, ended) in zip(stages, times.tolist(), strict=True):
             spent[stage] = spent.get(stage, 0.0) + max(0.0, ended - began)
@@ -221,7 +221,7 @@ class HardwareRenderer:
 
     def memory_groups(self) -> Mapping[str, str]:
         """Return use -> group."""
-        return {name: _GROUPS[word] for name in self._gpu.held if (word := name.split()[0]) in _GROUPS}
+        return {name: _GROUPS[word] for name in self._gpu.resources if (word := name.split()[0]) in _GROUPS}
 
     def close(self) -> None:
         """Release everything."""
