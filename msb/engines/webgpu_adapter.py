@@ -135,7 +135,7 @@ class Gpu:
 
     @contextlib.contextmanager
     def reporting(self, doing: str) -> Iterator[None]:
-        """Convert errors of wgpu in a block to a DeviceError that names the device and the activity `doing`."""
+        """Convert wgpu errors in a block to a DeviceError that names the device and the activity `doing`."""
         wgpu = self._wgpu
         try:
             yield

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from msb.engines.hardware.device import bands_of
+from msb.engines.hardware.device import split_into_bands
 from msb.engines.hardware.packing import pack
 from msb.engines.hardware.plan import Limits
 from msb.engines.hardware.program import make_plan
@@ -52,7 +52,7 @@ def test_conditions_and_includes_are_resolved() -> None:
 )
 def test_bands_cover_the_frame_once(width: int, height: int, scale: int, side: int, room: int) -> None:
     count = np.zeros((height, width), int)
-    bands = bands_of(width, height, scale, side, room)
+    bands = split_into_bands(width, height, scale, side, room)
     for band in bands:
         count[band.y : band.y + band.height, band.x : band.x + band.width] += 1
         assert scale * max(band.width, band.height) <= side

@@ -17,7 +17,7 @@ from msb.asset.settings import effective_settings
 from msb.asset.strict_json import parse_strict_json
 from msb.base.files import read_file
 from msb.engines.dedicated_page.stored import restore, store
-from msb.engines.hardware.packing import VIEW, Packed, model_of, pack
+from msb.engines.hardware.packing import VIEW, Packed, make_native_model, pack
 from msb.engines.hardware.plan import Limits, Plan
 from msb.engines.hardware.program import make_plan
 from msb.engines.webpage import camera_data, filled, scene_data
@@ -247,7 +247,7 @@ def _live_settings(asset: Asset, settings: Mapping[str, Any], model: Model | Sur
         options = []
         for choice in choices:
             try:
-                other = model_of(asset, {**values, name: choice})
+                other = make_native_model(asset, {**values, name: choice})
             except MsbError:
                 break
             if not _alike(model, other):
