@@ -90,7 +90,7 @@ class _Blender(Engine):
         )
         try:
             path = Path(self._folder.name) / f"mesh.{source}"
-            path.write_bytes(self._mesh.encoded(path.suffix))
+            path.write_bytes(self._mesh.to_bytes(path.suffix))
             about = self._ask(
                 {
                     "file": str(path),

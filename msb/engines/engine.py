@@ -156,7 +156,7 @@ class EngineMesh:
     numbers: NDArray[np.uint32] | None
     textured: Textured | None = None
 
-    def encoded(self, suffix: str) -> bytes:
+    def to_bytes(self, suffix: str) -> bytes:
         """Return the mesh file that `msb convert` writes for the asset, in the format of `suffix`.
 
         Vertex colours are stored as sRGB if there are no textures.
@@ -173,6 +173,9 @@ class EngineMesh:
         file = BytesIO()
         write_mesh(mesh, file, suffix=suffix, style=Style("srgb" if skin is None else None))
         return file.getvalue()
+
+    # The old name, until the callers in other packages are renamed.
+    encoded = to_bytes
 
     def depth_range(self, world_to_camera: NDArray[np.float64]) -> tuple[float, float]:
         """Return a lower and an upper bound of the vertices' depths, from the corners of the bounding box."""

@@ -43,7 +43,7 @@ class ThreeJsRenderer(Engine):
         defaults: bool = False,
     ) -> None:
         super().__init__(asset, device=device, settings=settings, supersample=supersample)
-        content = {"page.html": page(served=True), "mesh.glb": self._mesh.encoded(".glb")}
+        content = {"page.html": page(served=True), "mesh.glb": self._mesh.to_bytes(".glb")}
         browser = find_browser()
         assert browser is not None
         self._defaults = defaults

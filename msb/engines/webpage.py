@@ -48,7 +48,7 @@ def page(
     """
     scene = scene_data(name, cameras, up, background)
     encoded = "" if glb is None else base64.b64encode(glb).decode("ascii")
-    return filled(scene, _SCRIPTS + (("remote.js",) if served else ()), glb=encoded)
+    return fill_template(scene, _SCRIPTS + (("remote.js",) if served else ()), glb=encoded)
 
 
 def scene_data(
@@ -65,7 +65,9 @@ def scene_data(
     return {"name": name, "cameras": listed, "up": up, "background": list(background), "daylight": daylight}
 
 
-def filled(scene: Mapping[str, Any], scripts: Sequence[str], *, glb: str = "", arrays: str = "") -> bytes:
+def fill_template(
+    scene: Mapping[str, Any], scripts: Sequence[str], *, glb: str = "", arrays: str = ""
+) -> bytes:
     """Return web/page.html filled with a scene and scripts, as UTF-8.
 
     `scene` is JSON data: `scene_data`, and more for some pages. `scripts` are names of files in web, in their
@@ -88,7 +90,11 @@ def filled(scene: Mapping[str, Any], scripts: Sequence[str], *, glb: str = "", a
     ):
         before, rest = rest.split(mark, 1)
         parts += [before, value]
-    return "".join([*parts, rest]).encode(errors="backslashreplace")  # a file name may not be valid Unicode
+    return "".join([*parts, rest]).encode(errors="backslashreplace")  # file names may be invalid Unicode
+
+
+# The old name, until the callers in other packages are renamed.
+filled = fill_template
 
 
 @cache

@@ -11,9 +11,9 @@ import pytest
 
 from msb import metrics
 from msb.engines.browser import VARIABLE
-from msb.engines.dedicated_page.measure import FAITHFUL
-from msb.engines.dedicated_page.page import MODES, STOPS, BakedLook, CheckView, DedicatedPage, make_page
-from msb.engines.dedicated_page.smaller import quantised
+from msb.engines.dedicated_page.measurement import FAITHFUL
+from msb.engines.dedicated_page.page import MODES, STOPS, BakedMesh, CheckView, DedicatedPage, make_page
+from msb.engines.dedicated_page.reduction import quantise
 from msb.engines.engine import engine_mesh
 from msb.engines.hardware.packing import pack
 from msb.engines.hardware.renderer import HardwareRenderer
@@ -84,7 +84,7 @@ def test_golden_views_are_faithful_to_the_official_image(views: list[View], with
         const images = [];
         for (let k = 0; k < {len(views)}; k += 1) images.push([...await pixelsOf(k)]);
         return images;"""
-    for view, pixels in zip(views, with_webgpu(page_of(views).encoded(), script), strict=True):
+    for view, pixels in zip(views, with_webgpu(page_of(views).to_bytes(), script), strict=True):
         official = to_bytes(view.image)
         assert metrics.psnr(np.array(pixels, np.uint8).reshape(official.shape), official) >= FAITHFUL
 
@@ -101,7 +101,7 @@ def test_the_page_computes_the_same_camera_record(in_browser: InBrowser) -> None
           about.view, about.plans[0].scale, view, [0.25, 0.5, 1], about.view.degree, about.view.own))];
         return about.tests.map((test) => read(test.view));"""
     for packed, views in projections.values():
-        for view, record in zip(views, in_browser(page_of(views).encoded(), script), strict=True):
+        for view, record in zip(views, in_browser(page_of(views).to_bytes(), script), strict=True):
             pair = packed.view_bytes(view.camera, (0.25, 0.5, 1.0)), bytes(record)
             # Adding 0 makes -0 equal to 0.
             ours, theirs = ((np.frombuffer(data, np.float32) + 0).view(np.int32).astype(int) for data in pair)
@@ -133,14 +133,14 @@ def checksum(array: np.ndarray) -> int:
 @pytest.mark.parametrize("method", METHODS[1:])
 def test_the_page_decodes_the_packed_arrays(in_browser: InBrowser, method: str) -> None:
     view = golden_views(method)[2 if method == "two_dts" else 0]
-    asset = quantised(exported(view.folder / "checkpoint"))
+    asset = quantise(exported(view.folder / "checkpoint"))
     settings = {**view.settings, **({"gamma_rescale": True, "gamma": 7.0} if method == "two_dts" else {})}
     packed = pack(asset, settings)
     page = make_page(asset, name="a", settings=settings)
     if method == "two_dts":
         assert set(page.scene["dedicated"]["arrays"]["positions"]) == {"shrunk"}
     # Without main(), which removes the stored arrays from the document.
-    data = page.encoded().replace(b'return typeof main === "function" && main();', b"return true;")
+    data = page.to_bytes().replace(b'return typeof main === "function" && main();', b"return true;")
     sums = in_browser(data, CHECKSUMS)
     for name, array in packed.arrays.items():
         assert sums[name] == checksum(array), name
@@ -158,7 +158,7 @@ def test_without_webgpu_the_page_explains_it_and_shows_a_mesh(
 ) -> None:
     views = golden_views(method)[:1]
     note, shown, found, colors, greys = in_browser(
-        page_of(views, cameras=[views[0].camera]).encoded(),
+        page_of(views, cameras=[views[0].camera]).to_bytes(),
         """
         await ready;
         showNow();
@@ -182,10 +182,10 @@ def test_the_baked_mesh_can_be_shown_beside_the_others(in_browser: InBrowser) ->
     views = golden_views("triangle_splatting")[:1]
     mesh = mesh_from_asset(exported(views[0].folder / "checkpoint"))
     colors = np.tile(np.uint8([200, 50, 20]), (len(mesh.vertices), 1))
-    glb = engine_mesh(asset_from_mesh(replace(mesh, vertex_colors=colors)), {}).encoded(".glb")
-    page = page_of(views, cameras=[views[0].camera], baked=BakedLook(glb, 32.25, 18.06))
+    glb = engine_mesh(asset_from_mesh(replace(mesh, vertex_colors=colors)), {}).to_bytes(".glb")
+    page = page_of(views, cameras=[views[0].camera], baked=BakedMesh(glb, 32.25, 18.06))
     first, options, *counts, label, note = in_browser(
-        page.encoded(),
+        page.to_bytes(),
         """
         await ready;
         const select = byId("shown"), first = select.value, counts = [];
@@ -233,7 +233,7 @@ def test_modes_of_the_page_are_those_of_the_renderer(
           () => progress.push([byId("name").textContent, byId("facts").textContent]));
         observer.observe(byId("facts"), { childList: true });
         </script></body>"""
-    before, _, after = page_of([view]).encoded().rpartition(b"</body>")
+    before, _, after = page_of([view]).to_bytes().rpartition(b"</body>")
     script = f"""
         const images = [];
         await ready;
@@ -317,7 +317,7 @@ TOUCH = """
 
 def test_two_fingers_zoom_and_move_and_keys_fly(in_browser: InBrowser) -> None:
     views = golden_views("triangle_splatting")[:1]
-    (start, near, moved, turned, flown), pressed = in_browser(page_of(views).encoded(), TOUCH)
+    (start, near, moved, turned, flown), pressed = in_browser(page_of(views).to_bytes(), TOUCH)
     assert near["distance"] == pytest.approx(start["distance"] / 2)
     assert moved["distance"] == pytest.approx(near["distance"])
     assert np.linalg.norm(np.subtract(moved["eye"], near["eye"])) > 0.05 * near["distance"]
@@ -344,7 +344,7 @@ def test_a_lost_device_is_reported(when: str, with_webgpu: InBrowser) -> None:
         await event;
         return [...state, byId("note").textContent];"""
     page = page_of(golden_views("triangle_splatting")[:1])
-    hidden, note, shown, without_webgl = with_webgpu(page.encoded(), script)
+    hidden, note, shown, without_webgl = with_webgpu(page.to_bytes(), script)
     assert (hidden, shown) == (False, "standard")
     assert "lost" in note
     assert "WebGL" not in note

@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 
 from msb.asset import Asset
-from msb.engines.dedicated_page.measure import Measured
+from msb.engines.dedicated_page.measurement import Measurement
 from msb.engines.dedicated_page.page import CheckView, Cost, DedicatedPage, make_page, read_page
-from msb.engines.dedicated_page.smaller import quantised, with_faces
-from msb.engines.dedicated_page.stored import restore, store
+from msb.engines.dedicated_page.reduction import quantise, select_faces
+from msb.engines.dedicated_page.storage import restore, store
 from msb.engines.hardware.packing import VIEW, pack
 from msb.errors import InputError, Unsupported
 from msb.reference import render_reference
@@ -85,7 +85,7 @@ def test_streams_of_another_length_are_rejected() -> None:
 @pytest.mark.parametrize("method", METHODS)
 def test_quantised_assets_are_stored_exactly_and_look_alike(method: str) -> None:
     view = golden_views(method)[0]
-    rounded = quantised(golden_asset(method))
+    rounded = quantise(golden_asset(method))
     assert rounded.manifest.face_count == golden_asset(method).manifest.face_count
     positions = store(rounded.buffers["positions"])
     assert positions.head["how"] in ("grid", "rows")
@@ -110,14 +110,14 @@ def test_faces_without_a_contribution_can_be_left_out(method: str) -> None:
     assert frame.contribution.sum() == pytest.approx(frame.alpha.sum(dtype=np.float64), rel=1e-5)
     visible = np.flatnonzero(frame.contribution)
     assert 0 < len(visible) < asset.manifest.face_count
-    fewer = with_faces(asset, visible)
+    fewer = select_faces(asset, visible)
     assert fewer.manifest.face_count == len(visible)
     np.testing.assert_array_equal(render_reference(fewer, view.camera, view.background).image, frame.image)
 
 
 def test_unreferenced_vertices_are_dropped_with_their_faces() -> None:
     asset = golden_asset("mesh_splatting")
-    fewer = with_faces(asset, np.arange(10))
+    fewer = select_faces(asset, np.arange(10))
     corners = [a.buffers["positions"][a.buffers["indices"][:10]] for a in (asset, fewer)]
     np.testing.assert_array_equal(*corners)
     assert fewer.manifest.vertex_count == len(fewer.buffers["f_dc"]) < asset.manifest.vertex_count
@@ -176,7 +176,7 @@ def test_a_page_is_read_back_and_its_name_is_escaped(tmp_path: Path) -> None:
     page = golden_page(name=name, costs=[Cost("half", np.inf)])
     page.record("a browser", [np.inf])
     path = tmp_path / "page.html"
-    path.write_bytes(page.encoded())
+    path.write_bytes(page.to_bytes())
     text = path.read_text()
     assert "alert(1)</script>" not in text
     assert text.count('data-module="GLTFLoader.js"') == 1
@@ -197,7 +197,7 @@ def test_files_that_are_not_valid_pages_are_rejected(tmp_path: Path) -> None:
     page.scene["dedicated"]["arrays"][test["image"]]["bytes"] = 0
     for height in (0, -1, 1.5, True):  # test views without pixels
         test["view"]["height"] = height
-        files.append(page.encoded())
+        files.append(page.to_bytes())
     path = tmp_path / "page.html"
     for data in files:
         path.write_bytes(data)
@@ -213,14 +213,14 @@ def test_a_plain_mesh_has_no_dedicated_page() -> None:
 
 
 def test_the_worst_view_is_infinite_only_if_all_views_are_equal() -> None:
-    assert Measured("b", "d", "rgba32float", [np.inf, 50.0, 60.0], []).worst == 50
-    assert Measured("b", "d", "rgba16float", [np.inf], []).worst == np.inf
+    assert Measurement("b", "d", "rgba32float", [np.inf, 50.0, 60.0], []).worst == 50
+    assert Measurement("b", "d", "rgba16float", [np.inf], []).worst == np.inf
 
 
 def test_shrunk_triangles_are_stored_once() -> None:
     view = next(view for view in golden_views("two_dts") if view.settings["gamma_rescale"])
     asset = exported(view.folder / "checkpoint")
-    content = make_page(quantised(asset), name="a", settings=view.settings).scene["dedicated"]
+    content = make_page(quantise(asset), name="a", settings=view.settings).scene["dedicated"]
     assert set(content["arrays"]["positions"]) == {"shrunk"}
     assert content["arrays"]["stored positions"]["how"] in ("grid", "rows")
     assert content["standard"]["positions"] == "stored positions"

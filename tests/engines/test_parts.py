@@ -53,7 +53,7 @@ def test_an_engine_gets_the_file_of_convert(tmp_path: Path, suffix: str) -> None
     vertices, faces = scene("small", 1)
     asset = mesh_asset((vertices, faces), random_colors(1, len(vertices), np.float32))
     path = tmp_path / f"mesh{suffix}"
-    path.write_bytes(engine_mesh(asset, {}).encoded(suffix))
+    path.write_bytes(engine_mesh(asset, {}).to_bytes(suffix))
     mesh = read_mesh(path)
     np.testing.assert_array_equal(mesh.vertices, vertices)
     np.testing.assert_array_equal(mesh.faces, faces)

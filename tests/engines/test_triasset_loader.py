@@ -17,7 +17,7 @@ from msb.asset import Asset
 from msb.asset.manifest import StoredSetting
 from msb.engines import browser
 from msb.engines.agreement import agreement
-from msb.engines.dedicated_page.measure import FAITHFUL
+from msb.engines.dedicated_page.measurement import FAITHFUL
 from msb.engines.dedicated_page.page import make_page
 from msb.engines.engine import opaque_frame
 from msb.engines.webpage import camera_data
@@ -181,7 +181,7 @@ def test_textures_look_as_on_the_standard_tier(case: str, ask: Ask, tmp_path: Pa
 @pytest.mark.oracle
 def test_native_rendering_is_that_of_the_page(ask: Ask) -> None:
     view = golden_views("triangle_splatting")[0]
-    page = make_page(exported(view.folder / "checkpoint"), name="a", settings=view.settings).encoded()
+    page = make_page(exported(view.folder / "checkpoint"), name="a", settings=view.settings).to_bytes()
     task = {"view": camera_data(view.camera), "background": list(view.background)}
     head, body = ask(page, "page", **task)
     assert head == {"title": "Triangle-Splatting"}

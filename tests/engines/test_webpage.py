@@ -34,7 +34,7 @@ def colored_asset() -> Asset:
 
 
 def make_page(**options: Any) -> bytes:
-    return webpage.page(engine_mesh(colored_asset(), {}).encoded(".glb"), name="mesh.triasset", **options)
+    return webpage.page(engine_mesh(colored_asset(), {}).to_bytes(".glb"), name="mesh.triasset", **options)
 
 
 def test_everything_is_in_the_file() -> None:
@@ -94,7 +94,7 @@ def test_a_mesh_without_colours_is_lit_in_grey(in_browser: InBrowser) -> None:
     write_mesh(
         Mesh(asset.buffers["positions"], asset.buffers["indices"].astype(np.int64)), bare, suffix=".glb"
     )
-    for mesh in (engine_mesh(asset, {}).encoded(".glb"), bare.getvalue()):
+    for mesh in (engine_mesh(asset, {}).to_bytes(".glb"), bare.getvalue()):
         page = webpage.page(mesh, name="mesh", cameras=[VIEW], background=(0, 0, 1))
         screenshot = pixels(in_browser(page, SCREENSHOT, "?camera=0"))
         assert (np.abs(screenshot - ours).max(axis=2) <= 2).mean() > 0.99
@@ -141,7 +141,7 @@ def test_the_mouse_turns_zooms_and_moves(in_browser: InBrowser) -> None:
 
 
 def test_an_empty_page_shows_a_dropped_file(in_browser: InBrowser) -> None:
-    data = base64.b64encode(engine_mesh(colored_asset(), {}).encoded(".glb")).decode()
+    data = base64.b64encode(engine_mesh(colored_asset(), {}).to_bytes(".glb")).decode()
     script = f"""
         await ready;
         const bytes = Uint8Array.from(atob("{data}"), (c) => c.charCodeAt(0));

@@ -1,4 +1,4 @@
-"""How faithful a page is: its test views, drawn by a headless browser, against the images that it holds."""
+"""Measurement of a page: a headless browser draws the test views, which are compared with stored images."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -13,24 +13,25 @@ from msb.engines.webpage import read_script
 from msb.errors import DeviceError
 from msb.metrics import psnr
 
-# The PSNR in dB from which a page counts as faithful.
+# Minimum PSNR in dB of a faithful page, unless --at-least is given. Differences are invisible above 40 dB;
+# 45 dB leaves a margin, and pages that are blended in half floats still pass.
 FAITHFUL = 45.0
 
 
 @dataclass(frozen=True)
-class Measured:
-    """What a page's pixels have to its test views.
+class Measurement:
+    """How closely a browser reproduces the test views of a page.
 
     Attributes
     ----------
     browser, device : str
-        What drew.
+        The browser and its graphics adapter.
     format : str
-        The format that was blended into.
+        The texture format of the blended targets.
     psnr : list of float
-        In dB, inf where all bytes are equal.
+        PSNR of each view in dB; inf if all bytes are equal.
     milliseconds : list of float
-        Of each frame, from the call until its pixels were read; the first one includes what WebGPU puts off.
+        Time of each frame until its pixels were read. The first one includes deferred work of WebGPU.
     """
 
     browser: str
@@ -41,12 +42,12 @@ class Measured:
 
     @property
     def worst(self) -> float:
-        """The lowest PSNR; inf if all views are equal."""
+        """The lowest PSNR in dB; inf if all views are equal."""
         return min(self.psnr, default=math.inf)
 
     @property
     def by(self) -> str:
-        """Who drew, in words."""
+        """The browser and adapter in words."""
         half = ", blended in half floats" if self.format == "rgba16float" else ""
         return f"{self.browser}, {self.device}{half}"
 
@@ -58,27 +59,30 @@ def measure_page(
     *,
     software: bool = True,
     step: Callable[[], None] = lambda: None,
-) -> Measured:
-    """Return how faithfully a browser shows a page.
+) -> Measurement:
+    """Return how closely a browser reproduces the test views of a page.
 
     Parameters
     ----------
     data : bytes
         The page.
     scene : mapping
-        Its scene.
+        Its scene description.
     images : sequence of (H, W, 3) uint8
-        Those of its test views.
+        The expected images of its test views.
     software : bool
-        Whether to draw with the browser's own software adapter, which is the same on every machine.
+        Whether to draw with the browser's software adapter, which gives the same result on every machine.
     step : callable
         Called after each view.
+
+    Raises
+    ------
+    DeviceError
+        DEVICE_NOT_FOUND: there is no browser. ENGINE_FAILED: it does not draw the page.
     """
     browser = find_browser()
     if browser is None:
-        text = (
-            f"no Chromium, Chrome or Edge is on PATH, and {VARIABLE} names none, so no page can be measured"
-        )
+        text = f"measuring a page needs Chromium, Chrome or Edge on PATH, or its path in {VARIABLE}"
         raise DeviceError("DEVICE_NOT_FOUND", text)
     script = f"<script>\n{read_script('verify.js')}</script>\n</body>".encode()
     before, _, after = data.rpartition(b"</body>")
@@ -87,15 +91,15 @@ def measure_page(
     try:
         for k, image in enumerate(images):
             head, body = page.ask({"test": k})
-            found = np.frombuffer(body, np.uint8)
-            if found.size != image.size:
-                raise DeviceError("ENGINE_FAILED", f"the page draws {found.size} bytes, not {image.size}")
-            values.append(psnr(found.reshape(image.shape), image))
+            drawn = np.frombuffer(body, np.uint8)
+            if drawn.size != image.size:
+                text = f"the page drew test view {k} as {drawn.size} bytes; {image.size} were expected"
+                raise DeviceError("ENGINE_FAILED", text)
+            values.append(psnr(drawn.reshape(image.shape), image))
             times.append(float(head["ms"]))
             step()
     finally:
         page.close()
     about = page.about
-    return Measured(
-        browser_name(str(about["browser"])), str(about["device"]), str(about["format"]), values, times
-    )
+    name = browser_name(str(about["browser"]))
+    return Measurement(name, str(about["device"]), str(about["format"]), values, times)
