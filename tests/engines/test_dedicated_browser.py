@@ -149,7 +149,7 @@ def test_the_page_decodes_the_packed_arrays(in_browser: InBrowser, method: str) 
 @pytest.mark.parametrize(
     ("method", "label", "facts"),
     [
-        ("triangle_splatting", "standard", "Triangle-Splatting, 2,420 faces"),
+        ("triangle_splatting", "standard mesh", "Triangle-Splatting, 2,420 faces"),
         ("diffsoup", "grey triangles", "DiffSoup, 1,600 faces"),
     ],
 )
@@ -209,11 +209,11 @@ def test_the_baked_mesh_can_be_shown_beside_the_others(in_browser: InBrowser) ->
     )
     assert first == "baked", "there is no WebGPU in this browser"
     assert len(options) == 5
-    assert [text for text in options if "dB" in text] == ["standard (18.1 dB)", "baked (32.3 dB)"]
+    assert [text for text in options if "dB" in text] == ["standard mesh (18.1 dB)", "baked mesh (32.3 dB)"]
     baked, wiped, standard = counts
     assert baked == wiped > 1000
     assert standard == 0
-    assert label == "baked"
+    assert label == "baked mesh"
     assert "msb bake" in note
 
 
@@ -242,7 +242,7 @@ def test_modes_of_the_page_are_those_of_the_renderer(
         const away = setMode({{ sampling: "engine" }});
         await setMode({{ sampling: "official" }});
         await away;
-        const back = official.number;
+        const back = native.number;
         for (const [order, sampling] of {json.dumps(modes)}) {{
           await setMode({{ order, sampling }});
           images.push([...await pixelsOf(0)]);
@@ -333,9 +333,9 @@ def test_two_fingers_zoom_and_move_and_keys_fly(in_browser: InBrowser) -> None:
 def test_a_lost_device_is_reported(when: str, with_webgpu: InBrowser) -> None:
     script = f"""
         await ready;
-        const {{ lost }} = official;
+        const {{ lost }} = native;
         const changing = "{when}" === "compiling" ? setMode({{ order: "none" }}) : null;
-        official.device.destroy();
+        native.device.destroy();
         await Promise.all([lost, changing]);
         await new Promise((done) => setTimeout(done, 100));
         const state = [byId("note").hidden, byId("note").textContent, byId("shown").value];

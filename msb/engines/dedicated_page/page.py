@@ -30,7 +30,7 @@ from msb.scenes.colors import Color
 
 SCRIPTS = (
     *("camera.js", "page.js", "hands.js", "store.js", "dedicated.js"),
-    *("official.js", "faithful.js", "start.js"),
+    *("native.js", "quality.js", "start.js"),
 )
 # The limits that WebGPU guarantees on every device.
 _GUARANTEED = Limits(binding=1 << 27, buffer=1 << 28, side=8192)
