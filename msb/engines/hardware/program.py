@@ -174,7 +174,7 @@ def make_plan(
     records = []
     for k in range(chunks * parts):
         planner.buffer(f"records {k}", room * record_bytes, "storage", "vertex")
-        start = 4 + 8 * k  # entry of this buffer in `arguments`, see `tell` in sort.wgsl
+        start = 4 + 8 * k  # entry of this buffer in `arguments`, see `write_arguments` in sort.wgsl
         bindings = [
             *planner.model(),
             planner.part(start, room),

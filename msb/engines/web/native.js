@@ -170,11 +170,11 @@ if (about.view.degree > 0) {
 }
 for (const { name, value, options } of about.settings) {
   const texts = options.map((option) => ({ true: "on", false: "off" })[option.value] ?? String(option.value));
-  addSetting(name, texts, options.findIndex((option) => option.value === value), (k) => Object.assign(members, options[k].own));
+  addSetting(name.replaceAll("_", " "), texts, options.findIndex((option) => option.value === value), (k) => Object.assign(members, options[k].own));
 }
 
 // The orders of the faces and the rules of sampling. Each combination is another plan, compiled when it is chosen.
-const ORDERS = { tile: "by depth, per tile (official)", global: "by depth", none: "unsorted" };
+const ORDERS = { tile: "per tile (official)", global: "by depth", none: "unsorted" };
 const SAMPLINGS = { official: "official", engine: "as game engines do" };
 const mode = { order: "tile", sampling: "official" };
 async function setMode(changed) {
