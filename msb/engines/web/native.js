@@ -52,16 +52,16 @@ function staticColors(f_dc, corners) {
 
 // Creates the standard-tier mesh from its arrays, with the selected faces only.
 function makeMesh() {
-  const { positions, indices, colors, shown, soup } = meshArrays;
+  const { positions, indices, colors, shown: selected, soup } = meshArrays;
   meshArrays = null;
   const geometry = new THREE.BufferGeometry();
   geometry.setAttribute("position", new THREE.BufferAttribute(positions, 3));
   if (colors) geometry.setAttribute("color", new THREE.BufferAttribute(staticColors(colors, soup ? 3 : 1), 3, true));
   let drawn = indices;
-  if (shown) {
-    drawn = new Uint32Array(3 * shown.reduce((sum, flag) => sum + flag, 0));
-    for (let face = 0, to = 0; face < shown.length; face += 1) {
-      for (let k = 3 * face; shown[face] && k < 3 * face + 3; k += 1, to += 1) drawn[to] = indices ? indices[k] : k;
+  if (selected) {
+    drawn = new Uint32Array(3 * selected.reduce((sum, flag) => sum + flag, 0));
+    for (let face = 0, to = 0; face < selected.length; face += 1) {
+      for (let k = 3 * face; selected[face] && k < 3 * face + 3; k += 1, to += 1) drawn[to] = indices ? indices[k] : k;
     }
   }
   if (drawn) geometry.setIndex(new THREE.BufferAttribute(drawn, 1));
