@@ -87,7 +87,7 @@ def convert(
     data that OUT cannot store, and data of IN that is ignored (normals, lights, bones).
 
     An asset is converted to its standard-tier mesh: opaque and unlit, with textures or static colours. With
-    --official the file is that of the method's official exporter, which may have alpha, duplicated faces or
+    --official the method's official exporter writes the file, which may have alpha, duplicated faces or
     merged vertices.
     """
     if options.official:
@@ -228,15 +228,15 @@ def _write_mesh(source: Path, target: Path, options: ConvertOptions, output: Out
         )
     # Errors of coordinates and indices are reported for the source.
     with output.progress(f"writing {target.name}"), about(source):
-        held = as_held(mesh, suffix)
-        write_mesh_files(held, target, output, style)
-    rotated = [f"rotated upright ({mesh.up} was up)"] if mesh.up != held.up else []
-    _say(target, [*_list_contents(held, suffix), *rotated, *([quality] if quality else [])], output)
-    if mesh.textures and not held.textures and held.vertex_colors is not None:
-        loss = ImageLoss.of(mesh, asset).describe(replace(held, vertices=mesh.vertices))
+        storable = as_held(mesh, suffix)
+        write_mesh_files(storable, target, output, style)
+    rotated = [f"rotated upright ({mesh.up} was up)"] if mesh.up != storable.up else []
+    _say(target, [*_list_contents(storable, suffix), *rotated, *([quality] if quality else [])], output)
+    if mesh.textures and not storable.textures and storable.vertex_colors is not None:
+        loss = ImageLoss.of(mesh, asset).describe(replace(storable, vertices=mesh.vertices))
         output.note(f"{target}: {suffix} has no textures; they were converted to vertex colours{loss}")
-    behind = left_behind(held, options.engine) if options.engine else ()
-    for text in (*losses(mesh, held, suffix, ignored), *behind, *what_is_up(mesh, suffix, known=known)):
+    behind = left_behind(storable, options.engine) if options.engine else ()
+    for text in (*losses(mesh, storable, suffix, ignored), *behind, *what_is_up(mesh, suffix, known=known)):
         output.note(f"{target}: {text}")
 
 

@@ -99,9 +99,9 @@ def style_for(
     texture: Picture | None = None,
     engine: Engine | None = None,
 ) -> tuple[Style, str | None]:
-    """Return the style in which `mesh` is written to `target`, and for the web its image quality in words.
+    """Return the style for writing `mesh` to `target`, and for the web its image quality in words.
 
-    `mesh` is the mesh of `asset`, or of a mesh file. The options are those of `save`.
+    `mesh` is the mesh of `asset`, or of a mesh file. `save` describes the options.
 
     Raises
     ------

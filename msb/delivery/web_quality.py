@@ -42,7 +42,7 @@ _LEVELS = (None, 4.0, 2.0, 1.0, 0.5)
 
 @dataclass(frozen=True)
 class ImageLoss:
-    """Measures how much the images of other meshes differ from those of `mesh`.
+    """Measures the difference between images of `mesh` and images of other meshes.
 
     `views` names the cameras in words.
     """
@@ -55,7 +55,7 @@ class ImageLoss:
 
     @classmethod
     def of(cls, mesh: Mesh, asset: Asset | None) -> ImageLoss:
-        """Return the measurement for the mesh of `asset`, or of a mesh file if there is no asset."""
+        """Return the measurement for the mesh of `asset`, or of a mesh file without an asset."""
         from msb.meshes.assets import asset_from_mesh
         from msb.views import choose_views
 
@@ -76,7 +76,7 @@ class ImageLoss:
         return images_of(mesh, self.cameras, supersample=samples)
 
     def describe(self, other: Mesh) -> str:
-        """Return the same in words to append to a sentence, or "" if there is no device to draw with."""
+        """Return the same in words to append to a sentence, or "" without a device to draw with."""
         try:
             return f" (PSNR {self.loss(other):.1f} dB, {self.views})"
         except DeviceError:

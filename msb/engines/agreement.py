@@ -23,11 +23,11 @@ class Agreement:
     pixels : int
         Number of compared pixels.
     within_a_level : float
-        Share of pixels in which no channel differs by more than one level.
+        Share of pixels whose channels all differ by at most one level.
     psnr : float
         The PSNR in decibels of the images clamped to [0, 1]; infinite if they are equal.
     covered_alike : float
-        Share of pixels in which both images show a face or both show none.
+        Share of pixels with a face in both images or in neither.
     interior : int
         Number of interior pixels: our image shows one face in their whole 3 x 3 neighbourhood.
     interior_within_a_level : float
@@ -51,7 +51,7 @@ def agreement(theirs: Sequence[Frame], ours: Sequence[Frame]) -> Agreement:
     levels, squares, alike, inside = [], [], [], []
     for frame, reference in zip(theirs, ours, strict=True):
         assert reference.face_id is not None
-        a, b = (np.clip(one.image.astype(np.float64), 0, 1) for one in (frame, reference))
+        a, b = (np.clip(image.astype(np.float64), 0, 1) for image in (frame.image, reference.image))
         # The largest difference of the three channels, in levels: (H W,).
         levels.append(np.abs(np.round(255 * a) - np.round(255 * b)).max(axis=2).reshape(-1))
         squares.append(((a - b) ** 2).reshape(-1))

@@ -137,8 +137,10 @@ class _Blender(Engine):
         if python is None:
             return ""
         code = "import importlib.metadata; print(importlib.metadata.version('bpy'))"
-        done = subprocess.run([python, "-c", code], capture_output=True, text=True, timeout=60, check=False)
-        return done.stdout.strip()
+        process = subprocess.run(
+            [python, "-c", code], capture_output=True, text=True, timeout=60, check=False
+        )
+        return process.stdout.strip()
 
     def memory(self) -> Mapping[str, int]:
         """Return the growth of Blender's process in bytes since it started; Blender reports no details."""

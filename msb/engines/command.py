@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from msb.registry import Tier
     from msb.scenes import Camera
 
-# Number of views in which a page is measured, evenly spread over the cameras.
+# Number of test views of a page, evenly spread over the cameras.
 TEST_VIEWS = 4
 # Maximum width and height in pixels of the test views that we render; larger cameras are scaled down.
 TEST_SIDE = 640
@@ -271,7 +271,7 @@ def _draw_native(
 ) -> tuple[list[NDArray[np.uint8]], str]:
     """Return the native renderings (H, W, 3) of all cameras, and which renderer drew them.
 
-    This is the OpenCL renderer, or the NumPy reference if there is no device.
+    This is the OpenCL renderer, or the NumPy reference on machines without a device.
     """
     from msb.render import Renderer
 
@@ -301,7 +301,7 @@ def _as_bytes(image: NDArray[Any]) -> NDArray[np.uint8]:
 
 
 def _measure_baked(content: PageContent, baked: Asset, tests: Sequence[CheckView]) -> BakedMesh:
-    """Return the baked mesh with its average PSNR on the test views, and that of the standard-tier mesh."""
+    """Return the baked mesh; measure its average PSNR on the test views, and the standard-tier mesh's."""
     from msb.asset.tiers import why_not
     from msb.engines.dedicated_page.page import BakedMesh
     from msb.engines.engine import engine_mesh

@@ -23,7 +23,7 @@ from msb.render.standard.supersampling import box_filter, checked_supersample, e
 from msb.scenes import Camera
 from msb.scenes.colors import Color
 
-# Depth of the standard tier's near plane, in units of the camera. There is no far plane.
+# Depth of the standard tier's near plane, in units of the camera. That tier has no far plane.
 NEAR = 0.01
 # Stage name of a frame whose time is the wall-clock time until it was complete.
 WALL_CLOCK = "draw (wall clock)"
@@ -132,7 +132,7 @@ def opaque_frame(
 ) -> Frame:
     """Return a frame that shows `background` at depth 0 in the pixels without a face.
 
-    `image` is (H, W, 3), `depth` and `face_id` are (H, W), and `hit` (H, W) is true where a face was drawn.
+    `image` is (H, W, 3), `depth` and `face_id` are (H, W), and `hit` (H, W) marks the pixels with a face.
     """
     return Frame(
         image=np.where(hit[..., None], image, np.array(background, np.float32)),
@@ -159,7 +159,7 @@ class EngineMesh:
     def to_bytes(self, suffix: str) -> bytes:
         """Return the mesh file that `msb convert` writes for the asset, in the format of `suffix`.
 
-        Vertex colours are stored as sRGB if there are no textures.
+        Without textures, vertex colours are stored as sRGB.
         """
         mesh = Mesh(self.positions, self.indices.astype(np.int64), self.colors)
         if (skin := self.textured) is not None:
@@ -188,7 +188,7 @@ class EngineMesh:
 def engine_mesh(asset: Asset, settings: Mapping[str, Any] | None) -> EngineMesh:
     """Return the standard-tier mesh of `asset` for an engine.
 
-    With face or corner colours every face gets three vertices of its own. If the settings select no face, the
+    With face or corner colours faces do not share vertices. If the settings select no face, the
     mesh has one face of zero area, because the engines' file formats do not allow a mesh without faces.
     """
     values = effective_settings(asset.manifest, settings)

@@ -192,14 +192,14 @@ class WgpuRenderer(Engine):
 
     def _frame(self, camera: Camera, background: Color) -> Frame:
         with self._gpu.reporting("drawing"):
-            drawn = self._run(camera, background, everything=True)
+            timing = self._run(camera, background, everything=True)
             image = self._read("image", np.float32, 4)
             depth = self._read("depth", np.float32, 1)
             face_id = self._read_face_ids() if self._has_face_ids else None
-        # The depth buffer holds near / z (H, W), and 0 where nothing was drawn.
+        # The depth buffer holds near / z (H, W), and 0 in pixels without a face.
         hit = depth > 0
         depth = np.divide(NEAR, depth, out=np.zeros_like(depth), where=hit, dtype=np.float32)
-        return opaque_frame(image[..., :3], hit, depth, background, face_id, drawn.stages)
+        return opaque_frame(image[..., :3], hit, depth, background, face_id, timing.stages)
 
     def _draw(self, camera: Camera, background: Color) -> Drawn:
         with self._gpu.reporting("drawing"):

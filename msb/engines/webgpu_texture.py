@@ -1,6 +1,6 @@
 """A mesh with textures for renderer `wgpu`, with the samplers, mip maps and derivatives of the hardware.
 
-Every face has three vertices of its own. Faces are drawn in their order, one draw call for each run of faces
+Faces do not share vertices. They are drawn in their order, one draw call for each run of faces
 with the same texture, so that of faces at equal depths the first is visible whatever its texture.
 """
 

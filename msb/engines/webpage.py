@@ -56,7 +56,7 @@ def scene_data(
 ) -> dict[str, Any]:
     """Return the scene description that all pages contain, as JSON data.
 
-    `name` is the title, `cameras` are those that can be chosen, `up` is the axis that points up, such as
+    `name` is the title, `cameras` can be chosen in the page, `up` is the axis that points up, such as
     "+y", and `background` is a colour in the asset's colour space.
     """
     listed = [{**camera_data(camera), "name": camera.name} for camera in cameras]

@@ -61,6 +61,7 @@ def apply_light(frames: list[Frame], light: Image) -> list[Frame]:
     values.
     """
     lit = []
+    # Multiply each pixel (H, W, 3) by the brightness of its face (H, W); the background has face id -1.
     for frame in frames:
         faces = frame.face_id
         assert faces is not None, "the standard tier has face ids"
@@ -128,7 +129,7 @@ def _with_hard_edges(asset: Asset) -> _Change:
 
 
 def _draw_change(change: Callable[[Asset], _Change]) -> _Draw:
-    """Return a function that compares the native rendering of a changed model with that of the model."""
+    """Return a function that compares native renderings of a changed and of the unchanged model."""
 
     def draw(views: CauseViews) -> _Pair:
         asset, settings = change(views.asset)
@@ -169,6 +170,7 @@ def _encode(colors: NDArray[Any] | None) -> Image | None:
     """Return colours (N, 3 or 4) encoded as sRGB once more. Alpha, which cuts out textures, is unchanged."""
     if colors is None:
         return None
+    # Bytes become floats in [0, 1].
     values = colors.astype(np.float32) / np.float32(255 if colors.dtype == np.uint8 else 1)
     return np.concatenate((_to_srgb(values[:, :3]), values[:, 3:]), axis=1)
 

@@ -144,6 +144,7 @@ def _measure_cause(definition: CauseDefinition, views: CauseViews) -> Cause:
         with_it, without = definition.draw(views)
     except DoesNotApplyError as error:
         return Cause(definition.name, definition.title, False, None, str(error), *texts)
+    # Sums of squared errors and numbers of values, (views, 2).
     errors = squared_errors(with_it, without)
     worst = int(np.argmax(errors[:, 0] / errors[:, 1]))
     return Cause(

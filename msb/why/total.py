@@ -25,7 +25,7 @@ class Total:
     db : float or None
         The mesh as `msb render` draws it.
     reason : str or None
-        Why there are no numbers.
+        Why the numbers are missing.
     wrong : float or None
         The mesh with every engine setting wrong: lit, colours interpreted as linear, back faces culled.
     right : float or None
@@ -69,7 +69,7 @@ def measure_total(views: CauseViews, losses: Mapping[str, float | None]) -> Tota
     db = difference(standard.frames, native)
     wrong = difference(interpret_as_linear(apply_light(standard.culled, views.light)), native)
     right = difference(standard.supersampled, native)
-    # Change the model step by step until it has only what an opaque mesh can show.
+    # Remove everything from the model that an opaque mesh cannot show, one property after the other.
     asset = views.asset
     settings: dict[str, Any] = {}
     for change in BAKED.values():

@@ -28,7 +28,7 @@ Image = NDArray[np.float32]
 
 # PSNR in dB above which images differ only by rounding and are reported as equal.
 EQUAL = 90.0
-# Settings by which native renderers take several samples per pixel along each axis.
+# Settings of native renderers for several samples per pixel along each axis.
 _SAMPLING_SETTINGS = ("supersample", "render_up_scale")
 
 
@@ -55,8 +55,8 @@ class CauseViews:
     chosen : msb.views.Views
         The cameras that see the asset.
     samples : dict
-        The setting by which the native renderer takes several samples per pixel along each axis, and its
-        value; empty if it takes one.
+        The setting of the native renderer for several samples per pixel along each axis, and its value; empty
+        if it takes one.
     """
 
     def __init__(

@@ -16,7 +16,7 @@ from mathutils import Matrix
 
 
 def run_job(job: dict[str, Any]) -> dict[str, Any]:
-    """Import, draw, export and audit a model; return what the extension reports."""
+    """Import, draw, export and audit a model; return the results of the extension."""
     import meshsplatbench as extension
     from meshsplatbench.model import ABOUT, MARKS, marked_lines
 

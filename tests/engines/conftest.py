@@ -1,4 +1,4 @@
-"""Fixtures for engines: skip what is not installed, and a browser with WebGPU."""
+"""Fixtures for engines: skip tests of missing engines; a browser with WebGPU."""
 
 from collections.abc import Callable, Iterator
 from typing import Any

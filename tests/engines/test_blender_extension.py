@@ -102,9 +102,9 @@ def test_models_look_as_on_the_standard_tier_and_are_exported_unchanged(tmp_path
     assert f"UNSUPPORTED_TIER: {soup.folder / 'checkpoint'}: diffsoup" in rejected["error"]
     for asset, (_, camera), result in zip(assets, models, results, strict=True):
         ours = draw(asset, camera)
-        drawn = agreement([result["frame"]], [ours])
-        assert drawn.interior_within_a_level > 0.999
-        assert drawn.covered_alike > 0.999
+        difference = agreement([result["frame"]], [ours])
+        assert difference.interior_within_a_level > 0.999
+        assert difference.covered_alike > 0.999
         assert result["transform"] == "Standard"
         counts = result["audit"]["counts"]
         assert result["marks"] == {name: counts[f"{name}_edges"] for name in ("boundary", "nonmanifold")}

@@ -157,7 +157,7 @@ def test_without_webgpu_the_page_explains_it_and_shows_a_mesh(
     method: str, label: str, facts: str, in_browser: InBrowser
 ) -> None:
     views = golden_views(method)[:1]
-    note, shown, found, colors, greys = in_browser(
+    note, label_shown, facts_shown, colors, greys = in_browser(
         page_of(views, cameras=[views[0].camera]).to_bytes(),
         """
         await ready;
@@ -174,7 +174,7 @@ def test_without_webgpu_the_page_explains_it_and_shows_a_mesh(
         """,
     )
     assert "WebGPU" in note
-    assert (shown, found) == (label, facts)
+    assert (label_shown, facts_shown) == (label, facts)
     assert (greys > 10 and colors == 0) if method == "diffsoup" else colors > 10
 
 
@@ -344,8 +344,8 @@ def test_a_lost_device_is_reported(when: str, with_webgpu: InBrowser) -> None:
         await event;
         return [...state, byId("note").textContent];"""
     page = page_of(golden_views("triangle_splatting")[:1])
-    hidden, note, shown, without_webgl = with_webgpu(page.to_bytes(), script)
-    assert (hidden, shown) == (False, "standard")
+    hidden, note, choice, without_webgl = with_webgpu(page.to_bytes(), script)
+    assert (hidden, choice) == (False, "standard")
     assert "lost" in note
     assert "WebGL" not in note
     assert "WebGL" in without_webgl

@@ -31,8 +31,8 @@ def golden_asset(method: str) -> Asset:
     return exported(golden_views(method)[0].folder / "checkpoint")
 
 
-def assert_same_bits(found: np.ndarray, expected: np.ndarray) -> None:
-    assert (found.dtype, found.shape, found.tobytes()) == (expected.dtype, expected.shape, expected.tobytes())
+def assert_same_bits(array: np.ndarray, expected: np.ndarray) -> None:
+    assert (array.dtype, array.shape, array.tobytes()) == (expected.dtype, expected.shape, expected.tobytes())
 
 
 FLOATS = {

@@ -43,7 +43,7 @@ every_engine = pytest.mark.parametrize("name", ENGINES)
 def draw_both(
     name: str, asset: Asset, views: list[Camera], **options: Any
 ) -> tuple[list[Frame], list[Frame]]:
-    """Return the frames of renderer `name` and those of our z-buffer."""
+    """Return the frames of renderer `name` and of our z-buffer renderer."""
     with msb.Renderer(asset, name=need(name), **options) as renderer:
         theirs = [renderer.render(view, BACKGROUND) for view in views]
     with msb.Renderer(asset, **options) as renderer:
@@ -203,5 +203,5 @@ def test_a_textured_glb_is_correct_with_the_engines_default_settings(name: str) 
     ours = msb.render(textured.asset, textured.camera, tier="standard", background=BLACK)
     file = io.BytesIO()
     write_mesh(mesh_from_asset(textured.asset), file, suffix=".glb")
-    drawn = engine.draw(file.getvalue(), textured, mended=False)
-    assert compare(drawn.image, ours)["p999"] <= DEFAULT_TOLERANCE[name]
+    image = engine.draw(file.getvalue(), textured, mended=False).image
+    assert compare(image, ours)["p999"] <= DEFAULT_TOLERANCE[name]

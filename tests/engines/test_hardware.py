@@ -32,7 +32,7 @@ METHODS = ("two_dts", "triangle_splatting", "mesh_splatting")
 VIEWS = [view for method in METHODS for view in golden_views(method)]
 QUICK = (8, 19, 22)  # the views of the quick run: one of each method
 # Minimum PSNR in dB to the official image, with float32 and with half-float targets. It is finite because a
-# sample stops at the chunk of faces in which it becomes opaque, not at the face.
+# sample stops at the end of a chunk of faces, not at a face.
 FLOAT_DB = {"two_dts": 80, "triangle_splatting": 70, "mesh_splatting": 75}
 HALF_DB = {"two_dts": 55, "triangle_splatting": 60, "mesh_splatting": 60}
 

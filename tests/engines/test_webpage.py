@@ -1,4 +1,4 @@
-"""The three.js page of a mesh: the contents of the file, and what a browser draws of it."""
+"""The three.js page of a mesh: the contents of the file, and its image in a browser."""
 
 import base64
 import hashlib

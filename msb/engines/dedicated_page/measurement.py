@@ -78,7 +78,7 @@ def measure_page(
     Raises
     ------
     DeviceError
-        DEVICE_NOT_FOUND: there is no browser. ENGINE_FAILED: it does not draw the page.
+        DEVICE_NOT_FOUND: no browser was found. ENGINE_FAILED: the browser cannot draw the page.
     """
     browser = find_browser()
     if browser is None:
@@ -91,11 +91,11 @@ def measure_page(
     try:
         for k, image in enumerate(images):
             head, body = page.ask({"test": k})
-            drawn = np.frombuffer(body, np.uint8)
-            if drawn.size != image.size:
-                text = f"the page drew test view {k} as {drawn.size} bytes; {image.size} were expected"
+            pixels = np.frombuffer(body, np.uint8)
+            if pixels.size != image.size:
+                text = f"the page drew test view {k} as {pixels.size} bytes; {image.size} were expected"
                 raise DeviceError("ENGINE_FAILED", text)
-            values.append(psnr(drawn.reshape(image.shape), image))
+            values.append(psnr(pixels.reshape(image.shape), image))
             times.append(float(head["ms"]))
             step()
     finally:

@@ -34,7 +34,8 @@ SCRIPTS = (
 )
 # The limits that WebGPU guarantees on every device.
 _GUARANTEED = Limits(binding=1 << 27, buffer=1 << 28, side=8192)
-# Limits of most desktop graphics cards. The page requests what it needs and reports if a device has less.
+# Limits of most desktop graphics cards. The page requests the limits it needs and reports if a device has
+# less.
 _LARGER = Limits(binding=1 << 30, buffer=1 << 31, side=8192)
 # Number of chunks for blending (see `program.STOPS`). It is lower than in the renderer, because the pass
 # before each chunk reads all samples, which is slow in browsers.
@@ -80,8 +81,8 @@ class Cost:
 class BakedMesh:
     """A mesh baked from the model, as GLB in the coordinates of the model, with stored colours.
 
-    `psnr` is its average PSNR in dB on the test views, with one sample per pixel. `plain` is that of the
-    standard-tier mesh of the model, or None if there is no such mesh.
+    `psnr` is its average PSNR in dB on the test views, with one sample per pixel. `plain` is the
+    PSNR of the model's standard-tier mesh, or None without such a mesh.
     """
 
     glb: bytes
@@ -123,19 +124,21 @@ class _Arrays:
         return name
 
     def add_positions(self, asset: Asset, packed: Packed) -> None:
-        """Add the stored positions, and those of the plan as a shrunk copy of them if that is exact.
+        """Add the stored positions; add the plan's positions as a shrunk copy of them if that is exact.
 
         2DTS shrinks triangles about their centroids. The shrunk positions do not lie on the grid of rounded
         positions, so storing the factor instead takes much less space.
         """
-        stored, drawn = np.asarray(asset.buffers["positions"], np.float32), packed.arrays["positions"]
-        if np.array_equal(stored, drawn):
-            self.add("positions", drawn)
+        stored = np.asarray(asset.buffers["positions"], np.float32)
+        plan_positions = packed.arrays["positions"]
+        if np.array_equal(stored, plan_positions):
+            self.add("positions", plan_positions)
             return
-        factor = _shrink_factor(stored, drawn) if packed.soup and stored.shape == drawn.shape else None
+        may_be_shrunk = packed.soup and stored.shape == plan_positions.shape
+        factor = _shrink_factor(stored, plan_positions) if may_be_shrunk else None
         if factor is None:
-            self.add("positions", drawn)
-            if len(stored) != len(drawn):  # the asset shares vertices that the plan duplicates
+            self.add("positions", plan_positions)
+            if len(stored) != len(plan_positions):  # the asset shares vertices that the plan duplicates
                 return
         self.add("stored positions", stored)
         if factor is not None:
@@ -276,8 +279,8 @@ def _make_plans(packed: Packed, limits: Limits, name: str) -> dict[tuple[Order, 
 def _describe_record(packed: Packed) -> dict[str, Any]:
     """Return the layout of the camera record, which the page fills for each frame.
 
-    `members` has the name, type, number of values and byte offset of each member; those of the method come
-    last, and `own` has their values. `near` and `far` are the planes of the official projection.
+    `members` has the name, type, number of values and byte offset of each member; the members of the
+    method come last, and `own` has their values. `near` and `far` are the planes of the official projection.
     """
     model = packed.model
     members: list[list[Any]] = []
@@ -357,12 +360,12 @@ def _required_limit(buffers: Iterable[tuple[int, tuple[str, ...]]], maximum: int
     return min(maximum, max(guaranteed, *(size for size, _ in buffers)))
 
 
-def _shrink_factor(stored: NDArray[np.float32], drawn: NDArray[np.float32]) -> float | None:
-    """Return the float32 factor by which triangles were shrunk about their centroids; None if there is none.
+def _shrink_factor(stored: NDArray[np.float32], plan_positions: NDArray[np.float32]) -> float | None:
+    """Return the float32 factor by which triangles were shrunk about their centroids, or None.
 
     Both arrays (3F, 3) have the three corners of each triangle in consecutive rows.
     """
-    triangles, shrunk = stored.reshape(-1, 3, 3), drawn.reshape(-1, 3, 3)
+    triangles, shrunk = stored.reshape(-1, 3, 3), plan_positions.reshape(-1, 3, 3)
     center = ((triangles[:, 0] + triangles[:, 1] + triangles[:, 2]) / np.float32(3))[:, None]
     arms = triangles - center  # from the centroids to the corners
     largest = np.unravel_index(np.abs(arms).argmax(), arms.shape)
@@ -390,16 +393,16 @@ def _describe_standard_mesh(
     """
     grey = not lookup(asset.manifest.method).supports("standard")
     numbers = None if grey else shown_faces(asset, values.get("ste_threshold"))
-    shown = None
+    selected = None
     if numbers is not None:
         mask = np.zeros(packed.faces, np.uint8)
         mask[numbers] = 1
-        shown = arrays.add("shown faces", mask)
+        selected = arrays.add("shown faces", mask)
     return {
         "positions": "stored positions" if "stored positions" in arrays.entries else "positions",
         "indices": None if packed.soup else "indices",
         "colors": "f_dc" if "f_dc" in packed.arrays and colors_of(asset) is not None else None,
-        "shown": shown,
+        "shown": selected,
         "soup": packed.soup,
         "grey": grey,
     }

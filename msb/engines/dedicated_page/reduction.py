@@ -24,7 +24,7 @@ _ROUNDED = ("f_dc", "f_rest", "opacity", "sigma")
 _BYTES = ("features.lattice", "features.opacity")
 # Number of histogram bins for choosing the 256 values.
 _BINS = 4096
-# Number of rows up to which a column is tested for having at most 256 distinct values already.
+# Columns with at most this many rows are first tested for having at most 256 distinct values already.
 _FEW = 4 * LEVELS
 
 
@@ -79,7 +79,7 @@ def _reorder_along_curve(asset: Asset, buffers: dict[str, NDArray[Any]]) -> None
     corners = positions[indices]
     order = np.argsort(_morton_keys(corners.mean(axis=1)), kind="stable")
     indices = indices[order]
-    # Vertices in the order in which the sorted faces refer to them; unreferenced vertices come last.
+    # Sort vertices by their first use in the sorted faces; unreferenced vertices come last.
     used, first = np.unique(indices, return_index=True)
     vertices = np.concatenate([used[np.argsort(first)], np.setdiff1d(np.arange(len(positions)), used)])
     number = np.zeros(len(positions), np.int64)

@@ -164,8 +164,8 @@ def _as_rows(table: NDArray[np.float32]) -> tuple[dict[str, Any], list[bytes]] |
 def exponents(table: NDArray[np.float32], codes: int) -> NDArray[np.int32]:
     """Return the exponent e of the grid step 2**e for each chunk of rows.
 
-    It is the smallest one for which `codes` steps span the values of the chunk, and all multiples of the step
-    in the range of the chunk are float32 values.
+    It is the smallest exponent such that `codes` steps span the values of the chunk, and all multiples of the
+    step in the range of the chunk are float32 values.
     """
     # Chunks (n, 192, columns), the last one padded with its last row.
     chunks = -(-len(table) // CHUNK)

@@ -4,7 +4,7 @@ A frame of a blended method has these stages:
 
 1. project: compute the depth key of every face, and the colours of faces or vertices.
 2. sort: a radix sort of the visible faces by key, front to back.
-3. records: write a record (what the fragment shader needs) for each face, in sorted order.
+3. records: write a record (the input of the fragment shader) for each face, in sorted order.
 4. blend: draw a quad for each record into the targets, in chunks of faces.
 5. resolve: average samples to pixels and add the background.
 
@@ -219,14 +219,14 @@ def _blended(
     resolve = ComputePass("resolve", "resolve", "resolve", (VIEW_BINDING, _BAND, *textures, _PIXELS))
     if chunks == 1:
         return DrawPass("blend", "draw", (VIEW_BINDING, _BAND), targets, records, members), resolve
-    held = (_BAND, Binding(2, "texture", "image"), Binding(3, "store", "covered"))
+    hold_bindings = (_BAND, Binding(2, "texture", "image"), Binding(3, "store", "covered"))
     bound = (VIEW_BINDING, _BAND, Binding(2, "texture", "covered"))
     parts = len(records) // chunks
     steps: list[DrawPass | ComputePass] = []
     for k in range(chunks):
-        here = records[k * parts : (k + 1) * parts]
-        steps.append(ComputePass("blend", "hold", "hold" if k else "begin", held))
-        steps.append(DrawPass("blend", "draw", bound, targets, here, members, "load" if k else "clear"))
+        chunk = records[k * parts : (k + 1) * parts]
+        steps.append(ComputePass("blend", "hold", "hold" if k else "begin", hold_bindings))
+        steps.append(DrawPass("blend", "draw", bound, targets, chunk, members, "load" if k else "clear"))
     return *steps, resolve
 
 
@@ -264,10 +264,10 @@ def _parts(planner: _Planner, name: str, lattices: NDArray[Any]) -> Iterator[tup
     room = planner.limits.storage // lattices[0].nbytes
     parts = _split_range(len(lattices), max(room, 1))
     for number, (first, count) in enumerate(parts):
-        here = lattices[first : first + count].reshape(-1)
-        padding = -here.nbytes % 4
+        rows_of_part = lattices[first : first + count].reshape(-1)
+        padding = -rows_of_part.nbytes % 4
         part = name if len(parts) == 1 else f"{name} {number}"
-        planner.upload(part, np.pad(here, (0, padding)) if padding else here)
+        planner.upload(part, np.pad(rows_of_part, (0, padding)) if padding else rows_of_part)
         yield part, planner.part(first, count)
 
 

@@ -37,7 +37,7 @@ _GROUPS = {
     **dict.fromkeys(("coverage", "f_dc", "f_rest", "opacity", "features", "decoder"), "appearance"),
     **dict.fromkeys(("image", "depth", "covered", "nearest", "z-buffer", "pixels,", "pixels"), "targets"),
 }
-# Limits that are requested at the adapter's maximum. The first three are those of `Limits`.
+# Limits that are requested at the adapter's maximum. The first three become `Limits`.
 _LIMITS = (
     "max-storage-buffer-binding-size",
     "max-buffer-size",
@@ -67,7 +67,7 @@ class HardwareRenderer:
     half : bool
         Blend in half floats even if the adapter can blend float32.
     stops : int
-        Number of chunks of faces, after each of which opaque samples stop; 1 disables stopping.
+        Number of chunks of faces. Opaque samples stop at the end of a chunk; 1 disables stopping.
     debug : bool
         Keep the data that `decisions` returns.
     """
@@ -125,7 +125,7 @@ class HardwareRenderer:
         """Draw the asset from `camera` over `background` (RGB, in the asset's colour space)."""
         self._check_open()
         with self._gpu.reporting("drawing"):
-            drawn = self._run(camera, background, read=True)
+            timing = self._run(camera, background, read=True)
             pixels = self._gpu.read_back("pixels").view(np.float32)
             keys = self._runs.read("keys").view(np.uint32)[: self._packed.faces]
         # Assemble the frame (H, W, 5) of red, green, blue, alpha, depth from the pixels of the bands.
@@ -140,7 +140,7 @@ class HardwareRenderer:
             alpha=np.ascontiguousarray(planes[..., 3]),
             depth=np.ascontiguousarray(planes[..., 4]),
             visible=keys != np.uint32(0xFFFFFFFF),
-            timings=drawn.stages,
+            timings=timing.stages,
         )
 
     def draw(self, camera: Camera, background: Color) -> Drawn:
@@ -153,12 +153,12 @@ class HardwareRenderer:
         self._make_targets(camera.width, camera.height)
         view = self._packed.view_bytes(camera, background)
         self._gpu.device.queue.write_buffer(self._gpu.resources["view"], 0, view)
-        drawn = self._run_by_stage() if self._gpu.kind == "cpu" else self._run_at_once()
+        timing = self._run_by_stage() if self._gpu.kind == "cpu" else self._run_at_once()
         if read:
             encoder, pixels = self._gpu.device.create_command_encoder(), self._gpu.resources["pixels"]
             encoder.copy_buffer_to_buffer(pixels, 0, self._gpu.resources["pixels, read back"], 0, pixels.size)
             self._gpu.device.queue.submit([encoder.finish()])
-        return drawn
+        return timing
 
     def _run_by_stage(self) -> Drawn:
         """Submit each stage separately and time it with the wall clock, on a software adapter.

@@ -19,9 +19,9 @@ def assemble(files: Iterable[str], package: str, defines: Mapping[str, bool | in
     """
     numbers = {k: v for k, v in defines.items() if isinstance(v, int) and not isinstance(v, bool)}
     lines = [f"const {name} = {value}u;" for name, value in sorted(numbers.items())]
-    seen: set[str] = set()
+    included: set[str] = set()
     for file in files:
-        lines += _resolve(file, package, {k for k, v in defines.items() if v is True}, seen)
+        lines += _resolve(file, package, {k for k, v in defines.items() if v is True}, included)
     text = "\n".join(lines) + "\n"
     for name, value in defines.items():
         if isinstance(value, str):
@@ -29,25 +29,25 @@ def assemble(files: Iterable[str], package: str, defines: Mapping[str, bool | in
     return text
 
 
-def _resolve(file: str, package: str, defined: set[str], seen: set[str]) -> list[str]:
-    """Return the selected lines of a file and its includes; `seen` are the files included so far."""
-    if file in seen:
+def _resolve(file: str, package: str, defined: set[str], included: set[str]) -> list[str]:
+    """Return the selected lines of a file and its includes; `included` are the files included so far."""
+    if file in included:
         return []
-    seen.add(file)
+    included.add(file)
     places = [resources.files(place) / file for place in (package, _SHARED)]
     text = next(place for place in places if place.is_file()).read_text("utf-8")
     lines: list[str] = []
-    kept = [True]  # for each nested condition, whether its lines are kept
+    active = [True]  # for each nested condition, whether its lines are active
     for line in text.splitlines():
         condition, include = _CONDITION.fullmatch(line), _INCLUDE.fullmatch(line)
         if condition:
-            kept.append(kept[-1] and ((condition[2] in defined) is not bool(condition[1])))
+            active.append(active[-1] and ((condition[2] in defined) is not bool(condition[1])))
         elif line == "#else":
-            kept[-1] = kept[-2] and not kept[-1]
+            active[-1] = active[-2] and not active[-1]
         elif line == "#endif":
-            kept.pop()
-        elif kept[-1]:
-            lines += _resolve(include[1], package, defined, seen) if include else [line]
+            active.pop()
+        elif active[-1]:
+            lines += _resolve(include[1], package, defined, included) if include else [line]
     return lines
 
 

@@ -17,7 +17,7 @@ const REPLACEMENT = about.baked
 const GREY_LABEL = "grey triangles";
 const note = (text) => { byId("note").textContent = text; byId("note").hidden = !text; };
 
-// Why there is no native rendering, if so, and what to do. The note also depends on the WebGL context.
+// The reason for a missing native rendering, and a remedy. The note also depends on the WebGL context.
 let reason = "", remedy = "";
 function explainReplacement() {
   const lost = "The WebGL context was lost as well, so nothing can be drawn. Reload the page.";
@@ -179,7 +179,7 @@ const SAMPLINGS = { official: "official", engine: "as game engines do" };
 const mode = { order: "tile", sampling: "official" };
 async function setMode(changed) {
   Object.assign(mode, changed);
-  // Game engines have no tiles, so "global" has no plan of its own there.
+  // Game engines have no tiles, so "global" has no separate plan there.
   const fits = (plan) => plan.sampling === mode.sampling && plan.order === mode.order;
   let number = about.plans.findIndex(fits);
   if (number < 0) number = about.plans.findIndex((plan) => plan.sampling === mode.sampling);

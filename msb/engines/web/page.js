@@ -19,7 +19,7 @@ renderer.toneMapping = THREE.NoToneMapping;
 THREE.ColorManagement.enabled = false;
 renderer.outputColorSpace = THREE.LinearSRGBColorSpace;
 // Enables extensions. With EXT_clip_control the float32 depth is 1 at the near plane and 0 at infinity, which is most
-// precise; otherwise it is the usual -1 .. 1. There is no far plane in both cases.
+// precise; otherwise it is the usual -1 .. 1. Neither has a far plane.
 function enableExtensions() {
   const clip = gl.getExtension("EXT_clip_control");
   if (clip) clip.clipControlEXT(clip.LOWER_LEFT_EXT, clip.ZERO_TO_ONE_EXT);
@@ -160,7 +160,7 @@ const parseGlb = (buffer) => new THREE.GLTFLoader().setMeshoptDecoder(THREE.Mesh
 
 const decodeBase64 = (text) => Uint8Array.from(atob(text), (c) => c.charCodeAt(0)).buffer;
 
-// Returns the bytes of the mesh file in the page, null if there is none.
+// Returns the bytes of the mesh file in the page, null if the page has none.
 function embeddedFile() {
   const element = byId("glb"), text = element.textContent;
   element.remove();
