@@ -79,7 +79,7 @@ _MIME_TYPES = {
 # machine is slow, and compiling WebGPU shaders takes minutes there.
 _START_SECONDS = 120
 _ANSWER_SECONDS = 600
-# Maximum size of an answer in bytes; it holds a frame of up to 100 megapixels.
+# Maximum size of an answer in bytes: a frame of 89 megapixels, at 24 bytes per pixel.
 _MAX_ANSWER = 1 << 31
 
 
@@ -158,7 +158,7 @@ class Page:
         try:
             self._process = subprocess.Popen(
                 command,
-                # The browser needs a writable TMPDIR; Python's own temporary folder is writable.
+                # The browser does not start if TMPDIR is not writable; Python then uses another folder.
                 env={**os.environ, "TMPDIR": self._folder.name},
                 stdin=subprocess.DEVNULL,
                 stdout=self._log,

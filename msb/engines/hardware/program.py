@@ -36,8 +36,8 @@ _BLOCK = 2048
 _DIGIT_BITS = 4
 _KEY_BITS = 32
 # Number of chunks for methods that stop a sample before the face that crosses the transmittance threshold. A
-# sample stops at the end of a chunk, so more chunks are more accurate and slower. With 32 the golden views
-# have at least 70 dB; docs/dedicated.md has measurements.
+# sample stops at the end of a chunk, so more chunks are more accurate and slower. With 32 all golden
+# views have at least 70 dB; docs/dedicated.md has measurements.
 STOPS = 32
 _STOPS_EARLY = re.compile(r"^const STOP = ", re.MULTILINE)
 _TYPES = {"float32": "f32", "int32": "i32", "uint32": "u32"}
