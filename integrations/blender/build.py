@@ -1,7 +1,8 @@
 """Build the extension for Blender: ``python integrations/blender/build.py``.
 
-Run it on the target system, with the Python version of the target Blender. The zip holds the sources beside
-this file, a wheel of this tree and the wheels it needs, which pip fetches. NumPy is Blender's own.
+Run this script on the target system, with the Python version of the target Blender. The ZIP file contains the
+sources beside this file, a wheel of this repository and the wheels it depends on, which pip downloads. NumPy
+comes with Blender.
 """
 
 from __future__ import annotations
@@ -16,19 +17,19 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 SOURCES = Path(__file__).resolve().parent / "meshsplatbench"
+# Python version of Blender -> its NumPy. Blender 4.2 to 5.0 has Python 3.11, Blender 5.1 and later 3.13.
 NUMPY = {(3, 11): "numpy<2", (3, 13): "numpy>=2"}
-"""Python of a Blender -> its NumPy: 3.11 in Blender 4.2 to 5.0, 3.13 from 5.1 on."""
+# Python's name of a processor -> Blender's name, if it differs.
 MACHINES = {"x86_64": "x64", "amd64": "x64", "aarch64": "arm64"}
-"""Python's name of a machine -> Blender's, if that is another."""
 
 
 def fetch_wheels(folder: Path) -> list[Path]:
-    """Return a wheel of this tree and the wheels it needs, made and fetched into `folder`."""
+    """Build our wheel and download its dependencies into `folder`; return all wheels except NumPy."""
     pip = [sys.executable, "-m", "pip", "--quiet", "--disable-pip-version-check"]
     subprocess.run([*pip, "wheel", "--no-deps", "--wheel-dir", folder, ROOT], check=True)
     (ours,) = folder.glob("*.whl")
-    wanted = [str(ours), NUMPY[sys.version_info[:2]]]
-    subprocess.run([*pip, "download", "--only-binary=:all:", "--dest", folder, *wanted], check=True)
+    requirements = [str(ours), NUMPY[sys.version_info[:2]]]
+    subprocess.run([*pip, "download", "--only-binary=:all:", "--dest", folder, *requirements], check=True)
     return sorted(path for path in folder.glob("*.whl") if not path.name.startswith("numpy-"))
 
 
@@ -40,7 +41,7 @@ def system_name() -> str:
 
 
 def build(target: Path, wheels: list[Path], system: str) -> None:
-    """Write the extension with `wheels` to `target`, the manifest completed."""
+    """Write the extension with `wheels` to the ZIP file `target`, and complete its manifest."""
     version = re.search(r'__version__ = "(.+)"', (ROOT / "msb" / "base" / "version.py").read_text("utf-8"))
     assert version is not None
     listed = "".join(f'  "./wheels/{path.name}",\n' for path in wheels)
@@ -58,9 +59,11 @@ def build(target: Path, wheels: list[Path], system: str) -> None:
 
 
 def main() -> None:
-    """Build it for the system and the Python that run this."""
+    """Build the extension for this system and this version of Python."""
     if sys.version_info[:2] not in NUMPY:
-        sys.exit("Blender has Python 3.11 (4.2 to 5.0) or 3.13 (from 5.1): run this with the one it is for")
+        sys.exit(
+            "Run this with the Python of your Blender version: 3.11 for 4.2 to 5.0, 3.13 for 5.1 and later"
+        )
     name = f"meshsplatbench-blender-{system_name()}-py{sys.version_info[0]}.{sys.version_info[1]}.zip"
     with tempfile.TemporaryDirectory() as folder:
         target = ROOT / "build" / name

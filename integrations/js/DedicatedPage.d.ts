@@ -12,24 +12,24 @@ export interface View {
   unit: number;
 }
 
-/** A model with its method's own look, by WebGPU, out of a page that `msb web --tier dedicated` wrote. */
+/** Native rendering of a model with WebGPU, from a page of `msb web --tier dedicated`. */
 export class DedicatedPage {
   private constructor();
-  /** Throws where there is no WebGPU, where it refuses the model, and where `url` is no such page. */
-  static open(url: string, canvas: HTMLCanvasElement, told?: (text: string) => void): Promise<DedicatedPage>;
-  /** The method's name, and the number of faces. */
+  /** Throws if there is no WebGPU, if the device cannot draw the model, or if `url` is not such a page. */
+  static open(url: string, canvas: HTMLCanvasElement, onProgress?: (text: string) => void): Promise<DedicatedPage>;
+  /** The name of the method, and the number of faces. */
   readonly title: string;
   readonly faces: number;
-  /** What a free camera looks at. */
+  /** A sphere around the model, for placing a camera. */
   readonly sphere: { center: number[]; radius: number };
-  /** The cameras that the page offers. */
+  /** The cameras stored in the page. */
   readonly cameras: (View & { name: string | null })[];
-  /** sRGB, each 0 to 1. */
+  /** The background of the page: sRGB values, 0 to 1. */
   readonly background: number[];
-  /** Draws onto the canvas, in its size; resolves when that is done. */
+  /** Draws onto the canvas at its current size; resolves when the frame is complete. */
   draw(camera: PerspectiveCamera, background?: number[]): Promise<void>;
   dispose(): void;
 }
 
-/** A perspective camera of three.js as the page has its own. */
+/** Converts a three.js perspective camera to a view of the page. */
 export function viewOf(camera: PerspectiveCamera, width: number, height: number, unit?: number): View;

@@ -1,31 +1,31 @@
-// Draws a model as its own renderer does, on WebGPU. What a frame takes (the method's WGSL, passes and arrays) is
-// made by `msb web --tier dedicated`, whose page is read here; what runs it is that page's own script.
+// Draws the native rendering of a model with WebGPU. It reads a page of `msb web --tier dedicated`, which contains the
+// method's WGSL, passes and arrays, and executes them with the script of that page.
 import { Dedicated } from "./shared/dedicated.js";
 import { shrunk, storedArray } from "./shared/store.js";
 
 export class DedicatedPage {
-  // Reads the page at `url` and prepares its model for `canvas`; `told` hears what it waits for.
-  static async open(url, canvas, told = () => {}) {
+  // Reads the page at `url` and prepares its model for `canvas`. `onProgress(text)` is called for messages.
+  static async open(url, canvas, onProgress = () => {}) {
     const answer = await fetch(url);
-    if (!answer.ok) throw new Error(`DedicatedPage: ${url} is not there: status ${answer.status}`);
+    if (!answer.ok) throw new Error(`DedicatedPage: ${url} cannot be loaded: HTTP status ${answer.status}`);
     const page = new DOMParser().parseFromString(await answer.text(), "text/html");
     const scene = JSON.parse(page.getElementById("scene")?.textContent || "{}"), about = scene.dedicated;
-    if (!about) throw new Error(`DedicatedPage: ${url} is no page that msb web --tier dedicated wrote`);
+    if (!about) throw new Error(`DedicatedPage: ${url} is not a page of msb web --tier dedicated`);
     const read = async (name) => {
-      const { shrunk: from, ...head } = about.arrays[name];
-      return from ? shrunk(await read(from.of), from.factor) : storedArray(name, head, page);
+      const { shrunk: source, ...head } = about.arrays[name];
+      return source ? shrunk(await read(source.of), source.factor) : storedArray(name, head, page);
     };
-    const made = new DedicatedPage(), unit = [...scene.cameras, ...about.tests.map((test) => test.view)][0]?.unit || 1;
-    Object.assign(made, { title: about.title, faces: about.faces, background: scene.background, cameras: scene.cameras });
-    made.sphere = about.sphere;
-    made.canvas = canvas;
-    made.look = about.view;
-    made.unit = unit;
-    made.drawing = await Dedicated.open(about, canvas, read, told);
-    return made;
+    const result = new DedicatedPage(), unit = [...scene.cameras, ...about.tests.map((test) => test.view)][0]?.unit || 1;
+    Object.assign(result, { title: about.title, faces: about.faces, background: scene.background, cameras: scene.cameras });
+    result.sphere = about.sphere;
+    result.canvas = canvas;
+    result.look = about.view;
+    result.unit = unit;
+    result.drawing = await Dedicated.open(about, canvas, read, onProgress);
+    return result;
   }
 
-  // Resolves when the view of a camera of three.js is on the canvas, over `background`: sRGB values, 0 to 1.
+  // Draws onto the canvas with a three.js camera, over `background` (sRGB values, 0 to 1). Resolves when this is done.
   draw(camera, background = this.background) {
     const view = viewOf(camera, this.canvas.width, this.canvas.height, this.unit);
     return this.drawing.draw(view, background, this.look.degree, this.look.own);
@@ -34,7 +34,7 @@ export class DedicatedPage {
   dispose() { this.drawing.device.destroy(); }
 }
 
-// A perspective camera of three.js as the page has its own: with OpenCV's axes, and lengths in pixels.
+// Converts a three.js perspective camera to a view of the page: OpenCV axes, focal lengths in pixels.
 export function viewOf(camera, width, height, unit = 1) {
   camera.updateMatrixWorld();
   const p = camera.projectionMatrix.elements, m = camera.matrixWorldInverse.elements;

@@ -1,6 +1,6 @@
 import { BufferGeometry, Loader, LoadingManager, Mesh, MeshBasicMaterial } from "three";
 
-/** The manifest of an asset: docs/triasset.md of MeshSplatBench. */
+/** The manifest of an asset, described in docs/triasset.md of MeshSplatBench. */
 export interface Manifest {
   format: "triasset";
   version: string;
@@ -19,22 +19,22 @@ export interface Manifest {
   [key: string]: unknown;
 }
 
-/** Values of a buffer, a view into the file; the last index of `shape` varies fastest. */
+/** The values of a buffer (a view into the file); the last index of `shape` varies fastest. */
 export interface TriassetBuffer {
   values: Float32Array | Uint32Array | Uint8Array;
   shape: number[];
   domain: "vertex" | "face" | "corner" | "global";
 }
 
-/** What lies in a packed `.triasset`. Throws an Error that says what is wrong with it, after `name`. */
+/** Reads a packed `.triasset`. Throws an Error whose message starts with `name` if the file is invalid. */
 export function readTriasset(data: ArrayBuffer, name?: string): { manifest: Manifest; buffers: Map<string, TriassetBuffer> };
 
-/** The standard look of an asset. `up` is the axis that points up, `userData.triasset` its `Manifest`. */
+/** The standard-tier mesh of an asset. `up` is its up axis, `userData.triasset` its `Manifest`. */
 export type TriassetMesh = Mesh<BufferGeometry, MeshBasicMaterial | MeshBasicMaterial[]>;
 
 /** Loads packed `.triasset` files, versions 1.0 and 1.1. */
 export class TriassetLoader extends Loader<TriassetMesh> {
   constructor(manager?: LoadingManager);
-  /** Throws an Error that says what is wrong with the file, after `name`. */
+  /** Throws an Error whose message starts with `name` if the file is invalid. */
   parse(data: ArrayBuffer, name?: string): TriassetMesh;
 }

@@ -1,4 +1,4 @@
-"""From an asset to files that programs open as they come."""
+"""Conversion of assets to files that other programs open without further settings."""
 
 from typing import Literal
 

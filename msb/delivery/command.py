@@ -1,4 +1,4 @@
-"""`msb convert`: between .triasset (packed or folder) and the mesh formats every program reads."""
+"""`msb convert`: converts between .triasset (packed or folder) and common mesh formats."""
 
 from __future__ import annotations
 
@@ -21,36 +21,40 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class ConvertOptions:
-    """What is written of each input."""
+    """How each input is written."""
 
-    to: Annotated[str | None, Option("Of a folder: what is written. Default: glb.", metavar="SUFFIX")] = None
+    to: Annotated[
+        str | None, Option("For an input folder: the format to write. Default: glb.", metavar="SUFFIX")
+    ] = None
     form: Annotated[
-        Literal["packed", "folder"] | None, Option("Form of a .triasset; packed if not given.")
+        Literal["packed", "folder"] | None,
+        Option("Write a .triasset as a single file or as a folder. Default: packed."),
     ] = None
     up: Annotated[
         Up | None,
         Option(
-            "Axis that points up in IN; OUT is turned so that it is +y. COLMAP scenes: -y. "
-            "Default: as stored; for .glb what IN is known to have."
+            "Axis that points up in IN. OUT is rotated so that +y points up. COLMAP scenes: -y. "
+            "Default: no rotation; for .glb the up axis of IN, if it is known."
         ),
     ] = None
     color: Annotated[
         Literal["linear", "srgb"] | None,
-        Option("Colours of vertices. Default: linear in .glb, as glTF says, else srgb."),
+        Option("Colour space of vertex colours. Default: linear in .glb, as glTF specifies, else srgb."),
     ] = None
     texture: Annotated[
         Literal["png", "jpeg", "webp"] | None,
-        Option("Image files of textures. Default: png, which loses nothing; WebP is not opened everywhere."),
+        Option("Image format of textures. Default: png, which is lossless. Some programs cannot read webp."),
     ] = None
     engine: Annotated[
         Engine | None,
         Option(
-            "Write the .glb that it opens with no setting touched. For the web: compressed, with WebP, rows "
-            "in another order, as coarse as 50 dB allow; for all others what is written without this.",
+            "Write a .glb for this program that needs no import settings. web: compressed, with WebP "
+            "textures and reordered faces, in the smallest encoding that keeps a PSNR of 50 dB. All others: "
+            "as without this option.",
             ("--for",),
         ),
     ] = None
-    official: Annotated[bool, Option("Write what the method's own exporter would write.")] = False
+    official: Annotated[bool, Option("Write the file that the method's official exporter writes.")] = False
 
 
 @command(
@@ -68,7 +72,7 @@ def convert(
     target: Annotated[
         Path,
         Argument(
-            "Its suffix says what is written. Of a folder: the folder to write into.",
+            "The output; its suffix selects the format. For an input folder: the output folder.",
             metavar="OUT",
             output="own",
         ),
@@ -77,19 +81,19 @@ def convert(
     output: PlainOutput,
     typed: Typed,
 ) -> None:
-    """Convert between .triasset and mesh files, keeping rows, order and vertex colours.
+    """Convert between .triasset and mesh files, keeping all vertices and faces, their order and colours.
 
-    Mesh files are .glb, .obj, .off, .ply, .stl, .usd, .usda, .usdc, .usdz and .gltf (read only). Notes name
-    what OUT cannot hold, and what was not read of IN (normals, lights, bones).
+    Mesh formats are .glb, .obj, .off, .ply, .stl, .usd, .usda, .usdc, .usdz and .gltf (read only). Notes list
+    data that OUT cannot store, and data of IN that is ignored (normals, lights, bones).
 
-    An asset becomes its standard-tier mesh: opaque, unlit, with its textures or static colours. With
-    --official it becomes what the method's own exporter makes of it, which may differ: alpha, doubled faces,
+    An asset is converted to its standard-tier mesh: opaque and unlit, with textures or static colours. With
+    --official the method's official exporter writes the file, which may have alpha, duplicated faces or
     merged vertices.
     """
     if options.official:
-        typed.reject(["form", "up", "color", "texture", "engine"], "does not go with --official")
+        typed.reject(["form", "up", "color", "texture", "engine"], "cannot be combined with --official")
     if options.engine is not None:
-        typed.reject(["color", "texture"], "does not go with --for, which knows it")
+        typed.reject(["color", "texture"], "cannot be combined with --for, which sets it")
     from msb.api.inputs import expand
     from msb.cli.output import report_error
 
@@ -97,12 +101,14 @@ def convert(
     output.add_inputs(inputs)
     if inputs == [source]:
         if "to" in typed:
-            raise UsageError("USAGE", f"--to is for a folder; {target.name} says itself what it is")
+            raise UsageError(
+                "USAGE", f"--to needs an input folder; for one file the suffix of {target.name} is used"
+            )
         _check_target(target, options, output, typed)
         _convert(source, target, options, output)
         return
     places = _places(source, inputs, target, options.to or "glb")
-    for place in places.values():  # before the first is written, which can be the input of a later one
+    for place in places.values():  # check all outputs before the first is written
         _check_target(place, options, output, typed)
     status = EXIT_OK
     for path, place in places.items():
@@ -116,13 +122,13 @@ def convert(
 
 
 def _places(source: Path, inputs: list[Path], target: Path, to: str) -> dict[Path, Path]:
-    """Return input -> output, which lies below `target` as the input lies below the folder `source`."""
+    """Return input -> output; the outputs have the same layout in `target` as the inputs in `source`."""
     from msb.asset import is_asset
     from msb.delivery.saving import output_suffix
 
     suffix = output_suffix(Path(f"{inputs[0].stem}.{to.removeprefix('.')}"), "an output")
     if target.suffix and not target.is_dir():
-        text = f"{source} holds {len(inputs)} inputs; OUT must be a folder, and --to says what is written"
+        text = f"{source} has {len(inputs)} inputs, so OUT must be a folder; --to selects the format"
         raise UsageError("USAGE", text, file=target)
     root = source if source.is_dir() else None
     places = {}
@@ -133,14 +139,14 @@ def _places(source: Path, inputs: list[Path], target: Path, to: str) -> dict[Pat
     taken: dict[Path, Path] = {}
     for path, place in places.items():
         if place in taken:
-            text = f"{taken[place]} and this would both become {place}; convert one of them by itself"
+            text = f"{taken[place]} and this file would both be written to {place}; convert one of them alone"
             raise UsageError("USAGE", text, file=path)
         taken[place] = path
     return places
 
 
 def _check_target(target: Path, options: ConvertOptions, output: Output, typed: Typed) -> None:
-    """Check the path of an output, and that its format holds what the options are about."""
+    """Check the path of an output, and that its format can store the data that the options affect."""
     from msb.api.command_files import check_asset_place
     from msb.delivery.saving import output_suffix
     from msb.meshes.formats import FORMATS
@@ -148,16 +154,16 @@ def _check_target(target: Path, options: ConvertOptions, output: Output, typed: 
     suffix = target.suffix.lower()
     keeps = FORMATS[suffix].keeps if suffix in FORMATS else ("textures",)
     if "texture" in typed and "textures" not in keeps:
-        raise UsageError("USAGE", f"--texture is for formats with textures; {suffix} holds none")
+        raise UsageError("USAGE", f"--texture needs a format with textures; {suffix} has none")
     if "color" in typed and not keeps:
-        raise UsageError("USAGE", f"--color is for formats with colours; {suffix} holds none")
+        raise UsageError("USAGE", f"--color needs a format with colours; {suffix} has none")
     if not options.official:
         output_suffix(target, "OUT")
     check_asset_place(target, options.form, output)
 
 
 def _convert(source: Path, target: Path, options: ConvertOptions, output: Output) -> None:
-    """Convert one input, and say what was written and what was left out."""
+    """Convert one input; print the contents of the output, and notes on missing data."""
     from msb.asset import ASSET_SUFFIX
 
     if options.official:
@@ -166,12 +172,12 @@ def _convert(source: Path, target: Path, options: ConvertOptions, output: Output
         if (options.up, options.color, options.texture, options.engine) != (None,) * 4:
             raise UsageError(
                 "USAGE",
-                "--up, --color, --texture and --for are for mesh files; a .triasset keeps what is stored",
+                "--up, --color, --texture and --for apply to mesh files; a .triasset is stored unchanged",
             )
         _write_asset(source, target, options.form or "packed", output)
     else:
         if options.form is not None:
-            raise UsageError("USAGE", f"--form is for .triasset; {target.name} is a mesh file")
+            raise UsageError("USAGE", f"--form applies to .triasset only; {target.name} is a mesh file")
         _write_mesh(source, target, options, output)
 
 
@@ -193,14 +199,14 @@ def _write_official(source: Path, target: Path, output: Output) -> None:
     asset = open_asset(source, output)
     with output.progress(f"writing {target.name}"), about(source):
         write_official(asset, target)
-    _say(target, [f"as the exporter of {asset.manifest.method} writes it"], output)
+    _say(target, [f"written like the official exporter of {asset.manifest.method}"], output)
 
 
 def _write_mesh(source: Path, target: Path, options: ConvertOptions, output: Output) -> None:
     from msb.adapters.locate import is_mesh_file
     from msb.api.command_files import open_asset, write_mesh_files
-    from msb.delivery.pictures import Pictures
     from msb.delivery.saving import output_suffix, style_for
+    from msb.delivery.web_quality import ImageLoss
     from msb.meshes import read_mesh
     from msb.meshes.assets import as_held, mesh_from_asset
     from msb.meshes.losses import beyond_a_mesh, left_behind, losses, what_is_up
@@ -209,33 +215,33 @@ def _write_mesh(source: Path, target: Path, options: ConvertOptions, output: Out
     suffix, asset = output_suffix(target, "OUT"), None
     if is_mesh_file(source):
         with output.progress(f"reading {source.name}"):
-            mesh = read_mesh(source)  # itself: an asset would hold its coordinates in float32
-        left_out, known = list(mesh.left_out), True
+            mesh = read_mesh(source)  # not as an asset, which would round coordinates to float32
+        ignored, known = list(mesh.left_out), True
     else:
         asset = open_asset(source, output)
-        mesh, left_out = mesh_from_asset(asset), beyond_a_mesh(asset)
+        mesh, ignored = mesh_from_asset(asset), beyond_a_mesh(asset)
         known = options.up is not None or asset.manifest.coordinate_frame.known_up is not None
     mesh = turned_upright(mesh, options.up) if options.up else mesh
-    with output.progress(f"trying how much {target.name} may lose"), about(source):
-        style, kept = style_for(
+    with output.progress(f"choosing the encoding of {target.name}"), about(source):
+        style, quality = style_for(
             mesh, target, asset, color=options.color, texture=options.texture, engine=options.engine
         )
-    # What is wrong with coordinates and indices is wrong in the source.
+    # Errors of coordinates and indices are reported for the source.
     with output.progress(f"writing {target.name}"), about(source):
-        held = as_held(mesh, suffix)
-        write_mesh_files(held, target, output, style)
-    turned = [f"turned upright ({mesh.up} was up)"] if mesh.up != held.up else []
-    _say(target, [*_holds(held, suffix), *turned, *([kept] if kept else [])], output)
-    if mesh.textures and not held.textures and held.vertex_colors is not None:
-        lost = Pictures.of(mesh, asset).lost(replace(held, vertices=mesh.vertices))
-        output.note(f"{target}: {suffix} holds no textures, which are colours of vertices there{lost}")
-    behind = left_behind(held, options.engine) if options.engine else ()
-    for text in (*losses(mesh, held, suffix, left_out), *behind, *what_is_up(mesh, suffix, known=known)):
+        storable = as_held(mesh, suffix)
+        write_mesh_files(storable, target, output, style)
+    rotated = [f"rotated upright ({mesh.up} was up)"] if mesh.up != storable.up else []
+    _say(target, [*_list_contents(storable, suffix), *rotated, *([quality] if quality else [])], output)
+    if mesh.textures and not storable.textures and storable.vertex_colors is not None:
+        loss = ImageLoss.of(mesh, asset).describe(replace(storable, vertices=mesh.vertices))
+        output.note(f"{target}: {suffix} has no textures; they were converted to vertex colours{loss}")
+    behind = left_behind(storable, options.engine) if options.engine else ()
+    for text in (*losses(mesh, storable, suffix, ignored), *behind, *what_is_up(mesh, suffix, known=known)):
         output.note(f"{target}: {text}")
 
 
-def _holds(mesh: Mesh, suffix: str) -> list[str]:
-    """Return what the file has."""
+def _list_contents(mesh: Mesh, suffix: str) -> list[str]:
+    """Return the numbers of vertices and faces, and the kinds of colours that the file stores."""
     from msb.meshes.formats import FORMATS
 
     keeps = FORMATS[suffix].keeps

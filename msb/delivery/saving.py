@@ -1,4 +1,4 @@
-"""From an asset to a file of any format that its suffix names."""
+"""Writing an asset to a file in the format of its suffix."""
 
 import os
 from collections.abc import Sequence
@@ -30,41 +30,43 @@ def save(
     engine: Engine | None = None,
     progress: Progress | None = None,
 ) -> None:
-    """Write `asset` in the format that the suffix of `path` names, whole or not at all.
+    """Write `asset` to a file in the format of its suffix. If an error occurs, no file is written.
 
     Parameters
     ----------
     asset : Asset
     path : path-like
-        `.triasset` takes the asset as it is; `.glb`, `.ply` and the other mesh formats that are written take
-        its standard-tier mesh, as `msb convert` writes it: opaque, with static colours (STL has none) and, in
-        `.glb` and `.obj`, textures; the latter with `.mtl` and images beside it. `.glb` is upright, as glTF
-        says, where it is known what is up.
+        `.triasset` stores the asset unchanged. `.glb`, `.ply` and the other writable mesh formats store its
+        standard-tier mesh, as `msb convert` does: opaque, with static colours (except STL) and, in `.glb` and
+        `.obj`, with textures. An `.obj` file has its `.mtl` file and images beside it. A `.glb` is rotated so
+        that +y points up, as glTF specifies, if the up axis of the asset is known.
     overwrite : bool
-        Replace what is there. A device or pipe is written through in any case.
+        Replace an existing file. Devices and pipes are written to in any case.
     form : {"packed", "folder"}
-        The form of a `.triasset`: a single file (ZIP of stored, 64-byte aligned members) or a folder.
+        The form of a `.triasset`: a single file (ZIP with uncompressed, 64-byte aligned members) or a folder.
     color : {"linear", "srgb"}, optional
-        Of a mesh file: what its vertex colours are. Default: linear light in `.glb`, as glTF says, else sRGB.
+        The colour space of vertex colours in a mesh file. Default: linear in `.glb`, as glTF specifies, else
+        sRGB.
     texture : {"png", "jpeg", "webp"}, optional
-        Of `.glb` and `.obj`: what textures are packed as. Default: PNG, which loses nothing.
+        The image format of textures in `.glb` and `.obj`. Default: PNG, which is lossless.
     engine : {"unreal", "unity", "godot", "blender", "three", "web"}, optional
-        Write the `.glb` that it opens with no setting touched. For the web: compressed, with WebP, rows in
-        another order, and as coarse as 50 dB allow, which pictures of the asset say; this wants the extra
-        `compressed`. For all others what is written without this. It knows `color` and `texture` itself.
+        Write a `.glb` for this program that needs no import settings. For "web" the file is compressed, with
+        WebP textures and reordered faces, in the smallest encoding that keeps a PSNR of 50 dB in images of
+        the asset; this needs the extra `compressed`. For all others the file is the same as without this
+        option. It cannot be combined with `color` or `texture`.
     progress : callable, optional
         Called as ``progress("writing", done, total)``, in bytes, while a `.triasset` is written.
 
     Raises
     ------
     UsageError
-        `USAGE`: no such suffix, form or engine, an argument of another type, or options that do not go
-        together. `OUTPUT_EXISTS`. `EXTRA_MISSING`.
+        `USAGE`: the suffix or an argument is invalid, or options cannot be combined. `OUTPUT_EXISTS`.
+        `EXTRA_MISSING`.
     OutputError
-        `OUTPUT_UNWRITABLE` if the place cannot be written; nothing is left behind then. For mesh files also
-        `OUTPUT_FORMAT_LIMIT`.
+        `OUTPUT_UNWRITABLE`: the path cannot be written. `OUTPUT_FORMAT_LIMIT`: the mesh exceeds a limit of
+        the format.
     AssetError
-        `load` would refuse the asset: its manifest was changed by hand, or buffers do not have its shapes.
+        The asset is invalid, for example because its manifest was changed by hand.
     Unsupported
         `UNSUPPORTED_TIER`: the method has no static colours, which mesh files need.
     """
@@ -74,12 +76,14 @@ def save(
     suffix = output_suffix(target)
     if suffix == ASSET_SUFFIX:
         if (color, texture, engine) != (None,) * 3:
-            text = f"color, texture and engine are for mesh files; {target.name} keeps what is stored"
+            text = f"color, texture and engine apply to mesh files only; {target.name} is stored unchanged"
             raise UsageError("USAGE", text, file=target)
         write_asset(asset, target, form, overwrite=overwrite, progress=progress)
         return
     if form != "packed":
-        raise UsageError("USAGE", f"form is for {ASSET_SUFFIX}; {target.name} is a mesh file", file=target)
+        raise UsageError(
+            "USAGE", f"form applies to {ASSET_SUFFIX} only; {target.name} is a mesh file", file=target
+        )
     with about(asset.path):
         mesh = mesh_from_asset(asset)
         style, _ = style_for(mesh, target, asset, color=color, texture=texture, engine=engine)
@@ -95,14 +99,14 @@ def style_for(
     texture: Picture | None = None,
     engine: Engine | None = None,
 ) -> tuple[Style, str | None]:
-    """Return how `mesh`, that of `asset` or of a file, is written to `target` by these options.
+    """Return the style for writing `mesh` to `target`, and for the web its image quality in words.
 
-    Of a file for the web also how far its pictures are from those of the mesh.
+    `mesh` is the mesh of `asset`, or of a mesh file. `save` describes the options.
 
     Raises
     ------
     UsageError
-        `USAGE`: there is no such option, or they do not go together.
+        `USAGE`: an option is invalid, or options cannot be combined.
     """
     for name, value, known in (
         ("color", color, Color),
@@ -112,53 +116,45 @@ def style_for(
         if value is not None:
             _check_one_of(name, value, get_args(known))
     if engine and (color or texture):
-        raise UsageError("USAGE", "color and texture do not go with an engine, which knows them")
+        raise UsageError("USAGE", "color and texture cannot be combined with engine, which sets them")
     if engine and target.suffix.lower() != ".glb":
-        text = f"a file for an engine is a .glb, which every engine opens; the output is {target.name}"
+        text = f"engine needs an output with the suffix .glb, not {target.name}"
         raise UsageError("USAGE", text)
     if engine != "web":
         return Style(color, texture or "png"), None
-    from msb.delivery.pictures import Pictures, web_style
+    from msb.delivery.web_quality import ImageLoss, web_style
 
-    return web_style(Pictures.of(mesh, asset))
+    return web_style(ImageLoss.of(mesh, asset))
 
 
 def _check_one_of(name: str, value: Any, known: Sequence[str]) -> None:
     if value not in known:
-        text = f'there is no {name} "{shorten(str(value), 40)}"; there are {", ".join(known)}'
+        text = f'{name} "{shorten(str(value), 40)}" does not exist; choose from {", ".join(known)}'
         raise UsageError("USAGE", text)
 
 
-def output_suffix(path: Path, name: str = "the output") -> str:
-    """Return the suffix of `path` in lower case, if it is one of a format that can be written."""
-    return checked_ending(path, name, (ASSET_SUFFIX, *written_suffixes()))
-
-
-# What has none of the endings of models -> the command that writes it, and its endings.
+# Other outputs -> the command that writes them, and their endings.
 _MAKERS = {
     "a page": ("msb web", (".html", ".htm")),
-    "pictures": ("msb render", (".png", ".npy", ".exr")),
+    "images": ("msb render", (".png", ".npy", ".exr")),
     "a film": ("msb render --film", (".mp4", ".gif")),
     "a figure": ("msb view --figure", (".svg", ".pdf")),
     "offending elements": ("msb audit --elements", (".vtp", ".csv", ".npz")),
 }
+# Endings of model formats that cannot be written.
 _OTHER_MODELS = (".gltf", ".fbx", ".usd", ".usda", ".usdc", ".usdz", ".dae", ".blend", ".abc", ".3ds", ".x3d")
 
 
-def checked_ending(path: Path, name: str, known: Sequence[str]) -> str:
-    """Return the ending of `path` in lower case, if it is one of `known`."""
-    suffix = path.suffix.lower()
+def output_suffix(path: Path, name: str = "the output") -> str:
+    """Return the suffix of `path` in lower case if that format can be written, else raise USAGE.
+
+    `name` names the path in the message, which also hints at the command for other formats.
+    """
+    suffix, known = path.suffix.lower(), (ASSET_SUFFIX, *written_suffixes())
     if suffix in known:
         return suffix
-    makers = {
-        "a mesh file": ("msb convert", written_suffixes()),
-        "an asset": ("msb export or msb convert", (ASSET_SUFFIX,)),
-        **_MAKERS,
-    }
-    hint = next((f"; for {what}: {by}" for what, (by, endings) in makers.items() if suffix in endings), "")
+    hint = next((f"; for {what}: {by}" for what, (by, endings) in _MAKERS.items() if suffix in endings), "")
     if suffix in _OTHER_MODELS:
-        hint = "; .glb is opened by Blender and by every engine"
-        hint += "" if ".glb" in known else ": msb convert writes it"
-    one_of = "one of " if len(known) > 1 else ""
+        hint = "; write .glb for Blender and game engines"
     is_one = f'is "{path.name}"' + (", a folder" if is_folder(path) else "")
-    raise UsageError("USAGE", f"{name} {is_one}; it must end in {one_of}{', '.join(known)}{hint}")
+    raise UsageError("USAGE", f"{name} {is_one}; it must end in {', '.join(known)}{hint}")

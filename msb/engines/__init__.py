@@ -1,6 +1,6 @@
-"""Engines of other people as renderers of the standard tier: wgpu, three.js in a browser, Blender.
+"""Renderers that use other engines for the standard tier: wgpu, three.js in a browser, Blender.
 
-Each stands in the entry-point group `msb.renderers` and keeps to `msb.render.backend.Backend`;
-docs/engines.md tells how each is set up and how far it agrees with ours. What an engine needs is imported or
-started when a renderer is made, so that asking for the list of renderers costs nothing.
+They are entry points of the group `msb.renderers` and implement `msb.render.backend.Backend`. docs/engines.md
+explains how to set up each engine and how closely it agrees with our renderer. An engine's packages are
+imported, and the engine is started, only when its renderer is created, so listing the renderers is fast.
 """

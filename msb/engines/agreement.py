@@ -1,43 +1,39 @@
-"""How far two renderers agree, by statistics that suit rasterizers instead of a greatest difference.
+"""Statistics of the differences between two renderers that suit rasterizers better than a largest difference.
 
-Hardware snaps corners to a grid of 1/256 pixel, some software to 1/16, ray tracers not at all: along edges,
-and where faces cross, pixels may show another face. Inside of faces they may not differ.
+Graphics hardware snaps triangle corners to a grid of 1/256 pixel, some software to 1/16, ray tracers do not
+snap at all. Pixels at edges and where faces intersect may therefore show another face; pixels in the interior
+of a face must agree.
 """
-
-from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from msb.metrics.images import psnr_of_mse
-from msb.render.frame import interior
-
-if TYPE_CHECKING:
-    from msb.render import Frame
+from msb.render.frame import Frame, interior
 
 
 @dataclass(frozen=True)
 class Agreement:
-    """How a renderer's images compare with ours; levels are steps of 1/255, of colours rounded to them.
+    """The differences between a renderer's images and ours. A level is 1/255, after rounding to bytes.
 
     Attributes
     ----------
     pixels : int
+        Number of compared pixels.
     within_a_level : float
-        Share of pixels of which no channel differs by more than one level.
+        Share of pixels whose channels all differ by at most one level.
     psnr : float
         The PSNR in decibels of the images clamped to [0, 1]; infinite if they are equal.
     covered_alike : float
-        Share of pixels where both images show a face, or neither does.
+        Share of pixels with a face in both images or in neither.
     interior : int
-        Number of pixels whose 3 x 3 neighbourhood shows one face in our image.
+        Number of interior pixels: our image shows one face in their whole 3 x 3 neighbourhood.
     interior_within_a_level : float
-        Share of these within a level; 1 if there are none.
+        Share of the interior pixels within one level; 1 without interior pixels.
     interior_p999, interior_max : float
-        99.9th percentile and maximum of their differences, in levels.
+        99.9th percentile and maximum of the differences of the interior pixels, in levels.
     """
 
     pixels: int
@@ -51,24 +47,25 @@ class Agreement:
 
 
 def agreement(theirs: Sequence[Frame], ours: Sequence[Frame]) -> Agreement:
-    """Return how `theirs` compares with `ours`, which has face ids, over all frames together."""
-    levels, squares, alike, inner = [], [], [], []
-    for one, own in zip(theirs, ours, strict=True):
-        assert own.face_id is not None
-        a, b = (np.clip(frame.image.astype(np.float64), 0, 1) for frame in (one, own))
+    """Return the agreement of `theirs` with `ours`, pooled over all frames; `ours` must have face ids."""
+    levels, squares, alike, inside = [], [], [], []
+    for frame, reference in zip(theirs, ours, strict=True):
+        assert reference.face_id is not None
+        a, b = (np.clip(image.astype(np.float64), 0, 1) for image in (frame.image, reference.image))
+        # The largest difference of the three channels, in levels: (H W,).
         levels.append(np.abs(np.round(255 * a) - np.round(255 * b)).max(axis=2).reshape(-1))
         squares.append(((a - b) ** 2).reshape(-1))
-        alike.append(((one.alpha > 0) == (own.alpha > 0)).reshape(-1))
-        inner.append(interior(own.face_id).reshape(-1))
-    level, square, inside = np.concatenate(levels), np.concatenate(squares), np.concatenate(inner)
-    within = level[inside]
+        alike.append(((frame.alpha > 0) == (reference.alpha > 0)).reshape(-1))
+        inside.append(interior(reference.face_id).reshape(-1))
+    level, square = np.concatenate(levels), np.concatenate(squares)
+    inner = level[np.concatenate(inside)]
     return Agreement(
         pixels=len(level),
         within_a_level=float((level <= 1).mean()),
         psnr=psnr_of_mse(float(square.mean())),
         covered_alike=float(np.concatenate(alike).mean()),
-        interior=len(within),
-        interior_within_a_level=float((within <= 1).mean()) if len(within) else 1.0,
-        interior_p999=float(np.percentile(within, 99.9)) if len(within) else 0.0,
-        interior_max=float(within.max(initial=0)),
+        interior=len(inner),
+        interior_within_a_level=float((inner <= 1).mean()) if len(inner) else 1.0,
+        interior_p999=float(np.percentile(inner, 99.9)) if len(inner) else 0.0,
+        interior_max=float(inner.max(initial=0)),
     )

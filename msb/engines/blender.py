@@ -1,11 +1,8 @@
-"""Renderers `blender_cycles` and `blender_workbench`: Blender, through bpy in a process of its own.
+"""Renderers `blender_cycles` and `blender_workbench`: Blender as the module bpy, in a child process.
 
-The asset goes to Blender as an artist would bring it: the PLY (or GLB) that `msb convert` writes, imported by
-Blender's importer. docs/engines.md has the settings that make the colours exact; `blender_worker.py` is what
-runs there.
+Blender imports the PLY or GLB file that `msb convert` writes, as an artist would do. docs/engines.md lists
+the settings for exact colours. `blender_worker.py` is the program of the child process.
 """
-
-from __future__ import annotations
 
 import contextlib
 import json
@@ -16,34 +13,35 @@ import tempfile
 import threading
 from collections.abc import Mapping
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any, ClassVar, Literal
+from typing import IO, Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from msb.asset import Asset
 from msb.asset.texture import linear_to_srgb
 from msb.base.extras import install, is_installed
 from msb.engines.engine import NEAR, WALL_CLOCK, Engine, opaque_frame
 from msb.errors import DeviceError, Unsupported, UsageError, shorten
 from msb.render.backend import Drawn
+from msb.render.frame import Frame
+from msb.scenes import Camera
+from msb.scenes.colors import Color
 
-if TYPE_CHECKING:
-    from msb.asset import Asset
-    from msb.engines.engine import Color
-    from msb.render import Frame
-    from msb.scenes import Camera
-
-# The environment variable with the Python of an environment that has bpy, if that is not ours.
+# The environment variable with the path of a Python that has bpy, if ours has none.
 VARIABLE = "MSB_BLENDER"
-# Limits of Blender: the least and most pixels each way, and the largest ratio of a pixel's sides.
+# Limits of Blender: smallest and largest width or height in pixels, and largest ratio of a pixel's sides.
 _MIN_SIDE, _MAX_SIDE, _MAX_ASPECT = 4, 65536, 200.0
-# Width of the sensor in millimetres; only its ratio to the focal length counts, which must be at least 1 mm.
+# Width of the sensor in millimetres. Only its ratio to the focal length matters; a wide sensor keeps the
+# focal length above Blender's minimum of 1 mm.
 _SENSOR = 100.0
+# Rotation from Blender's camera axes (x right, y up, looking along -z) to OpenCV's.
 _FLIP = np.diag([1.0, -1.0, -1.0, 1.0])
-# Blender's glTF importer turns y up into z up.
+# The rotation from y up to z up that Blender's glTF importer applies.
 _GLB_UP = np.array([[1.0, 0, 0, 0], [0, 0, -1.0, 0], [0, 1.0, 0, 0], [0, 0, 0, 1.0]])
+# Seconds after which a request is given up. Cycles takes minutes to import and render large meshes.
 _LONGEST_SECONDS = 1800
-# Depths beyond this number are Blender's "nothing".
+# Depths above this value mark pixels without a face in Blender's images.
 _FAR = 1e10
 
 
@@ -53,10 +51,10 @@ class _Blender(Engine):
     Parameters
     ----------
     source : {"ply", "glb"}
-        The format that Blender imports. Its PLY importer keeps float colours; its glTF importer makes bytes
-        of them. Textures come as GLB.
+        The file format of the mesh. Blender's PLY importer keeps float colours; its glTF importer rounds them
+        to bytes. Meshes with textures are always passed as GLB.
     defaults : bool
-        Whether Blender's colour handling stays as it comes, to see its effect; images are then those of the
+        Use the colour handling that is Blender's default, to show its effect. Images are then read from the
         8-bit PNG that Blender writes.
     """
 
@@ -92,7 +90,7 @@ class _Blender(Engine):
         )
         try:
             path = Path(self._folder.name) / f"mesh.{source}"
-            path.write_bytes(self._mesh.encoded(path.suffix))
+            path.write_bytes(self._mesh.to_bytes(path.suffix))
             about = self._ask(
                 {
                     "file": str(path),
@@ -111,38 +109,41 @@ class _Blender(Engine):
         self.device_info = self._device_info(about)
         if self._kind == "gpu" and self.device_info["kind"] == "cpu":
             self.close()
-            text = f"Blender finds no GPU, only {self.device_info['name']}; --device cpu asks for that"
+            text = f"Blender found no GPU, only {self.device_info['name']}; use --device cpu to draw with it"
             raise DeviceError("DEVICE_NOT_FOUND", text)
 
     def _check_device(self) -> None:
-        """Refuse a device, or an asset, that this engine does not draw."""
+        """Raise an error if this engine cannot draw the asset or cannot draw on the requested device."""
 
     def _device_info(self, about: Mapping[str, Any]) -> Mapping[str, str]:
+        """Return the value of `device_info`, from the worker's answer to its first request."""
         raise NotImplementedError
 
     @classmethod
     def missing(cls) -> str | None:
-        """Return what to install, if anything."""
+        """Return what must be installed, or None."""
         if _python() is not None:
-            # With MSB_BLENDER the rest of the extra is not wanted here.
+            # With MSB_BLENDER our Python needs only OpenEXR of the extra.
             return None if is_installed("OpenEXR") else f"OpenEXR is not installed: {install('bench')}"
         if os.environ.get(VARIABLE):
-            return f"{VARIABLE} names {shorten(os.environ[VARIABLE], 80)}, which is no program"
+            return f"{VARIABLE} is {shorten(os.environ[VARIABLE], 80)}, which is not an executable file"
         text = f"bpy is not installed: {install('blender')} with Python 3.11 or 3.13"
-        return f"{text}, or set {VARIABLE} to a python that has it"
+        return f"{text}, or set {VARIABLE} to a Python that has it"
 
     @classmethod
     def installed(cls) -> str:
-        """Return the version of bpy where it is."""
+        """Return the version of bpy, or "" if it is not installed."""
         python = _python()
         if python is None:
             return ""
         code = "import importlib.metadata; print(importlib.metadata.version('bpy'))"
-        done = subprocess.run([python, "-c", code], capture_output=True, text=True, timeout=60, check=False)
-        return done.stdout.strip()
+        process = subprocess.run(
+            [python, "-c", code], capture_output=True, text=True, timeout=60, check=False
+        )
+        return process.stdout.strip()
 
     def memory(self) -> Mapping[str, int]:
-        """Return by how many bytes Blender's process has grown since its start; it reports nothing finer."""
+        """Return the growth of Blender's process in bytes since it started; Blender reports no details."""
         return {"Blender's process": max(0, self._resident - self._baseline)}
 
     def close(self) -> None:
@@ -169,7 +170,7 @@ class _Blender(Engine):
         depth = depth / np.float32(_unit(camera))
         image = rgba[..., :3]
         if self._mesh.textured is not None and not self._defaults:
-            image = linear_to_srgb(np.clip(image, 0, 1))  # what is read of a texture is linear light
+            image = linear_to_srgb(np.clip(image, 0, 1))  # textured images are rendered in linear light
         return opaque_frame(image, rgba[..., 3] > 0.5, depth, background, None, times)
 
     def _draw(self, camera: Camera, background: Color) -> Drawn:
@@ -178,7 +179,7 @@ class _Blender(Engine):
 
     def _render(self, camera: Camera, target: Mapping[str, str]) -> dict[str, float]:
         low, high = self._mesh.depth_range(camera.world_to_camera)
-        # A near and a far plane as tight as can be cost nothing and make the most of a depth buffer.
+        # Tight near and far planes give the depth buffer the best resolution.
         clip = [_unit(camera) * plane for plane in (max(NEAR, 0.99 * low), max(2 * NEAR, 1.01 * high))]
         request = blender_camera(camera, self._turn)
         return {WALL_CLOCK: float(self._ask({**request, "clip": clip, **target})["ms"])}
@@ -198,31 +199,32 @@ class _Blender(Engine):
         finally:
             watch.cancel()
         if not line:
-            raise DeviceError("ENGINE_FAILED", f"Blender ended: {self._last_words()}")
+            raise DeviceError("ENGINE_FAILED", f"Blender ended unexpectedly: {self._last_log_line()}")
         answer: dict[str, Any] = json.loads(line)
         if "error" in answer:
             raise DeviceError("ENGINE_FAILED", f"Blender: {shorten(answer['error'], 200)}")
         self._resident = int(answer["resident"])
         return answer
 
-    def _last_words(self) -> str:
+    def _last_log_line(self) -> str:
+        """Return the last line that Blender printed, and the exit status of its process."""
         with contextlib.suppress(subprocess.TimeoutExpired):
             self._process.wait(timeout=10)
         self._log.seek(0)
         lines = [line.strip() for line in self._log.read().decode("utf-8", "replace").splitlines()]
-        words = next((line for line in reversed(lines) if line), "it said nothing")
-        return f"{shorten(words, 200)} (status {self._process.returncode})"
+        last = next((line for line in reversed(lines) if line), "its log is empty")
+        return f"{shorten(last, 200)} (status {self._process.returncode})"
 
 
 class CyclesRenderer(_Blender):
-    """Blender's path tracer, one ray through the centre of each pixel, on the CPU."""
+    """Blender's path tracer on the CPU, with one ray through the centre of each pixel."""
 
     name = "blender_cycles"
     engine = "cycles"
 
     def _check_device(self) -> None:
         if self._kind == "gpu":
-            text = f"renderer {self.name} draws on the CPU; leave out --device gpu"
+            text = f"renderer {self.name} runs on the CPU only; omit --device gpu"
             raise UsageError("DEVICE_SELECTOR", text)
 
     def _device_info(self, about: Mapping[str, Any]) -> Mapping[str, str]:
@@ -230,16 +232,16 @@ class CyclesRenderer(_Blender):
 
 
 class WorkbenchRenderer(_Blender):
-    """Blender's viewport engine, OpenGL; `device` "cpu" forces Mesa's software renderer."""
+    """Blender's viewport engine (OpenGL). `device` "cpu" forces Mesa's software renderer."""
 
     name = "blender_workbench"
     engine = "workbench"
 
     def _check_device(self) -> None:
-        """Refuse what this engine would draw otherwise."""
+        """Reject textures with an alpha cutoff or with vertex colours, which Workbench ignores."""
         skin, white = self._mesh.textured, 255 if self._mesh.colors.dtype == np.uint8 else 1
         if skin is not None and (skin.sampler.alpha_cutoff is not None or self._mesh.colors.min() < white):
-            text = f"renderer {self.name} draws textures alone: no cut-off, no colours that they are times"
+            text = f"renderer {self.name} cannot draw textures with an alpha cutoff or vertex colours"
             raise Unsupported("UNSUPPORTED_OPTION", text)
 
     def _device_info(self, about: Mapping[str, Any]) -> Mapping[str, str]:
@@ -249,19 +251,19 @@ class WorkbenchRenderer(_Blender):
 
 
 def blender_camera(camera: Camera, turn: NDArray[np.float64]) -> dict[str, Any]:
-    """Return K and world_to_camera as Blender has them.
+    """Return a camera as the properties of Blender's camera and render settings.
 
-    The focal lengths become lens and pixel aspect, the principal point the shifts, which count in widths of
-    the image; Blender's cameras look along -z with y up. `turn` (4, 4) is how an importer turned the world.
+    The focal lengths determine lens and pixel aspect; the principal point determines the shifts, in image
+    widths. `turn` (4, 4) is the rotation that the importer applied to the model.
     """
     width, height = camera.width, camera.height
     ratio = camera.fx / camera.fy
     aspect = (1.0, ratio) if ratio >= 1 else (1 / ratio, 1.0)
     if min(width, height) < _MIN_SIDE or max(width, height) > _MAX_SIDE:
-        text = f"Blender draws images of {_MIN_SIDE} to {_MAX_SIDE} pixels each way, not {width} x {height}"
+        text = f"Blender renders {_MIN_SIDE} to {_MAX_SIDE} pixels per side, not {width} x {height}"
         raise Unsupported("UNSUPPORTED_CAMERA", text)
     if max(aspect) > _MAX_ASPECT:
-        text = f"fx / fy is {ratio:g}; Blender's pixels are at most {_MAX_ASPECT:g} times as long as wide"
+        text = f"fx / fy is {ratio:g}; Blender allows pixel aspect ratios up to {_MAX_ASPECT:g}"
         raise Unsupported("UNSUPPORTED_CAMERA", text)
     sensor = max(_SENSOR, 2 * width / camera.fx)
     return {
@@ -275,23 +277,24 @@ def blender_camera(camera: Camera, turn: NDArray[np.float64]) -> dict[str, Any]:
 
 
 def _unit(camera: Camera) -> float:
-    """Return the length of the camera's axes, which Blender takes for 1."""
+    """Return the length of the camera's axes in world units; Blender's camera axes have length 1."""
     return float(np.linalg.norm(camera.camera_to_world[:3, 0]))
 
 
 def _python() -> str | None:
-    named = os.environ.get(VARIABLE)
-    if named:
-        return named if os.access(named, os.X_OK) else None
+    """Return the path of a Python with bpy, or None."""
+    path = os.environ.get(VARIABLE)
+    if path:
+        return path if os.access(path, os.X_OK) else None
     return sys.executable if is_installed("bpy") else None
 
 
 def _read_exr(path: Path) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Return colours (H, W, 4) and depths (H, W) of what Blender wrote."""
+    """Return colours (H, W, 4) and depths (H, W) from Blender's EXR file; depth is 0 without a face."""
     import OpenEXR
 
     with OpenEXR.File(str(path), separate_channels=True) as file:
-        planes = {name: np.array(found.pixels) for name, found in file.channels().items()}
+        planes = {name: np.array(channel.pixels) for name, channel in file.channels().items()}
     color = {name.rpartition(".")[2]: plane for name, plane in planes.items() if ".Combined." in name}
     depth = next(plane for name, plane in planes.items() if name.endswith(".Z"))
     rgba = np.stack([color[channel] for channel in "RGBA"], axis=-1)
@@ -299,6 +302,7 @@ def _read_exr(path: Path) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
 
 
 def _read_png(path: Path) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Return colours (H, W, 4) and depths (H, W) of 0 from Blender's PNG file."""
     from PIL import Image
 
     with Image.open(path) as image:

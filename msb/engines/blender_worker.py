@@ -1,8 +1,7 @@
-"""The program inside Blender: it imports a mesh file, sets the scene up exactly, and renders on request.
+"""The program in Blender's process: imports a mesh file, sets up exact colours, and renders on request.
 
-This is a program of its own, whose Python needs bpy and nothing else (`blender.py` starts it). It reads a
-JSON object per line from standard input and answers each with a line; what Blender itself prints goes to
-standard error.
+`blender.py` starts it, with a Python that needs only bpy. Each line on standard input is a request (a JSON
+object) and is answered with a line on standard output. Blender's own output goes to standard error.
 """
 
 import json
@@ -27,20 +26,20 @@ def main() -> None:
             else:
                 answer = worker.render(request)
             answer["resident"] = resident()
-        except Exception as error:  # what Blender refuses is told, in its own words
+        except Exception as error:  # Blender's message is passed on
             answer = {"error": f"{type(error).__name__}: {error}"}
         answers.write(json.dumps(answer) + "\n")
         answers.flush()
     answers.close()
-    os._exit(0)  # bpy may crash while the interpreter winds up
+    os._exit(0)  # bpy may crash when the interpreter ends
 
 
 class Worker:
     """A scene with one mesh and one camera.
 
-    `request` has `file` (.ply or .glb), `engine` ("cycles" or "workbench"), `textured`, `cutoff` (of alpha,
-    or null) and `exact`: false leaves Blender's colour management, and what its importer takes colours for,
-    as they come.
+    The first request has `file` (.ply or .glb), `engine` ("cycles" or "workbench"), `textured`, `cutoff`
+    (alpha cutoff or null) and `exact`. If `exact` is false, colour management and the interpretation of
+    imported colours stay at Blender's defaults.
     """
 
     def __init__(self, request: dict[str, Any]) -> None:
@@ -65,7 +64,7 @@ class Worker:
     def _import(self, name: str) -> None:
         operators = self._bpy.ops
         if name.endswith(".ply"):
-            # "Linear" stores the file's values as they are; the default takes them for sRGB and converts.
+            # "LINEAR" stores the values of the file unchanged; the default converts them from sRGB.
             operators.wm.ply_import(filepath=name, import_colors="LINEAR" if self._exact else "SRGB")
         else:
             operators.import_scene.gltf(filepath=name)
@@ -82,7 +81,7 @@ class Worker:
         render.resolution_percentage = 100
         render.dither_intensity = 0
         render.filter_size = 0
-        render.film_transparent = True  # the background is put behind afterwards
+        render.film_transparent = True  # the background is added later, by `opaque_frame`
         render.use_compositing = render.use_sequencer = False
         self.scene.view_layers[0].use_pass_z = True
 
@@ -95,7 +94,7 @@ class Worker:
         cycles.samples = 1
         cycles.use_adaptive_sampling = cycles.use_denoising = False
         cycles.max_bounces = 0
-        # One sample in the middle of the pixel.
+        # One sample at the centre of the pixel.
         cycles.pixel_filter_type = "BOX"
         cycles.filter_width = 0.01
         if self._textured:
@@ -112,9 +111,9 @@ class Worker:
         self.mesh.data.materials.append(material)
 
     def _make_unlit(self, material: Any) -> None:
-        """Let `material` shine in the colours of the mesh times its own texture; a cut-off lets rays through.
+        """Make `material` emit vertex colours times its texture; below the alpha cutoff it is transparent.
 
-        The importer's nodes before the texture, which wrap its coordinates, stay.
+        The importer's nodes that wrap texture coordinates are kept.
         """
         nodes, links = material.node_tree.nodes, material.node_tree.links
         image = next((node for node in nodes if node.bl_idname == "ShaderNodeTexImage"), None)
@@ -124,31 +123,33 @@ class Worker:
         attribute.attribute_name = self.mesh.data.color_attributes[0].name
         color, alpha = attribute.outputs["Color"], attribute.outputs["Alpha"]
         if image is not None:
-            image.image.alpha_mode = "CHANNEL_PACKED"  # colours are filtered as they are, not times alpha
+            image.image.alpha_mode = "CHANNEL_PACKED"  # filter colours without multiplying them by alpha
             if self._exact:
-                image.image = self._linear(image.image)
-            product, both = nodes.new("ShaderNodeVectorMath"), nodes.new("ShaderNodeMath")
-            product.operation = both.operation = "MULTIPLY"
-            for node, own, stored in ((product, "Color", color), (both, "Alpha", alpha)):
-                links.new(image.outputs[own], node.inputs[0])
+                image.image = self._linear_copy(image.image)
+            # Texture times vertex colour, and texture alpha times vertex alpha.
+            product, alphas = nodes.new("ShaderNodeVectorMath"), nodes.new("ShaderNodeMath")
+            product.operation = alphas.operation = "MULTIPLY"
+            for node, channel, stored in ((product, "Color", color), (alphas, "Alpha", alpha)):
+                links.new(image.outputs[channel], node.inputs[0])
                 links.new(stored, node.inputs[1])
-            color, alpha = product.outputs[0], both.outputs[0]
+            color, alpha = product.outputs[0], alphas.outputs[0]
         links.new(color, emission.inputs["Color"])
-        shown = emission.outputs["Emission"]
+        surface = emission.outputs["Emission"]
         if self._cutoff is not None:
+            # Mix with a transparent shader: factor 1 where alpha < cutoff.
             below, clear, mix = (
                 nodes.new(f"ShaderNode{name}") for name in ("Math", "BsdfTransparent", "MixShader")
             )
             below.operation, below.inputs[1].default_value = "LESS_THAN", self._cutoff
             links.new(alpha, below.inputs[0])
             links.new(below.outputs[0], mix.inputs[0])
-            links.new(shown, mix.inputs[1])
+            links.new(surface, mix.inputs[1])
             links.new(clear.outputs[0], mix.inputs[2])
-            shown = mix.outputs[0]
-        links.new(shown, output.inputs["Surface"])
+            surface = mix.outputs[0]
+        links.new(surface, output.inputs["Surface"])
 
-    def _linear(self, image: Any) -> Any:
-        """Return a copy of `image` in floats: Cycles filters bytes before it makes them linear."""
+    def _linear_copy(self, image: Any) -> Any:
+        """Return a float copy in linear light, because Cycles filters byte images before linearising them."""
         import numpy as np
 
         texels = np.zeros((image.size[0] * image.size[1], 4), np.float32)
@@ -173,13 +174,13 @@ class Worker:
         for name in ("show_shadows", "show_cavity", "show_object_outline", "show_specular_highlight"):
             setattr(shading, name, False)
         shading.show_backface_culling = False
-        # What draws is known once something was drawn.
+        # Blender reports the graphics device only after it has drawn something.
         scene.render.resolution_x = scene.render.resolution_y = 8
         self._bpy.ops.render.render()
         self.about["gpu"] = gpu.platform.renderer_get()
 
     def render(self, request: dict[str, Any]) -> dict[str, Any]:
-        """Render from `request`'s camera; into its `png` or its `exr` (colours and depths), or nowhere."""
+        """Render with the camera of the request, into its `png` or `exr` (colours and depths), if given."""
         from mathutils import Matrix
 
         scene, camera = self.scene, self.camera.data
@@ -195,15 +196,15 @@ class Worker:
         target = request.get("exr") or request.get("png")
         if target:
             render.filepath = target
-            several = bool(request.get("exr"))
+            layered = bool(request.get("exr"))
             if hasattr(settings, "media_type"):  # since Blender 5
-                settings.media_type = "MULTI_LAYER_IMAGE" if several else "IMAGE"
-            settings.file_format = "OPEN_EXR_MULTILAYER" if several else "PNG"
-            settings.color_depth = "32" if several else "8"
-            if several:
+                settings.media_type = "MULTI_LAYER_IMAGE" if layered else "IMAGE"
+            settings.file_format = "OPEN_EXR_MULTILAYER" if layered else "PNG"
+            settings.color_depth = "32" if layered else "8"
+            if layered:
                 settings.exr_codec = "NONE"
                 if hasattr(settings, "use_exr_interleave"):
-                    settings.use_exr_interleave = True  # parts of their own fail unless pixels are square
+                    settings.use_exr_interleave = True  # multi-part files fail with non-square pixels
             else:
                 settings.color_mode = "RGBA"
         start = time.perf_counter()
@@ -212,7 +213,7 @@ class Worker:
 
 
 def resident() -> int:
-    """Return the bytes of memory this process holds now, 0 where the system does not say."""
+    """Return the resident memory of this process in bytes, or 0 if the system does not report it."""
     status = Path("/proc/self/statm")
     return int(status.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") if status.exists() else 0
 

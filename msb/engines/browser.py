@@ -1,9 +1,9 @@
-"""A headless browser that shows our page and draws what it is told, over HTTP on this machine alone.
+"""A headless browser that shows one of our pages and executes drawing tasks.
 
-The page asks for the next task and posts what it drew (web/remote.js); nothing but the browser itself is
-needed, no driver and no debugging protocol. The address holds a secret, so that other users of the machine
-can neither read the asset nor answer in the page's place. The browser is told another address, which leads to
-it once: every user can see what a program was started with.
+A local HTTP server passes tasks to the page and takes its answers (web/remote.js), so no driver and no
+debugging protocol is needed. The page's address contains a secret, so that other users of the machine can
+neither read the asset nor answer in place of the page. All users can see the command line of the browser; the
+address in it is therefore a different one, which redirects to the page only once.
 """
 
 import contextlib
@@ -25,7 +25,7 @@ from typing import IO, Any, NamedTuple
 from msb.base.children import apart
 from msb.errors import DeviceError, shorten
 
-# The environment variable that names the browser to use.
+# The environment variable with the path of the browser to use.
 VARIABLE = "MSB_BROWSER"
 _NAMES = (
     "chromium",
@@ -54,35 +54,44 @@ _FLAGS = (
     "--mute-audio",
     "--hide-scrollbars",
     "--window-size=800,600",
-    "--blink-settings=allowScriptsToCloseWindows=true",  # the page ends its browser when its server has gone
+    "--blink-settings=allowScriptsToCloseWindows=true",  # without its server the page ends the browser
 )
+# Flags for WebGL in software, WebGL on a GPU if there is one, WebGPU, and WebGPU in software.
 _SOFTWARE = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader")
 _ANY = ("--enable-unsafe-swiftshader", "--ignore-gpu-blocklist")
 _WEBGPU = ("--enable-unsafe-webgpu",)
 _WEBGPU_SOFTWARE = (
     "--use-webgpu-adapter=swiftshader",
-    # A canvas can take what WebGPU draws only if the browser's own compositor has Vulkan, too.
+    # A canvas can show WebGPU output only if the browser's compositor uses Vulkan as well.
     "--enable-features=Vulkan",
     "--use-vulkan=swiftshader",
-    # It ends what takes long, as shaders do on a busy machine.
+    # The watchdog would end slow GPU work, such as shaders on a busy machine.
     "--disable-gpu-watchdog",
 )
-# What a browser must be told of a file, to run it; by its suffix.
-_KINDS = {"html": "text/html", "js": "text/javascript", "mjs": "text/javascript", "wasm": "application/wasm"}
+# File suffix -> MIME type; browsers execute scripts only with the right one.
+_MIME_TYPES = {
+    "html": "text/html",
+    "js": "text/javascript",
+    "mjs": "text/javascript",
+    "wasm": "application/wasm",
+}
+# Seconds to wait for the page to load, and for an answer. Both are generous: software rendering on a busy
+# machine is slow, and compiling WebGPU shaders takes minutes there.
 _START_SECONDS = 120
-_LONGEST_SECONDS = 600
+_ANSWER_SECONDS = 600
+# Maximum size of an answer in bytes: a frame of 89 megapixels, at 24 bytes per pixel.
 _MAX_ANSWER = 1 << 31
 
 
 class Answer(NamedTuple):
-    """What the page said: a JSON object, and the bytes after it."""
+    """An answer of the page: a JSON object, and the binary data after it."""
 
     head: dict[str, Any]
     body: memoryview
 
 
 def find_browser() -> str | None:
-    """Return the browser to start: MSB_BROWSER, else the first of Chromium, Chrome and Edge."""
+    """Return the path of the browser: MSB_BROWSER, else the first of Chromium, Chrome and Edge; or None."""
     named = os.environ.get(VARIABLE)
     if named:
         return shutil.which(named)
@@ -91,7 +100,7 @@ def find_browser() -> str | None:
 
 
 def browser_name(agent: str) -> str:
-    """Return "Chrome 150" or the like of a user-agent text."""
+    """Return the browser's name and major version, such as "Chrome 150", from a user-agent string."""
     for word in agent.split():
         name, slash, version = word.partition("/")
         if slash and name.removeprefix("Headless") in ("Chrome", "Edg", "Firefox"):
@@ -99,8 +108,8 @@ def browser_name(agent: str) -> str:
     return "a browser"
 
 
-def dated(browser: str) -> str:
-    """Return the program's name and date, which an update changes; asking for its version would start it."""
+def dated_name(browser: str) -> str:
+    """Return the name and date of the program, which identify its version without starting it."""
     path = Path(browser).resolve()
     return f"{path.name} of {time.strftime('%Y-%m-%d %H:%M', time.gmtime(path.stat().st_mtime))}"
 
@@ -109,15 +118,16 @@ class _Server(ThreadingHTTPServer):
     daemon_threads = True
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """Print nothing, because a browser that is ended always drops its connections."""
+        """Print nothing: a browser that is ended always drops its connections."""
 
 
 class Page:
-    """A page that draws in a browser of its own.
+    """A page in a headless browser, started for it.
 
-    `content` are the files of its server: "page.html", and those it loads; `query` stands behind the question
-    mark of its address. With `software` it draws on the CPU; otherwise the browser takes a GPU if it finds
-    one. A page that needs WebGPU must say so, because browsers leave it off in software.
+    `content` maps file names to the files that the server provides: "page.html", and those the page loads.
+    `query` is the part of the address after the question mark. With `software` the page draws on the CPU;
+    otherwise the browser uses a GPU if there is one. `webgpu` enables WebGPU, which browsers disable by
+    default in software.
     """
 
     def __init__(
@@ -132,8 +142,8 @@ class Page:
         self._tasks: queue.Queue[bytes] = queue.Queue()
         self._answers: queue.Queue[bytes] = queue.Queue()
         root, once = (f"/{secrets.token_urlsafe(16)}/" for _ in range(2))
-        lead = {once: f"{root}page.html?{query}"}
-        handler = _handler(root, lead, content, self._tasks, self._answers)
+        redirects = {once: f"{root}page.html?{query}"}
+        handler = _handler(root, redirects, content, self._tasks, self._answers)
         self._server = _Server(("127.0.0.1", 0), handler)
         threading.Thread(target=self._server.serve_forever, daemon=True, name="page").start()
         self._folder = tempfile.TemporaryDirectory(prefix="msb-browser-", ignore_cleanup_errors=True)
@@ -143,12 +153,12 @@ class Page:
         if webgpu:
             command += [*_WEBGPU, *(_WEBGPU_SOFTWARE if software else ())]
         if hasattr(os, "geteuid") and os.geteuid() == 0:
-            command.append("--no-sandbox")  # Chromium refuses to start as root with one
+            command.append("--no-sandbox")  # as root, Chromium does not start with its sandbox
         command += [f"--user-data-dir={self._folder.name}/profile", address]
         try:
             self._process = subprocess.Popen(
                 command,
-                # It does not start where TMPDIR cannot be written, which Python passes over.
+                # The browser does not start if TMPDIR is not writable; Python then uses another folder.
                 env={**os.environ, "TMPDIR": self._folder.name},
                 stdin=subprocess.DEVNULL,
                 stdout=self._log,
@@ -157,32 +167,20 @@ class Page:
             )
         except OSError as error:
             _end(None, self._server, self._tasks, self._log, self._folder)
-            raise DeviceError("ENGINE_FAILED", f"{browser} does not start: {error.strerror}") from error
-        # Also when nobody closes this before the program ends.
+            raise DeviceError("ENGINE_FAILED", f"{browser} cannot be started: {error.strerror}") from error
+        # The finalizer also runs at the end of the program, if `close` was not called.
         parts = self._process, self._server, self._tasks, self._log, self._folder
         self.close = weakref.finalize(self, _end, *parts)
         try:
-            self.about = self._wait(_LONGEST_SECONDS if webgpu else _START_SECONDS).head
+            self.about = self._wait(_ANSWER_SECONDS if webgpu else _START_SECONDS).head
         except BaseException:
             self.close()
             raise
 
     def ask(self, task: Mapping[str, Any]) -> Answer:
-        """Return the page's answer to `task`."""
+        """Return the page's answer to a task, which is sent as JSON."""
         self._tasks.put(json.dumps(task).encode())
-        return self._wait(_LONGEST_SECONDS)
-
-    def resident(self) -> int:
-        """Return the bytes of memory the browser's processes hold, 0 where the system does not say."""
-        total = 0
-        for status in Path("/proc").glob("[0-9]*/stat"):
-            with contextlib.suppress(OSError, ValueError, IndexError):
-                # The processes share a session with the one we started.
-                after = status.read_text().rpartition(")")[2].split()
-                if int(after[3]) == self._process.pid:
-                    pages = int((status.parent / "statm").read_text().split()[1])
-                    total += pages * os.sysconf("SC_PAGE_SIZE")
-        return total
+        return self._wait(_ANSWER_SECONDS)
 
     def _wait(self, seconds: float) -> Answer:
         end = time.monotonic() + seconds
@@ -193,10 +191,10 @@ class Page:
             except queue.Empty:
                 pass
             if self._process.poll() is not None:
-                text = f"the browser ended with status {self._process.returncode}: {self._last_words()}"
+                text = f"the browser ended with status {self._process.returncode}: {self._last_log_line()}"
                 raise DeviceError("ENGINE_FAILED", text)
             if time.monotonic() > end:
-                text = f"the browser does not answer within {seconds:.0f} s: {self._last_words()}"
+                text = f"the browser did not answer within {seconds:.0f} s: {self._last_log_line()}"
                 raise DeviceError("ENGINE_FAILED", text)
         line, _, _ = answer.partition(b"\n")
         head: dict[str, Any] = json.loads(line)
@@ -204,11 +202,11 @@ class Page:
             raise DeviceError("ENGINE_FAILED", f"the page in the browser: {shorten(str(head['error']), 200)}")
         return Answer(head, memoryview(answer)[len(line) + 1 :])
 
-    def _last_words(self) -> str:
+    def _last_log_line(self) -> str:
         self._log.flush()
         self._log.seek(0)
         lines = [line.strip() for line in self._log.read().decode("utf-8", "replace").splitlines()]
-        return shorten(next((line for line in reversed(lines) if line), "it said nothing"), 200)
+        return shorten(next((line for line in reversed(lines) if line), "its log is empty"), 200)
 
 
 def _end(
@@ -218,7 +216,7 @@ def _end(
     log: IO[bytes],
     folder: tempfile.TemporaryDirectory[str],
 ) -> None:
-    """End the browser, and what served it."""
+    """End the browser and its server."""
     if process is not None and process.poll() is None:
         process.terminate()
         try:
@@ -226,7 +224,7 @@ def _end(
         except subprocess.TimeoutExpired:
             process.kill()
             process.wait()
-    tasks.put(b"")  # whoever waits for one in a thread holds the whole content
+    tasks.put(b"")  # ends a server thread that waits for a task and would keep all content in memory
     server.shutdown()
     server.server_close()
     log.close()
@@ -235,12 +233,15 @@ def _end(
 
 def _handler(
     root: str,
-    lead: dict[str, str],
+    redirects: dict[str, str],
     content: Mapping[str, bytes],
     tasks: queue.Queue[bytes],
     answers: queue.Queue[bytes],
 ) -> type[BaseHTTPRequestHandler]:
-    """Return what serves `content` and the tasks below `root`, and each redirect of `lead` once."""
+    """Return a request handler for the files of `content` and the tasks below the path `root`.
+
+    `redirects` maps paths to addresses; each of them works once.
+    """
 
     class Handler(BaseHTTPRequestHandler):
         protocol_version = "HTTP/1.1"
@@ -249,14 +250,14 @@ def _handler(
             path = self.path.partition("?")[0]
             if path == f"{root}next":
                 self._send(tasks.get(), "application/json")
-            elif (place := lead.pop(path, None)) is not None:
+            elif (address := redirects.pop(path, None)) is not None:
                 self.send_response(302)
-                self.send_header("Location", place)
+                self.send_header("Location", address)
                 self.send_header("Content-Length", "0")
                 self.end_headers()
             elif path.startswith(root) and path[len(root) :] in content:
-                kind = _KINDS.get(path.rpartition(".")[2], "application/octet-stream")
-                self._send(content[path[len(root) :]], kind)
+                mime_type = _MIME_TYPES.get(path.rpartition(".")[2], "application/octet-stream")
+                self._send(content[path[len(root) :]], mime_type)
             else:
                 self.send_error(404)
 
@@ -268,16 +269,16 @@ def _handler(
             answers.put(self.rfile.read(length))
             self._send(b"{}", "application/json")
 
-        def _send(self, body: bytes, kind: str) -> None:
+        def _send(self, body: bytes, mime_type: str) -> None:
             with contextlib.suppress(ConnectionError):
                 self.send_response(200)
-                self.send_header("Content-Type", kind)
+                self.send_header("Content-Type", mime_type)
                 self.send_header("Content-Length", str(len(body)))
                 self.send_header("Cache-Control", "no-store")
                 self.end_headers()
                 self.wfile.write(body)
 
         def log_message(self, format: str, *args: Any) -> None:
-            """Say nothing."""
+            """Log no requests."""
 
     return Handler

@@ -1,4 +1,4 @@
-"""`msb web`: a page that shows a model in any browser, as engines draw it or as its method does."""
+"""`msb web`: writes a page that shows a model in any browser, as engines draw it or as its method does."""
 
 from __future__ import annotations
 
@@ -19,23 +19,24 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from msb.asset import Asset
-    from msb.engines.dedicated_page.measure import Measured
-    from msb.engines.dedicated_page.page import BakedLook, CheckView, Cost
+    from msb.engines.dedicated_page.measurement import Measurement
+    from msb.engines.dedicated_page.page import BakedMesh, CheckView, Cost
     from msb.registry import Tier
     from msb.scenes import Camera
 
-# Views by which a page is measured, evenly spread over the cameras.
+# Number of test views of a page, evenly spread over the cameras.
 TEST_VIEWS = 4
-# The most pixels of a side of a test view that we draw ourselves.
+# Maximum width and height in pixels of the test views that we render; larger cameras are scaled down.
 TEST_SIDE = 640
-# Cameras, evenly spread, over which --faces sums what each face contributes.
+# Number of cameras, evenly spread, over which --faces sums the contribution of each face.
 WEIGHING_VIEWS = 16
-_RENDERS = (".png", ".npy")
+# File endings of the images of --renders.
+_IMAGE_ENDINGS = (".png", ".npy")
 
 
 @dataclass(frozen=True)
 class WebOptions:
-    """What the page shows, and what a page of the dedicated tier may lose."""
+    """The content of the page, and the reductions and the measurement of a page of the dedicated tier."""
 
     out: Annotated[
         Path | None,
@@ -43,41 +44,43 @@ class WebOptions:
     ] = None
     tier: Annotated[
         Literal["standard", "dedicated"],
-        Option("The mesh as engines draw it, or also the method's own look, by WebGPU."),
+        Option("The mesh as any engine draws it (standard), or also the native rendering, by WebGPU."),
     ] = "standard"
     verify: Annotated[
         Path | None,
-        Option("Measure a page of the dedicated tier again, in a browser.", metavar="PAGE"),
+        Option("Measure an existing page of the dedicated tier in a browser.", metavar="PAGE"),
     ] = None
     up: Annotated[Up | None, Option("Axis that points up. Default: the asset's.")] = None
-    quantise: Annotated[bool, Option("Round positions to 16 bits and the rest to 8: a third in size.")] = (
-        False
-    )
+    quantise: Annotated[
+        bool, Option("Round positions to 16 bits and other values to 8 bits: a third of the size.")
+    ] = False
     faces: Annotated[
-        int | None, Option("Keep the N faces that contribute most over the cameras.", least=1)
+        int | None, Option("Keep only the N faces that contribute most to the images.", least=1)
     ] = None
     renders: Annotated[
         Path | None,
         Option(
-            "With --cameras: official images, by names of cameras, to measure the page by.", metavar="DIR"
+            "With --cameras: measure the page against the official images in DIR, named like the cameras.",
+            metavar="DIR",
         ),
     ] = None
     baked: Annotated[
         Path | None,
-        Option("Also show this plain asset, which msb bake made of it, with its dB.", metavar="FILE"),
+        Option("Also show FILE, a mesh that msb bake made of this model, with its PSNR.", metavar="FILE"),
     ] = None
     no_verify: Annotated[bool, Option("Do not measure the page in a browser.")] = False
     at_least: Annotated[
-        float | None, Option("With --verify: fail below so many dB. Default: 45.", metavar="DB")
+        float | None,
+        Option("With --verify: fail if the PSNR of a test view is below DB. Default: 45.", metavar="DB"),
     ] = None
     device: Annotated[
         Literal["cpu", "gpu"] | None,
-        Option("With --verify: the browser's software (default), or a graphics card."),
+        Option("With --verify: draw with the browser's software renderer (cpu, the default) or a GPU."),
     ] = None
 
 
-class Shown(NamedTuple):
-    """What a page shows."""
+class PageContent(NamedTuple):
+    """The asset of a page, and how the page shows it."""
 
     name: str
     asset: Asset
@@ -92,9 +95,9 @@ def _check_options(path: Path | None, options: WebOptions, views: Views, typed: 
     if options.verify is not None:
         only = {"verify", "at_least", "device", "json_file", "force", "quiet", "verbose"}
         common = {"color", "log_file", "debug"}
-        typed.reject(typed.keys() - only - common, "does not go with --verify, which writes no page")
+        typed.reject(typed.keys() - only - common, "cannot be combined with --verify, which writes no page")
         return
-    require(options.out, "Missing output. Pass -o with the page to write, or --verify PAGE")
+    require(options.out, "Missing output. Pass -o with the page to write, for example -o page.html")
     typed.reject(["at_least", "device"], "needs --verify PAGE")
     if path is None:
         require(options.tier == "standard", "--tier dedicated needs an ASSET")
@@ -124,9 +127,9 @@ def web(
 ) -> None:
     """Write a page that shows a model in any browser, offline.
 
-    The page of the standard tier turns the mesh that any engine draws; without an ASSET it waits for a .glb
-    to be dropped. That of the dedicated tier shows the method's own look by WebGPU, the mesh beside it, and
-    says how many dB its pixels have to those of the OpenCL renderer.
+    On the standard tier the page shows the mesh as any engine draws it. Without an ASSET it shows a .glb
+    that is dropped on it. On the dedicated tier it shows the native rendering, drawn with WebGPU, next to
+    that mesh, and the PSNR of its images against the OpenCL renderer.
     """
 
     _check_options(path, options, views, typed)
@@ -135,92 +138,91 @@ def web(
         return
     target = options.out or Path()
     if path is None:
-        from msb.engines.webpage import write_web_page
+        from msb.engines.webpage import page
 
-        write_web_page(target, background=views.color(None), overwrite=output.force)
-        _say(output, target)
+        _write(target, page(background=views.color(None)), output)
+        if not output.quiet:
+            echo(str(target))
         return
     from msb.api.command_files import open_asset
     from msb.asset.look import up_axis
     from msb.views import choose_views
 
     asset = open_asset(path, output)
-    said = ""
+    origin = ""
     if views.cameras is not None:
         cameras = views.read(output.note)
     else:
         chosen = choose_views(asset)
-        cameras, said = [] if chosen.origin == "turntable" else chosen.cameras, chosen.said
+        cameras, origin = [] if chosen.origin == "turntable" else chosen.cameras, chosen.said
     axis = options.up or up_axis(asset)
     color = views.color(asset)
-    shown = Shown(path.name, asset, drawing.settings(asset), cameras, axis, color)
+    content = PageContent(path.name, asset, drawing.settings(asset), cameras, axis, color)
     if options.up is None and asset.manifest.coordinate_frame.up == "unknown":
-        output.note(f"{path}: what is up is not known and taken to be {axis}; --up says otherwise")
-    if said:
-        output.note(f"views: {said}")
+        output.note(f"{path}: the up axis is unknown; {axis} is used. Set it with --up, for example --up=-y")
+    if origin:
+        output.note(f"views: {origin}")
     if options.tier == "standard":
-        _write_mesh(shown, target, output)
+        _write_mesh_page(content, target, output)
     else:
-        write_page(shown, options, target, output)
+        write_page(content, options, target, output)
 
 
-def _write_mesh(shown: Shown, target: Path, output: Output) -> None:
+def _write_mesh_page(content: PageContent, target: Path, output: Output) -> None:
+    """Write the page of the standard tier."""
     from msb.engines.engine import engine_mesh
-    from msb.engines.webpage import LARGE, write_web_page
+    from msb.engines.webpage import LARGE, page
     from msb.render.backend import check_supported
 
-    check_supported(shown.asset, "standard")
-    mesh = engine_mesh(shown.asset, shown.settings)
+    check_supported(content.asset, "standard")
+    mesh = engine_mesh(content.asset, content.settings)
     if len(mesh.indices) > LARGE:
-        output.note(f"warning: {target}: {len(mesh.indices):,} faces are more than most browsers hold")
+        output.note(f"warning: {target}: {len(mesh.indices):,} faces are too many for most browsers")
     with output.progress(f"writing {target.name}"):
-        write_web_page(
-            target,
-            mesh.encoded(".glb"),
-            name=shown.name,
-            cameras=shown.cameras,
-            up=shown.up,
-            background=shown.background,
-            overwrite=output.force,
-        )
-    _say(output, target)
-
-
-def _say(output: Output, target: Path) -> None:
+        glb, background = mesh.to_bytes(".glb"), content.background
+        data = page(glb, name=content.name, cameras=content.cameras, up=content.up, background=background)
+        _write(target, data, output)
     if not output.quiet:
         echo(str(target))
 
 
-def write_page(shown: Shown, options: WebOptions, target: Path, output: Output) -> None:
-    """Write the page of an asset, measured where a browser is at hand; tell what became of it."""
-    from msb.api.command_files import open_baked
+def _write(target: Path, data: bytes, output: Output) -> None:
     from msb.base.atomic import new_file
+
+    with new_file(target, size=len(data), overwrite=output.force) as file:
+        file.write(data)
+
+
+def write_page(content: PageContent, options: WebOptions, target: Path, output: Output) -> None:
+    """Write the page of the dedicated tier, measured if there is a browser, and print a summary."""
+    from msb.api.command_files import open_baked
     from msb.engines.dedicated_page.page import CheckView, make_page
     from msb.engines.hardware.packing import pack
     from msb.scenes.around import around
     from msb.views import spread
 
-    asset, background = shown.asset, shown.background
+    asset, background = content.asset, content.background
     with output.progress("checking the model"):
-        pack(asset, shown.settings)  # what cannot be drawn is said before anything takes long
-    made = None if options.baked is None else open_baked(options.baked, asset, output)
-    seen = shown.cameras or around(asset, 2 * TEST_VIEWS, TEST_SIDE, TEST_SIDE * 3 // 4, shown.up)
+        pack(asset, content.settings)  # report errors before the slow steps
+    baked_asset = None if options.baked is None else open_baked(options.baked, asset, output)
+    cameras = content.cameras or around(asset, 2 * TEST_VIEWS, TEST_SIDE, TEST_SIDE * 3 // 4, content.up)
     if options.renders is not None:
-        tests = [_given(camera, options.renders, background) for camera in spread(seen, TEST_VIEWS)]
+        folder = options.renders
+        tests = [_read_test_view(camera, folder, background) for camera in spread(cameras, TEST_VIEWS)]
         against = "the images of --renders"
     else:
-        cameras = [_at_most(camera) for camera in spread(seen, TEST_VIEWS)]
-        images, against = _drawn(shown, asset, cameras, output, "drawing test views")
-        tests = [CheckView(camera, background, image) for camera, image in zip(cameras, images, strict=True)]
-    baked = None if made is None else _baked(shown, made, tests)
-    smaller, costs = _smaller(shown, options, spread(seen, WEIGHING_VIEWS), tests, output)
-    with output.progress(f"packing {shown.name}"):
+        small = [_limit_size(camera) for camera in spread(cameras, TEST_VIEWS)]
+        images, against = _draw_native(content, asset, small, output, "drawing test views")
+        tests = [CheckView(camera, background, image) for camera, image in zip(small, images, strict=True)]
+    baked = None if baked_asset is None else _measure_baked(content, baked_asset, tests)
+    reduced, costs = _reduce(content, options, spread(cameras, WEIGHING_VIEWS), tests, output)
+    with output.progress(f"packing {content.name}"):
         page = make_page(
-            smaller,
-            name=shown.name,
-            settings=shown.settings,
-            cameras=shown.cameras,
-            up=shown.up,
+            reduced,
+            name=content.name,
+            settings=content.settings,
+            cameras=content.cameras,
+            up=content.up,
             background=background,
             tests=tests,
             against=against,
@@ -228,58 +230,61 @@ def write_page(shown: Shown, options: WebOptions, target: Path, output: Output) 
             all_faces=asset.manifest.face_count,
             baked=baked,
         )
-        data = page.encoded()
+        data = page.to_bytes()
     measured = None
     if not options.no_verify:
         try:
-            measured = _measured(data, page.scene, [test.image for test in tests], output)
+            measured = _measure(data, page.scene, [test.image for test in tests], output)
         except DeviceError as error:
-            output.note(f"warning: {target.name} is not measured: {error.message}")
+            output.note(f"warning: {target.name} was written but not measured: {error.message}")
     if measured is not None:
         page.record(measured.by, measured.psnr)
-        data = page.encoded()
-    with new_file(target, size=len(data), overwrite=output.force) as file:
-        file.write(data)
-    _tell(output, target, len(data), page.scene, measured)
+        data = page.to_bytes()
+    _write(target, data, output)
+    _report(output, target, len(data), page.scene, measured)
 
 
 def verify_page(path: Path, options: WebOptions, output: Output) -> None:
-    """Measure a page again."""
-    from msb.engines.dedicated_page.measure import FAITHFUL
+    """Measure an existing page; raise GATE_FAILED if a view is below the limit."""
+    from msb.engines.dedicated_page.measurement import FAITHFUL
     from msb.engines.dedicated_page.page import read_page
 
     limit = FAITHFUL if options.at_least is None else options.at_least
     with output.progress(f"reading {path.name}"):
         data, scene, images = read_page(path)
     if not images:
-        raise InputError("FILE_NOT_RECOGNISED", "the page holds no test views to measure it by", file=path)
-    measured = _measured(data, scene, images, output, software=options.device != "gpu")
-    _tell(output, path, len(data), scene, measured, limit)
+        raise InputError("FILE_NOT_RECOGNISED", "the page has no test views to measure", file=path)
+    measured = _measure(data, scene, images, output, software=options.device != "gpu")
+    _report(output, path, len(data), scene, measured, limit)
     if measured.worst < limit:
-        text = f"its worst view has {measured.worst:.1f} dB, the bar is {limit:g} dB"
+        text = f"the worst view has a PSNR of {measured.worst:.1f} dB; at least {limit:g} dB are required"
         raise GateFailed("GATE_FAILED", text, file=path)
 
 
-def _at_most(camera: Camera) -> Camera:
+def _limit_size(camera: Camera) -> Camera:
+    """Return the camera scaled down so that no side of its image exceeds TEST_SIDE."""
     return camera.scaled(min(1.0, TEST_SIDE / max(camera.width, camera.height)))
 
 
-def _drawn(
-    shown: Shown, asset: Asset, cameras: Sequence[Camera], output: Output, doing: str
+def _draw_native(
+    content: PageContent, asset: Asset, cameras: Sequence[Camera], output: Output, doing: str
 ) -> tuple[list[NDArray[np.uint8]], str]:
-    """Return what the method shows cameras, and what drew it: OpenCL, or NumPy where OpenCL cannot."""
+    """Return the native renderings (H, W, 3) of all cameras, and which renderer drew them.
+
+    This is the OpenCL renderer, or the NumPy reference on machines without a device.
+    """
     from msb.render import Renderer
 
     def images(tier: Tier) -> list[NDArray[np.uint8]]:
         with (
-            Renderer(asset, tier, settings=shown.settings) as renderer,
+            Renderer(asset, tier, settings=content.settings) as renderer,
             output.counted(doing, len(cameras)) as step,
         ):
-            drawn = []
+            frames = []
             for camera in cameras:
-                drawn.append(_bytes(renderer.render(camera, shown.background).image))
+                frames.append(_as_bytes(renderer.render(camera, content.background).image))
                 step()
-            return drawn
+            return frames
 
     try:
         return images("dedicated"), "the OpenCL renderer"
@@ -287,7 +292,7 @@ def _drawn(
         return images("reference"), "the reference renderer"
 
 
-def _bytes(image: NDArray[Any]) -> NDArray[np.uint8]:
+def _as_bytes(image: NDArray[Any]) -> NDArray[np.uint8]:
     import numpy as np
 
     from msb.render.images import to_bytes
@@ -295,10 +300,10 @@ def _bytes(image: NDArray[Any]) -> NDArray[np.uint8]:
     return image if image.dtype == np.uint8 else to_bytes(image)
 
 
-def _baked(shown: Shown, made: Asset, tests: Sequence[CheckView]) -> BakedLook:
-    """Return what was baked of an asset, and how near the mesh of either comes to the test views."""
+def _measure_baked(content: PageContent, baked: Asset, tests: Sequence[CheckView]) -> BakedMesh:
+    """Return the baked mesh; measure its average PSNR on the test views, and the standard-tier mesh's."""
     from msb.asset.tiers import why_not
-    from msb.engines.dedicated_page.page import BakedLook
+    from msb.engines.dedicated_page.page import BakedMesh
     from msb.engines.engine import engine_mesh
     from msb.metrics import psnr
     from msb.metrics.images import PSNR_CAP
@@ -306,107 +311,121 @@ def _baked(shown: Shown, made: Asset, tests: Sequence[CheckView]) -> BakedLook:
 
     def decibels(asset: Asset) -> float:
         with Renderer(asset, "standard") as renderer:
-            drawn = [renderer.render(test.camera, test.background).image for test in tests]
-        values = [psnr(image, test.image) for image, test in zip(drawn, tests, strict=True)]
+            images = [renderer.render(test.camera, test.background).image for test in tests]
+        values = [psnr(image, test.image) for image, test in zip(images, tests, strict=True)]
         return sum(min(value, PSNR_CAP) for value in values) / len(values)
 
-    plain = None if why_not(shown.asset.manifest, "standard") else decibels(shown.asset)
-    return BakedLook(engine_mesh(made, {}).encoded(".glb"), decibels(made), plain)
+    plain = None if why_not(content.asset.manifest, "standard") else decibels(content.asset)
+    return BakedMesh(engine_mesh(baked, {}).to_bytes(".glb"), decibels(baked), plain)
 
 
-def _given(camera: Camera, folder: Path, background: tuple[float, float, float]) -> CheckView:
-    """Return a test view with the image of that camera in a folder, in the image's size."""
+def _read_test_view(camera: Camera, folder: Path, background: tuple[float, float, float]) -> CheckView:
+    """Return a test view with the image of a camera from a folder; the view has the size of the image."""
     from msb.engines.dedicated_page.page import CheckView
     from msb.metrics.image_files import read_image
 
     if camera.name is None:
-        raise UsageError("USAGE", "--renders finds images by the names of cameras, and these have none")
+        raise UsageError("USAGE", "--renders needs cameras with names, to find their images")
+    # The image may lie in the subfolders of the camera's name, or directly in the folder.
     stem = PurePosixPath(camera.name).with_suffix("")
-    places = [folder / f"{base}{suffix}" for base in (stem, stem.name) for suffix in _RENDERS]
-    place = next((each for each in places if each.is_file()), places[-2])
-    image = _bytes(read_image(place))
+    paths = [folder / f"{base}{suffix}" for base in (stem, stem.name) for suffix in _IMAGE_ENDINGS]
+    image = _as_bytes(read_image(next((path for path in paths if path.is_file()), paths[-2])))
     return CheckView(camera.resized(image.shape[1], image.shape[0]), background, image)
 
 
-def _smaller(
-    shown: Shown, options: WebOptions, seen: Sequence[Camera], tests: Sequence[CheckView], output: Output
+def _reduce(
+    content: PageContent,
+    options: WebOptions,
+    cameras: Sequence[Camera],
+    tests: Sequence[CheckView],
+    output: Output,
 ) -> tuple[Asset, list[Cost]]:
-    """Return what --faces and --quantise leave of an asset, and what each costs."""
+    """Return the asset after --faces and --quantise, and the loss of each.
+
+    `cameras` determine the contribution of faces; the losses are measured on `tests`.
+    """
     import numpy as np
 
     from msb.engines.dedicated_page.page import Cost
-    from msb.engines.dedicated_page.smaller import quantised, with_faces
+    from msb.engines.dedicated_page.reduction import quantise, select_faces
     from msb.metrics import psnr
 
-    smaller, faces = shown.asset, options.faces
+    reduced, faces = content.asset, options.faces
     steps: list[tuple[str, Asset]] = []
     views = [test.camera for test in tests]
-    total = smaller.manifest.face_count
+    total = reduced.manifest.face_count
     if faces is not None and faces < total:
-        weights = _weighed(shown, [_at_most(camera) for camera in seen], output)
-        # The heaviest; of equal ones the first. They stay in their order.
-        kept = np.sort(np.argsort(-weights, kind="stable")[:faces])
-        smaller = with_faces(smaller, kept)
-        steps.append((f"{faces:,} of {total:,} faces (--faces)", smaller))
+        weights = _sum_contributions(content, [_limit_size(camera) for camera in cameras], output)
+        # The faces with the largest contributions, the first among equals, in their original order.
+        selected = np.sort(np.argsort(-weights, kind="stable")[:faces])
+        reduced = select_faces(reduced, selected)
+        steps.append((f"{faces:,} of {total:,} faces (--faces)", reduced))
     if options.quantise:
         with output.progress("rounding values"):
-            smaller = quantised(smaller)
-        steps.append(("Rounded to 16 and 8 bits (--quantise)", smaller))
+            reduced = quantise(reduced)
+        steps.append(("Values rounded to 16 and 8 bits (--quantise)", reduced))
 
-    def images(asset: Asset) -> list[NDArray[np.uint8]]:
-        return _drawn(shown, asset, views, output, "drawing what it costs")[0]
+    def draw(asset: Asset) -> list[NDArray[np.uint8]]:
+        return _draw_native(content, asset, views, output, "measuring the reduced model")[0]
 
     before = [test.image for test in tests]
-    if steps and options.renders is not None:  # these are not ours
-        before = images(shown.asset)
+    if steps and options.renders is not None:  # these images were not drawn by our renderer
+        before = draw(content.asset)
     costs = []
-    for what, made in steps:
-        after = images(made)
+    for what, asset in steps:
+        after = draw(asset)
         worst = min(psnr(*pair) for pair in zip(after, before, strict=True))
         costs.append(Cost(what, worst))
-        output.note(f"{what}: {_decibels(worst)}, the worst of {len(views)} views, to what was there before")
+        quality = (
+            "images unchanged" if math.isinf(worst) else f"PSNR {worst:.1f} dB against the images before"
+        )
+        output.note(f"{what}: {quality}, in the worst of {len(views)} views")
         before = after
-    return smaller, costs
+    return reduced, costs
 
 
-def _weighed(shown: Shown, cameras: Sequence[Camera], output: Output) -> NDArray[np.float64]:
-    """Return what each face (F,) adds to the images of all cameras."""
+def _sum_contributions(
+    content: PageContent, cameras: Sequence[Camera], output: Output
+) -> NDArray[np.float64]:
+    """Return the contribution of each face (F,) to the images of all cameras, in pixels."""
     import numpy as np
 
     from msb.render.shares import shares_by_view
 
-    weights = np.zeros(shown.asset.manifest.face_count)
+    weights = np.zeros(content.asset.manifest.face_count)
     views = ((camera, None) for camera in cameras)
-    with output.counted("weighing faces", len(cameras)) as step:
-        for shares in shares_by_view(shown.asset, views, settings=shown.settings):
+    with output.counted("summing the contributions of faces", len(cameras)) as step:
+        for shares in shares_by_view(content.asset, views, settings=content.settings):
             if shares is not None:
                 weights += shares[:, 0]
             step()
     return weights
 
 
-def _measured(
+def _measure(
     data: bytes,
     scene: Mapping[str, Any],
     images: Sequence[NDArray[np.uint8]],
     output: Output,
     *,
     software: bool = True,
-) -> Measured:
-    from msb.engines.dedicated_page.measure import measure_page
+) -> Measurement:
+    """Measure a page in a browser, with a progress bar."""
+    from msb.engines.dedicated_page.measurement import measure_page
 
     with output.counted("measuring in a browser", len(images)) as step:
         return measure_page(data, scene, images, software=software, step=step)
 
 
-def _tell(
+def _report(
     output: Output,
     path: Path,
     size: int,
     scene: Mapping[str, Any],
-    measured: Measured | None,
+    measured: Measurement | None,
     limit: float | None = None,
 ) -> None:
+    """Write the JSON record of a page and print a summary; `limit` is that of --at-least."""
     about = scene["dedicated"]
     names = [test["name"] for test in about["tests"]]
     document: dict[str, Any] = {
@@ -420,14 +439,14 @@ def _tell(
         "measured": None,
     }
     if measured is not None:
-        from msb.engines.dedicated_page.page import json_psnr
+        from msb.engines.dedicated_page.page import psnr_to_json
 
-        rows = zip(names, map(json_psnr, measured.psnr), measured.milliseconds, strict=True)
+        rows = zip(names, map(psnr_to_json, measured.psnr), measured.milliseconds, strict=True)
         document["measured"] = {
             "browser": measured.browser,
             "device": measured.device,
             "format": measured.format,
-            "worst": json_psnr(measured.worst),
+            "worst": psnr_to_json(measured.worst),
             "views": [{"name": n, "psnr": p, "equal": p is None, "ms": ms} for n, p, ms in rows],
         }
     if limit is not None:
@@ -438,10 +457,11 @@ def _tell(
     echo(f"{path}")
     echo(f"{size / 1e6:.1f} MB, {about['title']}, {about['faces']:,} faces")
     if measured is not None:
+        echo(f"PSNR of the test views, drawn by {measured.by}, against {about['against']}:")
         for name, value in zip(names, measured.psnr, strict=True):
-            echo(f"  {name}: {_decibels(value)}")
-        echo(f"worst {_decibels(measured.worst)} to {about['against']}, in bytes ({measured.by})")
+            echo(f"  {name}: {_format_db(value)}")
+        echo(f"  worst view: {_format_db(measured.worst)}")
 
 
-def _decibels(value: float) -> str:
-    return "equal" if math.isinf(value) else f"{value:.1f} dB"
+def _format_db(value: float) -> str:
+    return "identical" if math.isinf(value) else f"{value:.1f} dB"

@@ -1,16 +1,15 @@
-"""The common parts of the engines: options, the mesh they are given, how a frame is put together."""
-
-from __future__ import annotations
+"""The common parts of the engines: their options, the mesh passed to them, and the frame they return."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from io import BytesIO
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from msb.asset import Asset
 from msb.asset.drawable import check_drawable
 from msb.asset.look import StaticColors, drawn_colors, shown_faces, tint_of
 from msb.asset.settings import effective_settings
@@ -18,23 +17,20 @@ from msb.asset.texture import Textured, textures_of
 from msb.errors import UsageError, shorten
 from msb.meshes import Mesh, write_mesh
 from msb.meshes.formats import Style
+from msb.render.backend import Drawn
 from msb.render.frame import Frame
 from msb.render.standard.supersampling import box_filter, checked_supersample, enlarged
+from msb.scenes import Camera
+from msb.scenes.colors import Color
 
-if TYPE_CHECKING:
-    from msb.asset import Asset
-    from msb.render.backend import Drawn
-    from msb.scenes import Camera
-
-    Color = tuple[float, float, float]
-
-# The depth of the near plane of the standard tier; there is no far plane.
+# Depth of the standard tier's near plane, in units of the camera. That tier has no far plane.
 NEAR = 0.01
-# The stage of an engine that cannot say how long its device took: how long we waited for it.
+# Stage name of a frame whose time is the wall-clock time until it was complete.
 WALL_CLOCK = "draw (wall clock)"
-# The stage of an engine whose device keeps time.
+# Stage name of a frame whose time was measured by the device.
 DRAW = "draw"
 
+# Use of device memory -> its group in reports.
 _GROUPS = {
     **dict.fromkeys(("positions", "indices"), "geometry"),
     **dict.fromkeys(("vertex colors", "texture coordinates", "tints"), "appearance"),
@@ -43,16 +39,16 @@ _GROUPS = {
 
 
 class Engine(ABC):
-    """A foreign engine as a renderer: draws the standard-tier mesh of an asset, with that tier's options.
+    """Another engine as a renderer: draws the standard-tier mesh of an asset, with the options of that tier.
 
-    `device` "cpu" or "gpu" says where the engine computes, which is its own choice if not given; an engine
-    ignores OpenCL devices and MSB_DEVICE.
+    `device` is "cpu", "gpu" or None, which leaves the choice to the engine. OpenCL device names and
+    MSB_DEVICE do not apply.
     """
 
     name: ClassVar[str]
     tiers: ClassVar[tuple[str, ...]] = ("standard",)
     version: str
-    # The `platform` and `name` of what draws, for reports.
+    # The `platform`, `name` and `kind` ("cpu" or "gpu") of the device, for reports.
     device_info: Mapping[str, str]
 
     def __init__(
@@ -73,27 +69,27 @@ class Engine(ABC):
     @classmethod
     @abstractmethod
     def missing(cls) -> str | None:
-        """Return what has to be installed before this can draw, or None; no engine is started to find out."""
+        """Return what must be installed to use this engine, or None. The engine is not started."""
 
     @classmethod
     @abstractmethod
     def installed(cls) -> str:
-        """Return the version that would draw, "" where none would; no engine is started to find out."""
+        """Return the version of the installed engine, or "". The engine is not started."""
 
     @abstractmethod
     def _frame(self, camera: Camera, background: Color) -> Frame:
-        """Return one frame, one sample a pixel."""
+        """Return one frame with one sample per pixel."""
 
     @abstractmethod
     def _draw(self, camera: Camera, background: Color) -> Drawn:
-        """Draw and wait, reading nothing back."""
+        """Draw and wait until the frame is complete, but read nothing back."""
 
     @abstractmethod
     def memory(self) -> Mapping[str, int]:
-        """Return use -> bytes."""
+        """Return use -> bytes of memory held for the asset."""
 
     def memory_groups(self) -> Mapping[str, str]:
-        """Return use -> group, for the uses that engines have in common."""
+        """Return use -> group, for the uses common to all engines."""
         return _GROUPS
 
     @abstractmethod
@@ -108,7 +104,7 @@ class Engine(ABC):
         return replace(box_filter(frame, self._samples), timings=frame.timings)
 
     def draw(self, camera: Camera, background: Color) -> Drawn:
-        """Draw and wait, reading nothing back."""
+        """Draw and wait until the frame is complete, but read nothing back."""
         return self._draw(enlarged(camera, self._samples), background)
 
     def __enter__(self) -> Self:
@@ -119,11 +115,10 @@ class Engine(ABC):
 
 
 def device_kind(device: Any, name: str) -> str | None:
-    """Return "cpu", "gpu" or None (the engine's own choice)."""
+    """Return "cpu", "gpu" or None (the engine chooses) for the `device` option of renderer `name`."""
     if device is None or device in ("cpu", "gpu"):
         return device  # type: ignore[no-any-return]
-    shown = shorten(str(device), 40)
-    text = f'device "{shown}" is one of OpenCL; renderer {name} takes cpu or gpu, or chooses itself'
+    text = f'device "{shorten(str(device), 40)}" is an OpenCL device; renderer {name} takes cpu or gpu'
     raise UsageError("DEVICE_SELECTOR", text)
 
 
@@ -135,7 +130,10 @@ def opaque_frame(
     face_id: NDArray[np.int32] | None,
     timings: Mapping[str, float],
 ) -> Frame:
-    """Return a frame in our terms: `background` and depth 0 wherever `hit` (H, W) is false."""
+    """Return a frame that shows `background` at depth 0 in the pixels without a face.
+
+    `image` is (H, W, 3), `depth` and `face_id` are (H, W), and `hit` (H, W) marks the pixels with a face.
+    """
     return Frame(
         image=np.where(hit[..., None], image, np.array(background, np.float32)),
         alpha=hit.astype(np.float32),
@@ -147,21 +145,21 @@ def opaque_frame(
 
 @dataclass(frozen=True)
 class EngineMesh:
-    """The triangles and colours that our own standard tier draws, as an engine is given them."""
+    """The triangles and colours of the standard tier in the form that engines take."""
 
     positions: NDArray[np.float32]
     indices: NDArray[np.uint32]
-    # Of vertices, (V, 3) uint8, or float32 in [0, 1]; a fourth channel is left out, as in our renderer.
-    # Beside textures it is there, as alpha, and colours are multiplied with them in linear light.
+    # Vertex colours (V, 3), uint8, or float32 in [0, 1]. With textures they are (V, 4): they have an alpha
+    # and are multiplied with the textures in linear light.
     colors: NDArray[Any]
-    # The asset's numbers of the faces; None if they are 0, 1, 2, ...
+    # The face numbers in the asset; None if they are 0, 1, 2, ...
     numbers: NDArray[np.uint32] | None
-    # The textures of these faces, if there are any.
     textured: Textured | None = None
 
-    def encoded(self, suffix: str) -> bytes:
-        """Return the file that `msb convert` writes of the asset, in the format of `suffix`; colours of
-        vertices as sRGB, if there are no textures.
+    def to_bytes(self, suffix: str) -> bytes:
+        """Return the mesh file that `msb convert` writes for the asset, in the format of `suffix`.
+
+        Without textures, vertex colours are stored as sRGB.
         """
         mesh = Mesh(self.positions, self.indices.astype(np.int64), self.colors)
         if (skin := self.textured) is not None:
@@ -176,8 +174,11 @@ class EngineMesh:
         write_mesh(mesh, file, suffix=suffix, style=Style("srgb" if skin is None else None))
         return file.getvalue()
 
+    # The old name, until the callers in other packages are renamed.
+    encoded = to_bytes
+
     def depth_range(self, world_to_camera: NDArray[np.float64]) -> tuple[float, float]:
-        """Return bounds of the vertices' depths, from the corners of their box."""
+        """Return a lower and an upper bound of the vertices' depths, from the corners of the bounding box."""
         low, high = self.positions.min(axis=0), self.positions.max(axis=0)
         corners = np.stack(np.meshgrid(*zip(low, high, strict=True)), axis=-1).reshape(-1, 3)
         depths = corners.astype(np.float64) @ world_to_camera[2, :3] + world_to_camera[2, 3]
@@ -185,10 +186,10 @@ class EngineMesh:
 
 
 def engine_mesh(asset: Asset, settings: Mapping[str, Any] | None) -> EngineMesh:
-    """Return what an engine draws of `asset`.
+    """Return the standard-tier mesh of `asset` for an engine.
 
-    If colours belong to faces or corners, every face gets vertices of its own. If no face is shown, the mesh
-    has one face without area, because no format for engines has a mesh without faces.
+    With face or corner colours faces do not share vertices. If the settings select no face, the
+    mesh has one face of zero area, because the engines' file formats do not allow a mesh without faces.
     """
     values = effective_settings(asset.manifest, settings)
     if (skin := textures_of(asset)) is not None:
@@ -201,17 +202,18 @@ def engine_mesh(asset: Asset, settings: Mapping[str, Any] | None) -> EngineMesh:
     numbers = shown_faces(asset, values.get("ste_threshold"))
     if numbers is not None and not len(numbers):
         return EngineMesh(positions[:1], np.zeros((1, 3), np.uint32), np.zeros((1, 3), np.uint8), None)
-    shown = slice(None) if numbers is None else numbers
+    selected = slice(None) if numbers is None else numbers
     if static.domain == "vertex":
-        return EngineMesh(positions, indices[shown], np.ascontiguousarray(colors), numbers)
+        return EngineMesh(positions, indices[selected], np.ascontiguousarray(colors), numbers)
+    # Colours (F, 3, 3) of the corners; every corner becomes a vertex.
     colors = colors.reshape(-1, 3, 3) if static.domain == "corner" else np.repeat(colors[:, None], 3, axis=1)
-    corners = positions[indices[shown]].reshape(-1, 3)
-    own = np.arange(len(corners), dtype=np.uint32).reshape(-1, 3)
-    return EngineMesh(corners, own, np.ascontiguousarray(colors[shown].reshape(-1, 3)), numbers)
+    corners = positions[indices[selected]].reshape(-1, 3)
+    faces = np.arange(len(corners), dtype=np.uint32).reshape(-1, 3)
+    return EngineMesh(corners, faces, np.ascontiguousarray(colors[selected].reshape(-1, 3)), numbers)
 
 
 def _textured_mesh(asset: Asset, skin: Textured) -> EngineMesh:
-    """Return what an engine draws of an asset with textures; white where it has no colours."""
+    """Return the mesh of an asset with textures; its vertex colours are white if it has none."""
     check_drawable(asset, ("positions", "color"))
     positions, indices, tint = asset.buffers["positions"], asset.buffers["indices"], tint_of(asset)
     if tint is None:
@@ -219,6 +221,6 @@ def _textured_mesh(asset: Asset, skin: Textured) -> EngineMesh:
     if tint.domain == "vertex":
         return EngineMesh(positions, indices, np.ascontiguousarray(tint.values), None, skin)
     corners = indices.reshape(-1)
-    own = np.arange(len(corners), dtype=np.uint32).reshape(-1, 3)
+    faces = np.arange(len(corners), dtype=np.uint32).reshape(-1, 3)
     values = np.repeat(tint.values, 3, axis=0) if tint.domain == "face" else tint.values
-    return EngineMesh(positions[corners], own, np.ascontiguousarray(values), None, skin)
+    return EngineMesh(positions[corners], faces, np.ascontiguousarray(values), None, skin)

@@ -1,38 +1,34 @@
-"""Renderer `threejs`: three.js (WebGL 2) in a headless browser, on the page that `msb web` writes."""
-
-from __future__ import annotations
+"""Renderer `threejs`: three.js (WebGL 2) in a headless browser, with the page that `msb web` writes."""
 
 import sys
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from msb.engines.browser import Page, browser_name, dated, find_browser
+from msb.asset import Asset
+from msb.engines.browser import Page, browser_name, dated_name, find_browser
 from msb.engines.engine import DRAW, WALL_CLOCK, Engine, opaque_frame
 from msb.engines.webpage import camera_data, page, three_revision
 from msb.errors import DeviceError
 from msb.render.backend import Drawn
-
-if TYPE_CHECKING:
-    from msb.asset import Asset
-    from msb.engines.engine import Color
-    from msb.render import Frame
-    from msb.scenes import Camera
+from msb.render.frame import Frame
+from msb.scenes import Camera
+from msb.scenes.colors import Color
 
 
 class ThreeJsRenderer(Engine):
-    """Draws the GLB of an asset with three.js; `device` "cpu" is SwiftShader, "gpu" a graphics card.
+    """Draws the GLB of an asset with three.js. `device` "cpu" is SwiftShader, "gpu" a graphics card.
 
-    Colours and depths come from float32 targets, so nothing is rounded. There are no face ids: WebGL does not
-    number primitives. Times are the device's where the browser offers timer queries, else the wall clock's,
-    named so.
+    Colours and depths are read from float32 targets, so they are not rounded. Frames have no face ids,
+    because WebGL does not number primitives. Times are measured by the device if the browser supports timer
+    queries; otherwise they are wall-clock times, in the stage `WALL_CLOCK`.
 
     Parameters
     ----------
     defaults : bool
-        Whether three.js handles the colours of glTF by its own defaults, to see their effect; images are then
-        those of the 8-bit canvas.
+        Use the colour handling that is the default of three.js, to show its effect. Images are then read from
+        the 8-bit canvas.
     """
 
     name = "threejs"
@@ -47,7 +43,7 @@ class ThreeJsRenderer(Engine):
         defaults: bool = False,
     ) -> None:
         super().__init__(asset, device=device, settings=settings, supersample=supersample)
-        content = {"page.html": page(served=True), "mesh.glb": self._mesh.encoded(".glb")}
+        content = {"page.html": page(served=True), "mesh.glb": self._mesh.to_bytes(".glb")}
         browser = find_browser()
         assert browser is not None
         self._defaults = defaults
@@ -64,31 +60,27 @@ class ThreeJsRenderer(Engine):
         }
         if self._kind == "gpu" and in_software:
             self.close()
-            text = f"the browser finds no GPU and draws with {drawn_by}; --device cpu asks for that"
+            text = f"the browser found no GPU, only {drawn_by}; use --device cpu to draw with it"
             raise DeviceError("DEVICE_NOT_FOUND", text)
         self._memory: Mapping[str, int] = {}
 
     @classmethod
     def missing(cls) -> str | None:
-        """Return what to install, if anything."""
+        """Return a message if no browser is found."""
         if find_browser() is None:
-            text = "no Chromium, Chrome or Edge is on PATH, and MSB_BROWSER names none"
-            return text + (": apt-get install chromium" if sys.platform == "linux" else "")
+            text = "found no Chromium, Chrome or Edge on PATH or in MSB_BROWSER"
+            return text + ("; apt-get install chromium" if sys.platform == "linux" else "")
         return None
 
     @classmethod
     def installed(cls) -> str:
-        """Return the version of three.js, and the browser's age."""
+        """Return the revision of three.js and the name and date of the browser."""
         browser = find_browser()
-        return "" if browser is None else f"r{three_revision()}, {dated(browser)}"
+        return "" if browser is None else f"r{three_revision()}, {dated_name(browser)}"
 
     def memory(self) -> Mapping[str, int]:
         """Return use -> bytes of the page's buffers and targets."""
         return dict(self._memory)
-
-    def resident(self) -> int:
-        """Return the memory of the browser's processes."""
-        return self._page.resident()
 
     def close(self) -> None:
         """End the browser."""
@@ -98,14 +90,14 @@ class ThreeJsRenderer(Engine):
         head, body = self._ask(camera, background, read=True)
         height, width = camera.height, camera.width
         count = 4 * height * width
-        floats = np.frombuffer(body[: 5 * count], np.float32)  # four colours and a depth, four bytes each
-        # Rows of WebGL go up.
+        # The answer holds float32 RGBA (H, W, 4) and depth (H, W). WebGL stores the lowest row first.
+        floats = np.frombuffer(body[: 5 * count], np.float32)
         rgba = floats[:count].reshape(height, width, 4)[::-1]
         depth = floats[count:].reshape(height, width)[::-1]
         image = rgba[..., :3]
         if self._defaults:
-            seen = np.frombuffer(body[5 * count :], np.uint8).reshape(height, width, 4)[::-1]
-            image = np.divide(seen[..., :3], 255, dtype=np.float32)
+            canvas = np.frombuffer(body[5 * count :], np.uint8).reshape(height, width, 4)[::-1]
+            image = np.divide(canvas[..., :3], 255, dtype=np.float32)
         return opaque_frame(image, rgba[..., 3] > 0, depth, background, None, _times(head))
 
     def _draw(self, camera: Camera, background: Color) -> Drawn:
@@ -116,7 +108,7 @@ class ThreeJsRenderer(Engine):
         side = self._page.about["side"]
         if max(camera.width, camera.height) > side:
             size = f"{camera.width} x {camera.height}"
-            text = f"{self.device_info['name']} draws at most {side} pixels each way, not {size}"
+            text = f"{self.device_info['name']} draws at most {side} x {side} pixels, not {size}"
             raise DeviceError("DEVICE_MEMORY", text)
         task = {"view": camera_data(camera), "background": list(background), "read": read}
         task["canvas"] = read and self._defaults

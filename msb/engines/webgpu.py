@@ -1,34 +1,30 @@
 """Renderer `wgpu`: Vulkan, Metal or Direct3D 12 through wgpu-py, with a hardware z-buffer.
 
-The pipeline is that of any engine for an opaque, unlit mesh with colours of vertices or textures. The camera
-is ours: K and world_to_camera, a near plane at 0.01 and no far plane (reversed depth, float32). Colours go
-into a float32 target, so nothing is rounded or converted.
+The pipeline is the usual one for an opaque, unlit mesh with vertex colours or textures. The camera is ours: K
+and world_to_camera, a near plane at 0.01 and no far plane (reversed float32 depth). Colours are written to a
+float32 target, so they are neither rounded nor converted.
 """
-
-from __future__ import annotations
 
 import contextlib
 import time
 from collections.abc import Mapping
 from importlib.metadata import PackageNotFoundError, version
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from msb.asset import Asset
 from msb.base.extras import install, is_installed
 from msb.base.version import __version__
 from msb.engines.engine import DRAW, NEAR, WALL_CLOCK, Engine, opaque_frame
 from msb.engines.webgpu_adapter import INSTALL, Gpu, all_adapters
-from msb.engines.webgpu_texture import ATTRIBUTES, Skin
+from msb.engines.webgpu_texture import ATTRIBUTES, TexturedMesh
 from msb.errors import DeviceError
 from msb.render.backend import Drawn
-
-if TYPE_CHECKING:
-    from msb.asset import Asset
-    from msb.engines.engine import Color
-    from msb.render import Frame
-    from msb.scenes import Camera
+from msb.render.frame import Frame
+from msb.scenes import Camera
+from msb.scenes.colors import Color
 
 IMAGE_FORMAT = "rgba32float"
 IDS_FORMAT = "r32uint"
@@ -41,7 +37,7 @@ struct Seen { @location(0) color: vec4<f32> IDS_FIELD };
 _SHADER = """
 struct Between { @builtin(position) place: vec4<f32>, @location(0) color: vec3<f32> };
 @vertex fn project(@location(0) place: vec3<f32>, @location(1) color: vec4<f32>) -> Between {
-    // The camera's centre comes in two parts: far from the origin the second holds what float32 drops.
+    // The camera's centre is the sum of two float32 values; `rest` is the rounding error of `center`.
     let local = (place - camera.center.xyz) - camera.rest.xyz;
     return Between(camera.clip * vec4<f32>(local, 1.0), color.rgb);
 }
@@ -52,10 +48,10 @@ struct Between { @builtin(position) place: vec4<f32>, @location(0) color: vec3<f
 
 
 class WgpuRenderer(Engine):
-    """Draws through wgpu-py; `device` "cpu" is a software adapter (lavapipe), "gpu" anything else.
+    """Draws through wgpu-py. `device` "cpu" is a software adapter (lavapipe), "gpu" any other adapter.
 
-    Frames have `face_id` where the adapter numbers primitives. Times are the device's own where the adapter
-    has timestamps, else the wall clock's, and then named so.
+    Frames have a `face_id` if the adapter supports primitive indices. Times are measured by the device if the
+    adapter supports timestamps; otherwise they are wall-clock times, in the stage `WALL_CLOCK`.
     """
 
     name = "wgpu"
@@ -72,27 +68,27 @@ class WgpuRenderer(Engine):
         super().__init__(asset, device=device, settings=settings, supersample=supersample)
         self.version = self.installed()
         self._gpu = gpu = Gpu(self._kind, ("timestamp-query", "primitive-index"))
-        self.device_info = gpu.about()
-        self._skin: Skin | None = None
-        self._numbered = "primitive-index" in gpu.features or self._mesh.textured is not None
+        self.device_info = gpu.describe()
+        self._textured: TexturedMesh | None = None
+        self._has_face_ids = "primitive-index" in gpu.features or self._mesh.textured is not None
         limit = gpu.adapter.limits["max-buffer-size"]
-        self._side = gpu.adapter.limits["max-texture-dimension-2d"]
+        self._max_side = gpu.adapter.limits["max-texture-dimension-2d"]
         needed = max(self._mesh.positions.nbytes, self._mesh.indices.nbytes, 16 * len(self._mesh.colors))
         if self._mesh.textured is not None:
             needed = 16 * self._mesh.indices.size
         if needed > limit:
-            text = f"{gpu.name} takes buffers of {limit} bytes, this mesh needs one of {needed}"
+            text = f"this mesh needs a buffer of {needed:,} bytes; {gpu.name} allows {limit:,}"
             raise DeviceError("DEVICE_MEMORY", text)
         with gpu.setting_up():
             gpu.open(("max-buffer-size", "max-texture-dimension-2d"), timed=True)
             self._make_mesh()
-            self._pipelines = {ids: self._pipeline(ids) for ids in {False, self._numbered}}
+            self._pipelines = {ids: self._make_pipeline(ids) for ids in {False, self._has_face_ids}}
             gpu.make_clock(2)
         self._size: tuple[int, int] | None = None
 
     @classmethod
     def of_tier(cls, tier: str) -> Any:
-        """Return what draws `tier`: on the dedicated one, the methods' own look."""
+        """Return the renderer class of `tier`; on the dedicated tier it draws the native rendering."""
         if tier == "standard":
             return cls
         from msb.engines.hardware.renderer import HardwareRenderer
@@ -101,14 +97,14 @@ class WgpuRenderer(Engine):
 
     @classmethod
     def missing(cls) -> str | None:
-        """Return which extra or driver is missing, if one is."""
+        """Return a message if the package or a graphics driver is missing."""
         if not is_installed("wgpu"):
             return f"wgpu-py is not installed: {install('wgpu')}"
-        return None if all_adapters() else f"there is no graphics driver; {INSTALL}"
+        return None if all_adapters() else f"no graphics driver was found; {INSTALL}"
 
     @classmethod
     def installed(cls) -> str:
-        """Return our own version, because the shaders are ours, and wgpu-py's."""
+        """Return our version, because the shaders are ours, and the version of wgpu-py."""
         with contextlib.suppress(PackageNotFoundError):
             return f"{__version__}, wgpu-py {version('wgpu')}"
         return __version__
@@ -123,15 +119,16 @@ class WgpuRenderer(Engine):
         self._gpu.close()
 
     def memory_groups(self) -> Mapping[str, str]:
-        """Return use -> group; textures are appearance."""
-        textures = (use for use in self._gpu.held if use.startswith("texture "))
+        """Return use -> group; textures belong to "appearance"."""
+        textures = (use for use in self._gpu.resources if use.startswith("texture "))
         return {**super().memory_groups(), **dict.fromkeys(textures, "appearance")}
 
     def _make_mesh(self) -> None:
+        """Upload the camera buffer and the mesh."""
         mesh, colors = self._mesh, self._mesh.colors
         self._gpu.buffer("camera", 96, "uniform", "copy_dst")
         if mesh.textured is not None:
-            self._skin = Skin(self._gpu, mesh, mesh.textured, self._side)
+            self._textured = TexturedMesh(self._gpu, mesh, mesh.textured, self._max_side)
             return
         if colors.dtype == np.uint8:
             colors = np.concatenate([colors, np.full((len(colors), 1), 255, np.uint8)], axis=1)
@@ -142,12 +139,13 @@ class WgpuRenderer(Engine):
         self._gpu.buffer("vertex colors", 0, "vertex", data=colors)
         self._gpu.buffer("indices", 0, "index", data=mesh.indices)
 
-    def _pipeline(self, ids: bool) -> Any:
-        if self._skin is None:
+    def _make_pipeline(self, ids: bool) -> Any:
+        """Return the render pipeline; with `ids` it writes face numbers to a second target."""
+        if self._textured is None:
             attributes = {"positions": (12, "float32x3"), "vertex colors": self._color_layout}
             source = ("enable primitive_index;" if ids else "") + _HEAD + _SHADER
         else:
-            attributes, source = ATTRIBUTES, _HEAD + self._skin.shader
+            attributes, source = ATTRIBUTES, _HEAD + self._textured.shader
         source = source.replace("IDS_FIELD", ", @location(1) face: u32" if ids else "")
         source = source.replace("IDS_INPUT", ", @builtin(primitive_index) face: u32" if ids else "")
         source = source.replace("IDS_VALUE", ", face" if ids else "")
@@ -158,7 +156,7 @@ class WgpuRenderer(Engine):
                 "step_mode": "vertex",
                 "attributes": [{"format": kind, "offset": 0, "shader_location": location}],
             }
-            for location, (stride, kind) in enumerate(attributes.values())
+            for location, (stride, kind) in enumerate(attributes.values())  # one vertex buffer per attribute
         ]
         targets = [{"format": IMAGE_FORMAT}, *([{"format": IDS_FORMAT}] if ids else [])]
         return self._gpu.device.create_render_pipeline(
@@ -168,21 +166,23 @@ class WgpuRenderer(Engine):
             depth_stencil={
                 "format": DEPTH_FORMAT,
                 "depth_write_enabled": True,
-                "depth_compare": "greater",  # at equal depths the first face stays
+                "depth_compare": "greater",  # at equal depths the first face is kept
             },
             fragment={"module": shader, "entry_point": "shade", "targets": targets},
         )
 
     def _make_targets(self, width: int, height: int) -> None:
+        """Create the textures of a frame, and the buffers through which the host reads them."""
         if self._size == (width, height):
             return
-        if max(width, height) > self._side:
+        if max(width, height) > self._max_side:
             size = f"{width} x {height}"
-            text = f"{self.device_info['name']} draws at most {self._side} pixels each way, not {size}"
+            limit = f"{self._max_side} x {self._max_side} pixels"
+            text = f"{self.device_info['name']} draws at most {limit}, not {size}"
             raise DeviceError("DEVICE_MEMORY", text)
         self._size = None
         formats = {"image": IMAGE_FORMAT, "depth": DEPTH_FORMAT}
-        if self._numbered:
+        if self._has_face_ids:
             formats["face ids"] = IDS_FORMAT
         for use, form in formats.items():
             self._gpu.texture(use, width, height, form, "render_attachment", "copy_src")
@@ -192,44 +192,46 @@ class WgpuRenderer(Engine):
 
     def _frame(self, camera: Camera, background: Color) -> Frame:
         with self._gpu.reporting("drawing"):
-            drawn = self._run(camera, background, everything=True)
+            timing = self._run(camera, background, everything=True)
             image = self._read("image", np.float32, 4)
             depth = self._read("depth", np.float32, 1)
-            face_id = self._face_ids() if self._numbered else None
+            face_id = self._read_face_ids() if self._has_face_ids else None
+        # The depth buffer holds near / z (H, W), and 0 in pixels without a face.
         hit = depth > 0
         depth = np.divide(NEAR, depth, out=np.zeros_like(depth), where=hit, dtype=np.float32)
-        return opaque_frame(image[..., :3], hit, depth, background, face_id, drawn.stages)
+        return opaque_frame(image[..., :3], hit, depth, background, face_id, timing.stages)
 
     def _draw(self, camera: Camera, background: Color) -> Drawn:
         with self._gpu.reporting("drawing"):
             return self._run(camera, background, everything=False)
 
     def _run(self, camera: Camera, background: Color, *, everything: bool) -> Drawn:
-        """Draw and wait; with `everything` face ids too, and copies of all planes where we can read them."""
+        """Draw and wait; with `everything` also draw face ids and copy all targets to readable buffers."""
         self._make_targets(camera.width, camera.height)
         start = time.perf_counter()
-        self._gpu.device.queue.write_buffer(self._gpu.held["camera"], 0, camera_record(camera))
+        self._gpu.device.queue.write_buffer(self._gpu.resources["camera"], 0, camera_record(camera))
         encoder = self._gpu.device.create_command_encoder()
-        ids = everything and self._numbered
+        ids = everything and self._has_face_ids
         self._encode_pass(encoder, background, ids)
         if everything:
             for use, nbytes in (("image", 16), ("depth", 4), *([("face ids", 4)] if ids else [])):
                 layout = {
-                    "buffer": self._gpu.held[f"{use}, read back"],
+                    "buffer": self._gpu.resources[f"{use}, read back"],
                     "bytes_per_row": _row_bytes(camera.width, nbytes),
                     "rows_per_image": camera.height,
                 }
                 size = camera.width, camera.height, 1
-                encoder.copy_texture_to_buffer({"texture": self._gpu.held[use]}, layout, size)
+                encoder.copy_texture_to_buffer({"texture": self._gpu.resources[use]}, layout, size)
         began, ended = self._gpu.run(encoder).tolist()
         waited = 1000 * (time.perf_counter() - start)
-        if self._gpu.tick is None:
+        if self._gpu.nanoseconds_per_tick is None:
             return Drawn({WALL_CLOCK: waited}, waited)
-        milliseconds = max(0, ended - began) * self._gpu.tick / 1e6
+        milliseconds = max(0, ended - began) * self._gpu.nanoseconds_per_tick / 1e6
         return Drawn({DRAW: milliseconds}, milliseconds)
 
     def _encode_pass(self, encoder: Any, background: Color, ids: bool) -> None:
-        held = self._gpu.held
+        """Encode the render pass, with timestamps at its ends if the device has a clock."""
+        resources = self._gpu.resources
         clears = {"image": (*background, 0.0), **({"face ids": (2.0**32 - 1, 0, 0, 0)} if ids else {})}
         options: dict[str, Any] = {}
         if self._gpu.queries is not None:
@@ -241,7 +243,7 @@ class WgpuRenderer(Engine):
         drawing = encoder.begin_render_pass(
             color_attachments=[
                 {
-                    "view": held[use].create_view(),
+                    "view": resources[use].create_view(),
                     "load_op": "clear",
                     "store_op": "store",
                     "clear_value": value,
@@ -249,7 +251,7 @@ class WgpuRenderer(Engine):
                 for use, value in clears.items()
             ],
             depth_stencil_attachment={
-                "view": held["depth"].create_view(),
+                "view": resources["depth"].create_view(),
                 "depth_clear_value": 0.0,
                 "depth_load_op": "clear",
                 "depth_store_op": "store",
@@ -258,26 +260,28 @@ class WgpuRenderer(Engine):
         )
         pipeline = self._pipelines[ids]
         drawing.set_pipeline(pipeline)
-        entries = [{"binding": 0, "resource": {"buffer": held["camera"]}}]
+        entries = [{"binding": 0, "resource": {"buffer": resources["camera"]}}]
         layout = pipeline.get_bind_group_layout(0)
         drawing.set_bind_group(0, self._gpu.device.create_bind_group(layout=layout, entries=entries))
-        if self._skin is not None:
-            self._skin.draw(drawing, pipeline, ids)
+        if self._textured is not None:
+            self._textured.draw(drawing, pipeline, ids)
         else:
-            drawing.set_vertex_buffer(0, held["positions"])
-            drawing.set_vertex_buffer(1, held["vertex colors"])
-            drawing.set_index_buffer(held["indices"], "uint32")
+            drawing.set_vertex_buffer(0, resources["positions"])
+            drawing.set_vertex_buffer(1, resources["vertex colors"])
+            drawing.set_index_buffer(resources["indices"], "uint32")
             drawing.draw_indexed(self._mesh.indices.size)
         drawing.end()
 
-    def _face_ids(self) -> NDArray[np.int32]:
-        seen = self._read("face ids", np.uint32, 1)
-        nothing = seen == np.uint32(2**32 - 1)
+    def _read_face_ids(self) -> NDArray[np.int32]:
+        """Return the face number in the asset for each pixel (H, W), -1 without a face."""
+        face_id = self._read("face ids", np.uint32, 1)
+        empty = face_id == np.uint32(2**32 - 1)
         if self._mesh.numbers is not None:
-            seen = self._mesh.numbers[np.where(nothing, 0, seen)]
-        return np.where(nothing, -1, seen.astype(np.int64)).astype(np.int32)
+            face_id = self._mesh.numbers[np.where(empty, 0, face_id)]
+        return np.where(empty, -1, face_id.astype(np.int64)).astype(np.int32)
 
     def _read(self, use: str, dtype: Any, channels: int) -> NDArray[Any]:
+        """Return a target as (H, W) or (H, W, channels); rows in the buffer are padded to 256 bytes."""
         assert self._size is not None
         width, height = self._size
         values = self._gpu.read_back(use).view(dtype).reshape(height, -1)[:, : width * channels]
@@ -285,10 +289,12 @@ class WgpuRenderer(Engine):
 
 
 def camera_record(camera: Camera) -> NDArray[np.float32]:
-    """Return (24,) float32: the clip matrix (columns first) of points relative to the camera, and its centre.
+    """Return the uniform buffer of the shader, (24,) float32.
 
-    x and y of clip space are 2u/W - 1 and 1 - 2v/H times depth; z is the near distance, so that the depth
-    buffer gets near / z: 1 at the near plane, 0 infinitely far.
+    It holds the column-major 4 x 4 clip matrix for points relative to the camera, the camera's centre rounded
+    to float32, and the rounding error of the centre. In clip space x and y are 2u/W - 1 and 1 - 2v/H times
+    the depth; z is the near distance, so that the depth buffer contains near / depth: 1 at the near plane, 0
+    at infinity.
     """
     rounded = camera.center.astype(np.float32).astype(np.float64)
     width, height = camera.width, camera.height
@@ -300,13 +306,13 @@ def camera_record(camera: Camera) -> NDArray[np.float32]:
             [0, 0, 1, 0],
         ]
     )
-    turned = np.eye(4)
-    turned[:3, :3] = camera.world_to_camera[:3, :3]
-    parts = ((projection @ turned).T.reshape(-1), rounded, [0.0], camera.center - rounded, [0.0])
-    with np.errstate(over="ignore"):  # a camera 1e39 away sees nothing
+    rotation = np.eye(4)
+    rotation[:3, :3] = camera.world_to_camera[:3, :3]
+    parts = ((projection @ rotation).T.reshape(-1), rounded, [0.0], camera.center - rounded, [0.0])
+    with np.errstate(over="ignore"):  # coordinates of a camera beyond 1e38 become infinite: it sees nothing
         return np.concatenate(parts).astype(np.float32)
 
 
 def _row_bytes(width: int, nbytes: int) -> int:
-    """Return the bytes of a row that is copied: WebGPU wants a multiple of 256."""
+    """Return the bytes of a copied row; WebGPU requires a multiple of 256."""
     return -(-nbytes * width // 256) * 256

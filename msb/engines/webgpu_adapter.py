@@ -1,4 +1,4 @@
-"""The adapter and the device of wgpu-py that draw: what is held there, the clock, and what goes wrong."""
+"""The adapter and the device of wgpu-py: its buffers and textures, its clock, and its errors."""
 
 import contextlib
 import gc
@@ -14,14 +14,15 @@ from numpy.typing import NDArray
 
 from msb.errors import DeviceError, shorten
 
-# Advice if there is nothing to draw with.
+# Advice for machines without an adapter.
 INSTALL = (
-    "apt-get install mesa-vulkan-drivers brings Vulkan in software"
+    "apt-get install mesa-vulkan-drivers installs a software driver"
     if sys.platform == "linux"
-    else "it needs a driver for Vulkan, Metal or Direct3D 12"
+    else "install a driver for Vulkan, Metal or Direct3D 12"
 )
+# Adapter types in the order of preference.
 _KINDS = ("DiscreteGPU", "IntegratedGPU", "Unknown", "CPU")
-# Backends of wgpu that are used. On OpenGL, which may be all there is, it makes no 32-bit targets.
+# The backends of wgpu that can be used. Its OpenGL backend has no 32-bit float targets.
 _BACKENDS = ("Vulkan", "Metal", "D3D12")
 _TEXEL_BYTES = {
     "rgba32float": 16,
@@ -35,7 +36,7 @@ _TEXEL_BYTES = {
 
 @cache
 def all_adapters() -> list[Any]:
-    """Return every adapter that can draw into the targets we need."""
+    """Return all adapters of the usable backends."""
     import wgpu
 
     with _runtime_folder():
@@ -44,7 +45,7 @@ def all_adapters() -> list[Any]:
 
 
 def choose_adapter(kind: str | None) -> Any:
-    """Return the adapter to draw with: a GPU where there is one."""
+    """Return the best adapter of `kind`: "cpu" (software), "gpu", or None for a GPU if there is one."""
     adapters = all_adapters()
     usable = [
         adapter
@@ -54,10 +55,10 @@ def choose_adapter(kind: str | None) -> Any:
     if usable:
         return min(usable, key=lambda adapter: _rank(adapter.info))
     if kind == "gpu":
-        there = ", ".join(sorted({adapter.info["device"] for adapter in adapters})) or "nothing"
-        text = f"wgpu finds no GPU, only {there}; --device cpu draws in software"
+        names = ", ".join(sorted({adapter.info["device"] for adapter in adapters})) or "nothing"
+        text = f"wgpu found no GPU, only {names}; use --device cpu to draw in software"
     else:
-        text = f"wgpu finds no {'software ' if kind else ''}adapter; {INSTALL}"
+        text = f"wgpu found no {'software ' if kind else ''}adapter; {INSTALL}"
     raise DeviceError("DEVICE_NOT_FOUND", text)
 
 
@@ -68,7 +69,7 @@ def _rank(info: Mapping[str, Any]) -> tuple[int, int]:
 
 @contextlib.contextmanager
 def _runtime_folder() -> Iterator[None]:
-    """Without XDG_RUNTIME_DIR (a container, a job on a cluster) Mesa complains on standard error."""
+    """Set XDG_RUNTIME_DIR in a block if it is not set (containers, clusters), to avoid warnings of Mesa."""
     if sys.platform != "linux" or os.environ.get("XDG_RUNTIME_DIR"):
         yield
         return
@@ -79,11 +80,11 @@ def _runtime_folder() -> Iterator[None]:
         del os.environ["XDG_RUNTIME_DIR"]
 
 
-def _nanoseconds_a_tick(device: Any) -> float | None:
-    """Return the nanoseconds in a step of the device's timestamps, None if this wgpu-py does not say.
+def _nanoseconds_per_tick(device: Any) -> float | None:
+    """Return the unit of the device's timestamps in nanoseconds, or None if it is unknown.
 
-    wgpu-py hands timestamps over as they are and has no function for their unit, so the library under it is
-    asked.
+    wgpu-py returns raw timestamps and has no function for their unit, so this calls the library below
+    wgpu-py.
     """
     from wgpu.backends.wgpu_native import lib
 
@@ -94,7 +95,15 @@ def _nanoseconds_a_tick(device: Any) -> float | None:
 
 
 class Gpu:
-    """A device of wgpu-py, the buffers and textures it holds by their use, and the clock of its frames."""
+    """A device of wgpu-py with its buffers and textures.
+
+    Attributes
+    ----------
+    resources : dict
+        Use -> buffer or texture.
+    nanoseconds_per_tick : float or None
+        The unit of timestamps; None if the device has no timestamps.
+    """
 
     def __init__(self, kind: str | None, features: Iterable[str]) -> None:
         import wgpu
@@ -104,42 +113,42 @@ class Gpu:
         self.features = [name for name in features if name in self.adapter.features]
         self.name: str = self.adapter.info["device"]
         self.kind = "cpu" if self.adapter.info["adapter_type"] == "CPU" else "gpu"
-        self.held: dict[str, Any] = {}
+        self.resources: dict[str, Any] = {}
         self.device: Any = None
         self.queries: Any = None
-        self.tick: float | None = None
+        self.nanoseconds_per_tick: float | None = None
 
-    def about(self) -> dict[str, str]:
-        """Return what draws, for reports."""
+    def describe(self) -> dict[str, str]:
+        """Return `platform`, `name` and `kind` of the adapter, for reports."""
         info = self.adapter.info
         platform = ", ".join(filter(None, (info["backend_type"], info["description"])))
         return {"platform": platform, "name": self.name, "kind": self.kind}
 
     def open(self, limits: Iterable[str], *, timed: bool) -> None:
-        """Open the device, with as much of `limits` as the adapter has, and a clock if `timed`."""
+        """Open the device with the adapter's maximum for each of `limits`, and with a clock if `timed`."""
         self.device = self.adapter.request_device_sync(
             required_features=self.features,
             required_limits={name: self.adapter.limits[name] for name in limits},
         )
         if timed and "timestamp-query" in self.features:
-            self.tick = _nanoseconds_a_tick(self.device)
+            self.nanoseconds_per_tick = _nanoseconds_per_tick(self.device)
 
     @contextlib.contextmanager
     def reporting(self, doing: str) -> Iterator[None]:
-        """Turn what wgpu raises in a block into an error of ours, which names the device and `doing`."""
+        """Convert wgpu errors in a block to a DeviceError that names the device and the activity `doing`."""
         wgpu = self._wgpu
         try:
             yield
         except wgpu.GPUOutOfMemoryError as error:
-            raise DeviceError("DEVICE_MEMORY", f"{self.name}: out of memory, {doing}") from error
+            raise DeviceError("DEVICE_MEMORY", f"{self.name}: out of memory while {doing}") from error
         except (wgpu.GPUError, RuntimeError) as error:
             lines = [line.strip() for line in str(error).splitlines() if line.strip()]
             text = shorten(lines[-1] if lines else type(error).__name__, 200)
-            raise DeviceError("ENGINE_FAILED", f"{self.name}: {doing}: {text}") from error
+            raise DeviceError("ENGINE_FAILED", f"{self.name}: error while {doing}: {text}") from error
 
     @contextlib.contextmanager
     def setting_up(self) -> Iterator[None]:
-        """Open the device and fill it in a block; if the block fails, nothing of it stays there."""
+        """Close the device if the block, which opens and fills it, fails."""
         try:
             with self.reporting("opening the device"):
                 yield
@@ -148,34 +157,34 @@ class Gpu:
             raise
 
     def buffer(self, use: str, size: int, *usages: str, data: NDArray[Any] | None = None) -> None:
-        """Make a buffer in place of the one of that use, and fill it if `data` is given."""
+        """Create the buffer of a use, in place of an earlier one; `data` gives its size and content."""
         usage = 0
         for word in usages:
             usage |= getattr(self._wgpu.BufferUsage, word.upper())
         self._drop(use)
         if data is None:
-            self.held[use] = self.device.create_buffer(size=size, usage=usage)
+            self.resources[use] = self.device.create_buffer(size=size, usage=usage)
         else:
             array = np.ascontiguousarray(data)
-            self.held[use] = self.device.create_buffer_with_data(data=array, usage=usage)
+            self.resources[use] = self.device.create_buffer_with_data(data=array, usage=usage)
 
     def texture(self, use: str, width: int, height: int, form: str, *usages: str, levels: int = 1) -> None:
-        """Make a texture, with so many levels of mip maps, in place of the one of that use."""
+        """Create the texture of a use, in place of an earlier one, with `levels` mip levels."""
         usage = 0
         for word in usages:
             usage |= getattr(self._wgpu.TextureUsage, word.upper())
         self._drop(use)
-        self.held[use] = self.device.create_texture(
+        self.resources[use] = self.device.create_texture(
             size=(width, height, 1), format=form, usage=usage, mip_level_count=levels
         )
 
     def _drop(self, use: str) -> None:
-        if use in self.held:
-            self.held.pop(use).destroy()
+        if use in self.resources:
+            self.resources.pop(use).destroy()
 
     def make_clock(self, count: int) -> None:
-        """Make room for the timestamps of a frame."""
-        if self.tick is not None:
+        """Create the query set and the buffers for `count` timestamps per frame."""
+        if self.nanoseconds_per_tick is not None:
             if self.queries is not None:
                 self.queries.destroy()
             self.queries = self.device.create_query_set(type="timestamp", count=count)
@@ -183,17 +192,17 @@ class Gpu:
         self.buffer("times, read back", 8 * count, "copy_dst", "map_read")
 
     def run(self, encoder: Any) -> NDArray[np.uint64]:
-        """Submit commands and return the timestamps; that they can be read says that all is done."""
-        times = self.held["times"]
+        """Submit commands, wait for them, and return the timestamps in ticks; 0 without a clock."""
+        times = self.resources["times"]
         if self.queries is not None:
             encoder.resolve_query_set(self.queries, 0, times.size // 8, times, 0)
-        encoder.copy_buffer_to_buffer(times, 0, self.held["times, read back"], 0, times.size)
+        encoder.copy_buffer_to_buffer(times, 0, self.resources["times, read back"], 0, times.size)
         self.device.queue.submit([encoder.finish()])
         return self.read_back("times").view(np.uint64)
 
     def read_back(self, use: str) -> NDArray[np.uint8]:
-        """Wait until the host's copy of a buffer or texture can be mapped, and return its bytes."""
-        buffer = self.held[f"{use}, read back"]
+        """Return the bytes of a buffer or texture from its readable copy, once that can be mapped."""
+        buffer = self.resources[f"{use}, read back"]
         buffer.map_sync(self._wgpu.MapMode.READ)
         try:
             return np.frombuffer(buffer.read_mapped(), np.uint8).copy()
@@ -202,17 +211,17 @@ class Gpu:
 
     def memory(self) -> Mapping[str, int]:
         """Return use -> bytes of every buffer and texture."""
-        return {use: _held_bytes(thing) for use, thing in self.held.items()}
+        return {use: _count_bytes(resource) for use, resource in self.resources.items()}
 
     def close(self) -> None:
-        """Destroy the device and what it holds; a second call does nothing.
+        """Destroy the device and its resources; a second call does nothing.
 
-        In wgpu-py a device refers to itself, so shaders and the driver's threads would stay until Python
-        happens to collect garbage: 10 to 30 MB for each device on lavapipe.
+        A device of wgpu-py refers to itself, so without a garbage collection its shaders and the driver's
+        threads would stay: 10 to 30 MB for each device on lavapipe.
         """
-        for thing in self.held.values():
-            thing.destroy()
-        self.held.clear()
+        for resource in self.resources.values():
+            resource.destroy()
+        self.resources.clear()
         self.queries = None
         if self.device is not None:
             self.device.destroy()
@@ -220,10 +229,10 @@ class Gpu:
             gc.collect()
 
 
-def _held_bytes(thing: Any) -> int:
-    """Return the bytes of a buffer or a texture."""
-    if hasattr(thing, "map_sync"):
-        return int(thing.size)
-    width, height, _ = thing.size
-    levels = ((width >> level, height >> level) for level in range(thing.mip_level_count))
-    return int(sum(max(1, w) * max(1, h) for w, h in levels) * _TEXEL_BYTES[thing.format])
+def _count_bytes(resource: Any) -> int:
+    """Return the bytes of a buffer or of a texture with its mip levels."""
+    if hasattr(resource, "map_sync"):  # a buffer
+        return int(resource.size)
+    width, height, _ = resource.size
+    levels = ((width >> level, height >> level) for level in range(resource.mip_level_count))
+    return int(sum(max(1, w) * max(1, h) for w, h in levels) * _TEXEL_BYTES[resource.format])

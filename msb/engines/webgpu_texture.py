@@ -1,7 +1,7 @@
-"""A mesh with textures for renderer `wgpu`: the hardware's own samplers, levels and derivatives.
+"""A mesh with textures for renderer `wgpu`, with the samplers, mip maps and derivatives of the hardware.
 
-Each face has corners of its own. Faces are drawn in their order, those that follow each other with one
-texture together, so that at equal depths the first face stays, whatever texture it shows.
+Faces do not share vertices. They are drawn in their order, one draw call for each run of faces
+with the same texture, so that of faces at equal depths the first is visible whatever its texture.
 """
 
 from typing import Any
@@ -16,13 +16,13 @@ from msb.engines.webgpu_adapter import Gpu
 from msb.errors import DeviceError
 
 _WRAPS = {"repeat": "repeat", "clamp": "clamp-to-edge", "mirror": "mirror-repeat"}
-# Buffer -> bytes and format of what a corner has in it.
+# Vertex buffer -> bytes per corner, and format.
 ATTRIBUTES = {
     "positions": (12, "float32x3"),
     "texture coordinates": (8, "float32x2"),
     "tints": (16, "float32x4"),
 }
-# After the camera and `Seen`; CUTOFF is the alpha below which there is nothing.
+# Follows the declarations in webgpu.py. CUTOFF is the alpha below which a fragment is discarded.
 SHADER = """
 @group(1) @binding(0) var texels: texture_2d<f32>;
 @group(1) @binding(1) var reading: sampler;
@@ -38,8 +38,8 @@ struct Between {
     return Between(camera.clip * vec4<f32>(local, 1.0), uv, tint, corner / 3u);
 }
 @fragment fn shade(between: Between) -> Seen {
-    // The level by exact derivatives: coordinates / w and 1 / w are affine on the screen. What hardware takes
-    // for it is a difference within four pixels, and its logarithm may be off by a twentieth.
+    // The mip level from exact derivatives: uv * w and w are affine on the screen (w is 1 / depth here).
+    // Hardware uses differences in a block of 2 x 2 pixels, whose logarithm may be off by 0.05.
     let at = between.uv * vec2<f32>(textureDimensions(texels));
     let w = between.place.w;
     let right = (dpdxFine(at * w) - at * dpdxFine(w)) / w;
@@ -55,13 +55,15 @@ struct Between {
 """
 
 
-class Skin:
-    """The corners and textures of a mesh on a device, and how they are drawn.
+class TexturedMesh:
+    """The corners and textures of a mesh on a device.
+
+    `side` is the device's maximum width and height of a texture, in texels.
 
     Raises
     ------
     DeviceError
-        DEVICE_MEMORY: a texture is larger than the device takes.
+        DEVICE_MEMORY: a texture is larger than the device allows.
     """
 
     def __init__(self, gpu: Gpu, mesh: EngineMesh, textured: Textured, side: int) -> None:
@@ -69,7 +71,7 @@ class Skin:
         sampler = textured.sampler
         largest = max(max(image.shape[:2]) for image in textured.images)
         if largest > side:
-            text = f"{gpu.name} takes textures of {side} texels each way, this mesh has one of {largest}"
+            text = f"this mesh has a texture of {largest} texels; {gpu.name} allows {side} in each direction"
             raise DeviceError("DEVICE_MEMORY", text)
         colors = StaticColors(mesh.colors, "vertex")
         gpu.buffer("positions", 0, "vertex", data=mesh.positions[mesh.indices.reshape(-1)])
@@ -85,13 +87,14 @@ class Skin:
             mipmap_filter=sampler.filter,
         )
         self._count = len(textured.images)
-        shown = textured.face_texture
-        self._runs = [(0, 0, len(mesh.indices))] if shown is None else runs_of(shown)
+        numbers = textured.face_texture
+        self._runs = [(0, 0, len(mesh.indices))] if numbers is None else split_runs(numbers)
         cutoff = sampler.alpha_cutoff
         self.shader = SHADER.replace("CUTOFF", "-1.0" if cutoff is None else repr(cutoff - ROUNDING))
         self._groups: dict[bool, list[Any]] = {}
 
     def _upload(self, use: str, levels: list[NDArray[np.uint8]]) -> None:
+        """Upload the mip levels of a texture, each (H, W, 3 or 4) uint8 sRGB."""
         gpu, (height, width) = self._gpu, levels[0].shape[:2]
         form = "rgba8unorm-srgb"
         gpu.texture(use, width, height, form, "texture_binding", "copy_dst", levels=len(levels))
@@ -100,14 +103,17 @@ class Skin:
             texels = np.full((height, width, 4), 255, np.uint8)
             texels[..., : image.shape[2]] = image
             gpu.device.queue.write_texture(
-                {"texture": gpu.held[use], "mip_level": number},
+                {"texture": gpu.resources[use], "mip_level": number},
                 texels,
                 {"bytes_per_row": 4 * width, "rows_per_image": height},
                 (width, height, 1),
             )
 
     def draw(self, drawing: Any, pipeline: Any, ids: bool) -> None:
-        """Encode the faces, for one of two pipelines, into a render pass that has it and its camera."""
+        """Encode the draw calls into a render pass, whose pipeline and camera are already set.
+
+        `ids` says whether it is the pipeline with face ids; each pipeline has its own bind groups.
+        """
         gpu = self._gpu
         if ids not in self._groups:
             layout = pipeline.get_bind_group_layout(1)
@@ -115,25 +121,21 @@ class Skin:
                 gpu.device.create_bind_group(
                     layout=layout,
                     entries=[
-                        {"binding": 0, "resource": gpu.held[f"texture {number}"].create_view()},
+                        {"binding": 0, "resource": gpu.resources[f"texture {number}"].create_view()},
                         {"binding": 1, "resource": self._sampler},
                     ],
                 )
                 for number in range(self._count)
             ]
         for slot, use in enumerate(ATTRIBUTES):
-            drawing.set_vertex_buffer(slot, gpu.held[use])
+            drawing.set_vertex_buffer(slot, gpu.resources[use])
         for number, first, count in self._runs:
             drawing.set_bind_group(1, self._groups[ids][number])
             drawing.draw(3 * count, 1, 3 * first)
 
 
-def runs_of(shown: NDArray[np.uint32]) -> list[tuple[int, int, int]]:
-    """Return number, start and length of the runs of equal numbers in (F,).
-
-    >>> runs_of(np.array([4, 4, 2, 4], np.uint32))
-    [(4, 0, 2), (2, 2, 1), (4, 3, 1)]
-    """
-    starts = np.concatenate(([0], np.flatnonzero(np.diff(shown)) + 1))
-    lengths = np.diff(np.append(starts, len(shown)))
-    return list(zip(shown[starts].tolist(), starts.tolist(), lengths.tolist(), strict=True))
+def split_runs(numbers: NDArray[np.uint32]) -> list[tuple[int, int, int]]:
+    """Return (number, start, length) of each run of equal consecutive values in an array (F,)."""
+    starts = np.concatenate(([0], np.flatnonzero(np.diff(numbers)) + 1))
+    lengths = np.diff(np.append(starts, len(numbers)))
+    return list(zip(numbers[starts].tolist(), starts.tolist(), lengths.tolist(), strict=True))

@@ -1,7 +1,7 @@
-"""The three.js page: one file that any browser with WebGL 2 opens offline, with or without an asset in it.
+"""The three.js page: a single HTML file, with or without an asset, for any browser with WebGL 2, offline.
 
-The modules of three.js, which `web/three` holds as published, go into the page when it is written, packed and
-with their licence.
+The page contains the modules of three.js, compressed and with their licence. `web/three` holds them as
+published.
 """
 
 import base64
@@ -13,37 +13,16 @@ import tomllib
 from collections.abc import Mapping, Sequence
 from functools import cache
 from importlib.resources import files
-from pathlib import Path
 from typing import Any
 
 from msb.asset.look import AMBIENT, GREY, light_toward
-from msb.base.atomic import new_file
 from msb.scenes import Camera
 
-# Number of faces from which a page with the asset in it is more than most browsers hold.
+# Number of faces above which most browsers run out of memory on a page with the asset.
 LARGE = 3_000_000
 _SCRIPTS = ("camera.js", "page.js", "hands.js", "files.js", "start.js")
-# What only a file of its own begins with, and what a module has to import and export.
-_OF_A_MODULE = re.compile(r"""^("use strict";\n|import .*\n|export )""", re.MULTILINE)
-
-
-def write_web_page(
-    path: Path,
-    glb: bytes | None = None,
-    *,
-    name: str = "",
-    cameras: Sequence[Camera] = (),
-    up: str = "+y",
-    background: tuple[float, float, float] = (0.0, 0.0, 0.0),
-    overwrite: bool = True,
-) -> None:
-    """Write the page of a mesh, GLB; without one it waits for a file to be dropped, or for `?url=`.
-
-    A viewer can choose among `cameras`, and turns the mesh about the axis `up`, such as "+y".
-    """
-    data = page(glb, name=name, cameras=cameras, up=up, background=background)
-    with new_file(path, overwrite=overwrite) as file:
-        file.write(data)
+# Parts of a JavaScript module that a plain script must not have: "use strict", imports, exports.
+_MODULE_SYNTAX = re.compile(r"""^("use strict";\n|import .*\n|export )""", re.MULTILINE)
 
 
 def page(
@@ -55,34 +34,52 @@ def page(
     background: tuple[float, float, float] = (0.0, 0.0, 0.0),
     served: bool = False,
 ) -> bytes:
-    """Return the page, UTF-8. `served`: it asks its server what to draw (`browser.py`)."""
+    """Return the page of a mesh as UTF-8.
+
+    Parameters
+    ----------
+    glb : bytes, optional
+        The mesh. Without it the page shows a file that is dropped on it, or the file of `?url=` in its
+        address.
+    name, cameras, up, background
+        As for `scene_data`.
+    served : bool
+        Let the page execute the tasks of its server (`browser.py`).
+    """
     scene = scene_data(name, cameras, up, background)
     encoded = "" if glb is None else base64.b64encode(glb).decode("ascii")
-    return filled(scene, _SCRIPTS + (("remote.js",) if served else ()), glb=encoded)
+    return fill_template(scene, _SCRIPTS + (("remote.js",) if served else ()), glb=encoded)
 
 
 def scene_data(
     name: str, cameras: Sequence[Camera], up: str, background: tuple[float, float, float]
 ) -> dict[str, Any]:
-    """Return what every page is told of its scene."""
+    """Return the scene description that all pages contain, as JSON data.
+
+    `name` is the title, `cameras` can be chosen in the page, `up` is the axis that points up, such as
+    "+y", and `background` is a colour in the asset's colour space.
+    """
     listed = [{**camera_data(camera), "name": camera.name} for camera in cameras]
-    # How a file that is dropped on the page is lit if it has no colours; what we write has them.
+    # The shading of dropped files without colours. Our own files always have colours.
     daylight = {"grey": GREY, "ambient": AMBIENT, "light": light_toward(up).tolist()}
     return {"name": name, "cameras": listed, "up": up, "background": list(background), "daylight": daylight}
 
 
-def filled(scene: Mapping[str, Any], scripts: Sequence[str], *, glb: str = "", arrays: str = "") -> bytes:
-    """Return web/page.html, UTF-8, with a scene (JSON: `scene_data`, and more) and scripts in their order.
+def fill_template(
+    scene: Mapping[str, Any], scripts: Sequence[str], *, glb: str = "", arrays: str = ""
+) -> bytes:
+    """Return web/page.html filled with a scene and scripts, as UTF-8.
 
-    `glb` is base64, `arrays` are elements that hold arrays.
+    `scene` is JSON data: `scene_data`, and more for some pages. `scripts` are names of files in web, in their
+    order. `glb` is a mesh in base64, `arrays` are HTML elements that hold arrays.
     """
     three = files("msb.engines") / "web" / "three"
-    # Each mark is looked for in what is left of the template only: a name may look like one.
+    # Each mark is searched only behind the mark before it, because an inserted name may look like a mark.
     rest = read_script("page.html")
     parts = []
     for mark, value in (
         ("@TITLE@", html.escape(str(scene["name"]) or "MeshSplatBench")),
-        # "</" would end the element it stands in.
+        # "</" would end the script element.
         ("@SCENE@", json.dumps(scene, allow_nan=False).replace("<", "\\u003c")),
         ("@GLB@", glb),
         ("@ARRAYS@", arrays),
@@ -93,12 +90,16 @@ def filled(scene: Mapping[str, Any], scripts: Sequence[str], *, glb: str = "", a
     ):
         before, rest = rest.split(mark, 1)
         parts += [before, value]
-    return "".join([*parts, rest]).encode(errors="backslashreplace")  # a file name need not be text
+    return "".join([*parts, rest]).encode(errors="backslashreplace")  # file names may be invalid Unicode
+
+
+# The old name, until the callers in other packages are renamed.
+filled = fill_template
 
 
 @cache
 def _three_modules() -> str:
-    """Return the elements that hold the modules of three.js, gzip in base64."""
+    """Return the HTML elements with the modules of three.js, gzip in base64."""
     folder = files("msb.engines") / "web" / "three"
     elements = []
     for name in _origin()["files"]:
@@ -109,16 +110,16 @@ def _three_modules() -> str:
 
 
 def read_script(name: str) -> str:
-    """Return a file of msb/engines/web, to append to another script.
+    """Return a file of msb/engines/web without its module syntax, to concatenate with other scripts.
 
-    Some files are modules, which the npm package in integrations/js contains unchanged. A page is one script.
+    Some of these files are modules, because the npm package in integrations/js contains them unchanged.
     """
     text = (files("msb.engines") / "web" / name).read_text("utf-8")
-    return _OF_A_MODULE.sub("", text)
+    return _MODULE_SYNTAX.sub("", text)
 
 
 def camera_data(camera: Camera) -> dict[str, Any]:
-    """Return the data of a camera that the page needs."""
+    """Return a camera as JSON data for the page: OpenCV axes, lengths in pixels."""
     return {
         "width": camera.width,
         "height": camera.height,
@@ -132,7 +133,7 @@ def camera_data(camera: Camera) -> dict[str, Any]:
 
 
 def three_revision() -> str:
-    """Return the revision of three.js in the page, such as "187"."""
+    """Return the revision of the included three.js, such as "187"."""
     return str(_origin()["revision"])
 
 

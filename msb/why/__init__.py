@@ -1,7 +1,8 @@
-"""Why an export looks worse than the render: each cause by itself, measured on the asset at hand.
+"""Measurement of why an export looks worse than the native rendering: the PSNR of each cause on an asset.
 
-A cause is one way in which an engine draws a model differently from its method. Each is measured by drawing
-the same cameras with it and without it, everything else alike. docs/worse.md shows every cause in pictures.
+A cause is one difference between how an engine and how the method draw a model. It is measured by rendering
+the same cameras with and without this difference, everything else being equal. docs/worse.md shows images of
+all causes.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from msb.base.lazy import make_lazy
 
 if TYPE_CHECKING:
     from msb.why.causes import CAUSES
-    from msb.why.run import Cause, Causes, why
+    from msb.why.measurement import Cause, Causes, why
     from msb.why.total import Total
     from msb.why.views import EQUAL
 
@@ -23,9 +24,9 @@ make_lazy(
     {
         "CAUSES": "msb.why.causes",
         "EQUAL": "msb.why.views",
-        "Cause": "msb.why.run",
-        "Causes": "msb.why.run",
+        "Cause": "msb.why.measurement",
+        "Causes": "msb.why.measurement",
         "Total": "msb.why.total",
-        "why": "msb.why.run",
+        "why": "msb.why.measurement",
     },
 )

@@ -1,17 +1,16 @@
-"""The causes of a worse look: how each is drawn, seen and mended."""
-
-from __future__ import annotations
+"""The causes of a worse look: how each is rendered, recognised and avoided."""
 
 import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from msb.adapters.official import official_exporter
+from msb.asset import Asset
 from msb.asset.look import stored_threshold, visible_faces
 from msb.asset.settings import effective_settings
 from msb.asset.tiers import why_not
@@ -19,241 +18,257 @@ from msb.errors import Unsupported
 from msb.meshes import read_mesh
 from msb.meshes.formats import written_suffixes
 from msb.registry import lookup
-from msb.why.views import DoesNotApplyError, Views
+from msb.render.frame import Frame
+from msb.why.views import CauseViews, DoesNotApplyError, Image
 
-if TYPE_CHECKING:
-    from msb.asset import Asset
-    from msb.render import Frame
-    from msb.why.views import Image
-
-# A logit of opacity that is 1 to the last bit but a few.
-_FULL = np.float32(20.0)
-# Kernel of a coverage -> the settings at which it is 1 inside a face up to its edges, and 0 outside.
-_HARD: dict[str, dict[str, float]] = {"gaussian_power": {"gamma": 1000.0}, "edge_window": {"sigma": 1e-9}}
-# The same of Triangle-Splatting's stored sigma: the least that it can have is 0.01 + exp(-30).
-_HARD_LOGARITHM = np.float32(-30.0)
+# Logit of an opacity that differs from 1 by 2e-9, less than a float32 can represent.
+_FULL_LOGIT = np.float32(20.0)
+# Kernel of the coverage -> settings that make it 1 inside a face up to its edges and 0 outside: a steep
+# power, and a narrow window.
+_HARD_SETTINGS: dict[str, dict[str, float]] = {
+    "gaussian_power": {"gamma": 1000.0},
+    "edge_window": {"sigma": 1e-9},
+}
+# The same for the stored sigma of Triangle-Splatting, which is 0.01 + exp(value); its minimum is 0.01.
+_HARD_SIGMA = np.float32(-30.0)
+# Images with and without a cause, one of each for every view.
 _Pair = tuple[list[Any], list[Any]]
-_Measure = Callable[[Views], _Pair]
+_Draw = Callable[[CauseViews], _Pair]
 # A changed model, and settings to draw it with.
-_Change = tuple["Asset", dict[str, Any]]
+_Change = tuple[Asset, dict[str, Any]]
 
 
-def _supersampling(views: Views) -> _Pair:
-    manifest = views.asset.manifest
+def _draw_supersampling(views: CauseViews) -> _Pair:
+    """Compare one sample per pixel with several."""
     if views.samples:
-        return views.own(settings=dict.fromkeys(views.samples, 1)), views.official()
-    if why_not(manifest, "dedicated") is None:
-        raise DoesNotApplyError("its own renderer takes one sample a pixel, too")
-    return views.plain(), views.several()
+        return views.draw_native(settings=dict.fromkeys(views.samples, 1)), views.native
+    if why_not(views.asset.manifest, "dedicated") is None:
+        raise DoesNotApplyError("its native renderer also takes one sample per pixel")
+    return views.standard.frames, views.standard.supersampled
 
 
-def _shading(views: Views) -> _Pair:
+def _draw_shading(views: CauseViews) -> _Pair:
+    """Compare a lit with an unlit mesh."""
     views.colored_mesh()
-    return lit(views.plain(), views.light), views.plain()
+    frames = views.standard.frames
+    return apply_light(frames, views.light), frames
 
 
-def lit(frames: list[Frame], light: Image) -> list[Frame]:
-    """Return frames as an engine's lamp lights them, `light` (F,) for each of their faces.
+def apply_light(frames: list[Frame], light: Image) -> list[Frame]:
+    """Return frames lit by an engine's lamp; `light` (F,) is the brightness of each face.
 
-    Light dims sRGB values; a face has one normal, so that what is lit is what is drawn times its light.
+    A face has one normal, so its lit image is the unlit image times its brightness. Engines multiply sRGB
+    values.
     """
-    dimmed = []
+    lit = []
+    # Multiply each pixel (H, W, 3) by the brightness of its face (H, W); the background has face id -1.
     for frame in frames:
         faces = frame.face_id
-        assert faces is not None, "the standard tier says which face a pixel shows"
+        assert faces is not None, "the standard tier has face ids"
         image = np.where(faces[..., None] < 0, frame.image, frame.image * light[faces][..., None])
-        dimmed.append(replace(frame, image=image))
-    return dimmed
+        lit.append(replace(frame, image=image))
+    return lit
 
 
-def _linear_colors(views: Views) -> _Pair:
-    mesh = views.colored_mesh()
+def _draw_linear_colors(views: CauseViews) -> _Pair:
+    """Compare colours interpreted as linear light with correct colours."""
+    mesh, frames = views.colored_mesh(), views.standard.frames
     if not mesh.textures:
-        return taken_for_linear(views.plain()), views.plain()
+        return interpret_as_linear(frames), frames
     if mesh.vertex_colors is None and mesh.face_colors is None:
-        raise DoesNotApplyError("its colours are textures, of which glTF itself says that they are sRGB")
-    pale = replace(mesh, vertex_colors=_pale(mesh.vertex_colors), face_colors=_pale(mesh.face_colors))
-    return views.of_mesh(pale), views.plain()
+        raise DoesNotApplyError("its colours are textures, which glTF defines as sRGB")
+    # Only the vertex or face colours are misinterpreted, so the mesh has to be drawn again.
+    pale = replace(mesh, vertex_colors=_encode(mesh.vertex_colors), face_colors=_encode(mesh.face_colors))
+    return views.draw_mesh(pale), frames
 
 
-def taken_for_linear(frames: list[Frame]) -> list[Image]:
-    """Return the images with one sRGB curve too many on what is no background."""
+def interpret_as_linear(frames: list[Frame]) -> list[Image]:
+    """Return images of sRGB colours that are interpreted as linear light, so that they are encoded twice."""
     return [
-        np.where(frame.alpha[..., None] > 0, _srgb(np.clip(frame.image, 0, 1)), frame.image)
+        np.where(frame.alpha[..., None] > 0, _to_srgb(np.clip(frame.image, 0, 1)), frame.image)
         for frame in frames
     ]
 
 
-def _back_faces(views: Views) -> _Pair:
-    return views.culled(), views.plain()
+def _draw_back_faces(views: CauseViews) -> _Pair:
+    """Compare a mesh without back faces with a two-sided mesh."""
+    return views.standard.culled, views.standard.frames
 
 
-def _constant(asset: Asset) -> _Change:
-    """Return `asset` in colours that are the same from everywhere."""
+def _without_view_dependence(asset: Asset) -> _Change:
+    """Return `asset` with colours that do not depend on the view direction."""
     if "sh_degree" not in lookup(asset.manifest.method).settings:
-        raise DoesNotApplyError("its colours are not spherical harmonics that could be cut to a constant")
+        raise DoesNotApplyError("its colours are not spherical harmonics, so they cannot be made constant")
     if not effective_settings(asset.manifest)["sh_degree"]:
-        raise DoesNotApplyError("its colours are the same from everywhere")
+        raise DoesNotApplyError("its colours do not depend on the view direction")
     return asset, {"sh_degree": 0}
 
 
-def _opaque(asset: Asset) -> _Change:
-    """Return `asset` with faces of opacity 1, but for those that its threshold hides."""
+def _with_full_opacity(asset: Asset) -> _Change:
+    """Return `asset` with an opacity of 1 for all faces that its threshold selects."""
     if asset.manifest.opacity.get("encoding") != "logit" or "opacity" not in asset.buffers:
-        raise DoesNotApplyError("its faces have no opacity of their own")
+        raise DoesNotApplyError("its faces have no opacity")
     stored = asset.buffers["opacity"]
-    shown = visible_faces(asset, stored_threshold(asset))
-    full = np.full_like(stored, _FULL)
-    return _with(asset, opacity=full if shown is None else np.where(shown, full, stored)), {}
+    selected = visible_faces(asset, stored_threshold(asset))
+    full = np.full_like(stored, _FULL_LOGIT)
+    opacity = full if selected is None else np.where(selected, full, stored)
+    return _with_buffers(asset, opacity=opacity), {}
 
 
-def _hard(asset: Asset) -> _Change:
-    """Return `asset` with faces that cover all of their inside alike, and nothing else."""
+def _with_hard_edges(asset: Asset) -> _Change:
+    """Return `asset` with faces that cover their whole inside equally, and nothing outside."""
     kernel = str(asset.manifest.coverage["kernel"])
     if kernel == "solid":
         raise DoesNotApplyError("its faces have hard edges already")
     if kernel == "incentre_window" and "sigma" in asset.buffers:
-        return _with(asset, sigma=np.full_like(asset.buffers["sigma"], _HARD_LOGARITHM)), {}
-    settings = _HARD.get(kernel, {})
+        return _with_buffers(asset, sigma=np.full_like(asset.buffers["sigma"], _HARD_SIGMA)), {}
+    settings = _HARD_SETTINGS.get(kernel, {})
     if not settings or settings.keys() - lookup(asset.manifest.method).settings.keys():
-        raise DoesNotApplyError(f"how its coverage, {kernel}, is drawn with hard edges is not known")
+        raise DoesNotApplyError(f"hard edges are not implemented for its coverage, {kernel}")
     return asset, settings
 
 
-def _without(change: Callable[[Asset], _Change]) -> _Measure:
-    """Return how to measure what a change of the model costs in its own look."""
+def _draw_change(change: Callable[[Asset], _Change]) -> _Draw:
+    """Return a function that compares native renderings of a changed and of the unchanged model."""
 
-    def measure(views: Views) -> _Pair:
+    def draw(views: CauseViews) -> _Pair:
         asset, settings = change(views.asset)
-        return views.own(asset, settings=settings), views.official()
+        return views.draw_native(asset, settings=settings), views.native
 
-    return measure
+    return draw
 
 
-def _with(asset: Asset, **buffers: NDArray[Any]) -> Asset:
+def _with_buffers(asset: Asset, **buffers: NDArray[Any]) -> Asset:
     return replace(asset, buffers={**asset.buffers, **buffers})
 
 
-def _exporter(views: Views) -> _Pair:
-    ours = views.plain()
+def _draw_exporter(views: CauseViews) -> _Pair:
+    """Compare the mesh of the method's official exporter with ours."""
+    ours = views.standard.frames
     try:
         exporter = official_exporter(views.asset.manifest.method)
     except Unsupported as error:
         raise DoesNotApplyError(error.message) from error
-    suffix = next((one for one in exporter.SUFFIXES if one in written_suffixes()), None)
+    suffix = next((suffix for suffix in exporter.SUFFIXES if suffix in written_suffixes()), None)
     if suffix is None:
-        raise DoesNotApplyError("its exporter writes no mesh that an engine opens by itself")
+        raise DoesNotApplyError("its official exporter writes no mesh file that engines can open")
     with tempfile.TemporaryDirectory(prefix="msb-why-", ignore_cleanup_errors=True) as folder:
-        place = Path(folder) / f"official{suffix}"
-        exporter.write(views.asset, place)
-        theirs = read_mesh(place)
-    return views.of_mesh(theirs), ours
+        path = Path(folder) / f"official{suffix}"
+        exporter.write(views.asset, path)
+        theirs = read_mesh(path)
+    return views.draw_mesh(theirs), ours
 
 
-def _order(views: Views) -> _Pair:
+def _draw_unsorted(views: CauseViews) -> _Pair:
+    """Compare faces drawn in stored order with faces sorted by depth."""
     if views.asset.manifest.compositing.get("kind") == "opaque_z_buffer":
-        raise DoesNotApplyError("a z-buffer draws it, which needs no order")
-    return views.own(order="none"), views.official()
+        raise DoesNotApplyError("it is drawn with a z-buffer, which needs no order")
+    return views.draw_native(order="none"), views.native
 
 
-def _pale(colors: NDArray[Any] | None) -> Image | None:
-    """Return colours with one sRGB curve too many, and the alpha, if any, which cuts textures off."""
+def _encode(colors: NDArray[Any] | None) -> Image | None:
+    """Return colours (N, 3 or 4) encoded as sRGB once more. Alpha, which cuts out textures, is unchanged."""
     if colors is None:
         return None
+    # Bytes become floats in [0, 1].
     values = colors.astype(np.float32) / np.float32(255 if colors.dtype == np.uint8 else 1)
-    return np.concatenate((_srgb(values[:, :3]), values[:, 3:]), axis=1)
+    return np.concatenate((_to_srgb(values[:, :3]), values[:, 3:]), axis=1)
 
 
-def _srgb(linear: Image) -> Image:
-    """Return linear light as sRGB (IEC 61966-2-1), as an engine shows it."""
+def _to_srgb(linear: Image) -> Image:
+    """Return linear light encoded as sRGB (IEC 61966-2-1)."""
     curve = 1.055 * linear ** np.float32(1 / 2.4) - 0.055
     return np.where(linear <= 0.0031308, 12.92 * linear, curve).astype(np.float32)
 
 
-# What an opaque mesh cannot have, whatever the engine: name of the cause -> the model without it.
+# Properties that an opaque mesh cannot have in any engine: name of the cause -> the model without this
+# property.
 BAKED: dict[str, Callable[[Asset], _Change]] = {
-    "view_dependence": _constant,
-    "opacity": _opaque,
-    "soft_edges": _hard,
+    "view_dependence": _without_view_dependence,
+    "opacity": _with_full_opacity,
+    "soft_edges": _with_hard_edges,
 }
 
 
 @dataclass(frozen=True)
-class Known:
-    """What is known of a cause before it is measured."""
+class CauseDefinition:
+    """A cause, and how to draw images with and without it.
+
+    `title`, `how_to_see` (how to recognise the cause in a program) and `remedy` are printed.
+    """
 
     name: str
     title: str
-    measure: _Measure
+    draw: _Draw
     how_to_see: str
     remedy: str
 
 
-# Every cause, in the order in which they are shown.
+# All causes, in the order of reports.
 CAUSES = (
-    Known(
+    CauseDefinition(
         "view_dependence",
-        "View dependence dropped",
-        _without(_constant),
-        "Walk around it: highlights stay where they are on the surface. msb render --tier dedicated --set "
-        "sh_degree=0 draws it so.",
-        "Evaluate all spherical harmonics in the shader, or bake colours for the views that matter.",
+        "Colours independent of the view",
+        _draw_change(_without_view_dependence),
+        "Move around the model: highlights do not move over the surface. Compare with msb render --tier "
+        "dedicated --set sh_degree=0.",
+        "Evaluate all spherical harmonics in the shader, or bake colours for the important views.",
     ),
-    Known(
+    CauseDefinition(
         "supersampling",
-        "Supersampling left out",
-        _supersampling,
-        "Zoom in: edges are stairs, and thin faces come and go. msb render --tier dedicated --set "
-        "supersample=1 draws it so.",
-        "Draw at the training's factor times the size and average, or turn multisampling on.",
+        "One sample per pixel",
+        _draw_supersampling,
+        "Zoom in: edges are jagged, and thin faces appear and disappear. Compare with msb render --tier "
+        "dedicated --set supersample=1.",
+        "Render larger by the factor used in training and scale down, or turn on multisampling.",
     ),
-    Known(
+    CauseDefinition(
         "shading",
-        "Shading on",
-        _shading,
-        "Turn the engine's lamps off: the picture changes. The colours hold the scene's light already.",
-        "Use an unlit material, as the GLB of msb convert asks for.",
+        "Lighting on",
+        _draw_shading,
+        "Turn off the engine's lights: the image changes. The colours already include the scene's light.",
+        "Use an unlit material; the GLB of msb convert requests one.",
     ),
-    Known(
+    CauseDefinition(
         "linear_colors",
-        "Colours taken for linear",
-        _linear_colors,
-        "All colours are too pale, or too dark. The page of msb web draws it so under Colours: as glTF.",
-        "msb convert writes linear light in .glb, as glTF has it, else sRGB; --color changes that.",
+        "Colours interpreted as linear",
+        _draw_linear_colors,
+        "All colours are too pale or too dark. Compare with the page of msb web, Colours: linear (glTF).",
+        "msb convert writes linear colours in .glb, as glTF specifies, else sRGB; --color changes this.",
     ),
-    Known(
+    CauseDefinition(
         "back_faces",
         "Back faces culled",
-        _back_faces,
-        "There are holes that close when the camera moves to the other side.",
-        "Make the material two-sided, or wind faces alike with msb repair.",
+        _draw_back_faces,
+        "There are holes, which close when the camera moves to the other side.",
+        "Make the material two-sided, or orient the faces consistently with msb repair.",
     ),
-    Known(
+    CauseDefinition(
         "opacity",
-        "Opacity dropped",
-        _without(_opaque),
-        "Faint faces stand before the surface as solid flakes.",
-        "Blend with the stored opacity; or train with a term that makes it 0 or 1.",
+        "Opacity ignored",
+        _draw_change(_with_full_opacity),
+        "Faint faces appear as solid flakes in front of the surface.",
+        "Blend with the stored opacity, or train with a loss that makes opacities 0 or 1.",
     ),
-    Known(
+    CauseDefinition(
         "soft_edges",
-        "Soft edges made hard",
-        _without(_hard),
-        "Faces end in a line where the render fades them out: splinters. msb compare shows both.",
-        "Draw it with the method's own shader (docs/porting.md); or train with edges that end hard.",
+        "Soft edges drawn hard",
+        _draw_change(_with_hard_edges),
+        "Faces end abruptly, like splinters, and do not fade out. msb compare shows both renderings.",
+        "Draw the model with the method's shader (docs/porting.md), or train with hard edges.",
     ),
-    Known(
+    CauseDefinition(
         "exporter",
-        "The method's own exporter instead of msb convert",
-        _exporter,
-        "Draw both files: msb convert ASSET a.ply, msb convert --official ASSET b.ply, msb render each.",
+        "Official exporter instead of msb convert",
+        _draw_exporter,
+        "Render both files: msb convert ASSET a.ply, msb convert --official ASSET b.ply, msb render each.",
         "Export with msb export and msb convert.",
     ),
-    Known(
+    CauseDefinition(
         "engine_order",
-        "Faces drawn unsorted",
-        _order,
-        "Surfaces behind others shine through. msb render --tier dedicated --order none draws it so.",
-        "Sort faces by depth in each frame.",
+        "Faces not sorted",
+        _draw_unsorted,
+        "Hidden surfaces shine through. Compare with msb render --tier dedicated --order none.",
+        "Sort the faces by depth in every frame.",
     ),
 )

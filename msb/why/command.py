@@ -1,4 +1,4 @@
-"""`msb why`: what each cause of a worse look costs an asset."""
+"""`msb why`: prints how much each cause of a worse look costs on an asset."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from msb.cli.output import JsonOutput, Output
 from msb.render.options import NO_CAMERAS, Drawing, Source, Views
 
 if TYPE_CHECKING:
-    from msb.views import Views as Chosen
+    from msb.views import Views as ChosenViews
     from msb.why import Cause, Causes
 
 
@@ -27,52 +27,59 @@ def why(
     output: JsonOutput,
     save: Annotated[
         Path | None,
-        Option("Write a picture of each cause: without it, and with it.", metavar="FOLDER", output="own"),
+        Option("Write an image for each cause: without and with it.", metavar="FOLDER", output="own"),
     ] = None,
     *,
     typed: Typed,
 ) -> None:
-    """Say why an export looks worse than the render: what each cause costs, in dB.
+    """Explain why an export looks worse than the native rendering: the PSNR of each cause, in dB.
 
-    The asset is drawn with each cause and without it, everything else alike. Below 30 dB the difference is
-    plain to see, above 40 dB it is not. The last lines are of all of it at once: the standard tier against
-    the method's own look, what engine settings mend of that, and what only a bake could. Without --cameras
-    it is seen by those of its training where they lie beside it, else from around.
+    The asset is rendered with and without each cause, everything else being equal. Differences are clearly
+    visible below 30 dB and invisible above 40 dB. The last lines are about all causes together: the
+    standard-tier mesh against the native rendering, the part that engine settings can avoid, and the part
+    that only a bake can avoid. Without --cameras the training cameras are used if they are found beside the
+    asset, else cameras around it.
     """
     from msb.api.command_files import open_asset
     from msb.errors import about
     from msb.views import choose_views
     from msb.why import CAUSES
-    from msb.why import why as find
+    from msb.why import why as measure
 
     if views.cameras is None:
         typed.reject(["camera"], NO_CAMERAS)
     if save is not None:
-        for known in CAUSES:
-            output.check_free(save / f"{known.name}.png")
+        for definition in CAUSES:
+            output.check_free(save / f"{definition.name}.png")
     size = views.pixels(640, 480) if views.cameras is None else (640, 480)
     asset = open_asset(path, output)
-    given = None if views.cameras is None else views.read(output.note)
+    cameras = None if views.cameras is None else views.read(output.note)
     device = drawing.device
     with about(path):
-        chosen = choose_views(asset, given, size=size, device=device)
+        chosen = choose_views(asset, cameras, size=size, device=device)
     color = views.color(asset)
     settings = drawing.settings(asset)
     with output.counted("drawing", len(CAUSES) + 1) as step, about(path):
-        causes = find(asset, chosen, background=color, settings=settings, device=device, step=step)
-    seen = causes.views
-    where: dict[str, Any] = {"views": len(seen.cameras)}
-    where |= {"cameras": str(views.cameras or seen.origin), "background": list(color)}
-    head = {"schema": "msb.why/1", "path": str(path), "method": asset.manifest.method, **where}
+        causes = measure(asset, chosen, background=color, settings=settings, device=device, step=step)
+    used = causes.views
+    head: dict[str, Any] = {
+        "schema": "msb.why/1",
+        "path": str(path),
+        "method": asset.manifest.method,
+        "views": len(used.cameras),
+        "cameras": str(views.cameras or used.origin),
+        "background": list(color),
+    }
     listed = [cause.to_dict() for cause in causes]
     output.write_json({**head, "causes": listed, "total": causes.total.to_dict()})
     if save is not None:
-        _save(causes, save, overwrite=output.force)
+        _save_images(causes, save, overwrite=output.force)
     if output.prints_text:
-        _print(causes, head, seen, save, output)
+        _print(causes, head, used, save, output)
 
 
-def _save(causes: list[Cause], folder: Path, *, overwrite: bool) -> None:
+def _save_images(causes: list[Cause], folder: Path, *, overwrite: bool) -> None:
+    """Write an image for each cause: left without it, right with it."""
     import numpy as np
 
     from msb.render.images import write_image
@@ -80,14 +87,15 @@ def _save(causes: list[Cause], folder: Path, *, overwrite: bool) -> None:
     for cause in causes:
         if cause.without is not None and cause.with_it is not None:
             gap = np.ones((len(cause.without), 4, 3), np.float32)
-            picture = np.concatenate([cause.without, gap, cause.with_it], axis=1)
-            write_image(folder / f"{cause.name}.png", picture, "png", overwrite=overwrite)
+            image = np.concatenate([cause.without, gap, cause.with_it], axis=1)
+            write_image(folder / f"{cause.name}.png", image, "png", overwrite=overwrite)
 
 
-def _print(causes: Causes, head: dict[str, Any], views: Chosen, save: Path | None, output: Output) -> None:
+def _print(
+    causes: Causes, head: dict[str, Any], views: ChosenViews, save: Path | None, output: Output
+) -> None:
+    """Print the table of causes, the total, and the causes that do not apply."""
     from rich.markup import escape
-
-    from msb.why import EQUAL
 
     console = output.console()
     console.print(f"[bold]{escape(head['path'])}[/bold]: {head['method']}", soft_wrap=True)
@@ -96,51 +104,57 @@ def _print(causes: Causes, head: dict[str, Any], views: Chosen, save: Path | Non
         return
     if not output.quiet:
         console.print(escape(f"views: {views.said}"), soft_wrap=True)
-    rows = []
-    shown = sorted((one for one in causes if one.db is not None), key=lambda one: one.db or 0.0)
-    for cause in shown:
-        db = "equal" if cause.db is None or cause.db >= EQUAL else f"{cause.db:.1f}"
-        rows.append((cause.title, db, "" if output.quiet else cause.how_to_see))
-    output.table(("Cause", "dB", "" if output.quiet else "How to see whether it is yours"), rows, right=(1,))
-    for line in _total(causes, output.quiet):
+        console.print(
+            "PSNR of the images with each cause against those without it: below 30 dB the difference"
+        )
+        console.print("is clearly visible, above 40 dB it is invisible.\n")
+    measured = sorted((cause for cause in causes if cause.db is not None), key=lambda cause: cause.db or 0.0)
+    rows = [
+        (cause.title, _format_db(cause.db).removesuffix(" dB"), "" if output.quiet else cause.how_to_see)
+        for cause in measured
+    ]
+    output.table(("Cause", "PSNR (dB)", "" if output.quiet else "How to recognise it"), rows, right=(1,))
+    for line in _describe_total(causes, output.quiet):
         console.print(line, soft_wrap=output.quiet)
     if save is not None and not output.quiet:
-        console.print(f"pictures, each without and with its cause: {escape(str(save))}", soft_wrap=True)
-    absent = [one for one in causes if not one.applies]
+        console.print(f"Images, left without and right with each cause: {escape(str(save))}", soft_wrap=True)
+    absent = [cause for cause in causes if not cause.applies]
     if absent and not output.quiet:
-        console.print("\nNot causes here:")
+        console.print("\nCauses that do not apply:")
         reasons = {cause.title: cause.reason for cause in absent}
         if causes.total.reason is not None:
-            reasons["All of it at once"] = causes.total.reason
+            reasons["All causes together"] = causes.total.reason
         for title, reason in reasons.items():
             console.print(f"- {escape(title)}: {escape(str(reason))}")
 
 
-def _total(causes: Causes, quiet: bool) -> Iterator[str]:
-    """Yield what all causes do at once, and what of it can be mended where."""
+def _format_db(db: float | None) -> str:
     from msb.why import EQUAL
+
+    return "equal" if db is None or db >= EQUAL else f"{db:.1f} dB"
+
+
+def _describe_total(causes: Causes, quiet: bool) -> Iterator[str]:
+    """Yield the loss of all causes together, and the parts that settings or a bake can avoid."""
     from msb.why.total import TITLE
 
     total = causes.total
-
-    def decibels(db: float | None) -> str:
-        return "equal" if db is None or db >= EQUAL else f"{db:.1f} dB"
-
     if total.db is None:
         return
-    yield f"\n[bold]{TITLE}: {decibels(total.db)}[/bold]"
+    yield f"\n[bold]{TITLE}: {_format_db(total.db)}[/bold]"
     if quiet:
         return
     sampled = "" if total.right == total.db else ", supersampled as in training"
     yield (
-        f"- Engine settings: {decibels(total.wrong)} with all of them wrong (lit, back faces culled, colours "
-        f"taken for linear); {decibels(total.right)} is what is left with all of them right (unlit, "
-        f"two-sided, colours as they are{sampled})."
+        f"- With all engine settings wrong (lit, back faces culled, colours interpreted as linear): "
+        f"{_format_db(total.wrong)}. With all settings right (unlit, two-sided, colours unchanged{sampled}): "
+        f"{_format_db(total.right)}."
     )
-    of = {cause.name: f"{cause.title.lower()} ({decibels(cause.db)})" for cause in causes}
+    texts = {cause.name: f"{cause.title.lower()} ({_format_db(cause.db)})" for cause in causes}
     if total.bakes:
-        together = "" if len(total.bakes) == 1 else f"; together {decibels(total.baked)}"
+        together = "" if len(total.bakes) == 1 else f"; together {_format_db(total.baked)}"
         yield (
-            "- What is left no setting mends, only msb bake (faces and colours made anew for an opaque mesh) "
-            f"or the method's own shader: {', '.join(of[name] for name in total.bakes)}{together}."
+            "- The rest cannot be fixed by settings. Run msb bake, which fits faces and colours of an opaque "
+            "mesh to the native rendering, or use the method's shader. Visible causes: "
+            f"{', '.join(texts[name] for name in total.bakes)}{together}."
         )

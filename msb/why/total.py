@@ -1,4 +1,4 @@
-"""All causes at once: what a plain mesh loses, what engine settings mend, and what only a bake could."""
+"""All causes together: the loss of the standard-tier mesh, and how settings or a bake can avoid it."""
 
 import contextlib
 from collections.abc import Mapping
@@ -6,31 +6,36 @@ from dataclasses import dataclass
 from typing import Any
 
 from msb.views import difference
-from msb.why.causes import BAKED, lit, taken_for_linear
-from msb.why.views import EQUAL, DoesNotApplyError, Views
+from msb.why.causes import BAKED, apply_light, interpret_as_linear
+from msb.why.views import EQUAL, CauseViews, DoesNotApplyError
 
-TITLE = "All of it at once (standard tier against its own look)"
-# dB above which a cause is not seen, so that it is no reason for what is left.
-_SEEN = 40.0
+TITLE = "All causes together (standard-tier mesh against native rendering)"
+# PSNR in dB above which a cause is invisible, so that it does not explain the remaining loss.
+_VISIBLE = 40.0
 
 
 @dataclass(frozen=True)
 class Total:
-    """What a plain mesh loses against the method's own look, in dB over all views; None where it has none.
+    """The PSNR of a standard-tier mesh against the native rendering, in dB over all views.
+
+    All numbers are None if the asset lacks one of the two.
 
     Attributes
     ----------
     db : float or None
-        The standard tier, as `msb render` draws it.
+        The mesh as `msb render` draws it.
     reason : str or None
-        Why there is no such number.
-    wrong, right : float or None
-        The same with every engine setting wrong (lit, colours taken for linear, back faces culled), and with
-        every one right (unlit, colours as they are, two-sided, as many samples as the method takes).
+        Why the numbers are missing.
+    wrong : float or None
+        The mesh with every engine setting wrong: lit, colours interpreted as linear, back faces culled.
+    right : float or None
+        The mesh with every engine setting right: unlit, colours unchanged, two-sided, and as many samples per
+        pixel as the native renderer.
     baked : float or None
-        The method's own look without all that an opaque mesh cannot have, which is what only a bake mends.
+        The native rendering without everything that an opaque mesh cannot show. A bake can avoid this loss,
+        settings cannot.
     bakes : tuple of str
-        The names of these causes that are seen, the gravest first.
+        Names of the causes behind `baked` that are visible, the largest loss first.
     """
 
     db: float | None
@@ -41,7 +46,7 @@ class Total:
     bakes: tuple[str, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
-        """Return what `msb why --json` writes; a number is null where images are equal."""
+        """Return the record for `msb why --json`; the numbers of equal images are null."""
         return {
             "db": _finite(self.db),
             "equal": self.db is not None and self.db >= EQUAL,
@@ -55,21 +60,22 @@ def _finite(db: float | None) -> float | None:
     return None if db is None or db >= EQUAL else db
 
 
-def measured_total(views: Views, costs: Mapping[str, float | None]) -> Total:
-    """Return the total; `costs` are the decibels of each cause by itself."""
+def measure_total(views: CauseViews, losses: Mapping[str, float | None]) -> Total:
+    """Return the total of all causes; `losses` has the PSNR in dB of each cause alone."""
     try:
-        own, plain = views.official(), views.plain()
+        native, standard = views.native, views.standard
     except DoesNotApplyError as error:
         return Total(None, str(error))
-    db = difference(plain, own)
-    wrong = difference(taken_for_linear(lit(views.culled(), views.light)), own)
-    right = difference(views.several(), own)
+    db = difference(standard.frames, native)
+    wrong = difference(interpret_as_linear(apply_light(standard.culled, views.light)), native)
+    right = difference(standard.supersampled, native)
+    # Remove everything from the model that an opaque mesh cannot show, one property after the other.
     asset = views.asset
     settings: dict[str, Any] = {}
     for change in BAKED.values():
         with contextlib.suppress(DoesNotApplyError):
-            asset, own_settings = change(asset)
-            settings |= own_settings
-    baked = difference(views.own(asset, settings=settings), own)
-    seen = [(cost, name) for name in BAKED if (cost := costs[name]) is not None and cost < _SEEN]
-    return Total(db, None, wrong, right, baked, tuple(name for _, name in sorted(seen)))
+            asset, changed = change(asset)
+            settings |= changed
+    baked = difference(views.draw_native(asset, settings=settings), native)
+    visible = [(loss, name) for name in BAKED if (loss := losses[name]) is not None and loss < _VISIBLE]
+    return Total(db, None, wrong, right, baked, tuple(name for _, name in sorted(visible)))

@@ -1,195 +1,179 @@
-"""The views of one asset, drawn in the ways that causes of a worse look compare."""
-
-from __future__ import annotations
+"""Images of one asset, rendered in the different ways that the causes compare."""
 
 import contextlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from msb.asset import Asset
 from msb.asset.look import daylight, normals_of, up_axis
 from msb.asset.settings import effective_settings
 from msb.asset.tiers import why_not
 from msb.meshes.assets import mesh_from_asset
+from msb.meshes.mesh import Mesh
+from msb.registry import Tier
 from msb.render import Renderer
 from msb.render.device_scope import in_turn
+from msb.render.frame import Frame
 from msb.render.standard.renderer import StandardRenderer
 from msb.render.standard.supersampling import box_mean, enlarged
-from msb.views import images_of
+from msb.scenes import Camera
+from msb.views import Views, images_of
 
-if TYPE_CHECKING:
-    from msb.asset import Asset
-    from msb.meshes.mesh import Mesh
-    from msb.registry import Tier
-    from msb.render import Frame
-    from msb.scenes import Camera
-    from msb.views import Views as ChosenViews
+Image = NDArray[np.float32]
 
-    Image = NDArray[np.float32]
-
-
-# dB from which on images differ by rounding alone.
+# PSNR in dB above which images differ only by rounding and are reported as equal.
 EQUAL = 90.0
+# Settings of native renderers for several samples per pixel along each axis.
+_SAMPLING_SETTINGS = ("supersample", "render_up_scale")
 
 
 class DoesNotApplyError(Exception):
-    """The asset cannot be drawn with this cause; the text says why."""
+    """A cause does not apply to the asset; the text is the reason."""
 
 
-class _Plain(NamedTuple):
-    """What the standard tier shows of an asset."""
+class _StandardImages(NamedTuple):
+    """Images of the standard-tier mesh, one for each camera."""
 
     # As `msb render` draws it.
     frames: list[Frame]
     # Without back faces.
     culled: list[Frame]
-    # With as many samples a pixel each way as the method takes itself; four if its renderer is this one.
-    several: list[Image]
+    # With as many samples per pixel as the native renderer; 16 if the method has none.
+    supersampled: list[Image]
 
 
-class Views:
-    """The views of one asset, drawn in its different ways; each way is drawn once.
+class CauseViews:
+    """The cameras of one asset, and its images in different ways; each way is rendered at most once.
 
     Attributes
     ----------
     chosen : msb.views.Views
-        Those of the given views that see the asset.
-    samples : mapping
-        The setting by which the method's own renderer takes several samples a pixel each way, empty if none.
+        The cameras that see the asset.
+    samples : dict
+        The setting of the native renderer for several samples per pixel along each axis, and its value; empty
+        if it takes one.
     """
 
     def __init__(
         self,
         asset: Asset,
-        views: ChosenViews,
+        views: Views,
         background: tuple[float, float, float],
         device: str | None,
     ) -> None:
         self.asset, self.background, self.device = asset, background, device
         values = effective_settings(asset.manifest)
         self.samples: dict[str, int] = {}
-        for name in ("supersample", "render_up_scale"):
+        for name in _SAMPLING_SETTINGS:
             if isinstance(value := values.get(name), int) and value > 1:
                 self.samples[name] = value
-        self._official: list[Image] | None = None
-        self._standard = None if why_not(asset.manifest, "standard") else self._drawn_plain(views.cameras)
-        seen = [] if self._standard is None else [(frame.alpha > 0).any() for frame in self._standard.frames]
-        self.chosen = views if seen and all(seen) else views.seeing(asset, device)
+        # Render the standard tier first: if all its images show the asset, no separate visibility test is
+        # needed.
+        self._standard = None if why_not(asset.manifest, "standard") else self._draw_standard(views.cameras)
+        hits = [] if self._standard is None else [(frame.alpha > 0).any() for frame in self._standard.frames]
+        self.chosen = views if hits and all(hits) else views.seeing(asset, device)
         if self._standard is not None and 0 < len(self.chosen.cameras) < len(views.cameras):
-            self._standard = self._drawn_plain(self.chosen.cameras)
+            self._standard = self._draw_standard(self.chosen.cameras)
         self.cameras = self.chosen.cameras
-        self._blind = None if self.cameras else views.nothing
+        self._no_view_reason = None if self.cameras else views.nothing
 
-    def own(self, asset: Asset | None = None, **options: Any) -> list[Image]:
-        """Return images of the dedicated tier, of another asset of its method or with other settings."""
+    def draw_native(self, asset: Asset | None = None, **options: Any) -> list[Image]:
+        """Return native renderings of `asset` (default: that of these views), with options of `Renderer`."""
         self._check("dedicated")
         settings = options.pop("settings", {})
-        frames = self._drawn(asset or self.asset, "dedicated", settings, outputs=(), **options)
-        return [frame.image for frame in frames]
+        asset = asset or self.asset
+        with Renderer(asset, "dedicated", self.device, settings, outputs=(), **options) as renderer:
+            return [renderer.render(camera, self.background).image for camera in self.cameras]
 
-    def official(self) -> list[Image]:
-        """Return the images as the method draws them."""
-        if self._official is None:
-            self._official = self.own()
-        return self._official
+    @cached_property
+    def native(self) -> list[Image]:
+        """The native renderings."""
+        return self.draw_native()
 
-    def mesh(self) -> Mesh:
-        """Return the mesh of the standard tier."""
-        self._check("standard")
-        return mesh_from_asset(self.asset)
-
-    def colored_mesh(self) -> Mesh:
-        """Return the mesh of the standard tier, if it has colours or textures."""
-        mesh = self.mesh()
-        if mesh.vertex_colors is None and mesh.face_colors is None and not mesh.textures:
-            raise DoesNotApplyError("the mesh has no colours")
-        return mesh
-
-    def plain(self) -> list[Frame]:
-        """Return the frames of the standard tier as `msb render` draws it."""
-        return self._plain().frames
-
-    def culled(self) -> list[Frame]:
-        """Return the same without back faces."""
-        return self._plain().culled
-
-    def several(self) -> list[Image]:
-        """Return the images of the standard tier with several samples a pixel."""
-        return self._plain().several
-
-    def _plain(self) -> _Plain:
+    @property
+    def standard(self) -> _StandardImages:
+        """The images of the standard-tier mesh."""
         self._check("standard")
         assert self._standard is not None
         return self._standard
 
-    def _drawn_plain(self, cameras: Sequence[Camera]) -> _Plain:
-        """Return what the standard tier shows: one renderer draws all, since to make it takes longer."""
-        is_own = why_not(self.asset.manifest, "dedicated") is not None
-        samples = max(self.samples.values(), default=4 if is_own else 1)
-        units = [camera.in_units() for camera in cameras]
-        with contextlib.closing(_Culling(self.asset, device=self.device)) as renderer:
-            frames = [renderer.render(camera, self.background) for camera in units]
-            several, culled = [frame.image for frame in frames], []
-            if samples > 1:
-                larger = (enlarged(camera, samples) for camera in units)
-                several = [box_mean(renderer.render_image(one, self.background), samples) for one in larger]
-            for camera, front in zip(units, self._facing(cameras), strict=True):
-                renderer.show(front)
-                culled.append(renderer.render(camera, self.background))
-        return _Plain(frames, culled, several)
+    def colored_mesh(self) -> Mesh:
+        """Return the standard-tier mesh, which must have colours or textures."""
+        self._check("standard")
+        mesh = mesh_from_asset(self.asset)
+        if mesh.vertex_colors is None and mesh.face_colors is None and not mesh.textures:
+            raise DoesNotApplyError("the mesh has no colours")
+        return mesh
 
-    def of_mesh(self, mesh: Mesh) -> list[Image]:
-        """Return the images of any mesh on the standard tier."""
+    def draw_mesh(self, mesh: Mesh) -> list[Image]:
+        """Return standard-tier images of any mesh."""
         return images_of(mesh, self.cameras, self.background, self.device)
 
     @cached_property
     def light(self) -> Image:
-        """How bright an engine's lamp makes each face (F,) of the asset."""
+        """The brightness (F,) of each face of the asset under an engine's lamp, in [0, 1]."""
         buffers = self.asset.buffers
         light = daylight(buffers["positions"], buffers["indices"], up_axis(self.asset))
         return light.astype(np.float32)
 
-    def _facing(self, cameras: Sequence[Camera]) -> NDArray[np.bool_]:
-        """Return which faces each camera sees from the front, (n, F)."""
+    def _draw_standard(self, cameras: Sequence[Camera]) -> _StandardImages:
+        """Render the standard tier in all ways with one renderer, which is slow to create."""
+        no_native = why_not(self.asset.manifest, "dedicated") is not None
+        samples = max(self.samples.values(), default=4 if no_native else 1)
+        units = [camera.in_units() for camera in cameras]
+        with contextlib.closing(_CullingRenderer(self.asset, device=self.device)) as renderer:
+            frames = [renderer.render(camera, self.background) for camera in units]
+            supersampled, culled = [frame.image for frame in frames], []
+            if samples > 1:
+                larger = (enlarged(camera, samples) for camera in units)
+                supersampled = [
+                    box_mean(renderer.render_image(camera, self.background), samples) for camera in larger
+                ]
+            for camera, front in zip(units, self._front_faces(cameras), strict=True):
+                renderer.select(front)
+                culled.append(renderer.render(camera, self.background))
+        return _StandardImages(frames, culled, supersampled)
+
+    def _front_faces(self, cameras: Sequence[Camera]) -> NDArray[np.bool_]:
+        """Return which faces each camera sees from the front, (cameras, F)."""
         positions, indices = self.asset.buffers["positions"], self.asset.buffers["indices"]
         front = np.zeros((len(cameras), len(indices)), bool)
-        for here, first, normals in normals_of(positions, indices):
-            height = np.einsum("fi,fi->f", first, normals)
-            front[:, here] = [normals @ camera.center > height for camera in cameras]
+        # For blocks of faces: the first corner and the normal, each (f, 3).
+        for block, first, normals in normals_of(positions, indices):
+            plane = np.einsum("fi,fi->f", first, normals)
+            front[:, block] = [normals @ camera.center > plane for camera in cameras]
         return front
 
     def _check(self, tier: Tier) -> None:
-        """Refuse a tier that the asset does not have, and every one where no camera sees it."""
-        why = why_not(self.asset.manifest, tier) or self._blind
-        if why is not None:
-            raise DoesNotApplyError(why)
-
-    def _drawn(self, asset: Asset, tier: Any, settings: Mapping[str, Any], **options: Any) -> list[Frame]:
-        with Renderer(asset, tier, self.device, settings, **options) as renderer:
-            return [renderer.render(camera, self.background) for camera in self.cameras]
+        """Raise DoesNotApplyError if the asset does not have the tier, or if no camera sees the asset."""
+        reason = why_not(self.asset.manifest, tier) or self._no_view_reason
+        if reason is not None:
+            raise DoesNotApplyError(reason)
 
 
-def clipped(drawn: Any) -> Image:
-    """Return a frame or an image as a screen shows it."""
-    return np.clip(np.asarray(getattr(drawn, "image", drawn), np.float32), 0, 1)
+def clip_image(frame: Any) -> Image:
+    """Return a frame's image, or an image, clamped to [0, 1]."""
+    return np.clip(np.asarray(getattr(frame, "image", frame), np.float32), 0, 1)
 
 
-class _Culling(StandardRenderer):
-    """Draws the faces of an asset that are to be shown: all, if nothing else is said."""
+class _CullingRenderer(StandardRenderer):
+    """Draws a selection of the faces of an asset; all until `select` is called."""
 
     def __init__(self, asset: Asset, device: str | None) -> None:
         super().__init__(asset, device=device)
         self._all, self._faces = self._triangles, len(asset.buffers["indices"])
 
     @in_turn
-    def show(self, front: NDArray[np.bool_]) -> None:
-        """Draw no other faces than `front` (F,)."""
-        shown = self._scratch("shown faces", self._faces, np.uint8)
-        shown.write(front.view(np.uint8))
-        copies = self._scratch("shown triangles", self._all.records.shape)
-        self._all.copy_some(shown, copies)
-        self._triangles = replace(self._all, records=copies)
+    def select(self, mask: NDArray[np.bool_]) -> None:
+        """Draw only the faces of `mask` (F,) from now on."""
+        # The names of the scratch buffers appear in reports of memory.
+        flags = self._scratch("shown faces", self._faces, np.uint8)
+        flags.write(mask.view(np.uint8))
+        records = self._scratch("shown triangles", self._all.records.shape)
+        self._all.copy_some(flags, records)
+        self._triangles = replace(self._all, records=records)

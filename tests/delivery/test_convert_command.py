@@ -1,4 +1,4 @@
-"""`msb convert`: rows, colours, axes, forms, engines and exit statuses. Its text is in tests/snapshots."""
+"""`msb convert`: rows, colours, axes, forms, engines and exit statuses. Its texts are in tests/snapshots."""
 
 import re
 from pathlib import Path
@@ -28,7 +28,7 @@ def test_rows_order_and_colours_are_kept(here: Here, demo_asset: Path, tmp_path:
     corners = asset.buffers["positions"][asset.buffers["indices"]]
     assert np.array_equal(mesh.vertices[mesh.faces].astype(np.float32), corners)
     assert f"{len(mesh.vertices):,} vertices, {len(mesh.faces):,} faces" in result.out
-    assert "opacity" in result.err  # left out
+    assert "opacity" in result.err  # a mesh file cannot store it
     if suffix == ".stl":
         return
     assert np.array_equal(mesh.faces, asset.buffers["indices"])
@@ -37,7 +37,7 @@ def test_rows_order_and_colours_are_kept(here: Here, demo_asset: Path, tmp_path:
     assert np.abs(colors[:, :3] - expected).max() <= 0.5 / 255 + 1e-6
 
 
-def test_a_round_trip_through_both_forms(here: Here, tmp_path: Path) -> None:
+def test_both_forms_of_an_asset_keep_everything(here: Here, tmp_path: Path) -> None:
     source = GOLDEN / "meshes" / "synthetic_splat_small.ply"
     steps = [source, *(tmp_path / name for name in ("a.triasset", "b.triasset", "c.triasset", "d.ply"))]
     options: list[list[str]] = [[], ["--form", "folder"], [], []]
@@ -51,7 +51,7 @@ def test_a_round_trip_through_both_forms(here: Here, tmp_path: Path) -> None:
     assert (origin.path, origin.byte_length) == (source.name, source.stat().st_size)
 
 
-def test_a_folder_becomes_a_folder_with_the_same_layout(here: Here, tmp_path: Path) -> None:
+def test_a_folder_is_converted_with_its_layout(here: Here, tmp_path: Path) -> None:
     source = ROOT / "data_stubs" / "models" / "pebble"
     assert here("convert", "--to", "triasset", source, tmp_path / "out").status == 0
     models = {path.name for path in source.iterdir()}
@@ -67,7 +67,7 @@ def test_a_folder_becomes_a_folder_with_the_same_layout(here: Here, tmp_path: Pa
 
 
 @pytest.mark.parametrize(("up", "direction"), [("-y", (0, -1, 0)), ("+z", (0, 0, 1)), ("-x", (-1, 0, 0))])
-def test_up_turns_the_axis_to_y_without_mirroring(
+def test_up_rotates_the_axis_to_y_without_mirroring(
     here: Here, tmp_path: Path, up: str, direction: tuple[int, int, int]
 ) -> None:
     rows = np.array([direction, (0, 0, 0), (1, 2, 3), (4, 5, 7)], float)
@@ -79,7 +79,7 @@ def test_up_turns_the_axis_to_y_without_mirroring(
     assert np.linalg.det(turned[[0, 2, 3]]) == pytest.approx(np.linalg.det(rows[[0, 2, 3]]))
 
 
-def test_a_model_of_colmap_is_turned_upright(here: Here, tmp_path: Path) -> None:
+def test_a_colmap_model_is_rotated_upright(here: Here, tmp_path: Path) -> None:
     frames = {}
     for name in ("m.glb", "m.ply"):
         assert here("convert", COLMAP, tmp_path / name).status == 0
@@ -98,28 +98,28 @@ def test_linear_colours(here: Here, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_the_web_gets_a_smaller_file_of_at_least_50_db(here: Here, demo_asset: Path, tmp_path: Path) -> None:
+def test_a_file_for_the_web_is_smaller_and_has_50_db(here: Here, demo_asset: Path, tmp_path: Path) -> None:
     plain, web = tmp_path / "plain.glb", tmp_path / "web.glb"
     assert here("convert", demo_asset, plain, "--for", "unreal").status == 0
-    made = here("convert", demo_asset, web, "--for", "web")
-    assert float(re.search(r"([\d.]+) dB of ", made.out)[1]) >= 50
+    result = here("convert", demo_asset, web, "--for", "web")
+    assert float(re.search(r"([\d.]+) dB", result.out)[1]) >= 50
     assert web.stat().st_size < plain.stat().st_size / 2
     assert b"extensionsRequired" not in plain.read_bytes()
     assert b"extensionsRequired" in web.read_bytes()
 
 
-def test_what_is_left_out_is_noted(here: Here, tmp_path: Path) -> None:
+def test_ignored_data_is_listed(here: Here, tmp_path: Path) -> None:
     source = tmp_path / "t.obj"
     source.write_text(TRIANGLE)
-    left, up = here("convert", source, tmp_path / "t.glb").err.splitlines()
-    assert all(word in left for word in ("normals", "UVs", "materials"))
+    ignored, up = here("convert", source, tmp_path / "t.glb").err.splitlines()
+    assert all(word in ignored for word in ("normals", "UVs", "materials"))
     assert "--up=-y" in up
     assert here("convert", source, tmp_path / "t.glb", "-f", "--up=+y").err.count("\n") == 1
     assert "MESH_FILE_LEFT_OUT" in here("convert", source, tmp_path / "t.triasset").err
-    assert here("audit", source).err == ""  # it counts triangles only
+    assert here("audit", source).err == ""  # an audit reads triangles only
 
 
-def test_what_makes_no_sense_is_rejected(here: Here, demo_asset: Path, tmp_path: Path) -> None:
+def test_invalid_arguments_are_rejected(here: Here, demo_asset: Path, tmp_path: Path) -> None:
     for name, *options in (
         ("x.xyz",),
         ("x.glb", "--form", "folder"),
@@ -133,12 +133,12 @@ def test_what_makes_no_sense_is_rejected(here: Here, demo_asset: Path, tmp_path:
     assert [path.name for path in tmp_path.iterdir()] == ["nan.off"]
 
 
-def test_the_official_file_is_what_the_exporter_writes(here: Here, tmp_path: Path) -> None:
+def test_the_official_file_equals_that_of_the_exporter(here: Here, tmp_path: Path) -> None:
     asset = tmp_path / "ring.triasset"
     assert here("export", "--quiet", RING, asset).status == 0
     assert here("convert", "--official", asset, tmp_path / "ring.glb").status == 0
     ours, theirs = read_mesh(tmp_path / "ring.glb"), read_mesh(RING / "glb" / "60000.glb")
-    # The official file holds sRGB without saying so, and is read as the linear light that glTF says it is.
+    # The official file stores sRGB values, but is read as linear light, as glTF specifies.
     stored = np.rint(255 * srgb_to_linear(theirs.vertex_colors[:, :3].astype(float)))
     np.testing.assert_array_equal(ours.vertex_colors[:, :3], stored)
     assert here("convert", asset, tmp_path / "standard.glb").status == 0
@@ -148,7 +148,7 @@ def test_the_official_file_is_what_the_exporter_writes(here: Here, tmp_path: Pat
     again.ends(4, "UNSUPPORTED_METHOD: ")
 
 
-def test_the_official_folder_of_diffsoup_is_a_model_and_no_mesh(here: Here, tmp_path: Path) -> None:
+def test_the_official_folder_of_diffsoup_is_a_model(here: Here, tmp_path: Path) -> None:
     asset = tmp_path / "ico.triasset"
     here("export", "--quiet", GOLDEN / "diffsoup" / "ico_l2_white" / "checkpoint", asset)
     assert here("convert", "--official", asset, tmp_path / "web").status == 0

@@ -1,4 +1,4 @@
-"""`msb.save` has the choices of `msb convert`, and writes the same bytes."""
+"""`msb.save` has the options of `msb convert` and writes the same bytes."""
 
 from pathlib import Path
 from typing import Any
@@ -19,15 +19,15 @@ CORNERS = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], np.float32)
 FACES = np.array([[0, 1, 2]])
 
 
-def colored() -> Asset:
+def colored_asset() -> Asset:
     return asset_from_mesh(Mesh(CORNERS, FACES, np.array([[90, 9, 200], [0, 0, 0], [255, 3, 8]], np.uint8)))
 
 
 @pytest.mark.parametrize("color", ["linear", "srgb"])
 @pytest.mark.parametrize("suffix", [".glb", ".ply"])
 def test_colors(msb: Msb, tmp_path: Path, color: Any, suffix: str) -> None:
-    save(colored(), tmp_path / f"a{suffix}", color=color)
-    save(colored(), tmp_path / "a.triasset")
+    save(colored_asset(), tmp_path / f"a{suffix}", color=color)
+    save(colored_asset(), tmp_path / "a.triasset")
     msb("convert", "--color", color, tmp_path / "a.triasset", tmp_path / f"b{suffix}", status=0)
     assert (tmp_path / f"a{suffix}").read_bytes() == (tmp_path / f"b{suffix}").read_bytes()
 
@@ -42,7 +42,7 @@ def test_images_of_textures(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_for_the_web_as_the_command(msb: Msb, tmp_path: Path) -> None:
+def test_files_for_the_web_equal_those_of_the_command(msb: Msb, tmp_path: Path) -> None:
     model = ROOT / "data_stubs/models/pebble/two_dts"
     asset = open_any(model)
     save(asset, tmp_path / "a.glb", engine="web")
@@ -62,8 +62,8 @@ def test_for_the_web_as_the_command(msb: Msb, tmp_path: Path) -> None:
         ("a.triasset", {"color": "srgb"}),
     ],
 )
-def test_what_makes_no_sense_is_wrong_usage(tmp_path: Path, name: str, options: Any) -> None:
+def test_invalid_arguments_are_rejected(tmp_path: Path, name: str, options: Any) -> None:
     with pytest.raises(MsbError) as caught:
-        save(colored(), tmp_path / name, **options)
+        save(colored_asset(), tmp_path / name, **options)
     assert caught.value.code in ("USAGE", "NAME_UNKNOWN")
     assert not list(tmp_path.iterdir())

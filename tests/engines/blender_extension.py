@@ -1,8 +1,8 @@
-"""A program for the Python of a Blender: the extension imports, audits, draws and exports what it is told.
+"""A script for Blender's Python: lets the extension import, audit, draw and export models.
 
-``blender_extension.py FOLDER JOBS``: the folder that holds the extension's package, and a JSON list of jobs
-with `model`, `camera` (that of `blender_camera`, and `clip`), `picture` and `saved`. It prints a JSON list of
-what was found of each.
+``blender_extension.py FOLDER JOBS``: FOLDER holds the extension's package. JOBS is a JSON list; each job has
+the paths `model`, `image` and `saved`, and a `camera` (`blender_camera` with `clip` distances). The script
+prints a JSON list with a result for each job.
 """
 
 import json
@@ -15,8 +15,8 @@ import bpy
 from mathutils import Matrix
 
 
-def done(job: dict[str, Any]) -> dict[str, Any]:
-    """Return what the extension says of the model of `job`, once it was drawn and written."""
+def run_job(job: dict[str, Any]) -> dict[str, Any]:
+    """Import, draw, export and audit a model; return the results of the extension."""
     import meshsplatbench as extension
     from meshsplatbench.model import ABOUT, MARKS, marked_lines
 
@@ -26,7 +26,7 @@ def done(job: dict[str, Any]) -> dict[str, Any]:
     except RuntimeError as error:
         return {"error": str(error)}
     thing = bpy.context.object
-    draw(bpy.context.scene, thing, job["camera"], job["picture"])
+    draw(bpy.context.scene, thing, job["camera"], job["image"])
     about = json.loads(thing[ABOUT])
     bpy.ops.export_scene.meshsplatbench(filepath=job["saved"])
     bpy.ops.object.meshsplatbench_audit()
@@ -40,13 +40,13 @@ def done(job: dict[str, Any]) -> dict[str, Any]:
 
 
 def panel_lines(panel: Any) -> list[str]:
-    """Return what the panel says of the active object."""
-    said: list[str] = []
+    """Return the texts of the panel for the active object."""
+    lines: list[str] = []
     layout = SimpleNamespace(
-        label=lambda text, icon="": said.append(text),
+        label=lambda text, icon="": lines.append(text),
         column=lambda align: layout,
-        prop=lambda owner, name: said.append(owner.bl_rna.properties[name].name),
-        operator=said.append,
+        prop=lambda owner, name: lines.append(owner.bl_rna.properties[name].name),
+        operator=lines.append,
     )
     context = SimpleNamespace(
         object=bpy.context.object,
@@ -54,11 +54,11 @@ def panel_lines(panel: Any) -> list[str]:
         window_manager=bpy.context.window_manager,
     )
     panel.draw(SimpleNamespace(layout=layout), context)
-    return said
+    return lines
 
 
 def draw(scene: Any, thing: Any, request: dict[str, Any], path: str) -> None:
-    """Draw with Cycles, one ray through the middle of each pixel; the camera stands in the model's axes."""
+    """Render with Cycles, one ray through each pixel's centre; the camera is given in the model's axes."""
     scene.render.engine = "CYCLES"
     cycles = scene.cycles
     cycles.device, cycles.samples, cycles.max_bounces = "CPU", 1, 0
@@ -86,13 +86,13 @@ def draw(scene: Any, thing: Any, request: dict[str, Any], path: str) -> None:
 
 if __name__ == "__main__":
     answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
-    os.dup2(2, 1)  # what Blender itself prints
+    os.dup2(2, 1)  # Blender's own output goes to standard error
     sys.path.insert(0, sys.argv[1])
     import meshsplatbench
 
     bpy.ops.wm.read_factory_settings(use_empty=True)
     meshsplatbench.register()
-    answers.write(json.dumps([done(job) for job in json.loads(sys.argv[2])]))
+    answers.write(json.dumps([run_job(job) for job in json.loads(sys.argv[2])]))
     meshsplatbench.unregister()
     answers.close()
-    os._exit(0)  # bpy may crash while the interpreter winds up
+    os._exit(0)  # bpy may crash when the interpreter ends

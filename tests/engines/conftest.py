@@ -1,4 +1,4 @@
-"""Engines that are installed, and a browser with WebGPU."""
+"""Fixtures for engines: skip tests of missing engines; a browser with WebGPU."""
 
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -11,7 +11,7 @@ from tests.browser import Browser
 
 
 def need(name: str) -> str:
-    """Return `name`, or skip what needs the renderer."""
+    """Return `name`, or skip the test if that renderer is not installed."""
     missing = what_is_missing(name)
     if missing is not None:
         pytest.skip(f"renderer {name}: {missing}")
@@ -20,7 +20,7 @@ def need(name: str) -> str:
 
 @pytest.fixture(scope="session")
 def with_webgpu(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[..., Any]]:
-    """As `in_browser`, of a browser that draws with WebGPU in software, as when pages are measured."""
+    """Like `in_browser`, but the browser draws with WebGPU in software, as when pages are measured."""
     need("threejs")
     flags = (*engine._WEBGPU, *engine._WEBGPU_SOFTWARE)
     opened = Browser(engine.find_browser(), tmp_path_factory.mktemp("webgpu"), flags)

@@ -1,4 +1,4 @@
-"""The extension for Blender: models look there as on the standard tier, and come back as they were."""
+"""The extension for Blender: models look as on the standard tier and are exported unchanged."""
 
 import json
 import os
@@ -33,37 +33,35 @@ from tests.render.textured_scenes import textured_asset
 FOLDER = ROOT / "integrations" / "blender"
 
 
-def in_blender(jobs: list[tuple[Path, Camera]], folder: Path) -> list[dict[str, Any]]:
-    """Return what the extension found of models, each with the `frame` it drew and the asset it `saved`."""
+def run_in_blender(models: list[tuple[Path, Camera]], folder: Path) -> list[dict[str, Any]]:
+    """Return the extension's result for each model, with its rendered `frame` and the `saved` asset."""
     need("blender_cycles")
-    python = _python()
-    assert python is not None
-    asked = [
+    jobs = [
         {
             "model": str(model),
             "camera": {**blender_camera(camera, np.eye(4)), "clip": [NEAR, 1000]},
-            "picture": str(folder / f"{number}.png"),
+            "image": str(folder / f"{number}.png"),
             "saved": str(folder / f"{number}.triasset"),
         }
-        for number, (model, camera) in enumerate(jobs)
+        for number, (model, camera) in enumerate(models)
     ]
     program = Path(__file__).with_name("blender_extension.py")
-    done = subprocess.run(
-        [python, str(program), str(FOLDER), json.dumps(asked)],
+    process = subprocess.run(
+        [str(_python()), str(program), str(FOLDER), json.dumps(jobs)],
         stdout=subprocess.PIPE,
         encoding="utf-8",
         env={**os.environ, "MSB_PYTHON": sys.executable},
         timeout=600,
         check=True,
     )
-    found: list[dict[str, Any]] = json.loads(done.stdout)
-    for job, one in zip(asked, found, strict=True):
-        if "error" not in one:
-            one["frame"], one["saved"] = frame_of(Path(job["picture"])), msb.load(job["saved"])
-    return found
+    results: list[dict[str, Any]] = json.loads(process.stdout)
+    for job, result in zip(jobs, results, strict=True):
+        if "error" not in result:
+            result["frame"], result["saved"] = read_frame(Path(job["image"])), msb.load(job["saved"])
+    return results
 
 
-def frame_of(path: Path) -> Frame:
+def read_frame(path: Path) -> Frame:
     with Image.open(path) as image:
         rgba = np.asarray(image.convert("RGBA"), np.float32) / np.float32(255)
     alpha = np.float32(rgba[..., 3] > 0.5)
@@ -71,57 +69,57 @@ def frame_of(path: Path) -> Frame:
     return Frame(image=image, alpha=alpha, depth=np.zeros_like(alpha))
 
 
-def ours(asset: Asset, camera: Camera) -> Frame:
+def draw(asset: Asset, camera: Camera) -> Frame:
     with msb.Renderer(asset) as renderer:
         return renderer.render(camera, BACKGROUND)
 
 
-def unmipped(asset: Asset) -> Asset:
-    """Return `asset` without mip maps, which Cycles has none of."""
+def without_mipmaps(asset: Asset) -> Asset:
+    """Return `asset` without mip maps, because Cycles has none."""
     appearance = {**asset.manifest.appearance, "mipmaps": False}
     return Asset(replace(asset.manifest, appearance=appearance), asset.buffers)
 
 
 @pytest.mark.slow
 @pytest.mark.oracle
-def test_models_look_as_on_the_standard_tier_and_come_back(tmp_path: Path) -> None:
-    """Three methods, what a bake made of the fourth, and noise in two textures times colours."""
+def test_models_look_as_on_the_standard_tier_and_are_exported_unchanged(tmp_path: Path) -> None:
+    """Three methods, a bake of the fourth, and noise in two textures multiplied with vertex colours."""
     pytest.importorskip("xatlas", reason="extra trial is not installed (xatlas)")
     views = [golden_views(method)[0] for method in ("two_dts", "triangle_splatting", "mesh_splatting")]
-    jobs = [(view.folder / "checkpoint", view.camera) for view in views]
-    assets = [exported(path) for path, _ in jobs]
+    models = [(view.folder / "checkpoint", view.camera) for view in views]
+    assets = [exported(path) for path, _ in models]
     soup = golden_views("diffsoup")[0]
     baked = msb.bake(soup.folder / "checkpoint", geometry="kept", color="texture", texture=256, seconds=1)
     noise = {"sampler": Sampler(mipmaps=False), "sizes": ((48, 64, 3), (32, 32, 3)), "spread": 0.3}
     for name, asset, camera in (
-        ("baked", unmipped(baked.asset), soup.camera),
+        ("baked", without_mipmaps(baked.asset), soup.camera),
         ("textured", textured_asset(scene("large", 5), 5, tint="vertex", **noise), OFF_CENTRE),
     ):
-        jobs.append((tmp_path / f"{name}.triasset", camera))
+        models.append((tmp_path / f"{name}.triasset", camera))
         assets.append(asset)
-        msb.save(asset, jobs[-1][0])
-    *found, refused = in_blender([*jobs, (soup.folder / "checkpoint", soup.camera)], tmp_path)
-    assert f"UNSUPPORTED_TIER: {soup.folder / 'checkpoint'}: diffsoup" in refused["error"]
-    for asset, (_, camera), one in zip(assets, jobs, found, strict=True):
-        own = ours(asset, camera)
-        drawn = agreement([one["frame"]], [own])
-        assert drawn.interior_within_a_level > 0.999
-        assert drawn.covered_alike > 0.999
-        assert one["transform"] == "Standard"
-        counts = one["audit"]["counts"]
-        assert one["marks"] == {name: counts[f"{name}_edges"] for name in ("boundary", "nonmanifold")}
-        assert one["again"] == one["audit"]
-        assert one["panel"][0] == one["audit"]["level"].upper()
-        assert one["audit"]["sentence"] in " ".join(one["panel"])
-        assert f"boundary edges: {counts['boundary_edges']:,}" in one["panel"]
-        assert agreement([ours(one["saved"], camera)], [own]).within_a_level == 1
+        msb.save(asset, models[-1][0])
+    *results, rejected = run_in_blender([*models, (soup.folder / "checkpoint", soup.camera)], tmp_path)
+    assert f"UNSUPPORTED_TIER: {soup.folder / 'checkpoint'}: diffsoup" in rejected["error"]
+    for asset, (_, camera), result in zip(assets, models, results, strict=True):
+        ours = draw(asset, camera)
+        difference = agreement([result["frame"]], [ours])
+        assert difference.interior_within_a_level > 0.999
+        assert difference.covered_alike > 0.999
+        assert result["transform"] == "Standard"
+        counts = result["audit"]["counts"]
+        assert result["marks"] == {name: counts[f"{name}_edges"] for name in ("boundary", "nonmanifold")}
+        assert result["again"] == result["audit"]
+        assert result["panel"][0] == result["audit"]["level"].upper()
+        assert result["audit"]["sentence"] in " ".join(result["panel"])
+        assert f"boundary edges: {counts['boundary_edges']:,}" in result["panel"]
+        assert agreement([draw(result["saved"], camera)], [ours]).within_a_level == 1
 
 
-def test_the_zip_is_what_blender_installs(tmp_path: Path) -> None:
+def test_the_zip_can_be_installed_by_blender(tmp_path: Path) -> None:
     wheel = tmp_path / "some.whl"
     wheel.write_bytes(b"wheel")
-    build(tmp_path / "made" / "extension.zip", [wheel], "linux-x64")
-    with zipfile.ZipFile(tmp_path / "made" / "extension.zip") as archive:
+    build(tmp_path / "built" / "extension.zip", [wheel], "linux-x64")
+    with zipfile.ZipFile(tmp_path / "built" / "extension.zip") as archive:
         manifest = tomllib.loads(archive.read("blender_manifest.toml").decode())
         names = set(archive.namelist())
     assert manifest["version"] == msb.__version__

@@ -1,4 +1,4 @@
-"""The npm package for three.js (integrations/js): its images in a browser, and its errors for bad files."""
+"""The npm package for three.js (integrations/js): its images in a browser and its errors for bad files."""
 
 import json
 import re
@@ -17,7 +17,7 @@ from msb.asset import Asset
 from msb.asset.manifest import StoredSetting
 from msb.engines import browser
 from msb.engines.agreement import agreement
-from msb.engines.dedicated_page.measure import FAITHFUL
+from msb.engines.dedicated_page.measurement import FAITHFUL
 from msb.engines.dedicated_page.page import make_page
 from msb.engines.engine import opaque_frame
 from msb.engines.webpage import camera_data
@@ -32,7 +32,6 @@ from tests.render.textured_scenes import CASES, textured_asset
 
 JS = ROOT / "integrations" / "js"
 WEB = ROOT / "msb" / "engines" / "web"
-CONTROLS = ROOT / ".engines" / "node_modules" / "three" / "examples" / "jsm" / "controls" / "OrbitControls.js"
 SHARED = ("camera.js", "store.js", "dedicated.js")
 
 HTML = """<!DOCTYPE html>
@@ -49,7 +48,7 @@ HTML = """<!DOCTYPE html>
   const canvas = document.querySelector("canvas");
   const renderer = new THREE.WebGLRenderer({ canvas, preserveDrawingBuffer: true });
 
-  // The camera of three.js that sees what one of ours sees.
+  // Returns the three.js camera with the intrinsics and the pose of one of ours.
   function cameraOf({ width: w, height: h, fx, fy, cx, cy, world_to_camera: m }) {
     const camera = new THREE.PerspectiveCamera(), near = 0.01, far = 5000;
     camera.matrixAutoUpdate = false;
@@ -79,76 +78,58 @@ HTML = """<!DOCTYPE html>
   async function dedicated({ page, view, background }) {
     const canvas = document.createElement("canvas"), { width, height } = view;
     Object.assign(canvas, { width, height });
-    const own = await DedicatedPage.open(page, canvas), camera = cameraOf(view);
-    await own.draw(camera, background);
-    const seen = viewOf(camera, width, height), { degree, own: values } = own.look;
-    const bytes = await own.drawing.pixels(seen, background, degree, values);
-    own.dispose();
-    return [{ title: own.title }, bytes];
-  }
-
-  async function example({ example }) {
-    const frame = Object.assign(document.createElement("iframe"), { src: `example.html?url=${example}` });
-    document.body.append(frame);
-    await new Promise((done) => frame.addEventListener("load", done));
-    const read = () => frame.contentDocument.getElementById("text").textContent;
-    while (!read().includes(example)) await new Promise((done) => setTimeout(done, 20));
-    const found = { text: read(), size: frame.contentDocument.getElementById("mesh").width };
-    frame.remove();
-    return [found];
+    const model = await DedicatedPage.open(page, canvas), camera = cameraOf(view);
+    await model.draw(camera, background);
+    const { degree, own: values } = model.look;
+    const bytes = await model.drawing.pixels(viewOf(camera, width, height), background, degree, values);
+    model.dispose();
+    return [{ title: model.title }, bytes];
   }
 
   await answer({});
   for (;;) {
-    let asked;
-    try { asked = await (await fetch("next")).json(); } catch { window.close(); break; }
-    const answerer = asked.page ? dedicated : asked.example ? example : standard;
-    try { await answer(...await answerer(asked)); } catch (error) {
-      await answer({ said: error.message });
+    let task;
+    try { task = await (await fetch("next")).json(); } catch { window.close(); break; }
+    try { await answer(...await (task.page ? dedicated : standard)(task)); } catch (error) {
+      await answer({ message: error.message });
     }
   }
 </script>
 """
 
+# Minimum share of pixels within a level if a pixel covers several texels of noise. SwiftShader chooses the
+# mip level less exactly than a graphics card.
 MINIFIED = {"minified": 0.75, "several": 0.95, "nearest": 0.99}
-"""Share of pixels within a level where pixels cover texels of noise. SwiftShader takes the level of mip maps
-less exactly than a graphics card has to, in renderer `threejs` as well.
-"""
 
 Ask = Callable[..., browser.Answer]
 
 
 @pytest.fixture(scope="module")
 def ask() -> Iterator[Ask]:
-    """Return what has the package open a file and answer; one browser for all tests."""
+    """Return a function that sends a task and a file to the package; one browser serves all tests."""
     need("threejs")
     content = {name: (WEB / "three" / name).read_bytes() for name in ("three.module.js", "three.core.js")}
-    content |= {f"node_modules/three/build/{name}": data for name, data in content.items()}
-    if CONTROLS.is_file():
-        content["node_modules/three/examples/jsm/controls/OrbitControls.js"] = CONTROLS.read_bytes()
-    content |= {
-        name: (JS / name).read_bytes() for name in ("TriassetLoader.js", "DedicatedPage.js", "example.html")
-    }
+    content |= {name: (JS / name).read_bytes() for name in ("TriassetLoader.js", "DedicatedPage.js")}
     content |= {f"shared/{name}": (WEB / name).read_bytes() for name in SHARED}
     content["page.html"] = HTML.encode()
     page = browser.Page(str(browser.find_browser()), content, "", software=True, webgpu=True)
 
-    def opened(file: bytes, kind: str = "file", **task: Any) -> browser.Answer:
+    def send(file: bytes, kind: str = "file", **task: Any) -> browser.Answer:
         content["a.triasset"] = file
         return page.ask({kind: "a.triasset", **task})
 
-    yield opened
+    yield send
     page.close()
 
 
-def packed(asset: Asset, tmp_path: Path) -> bytes:
+def packed_bytes(asset: Asset, tmp_path: Path) -> bytes:
     msb.save(asset, tmp_path / "a.triasset", overwrite=True)
     return (tmp_path / "a.triasset").read_bytes()
 
 
-def shown(ask: Ask, asset: Asset, views: list[Camera], tmp_path: Path) -> Any:
-    """Return how what three.js shows agrees with the standard tier."""
-    theirs, ours, file = [], [], packed(asset, tmp_path)
+def compare_images(ask: Ask, asset: Asset, views: list[Camera], tmp_path: Path) -> Any:
+    """Return the agreement of three.js with our standard-tier renderer."""
+    theirs, ours, file = [], [], packed_bytes(asset, tmp_path)
     with msb.Renderer(asset, tier="standard") as renderer:
         for view in views:
             head, body = ask(file, view=camera_data(view), background=list(BACKGROUND))
@@ -164,25 +145,25 @@ def shown(ask: Ask, asset: Asset, views: list[Camera], tmp_path: Path) -> Any:
 @pytest.mark.slow
 @pytest.mark.oracle
 @pytest.mark.parametrize(
-    "what",
+    "model",
     ["splat_like", "two_dts", "two_dts, faces hidden", "triangle_splatting", "mesh_splatting", "grey"],
 )
-def test_models_look_as_on_the_standard_tier(what: str, ask: Ask, tmp_path: Path) -> None:
-    if what == "splat_like":
+def test_models_look_as_on_the_standard_tier(model: str, ask: Ask, tmp_path: Path) -> None:
+    if model == "splat_like":
         asset = msb.load(ROOT / "data_stubs" / "splat_like.triasset")
         views = msb.read_cameras(ROOT / "data_stubs" / "views.json")[:1]
-    elif what == "grey":
+    elif model == "grey":
         asset, views = mesh_asset(scene("large", 7)), [OFF_CENTRE]
     else:
-        view = golden_views(what.partition(",")[0])[0]
+        view = golden_views(model.partition(",")[0])[0]
         asset, views = exported(view.folder / "checkpoint"), [view.camera]
-    if "hidden" in what:
+    if "hidden" in model:
         settings = {**asset.manifest.settings, "ste_threshold": StoredSetting(0.3, "flag")}
         asset = Asset(replace(asset.manifest, settings=settings), asset.buffers)
-    found = shown(ask, asset, list(views), tmp_path)
-    assert found.interior > 100
-    assert found.interior_max <= 1
-    assert found.covered_alike > 0.99
+    result = compare_images(ask, asset, list(views), tmp_path)
+    assert result.interior > 100
+    assert result.interior_max <= 1
+    assert result.covered_alike > 0.99
 
 
 @pytest.mark.slow
@@ -191,27 +172,26 @@ def test_models_look_as_on_the_standard_tier(what: str, ask: Ask, tmp_path: Path
 def test_textures_look_as_on_the_standard_tier(case: str, ask: Ask, tmp_path: Path) -> None:
     asset = textured_asset(scene("large", 3), 4, **CASES[case])
     assert asset.manifest.version == "1.1"
-    found = shown(ask, asset, [OFF_CENTRE], tmp_path)
-    assert found.interior > 3000
-    assert found.interior_within_a_level >= MINIFIED.get(case, 1)
+    result = compare_images(ask, asset, [OFF_CENTRE], tmp_path)
+    assert result.interior > 3000
+    assert result.interior_within_a_level >= MINIFIED.get(case, 1)
 
 
 @pytest.mark.slow
 @pytest.mark.oracle
-def test_the_methods_own_look_is_that_of_the_page(ask: Ask) -> None:
+def test_native_rendering_is_that_of_the_page(ask: Ask) -> None:
     view = golden_views("triangle_splatting")[0]
-    page = make_page(exported(view.folder / "checkpoint"), name="a", settings=view.settings).encoded()
+    page = make_page(exported(view.folder / "checkpoint"), name="a", settings=view.settings).to_bytes()
     task = {"view": camera_data(view.camera), "background": list(view.background)}
     head, body = ask(page, "page", **task)
     assert head == {"title": "Triangle-Splatting"}
-    wanted = to_bytes(view.image)
-    psnr = metrics.psnr(np.frombuffer(body, np.uint8).reshape(wanted.shape), wanted)
-    assert psnr >= FAITHFUL
-    assert "a.triasset" in ask(b"<html></html>", "page", **task).head["said"]
+    official = to_bytes(view.image)
+    assert metrics.psnr(np.frombuffer(body, np.uint8).reshape(official.shape), official) >= FAITHFUL
+    assert "a.triasset" in ask(b"<html></html>", "page", **task).head["message"]
 
 
-def changed(data: bytes, change: Callable[[dict[str, Any]], Any]) -> bytes:
-    """Return a packed asset with another manifest of the same length."""
+def with_manifest(data: bytes, change: Callable[[dict[str, Any]], Any]) -> bytes:
+    """Return a packed asset with a changed manifest, padded to the same length."""
     (length,) = struct.unpack_from("<I", data, 22)
     start = 30 + sum(struct.unpack_from("<2H", data, 26))
     manifest = json.loads(data[start : start + length])
@@ -222,25 +202,23 @@ def changed(data: bytes, change: Callable[[dict[str, Any]], Any]) -> bytes:
 
 
 @pytest.mark.slow
-def test_what_is_wrong_with_a_file_is_one_sentence(ask: Ask, tmp_path: Path) -> None:
-    good = packed(mesh_asset(scene("small", 1)), tmp_path)
+def test_each_malformed_file_has_its_message(ask: Ask, tmp_path: Path) -> None:
+    good = packed_bytes(mesh_asset(scene("small", 1)), tmp_path)
     assert ask(good).head == {"up": [0, 1, 0], "method": "mesh"}
     trained = exported(golden_views("two_dts")[0].folder / "checkpoint")
-    assert ask(packed(trained, tmp_path)).head == {"up": [0, -1, 0], "method": "two_dts"}
+    assert ask(packed_bytes(trained, tmp_path)).head == {"up": [0, -1, 0], "method": "two_dts"}
 
-    def buffer(**values: Any) -> bytes:
-        return changed(good, lambda manifest: manifest["buffers"]["indices"].update(values))
+    def with_buffer(**values: Any) -> bytes:
+        return with_manifest(good, lambda manifest: manifest["buffers"]["indices"].update(values))
 
     def with_key(**values: Any) -> bytes:
-        return changed(good, lambda manifest: manifest.update(values))
+        return with_manifest(good, lambda manifest: manifest.update(values))
 
     last = good.index(b"PK\1\2")
-    header = good.rindex(b"buffers/positions.bin", 0, last)  # the manifest names it, too
+    header = good.rindex(b"buffers/positions.bin", 0, last)  # the last one: the manifest has the name, too
     at = header + len("buffers/positions.bin") + struct.unpack_from("<H", good, header - 2)[0]
     nan = good[:at] + struct.pack("<f", np.nan) + good[at + 4 :]
-    decoded = {"method": "diffsoup", "required_passes": {}}
-    far = changed(good, lambda manifest: manifest.update(vertex_count=7))
-    wrong = [
+    bad = [
         b"glTF" + good,
         good[: last - 1],
         good[:-1],
@@ -250,34 +228,33 @@ def test_what_is_wrong_with_a_file_is_one_sentence(ask: Ask, tmp_path: Path) -> 
         with_key(format="triassets"),
         with_key(version="2.0"),
         with_key(face_count=1.5),
-        far,
-        buffer(dtype="toString"),
-        buffer(file="buffers/x.bin"),
-        buffer(byte_length=4),
-        buffer(offset=1 << 40),
+        with_key(vertex_count=7),
+        with_buffer(dtype="toString"),
+        with_buffer(file="buffers/x.bin"),
+        with_buffer(byte_length=4),
+        with_buffer(offset=1 << 40),
         nan,
-        with_key(**decoded),
+        with_key(method="diffsoup", required_passes={}),
         with_key(required_passes={"standard": ["other"]}),
     ]
-    said = [ask(data).head["said"] for data in wrong]
-    assert len(set(said)) == len(wrong)
-    for sentence in said:
-        assert sentence.startswith("TriassetLoader: a.triasset ")
-        assert "\n" not in sentence
+    messages = [ask(data).head["message"] for data in bad]
+    assert len(set(messages)) == len(bad)
+    for message in messages:
+        assert message.startswith("TriassetLoader: a.triasset ")
+        assert "\n" not in message
 
 
-def test_the_package_is_whole_and_needs_nothing_but_three() -> None:
+def test_the_package_is_complete_and_needs_only_three() -> None:
     about = json.loads((JS / "package.json").read_text())
     assert about["version"] == msb.__version__
     assert list(about["peerDependencies"]) == ["three"]
     assert "dependencies" not in about
-    named = re.findall(r'"\./([^"]+)"', json.dumps(list(about["exports"].values())))
-    assert len(named) == 5
-    assert all((JS / name).is_file() for name in named)
+    exports = re.findall(r'"\./([^"]+)"', json.dumps(list(about["exports"].values())))
+    assert len(exports) == 5
+    assert all((JS / name).is_file() for name in exports)
     copied = {(JS / word).resolve() for word in about["scripts"]["shared"].split() if word.startswith("../")}
     assert copied == {ROOT / "LICENSE", *(WEB / name for name in SHARED)}
     imports = re.compile(r'^(?:import|\}).* from "([^"]+)";$', re.MULTILINE)
     assert imports.findall((JS / "TriassetLoader.js").read_text()) == ["three"]
-    assert len((JS / "TriassetLoader.js").read_text().splitlines()) <= 300
     for name in SHARED:
-        assert set(imports.findall((WEB / name).read_text())) <= {f"./{one}" for one in SHARED}
+        assert set(imports.findall((WEB / name).read_text())) <= {f"./{other}" for other in SHARED}

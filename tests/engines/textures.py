@@ -1,6 +1,6 @@
-"""Draw the golden pictures of textured scenes: `python -m tests.engines.textures`.
+"""Draw the golden images of textured scenes: `python -m tests.engines.textures`.
 
-Drawn by renderer `wgpu` on Mesa's lavapipe: its rasterizer, its samplers and its blending between levels.
+Renderer `wgpu` draws them on Mesa's lavapipe, so they show its rasterizer, samplers and mip-map filter.
 """
 
 import numpy as np

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""MeshSplatBench in Blender: trained triangle and mesh splatting models, and what is wrong with them.
+"""MeshSplatBench in Blender: import, audit and export of trained triangle and mesh splatting models.
 
-The package meshsplatbench, which comes with the extension, does the work in a process of its own
-(`worker.py`); arrays go there and back (`model.py`). Blender's own importers are not used: they drop rows and
+The extension contains the package meshsplatbench, which runs in another process (`worker.py`) and exchanges
+arrays with Blender (`model.py`). Blender's importers are not used, because they drop faces, vertices and
 colours.
 """
 
@@ -21,8 +21,8 @@ from mathutils import Matrix
 
 from .model import ABOUT, MARKS, Failed, add_model, ask, marked_lines, mesh_arrays, show_audit, show_exactly
 
+# Session UID of a mesh -> colours and line batches that are drawn over it; cleared when a mesh changes.
 _lines: dict[int, list[tuple[Any, Any]]] = {}
-"""Session number of a mesh -> colours and lines that are drawn over it; emptied when a mesh changes."""
 
 
 @bpy.app.handlers.persistent
@@ -31,7 +31,7 @@ def _forget_lines(*_: Any) -> None:
 
 
 def _draw_lines() -> None:
-    """Draw the marked edges of visible meshes, if the panel says so."""
+    """Draw the marked edges of visible meshes, if this is turned on in the panel."""
     if not bpy.context.window_manager.msb_marks:
         return
     shader = gpu.shader.from_builtin("POLYLINE_UNIFORM_COLOR")
@@ -51,7 +51,7 @@ def _draw_lines() -> None:
         shader.uniform_float("lineWidth", 2.5)
         with gpu.matrix.push_pop_projection(), gpu.matrix.push_pop():
             nearer = Matrix.Translation((0, 0, -1e-5)) @ gpu.matrix.get_projection_matrix()
-            gpu.matrix.load_projection_matrix(nearer)  # before the faces whose edges they are
+            gpu.matrix.load_projection_matrix(nearer)  # in front of the faces
             gpu.matrix.multiply_matrix(thing.matrix_world)
             for color, batch in _lines[key]:
                 shader.uniform_float("color", color)
@@ -60,16 +60,16 @@ def _draw_lines() -> None:
 
 
 class ImportModel(bpy.types.Operator, ImportHelper):
-    """Import a checkpoint or its folder, a .triasset or a mesh file as it looks, and audit it"""
+    """Import a checkpoint, its folder, a .triasset or a mesh file with exact colours, and audit it"""
 
     bl_idname = "import_scene.meshsplatbench"
     bl_label = "Import Model"
-    bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012 - Blender wants a set
+    bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012 - Blender requires a set
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         path = Path(self.filepath)
         try:
-            thing, refused = add_model(path.stem, ask("read", str(path)))
+            thing, rejected = add_model(path.stem, ask("read", str(path)))
         except Failed as failed:
             self.report({"ERROR"}, str(failed))
             return {"CANCELLED"}
@@ -78,15 +78,16 @@ class ImportModel(bpy.types.Operator, ImportHelper):
         thing.select_set(True)
         context.view_layer.objects.active = thing
         show_exactly(context)
-        if refused:
+        if rejected:
             self.report(
-                {"WARNING"}, f"Blender holds no doubled or collapsed faces: {refused:,} were left out"
+                {"WARNING"},
+                f"{rejected:,} duplicate or degenerate faces were skipped; Blender cannot store them",
             )
         return {"FINISHED"}
 
 
 class AuditMesh(bpy.types.Operator):
-    """Audit the mesh as it is now, without modifiers; faces with more corners as triangles"""
+    """Audit the current mesh without modifiers; polygons are split into triangles"""
 
     bl_idname = "object.meshsplatbench_audit"
     bl_label = "Audit"
@@ -98,18 +99,18 @@ class AuditMesh(bpy.types.Operator):
     def execute(self, context: bpy.types.Context) -> set[str]:
         thing = context.object
         try:
-            found = ask("audit", mesh_arrays(thing, thing.data))
+            arrays = ask("audit", mesh_arrays(thing, thing.data))
         except Failed as failed:
             self.report({"ERROR"}, str(failed))
             return {"CANCELLED"}
-        about = {**json.loads(thing.get(ABOUT, "{}")), "audit": json.loads(str(found["about"]))["audit"]}
-        show_audit(thing, found, about)
+        about = {**json.loads(thing.get(ABOUT, "{}")), "audit": json.loads(str(arrays["about"]))["audit"]}
+        show_audit(thing, arrays, about)
         _lines.clear()
         return {"FINISHED"}
 
 
 class ExportModel(bpy.types.Operator, ExportHelper):
-    """Write the mesh as it is now, with modifiers, colours and textures, as a .triasset"""
+    """Export the current mesh with modifiers, colours and textures as a .triasset"""
 
     bl_idname = "export_scene.meshsplatbench"
     bl_label = "Export .triasset"
@@ -129,7 +130,7 @@ class ExportModel(bpy.types.Operator, ExportHelper):
 
 
 class Panel(bpy.types.Panel):
-    """What the audit says of the active mesh."""
+    """Shows the audit of the active mesh."""
 
     bl_idname = "VIEW3D_PT_meshsplatbench"
     bl_label = "MeshSplatBench"
@@ -163,10 +164,10 @@ def _add_export(menu: bpy.types.Menu, _: Any) -> None:
 
 
 def register() -> None:
-    """Add operators, menus, the panel and what is drawn over meshes."""
-    for one in CLASSES:
-        bpy.utils.register_class(one)
-    text = "Show boundary edges in orange and non-manifold ones in magenta"
+    """Add the operators, menus, the panel and the drawing of marked edges."""
+    for entry in CLASSES:
+        bpy.utils.register_class(entry)
+    text = "Show boundary edges in orange and non-manifold edges in magenta"
     bpy.types.WindowManager.msb_marks = bpy.props.BoolProperty(
         name="Mark edges", description=text, default=True
     )
@@ -177,11 +178,11 @@ def register() -> None:
 
 
 def unregister() -> None:
-    """Take all of that away again."""
+    """Remove everything that `register` added."""
     bpy.types.SpaceView3D.draw_handler_remove(_handles.pop(), "WINDOW")
     bpy.app.handlers.depsgraph_update_post.remove(_forget_lines)
     bpy.types.TOPBAR_MT_file_export.remove(_add_export)
     bpy.types.TOPBAR_MT_file_import.remove(_add_import)
     del bpy.types.WindowManager.msb_marks
-    for one in reversed(CLASSES):
-        bpy.utils.unregister_class(one)
+    for entry in reversed(CLASSES):
+        bpy.utils.unregister_class(entry)

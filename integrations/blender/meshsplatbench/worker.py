@@ -1,11 +1,16 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What runs beside Blender, in a process with the package meshsplatbench: it opens, audits and saves models.
+"""A program beside Blender, with the package meshsplatbench: opens, audits and saves models.
 
-``worker.py read MODEL ANSWER.npz``, ``audit MESH.npz ANSWER.npz`` or ``save MESH.npz MODEL``. A mesh of F
-triangles is passed as arrays: `vertices` (V, 3); `faces` (F, 3); `colors` (3F, 4), sRGB, but linear light
-where there are textures; `uvs` (3F, 2) with v upwards; `texture.N` (H, W, 4), linear light as floats or sRGB
-as bytes, whose row 0 is the lowest; `face_texture` (F,); and `about`, the rest as JSON. `boundary` and
-`nonmanifold` (n, 2) are edges by what `number` (V,) says of their vertices.
+``worker.py read MODEL ANSWER.npz``, ``audit MESH.npz ANSWER.npz`` or ``save MESH.npz MODEL``. A mesh of V
+vertices and F triangles is passed as arrays:
+
+- `vertices` (V, 3) and `faces` (F, 3)
+- `colors` (3F, 4) of the corners: sRGB, or linear light if there are textures
+- `uvs` (3F, 2) of the corners, v upwards
+- `texture.N` (H, W, 4), the lowest row first: linear light as floats, or sRGB as bytes
+- `face_texture` (F,), the number N of each face's texture
+- `about`, further properties as JSON
+- in an answer, `number` (V,) and `boundary` and `nonmanifold` (n, 2): edges as pairs of `number` values
 """
 
 from __future__ import annotations
@@ -32,14 +37,14 @@ from msb.topology.elements import find_elements
 from msb.topology.seams import find_seams
 
 Arrays = dict[str, NDArray[Any]]
+# The counts of an audit that the panel shows.
 COUNTS = ("vertices", "faces", "components", "boundary_edges", "nonmanifold_edges")
-"""The counts of an audit that the panel shows."""
 
 
 def read(path: str) -> tuple[Arrays, dict[str, Any]]:
-    """Return the standard-tier mesh of what lies at `path`, with its audit."""
+    """Return the standard-tier mesh of the model at `path`, with its audit."""
     asset = msb.open(path)
-    mesh, up = mesh_from_asset(asset), up_axis(asset)  # that of the mesh may be None: not known
+    mesh, up = mesh_from_asset(asset), up_axis(asset)  # `mesh.up` may be unknown (None)
     arrays: Arrays = {"vertices": mesh.vertices, "faces": mesh.faces}
     about: dict[str, Any] = {"method": asset.manifest.method, "up": mesh.up, "bytes": False}
     about["turn"] = turned(np.eye(3), up, "+z").T.tolist()
@@ -66,13 +71,14 @@ def read(path: str) -> tuple[Arrays, dict[str, Any]]:
             arrays["face_texture"] = mesh.face_textures
         for number, image in enumerate(mesh.textures):
             arrays[f"texture.{number}"] = decoded(image[::-1])
-    return audited(asset_from_mesh(mesh), arrays, about)
+    return audit(asset_from_mesh(mesh), arrays, about)
 
 
-def audited(asset: msb.Asset, arrays: Arrays, about: dict[str, Any]) -> tuple[Arrays, dict[str, Any]]:
-    """Return `arrays` and `about` with the verdict on `asset`, and the counts and edges of what it judges.
+def audit(asset: msb.Asset, arrays: Arrays, about: dict[str, Any]) -> tuple[Arrays, dict[str, Any]]:
+    """Return `arrays` and `about` with the audit of `asset` added: verdict, counts and marked edges.
 
-    That is the mesh without its seams, where the vertex v of the file is `number` (V,)[v].
+    The verdict is about the mesh without seams (vertices at the same position are merged). `number` (V,) has
+    the vertex of that mesh for each vertex of the file.
     """
     mesh = stored_mesh(asset)
     report, analysis = audit_stored(mesh)
@@ -80,17 +86,17 @@ def audited(asset: msb.Asset, arrays: Arrays, about: dict[str, Any]) -> tuple[Ar
     if report.seams and (seams := find_seams(mesh.vertices, mesh.faces, mesh.attributes)):
         arrays["number"] = seams.number
         _, analysis = audit_arrays(mesh.vertices[seams.first], seams.merged(mesh.faces))
-    judged = report.without_seams or report
-    counts = {name: getattr(judged.counts, name) for name in COUNTS}
+    merged = report.without_seams or report
+    counts = {name: getattr(merged.counts, name) for name in COUNTS}
     about["audit"] = {"level": report.verdict, "sentence": report.sentence, "counts": counts}
-    found = {group.kind: group.vertices for group in find_elements(analysis).groups}
+    elements = {group.kind: group.vertices for group in find_elements(analysis).groups}
     for name in ("boundary", "nonmanifold"):
-        arrays[name] = np.asarray(found.get(f"{name}_edges", np.zeros((0, 2))), np.int64)
+        arrays[name] = np.asarray(elements.get(f"{name}_edges", np.zeros((0, 2))), np.int64)
     return arrays, about
 
 
-def made(path: str) -> tuple[msb.Asset, Arrays, dict[str, Any]]:
-    """Return the mesh that Blender wrote to `path` as an asset, and what it was made of."""
+def read_mesh_arrays(path: str) -> tuple[msb.Asset, Arrays, dict[str, Any]]:
+    """Return the mesh that Blender wrote to `path`: as an asset, and its arrays and properties."""
     with np.load(path) as file:
         arrays = dict(file)
     about = json.loads(str(arrays.pop("about")))
@@ -100,7 +106,7 @@ def made(path: str) -> tuple[msb.Asset, Arrays, dict[str, Any]]:
         mesh = replace(
             mesh,
             corner_uvs=np.float32([0, 1]) + np.float32([1, -1]) * arrays["uvs"],
-            textures=tuple(texels(arrays[name][::-1]) for name in names),
+            textures=tuple(as_texture(arrays[name][::-1]) for name in names),
             face_textures=arrays["face_texture"] if len(names) > 1 else None,
             sampler=Sampler.of(about["sampler"]) if "sampler" in about else Sampler(),
         )
@@ -108,18 +114,18 @@ def made(path: str) -> tuple[msb.Asset, Arrays, dict[str, Any]]:
         colors = arrays["colors"] if (arrays["colors"][:, 3] < 1).any() else arrays["colors"][:, :3]
         if names:
             colors = np.c_[linear_to_srgb(colors[:, :3]), colors[:, 3:]]
-        mesh = colored(mesh, np.round(255 * colors).astype(np.uint8) if about["bytes"] else colors)
+        mesh = with_colors(mesh, np.round(255 * colors).astype(np.uint8) if about["bytes"] else colors)
     return asset_from_mesh(mesh), arrays, about
 
 
-def texels(image: NDArray[Any]) -> NDArray[np.uint8]:
-    """Return `image`, linear light as floats or sRGB as bytes, as bytes; full alpha is left out."""
+def as_texture(image: NDArray[Any]) -> NDArray[np.uint8]:
+    """Return an image, linear light as floats or sRGB as bytes, as sRGB bytes; without alpha if it is 1."""
     values = image if image.dtype == np.uint8 else encoded(np.clip(image, 0, 1), 4)
     return np.ascontiguousarray(values if (values[..., 3] < 255).any() else values[..., :3])
 
 
-def colored(mesh: Mesh, colors: NDArray[Any]) -> Mesh:
-    """Return `mesh` with `colors` (3F, 3 | 4) of its corners; vertices are doubled where they differ."""
+def with_colors(mesh: Mesh, colors: NDArray[Any]) -> Mesh:
+    """Return `mesh` with corner colours (3F, 3 or 4); vertices whose corners differ are duplicated."""
     corners = mesh.faces.reshape(-1)
     at_vertices = np.zeros((len(mesh.vertices), colors.shape[1]), colors.dtype)
     at_vertices[corners] = colors
@@ -129,11 +135,11 @@ def colored(mesh: Mesh, colors: NDArray[Any]) -> Mesh:
 
 
 def main(verb: str, source: str, target: str) -> None:
-    """Do what `verb` says."""
+    """Read, audit or save a model."""
     if verb == "save":
-        msb.save(made(source)[0], target, overwrite=True)
+        msb.save(read_mesh_arrays(source)[0], target, overwrite=True)
         return
-    arrays, about = read(source) if verb == "read" else audited(*made(source))
+    arrays, about = read(source) if verb == "read" else audit(*read_mesh_arrays(source))
     with Path(target).open("wb") as file:
         np.savez(file, about=np.array(json.dumps(about)), **arrays)
 

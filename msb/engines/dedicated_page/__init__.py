@@ -1,9 +1,9 @@
-"""The page that shows the dedicated tier in a browser's WebGPU: `msb web --tier dedicated`.
+"""The page that draws the dedicated tier with a browser's WebGPU: `msb web --tier dedicated`.
 
-- `stored`: arrays as they lie in the page, compressed, and back.
-- `smaller`: assets of fewer bytes: rounded values, and only the faces that contribute most.
-- `page`: the page itself.
-- `measure`: what a headless browser draws of a page, against the reference images in it.
+- `storage`: compresses arrays for the page and restores them.
+- `reduction`: makes assets smaller by rounding values and by keeping only the faces that contribute most.
+- `page`: creates and reads the page.
+- `measurement`: compares the output of a headless browser with the reference images in the page.
 
-The scripts lie in msb/engines/web.
+The scripts of the page are in msb/engines/web.
 """

@@ -1,73 +1,68 @@
-"""The page of the dedicated tier: an asset and the plan of its frames in one file, and what is read back."""
-
-from __future__ import annotations
+"""The page of the dedicated tier: an HTML file with an asset and the plans of its frames."""
 
 import base64
 import math
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from msb.asset import Asset
 from msb.asset.look import colors_of, shown_faces
 from msb.asset.settings import effective_settings
 from msb.asset.strict_json import parse_strict_json
 from msb.base.files import read_file
-from msb.engines.dedicated_page.stored import restore, store
-from msb.engines.hardware.packing import VIEW, model_of, pack
-from msb.engines.hardware.plan import Limits
+from msb.engines.dedicated_page.storage import restore, store
+from msb.engines.hardware.packing import VIEW, Packed, make_native_model, pack
+from msb.engines.hardware.plan import Limits, Plan
 from msb.engines.hardware.program import make_plan
-from msb.engines.webpage import camera_data, filled, scene_data
+from msb.engines.webpage import camera_data, fill_template, scene_data
 from msb.errors import DeviceError, InputError, MsbError
-from msb.registry import lookup
-
-if TYPE_CHECKING:
-    from msb.asset import Asset
-    from msb.engines.hardware.packing import Packed
-    from msb.engines.hardware.plan import Plan
-    from msb.registry import Order, Sampling
-    from msb.render.splat.model import Model
-    from msb.render.surface import Surface
-    from msb.scenes import Camera
-
-    Color = tuple[float, float, float]
+from msb.registry import Order, Sampling, lookup
+from msb.render.splat.model import Model
+from msb.render.surface import Surface
+from msb.scenes import Camera
+from msb.scenes.colors import Color
 
 SCRIPTS = (
     *("camera.js", "page.js", "hands.js", "store.js", "dedicated.js"),
-    *("official.js", "faithful.js", "start.js"),
+    *("native.js", "quality.js", "start.js"),
 )
-# What every device with WebGPU takes.
+# The limits that WebGPU guarantees on every device.
 _GUARANTEED = Limits(binding=1 << 27, buffer=1 << 28, side=8192)
-# What most graphics cards of computers take; the page asks for what it needs, and says so if it cannot.
+# Limits of most desktop graphics cards. The page requests the limits it needs and reports if a device has
+# less.
 _LARGER = Limits(binding=1 << 30, buffer=1 << 31, side=8192)
-# Chunks in which faces are blended: fewer than in the renderer, because each one reads all samples.
+# Number of chunks for blending (see `program.STOPS`). It is lower than in the renderer, because the pass
+# before each chunk reads all samples, which is slow in browsers.
 STOPS = 8
-# Orders and samplings that a page offers.
+# The combinations of order and sampling that a page offers.
 MODES: tuple[tuple[Order, Sampling], ...] = (
     *(("tile", "official"), ("global", "official"), ("none", "official")),
-    *(("tile", "engine"), ("none", "engine")),  # an engine has no tiles: "global" is "tile"
+    *(("tile", "engine"), ("none", "engine")),  # engines have no tiles, so "global" equals "tile"
 )
+# NumPy kind of a member of the camera record -> its WGSL type.
 _TYPES = {"f": "f32", "i": "i32", "u": "u32"}
-# Base64 letters of an element.
+# Maximum number of base64 letters in an HTML element.
 _LETTERS = 1 << 23
-# Bytes of all images of test views together that are read.
-_MOST_OF_TESTS = 1 << 30
+# Maximum total size in bytes of the test images that are read from a page.
+_MAX_TEST_BYTES = 1 << 30
 _ARRAY = re.compile(rb'<script type="text/plain" data-array="([^"]*)">([^<]*)</script>')
 _SCENE = re.compile(rb'<script type="application/json" id="scene">(.*?)</script>', re.DOTALL)
 
 
-def json_psnr(value: float) -> float | None:
-    """Return a PSNR as JSON has it: None if the images are equal."""
+def psnr_to_json(value: float) -> float | None:
+    """Return a PSNR for JSON: None stands for equal images."""
     return None if math.isinf(value) else value
 
 
 @dataclass(frozen=True)
 class CheckView:
-    """A view by which a page is measured: what it should show, (H, W, 3) uint8."""
+    """A test view of a page, with its expected image (H, W, 3) uint8."""
 
     camera: Camera
     background: Color
@@ -76,18 +71,18 @@ class CheckView:
 
 @dataclass(frozen=True)
 class Cost:
-    """What making a page smaller took: what was done, and the worst PSNR in dB to what was there before."""
+    """A reduction of the asset, in words, and the lowest PSNR in dB to the images before it."""
 
     what: str
     psnr: float
 
 
 @dataclass(frozen=True)
-class BakedLook:
-    """A plain asset that was baked of the model, as GLB with colours as stored, where the model is.
+class BakedMesh:
+    """A mesh baked from the model, as GLB in the coordinates of the model, with stored colours.
 
-    `psnr` is its mean dB to the test views with one sample a pixel, `plain` that of the standard tier, if
-    there is one.
+    `psnr` is its average PSNR in dB on the test views, with one sample per pixel. `plain` is the
+    PSNR of the model's standard-tier mesh, or None without such a mesh.
     """
 
     glb: bytes
@@ -97,23 +92,67 @@ class BakedLook:
 
 @dataclass
 class DedicatedPage:
-    """Everything that goes into a page: its JSON, and the elements that hold arrays.
+    """The content of a page: its scene (JSON data), its arrays (HTML elements) and a baked mesh.
 
-    `encoded` may be called again when the page has been measured, which `record` puts into the scene.
+    The page is encoded again after `record` has added a measurement.
     """
 
     scene: dict[str, Any]
     arrays: str = field(repr=False)
     glb: bytes = field(default=b"", repr=False)
 
-    def encoded(self) -> bytes:
-        """Return the file."""
+    def to_bytes(self) -> bytes:
+        """Return the HTML file."""
         encoded = base64.b64encode(self.glb).decode("ascii")
-        return filled(self.scene, SCRIPTS, glb=encoded, arrays=self.arrays)
+        return fill_template(self.scene, SCRIPTS, glb=encoded, arrays=self.arrays)
 
     def record(self, by: str, psnr: Sequence[float]) -> None:
-        """Note the PSNR of the page's pixels to each test view, in dB, and who drew them."""
-        self.scene["dedicated"]["measured"] = {"by": by, "psnr": list(map(json_psnr, psnr))}
+        """Add a measurement: the PSNR in dB of each test view, and the browser that drew them."""
+        self.scene["dedicated"]["measured"] = {"by": by, "psnr": list(map(psnr_to_json, psnr))}
+
+
+class _Arrays:
+    """The compressed arrays of a page: name -> head and zlib stream."""
+
+    def __init__(self) -> None:
+        self.entries: dict[str, tuple[dict[str, Any], bytes]] = {}
+
+    def add(self, name: str, array: NDArray[Any]) -> str:
+        """Compress an array and return its name."""
+        stored = store(array)
+        self.entries[name] = stored.head, stored.data
+        return name
+
+    def add_positions(self, asset: Asset, packed: Packed) -> None:
+        """Add the stored positions; add the plan's positions as a shrunk copy of them if that is exact.
+
+        2DTS shrinks triangles about their centroids. The shrunk positions do not lie on the grid of rounded
+        positions, so storing the factor instead takes much less space.
+        """
+        stored = np.asarray(asset.buffers["positions"], np.float32)
+        plan_positions = packed.arrays["positions"]
+        if np.array_equal(stored, plan_positions):
+            self.add("positions", plan_positions)
+            return
+        may_be_shrunk = packed.soup and stored.shape == plan_positions.shape
+        factor = _shrink_factor(stored, plan_positions) if may_be_shrunk else None
+        if factor is None:
+            self.add("positions", plan_positions)
+            if len(stored) != len(plan_positions):  # the asset shares vertices that the plan duplicates
+                return
+        self.add("stored positions", stored)
+        if factor is not None:
+            self.entries["positions"] = {"shrunk": {"of": "stored positions", "factor": factor}}, b""
+
+    def to_html(self) -> str:
+        """Return HTML elements with the streams in base64; long streams are split between elements."""
+        elements = []
+        size = _LETTERS // 4 * 3
+        for name, (_, data) in self.entries.items():
+            for start in range(0, len(data), size):
+                text = base64.b64encode(data[start : start + size]).decode("ascii")
+                elements.append(f'<script type="text/plain" data-array="{name}">{text}</script>')
+        return "\n".join(elements)
 
 
 def make_page(
@@ -128,54 +167,69 @@ def make_page(
     against: str = "the reference renderer",
     costs: Sequence[Cost] = (),
     all_faces: int | None = None,
-    baked: BakedLook | None = None,
-    told: Callable[[str], None] = lambda _: None,
+    baked: BakedMesh | None = None,
 ) -> DedicatedPage:
-    """Return the page of an asset, turned about the axis `up`, with `cameras` to choose from.
+    """Return the page of an asset.
 
-    It is measured by `tests`, whose images were made by `against`. `costs` are what making the asset smaller
-    has cost, `all_faces` those of the whole model. What was `baked` of it is a look of its own. `told` is
-    called with what is being done.
+    Parameters
+    ----------
+    asset : Asset
+        The asset; it may be reduced.
+    name, cameras, up, background
+        As for `webpage.scene_data`.
+    settings : mapping
+        Settings that replace those stored in the asset.
+    tests, against
+        The test views, and the renderer or source of their images in words.
+    costs : sequence of Cost
+        The losses of the reductions of the asset.
+    all_faces : int, optional
+        Number of faces before the reductions.
+    baked : BakedMesh, optional
+        A baked mesh to show beside the model.
+
+    Raises
+    ------
+    Unsupported
+        UNSUPPORTED_TIER: the method has no WGSL.
+    DeviceError
+        DEVICE_MEMORY: the asset is too large for WebGPU.
     """
+    # Prefer a plan for all devices; larger assets need the limits of a graphics card.
     packed = pack(asset, settings)
     try:
         limits = _GUARANTEED
-        plans = _plans(packed, limits, "every browser")
+        plans = _make_plans(packed, limits, "every browser")
     except DeviceError:
         limits = _LARGER
-        plans = _plans(packed, limits, "WebGPU on most graphics cards")
-    kept: dict[str, tuple[dict[str, Any], bytes]] = {}
-
-    def keep(array_name: str, array: NDArray[Any], **more: Any) -> str:
-        told(f"compressing {array_name}")
-        stored = store(array)
-        kept[array_name] = {**stored.head, **more}, stored.data
-        return array_name
-
-    plan = plans[MODES[0]]
-    for array_name, array in plan.data.items():
+        plans = _make_plans(packed, limits, "WebGPU on most graphics cards")
+    # Store the arrays of the first plan. The other plans refer to them and add arrays that differ.
+    arrays = _Arrays()
+    first = plans[MODES[0]]
+    for array_name, array in first.data.items():
         if array_name == "positions":
-            _keep_positions(asset, packed, keep, kept)
+            arrays.add_positions(asset, packed)
         else:
-            keep(array_name, array)
+            arrays.add(array_name, array)
     modules: list[str] = []
     records = []
-    for (order, sampling), other in plans.items():
-        arrays = {}
-        for buffer, array in other.data.items():
-            same = buffer in plan.data and np.array_equal(array, plan.data[buffer])
-            arrays[buffer] = buffer if same else keep(f"{buffer}, {order}, {sampling}", array)
-        record = other.record()
+    for (order, sampling), plan in plans.items():
+        names = {}
+        for buffer, array in plan.data.items():
+            same = buffer in first.data and np.array_equal(array, first.data[buffer])
+            names[buffer] = buffer if same else arrays.add(f"{buffer}, {order}, {sampling}", array)
+        # Modules are shared by text: a record has their numbers in the list `modules`.
+        record = plan.record()
         modules += [text for text in record["modules"].values() if text not in modules]
         record["modules"] = {key: modules.index(text) for key, text in record["modules"].items()}
-        records.append({"order": order, "sampling": sampling, "arrays": arrays, **record})
-    buffers = [entry for other in plans.values() for entry in other.buffers.values()]
+        records.append({"order": order, "sampling": sampling, "arrays": names, **record})
+    buffers = [entry for plan in plans.values() for entry in plan.buffers.values()]
     values = effective_settings(asset.manifest, settings)
-    standard = _standard(asset, packed, values, keep, kept)
-    listed = []
+    standard = _describe_standard_mesh(asset, packed, values, arrays)
+    test_entries = []
     for k, test in enumerate(tests):
-        image = keep(f"test {k}", test.image.reshape(-1, 3))
-        listed.append(
+        image = arrays.add(f"test {k}", test.image.reshape(-1, 3))
+        test_entries.append(
             {
                 "name": test.camera.name or str(k),
                 "view": camera_data(test.camera),
@@ -190,41 +244,43 @@ def make_page(
         "all_faces": all_faces or packed.faces,
         "plans": records,
         "modules": modules,
-        "view": _camera_record(packed),
+        "view": _describe_record(packed),
         "settings": _live_settings(asset, settings, packed.model),
         "needs": {
-            "maxStorageBufferBindingSize": _needed(buffers, limits.binding, _GUARANTEED.binding),
-            "maxBufferSize": _needed(buffers, limits.buffer, _GUARANTEED.buffer),
+            "maxStorageBufferBindingSize": _required_limit(buffers, limits.binding, _GUARANTEED.binding),
+            "maxBufferSize": _required_limit(buffers, limits.buffer, _GUARANTEED.buffer),
         },
-        "arrays": {key: head for key, (head, _) in kept.items()},
+        "arrays": {key: head for key, (head, _) in arrays.entries.items()},
         "standard": standard,
-        "sphere": _seen_sphere(asset),
-        "tests": listed,
+        "sphere": _orbit_sphere(asset),
+        "tests": test_entries,
         "against": against,
         "measured": None,
-        "costs": [{"what": cost.what, "psnr": json_psnr(cost.psnr)} for cost in costs],
+        "costs": [{"what": cost.what, "psnr": psnr_to_json(cost.psnr)} for cost in costs],
         "baked": None if baked is None else {"psnr": baked.psnr, "plain": baked.plain},
     }
-    elements = "\n".join(_elements((key, data) for key, (_, data) in kept.items()))
-    return DedicatedPage(scene, elements, b"" if baked is None else baked.glb)
+    return DedicatedPage(scene, arrays.to_html(), b"" if baked is None else baked.glb)
 
 
-def _plans(packed: Packed, limits: Limits, name: str) -> dict[tuple[Order, Sampling], Plan]:
-    """Return (order, sampling) -> the plan of a frame, the official one first; equal ones are left out."""
+def _make_plans(packed: Packed, limits: Limits, name: str) -> dict[tuple[Order, Sampling], Plan]:
+    """Return the plan of each mode of `MODES`, the official mode first.
+
+    Models drawn with a z-buffer have only the modes of order "tile", because orders make no difference there.
+    """
     plans = {}
     for order, sampling in MODES:
-        if packed.surface is None or order == "tile":  # a z-buffer has no order
+        if packed.surface is None or order == "tile":
             plans[order, sampling] = make_plan(
                 packed, limits, name, order=order, sampling=sampling, stops=STOPS, depth=False
             )
     return plans
 
 
-def _camera_record(packed: Packed) -> dict[str, Any]:
-    """Return what the camera record is filled with, and where.
+def _describe_record(packed: Packed) -> dict[str, Any]:
+    """Return the layout of the camera record, which the page fills for each frame.
 
-    `members` has name, type, count and byte offset of each member, the method's own last, whose values are
-    `own`; `near` and `far` are the planes of the official projection.
+    `members` has the name, type, number of values and byte offset of each member; the members of the
+    method come last, and `own` has their values. `near` and `far` are the planes of the official projection.
     """
     model = packed.model
     members: list[list[Any]] = []
@@ -247,9 +303,10 @@ def _camera_record(packed: Packed) -> dict[str, Any]:
 
 
 def _live_settings(asset: Asset, settings: Mapping[str, Any], model: Model | Surface) -> list[dict[str, Any]]:
-    """Return the settings of the method that change nothing but the camera record.
+    """Return the settings of the method that affect only the camera record, so the page can change them.
 
-    Each has its `name`, its `value` and `options`: a value, and the record's members with it.
+    Each entry has `name`, the current `value` and `options`: possible values with their members of the
+    record.
     """
     live = []
     values = effective_settings(asset.manifest, settings)
@@ -258,10 +315,10 @@ def _live_settings(asset: Asset, settings: Mapping[str, Any], model: Model | Sur
         options = []
         for choice in choices:
             try:
-                other = model_of(asset, {**values, name: choice})
+                other = make_native_model(asset, {**values, name: choice})
             except MsbError:
                 break
-            if not _alike(model, other):
+            if not _differ_in_record_only(model, other):
                 break
             options.append({"value": choice, "own": {key: value.item() for key, value in other.own.items()}})
         if len(options) == len(choices) > 1:
@@ -269,26 +326,28 @@ def _live_settings(asset: Asset, settings: Mapping[str, Any], model: Model | Sur
     return live
 
 
-def _alike(model: Model | Surface, other: Model | Surface) -> bool:
-    """Return whether two models differ in the method's own members of the record at most."""
-    for name, one in vars(model).items():
-        two = getattr(other, name)
+def _differ_in_record_only(model: Model | Surface, other: Model | Surface) -> bool:
+    """Return whether two models differ at most in the values of the method's members of the camera record."""
+    for name, value in vars(model).items():
+        second = getattr(other, name)
         if name == "projection":
-            continue  # the page computes it, of the camera and `own`
+            continue  # the page computes the projection from the camera and `own`
         if name == "own":
-            one, two = set(one), set(two)
-        if not (np.array_equal(one, two) if isinstance(one, np.ndarray) else one == two):
+            value, second = set(value), set(second)
+        if not (np.array_equal(value, second) if isinstance(value, np.ndarray) else value == second):
             return False
     return True
 
 
-def _seen_sphere(asset: Asset) -> dict[str, Any]:
-    """Return what a free camera looks at: the bounding sphere, or less where a few faces are far away.
+def _orbit_sphere(asset: Asset) -> dict[str, Any]:
+    """Return the sphere that a free camera orbits: the bounding sphere, or a smaller one if mostly empty.
 
-    A capture has such faces, and to turn about the middle of their box would turn it out of view.
+    In captures a few faces are far away. Orbiting the centre of their bounding box would lose sight of the
+    model.
     """
     whole = asset.manifest.bounding_sphere
     positions = np.asarray(asset.buffers["positions"][:: max(1, asset.manifest.vertex_count // 100_000)])
+    # The sphere about the median that contains 90 % of the (sampled) vertices.
     middle = np.median(positions, axis=0)
     radius = float(np.quantile(np.linalg.norm(positions - middle, axis=1), 0.9))
     if whole.radius < 3 * radius:
@@ -296,118 +355,97 @@ def _seen_sphere(asset: Asset) -> dict[str, Any]:
     return {"center": middle.tolist(), "radius": radius}
 
 
-def _needed(buffers: Iterable[tuple[int, tuple[str, ...]]], most: int, guaranteed: int) -> int:
-    """Return the limit that a page asks for."""
-    return min(most, max(guaranteed, *(size for size, _ in buffers)))
+def _required_limit(buffers: Iterable[tuple[int, tuple[str, ...]]], maximum: int, guaranteed: int) -> int:
+    """Return the device limit that the page requests: the largest buffer, between the two bounds."""
+    return min(maximum, max(guaranteed, *(size for size, _ in buffers)))
 
 
-def _keep_positions(
-    asset: Asset,
-    packed: Packed,
-    keep: Callable[..., str],
-    kept: dict[str, tuple[dict[str, Any], bytes]],
-) -> None:
-    """Keep the positions as stored, and those of the plan as what makes them of these, if that is exact.
+def _shrink_factor(stored: NDArray[np.float32], plan_positions: NDArray[np.float32]) -> float | None:
+    """Return the float32 factor by which triangles were shrunk about their centroids, or None.
 
-    2DTS shrinks its triangles about their centroids, after which they no longer lie on the grid that
-    rounded positions have.
+    Both arrays (3F, 3) have the three corners of each triangle in consecutive rows.
     """
-    whole, drawn = np.asarray(asset.buffers["positions"], np.float32), packed.arrays["positions"]
-    if np.array_equal(whole, drawn):
-        keep("positions", drawn)
-        return
-    factor = _shrink_factor(whole, drawn) if packed.soup and whole.shape == drawn.shape else None
-    if factor is None:
-        keep("positions", drawn)
-        if len(whole) != len(drawn):  # the corners of a soup, whose faces share rows as stored
-            return
-    keep("stored positions", whole)
-    if factor is not None:
-        kept["positions"] = {"shrunk": {"of": "stored positions", "factor": factor}}, b""
-
-
-def _shrink_factor(whole: NDArray[np.float32], drawn: NDArray[np.float32]) -> float | None:
-    """Return by what float32 all triangles, rows of three corners, were shrunk; None if by none."""
-    triangles, others = whole.reshape(-1, 3, 3), drawn.reshape(-1, 3, 3)
+    triangles, shrunk = stored.reshape(-1, 3, 3), plan_positions.reshape(-1, 3, 3)
     center = ((triangles[:, 0] + triangles[:, 1] + triangles[:, 2]) / np.float32(3))[:, None]
-    arms = triangles - center
+    arms = triangles - center  # from the centroids to the corners
     largest = np.unravel_index(np.abs(arms).argmax(), arms.shape)
     if arms[largest] == 0:
         return None
-    guess = np.float32((others - center)[largest] / arms[largest])
+    # Estimate the factor from the longest arm, then try its float32 neighbours, the nearest first.
+    guess = np.float32((shrunk - center)[largest] / arms[largest])
     near = guess + np.arange(-64, 65) * np.spacing(guess)
-    for factor in sorted(near.astype(np.float32), key=lambda one: abs(float(one) - float(guess))):
-        few = slice(0, 64)
-        if np.array_equal(arms[few] * factor + center[few], others[few]) and np.array_equal(
-            arms * factor + center, others
+    sample = slice(0, 64)  # triangles that are tested before all others
+    for factor in sorted(near.astype(np.float32), key=lambda value: abs(float(value) - float(guess))):
+        if np.array_equal(arms[sample] * factor + center[sample], shrunk[sample]) and np.array_equal(
+            arms * factor + center, shrunk
         ):
             return float(factor)
     return None
 
 
-def _standard(
-    asset: Asset,
-    packed: Packed,
-    values: Mapping[str, Any],
-    keep: Callable[..., str],
-    kept: Mapping[str, Any],
+def _describe_standard_mesh(
+    asset: Asset, packed: Packed, values: Mapping[str, Any], arrays: _Arrays
 ) -> dict[str, Any]:
-    """Return which arrays are the mesh of the standard tier, in grey if the method has no static colour."""
+    """Return the description of the standard-tier mesh: the names of its arrays.
+
+    The mesh is drawn in `grey` if the method has no static colours. The array `shown` marks selected faces,
+    if not all are.
+    """
     grey = not lookup(asset.manifest.method).supports("standard")
     numbers = None if grey else shown_faces(asset, values.get("ste_threshold"))
-    shown = None
+    selected = None
     if numbers is not None:
         mask = np.zeros(packed.faces, np.uint8)
         mask[numbers] = 1
-        shown = keep("shown faces", mask)
+        selected = arrays.add("shown faces", mask)
     return {
-        "positions": "stored positions" if "stored positions" in kept else "positions",
+        "positions": "stored positions" if "stored positions" in arrays.entries else "positions",
         "indices": None if packed.soup else "indices",
         "colors": "f_dc" if "f_dc" in packed.arrays and colors_of(asset) is not None else None,
-        "shown": shown,
+        "shown": selected,
         "soup": packed.soup,
         "grey": grey,
     }
 
 
-def _elements(arrays: Iterable[tuple[str, bytes]]) -> Iterable[str]:
-    """Yield elements with the base64 of arrays, whole groups of four letters in each."""
-    for name, data in arrays:
-        for start in range(0, len(data), _LETTERS // 4 * 3):
-            text = base64.b64encode(data[start : start + _LETTERS // 4 * 3]).decode("ascii")
-            yield f'<script type="text/plain" data-array="{name}">{text}</script>'
-
-
 def read_page(path: Path) -> tuple[bytes, dict[str, Any], list[NDArray[np.uint8]]]:
-    """Return the bytes of a page, its scene, and the images of its test views, (H, W, 3)."""
+    """Return the bytes of a page, its scene, and the expected images of its test views, each (H, W, 3).
+
+    Raises
+    ------
+    InputError
+        FILE_NOT_RECOGNISED: the file is not a page of the dedicated tier.
+    """
     data = read_file(path)
     try:
         element = _SCENE.search(data)
         text = element[1] if element else b""
         scene = parse_strict_json(text, file=path, name="the scene", max_bytes=len(text))
-        images = _test_images(data, scene["dedicated"])
+        images = _read_test_images(data, scene["dedicated"])
     except Exception as error:
-        text = "it is no page that msb web --tier dedicated wrote"
+        text = "this is not a page written by msb web --tier dedicated"
         raise InputError("FILE_NOT_RECOGNISED", text, file=path) from error
     return data, scene, images
 
 
-def _test_images(page: bytes, about: Mapping[str, Any]) -> list[NDArray[np.uint8]]:
-    shapes = [(test["view"]["height"], test["view"]["width"], 3) for test in about["tests"]]
+def _read_test_images(page: bytes, content: Mapping[str, Any]) -> list[NDArray[np.uint8]]:
+    """Return the images of the test views; ValueError if they do not match the description."""
+    shapes = [(test["view"]["height"], test["view"]["width"], 3) for test in content["tests"]]
     if not all(type(side) is int and side > 0 for shape in shapes for side in shape):
-        raise ValueError("a test view without pixels")
+        raise ValueError("a test view has no pixels")
     sizes = [math.prod(shape) for shape in shapes]
-    if sum(sizes) > _MOST_OF_TESTS:  # a few bytes of zlib can stand for a thousand times as many
-        raise ValueError(f"test views of {sum(sizes)} bytes")
-    streams = {test["image"]: b"" for test in about["tests"]}
+    if sum(sizes) > _MAX_TEST_BYTES:  # a short stream can inflate to a huge image
+        raise ValueError(f"the test views have {sum(sizes)} bytes")
+    # Join the streams, which may be split between elements.
+    streams = {test["image"]: b"" for test in content["tests"]}
     for part in _ARRAY.finditer(page):
         name = part[1].decode()
         if name in streams:
             streams[name] += base64.b64decode(part[2])
     images = []
-    for test, shape, size in zip(about["tests"], shapes, sizes, strict=True):
-        head = about["arrays"][test["image"]]
+    for test, shape, size in zip(content["tests"], shapes, sizes, strict=True):
+        head = content["arrays"][test["image"]]
         if (head["how"], head["type"], head["bytes"]) != ("plain", "uint8", size):
-            raise ValueError(f"an image of {size} bytes is {head}")
+            raise ValueError(f"an image of {size} bytes has the head {head}")
         images.append(restore(head, streams[test["image"]]).reshape(shape))
     return images

@@ -1,8 +1,9 @@
-"""The dedicated tier through an ordinary graphics pipeline: quads, blended by fixed hardware or z-buffered.
+"""The dedicated tier through an ordinary graphics pipeline: quads that are blended, or drawn with a z-buffer.
 
-- `packing`: an asset as arrays, and the camera record.
-- `plan`: the passes and buffers of a frame as plain data; `program` makes them, with their WGSL, of an asset.
-- `renderer`: runs that plan with wgpu-py. A page in a browser runs the same plan from JSON.
+- `packing`: converts an asset to arrays for the shaders, and a camera to its uniform buffer.
+- `plan`: describes the passes and buffers of a frame as plain data. `program` creates this plan for an asset.
+- `renderer`: executes a plan with wgpu-py. The browser page executes the same plan from JSON.
 
-The WGSL that methods share lies here; a method's own lies in its package, beside its OpenCL.
+The WGSL shared by all methods is in this folder. Each method has its own WGSL in its package, beside its
+OpenCL.
 """

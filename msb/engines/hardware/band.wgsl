@@ -1,6 +1,6 @@
-// The part of the frame that is drawn.
+// A rectangle of the frame.
 struct Band {
-    first: vec2<u32>, // pixel of the frame
-    size: vec2<u32>,  // pixels
-    output: u32,      // where its pixels begin, in floats
+    first: vec2<u32>, // first pixel in the frame
+    size: vec2<u32>,  // size in pixels
+    output: u32,      // offset of its pixels in the output, in floats
 }

@@ -1,9 +1,9 @@
-// Colours of faces or vertices by spherical harmonics.
+// Colours of faces or vertices from spherical harmonics.
 
-// max(0.5 + sum_k B_k(d) k_k, 0) with d = (p - c) / |p - c|, as all three methods evaluate it
+// Returns max(0.5 + sum_k B_k(d) k_k, 0) with d = (p - c) / |p - c|, as in all three methods
 // (GaodeRender/triangle-splatting: submodules/diff-triangle-rasterization-2D/src/forward.cu, and copies).
-// Coefficients of a row: red, green, blue of coefficient 1, then of 2, ... `row` counts from the beginning of
-// the bound part of f_rest.
+// A row of f_rest holds red, green, blue of coefficient 1, then of coefficient 2, and so on. `row` counts from the start
+// of the bound part of f_rest.
 fn term(start: u32, number: u32, basis: f32) -> vec3<f32> {
     let at = start + 3u * number - 3u;
     return basis * vec3<f32>(f_rest[at], f_rest[at + 1u], f_rest[at + 2u]);
@@ -39,6 +39,6 @@ fn color_of(first: vec3<f32>, row: u32, towards: vec3<f32>) -> vec3<f32> {
         sum += term(start, 15u, -0.5900435899266435 * d.x * (xx - 3.0 * yy));
     }
     sum += 0.5;
-    // Also where the direction is NaN.
+    // Also applies if the direction is NaN.
     return select(vec3<f32>(0.0), sum, sum > vec3<f32>(0.0));
 }

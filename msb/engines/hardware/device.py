@@ -1,4 +1,4 @@
-"""A plan on a device of wgpu-py: its buffers, pipelines and commands."""
+"""Execution of a plan with wgpu-py: buffers, pipelines and commands."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from msb.engines.hardware.plan import SLOT, Binding, Compute, Draws, Plan
+from msb.engines.hardware.plan import SLOT, Binding, ComputePass, DrawPass, Plan
 from msb.engines.webgpu_adapter import Gpu
 
+# Kind of a `Binding` -> its entry in a bind group layout.
 _LAYOUTS = {
     "uniform": {"buffer": {"type": "uniform"}},
     "read": {"buffer": {"type": "read-only-storage"}},
@@ -19,16 +20,16 @@ _LAYOUTS = {
     "numbers": {"texture": {"sample_type": "uint", "view_dimension": "2d"}},
     "store": {"storage_texture": {"format": "r32float", "access": "write-only", "view_dimension": "2d"}},
 }
-# The texture of depths, where a plan has one.
+# Name of the depth texture of a plan with a z-buffer.
 Z_BUFFER = "z-buffer"
 _DEPTH, _STORED = "depth32float", "r32float"
-# Red, green, blue, alpha and depth, float32.
+# Bytes of a pixel in the output buffer: red, green, blue, alpha and depth, float32.
 PIXEL_BYTES = 20
 
 
 @dataclass(frozen=True)
 class Band:
-    """A part of the frame, in pixels, and where its pixels begin in the buffer `pixels`, in bytes."""
+    """A rectangle of the frame in pixels; its pixels start at byte `offset` of the buffer `pixels`."""
 
     x: int
     y: int
@@ -37,8 +38,12 @@ class Band:
     offset: int
 
 
-def bands_of(width: int, height: int, scale: int, side: int, room: int) -> list[Band]:
-    """Return the bands of a frame, of at most `room` pixels each, and `side` samples along each axis."""
+def split_into_bands(width: int, height: int, scale: int, side: int, room: int) -> list[Band]:
+    """Return the bands that cover a frame of `width` x `height` pixels.
+
+    A band has at most `room` pixels, and at most `side` samples along each axis, at `scale` samples per
+    pixel.
+    """
     columns = min(width, side // scale, room)
     rows = max(min(height, side // scale, room // columns), 1)
     bands, offset = [], 0
@@ -51,12 +56,12 @@ def bands_of(width: int, height: int, scale: int, side: int, room: int) -> list[
 
 
 def pixel_bytes(bands: list[Band]) -> int:
-    """Return the bytes of the buffer in which the pixels of all bands lie."""
+    """Return the size in bytes of the buffer for the pixels of all bands."""
     return bands[-1].offset + PIXEL_BYTES * bands[-1].width * bands[-1].height
 
 
 class DevicePlan:
-    """Runs a plan."""
+    """A plan with its buffers and compiled pipelines on a device."""
 
     def __init__(self, gpu: Gpu, plan: Plan) -> None:
         self._gpu, self._plan, device = gpu, plan, gpu.device
@@ -65,21 +70,23 @@ class DevicePlan:
             gpu.buffer(name, size, *usages)
             if name in plan.data:
                 array = np.ascontiguousarray(plan.data[name])
-                device.queue.write_buffer(gpu.held[name], 0, array)
+                device.queue.write_buffer(gpu.resources[name], 0, array)
         self._steps = (*plan.passes, *plan.band_passes)
-        # Steps of one entry point and one layout share a pipeline: compiling takes long.
-        made: dict[Any, tuple[Any, Any]] = {}
-        self._made: list[tuple[Any, Any]] = []
+        # Steps with the same entry point and layout share a pipeline, because compiling is slow.
+        compiled: dict[Any, tuple[Any, Any]] = {}
+        # Bind group layout and pipeline of each step.
+        self._pipelines: list[tuple[Any, Any]] = []
         for step in self._steps:
             kinds = tuple((binding.number, binding.kind) for binding in step.bindings)
-            key = step.module, step.entry if isinstance(step, Compute) else "", kinds
-            if key not in made:
-                layout = self._layout(step.bindings)
-                made[key] = layout, self._pipeline(step, layout)
-            self._made.append(made[key])
+            key = step.module, step.entry if isinstance(step, ComputePass) else "", kinds
+            if key not in compiled:
+                layout = self._make_layout(step.bindings)
+                compiled[key] = layout, self._make_pipeline(step, layout)
+            self._pipelines.append(compiled[key])
+        # (Number of the step, number of the band) -> bind group.
         self._groups: dict[tuple[int, int], Any] = {}
 
-    def _layout(self, bindings: Iterable[Binding]) -> Any:
+    def _make_layout(self, bindings: Iterable[Binding]) -> Any:
         import wgpu
 
         stages = wgpu.ShaderStage
@@ -94,10 +101,10 @@ class DevicePlan:
         ]
         return self._gpu.device.create_bind_group_layout(entries=entries)
 
-    def _pipeline(self, step: Compute | Draws, layout: Any) -> Any:
+    def _make_pipeline(self, step: ComputePass | DrawPass, layout: Any) -> Any:
         module = self._modules[step.module]
         whole = self._gpu.device.create_pipeline_layout(bind_group_layouts=[layout])
-        if isinstance(step, Compute):
+        if isinstance(step, ComputePass):
             return self._gpu.device.create_compute_pipeline(
                 layout=whole, compute={"module": module, "entry_point": step.entry}
             )
@@ -130,57 +137,63 @@ class DevicePlan:
         )
 
     def set_bands(self, bands: list[Band]) -> None:
-        """Make targets and results for frames of these bands."""
+        """Create the textures and buffers for frames with these bands, whose first one is the largest."""
         self.bands = bands
         self._groups = {key: group for key, group in self._groups.items() if key[0] < len(self._plan.passes)}
+        # The uniform buffer has a slot for each band: x, y, width, height, first output value.
         rows = np.zeros((len(bands), SLOT // 4), np.uint32)
         for row, band in zip(rows, bands, strict=True):
             row[:5] = band.x, band.y, band.width, band.height, band.offset // 4
         gpu, scale, size = self._gpu, self._plan.scale, pixel_bytes(bands)
         gpu.buffer("bands", rows.nbytes, "uniform", "copy_dst")
-        gpu.device.queue.write_buffer(gpu.held["bands"], 0, rows)
+        gpu.device.queue.write_buffer(gpu.resources["bands"], 0, rows)
         gpu.buffer("pixels", size, "storage", "copy_src")
         gpu.buffer("pixels, read back", size, "copy_dst", "map_read")
         width, height = scale * bands[0].width, scale * bands[0].height
         for name, form in self._targets().items():
-            drawn_by = "storage_binding" if form == _STORED else "render_attachment"
-            gpu.texture(name, width, height, form, "texture_binding", drawn_by)
+            usage = "storage_binding" if form == _STORED else "render_attachment"
+            gpu.texture(name, width, height, form, "texture_binding", usage)
 
     def _targets(self) -> dict[str, str]:
-        """Return name -> format of what is drawn into."""
+        """Return name -> format of the textures that the passes of a band write."""
         formats: dict[str, str] = {}
         for step in self._plan.band_passes:
-            if isinstance(step, Draws):
+            if isinstance(step, DrawPass):
                 formats |= dict.fromkeys(step.targets, self._plan.format)
                 formats |= {Z_BUFFER: _DEPTH} if step.z_buffer else {}
             formats |= {binding.name: _STORED for binding in step.bindings if binding.kind == "store"}
         return formats
 
-    def _group(self, number: int, step: Compute | Draws, k: int) -> Any:
-        """Return the bind group of a step for band `k`."""
+    def _group(self, number: int, step: ComputePass | DrawPass, k: int) -> Any:
+        """Return the bind group of step `number` for band `k`."""
         if (number, k) not in self._groups:
             entries = [
                 {"binding": binding.number, "resource": self._resource(binding, k)}
                 for binding in step.bindings
             ]
-            layout, _ = self._made[number]
+            layout, _ = self._pipelines[number]
             self._groups[number, k] = self._gpu.device.create_bind_group(layout=layout, entries=entries)
         return self._groups[number, k]
 
     def _resource(self, binding: Binding, k: int) -> Any:
-        held = self._gpu.held[binding.name]
+        """Return the texture view, or the part of a buffer, for a binding in band `k`."""
+        resource = self._gpu.resources[binding.name]
         if binding.kind in ("texture", "numbers", "store"):
-            return held.create_view()
+            return resource.create_view()
         offset, size = binding.offset, binding.size
         if binding.name == "pixels":
             band = self.bands[k]
             offset, size = band.offset, PIXEL_BYTES * band.width * band.height
         elif binding.per_band:
             offset = SLOT * k
-        return {"buffer": held, "offset": offset, "size": held.size - offset if size is None else size}
+        return {
+            "buffer": resource,
+            "offset": offset,
+            "size": resource.size - offset if size is None else size,
+        }
 
     def stages(self) -> list[tuple[str, list[tuple[int, int]]]]:
-        """Return what a frame runs in order: a stage, and its steps by their number and their band."""
+        """Return the stages of a frame in order, each with its steps as (number, band)."""
         first = len(self._plan.passes)
         order = [(number, 0) for number in range(first)]
         order += [(number, k) for k in range(len(self.bands)) for number in range(first, len(self._steps))]
@@ -191,13 +204,15 @@ class DevicePlan:
     def encode(
         self, encoder: Any, steps: list[tuple[int, int]], timed: tuple[Any, int, int] | None = None
     ) -> None:
-        """Encode the steps of one entry of `stages`; `timed`: a set of queries, and those of its two ends.
+        """Encode the steps of one entry of `stages`.
 
-        Dispatches that follow each other are one pass of commands; a draw is one of its own.
+        `timed` is a query set and the numbers of the queries for the start and the end. Consecutive
+        dispatches share a compute pass; every draw step is a render pass.
         """
+        # Group the steps into passes.
         passes: list[list[tuple[int, int]]] = []
         for number, band in steps:
-            if not passes or Draws in (type(self._steps[number]), type(self._steps[passes[-1][0][0]])):
+            if not passes or DrawPass in (type(self._steps[number]), type(self._steps[passes[-1][0][0]])):
                 passes.append([])
             passes[-1].append((number, band))
         for k, part in enumerate(passes):
@@ -208,33 +223,33 @@ class DevicePlan:
                 stamps["end_of_pass_write_index"] = timed[2]
             options = {"timestamp_writes": {"query_set": timed[0], **stamps}} if timed and stamps else {}
             number, band = part[0]
-            drawn = self._steps[number]
-            if isinstance(drawn, Draws):
-                self._draw(encoder, number, drawn, band, options)
+            first = self._steps[number]
+            if isinstance(first, DrawPass):
+                self._draw(encoder, number, first, band, options)
                 continue
             computing = encoder.begin_compute_pass(**options)
             for number, band in part:
                 step = self._steps[number]
-                assert isinstance(step, Compute)
+                assert isinstance(step, ComputePass)
                 self._dispatch(computing, number, step, band)
             computing.end()
 
-    def _dispatch(self, computing: Any, number: int, step: Compute, k: int) -> None:
-        computing.set_pipeline(self._made[number][1])
+    def _dispatch(self, computing: Any, number: int, step: ComputePass, k: int) -> None:
+        computing.set_pipeline(self._pipelines[number][1])
         computing.set_bind_group(0, self._group(number, step, k))
         if step.indirect is not None:
-            computing.dispatch_workgroups_indirect(self._gpu.held["arguments"], step.indirect)
+            computing.dispatch_workgroups_indirect(self._gpu.resources["arguments"], step.indirect)
         elif step.groups is not None:
             computing.dispatch_workgroups(step.groups)
         else:
             band = self.bands[k]
             computing.dispatch_workgroups(-(-band.width // 64), band.height)
 
-    def _draw(self, encoder: Any, number: int, step: Draws, k: int, timed: dict[str, Any]) -> None:
+    def _draw(self, encoder: Any, number: int, step: DrawPass, k: int, timed: dict[str, Any]) -> None:
         band, scale = self.bands[k], self._plan.scale
         if step.z_buffer:
             timed["depth_stencil_attachment"] = {
-                "view": self._gpu.held[Z_BUFFER].create_view(),
+                "view": self._gpu.resources[Z_BUFFER].create_view(),
                 "depth_load_op": step.load,
                 "depth_store_op": "store",
                 "depth_clear_value": 1.0,
@@ -242,7 +257,7 @@ class DevicePlan:
         drawing = encoder.begin_render_pass(
             color_attachments=[
                 {
-                    "view": self._gpu.held[target].create_view(),
+                    "view": self._gpu.resources[target].create_view(),
                     "load_op": step.load,
                     "store_op": "store",
                     "clear_value": (0, 0, 0, self._plan.clear),
@@ -253,19 +268,19 @@ class DevicePlan:
         )
         drawing.set_viewport(0, 0, scale * band.width, scale * band.height, 0, 1)
         drawing.set_scissor_rect(0, 0, scale * band.width, scale * band.height)
-        drawing.set_pipeline(self._made[number][1])
+        drawing.set_pipeline(self._pipelines[number][1])
         drawing.set_bind_group(0, self._group(number, step, k))
         for records, offset in step.records:
-            drawing.set_vertex_buffer(0, self._gpu.held[records])
-            drawing.draw_indirect(self._gpu.held["arguments"], offset)
+            drawing.set_vertex_buffer(0, self._gpu.resources[records])
+            drawing.draw_indirect(self._gpu.resources["arguments"], offset)
         drawing.end()
 
     def read(self, name: str) -> NDArray[np.uint8]:
-        """Return the bytes of a buffer, by way of one that the host can map."""
-        buffer = self._gpu.held[name]
+        """Return the bytes of a buffer."""
+        buffer = self._gpu.resources[name]
         return np.frombuffer(self._gpu.device.queue.read_buffer(buffer), np.uint8)
 
     def close(self) -> None:
-        """Let go of everything that keeps the device from being released."""
-        for things in (self._groups, self._made, self._modules):
-            things.clear()
+        """Drop the references that would keep the device from being released."""
+        for references in (self._groups, self._pipelines, self._modules):
+            references.clear()

@@ -1,10 +1,10 @@
-// One quad for each drawn face: from front to back, blended by fixed hardware, or in the order of the asset, the
-// nearest kept by the z-buffer (Z_BUFFER). A method's file stands before this one: it defines `Face`, and
-// `cover`, or `place_of`, `number_of` and `outline`, which may draw less than the quad.
+// Draws a quad for each face: from front to back with blending, or (Z_BUFFER) in the order of the asset with a z-buffer.
+// The file of the method comes before this one. It defines `Face`, and either `cover`, or `place_of`, `number_of` and
+// `outline`, which may draw a smaller shape than the quad.
 //
-// The quad's corners are edges of samples, half a sample from any centre, so no rounding of the hardware's
-// changes which samples it has. `Face` comes as instance-stepped vertex attributes and goes on unchanged
-// (flat): no storage buffer is read here, so no limit of one holds.
+// The quad's corners lie on the borders between samples, half a sample from the nearest sample centre, so rounding in
+// the hardware does not change the set of samples. `Face` is passed as instance-stepped vertex attributes and reaches
+// the fragment stage unchanged (flat). No storage buffer is read here, so the limits of storage buffers do not matter.
 #include "band.wgsl"
 @group(0) @binding(1) var<uniform> band: Band;
 
@@ -30,7 +30,7 @@ BETWEEN_COPIES
 }
 
 #if Z_BUFFER
-// Of equal depths the face that is drawn first stays, which has the lower number.
+// At equal depths the face that is drawn first is kept; it has the lower number.
 struct Nearest {
     @builtin(frag_depth) depth: f32,
     @location(0) face: u32, // number + 1
@@ -53,27 +53,27 @@ fn nearest(between: Between) -> Nearest {
 }
 #else
 
-// The colour is premultiplied. The target's alpha holds 1 - T, not T: what is left is computed from one minus
-// it, and in half floats the steps near 0 are finer than those near 1, where most of a sample's faces are.
+// The colour is premultiplied. The target's alpha is 1 - T, where T is the transmittance, because half floats are more
+// precise near 0, where 1 - T is for the first faces of a sample.
 struct Targets {
     @location(0) image: vec4<f32>,
 #if DEPTH
-    @location(1) depth: vec4<f32>, // then the sum of weights, where samples stop
+    @location(1) depth: vec4<f32>, // depth * weight, weight, unused, coverage for stopping
 #endif
 }
 #if STOPS
 
-// The rule that stops a sample: a face that would take T below STOP is refused, and the sample sees no more.
-// Hardware cannot read T before it blends, so faces are drawn in chunks, and a fragment knows T at the start
-// of its chunk, which is at least the T that it meets: what it refuses is refused officially, too. What is
-// blended in its place is the background with alpha 1, which fills the sample: from then on all that hardware
-// blends there is multiplied by 0.
+// Stopping of samples: officially a face that would reduce the transmittance T below STOP is skipped, and the sample
+// is complete. Hardware cannot read T while it blends, so faces are drawn in chunks, and a fragment knows only T at the
+// start of its chunk. This value is at least the current T, so a face that is skipped here is skipped officially as
+// well. In its place the background is blended with alpha 1; it fills the sample, so hardware multiplies all later
+// faces of the sample by 0.
 @group(0) @binding(2) var covered: texture_2d<f32>; // 1 - T
 #endif
 
 @fragment
 fn blend(between: Between) -> Targets {
-    // Sample (i, j) has its centre at (i, j); hardware has it at (i + 0.5, j + 0.5) of this band.
+    // The centre of sample (i, j) is (i, j) in our coordinates, and (i + 0.5, j + 0.5) in the hardware's.
     let sample = floor(between.place.xy) + vec2<f32>(band.first * SCALE);
     let seen = cover(Face(FACE_VALUES), sample.x, sample.y);
     if (!(seen.alpha >= MIN_ALPHA)) {

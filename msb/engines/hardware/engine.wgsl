@@ -1,13 +1,13 @@
-// How a game engine samples triangles: by the rasterisation of graphics hardware (msb/reference/engine.py, whose
-// order of operations this is). Included by a method's file where ENGINE is set.
+// The sampling of triangles in game engines: the rasterisation rules of graphics hardware, with the order of operations
+// of msb/reference/engine.py. The file of a method includes this one if ENGINE is defined.
 //
-// The quad stays a quad: a sample is a fragment of the triangle where all three barycentric coordinates over
-// depth are positive. They are affine on the screen, as is 1 / depth, and behind the camera all three are
-// negative where the triangle is. So nothing has to be clipped, and no hardware's way of clipping, snapping
-// corners or breaking ties at edges enters.
+// A quad is drawn, and a sample belongs to the triangle if all three values (barycentric coordinate / depth) are
+// positive. These values and 1 / depth are affine on the screen, and all three are negative for points behind the
+// camera. The triangle therefore needs no clipping, and the result does not depend on how hardware clips, snaps corners
+// or breaks ties at edges.
 
 const ENGINE_NEAR = 0.01;
-const ENGINE_SLACK = 0.1; // samples by which a box is wider than the corners, so that rounding cuts nothing
+const ENGINE_SLACK = 0.1; // margin of the box around the corners in samples, larger than rounding errors
 
 #if COMPUTE
 struct EngineTriangle {
@@ -16,14 +16,14 @@ struct EngineTriangle {
     depth: f32,
     samples: vec4<i32>,
     weight: vec3<f32>,
-    // Three barycentric coordinates over depth, times `weight`, which makes the least of them 1 in the middle,
-    // then 1 / depth: of each the factors of a sample's x and y, and a constant.
+    // Affine functions of a sample's x and y: three barycentric coordinates over depth, times `weight` (which makes the
+    // minimum 1 at the centre), and 1 / depth.
     along_x: vec4<f32>,
     along_y: vec4<f32>,
     constant: vec4<f32>,
 }
 
-// The ray's step from sample to sample, and the sample that the optical axis meets.
+// The change of a ray's direction between neighbouring samples, and the sample on the optical axis.
 fn ray_step() -> vec2<f32> {
     let size = vec2<f32>(f32(view.width), f32(view.height));
     return vec2<f32>(div(2.0 * view.tan_fov.x, size.x), div(2.0 * view.tan_fov.y, size.y));
@@ -41,7 +41,7 @@ fn set_line(k: i32, n: vec3<f32>, scale: f32, t: ptr<function, EngineTriangle>) 
     (*t).constant[k] = mul(keep(keep(n.z - mul(along.x, middle.x)) - mul(along.y, middle.y)), scale);
 }
 
-// The samples of what the near plane leaves of a triangle in camera space.
+// Returns the box of the samples of a triangle in camera space after clipping at the near plane.
 fn engine_box(p: array<vec3<f32>, 3>) -> vec4<i32> {
     let step = ray_step();
     let middle = ray_middle();
@@ -66,7 +66,7 @@ fn engine_box(p: array<vec3<f32>, 3>) -> vec4<i32> {
     return box_of(low - ENGINE_SLACK, high + ENGINE_SLACK);
 }
 
-// The window is 1 at the incentre of the triangle itself, or at its centroid.
+// The window function is 1 at the incentre or at the centroid of the triangle.
 fn project_engine(corners: array<vec3<f32>, 3>, incentre: bool) -> EngineTriangle {
     var t: EngineTriangle;
     let p = array<vec3<f32>, 3>(to_camera(corners[0]), to_camera(corners[1]), to_camera(corners[2]));
@@ -82,14 +82,14 @@ fn project_engine(corners: array<vec3<f32>, 3>, incentre: bool) -> EngineTriangl
     }
     set_line(3, normal, div(1.0, volume), &t);
     let z = affine(view.world_to_camera[2], center_of(corners[0], corners[1], corners[2]));
-    t.depth = select(0.0, z, z > 0.0); // keys are bits of numbers that are not negative
+    t.depth = select(0.0, z, z > 0.0); // keys are the bits of non-negative numbers
     t.samples = engine_box(p);
-    // The smallest normal number: below it, 1 / volume overflows.
+    // The smallest normal float32; 1 / volume would overflow for smaller values.
     t.seen = abs(volume) >= 1.17549435e-38 && t.samples.z >= t.samples.x && t.samples.w >= t.samples.y;
     return t;
 }
 
-// The tiles of a face in an engine: all that it reaches.
+// Returns the tiles of a face: all tiles with one of its samples.
 fn engine_tiles(samples: vec4<i32>) -> vec4<i32> {
     return vec4<i32>(samples.xy / 16, samples.zw / 16 + 1);
 }
@@ -97,7 +97,7 @@ fn engine_tiles(samples: vec4<i32>) -> vec4<i32> {
 
 struct Fragment {
     inside: bool,
-    phi: f32,        // 0 on the edges, 1 in the middle
+    phi: f32,        // 0 on the edges, 1 at the centre
     depth: f32,
     over: vec3<f32>, // barycentric coordinates over depth, weighted
 }

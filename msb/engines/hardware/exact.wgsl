@@ -1,9 +1,9 @@
-// Arithmetic that rounds as the official kernels do, on compilers that may not let it.
+// Arithmetic with the roundings of the official kernels, protected from compiler optimisations.
 //
-// WGSL lets a compiler fuse a product into a sum, and some compilers also reorder sums. Then a depth key, an
-// edge distance or a tile rectangle differs in its last bit, and a face is blended in another place or a whole
-// tile is lost. `keep` hides a value behind an exclusive or with a number that is 0 but that only the uniform
-// buffer knows, so the value must be computed and rounded there and then.
+// WGSL allows a compiler to fuse products into sums, and some compilers also reorder sums. A depth key, an edge distance
+// or a tile rectangle then differs in its last bit, so that a face is blended in another order or missing in a whole
+// tile. `keep` combines a value by exclusive or with a 0 from the uniform buffer. The compiler does not know this 0, so
+// it must compute and round the value at this point.
 #include "view.wgsl"
 
 fn keep(x: f32) -> f32 { return bitcast<f32>(bitcast<u32>(x) ^ view.zero); }
@@ -15,8 +15,8 @@ fn keep4(x: vec4<f32>) -> vec4<f32> { return bitcast<vec4<f32>>(bitcast<vec4<u32
 fn mul(a: f32, b: f32) -> f32 { return keep(a * b); }
 fn add(a: f32, b: f32) -> f32 { return keep(a + b); }
 
-// a b = p + this, exactly: each factor is split into its upper and its lower twelve bits, whose products need
-// no rounding (Dekker). WGSL's fma may round twice, so it is of no use here.
+// Returns the rounding error of the product p of a and b. Each factor is split into its upper and lower twelve bits,
+// whose products are exact (Dekker). The fma of WGSL cannot be used because it may round twice.
 fn product_error(a: f32, b: f32, p: f32) -> f32 {
     let ah = bitcast<f32>(bitcast<u32>(a) & 0xfffff000u);
     let bh = bitcast<f32>(bitcast<u32>(b) & 0xfffff000u);
@@ -25,9 +25,8 @@ fn product_error(a: f32, b: f32, p: f32) -> f32 {
     return add(add(add(keep(mul(ah, bh) - p), mul(ah, bl)), mul(al, bh)), mul(al, bl));
 }
 
-// WGSL allows a division to be wrong by 2.5 units in the last place, and sqrt more. What remains is computed
-// exactly and divided once more, which gives the correctly rounded result wherever nothing over- or
-// underflows.
+// In WGSL a division may have an error of 2.5 units in the last place, a square root even more. The remainder is
+// computed exactly and divided again, which gives the correctly rounded result unless there is an overflow or underflow.
 fn div(a: f32, b: f32) -> f32 {
     let q = keep(a / b);
     let p = mul(q, b);
@@ -43,11 +42,11 @@ fn root(a: f32) -> f32 {
     return select(s, better, a > 1e-25 && a < 1e25);
 }
 
-// With NaN the second argument is returned. (What WGSL's own min and max return then is not defined.)
+// Returns the second argument if one is NaN. (The min and max of WGSL are undefined for NaN.)
 fn lesser(a: f32, b: f32) -> f32 { return select(b, a, a < b); }
 fn greater(a: f32, b: f32) -> f32 { return select(b, a, a > b); }
 
-// ---- vectors; sums run from the first component to the last
+// ---- vectors; components are added from the first to the last
 
 fn dot2(a: vec2<f32>, b: vec2<f32>) -> f32 { return add(mul(a.x, b.x), mul(a.y, b.y)); }
 fn cross2(a: vec2<f32>, b: vec2<f32>) -> f32 { return keep(mul(a.x, b.y) - mul(a.y, b.x)); }
@@ -77,8 +76,8 @@ fn rotate_to_camera(v: vec3<f32>) -> vec3<f32> {
                      dot3(view.world_to_camera[2].xyz, v));
 }
 
-// ((ndc + 1) size - 1) / 2, which upstream evaluates in double and rounds once: pixel i has its centre at the
-// integer i. Here as the unevaluated sum of two floats, product and sum with their rounding errors.
+// Returns ((ndc + 1) size - 1) / 2: the centre of pixel i is the integer i. The official code computes this in double
+// precision and rounds once; here it is the sum of two floats, with the rounding errors of product and sum.
 fn to_sample(ndc: f32, size: u32) -> f32 {
     let n = f32(size);
     let m = n - 1.0;
@@ -92,23 +91,23 @@ fn to_sample(ndc: f32, size: u32) -> f32 {
 
 // ---- tiles and boxes of samples: (x0, y0, x1, y1)
 
-// Conversion as on the GPUs of the official kernels: towards zero, saturating, NaN gives 0; at most `limit`.
+// Converts to an integer like the GPUs of the official kernels: towards zero, saturating, 0 for NaN; at most `limit`.
 fn tile_number(value: f32, limit: u32) -> i32 {
     let low = select(0.0, value, value > 0.0);
     return i32(floor(select(f32(limit), low, low < f32(limit))));
 }
 
-// The same of the value rounded up to a whole number.
+// Returns the same for the value rounded up.
 fn tile_after(value: f32, limit: u32) -> i32 {
     let low = select(0.0, value, value > 0.0);
     return i32(ceil(select(f32(limit), low, low < f32(limit))));
 }
 
-// The samples of [low, high], clamped to the raster, both ends included; NaN (nothing is known) gives all.
+// Returns the samples in [low, high], clamped to the raster, both ends inclusive; all samples for NaN.
 fn box_of(low: vec2<f32>, high: vec2<f32>) -> vec4<i32> {
     let w = f32(view.width) - 1.0;
     let h = f32(view.height) - 1.0;
-    // A sample beyond the raster stands for "none".
+    // A lower end outside the raster stands for an empty box.
     let x0 = select(0.0, select(w + 1.0, low.x, low.x < w), low.x > 0.0);
     let y0 = select(0.0, select(h + 1.0, low.y, low.y < h), low.y > 0.0);
     let x1 = select(w, select(-1.0, high.x, high.x >= 0.0), high.x < w);

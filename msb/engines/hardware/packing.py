@@ -1,15 +1,14 @@
-"""An asset as the arrays that the WGSL reads, and the record of a camera."""
-
-from __future__ import annotations
+"""Conversion of an asset to the arrays that the WGSL reads, and of a camera to its uniform buffer."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from importlib import resources
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from msb.asset import Asset
 from msb.asset.drawable import check_drawable
 from msb.asset.settings import effective_settings
 from msb.errors import Unsupported
@@ -17,15 +16,11 @@ from msb.registry import role
 from msb.render.backend import check_supported
 from msb.render.splat.model import CLIPPED, Model, make_model, sh_buffers
 from msb.render.splat.view import make_view
+from msb.render.surface import Surface
+from msb.scenes import Camera
+from msb.scenes.colors import Color
 
-if TYPE_CHECKING:
-    from msb.asset import Asset
-    from msb.render.surface import Surface
-    from msb.scenes import Camera
-
-    Color = tuple[float, float, float]
-
-# `View` of view.wgsl, without a method's own members, which follow.
+# The struct `View` of view.wgsl without the members of the method, which follow in the buffer.
 VIEW = np.dtype(
     [
         ("world_to_camera", np.float32, 12),
@@ -46,27 +41,29 @@ VIEW = np.dtype(
 
 @dataclass(frozen=True)
 class Packed:
-    """An asset, ready to be uploaded.
+    """The data of an asset for the shaders.
 
     Attributes
     ----------
     model : Model or Surface
+        The model of the native rendering.
     faces, vertices : int
+        Their numbers.
     arrays : mapping of str to ndarray
-        `positions`, `indices` (of meshes), `coverage`; of blended methods `f_dc`, `f_rest` (one row of a
+        `positions`, `indices` (of meshes), `coverage`; for blended methods also `f_dc` and `f_rest` (a single
         zero at degree 0).
     surface : Surface, optional
-        The model, if a z-buffer draws it and nothing is blended.
+        The model, if it is drawn with a z-buffer instead of blending.
     degree : int
-        Of the spherical harmonics that are evaluated.
+        Degree of the spherical harmonics.
     rest_stride : int
-        Floats of `f_rest` in a row, 0 where there are none.
+        Number of floats in a row of `f_rest`; 0 at degree 0.
     scale : int
-        Samples of a pixel along each axis.
+        Samples per pixel along each axis.
     pixel_samples : (int, int)
-        The first and the last of them whose mean is a pixel.
+        The first and the last sample along each axis that are averaged to a pixel.
     defines : mapping
-        The definitions of the WGSL.
+        Preprocessor definitions of the WGSL.
     """
 
     model: Model | Surface
@@ -82,27 +79,33 @@ class Packed:
 
     @property
     def soup(self) -> bool:
-        """Whether faces share no vertices, so that colours are theirs."""
+        """Whether the model is a triangle soup: faces share no vertices, and colours belong to faces."""
         return "indices" not in self.arrays
 
     def view_bytes(self, camera: Camera, background: Color) -> bytes:
-        """Return the camera record: `VIEW`, the method's own members, and zeros to a multiple of 16 bytes."""
+        """Return the uniform buffer of a camera: `VIEW`, then the method's members, padded to 16 bytes."""
         model, common = self.model, {"degree": self.degree}
-        nowhere = np.zeros(3, np.float32)  # where faces are decides about culling alone
-        made = make_view(camera, model.near, model.far, self.scale, common, model.own, CLIPPED, nowhere)
+        origin = np.zeros(3, np.float32)  # the centre of the model is used for culling only
+        view = make_view(camera, model.near, model.far, self.scale, common, model.own, CLIPPED, origin)
         record = np.zeros((), VIEW)
         for name in VIEW.names or ():
-            if name in (made.dtype.names or ()):
-                record[name] = made[name]
+            if name in (view.dtype.names or ()):
+                record[name] = view[name]
         record["background"] = background
         if self.surface is not None:
             record["full"] = self.surface.projection(camera).ravel()
-        data = record.tobytes() + made["own"].tobytes()
+        data = record.tobytes() + view["own"].tobytes()
         return data + bytes(-len(data) % 16)
 
 
 def pack(asset: Asset, settings: Mapping[str, Any] | None) -> Packed:
-    """Return `asset` as the WGSL of its method reads it."""
+    """Return the data of `asset` for the WGSL of its method.
+
+    Raises
+    ------
+    Unsupported
+        UNSUPPORTED_TIER: the method has no native renderer or no WGSL.
+    """
     check_supported(asset, "dedicated")
     values = effective_settings(asset.manifest, settings)
     look: Any = role(asset.manifest.method, "look")
@@ -115,13 +118,14 @@ def pack(asset: Asset, settings: Mapping[str, Any] | None) -> Packed:
     return packed
 
 
-def model_of(asset: Asset, values: Mapping[str, Any]) -> Model | Surface:
-    """Return what a pipeline draws of `asset` with all its settings; errors as `pack`."""
+def make_native_model(asset: Asset, values: Mapping[str, Any]) -> Model | Surface:
+    """Return the model of the native rendering for the settings `values`; raises the errors of `pack`."""
     look: Any = role(asset.manifest.method, "look")
     return look.surface_model(asset, values) if hasattr(look, "surface_model") else make_model(asset, values)
 
 
 def _pack_splats(asset: Asset, values: Mapping[str, Any]) -> Packed:
+    """Return the data of a method that blends its faces."""
     model = make_model(asset, values)
     faces, vertices = asset.manifest.face_count, len(model.positions)
     f_dc, f_rest = sh_buffers(asset, vertices if model.vertex_colors else faces)
@@ -147,6 +151,7 @@ def _pack_splats(asset: Asset, values: Mapping[str, Any]) -> Packed:
 
 
 def _pack_surface(asset: Asset, values: Mapping[str, Any]) -> Packed:
+    """Return the data of a method that draws an opaque surface with a z-buffer."""
     look: Any = role(asset.manifest.method, "look")
     surface: Surface = look.surface_model(asset, values)
     names = ("positions", "indices", "coverage")
@@ -155,5 +160,5 @@ def _pack_surface(asset: Asset, values: Mapping[str, Any]) -> Packed:
 
 
 def _unsupported(asset: Asset) -> Unsupported:
-    text = f"{asset.manifest.method} on tier dedicated by renderer wgpu: its package brings no WGSL"
+    text = f"renderer wgpu cannot draw {asset.manifest.method} on tier dedicated: its package has no WGSL"
     return Unsupported("UNSUPPORTED_TIER", text, file=asset.opened_from)

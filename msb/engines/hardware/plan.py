@@ -1,26 +1,24 @@
-"""The passes and buffers of a frame as plain data, which wgpu-py and a browser's WebGPU run alike."""
-
-from __future__ import annotations
+"""The passes and buffers of a frame as plain data, which both wgpu-py and a browser's WebGPU execute."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
+from numpy.typing import NDArray
 
-# Bytes between entries of a uniform buffer that are bound one at a time.
+# Bytes between the entries of a uniform buffer that are bound one by one; WebGPU requires multiples of 256.
 SLOT = 256
-# Blend factors of source and target.
+# Factors of source and target for blending from front to back with premultiplied colours.
 FRONT_TO_BACK = "one-minus-dst-alpha", "one"
 
 
 @dataclass(frozen=True)
 class Binding:
-    """A part of a buffer, or a texture, at a number of group 0.
+    """A binding of group 0: a texture, or `size` bytes at `offset` of a buffer (None: all the rest).
 
-    `kind` is "uniform", "read", "write", "texture" (of floats), "numbers" (a texture of uint32) or "store" (a
-    texture that is written, r32float). `per_band` says that `offset` is that of the band.
+    `kind` is "uniform", "read" or "write" for buffers, "texture" for a float texture, "numbers" for a texture
+    of uint32, and "store" for a texture that is written (r32float). With `per_band` the offset depends on the
+    band.
     """
 
     number: int
@@ -32,10 +30,11 @@ class Binding:
 
 
 @dataclass(frozen=True)
-class Compute:
-    """A dispatch: `groups` work-groups, or as many as `arguments` says at a byte offset (`indirect`).
+class ComputePass:
+    """A compute dispatch of the entry point `entry`.
 
-    A dispatch of a band has a work-item for each pixel, by columns of 64 (`groups` None).
+    It has `groups` workgroups, or takes their number from byte `indirect` of the buffer `arguments`. If both
+    are None, it has one invocation for each pixel of the band, in workgroups of 64 pixels of a row.
     """
 
     stage: str
@@ -47,50 +46,52 @@ class Compute:
 
 
 @dataclass(frozen=True)
-class Draws:
-    """A render pass: for each buffer of records a draw, whose numbers `arguments` has at an offset."""
+class DrawPass:
+    """A render pass with one indirect draw for each buffer of face records."""
 
     stage: str
     module: str
     bindings: tuple[Binding, ...]
     targets: tuple[str, ...]
+    # Buffers of records, and the byte offset of their draw arguments in `arguments`.
     records: tuple[tuple[str, int], ...]
-    # vec4 of a record: attributes at locations 0, 1, ...
+    # Number of vec4 members of a record; they are vertex attributes at locations 0, 1, ...
     members: int
-    # "clear" or "load": what the targets hold before.
+    # Load operation of the targets: "clear" or "load".
     load: str = "clear"
-    # Entry point `nearest` instead of `blend`; nothing is blended, the nearest stays.
+    # Keep the nearest face (entry point `nearest`) instead of blending (entry point `blend`).
     z_buffer: bool = False
 
 
 @dataclass(frozen=True)
 class Plan:
-    """What a frame is made of: passes that run once, and passes that run for each band of it."""
+    """The passes of a frame: `passes` run once, `band_passes` run for each band of the frame."""
 
     # Name -> WGSL.
     modules: Mapping[str, str]
-    # Name -> bytes and usages. What `data` holds is uploaded once.
+    # Name -> size in bytes and usages.
     buffers: Mapping[str, tuple[int, tuple[str, ...]]]
+    # Name -> content of the buffers that are uploaded once.
     data: Mapping[str, NDArray[Any]]
-    passes: tuple[Compute, ...]
-    band_passes: tuple[Draws | Compute, ...]
-    # Of the targets `image` and `depth`, whose sizes are those of a band in samples.
+    passes: tuple[ComputePass, ...]
+    band_passes: tuple[DrawPass | ComputePass, ...]
+    # Texture format of the targets of draw passes. Targets have the size of a band in samples.
     format: str
-    # Samples of a pixel along each axis.
+    # Samples per pixel along each axis.
     scale: int
-    # The factors of source and target, of colour and of alpha.
+    # Blend factors (source, target) of colour and of alpha.
     blend: tuple[tuple[str, str], tuple[str, str]] = (FRONT_TO_BACK, FRONT_TO_BACK)
-    # The alpha that targets begin with; their colours begin with 0.
+    # Initial alpha of the targets; the initial colours are 0.
     clear: float = 0.0
 
     def record(self) -> dict[str, Any]:
-        """Return all but `data` as JSON takes it: what a page in a browser runs."""
+        """Return the plan without `data` as JSON data, for the browser page."""
         return {key: value for key, value in asdict(replace(self, data={})).items() if key != "data"}
 
 
 @dataclass(frozen=True)
 class Limits:
-    """What a device takes: bytes of a storage binding and of a buffer, and texels of a target's side."""
+    """Limits of a device: bytes of a storage binding, bytes of a buffer, width and height of a texture."""
 
     binding: int
     buffer: int
@@ -98,5 +99,5 @@ class Limits:
 
     @property
     def storage(self) -> int:
-        """Bytes of a buffer that a pass binds as storage."""
+        """Maximum bytes of a buffer that is bound as storage."""
         return min(self.binding, self.buffer)

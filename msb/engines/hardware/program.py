@@ -1,4 +1,16 @@
-"""The plan of an asset's frame: its texts of WGSL, its buffers, and the passes that use them."""
+"""Creation of the plan for an asset's frames: WGSL modules, buffers, and passes.
+
+A frame of a blended method has these stages:
+
+1. project: compute the depth key of every face, and the colours of faces or vertices.
+2. sort: a radix sort of the visible faces by key, front to back.
+3. records: write a record (the input of the fragment shader) for each face, in sorted order.
+4. blend: draw a quad for each record into the targets, in chunks of faces.
+5. resolve: average samples to pixels and add the background.
+
+A method with an opaque surface skips sorting; "raster" finds the nearest face of each pixel with a z-buffer,
+and "decode" computes its appearance.
+"""
 
 import re
 from collections.abc import Iterator
@@ -9,54 +21,59 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msb.engines.hardware.packing import VIEW, Packed
-from msb.engines.hardware.plan import SLOT, Binding, Compute, Draws, Limits, Plan
+from msb.engines.hardware.plan import SLOT, Binding, ComputePass, DrawPass, Limits, Plan
 from msb.engines.hardware.wgsl import as_attributes, assemble, face_members
 from msb.errors import DeviceError
 from msb.registry import Order, Sampling
 from msb.render.surface import Surface
 
-# Invocations of a work-group of the stages over faces.
+# Invocations per workgroup of the stages that process faces; equals @workgroup_size in project.wgsl.
 _GROUP = 64
-# Work-groups along an axis: what WebGPU guarantees.
-_MOST_GROUPS = 65535
-# Items of a work-group of the sort.
+# Maximum number of workgroups along an axis that WebGPU guarantees.
+_MAX_GROUPS = 65535
+# Items per workgroup of the radix sort, and bits per digit and key; sort.wgsl has arrays of these sizes.
 _BLOCK = 2048
 _DIGIT_BITS = 4
 _KEY_BITS = 32
-# Chunks in which faces are blended where a method refuses the face that crosses its threshold.
+# Number of chunks for methods that stop a sample before the face that crosses the transmittance threshold. A
+# sample stops at the end of a chunk, so more chunks are more accurate and slower. With 32 all golden
+# views have at least 70 dB; docs/dedicated.md has measurements.
 STOPS = 32
-_REFUSES = re.compile(r"^const STOP = ", re.MULTILINE)
+_STOPS_EARLY = re.compile(r"^const STOP = ", re.MULTILINE)
 _TYPES = {"float32": "f32", "int32": "i32", "uint32": "u32"}
 
 
 class _Planner:
-    """Collects buffers and passes of a plan."""
+    """Collects the buffers of a plan and checks them against the limits of the device `name`."""
 
     def __init__(self, packed: Packed, limits: Limits, name: str) -> None:
         self.packed, self.limits, self.name = packed, limits, name
         self.buffers: dict[str, tuple[int, tuple[str, ...]]] = {}
         self.data: dict[str, NDArray[Any]] = {}
+        # First row and number of rows of each part, for the uniform buffer `parts`.
         self.parts: list[tuple[int, int]] = []
 
     def buffer(self, name: str, size: int, *usages: str) -> None:
+        """Add a buffer of `size` bytes, rounded up to a multiple of 16."""
         size = max(-(-size // 16) * 16, 16)
         limit = self.limits.storage if "storage" in usages else self.limits.buffer
         if size > limit:
-            text = f"{self.name} takes buffers of {limit} bytes, {name} of this asset need {size}"
+            text = f"this asset needs a buffer of {size:,} bytes for {name}; {self.name} allows {limit:,}"
             raise DeviceError("DEVICE_MEMORY", text)
         self.buffers[name] = size, usages
 
     def upload(self, name: str, array: NDArray[Any], usage: str = "storage") -> None:
+        """Add a buffer with the content `array`."""
         self.buffer(name, array.nbytes, usage, "copy_dst")
         self.data[name] = array
 
     def part(self, first: int, count: int) -> Binding:
-        """Return the binding that tells a stage which rows it has."""
+        """Return a uniform binding with the rows that a dispatch processes: first row, and number of rows."""
         self.parts.append((first, count))
         return Binding(1, "uniform", "parts", SLOT * (len(self.parts) - 1), 16)
 
     def model(self) -> list[Binding]:
-        """Return the bindings of what every projecting stage reads."""
+        """Return the bindings of the camera and the geometry, which all stages over faces read."""
         names = {2: "positions", 3: "indices", 4: "coverage"}
         if self.packed.soup:
             del names[3]
@@ -78,17 +95,36 @@ def make_plan(
     depth: bool = True,
     debug: bool = False,
 ) -> Plan:
-    """Return how a frame of an asset is drawn on the device `name`; order and sampling are as in OpenCL.
+    """Return the plan of an asset's frames.
 
-    `form` is the format of the targets that are blended into. Where the method refuses the face that crosses
-    its threshold, faces are blended in so many chunks (`stops`; 1 leaves that rule out). With `debug` the
-    tile rectangles are kept, in the buffer `rectangles`.
+    Parameters
+    ----------
+    packed : Packed
+        The asset.
+    limits, name : Limits, str
+        The device, and its name for error messages.
+    order, sampling : str
+        As for the OpenCL renderer.
+    form : str
+        Texture format of the blended targets.
+    stops : int
+        Number of chunks for methods that stop a sample before the face that crosses the transmittance
+        threshold; 1 disables that rule.
+    depth : bool
+        Whether to compute a depth image.
+    debug : bool
+        Whether to keep the tile rectangles of faces, in the buffer `rectangles`.
+
+    Raises
+    ------
+    DeviceError
+        DEVICE_MEMORY: a buffer exceeds the limits.
     """
     model, planner = packed.model, _Planner(packed, limits, name)
     surface = packed.surface
     lattices: dict[str, bool | int | str] = {}
     if surface is not None:
-        order, form = "none", "r32uint"  # a z-buffer has no order, and numbers of faces are its targets
+        order, form = "none", "r32uint"  # a z-buffer needs no order; its target holds face numbers
         as_bytes = surface.features.dtype == np.uint8
         lattices = {"SIDE": 1 << surface.level, "BYTES": as_bytes, "TEXEL": "u32" if as_bytes else "f32"}
     defines: dict[str, bool | int | str] = {
@@ -106,38 +142,39 @@ def make_plan(
         "FIRST_SAMPLE": packed.pixel_samples[0],
         "LAST_SAMPLE": packed.pixel_samples[1],
     }
-    own = f"{model.program}.wgsl"
-    chunks = stops if _REFUSES.search(assemble([own], model.package, defines)) else 1
+    method_file = f"{model.program}.wgsl"
+    chunks = stops if _STOPS_EARLY.search(assemble([method_file], model.package, defines)) else 1
     defines["STOPS"] = chunks > 1
 
     def text(*files: str, **more: bool | int | str) -> str:
         return assemble(files, model.package, {**defines, **more})
 
-    plain = text(own)
-    members = face_members(plain)
+    # Members of the method's record of a face, each a vec4.
+    members = face_members(text(method_file))
     record_bytes = 16 * len(members)
     modules = {
-        "project": text(own, "project.wgsl", COMPUTE=True, KEYING=True, COLORING=packed.soup),
-        "record": text(own, "project.wgsl", COMPUTE=True, RECORDING=True),
+        "project": text(method_file, "project.wgsl", COMPUTE=True, KEYING=True, COLORING=packed.soup),
+        "record": text(method_file, "project.wgsl", COMPUTE=True, RECORDING=True),
         "sort first": text("sort.wgsl", FIRST=True, BLOCK=_BLOCK),
         "sort": text("sort.wgsl", BLOCK=_BLOCK),
-        "draw": as_attributes(text(own, "draw.wgsl", **_between(members)), members),
+        "draw": as_attributes(text(method_file, "draw.wgsl", **_between(members)), members),
         "resolve": text("resolve.wgsl"),
     }
     if chunks > 1:
         modules["hold"] = text("hold.wgsl")
     if surface is not None:
-        modules["decode"] = text(own, "surface.wgsl", COMPUTE=True, DECODING=True)
+        modules["decode"] = text(method_file, "surface.wgsl", COMPUTE=True, DECODING=True)
         del modules["resolve"]
     elif not packed.soup:
-        modules["shade"] = text(own, "project.wgsl", COMPUTE=True, COLORING=True, SHADING=True)
+        modules["shade"] = text(method_file, "project.wgsl", COMPUTE=True, COLORING=True, SHADING=True)
+    # Records are split into chunks (for stopping) and parts (for the buffer limit): one buffer for each pair.
     parts, room = _record_parts(planner, record_bytes, chunks)
     passes = [*_projection(planner, debug), *_sorting(planner, order, chunks, parts)]
     last = "faces a" if order == "none" else "faces b"
     records = []
     for k in range(chunks * parts):
         planner.buffer(f"records {k}", room * record_bytes, "storage", "vertex")
-        start = 4 + 8 * k  # in `arguments`
+        start = 4 + 8 * k  # entry of this buffer in `arguments`, see `write_arguments` in sort.wgsl
         bindings = [
             *planner.model(),
             planner.part(start, room),
@@ -146,16 +183,15 @@ def make_plan(
             Binding(11, "read", "arguments"),
             Binding(12, "write", f"records {k}"),
         ]
-        passes.append(Compute("records", "record", "record", tuple(bindings), indirect=4 * start))
+        passes.append(ComputePass("records", "record", "record", tuple(bindings), indirect=4 * start))
         records.append((f"records {k}", 4 * (start + 4)))
-    own_bytes = 4 * len(model.own)
-    planner.buffer("view", VIEW.itemsize + own_bytes, "uniform", "copy_dst")
+    planner.buffer("view", VIEW.itemsize + 4 * len(model.own), "uniform", "copy_dst")
     if surface is not None:
         band_passes = _z_buffered(planner, surface, tuple(records), len(members))
     else:
         targets = ("image", "depth") if depth else ("image",)
         band_passes = _blended(targets, tuple(records), len(members), chunks)
-    planner.upload("parts", _slots(np.array(planner.parts, np.uint32)), "uniform")
+    planner.upload("parts", _pad_to_slots(np.array(planner.parts, np.uint32)), "uniform")
     return Plan(
         modules=modules,
         buffers=planner.buffers,
@@ -173,37 +209,41 @@ _PIXELS = Binding(4, "write", "pixels", per_band=True)
 
 def _blended(
     targets: tuple[str, ...], records: tuple[tuple[str, int], ...], members: int, chunks: int
-) -> tuple[Draws | Compute, ...]:
-    """Return the passes of a band that blend faces and turn samples into pixels."""
+) -> tuple[DrawPass | ComputePass, ...]:
+    """Return the passes of a band that blend faces and average samples to pixels.
+
+    With several chunks, the pass "hold" before each chunk copies the alpha of samples to the texture
+    `covered`, and the chunk skips samples that are opaque there.
+    """
     textures = tuple(Binding(2 + k, "texture", target) for k, target in enumerate(targets))
-    resolve = Compute("resolve", "resolve", "resolve", (VIEW_BINDING, _BAND, *textures, _PIXELS))
+    resolve = ComputePass("resolve", "resolve", "resolve", (VIEW_BINDING, _BAND, *textures, _PIXELS))
     if chunks == 1:
-        return Draws("blend", "draw", (VIEW_BINDING, _BAND), targets, records, members), resolve
-    held = (_BAND, Binding(2, "texture", "image"), Binding(3, "store", "covered"))
+        return DrawPass("blend", "draw", (VIEW_BINDING, _BAND), targets, records, members), resolve
+    hold_bindings = (_BAND, Binding(2, "texture", "image"), Binding(3, "store", "covered"))
     bound = (VIEW_BINDING, _BAND, Binding(2, "texture", "covered"))
     parts = len(records) // chunks
-    steps: list[Draws | Compute] = []
+    steps: list[DrawPass | ComputePass] = []
     for k in range(chunks):
-        here = records[k * parts : (k + 1) * parts]
-        steps.append(Compute("blend", "hold", "hold" if k else "begin", held))
-        steps.append(Draws("blend", "draw", bound, targets, here, members, "load" if k else "clear"))
+        chunk = records[k * parts : (k + 1) * parts]
+        steps.append(ComputePass("blend", "hold", "hold" if k else "begin", hold_bindings))
+        steps.append(DrawPass("blend", "draw", bound, targets, chunk, members, "load" if k else "clear"))
     return *steps, resolve
 
 
 def _z_buffered(
     planner: _Planner, surface: Surface, records: tuple[tuple[str, int], ...], members: int
-) -> tuple[Draws | Compute, ...]:
-    """Return the passes of a band that find the nearest faces and decode what they look like.
+) -> tuple[DrawPass | ComputePass, ...]:
+    """Return the passes of a band that find the nearest face of each pixel and compute its appearance.
 
-    A lattice longer than a binding may be is bound part by part: all faces are drawn, and all pixels decoded,
-    once for each part, which takes its own faces.
+    A feature lattice that exceeds the limit of a binding is split into parts. All faces are drawn and all
+    pixels are decoded once for each part, and only faces of the part have an effect.
     """
     planner.upload("decoder", surface.decoder, "uniform")
-    steps: list[Draws | Compute] = []
+    steps: list[DrawPass | ComputePass] = []
     for number, (name, rows) in enumerate(_parts(planner, "opacity", surface.opacity)):
         bound = (VIEW_BINDING, _BAND, Binding(2, "read", name), replace(rows, number=3))
         first = "load" if number else "clear"
-        steps.append(Draws("raster", "draw", bound, ("nearest",), records, members, first, z_buffer=True))
+        steps.append(DrawPass("raster", "draw", bound, ("nearest",), records, members, first, z_buffer=True))
     for name, rows in _parts(planner, "features", surface.features):
         bindings = (
             *planner.model(),
@@ -215,24 +255,24 @@ def _z_buffered(
             replace(_PIXELS, number=9),
             Binding(10, "write", "keys"),
         )
-        steps.append(Compute("decode", "decode", "surface", bindings))
+        steps.append(ComputePass("decode", "decode", "surface", bindings))
     return tuple(steps)
 
 
 def _parts(planner: _Planner, name: str, lattices: NDArray[Any]) -> Iterator[tuple[str, Binding]]:
-    """Upload lattices of faces, as many as a binding takes; yield the buffer of each part and its rows."""
+    """Upload the lattices of faces (F, ...) in parts that fit a binding; yield the name and rows of each."""
     room = planner.limits.storage // lattices[0].nbytes
-    parts = _ranges(len(lattices), max(room, 1))
+    parts = _split_range(len(lattices), max(room, 1))
     for number, (first, count) in enumerate(parts):
-        here = lattices[first : first + count].reshape(-1)
-        padding = -here.nbytes % 4
+        rows_of_part = lattices[first : first + count].reshape(-1)
+        padding = -rows_of_part.nbytes % 4
         part = name if len(parts) == 1 else f"{name} {number}"
-        planner.upload(part, np.pad(here, (0, padding)) if padding else here)
+        planner.upload(part, np.pad(rows_of_part, (0, padding)) if padding else rows_of_part)
         yield part, planner.part(first, count)
 
 
 def _between(members: list[str]) -> dict[str, str]:
-    """Return what draw.wgsl needs to hand a record on from the vertex stage to the fragments."""
+    """Return the definitions of draw.wgsl that pass a record from the vertex to the fragment shader."""
     return {
         "BETWEEN_MEMBERS": "\n".join(
             f"    @location({k}) @interpolate(flat) {name}: vec4<f32>," for k, name in enumerate(members)
@@ -242,23 +282,26 @@ def _between(members: list[str]) -> dict[str, str]:
     }
 
 
-def _projection(planner: _Planner, debug: bool) -> list[Compute]:
-    """Return the passes that give every face its key, and faces or vertices their colours."""
+def _projection(planner: _Planner, debug: bool) -> list[ComputePass]:
+    """Return the passes that compute the key of every face, and the colours of faces or vertices.
+
+    The spherical harmonics `f_rest` may be split into parts that fit a binding, with one dispatch each.
+    """
     packed = planner.packed
     colors = "f_dc" in packed.arrays
     for name, array in packed.arrays.items():
         if name != "f_rest":
             planner.upload(name, array)
-    colored = packed.faces if packed.soup else packed.vertices
+    colored = packed.faces if packed.soup else packed.vertices  # rows with a colour
     planner.buffer("keys", 4 * packed.faces, "storage", "copy_src")
     if colors:
         planner.buffer("colors", 12 * colored, "storage")
     if debug:
         planner.buffer("rectangles", 16 * packed.faces, "storage", "copy_src")
-    dispatches: list[Compute] = []
+    dispatches: list[ComputePass] = []
     keys = [Binding(7, "write", "keys"), *([Binding(9, "write", "rectangles")] if debug else [])]
     room = planner.limits.binding // max(4 * packed.rest_stride, 1)
-    parts = _ranges(colored if colors else 0, min(room, _GROUP * _MOST_GROUPS))
+    parts = _split_range(colored if colors else 0, min(room, _GROUP * _MAX_GROUPS))
     for first, count in parts:
         name = "f_rest" if len(parts) == 1 else f"f_rest {len(dispatches)}"
         rest = packed.arrays["f_rest"]
@@ -272,16 +315,22 @@ def _projection(planner: _Planner, debug: bool) -> list[Compute]:
             *(keys if packed.soup else []),
         ]
         module, entry = ("project", "project") if packed.soup else ("shade", "shade_vertices")
-        dispatches.append(Compute("project", module, entry, tuple(bindings), -(-count // _GROUP)))
+        dispatches.append(ComputePass("project", module, entry, tuple(bindings), -(-count // _GROUP)))
     if not packed.soup:
-        for first, count in _ranges(packed.faces, _GROUP * _MOST_GROUPS):
+        for first, count in _split_range(packed.faces, _GROUP * _MAX_GROUPS):
             bindings = [*planner.model(), planner.part(first, count), *keys]
-            dispatches.append(Compute("project", "project", "project", tuple(bindings), -(-count // _GROUP)))
+            dispatches.append(
+                ComputePass("project", "project", "project", tuple(bindings), -(-count // _GROUP))
+            )
     return dispatches
 
 
-def _sorting(planner: _Planner, order: Order, chunks: int, parts: int) -> list[Compute]:
-    """Return the passes of the radix sort; order "none" needs its first one alone, which drops faces."""
+def _sorting(planner: _Planner, order: Order, chunks: int, parts: int) -> list[ComputePass]:
+    """Return the passes of the radix sort by depth key.
+
+    Each digit takes three passes: count the digits of each block, scan the counts, and move keys and face
+    numbers. Order "none" needs only a single step without digits, which removes the culled faces.
+    """
     faces = planner.packed.faces
     blocks = max(-(-faces // _BLOCK), 1)
     for name in ("keys a", "keys b", "faces a", "faces b"):
@@ -291,7 +340,7 @@ def _sorting(planner: _Planner, order: Order, chunks: int, parts: int) -> list[C
     mask = 0 if order == "none" else (1 << _DIGIT_BITS) - 1
     shifts = [0] if order == "none" else list(range(0, _KEY_BITS, _DIGIT_BITS))
     steps = [(shift, mask, faces, blocks, chunks, parts, 0, 0) for shift in shifts]
-    planner.upload("steps", _slots(np.array(steps, np.uint32)), "uniform")
+    planner.upload("steps", _pad_to_slots(np.array(steps, np.uint32)), "uniform")
     dispatches = []
     for k in range(len(shifts)):
         source, target = ("b", "a") if k % 2 == 0 else ("a", "b")
@@ -304,27 +353,28 @@ def _sorting(planner: _Planner, order: Order, chunks: int, parts: int) -> list[C
         module = "sort" if k else "sort first"
         size: dict[str, Any] = {"indirect": 4} if k else {"groups": blocks}
         dispatches += [
-            Compute("sort", module, "count", (step, keys, sums, counts), **size),
-            Compute("sort", module, "scan", (step, sums, counts), groups=1),
-            Compute("sort", module, "place", (step, keys, sums, counts, *moved), **size),
+            ComputePass("sort", module, "count", (step, keys, sums, counts), **size),
+            ComputePass("sort", module, "scan", (step, sums, counts), groups=1),
+            ComputePass("sort", module, "place", (step, keys, sums, counts, *moved), **size),
         ]
     return dispatches
 
 
 def _record_parts(planner: _Planner, record_bytes: int, chunks: int) -> tuple[int, int]:
-    """Return how many buffers the records of a chunk take, and the records of each."""
+    """Return the number of buffers for the records of a chunk, and the number of records in each."""
     most = planner.limits.storage // record_bytes // _GROUP * _GROUP
     chunk = max(-(-planner.packed.faces // chunks), 1)
-    parts = -(-chunk // max(min(most, _GROUP * _MOST_GROUPS), 1))
+    parts = -(-chunk // max(min(most, _GROUP * _MAX_GROUPS), 1))
     return parts, -(-chunk // parts)
 
 
-def _ranges(count: int, most: int) -> list[tuple[int, int]]:
+def _split_range(count: int, most: int) -> list[tuple[int, int]]:
+    """Return (first, length) of consecutive parts of `count` rows with at most `most` rows each."""
     return [(first, min(most, count - first)) for first in range(0, count, most)]
 
 
-def _slots(rows: NDArray[np.uint32]) -> NDArray[np.uint32]:
-    """Return rows of a uniform buffer, each in a slot of its own."""
+def _pad_to_slots(rows: NDArray[np.uint32]) -> NDArray[np.uint32]:
+    """Return the content of a uniform buffer that has each row (of at most 64 values) in its own slot."""
     slots = np.zeros((max(len(rows), 1), SLOT // 4), np.uint32)
     if len(rows):
         slots[:, : rows.shape[1]] = rows

@@ -1,26 +1,26 @@
-// Stages before and after the sort. A method's file NAME.wgsl, beside its NAME.cl, stands before this one and
-// before draw.wgsl. It includes what it needs of the files here, and defines
+// The compute stages before and after the sort. The file of the method, NAME.wgsl beside its NAME.cl, comes before this
+// one and before draw.wgsl. It includes files of this folder and defines
 //
-//   Face                                what the fragments of a face read: members of vec4<f32>, the first of
-//                                       which is `quad`
-// and, where COMPUTE is set,
-//   project_face(number, ptr to Face)   culling, projection, official tiles and reach: `Projected`
-//   point_seen(rows of the corners)     of soups: towards which point the colour is evaluated
-//   color_face(number, ptr to Face)     where RECORDING is set: puts colours into the record
-// and otherwise
-//   cover(Face, x, y)                   a face at the sample (x, y): `Seen`
+//   Face                                the record of a face for the fragment stage: vec4<f32> members, the first one
+//                                       is `quad`
+// and with COMPUTE
+//   project_face(number, ptr to Face)   culling, projection, official tiles and extent; returns `Projected`
+//   point_seen(rows of the corners)     triangle soups only: the point towards which the colour is evaluated
+//   color_face(number, ptr to Face)     with RECORDING: stores the colours in the record
+// and without COMPUTE
+//   cover(Face, x, y)                   the colour, alpha and depth of a face at sample (x, y); returns `Seen`
 //
-// ENGINE is set where an engine's sampling is asked for. What the method's `look` says in `defines` is set, too,
-// and what it says in `own` are members of `view`.
+// ENGINE is defined for the sampling "engine". The `defines` of the method's look are defined as well, and its `own`
+// values are members of `view`.
 //
-// A face is projected twice: before the sort for its key alone, and after it for the record that its
-// fragments read. So records are written once, in the order in which they are drawn, and only of faces that
-// are drawn: moving them about would cost more than this arithmetic, and twice the memory.
+// Every face is projected twice: before the sort for its key only, and after the sort for its record. Records are then
+// written once, in drawing order, and only for faces that are drawn. Sorting the records instead would be slower than
+// the second projection and need twice the memory.
 
-const DROPPED = 0xffffffffu; // by the official culling
-const UNSEEN = 0xfffffffeu;  // kept, but no tile lists it
+const DROPPED = 0xffffffffu; // removed by the official culling
+const UNSEEN = 0xfffffffeu;  // kept by the culling, but in no tile
 
-// The samples of a face's quad: officially a face is seen only in its tiles.
+// Returns the samples of a face's quad. Officially a face is drawn only in its tiles.
 fn quad_of(found: Projected) -> vec4<i32> {
 #if IN_TILES
     let tiles = found.tiles * TILE - vec4<i32>(0, 0, 1, 1);
@@ -31,7 +31,7 @@ fn quad_of(found: Projected) -> vec4<i32> {
 }
 
 #if COLORING
-// ---- colours, and the keys of soups
+// ---- colours of faces or vertices
 @group(0) @binding(5) var<storage, read> f_dc: array<f32>;
 @group(0) @binding(6) var<storage, read> f_rest: array<f32>;
 @group(0) @binding(8) var<storage, read_write> colors: array<f32>;
@@ -56,6 +56,7 @@ fn shade_vertices(@builtin(global_invocation_id) id: vec3<u32>) {
 #endif
 
 #if KEYING
+// ---- the depth key of each face
 @group(0) @binding(7) var<storage, read_write> keys: array<u32>;
 #if DEBUG
 @group(0) @binding(9) var<storage, read_write> rectangles: array<vec4<i32>>;
@@ -84,14 +85,14 @@ fn project(@builtin(global_invocation_id) id: vec3<u32>) {
 #endif
 
 #if RECORDING
-// ---- records, in the order of drawing
+// ---- records of the faces in drawing order
 #if Z_BUFFER
 @group(0) @binding(7) var<storage, read_write> keys: array<u32>;
 #else
 @group(0) @binding(8) var<storage, read> colors: array<f32>;
 #endif
 @group(0) @binding(10) var<storage, read> order: array<u32>;
-@group(0) @binding(11) var<storage, read> arguments: array<u32>; // sort.wgsl: `tell`; `part` says where
+@group(0) @binding(11) var<storage, read> arguments: array<u32>; // see `write_arguments` in sort.wgsl
 @group(0) @binding(12) var<storage, read_write> records: array<Face>;
 
 #if !Z_BUFFER
@@ -110,7 +111,7 @@ fn record(@builtin(global_invocation_id) id: vec3<u32>) {
     var face: Face;
     let found = project_face(number, &face);
 #if Z_BUFFER
-    keys[number] = DROPPED; // until a pixel sees it
+    keys[number] = DROPPED; // replaced if a pixel shows the face
 #else
     color_face(number, &face);
 #endif

@@ -1,46 +1,43 @@
-"""Renderer `wgpu` on the dedicated tier: the official look by an ordinary graphics pipeline."""
-
-from __future__ import annotations
+"""Renderer `wgpu` on the dedicated tier: native rendering with an ordinary graphics pipeline."""
 
 import time
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from msb.asset import Asset
 from msb.asset.settings import check_modes
 from msb.engines.engine import WALL_CLOCK, device_kind
-from msb.engines.hardware.device import PIXEL_BYTES, DevicePlan, bands_of, pixel_bytes
+from msb.engines.hardware.device import PIXEL_BYTES, DevicePlan, pixel_bytes, split_into_bands
 from msb.engines.hardware.packing import pack
 from msb.engines.hardware.plan import Limits
 from msb.engines.hardware.program import STOPS, make_plan
 from msb.engines.webgpu import WgpuRenderer
 from msb.engines.webgpu_adapter import Gpu
 from msb.errors import DeviceError, UsageError
+from msb.registry import Order, Sampling
 from msb.render.backend import Drawn
 from msb.render.frame import Frame
+from msb.scenes import Camera
+from msb.scenes.colors import Color
 
-if TYPE_CHECKING:
-    from msb.asset import Asset
-    from msb.registry import Order, Sampling
-    from msb.scenes import Camera
-
-    Color = tuple[float, float, float]
-
+# Texture formats of the targets: blended in float32 or half floats, or face numbers of a z-buffer.
 FLOAT, HALF, NUMBERS = "rgba32float", "rgba16float", "r32uint"
 _BLENDS = {FLOAT: "float32", HALF: "half floats"}
-# The most samples of a band: 256 MiB of two targets, 128 of numbers and their depths.
+# Maximum number of samples of a band. It limits the targets to 256 MiB for blending (colour and depth) and to
+# 128 MiB for face numbers with their depths.
 _ROOM = {FLOAT: 1 << 23, HALF: 1 << 24, NUMBERS: 1 << 24}
 
 
-# First word of a use -> its group.
+# First word of a use of memory -> its group in reports.
 _GROUPS = {
     **dict.fromkeys(("positions", "indices"), "geometry"),
     **dict.fromkeys(("coverage", "f_dc", "f_rest", "opacity", "features", "decoder"), "appearance"),
     **dict.fromkeys(("image", "depth", "covered", "nearest", "z-buffer", "pixels,", "pixels"), "targets"),
 }
-# What is asked of the adapter, as much as it has.
+# Limits that are requested at the adapter's maximum. The first three become `Limits`.
 _LIMITS = (
     "max-storage-buffer-binding-size",
     "max-buffer-size",
@@ -49,7 +46,7 @@ _LIMITS = (
     "max-vertex-attributes",
     "max-color-attachment-bytes-per-sample",
 )
-# What the passes take of what WebGPU guarantees; adapters of the OpenGL kind may have less.
+# Limits that the passes need. WebGPU guarantees them, but adapters in compatibility mode may have less.
 _NEEDED = {
     "max-storage-buffers-per-shader-stage": 8,
     "max-vertex-attributes": 9,
@@ -59,18 +56,20 @@ _NEEDED = {
 
 
 class HardwareRenderer:
-    """Draws an asset through wgpu-py: as quads in depth order, which are blended, or by a z-buffer.
+    """Draws an asset with wgpu-py: as quads that are blended in depth order, or with a z-buffer.
 
     Parameters
     ----------
     device : {"cpu", "gpu"}, optional
-        "cpu" is a software adapter, "gpu" anything else; a GPU where there is one if not given.
+        "cpu" is a software adapter, "gpu" any other adapter. Default: a GPU if there is one.
+    order, sampling
+        As for the OpenCL renderer.
     half : bool
-        Whether to blend into half floats even where the adapter can blend float32.
+        Blend in half floats even if the adapter can blend float32.
     stops : int
-        In how many chunks faces are blended, so that samples stop as officially; 1 leaves that rule out.
+        Number of chunks of faces. Opaque samples stop at the end of a chunk; 1 disables stopping.
     debug : bool
-        Whether to keep what decides about each face, for `decisions`.
+        Keep the data that `decisions` returns.
     """
 
     name = "wgpu"
@@ -100,7 +99,7 @@ class HardwareRenderer:
         if self._packed.surface is not None:
             self._format = NUMBERS
         blends = _BLENDS.get(self._format)
-        self.device_info = gpu.about() | ({} if blends is None else {"blends": blends})
+        self.device_info = gpu.describe() | ({} if blends is None else {"blends": blends})
         self._limits = _limits_of(gpu.adapter)
         self._plan = make_plan(
             self._packed,
@@ -119,32 +118,33 @@ class HardwareRenderer:
 
     @classmethod
     def installed(cls) -> str:
-        """Return what the version will be, before anything is drawn."""
+        """Return the version without opening a device."""
         return WgpuRenderer.installed()
 
     def render(self, camera: Camera, background: Color) -> Frame:
         """Draw the asset from `camera` over `background` (RGB, in the asset's colour space)."""
         self._check_open()
         with self._gpu.reporting("drawing"):
-            drawn = self._run(camera, background, read=True)
+            timing = self._run(camera, background, read=True)
             pixels = self._gpu.read_back("pixels").view(np.float32)
             keys = self._runs.read("keys").view(np.uint32)[: self._packed.faces]
+        # Assemble the frame (H, W, 5) of red, green, blue, alpha, depth from the pixels of the bands.
         planes = np.zeros((camera.height, camera.width, 5), np.float32)
         for band in self._runs.bands:
             first = band.offset // 4
-            here = pixels[first : first + 5 * band.width * band.height]
-            place = planes[band.y : band.y + band.height, band.x : band.x + band.width]
-            place[:] = here.reshape(band.height, band.width, 5)
+            values = pixels[first : first + 5 * band.width * band.height]
+            target = planes[band.y : band.y + band.height, band.x : band.x + band.width]
+            target[:] = values.reshape(band.height, band.width, 5)
         return Frame(
             image=np.ascontiguousarray(planes[..., :3]),
             alpha=np.ascontiguousarray(planes[..., 3]),
             depth=np.ascontiguousarray(planes[..., 4]),
             visible=keys != np.uint32(0xFFFFFFFF),
-            timings=drawn.stages,
+            timings=timing.stages,
         )
 
     def draw(self, camera: Camera, background: Color) -> Drawn:
-        """Draw and wait, reading nothing back."""
+        """Draw and wait until the frame is complete, but read nothing back."""
         self._check_open()
         with self._gpu.reporting("drawing"):
             return self._run(camera, background, read=False)
@@ -152,19 +152,19 @@ class HardwareRenderer:
     def _run(self, camera: Camera, background: Color, *, read: bool) -> Drawn:
         self._make_targets(camera.width, camera.height)
         view = self._packed.view_bytes(camera, background)
-        self._gpu.device.queue.write_buffer(self._gpu.held["view"], 0, view)
-        drawn = self._in_steps() if self._gpu.kind == "cpu" else self._at_once()
+        self._gpu.device.queue.write_buffer(self._gpu.resources["view"], 0, view)
+        timing = self._run_by_stage() if self._gpu.kind == "cpu" else self._run_at_once()
         if read:
-            encoder, pixels = self._gpu.device.create_command_encoder(), self._gpu.held["pixels"]
-            encoder.copy_buffer_to_buffer(pixels, 0, self._gpu.held["pixels, read back"], 0, pixels.size)
+            encoder, pixels = self._gpu.device.create_command_encoder(), self._gpu.resources["pixels"]
+            encoder.copy_buffer_to_buffer(pixels, 0, self._gpu.resources["pixels, read back"], 0, pixels.size)
             self._gpu.device.queue.submit([encoder.finish()])
-        return drawn
+        return timing
 
-    def _in_steps(self) -> Drawn:
-        """Draw one stage after the other, and wait for each.
+    def _run_by_stage(self) -> Drawn:
+        """Submit each stage separately and time it with the wall clock, on a software adapter.
 
-        A software adapter computes where we wait, so this costs nothing; lavapipe's timestamps do not say
-        how long a compute pass took, because they are written when the next draw is.
+        The timestamps of lavapipe are useless for compute passes, because they are written at the next draw.
+        Waiting for each stage costs nothing in software.
         """
         spent: dict[str, float] = {}
         begun = time.perf_counter()
@@ -176,8 +176,8 @@ class HardwareRenderer:
             spent[stage] = spent.get(stage, 0.0) + 1000 * (time.perf_counter() - start)
         return Drawn(spent, 1000 * (time.perf_counter() - begun))
 
-    def _at_once(self) -> Drawn:
-        """Submit a frame as one, timed by the device itself where it can."""
+    def _run_at_once(self) -> Drawn:
+        """Submit the whole frame; the device measures the stages if it has timestamps."""
         start = time.perf_counter()
         encoder = self._gpu.device.create_command_encoder()
         stages = self._runs.stages()
@@ -186,9 +186,10 @@ class HardwareRenderer:
             self._runs.encode(encoder, steps, timed)
         times = self._gpu.run(encoder).reshape(-1, 2).astype(np.float64)
         waited = 1000 * (time.perf_counter() - start)
-        if self._gpu.tick is None:
+        if self._gpu.nanoseconds_per_tick is None:
             return Drawn({WALL_CLOCK: waited}, waited)
-        times *= self._gpu.tick / 1e6
+        # Start and end of each stage (S, 2), in milliseconds.
+        times *= self._gpu.nanoseconds_per_tick / 1e6
         spent: dict[str, float] = {}
         for (stage, _), (began, ended) in zip(stages, times.tolist(), strict=True):
             spent[stage] = spent.get(stage, 0.0) + max(0.0, ended - began)
@@ -200,21 +201,22 @@ class HardwareRenderer:
         self._size = None
         runs, scale, limits = self._runs, self._plan.scale, self._limits
         room = min(_ROOM[self._format] // scale**2, limits.binding // PIXEL_BYTES)
-        bands = bands_of(width, height, scale, limits.side, room)
+        bands = split_into_bands(width, height, scale, limits.side, room)
         size = pixel_bytes(bands)
         if size > limits.buffer:
-            text = f"{self.device_info['name']} takes buffers of {limits.buffer} bytes, "
-            text += f"{width} x {height} pixels need one of {size}"
+            text = f"{width} x {height} pixels need a buffer of {size:,} bytes; "
+            text += f"{self.device_info['name']} allows {limits.buffer:,}"
             raise DeviceError("DEVICE_MEMORY", text)
         runs.set_bands(bands)
         self._gpu.make_clock(2 * len(runs.stages()))
         self._size = width, height
 
     def decisions(self) -> tuple[NDArray[np.uint32], NDArray[np.int32]]:
-        """Return what decided about faces in the last frame, with `debug`: keys (F,), rectangles (F, 4).
+        """Return the depth keys (F,) and the tile rectangles (F, 4) of the last frame; needs `debug`.
 
-        A key has the bits of the depth; from 0xfffffffe on a face is not drawn, 0xffffffff is dropped by the
-        official culling. A rectangle has the official tiles x0, y0, x1, y1 of a kept face, without the ends.
+        A key is the bit pattern of the float32 depth. 0xffffffff marks faces removed by the official culling,
+        0xfffffffe other faces that are not drawn. A rectangle of a face that is kept has the official tiles
+        x0, y0, x1, y1, where x1 and y1 are exclusive.
         """
         count = self._packed.faces
         keys = self._runs.read("keys").view(np.uint32)[:count]
@@ -226,7 +228,7 @@ class HardwareRenderer:
 
     def memory_groups(self) -> Mapping[str, str]:
         """Return use -> group."""
-        return {name: _GROUPS[word] for name in self._gpu.held if (word := name.split()[0]) in _GROUPS}
+        return {name: _GROUPS[word] for name in self._gpu.resources if (word := name.split()[0]) in _GROUPS}
 
     def close(self) -> None:
         """Release everything."""
@@ -241,13 +243,13 @@ class HardwareRenderer:
 
     def _check_open(self) -> None:
         if self._gpu.device is None:
-            raise DeviceError("DEVICE_CLOSED", f"the renderer was closed (on {self.device_info['name']})")
+            raise DeviceError("DEVICE_CLOSED", f"the renderer on {self.device_info['name']} is closed")
 
 
 def _limits_of(adapter: Any) -> Limits:
-    """Return what the adapter takes."""
+    """Return the limits of the adapter, if they suffice."""
     for name, needed in _NEEDED.items():
         if adapter.limits[name] < needed:
-            text = f"{adapter.info['device']}: {name} is {adapter.limits[name]}, {needed} are needed"
+            text = f"{adapter.info['device']}: the limit {name} is {adapter.limits[name]}; {needed} is needed"
             raise DeviceError("DEVICE_MEMORY", text)
     return Limits(*(adapter.limits[name] for name in _LIMITS[:3]))

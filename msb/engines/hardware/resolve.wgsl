@@ -1,4 +1,4 @@
-// From samples to the pixels of a frame: red, green, blue over the background, alpha, depth.
+// Averages samples to the pixels of a frame: red, green, blue over the background, alpha, depth.
 #include "view.wgsl"
 #include "band.wgsl"
 @group(0) @binding(1) var<uniform> band: Band;
@@ -8,8 +8,8 @@
 #endif
 @group(0) @binding(4) var<storage, read_write> pixels: array<f32>;
 
-// Samples FIRST_SAMPLE..LAST_SAMPLE of each axis of a pixel count: all of them for a box mean, the middle one
-// or two for bilinear interpolation at pixel centres.
+// A pixel is the average of its samples FIRST_SAMPLE..LAST_SAMPLE along each axis: all of them for a box filter, the
+// middle one or two for bilinear interpolation at pixel centres.
 @compute @workgroup_size(64)
 fn resolve(@builtin(global_invocation_id) id: vec3<u32>) {
     if (id.x >= band.size.x || id.y >= band.size.y) {
@@ -17,7 +17,7 @@ fn resolve(@builtin(global_invocation_id) id: vec3<u32>) {
     }
     var color = vec4<f32>(0.0);
 #if DEPTH
-    var far = vec2<f32>(0.0); // sums of depth times weight, and of weights
+    var far = vec2<f32>(0.0); // sum of depth * weight, sum of weights
 #endif
     for (var v = FIRST_SAMPLE; v <= LAST_SAMPLE; v++) {
         for (var u = FIRST_SAMPLE; u <= LAST_SAMPLE; u++) {

@@ -1,22 +1,21 @@
-// A stable radix sort of 4-bit digits over the bits of the depth keys. No sub-groups, no atomics: each
-// invocation counts the digits of its own run of consecutive items, so equal keys keep their order.
+// A stable radix sort of faces by their depth keys, with 4-bit digits. It needs no subgroups and no atomics: every
+// invocation counts the digits of a separate run of consecutive items, so equal keys keep their order.
 //
-// The first pass also drops the faces that are not drawn, so what it moves is compact from then on. The number
-// that remains is known to the device alone, which therefore writes the arguments of its own later dispatches
-// and draws.
+// The first step also removes the faces that are not drawn. Only the device knows how many remain, so it writes the
+// arguments of later dispatches and draws itself.
 
 const DIGITS = 16u;
 const WORKERS = 128u;
-const RUN = BLOCK / WORKERS;    // items of an invocation; program.py defines BLOCK, those of a work-group
-const UNLISTED = 0xfffffffeu;   // keys from here on are not drawn: DROPPED and UNSEEN of project.wgsl
+const RUN = BLOCK / WORKERS;    // items per invocation; program.py defines BLOCK, the items per workgroup
+const UNLISTED = 0xfffffffeu;   // faces with this key or a higher one are not drawn (DROPPED, UNSEEN in project.wgsl)
 
 struct Step {
     shift: u32,
-    mask: u32,    // 0 in the only pass of order "none", which keeps the order of the asset
-    items: u32,   // of the first pass
-    blocks: u32,  // the most there can be: the stride of `sums`
-    chunks: u32,  // of the faces in their order: each is drawn by itself
-    parts: u32,   // buffers of records of a chunk
+    mask: u32,    // 0 in the only step of order "none", which keeps the order of the asset
+    items: u32,   // items of the first step
+    blocks: u32,  // maximum number of blocks; stride of `sums`
+    chunks: u32,  // chunks of sorted faces that are drawn one after the other
+    parts: u32,   // record buffers per chunk
 }
 @group(0) @binding(0) var<uniform> current: Step;
 @group(0) @binding(1) var<storage, read> keys_in: array<u32>;
@@ -25,14 +24,14 @@ struct Step {
 #endif
 @group(0) @binding(3) var<storage, read_write> keys_out: array<u32>;
 @group(0) @binding(4) var<storage, read_write> faces_out: array<u32>;
-@group(0) @binding(5) var<storage, read_write> sums: array<u32>; // of digit d in block b: [d blocks + b]
+@group(0) @binding(5) var<storage, read_write> sums: array<u32>; // count of digit d in block b: [d * blocks + b]
 #if FIRST
-@group(0) @binding(6) var<storage, read_write> arguments: array<u32>; // see `tell`
+@group(0) @binding(6) var<storage, read_write> arguments: array<u32>; // see `write_arguments`
 #else
 @group(0) @binding(6) var<storage, read> arguments: array<u32>;
 #endif
 
-var<workgroup> digits: array<u32, 2048>; // DIGITS x WORKERS, digit by digit
+var<workgroup> digits: array<u32, 2048>; // (DIGITS, WORKERS)
 var<workgroup> tops: array<u32, 256>;
 
 #if FIRST
@@ -73,7 +72,8 @@ fn count(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_inde
     }
 }
 
-// One work-group: sums become starts; the first pass also says what is to be drawn.
+// A single workgroup: replaces the counts in `sums` by their exclusive prefix sums, the first position of each digit in
+// each block. The first step also writes the arguments of the draws.
 @compute @workgroup_size(256)
 fn scan(@builtin(local_invocation_index) me: u32) {
     let blocks = (items() + BLOCK - 1u) / BLOCK;
@@ -105,16 +105,17 @@ fn scan(@builtin(local_invocation_index) me: u32) {
     }
 #if FIRST
     if (me == 255u) {
-        tell(tops[255]);
+        write_arguments(tops[255]);
     }
 #endif
 }
 
 #if FIRST
 
-// [0]: listed; [1..4): work-groups of a later pass; then for each buffer of records the work-groups that write
-// it, its first place, and the four numbers of the draw that reads it. Chunks are of equal size.
-fn tell(listed: u32) {
+// Writes the buffer `arguments`. [0] is the number of listed faces, [1..4) are the workgroups of later sort passes. Eight
+// values follow for each record buffer: the workgroups that write it, its first face in sorted order, and the four
+// arguments of its indirect draw. All chunks have the same size.
+fn write_arguments(listed: u32) {
     arguments[0] = listed;
     arguments[1] = (listed + BLOCK - 1u) / BLOCK;
     arguments[2] = 1u;
@@ -145,7 +146,7 @@ fn place(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_inde
     let end = min(start + RUN, items());
     count_run(start, end, me);
     workgroupBarrier();
-    // Counts become places: a digit after the other, in each the invocations in their order.
+    // Exclusive prefix sums of the counts, in the order of digits, then of invocations.
     let row = me * DIGITS;
     var sum = 0u;
     for (var k = 0u; k < DIGITS; k++) {
@@ -169,7 +170,7 @@ fn place(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_inde
         running += here;
     }
     workgroupBarrier();
-    // The first place of a digit in this block.
+    // The first position of each digit in this block.
     if (me < DIGITS) {
         tops[me] = digits[me * WORKERS];
     }

@@ -1,8 +1,8 @@
-// The model on the device, and what the stages of projection pass on. Every text of a compute stage that
-// touches faces begins with a method's file, and that with this one.
+// The buffers of the model, and the result of a face's projection. Every compute stage over faces starts with the file of
+// the method, which starts with this file.
 #include "exact.wgsl"
 
-// Buffers longer than a binding may be are bound part by part; `part` says which rows those are.
+// Long buffers are bound in parts; `part` has the rows of the current one.
 struct Part {
     first: u32,
     count: u32,
@@ -18,7 +18,7 @@ fn position(row: u32) -> vec3<f32> {
     return vec3<f32>(positions[3u * row], positions[3u * row + 1u], positions[3u * row + 2u]);
 }
 
-// The rows of a face's corners: a soup has three of its own.
+// Returns the vertices of a face; in a triangle soup they are three consecutive rows.
 fn corners_of(number: u32) -> vec3<u32> {
 #if VERTEX_COLORS
     return vec3<u32>(indices[3u * number], indices[3u * number + 1u], indices[3u * number + 2u]);
@@ -31,10 +31,10 @@ fn positions_of(rows: vec3<u32>) -> array<vec3<f32>, 3> {
     return array<vec3<f32>, 3>(position(rows.x), position(rows.y), position(rows.z));
 }
 
-// What a method's `project_face` says of a face, besides its record for the fragments (`Face`).
+// The result of a method's function `project_face`, besides the record for the fragment stage (`Face`).
 struct Projected {
-    kept: bool,         // by the official culling
-    depth: f32,         // its bits are the official sort key
-    tiles: vec4<i32>,   // the official tile rectangle; high ends excluded
-    samples: vec4<i32>, // a box of all samples where alpha can be 1/255 or more; both ends included
+    kept: bool,         // whether the official culling keeps the face
+    depth: f32,         // its bit pattern is the official sort key
+    tiles: vec4<i32>,   // the official tile rectangle; upper ends are exclusive
+    samples: vec4<i32>, // box of all samples with an alpha of possibly 1/255 or more; inclusive
 }

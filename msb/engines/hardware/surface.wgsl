@@ -1,12 +1,12 @@
-// The pixels of a frame of opaque faces: the z-buffer says which face a pixel sees, and a method's file, which
-// stands before this one, says by `surface_at(number, x, y) -> Seen` how that face looks there.
+// Computes the pixels of opaque faces. The z-buffer pass has found the face of each pixel; the function
+// `surface_at(number, x, y) -> Seen` of the method's file, which comes before this one, computes its appearance.
 #include "band.wgsl"
 @group(0) @binding(5) var<uniform> band: Band;
-@group(0) @binding(6) var faces: texture_2d<u32>; // number + 1, 0 where nothing is
+@group(0) @binding(6) var faces: texture_2d<u32>; // face number + 1; 0 without a face
 @group(0) @binding(9) var<storage, read_write> pixels: array<f32>;
 @group(0) @binding(10) var<storage, read_write> keys: array<atomic<u32>>;
 
-// One pixel; `part` says which faces' appearance is bound. Where nothing is, the first part writes.
+// Computes one pixel. `part` has the faces whose appearance is bound. The first part also writes pixels without a face.
 @compute @workgroup_size(64)
 fn surface(@builtin(global_invocation_id) id: vec3<u32>) {
     if (id.x >= band.size.x || id.y >= band.size.y) {
@@ -17,7 +17,7 @@ fn surface(@builtin(global_invocation_id) id: vec3<u32>) {
     var seen = Seen(view.background, 0.0, 0.0);
     if (mine) {
         seen = surface_at(face - 1u, i32(band.first.x + id.x), i32(band.first.y + id.y));
-        atomicStore(&keys[face - 1u], 0u); // seen
+        atomicStore(&keys[face - 1u], 0u); // the face is visible
     } else if (face != 0u || part.first != 0u) {
         return;
     }

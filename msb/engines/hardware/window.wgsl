@@ -1,4 +1,4 @@
-// What Triangle-Splatting and MeshSplatting share: projected triangles, their incentre and edge distances.
+// Shared by Triangle-Splatting and MeshSplatting: projected triangles, their incentres and edge distances.
 // Sources: trianglesplatting/diff-triangle-rasterization at 6d61f4c: cuda_rasterizer/forward.cu, auxiliary.h;
 // meshsplatting/diff-triangle-mesh-rasterization at b27f283 (the same lines).
 
@@ -10,7 +10,7 @@ const MAX_RADIUS = 1600.0;
 const MIN_DETERMINANT = 1e-3;
 
 struct Window {
-    depth: f32,                          // camera z of the centroid
+    depth: f32,                          // z of the centroid in camera space
     corners: array<vec2<f32>, 3>,        // samples
     edge_normal: array<vec2<f32>, 3>,    // outwards
     edge_offset: array<f32, 3>,
@@ -24,8 +24,8 @@ fn window_sample(p: vec3<f32>) -> vec2<f32> {
                      add(to_sample(mul(affine(view.full[1], p), inverse), view.height), view.shift.y));
 }
 
-// Returns whether the triangle is kept, but for opacity and tiles. Nothing is clipped: a corner behind the
-// camera is mirrored by the division, as upstream.
+// Returns whether the triangle is kept by the culling rules that do not depend on opacity or tiles. As in the official
+// code nothing is clipped, so the perspective division mirrors corners behind the camera.
 fn project_window(p: array<vec3<f32>, 3>, w: ptr<function, Window>) -> bool {
     let center = center_of(p[0], p[1], p[2]);
     let camera = to_camera(center);
@@ -69,12 +69,12 @@ fn project_window(p: array<vec3<f32>, 3>, w: ptr<function, Window>) -> bool {
         (*w).edge_offset[k] = t * outward;
         (*w).inradius[k] = distance * outward;
     }
-    // Where two corners coincide it is NaN, which officially drops no face: nothing then is inside anyway.
+    // NaN if two corners coincide. Officially such a face is kept, but no sample is inside it.
     return !((*w).inradius[2] > -1.0);
 }
 
-// The samples where alpha is 1/255 or more: the triangle shrunk about its incentre until phi = `rim`, nothing
-// if that is above 1. Wider by what rounding can move an edge, which a sharp corner magnifies.
+// Returns the box of samples with an alpha of 1/255 or more: the triangle shrunk about its incentre to phi = `rim`, empty
+// if `rim` exceeds 1. The box is enlarged by the rounding error of edges, which is larger at sharp corners.
 fn window_box(w: ptr<function, Window>, rim: f32) -> vec4<i32> {
     let p = (*w).corners[0];
     let q = (*w).corners[1];
@@ -92,12 +92,12 @@ fn window_box(w: ptr<function, Window>, rim: f32) -> vec4<i32> {
     return samples;
 }
 
-// The tiles of the contour where o phi^sigma = 0.01: each edge moved inwards, then intersected.
+// Returns the tiles of the contour o phi^sigma = 0.01: the edges are moved inwards and intersected.
 fn contour_tiles(w: ptr<function, Window>, shrunk: f32) -> vec4<i32> {
     var offset: array<f32, 3>;
     var distance = 0.0;
     for (var k = 0; k < 3; k++) {
-        // One edge's distance serves all three, unless it underflowed to 0.
+        // As officially, the distance of the first edge is used for all edges, unless it underflows to 0.
         if (distance == 0.0) {
             distance = mul((*w).inradius[k], shrunk);
         }
@@ -124,15 +124,15 @@ fn contour_tiles(w: ptr<function, Window>, shrunk: f32) -> vec4<i32> {
     return found;
 }
 
-// The largest of the three distances n.x x + n.y y + t, summed in this order as upstream; outside is where it
-// is positive. A sample exactly on an edge has distance 0 and alpha 0; were it -1e-5 instead, because the sum
-// was fused, a sharp window (phi^0.01) would make that 0.8.
+// Returns the largest of the three distances n.x x + n.y y + t, summed in the official order; it is positive outside. A
+// sample exactly on an edge has distance 0 and alpha 0. With a fused sum the distance could be -1e-5, and a sharp window
+// (phi^0.01) would turn that into an alpha of 0.8.
 fn nearest_edge(normal_x: vec3<f32>, normal_y: vec3<f32>, offset: vec3<f32>, x: f32, y: f32) -> f32 {
     let e = keep3(keep3(normal_x * x) + keep3(normal_y * y)) + offset;
     return max(max(e.x, e.y), e.z);
 }
 
-// phi^sigma as upstream's fast power; 0 where phi is 0.
+// Returns phi^sigma like the official fast power; 0 for phi = 0.
 fn window_power(phi: f32, sigma: f32) -> f32 {
     return select(0.0, exp2(max(sigma * log2(max(phi, 1e-30)), -100.0)), phi > 1e-30);
 }

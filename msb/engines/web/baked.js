@@ -1,16 +1,16 @@
 "use strict";
-// What only the page of a bake has: its files to choose from, what it lost, and what it is.
+// The report of a bake: a list of its meshes, the loss of quality, and facts.
 const files = Object.fromEntries([...document.querySelectorAll("script[data-file]")]
-  .map((element) => [element.dataset.file, element]));
+  .map((script) => [script.dataset.file, script]));
 
-const made = (kind, text) => Object.assign(document.createElement(kind), { textContent: text });
+const element = (kind, text) => Object.assign(document.createElement(kind), { textContent: text });
 function row(cells, kind) {
-  const found = document.createElement("tr");
-  found.append(...cells.map((text) => made(kind, text)));
-  return found;
+  const result = document.createElement("tr");
+  result.append(...cells.map((text) => element(kind, text)));
+  return result;
 }
 
-function tell(bake) {
+function showReport(bake) {
   byId("file-shown").append(...Object.keys(files).map((name) => new Option(name, name)));
   byId("file-shown").parentElement.hidden = Object.keys(files).length === 1;
   const [head, ...rows] = bake.losses, top = document.createElement("thead"), body = document.createElement("tbody");
@@ -21,15 +21,15 @@ function tell(bake) {
   byId("preview").src = bake.preview;
   byId("preview").alt = byId("caption").textContent = bake.caption;
   byId("preview").addEventListener("click", () => byId("preview").classList.toggle("large"));
-  byId("about").replaceChildren(...bake.facts.flatMap(([term, text]) => [made("dt", term), made("dd", text)]));
+  byId("about").replaceChildren(...bake.facts.flatMap(([term, text]) => [element("dt", term), element("dd", text)]));
   byId("notes").previousElementSibling.hidden = !bake.notes.length;
-  byId("notes").replaceChildren(...bake.notes.map((text) => made("li", text)));
+  byId("notes").replaceChildren(...bake.notes.map((text) => element("li", text)));
 }
 
-const openNamed = (name) => open(bytesOf(files[name].textContent), name);
+const openNamed = (name) => open(decodeBase64(files[name].textContent), name);
 
 async function openFirst() {
-  tell(start.baked);
+  showReport(start.baked);
   const [first] = Object.keys(files);
   try {
     await openNamed(first);

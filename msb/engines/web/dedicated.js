@@ -1,16 +1,16 @@
 "use strict";
 import { matrixOf } from "./camera.js";
-// Runs the plan of a frame (msb/engines/hardware/program.py) in WebGPU: the same WGSL, buffers and passes that
-// the renderer `wgpu` runs. From frame to frame this script computes nothing but the camera record.
-const SLOT = 256;        // bytes between entries of a uniform buffer that are bound one at a time
+// Executes the plan of a frame (msb/engines/hardware/program.py) with WebGPU: the same WGSL, buffers and passes as in
+// the renderer `wgpu`. The only data computed here for each frame is the camera record.
+const SLOT = 256;        // bytes between the entries of a uniform buffer that are bound one by one
 const PIXEL_BYTES = 20;  // red, green, blue, alpha and depth of a pixel, float32
-const ROOM = 1 << 23;    // the most samples of a band
-const TILE = 16;
-const NUMBERS = "r32uint";      // of faces: the target of a plan with a z-buffer
-const STORED = "r32float";      // textures that compute passes write
-const DEPTHS = "depth32float";  // its z-buffer
+const ROOM = 1 << 23;    // maximum number of samples of a band
+const TILE = 16;         // width and height of an official tile in pixels
+const NUMBERS = "r32uint";      // format of targets with face numbers, in plans with a z-buffer
+const STORED = "r32float";      // format of textures that compute passes write
+const DEPTHS = "depth32float";  // format of the z-buffer
 
-// Pixels of a band go onto the canvas, as bytes rounded to the nearest.
+// The shader that copies the pixels of a band to the canvas, rounded to bytes.
 const PRESENT = `
 struct Band { first: vec2<u32>, size: vec2<u32>, output: u32 }
 @group(0) @binding(0) var<uniform> band: Band;
@@ -27,7 +27,7 @@ struct Band { first: vec2<u32>, size: vec2<u32>, output: u32 }
 
 // ---- the camera record
 
-// The projection of blended methods, as in msb/render/splat/view.py, and the signs of W's rows.
+// Returns the signs of the rows of W and the projection matrix of blended methods, as in msb/render/splat/view.py.
 function blendedProjection(view, near, far) {
   const f = Math.fround, tan = [view.width / (2 * view.fx), view.height / (2 * view.fy)];
   return [[1, 1, 1, 1], [
@@ -36,8 +36,8 @@ function blendedProjection(view, near, far) {
   ]];
 }
 
-// That of DiffSoup, as in its look_model.py: `flip` is set in the layout "synthetic", which is computed in
-// double and rounded once.
+// Returns the same for DiffSoup, as in its look_model.py. With `flip` (layout "synthetic") the matrix is computed in
+// double precision and rounded once.
 function surfaceProjection(view, near, far, flip) {
   const f = Math.fround, g = flip ? (x) => x : f;
   const [w, h, fx, fy, cx, cy] = [view.width, view.height, view.fx, view.fy, view.cx, view.cy].map(g);
@@ -47,8 +47,8 @@ function surfaceProjection(view, near, far, flip) {
   ]];
 }
 
-// The members that every method has, from a view ({ width, height, fx, fy, cx, cy, world_to_camera, unit }: OpenCV,
-// row-major). Formulas and roundings as in msb/render/splat/view.py.
+// Returns the members of the camera record that all methods share, with the formulas and float32 roundings of
+// msb/render/splat/view.py. camera.js describes a view.
 function cameraMembers(view, scale, near, far, own) {
   const f = Math.fround, W = matrixOf(view).map((row) => row.map(f));
   const tan = [view.width / (2 * view.fx), view.height / (2 * view.fy)];
@@ -66,7 +66,7 @@ function cameraMembers(view, scale, near, far, own) {
   };
 }
 
-// -R^-1 t, by cofactors: a float32 rotation is not quite orthogonal.
+// Returns -R^-1 t. The inverse is computed by cofactors, because a float32 rotation is not exactly orthogonal.
 function cameraCenter(W) {
   const [a, b, c] = W;
   const cross = (u, v) => [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
@@ -75,6 +75,7 @@ function cameraCenter(W) {
   return [0, 1, 2].map((i) => -(columns[0][i] * a[3] + columns[1][i] * b[3] + columns[2][i] * c[3]) / determinant);
 }
 
+// Returns the camera record as bytes.
 function viewRecord(about, scale, view, background, degree, own) {
   const values = { ...cameraMembers(view, scale, about.near, about.far, own), background, degree: [degree] };
   for (const [name, value] of Object.entries(own)) values[name] = [value];
@@ -89,14 +90,14 @@ function viewRecord(about, scale, view, background, degree, own) {
 // ---- a device
 
 async function openDevice(needs) {
-  if (!navigator.gpu) throw new Error("This browser has no WebGPU.");
+  if (!navigator.gpu) throw new Error("This browser does not support WebGPU.");
   let adapter = null;
-  // The browser's graphics process may just be starting again.
+  // Try several times, because the browser's graphics process may be restarting.
   for (let tries = 0; !adapter && tries < 4; tries += 1) {
     if (tries) await new Promise((done) => setTimeout(done, 200 * tries));
     adapter = await navigator.gpu.requestAdapter({ powerPreference: "high-performance" });
   }
-  if (!adapter) throw new Error("WebGPU finds no graphics adapter in this browser.");
+  if (!adapter) throw new Error("WebGPU found no graphics adapter in this browser.");
   const requiredLimits = { maxTextureDimension2D: adapter.limits.maxTextureDimension2D };
   for (const [name, wanted] of Object.entries(needs)) {
     if (adapter.limits[name] < wanted) {
@@ -111,30 +112,30 @@ async function openDevice(needs) {
   });
   const info = adapter.info || {};
   const words = [info.vendor, info.architecture, info.description].filter(Boolean).join(" ");
-  const name = words.replace("google swiftshader", "SwiftShader") || "an adapter without a name";
+  const name = words.replace("google swiftshader", "SwiftShader") || "unnamed adapter";
   return { device, name, format: blends ? "rgba32float" : "rgba16float" };
 }
 
 // ---- the plan
 
 export class Dedicated {
-  // `about` is scene.dedicated of the page; `read` returns the array of a name; `told` hears of progress.
-  static async open(about, canvas, read, told) {
-    const made = new Dedicated();
-    Object.assign(made, { about, canvas, held: new Map(), compiled: new Map(), groups: new Map(), size: null });
-    Object.assign(made, await openDevice(about.needs));
-    if (about.plans[0].format === NUMBERS) made.format = NUMBERS;
-    made.lost = made.device.lost;
-    // A device that is lost may leave what was asked of it without an answer.
-    const lost = made.lost.then((info) => { throw new Error(`The graphics device was lost: ${info.message}`); });
-    return Promise.race([lost, made.#prepare(canvas, read, told)]);
+  // `about` is scene.dedicated of the page, `read(name)` returns an array, `onProgress(text)` is called for messages.
+  static async open(about, canvas, read, onProgress) {
+    const result = new Dedicated();
+    Object.assign(result, { about, canvas, held: new Map(), compiled: new Map(), groups: new Map(), size: null });
+    Object.assign(result, await openDevice(about.needs));
+    if (about.plans[0].format === NUMBERS) result.format = NUMBERS;
+    result.lost = result.device.lost;
+    // Operations on a lost device may never finish.
+    const lost = result.lost.then((info) => { throw new Error(`The graphics device was lost: ${info.message}`); });
+    return Promise.race([lost, result.#prepare(canvas, read, onProgress)]);
   }
 
-  async #prepare(canvas, read, told) {
+  async #prepare(canvas, read, onProgress) {
     this.canvasFormat = navigator.gpu.getPreferredCanvasFormat();
     await this.#checked(async () => {
-      await this.#upload(read, told);
-      told("compiling shaders ...");
+      await this.#upload(read, onProgress);
+      onProgress("compiling shaders ...");
       await this.#makePresent();
     });
     await this.use(0);
@@ -146,30 +147,31 @@ export class Dedicated {
     return this;
   }
 
-  // Runs what makes things on the device, and throws what the device says against them.
-  async #checked(make) {
+  // Calls `create`, which creates objects on the device, and throws the device's errors.
+  async #checked(create) {
     this.device.pushErrorScope("validation");
     this.device.pushErrorScope("out-of-memory");
-    const found = await make();
-    for (const scope of ["memory", "plan"]) {
+    const result = await create();
+    for (const problem of ["is out of memory", "rejects the shaders or buffers of this model"]) {
       const error = await this.device.popErrorScope();
-      if (error) throw new Error(`${this.name} refuses the ${scope} of this model: ${error.message.slice(0, 200)}`);
+      if (error) throw new Error(`${this.name} ${problem}: ${error.message.slice(0, 200)}`);
     }
-    return found;
+    return result;
   }
 
-  // Takes the plan of that number from the next frame on.
+  // Uses the plan with this number from the next frame on.
   async use(number) {
     this.wanted = number;
     if (!this.compiled.has(number)) this.compiled.set(number, this.#checked(() => this.#compile(this.about.plans[number])));
-    const made = await this.compiled.get(number).catch((error) => {
-      if (this.wanted === number) this.wanted = this.number;  // the plan before is still drawn
+    const compiled = await this.compiled.get(number).catch((error) => {
+      if (this.wanted === number) this.wanted = this.number;  // the earlier plan stays in use
       throw error;
     });
-    if (this.wanted !== number) return;  // another one was chosen while this one was compiled
+    if (this.wanted !== number) return;  // another plan was chosen during compilation
     const before = this.plan?.buffers || {};
-    Object.assign(this, made, { number, plan: this.about.plans[number], size: null });
+    Object.assign(this, compiled, { number, plan: this.about.plans[number], size: null });
     const { arrays, buffers } = this.plan;
+    // Destroy buffers of the earlier plan that the new one does not use, then create the missing ones.
     for (const name of Object.keys(before)) {
       if (this.held.has(name) && !(name in buffers && buffers[name][0] === before[name][0]) && !this.about.arrays[name]) {
         this.held.get(name).destroy();
@@ -185,28 +187,29 @@ export class Dedicated {
   #buffer(name, size, usages) {
     this.held.get(name)?.destroy();
     const usage = usages.reduce((sum, word) => sum | GPUBufferUsage[word.toUpperCase()], 0);
-    const made = this.device.createBuffer({ size, usage });
-    this.held.set(name, made);
-    return made;
+    const buffer = this.device.createBuffer({ size, usage });
+    this.held.set(name, buffer);
+    return buffer;
   }
 
-  // A buffer for every array of every plan, under the array's name.
-  async #upload(read, told) {
+  // Uploads every array of every plan to a buffer with the array's name.
+  async #upload(read, onProgress) {
     const wanted = new Map();
     for (const { arrays, buffers } of this.about.plans) {
       for (const [buffer, array] of Object.entries(arrays)) wanted.set(array, buffers[buffer]);
     }
     let k = 0;
     for (const [array, [bytes, usages]] of wanted) {
-      told(`reading the model: ${Math.round(100 * k / wanted.size)} %`);
+      onProgress(`reading the model: ${Math.round(100 * k / wanted.size)} %`);
       this.device.queue.writeBuffer(this.#buffer(array, bytes, usages), 0, await read(array));
       k += 1;
     }
   }
 
+  // Returns the buffer or texture of a name in the plan.
   #of(name) { return this.held.get(this.plan.arrays[name] ?? name); }
 
-  // Explicit layouts: what a stage binds but does not use may stay.
+  // Explicit layouts are needed because a stage may bind resources that it does not use.
   #layout(step) {
     const stages = GPUShaderStage;
     const visibility = step.records ? stages.VERTEX | stages.FRAGMENT : stages.COMPUTE;
@@ -246,14 +249,14 @@ export class Dedicated {
       modules[name] = this.device.createShaderModule({ code: this.about.modules[text] });
     }
     const steps = [...plan.passes, ...plan.band_passes];
-    // Steps of one entry point and one layout share a pipeline: compiling is what takes time here.
+    // Steps with the same entry point and layout share a pipeline, because compiling is slow.
     const shared = new Map();
-    const found = await Promise.all(steps.map((step) => {
+    const results = await Promise.all(steps.map((step) => {
       const key = JSON.stringify([step.module, step.entry, step.bindings.map(({ number, kind }) => [number, kind])]);
       if (!shared.has(key)) shared.set(key, this.#pipeline(plan, step, modules[step.module]));
       return shared.get(key);
     }));
-    return { steps, layouts: found.map(({ group }) => group), pipelines: found.map(({ pipeline }) => pipeline) };
+    return { steps, layouts: results.map(({ group }) => group), pipelines: results.map(({ pipeline }) => pipeline) };
   }
 
   async #makePresent() {
@@ -264,7 +267,7 @@ export class Dedicated {
     });
   }
 
-  // Targets for frames of this size: one band's, used again for each.
+  // Creates the textures and buffers of a frame. They have the size of a band and are reused for each band.
   #makeTargets(width, height) {
     if (this.size?.[0] === width && this.size[1] === height) return;
     const side = Math.floor(this.device.limits.maxTextureDimension2D / this.plan.scale);
@@ -302,10 +305,10 @@ export class Dedicated {
     const key = `${number} ${k}`;
     if (!this.groups.has(key)) {
       const entries = this.steps[number].bindings.map((binding) => {
-        const held = this.#of(binding.name);
-        if (held instanceof GPUTexture) return { binding: binding.number, resource: held.createView() };
+        const resource = this.#of(binding.name);
+        if (resource instanceof GPUTexture) return { binding: binding.number, resource: resource.createView() };
         const offset = binding.name === "bands" ? SLOT * k : binding.offset;
-        return { binding: binding.number, resource: { buffer: held, offset, size: binding.size ?? held.size - offset } };
+        return { binding: binding.number, resource: { buffer: resource, offset, size: binding.size ?? resource.size - offset } };
       });
       this.groups.set(key, this.device.createBindGroup({ layout: this.layouts[number], entries }));
     }
@@ -343,6 +346,7 @@ export class Dedicated {
     pass.end();
   }
 
+  // Copies band `k` to the canvas.
   #show(encoder, texture, k) {
     const band = this.bands[k];
     const pass = encoder.beginRenderPass({
@@ -361,8 +365,8 @@ export class Dedicated {
     pass.end();
   }
 
-  // Draws onto the canvas. With `copied`, a buffer, the canvas's bytes go there, too.
-  #encode(view, background, degree, own, copied) {
+  // Draws onto the canvas. With `copy`, a destination buffer, it also copies the canvas's bytes.
+  #encode(view, background, degree, own, copy) {
     const { canvas, device } = this;
     if (canvas.width !== view.width || canvas.height !== view.height) {
       canvas.width = view.width;
@@ -384,16 +388,17 @@ export class Dedicated {
       }
       this.#show(encoder, texture, k);
     }
-    if (copied) encoder.copyTextureToBuffer({ texture }, copied, [view.width, view.height]);
+    if (copy) encoder.copyTextureToBuffer({ texture }, copy, [view.width, view.height]);
     device.queue.submit([encoder.finish()]);
   }
 
+  // Draws a view; resolves when the frame is complete. `own` has the method's members of the camera record.
   async draw(view, background, degree, own) {
     this.#encode(view, background, degree, own, null);
     await this.device.queue.onSubmittedWorkDone();
   }
 
-  // The canvas's pixels of a view, RGB bytes from the top.
+  // Draws a view and returns the canvas's pixels: RGB bytes, the top row first.
   async pixels(view, background, degree, own) {
     const stride = Math.ceil(4 * view.width / SLOT) * SLOT;
     const buffer = this.device.createBuffer({
@@ -401,16 +406,16 @@ export class Dedicated {
     });
     this.#encode(view, background, degree, own, { buffer, bytesPerRow: stride });
     await buffer.mapAsync(GPUMapMode.READ);
-    const bytes = new Uint8Array(buffer.getMappedRange()), found = new Uint8Array(3 * view.width * view.height);
+    const bytes = new Uint8Array(buffer.getMappedRange()), rgb = new Uint8Array(3 * view.width * view.height);
     const first = this.canvasFormat.startsWith("bgra") ? 2 : 0;
     for (let y = 0, to = 0; y < view.height; y += 1) {
       for (let at = y * stride, end = at + 4 * view.width; at < end; at += 4, to += 3) {
-        found[to] = bytes[at + first];
-        found[to + 1] = bytes[at + 1];
-        found[to + 2] = bytes[at + 2 - first];
+        rgb[to] = bytes[at + first];
+        rgb[to + 1] = bytes[at + 1];
+        rgb[to + 2] = bytes[at + 2 - first];
       }
     }
     buffer.destroy();
-    return found;
+    return rgb;
   }
 }

@@ -1,5 +1,5 @@
 "use strict";
-// What only the page of a mesh file has: colours by two rules, and files that are dropped.
+// The page of a mesh: two interpretations of colours, and files that are dropped or chosen.
 byId("colors").addEventListener("change", (event) => { setColors(event.target.value); show(); });
 window.addEventListener("dragover", (event) => { event.preventDefault(); document.body.classList.add("over"); });
 window.addEventListener("dragleave", () => document.body.classList.remove("over"));
@@ -10,17 +10,17 @@ window.addEventListener("drop", (event) => {
 });
 byId("file").addEventListener("change", (event) => event.target.files.length && openFile(event.target.files[0]));
 
-async function openFirst(asked) {
-  const url = asked.get("url");
+async function openFirst() {
+  const url = query.get("url");
   try {
     if (url) {
       const answer = await fetch(url);
       if (!answer.ok) throw new Error(`status ${answer.status}`);
       await open(await answer.arrayBuffer(), start.name || url.split("/").pop());
     } else {
-      const own = ownFile();
-      if (!own) { say("Drop a .glb here"); return false; }
-      await open(own, start.name);
+      const file = embeddedFile();
+      if (!file) { say("Drop a .glb file here"); return false; }
+      await open(file, start.name);
     }
   } catch (error) {
     say(`${url || start.name} cannot be shown: ${error.message || error}`);

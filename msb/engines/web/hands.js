@@ -1,8 +1,8 @@
 "use strict";
-// Cameras, and hands that move them: a mouse, fingers, keys.
+// The cameras, and their control by mouse, touch and keyboard.
 const MOVING_KEYS = { w: [0, 0, 1], s: [0, 0, -1], a: [-1, 0, 0], d: [1, 0, 0], e: [0, -1, 0], q: [0, 1, 0] };
-const PACE = 0.4;         // radii of the mesh a second
-const REST_MILLISECONDS = 200;
+const PACE = 0.4;               // speed of flying in radii of the model per second
+const REST_MILLISECONDS = 200;  // time after the last movement until a frame is drawn at full resolution
 
 // ---- cameras
 
@@ -13,7 +13,7 @@ function upVector() {
   return up;
 }
 
-// Rows of world_to_camera are the camera's x, y (down) and z (forward) axes.
+// Returns `view` with another position and other axes, which are the rows of world_to_camera.
 function placed(view, eye, right, down, forward) {
   const rows = [right, down, forward].map((axis) => [axis.x, axis.y, axis.z, -axis.dot(eye)]);
   return { ...view, world_to_camera: [...rows, [0, 0, 0, 1]] };
@@ -26,6 +26,7 @@ function axes(view) {
   return { eye, right, down, forward };
 }
 
+// Returns the size and the intrinsics of a view that fills the window.
 function windowView() {
   const ratio = window.devicePixelRatio || 1;
   const width = Math.max(1, Math.round(document.body.clientWidth * ratio));
@@ -34,31 +35,33 @@ function windowView() {
   return { width, height, fx: f, fy: f, cx: width / 2, cy: height / 2 };
 }
 
+// Shows the whole model from the front, slightly above.
 function fit() {
   state.fitted = true;
   byId("cameras").value = "";
   const view = windowView();
   const half = Math.min(FOV_Y / 2, Math.atan(Math.tan(FOV_Y / 2) * view.width / view.height));
   const up = upVector();
-  const side = new THREE.Vector3(0.5, -1, 1);  // of the three, what is level
+  const side = new THREE.Vector3(0.5, -1, 1);  // direction to the camera; its component along the up axis is removed
   side[byId("up").value[1]] = 0;
   const forward = side.normalize().addScaledVector(up, 0.4).normalize().negate();
   const right = new THREE.Vector3().crossVectors(forward, up).normalize();
   const down = new THREE.Vector3().crossVectors(forward, right);
   const distance = 1.05 * world.radius / Math.sin(half);
   const eye = world.center.clone().addScaledVector(forward, -distance);
-  // As msb/scenes/paths.py has it.
+  // The same rule as in msb/scenes/paths.py.
   view.unit = distance >= 0.5 && distance <= 64 ? 1 : 2 ** (Math.round(Math.log2(distance)) - 1);
   state.target.copy(world.center);
   state.view = placed(view, eye, right, down, forward);
   show();
 }
 
+// Shows the camera with this number; "" is the free camera.
 function choose(index) {
   if (index === "") { fit(); return; }
   state.fitted = false;
   state.view = views[Number(index)];
-  // Turn about the point on the camera's axis that is nearest to the middle of the mesh.
+  // Orbit the point on the camera's axis that is nearest to the centre of the model.
   const { eye, forward } = axes(state.view);
   const ahead = Math.max(world.center.clone().sub(eye).dot(forward), 0.1 * world.radius);
   state.target.copy(eye).addScaledVector(forward, ahead);
@@ -68,14 +71,14 @@ function choose(index) {
 let views = [];
 function setCameras(list) {
   views = list;
-  const options = [["", "free"], ...views.map((view, i) => [i, view.name || String(i)])];
+  const options = [["", "free camera"], ...views.map((view, i) => [i, view.name || String(i)])];
   byId("cameras").parentElement.hidden = !views.length;
   byId("cameras").replaceChildren(...options.map(([value, text]) => new Option(text, value)));
 }
 
-// ---- moves; the view is drawn by `moved`
+// ---- movements; `moved` draws the view afterwards
 
-// While hands move, `state.moving` is set; it ends with a rest, after which the view is drawn again.
+// `state.moving` is true during movements and for a short time after them; then the view is drawn again.
 let rest = 0;
 function moved() {
   state.fitted = false;
@@ -86,13 +89,13 @@ function moved() {
   show();
 }
 
-// About the target; looking around, about the eye.
+// Rotates the view by angles: about the target, or about the eye in the mode "look around".
 function turn(dx, dy) {
   const { eye, right, down, forward } = axes(state.view);
   const up = upVector(), looks = byId("drag").value === "looks";
   const sign = looks ? 1 : -1;
   const about = new THREE.Quaternion().setFromAxisAngle(up, sign * dx);
-  // Not over the poles.
+  // Stop before the poles, so that the model is never upside down.
   const angle = Math.acos(Math.max(-1, Math.min(1, -forward.dot(up))));
   const pitch = Math.max(0.02 - angle, Math.min(Math.PI - 0.02 - angle, sign * dy));
   about.multiply(new THREE.Quaternion().setFromAxisAngle(right, pitch));
@@ -102,6 +105,7 @@ function turn(dx, dy) {
   state.view = placed(state.view, eye, right, down, forward);
 }
 
+// Pans the view by a distance in pixels, so that the target follows the pointer.
 function move(dx, dy) {
   const { eye, right, down, forward } = axes(state.view);
   const distance = state.target.clone().sub(eye).dot(forward);
@@ -111,17 +115,18 @@ function move(dx, dy) {
   state.view = placed(state.view, eye.add(step), right, down, forward);
 }
 
+// Multiplies the distance to the target.
 function zoom(factor) {
   const { eye, right, down, forward } = axes(state.view);
   eye.sub(state.target).multiplyScalar(factor).add(state.target);
   state.view = placed(state.view, eye, right, down, forward);
 }
 
-// ---- a mouse and fingers: one turns, two move and zoom
+// ---- mouse and touch: one pointer rotates, two pan and zoom
 
-const fingers = new Map();
+const fingers = new Map();  // pointer id -> [x, y]
 const middleOf = (points) => [0, 1].map((k) => points.reduce((sum, point) => sum + point[k], 0) / points.length);
-const apart = (points) => Math.max(1, Math.hypot(points[0][0] - points[1][0], points[0][1] - points[1][1]));
+const distanceOf = (points) => Math.max(1, Math.hypot(points[0][0] - points[1][0], points[0][1] - points[1][1]));
 canvas.parentElement.addEventListener("pointerdown", (event) => {
   if (!event.target.closest("canvas")) return;
   fingers.set(event.pointerId, [event.clientX, event.clientY]);
@@ -136,7 +141,7 @@ canvas.parentElement.addEventListener("pointermove", (event) => {
   const after = [...fingers.values()].slice(0, 2);
   const from = middleOf(before), to = middleOf(after);
   const dx = to[0] - from[0], dy = to[1] - from[1];
-  if (before.length === 2) zoom(apart(before) / apart(after));
+  if (before.length === 2) zoom(distanceOf(before) / distanceOf(after));
   if (before.length === 2 || event.shiftKey || event.buttons & 6) move(dx * scale, dy * scale);
   else turn(dx * Math.PI / document.body.clientHeight, dy * Math.PI / document.body.clientHeight);
   moved();
@@ -153,10 +158,11 @@ canvas.parentElement.addEventListener("wheel", (event) => {
   moved();
 }, { passive: false });
 
-// ---- keys
+// ---- keyboard
 
 const pressed = new Set();
-let flown = 0;
+let flown = 0;  // time of the last step
+// Moves the camera by the pressed keys, once per animation frame.
 function fly(now) {
   if (!pressed.size || !state.view) { flown = 0; return; }
   const seconds = flown ? Math.min(0.1, (now - flown) / 1000) : 1 / 60;
@@ -184,12 +190,12 @@ window.addEventListener("keydown", (event) => {
     if (still) requestAnimationFrame(fly);
   }
   if (key === "f") fit();
-  if (key === "p") savePicture();
+  if (key === "p") saveImage();
 });
 window.addEventListener("keyup", (event) => { pressed.delete(event.key.toLowerCase()); state.fast = event.shiftKey; });
 window.addEventListener("blur", () => pressed.clear());
 
-let savePicture = () => {
+let saveImage = () => {
   showMesh(state.view);
   download(canvas);
 };

@@ -1,36 +1,36 @@
 "use strict";
-// Shows one mesh with three.js as the standard tier does: unlit, two-sided, nearest face. A mesh that brings no
-// colours is grey in daylight, as ours are before they are written into a page.
-const NEAR = 0.01;
-const FOV_Y = 40 * Math.PI / 180;
+// Shows one mesh with three.js as the standard tier does: unlit, two-sided, nearest face. A mesh without colours is
+// shaded in grey, as on our standard tier.
+const NEAR = 0.01;                 // near plane, in units of the view
+const FOV_Y = 40 * Math.PI / 180;  // vertical field of view of the free camera
 const canvas = byId("view");
 const start = JSON.parse(byId("scene").textContent);
 
 const gl = canvas.getContext("webgl2", { alpha: false, antialias: false, depth: false, preserveDrawingBuffer: true });
 if (!gl) {
-  say("This browser has no WebGL 2.");
+  say("This browser does not support WebGL 2. Use a current Chrome, Edge, Firefox or Safari.");
   throw new Error("no WebGL 2");
 }
 const renderer = new THREE.WebGLRenderer({ canvas, context: gl });
 renderer.autoClear = false;
 renderer.setPixelRatio(1);
 renderer.toneMapping = THREE.NoToneMapping;
-// Materials below say themselves what becomes of colours.
+// Colours are converted by the materials below only.
 THREE.ColorManagement.enabled = false;
 renderer.outputColorSpace = THREE.LinearSRGBColorSpace;
-// Depth 1 at the near plane and 0 infinitely far, in float32, loses nothing to a far plane; where a browser
-// cannot (no EXT_clip_control), the usual -1 .. 1, without a far plane either.
-function extended() {
+// Enables extensions. With EXT_clip_control the float32 depth is 1 at the near plane and 0 at infinity, which is most
+// precise; otherwise it is the usual -1 .. 1. Neither has a far plane.
+function enableExtensions() {
   const clip = gl.getExtension("EXT_clip_control");
   if (clip) clip.clipControlEXT(clip.LOWER_LEFT_EXT, clip.ZERO_TO_ONE_EXT);
   return { floats: gl.getExtension("EXT_color_buffer_float") !== null, clip: clip !== null };
 }
-const { floats, clip } = extended();
+const { floats, clip } = enableExtensions();
 
-// Whether a browser's graphics process has ended; three.js makes its things anew when there is another.
-let webGlLost = (lost) => say(lost ? "WebGL was lost, so nothing is drawn; reload the page." : "");
-canvas.addEventListener("webglcontextlost", () => webGlLost(true));
-canvas.addEventListener("webglcontextrestored", () => { extended(); webGlLost(false); show(); });
+// Called when the WebGL context is lost, and when it is restored; three.js then recreates its objects.
+let onWebGlChange = (lost) => say(lost ? "The WebGL context was lost, so nothing can be drawn. Reload the page." : "");
+canvas.addEventListener("webglcontextlost", () => onWebGlChange(true));
+canvas.addEventListener("webglcontextrestored", () => { enableExtensions(); onWebGlChange(false); show(); });
 
 const scene = new THREE.Scene();
 const camera = new THREE.PerspectiveCamera();
@@ -40,24 +40,26 @@ const state = { view: null, fitted: true, target: new THREE.Vector3(), backgroun
 
 // ---- drawing
 
+// Returns the render target of a pixel type (float or byte) with this size.
 const targets = new Map();
 function target(type, width, height) {
-  let found = targets.get(type);
-  if (found && (found.width !== width || found.height !== height)) {
-    found.depthTexture.dispose();
-    found.dispose();
-    found = null;
+  let result = targets.get(type);
+  if (result && (result.width !== width || result.height !== height)) {
+    result.depthTexture.dispose();
+    result.dispose();
+    result = null;
   }
-  if (!found) {
-    found = new THREE.WebGLRenderTarget(width, height, {
+  if (!result) {
+    result = new THREE.WebGLRenderTarget(width, height, {
       type, minFilter: THREE.NearestFilter, magFilter: THREE.NearestFilter, generateMipmaps: false,
       depthTexture: new THREE.DepthTexture(width, height, THREE.FloatType),
     });
-    targets.set(type, found);
+    targets.set(type, result);
   }
-  return found;
+  return result;
 }
 
+// Sets the three.js camera to a view.
 function aim(view) {
   const { width: w, height: h, fx, fy, cx, cy } = view;
   const rows = matrixOf(view).flat();
@@ -70,8 +72,9 @@ function aim(view) {
   camera.projectionMatrixInverse.copy(camera.projectionMatrix).invert();
 }
 
-function paint(into, color) {
-  renderer.setRenderTarget(into);
+// Draws the scene over a colour into a render target.
+function paint(destination, color) {
+  renderer.setRenderTarget(destination);
   renderer.state.buffers.color.setMask(true);
   renderer.state.buffers.depth.setMask(true);
   gl.clearBufferfv(gl.COLOR, 0, [...color, 0]);
@@ -79,6 +82,7 @@ function paint(into, color) {
   renderer.render(scene, camera);
 }
 
+// Copies a render target to the canvas.
 const copy = new THREE.Mesh(new THREE.PlaneGeometry(2, 2), new THREE.ShaderMaterial({
   uniforms: { picture: { value: null } }, depthTest: false, depthWrite: false, toneMapped: false,
   vertexShader: "void main() { gl_Position = vec4(position.xy, 0.5, 1.0); }",
@@ -88,7 +92,7 @@ const copy = new THREE.Mesh(new THREE.PlaneGeometry(2, 2), new THREE.ShaderMater
 copy.frustumCulled = false;
 const copyScene = new THREE.Scene().add(copy);
 
-// Whether colours of vertices are linear light, as glTF says, or sRGB as it goes to the screen.
+// Whether vertex colours are linear light, as glTF specifies, or sRGB values that are displayed unchanged.
 const linear = { value: true };
 function setColors(rule) {
   linear.value = rule !== "stored";
@@ -102,24 +106,24 @@ function show() {
   requestAnimationFrame(() => { queued = false; showNow(); });
 }
 
-// What is shown besides the mesh, or in its place: functions of a view.
+// Functions that draw a view; other scripts replace or add entries.
 const layers = [showMesh];
 function showNow() { if (state.view) for (const layer of layers) layer(state.view); }
 
 function showMesh(view) {
   if (canvas.width !== view.width || canvas.height !== view.height) renderer.setSize(view.width, view.height, false);
   aim(view);
-  const into = target(floats ? THREE.FloatType : THREE.UnsignedByteType, view.width, view.height);
-  paint(into, state.background);
-  copy.material.uniforms.picture.value = into.texture;
+  const destination = target(floats ? THREE.FloatType : THREE.UnsignedByteType, view.width, view.height);
+  paint(destination, state.background);
+  copy.material.uniforms.picture.value = destination.texture;
   renderer.setRenderTarget(null);
   renderer.render(copyScene, camera);
 }
 
 // ---- the mesh
 
-// Grey, by how a face is turned towards the light, whichever of its sides that is.
-const lit = () => new THREE.ShaderMaterial({
+// Returns the material of meshes without colours: grey, shaded by the angle to the light on both sides.
+const greyMaterial = () => new THREE.ShaderMaterial({
   side: THREE.DoubleSide, depthFunc: clip ? THREE.GreaterDepth : THREE.LessDepth,
   uniforms: { grey: { value: start.daylight.grey }, ambient: { value: start.daylight.ambient },
     light: { value: new THREE.Vector3(...start.daylight.light) } },
@@ -132,48 +136,49 @@ const lit = () => new THREE.ShaderMaterial({
     }`,
 });
 
-// A picture holds sRGB: linear light is encoded where a material ends. What a texture gives is linear light always.
+// Returns an unlit material with the colours and the texture of a glTF material. The shader ends with an sRGB encoding
+// if its colours are linear light; textures always give linear light.
 function materialOf(geometry, old) {
   const colored = geometry.attributes.color !== undefined, map = old?.map || null;
-  if (!colored && !map && (!old || old.color.getHex() === 0xffffff)) return lit();
-  const made = new THREE.MeshBasicMaterial({
+  if (!colored && !map && (!old || old.color.getHex() === 0xffffff)) return greyMaterial();
+  const material = new THREE.MeshBasicMaterial({
     vertexColors: colored, color: old ? old.color : 0xffffff, map, alphaTest: old?.alphaTest || 0, side: THREE.DoubleSide,
-    // At equal depths the first face stays.
+    // At equal depths the first face is kept.
     toneMapped: false, depthFunc: clip ? THREE.GreaterDepth : THREE.LessDepth,
   });
-  made.onBeforeCompile = (shader) => {
+  material.onBeforeCompile = (shader) => {
     shader.uniforms.linear = map || !colored ? { value: true } : linear;
     shader.fragmentShader = `uniform bool linear;\n${shader.fragmentShader}`.replace("#include <colorspace_fragment>",
       "if (linear) gl_FragColor = sRGBTransferOETF(gl_FragColor);");
   };
-  return made;
+  return material;
 }
 
-const asked = new URLSearchParams(location.search);
+const query = new URLSearchParams(location.search);
 
-const parsed = (buffer) => new THREE.GLTFLoader().setMeshoptDecoder(THREE.MeshoptDecoder).parseAsync(buffer, "");
+const parseGlb = (buffer) => new THREE.GLTFLoader().setMeshoptDecoder(THREE.MeshoptDecoder).parseAsync(buffer, "");
 
-const bytesOf = (text) => Uint8Array.from(atob(text), (c) => c.charCodeAt(0)).buffer;
+const decodeBase64 = (text) => Uint8Array.from(atob(text), (c) => c.charCodeAt(0)).buffer;
 
-// The bytes of the mesh file that is in the page, null if there is none.
-function ownFile() {
+// Returns the bytes of the mesh file in the page, null if the page has none.
+function embeddedFile() {
   const element = byId("glb"), text = element.textContent;
   element.remove();
-  return text ? bytesOf(text) : null;
+  return text ? decodeBase64(text) : null;
 }
 
 async function open(buffer, name) {
   say(`Reading ${name} ...`);
-  await new Promise((done) => setTimeout(done, 20));  // for the message to be seen
-  const gltf = await parsed(buffer);
-  setColors(asked.get("colors") || (gltf.asset.extras?.color_space === "srgb" ? "stored" : "linear"));
+  await new Promise((done) => setTimeout(done, 20));  // lets the browser show the message
+  const gltf = await parseGlb(buffer);
+  setColors(query.get("colors") || (gltf.asset.extras?.color_space === "srgb" ? "stored" : "linear"));
   const faces = setMesh(gltf.scene);
   const sphere = new THREE.Box3().setFromObject(gltf.scene).getBoundingSphere(new THREE.Sphere());
   setName(name, faces, sphere.center, sphere.radius);
   say("");
 }
 
-// Shows the meshes of a group in place of what was shown; returns the number of faces.
+// Replaces the mesh that is shown by the meshes of a group; returns the number of faces.
 function setMesh(group) {
   if (world.mesh) {
     world.mesh.traverse((node) => { node.geometry?.dispose(); node.material?.map?.dispose(); });

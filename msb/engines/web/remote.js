@@ -1,5 +1,5 @@
 "use strict";
-// Served, never written: the page as a renderer that is told from outside what to draw (browser.py).
+// Only in pages of the renderer `threejs`: executes the tasks of its server (browser.py).
 const depthMaterial = new THREE.ShaderMaterial({
   side: THREE.DoubleSide, depthFunc: clip ? THREE.GreaterDepth : THREE.LessDepth,
   vertexShader: `varying float distance_;
@@ -12,6 +12,7 @@ const depthMaterial = new THREE.ShaderMaterial({
 });
 const clock = gl.getExtension("EXT_disjoint_timer_query_webgl2");
 
+// Draws a frame and returns its time in milliseconds: `wall`, and `device` if the browser has timer queries.
 async function timed(view, background) {
   const into = target(THREE.FloatType, view.width, view.height);
   aim(view);
@@ -20,7 +21,7 @@ async function timed(view, background) {
   if (query) gl.beginQuery(clock.TIME_ELAPSED_EXT, query);
   paint(into, background);
   if (query) gl.endQuery(clock.TIME_ELAPSED_EXT);
-  gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.FLOAT, new Float32Array(4));  // waits
+  gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.FLOAT, new Float32Array(4));  // waits for the frame
   const wall = performance.now() - begin;
   if (!query) return { wall };
   for (let tries = 0; tries < 200 && !gl.getQueryParameter(query, gl.QUERY_RESULT_AVAILABLE); tries += 1) {
@@ -38,30 +39,31 @@ function pixels(view) {
   return values;
 }
 
-// Where a texture is cut out its material has to say so, and ends in the distance in place of the colour.
+// Returns a material that writes the depth. With an alpha cutoff it is the material itself with another output.
 function depthOf(material) {
   if (!material.alphaTest) return depthMaterial;
-  const made = material.clone();
-  made.onBeforeCompile = (shader) => {
+  const depth = material.clone();
+  depth.onBeforeCompile = (shader) => {
     shader.fragmentShader = shader.fragmentShader.replace("#include <colorspace_fragment>",
       "gl_FragColor = vec4(1.0 / gl_FragCoord.w, 0.0, 0.0, 1.0);");
   };
-  return made;
+  return depth;
 }
 
+// Draws the depths, with other materials for the time being; returns float32 values, the lowest row first.
 function depths(view) {
-  const own = new Map();
-  world.mesh.traverse((node) => { if (node.isMesh) own.set(node, node.material); });
-  for (const [node, material] of own) node.material = depthOf(material);
+  const materials = new Map();
+  world.mesh.traverse((node) => { if (node.isMesh) materials.set(node, node.material); });
+  for (const [node, material] of materials) node.material = depthOf(material);
   paint(target(THREE.FloatType, view.width, view.height), [0, 0, 0]);
-  for (const [node, material] of own) node.material = material;
+  for (const [node, material] of materials) node.material = material;
   const values = pixels(view), depth = new Float32Array(view.width * view.height);
   for (let i = 0; i < depth.length; i += 1) depth[i] = values[4 * i];
   return depth;
 }
 
-// What the canvas shows: bytes, after the conversion that the page was asked for.
-function shown(view, background) {
+// Returns the bytes of the canvas, after the page's colour conversion.
+function canvasBytes(view, background) {
   Object.assign(state, { view, background });
   showNow();
   renderer.setRenderTarget(null);
@@ -71,37 +73,35 @@ function shown(view, background) {
 }
 
 function bytesHeld() {
-  const held = { ...world.bytes };
-  for (const one of targets.values()) {
-    held.image = one.width * one.height * 16;
-    held.depth = one.width * one.height * 4;
+  const bytes = { ...world.bytes };
+  for (const { width, height } of targets.values()) {
+    bytes.image = width * height * 16;
+    bytes.depth = width * height * 4;
   }
-  return held;
+  return bytes;
 }
 
-async function obey() {
+async function runTasks() {
   const answer = async (head, ...parts) =>
     fetch("answer", { method: "POST", body: new Blob([JSON.stringify(head), "\n", ...parts]) });
   const info = gl.getExtension("WEBGL_debug_renderer_info");
   if (!await ready) { await answer({ error: byId("message").textContent }); return; }
-  if (!floats) { await answer({ error: "this browser cannot draw into floats (EXT_color_buffer_float)" }); return; }
+  if (!floats) { await answer({ error: "the browser lacks float32 render targets (EXT_color_buffer_float)" }); return; }
   await answer({
-    three: THREE.REVISION, browser: navigator.userAgent, reversed: clip !== null, timer: clock !== null,
-    device: info ? gl.getParameter(info.UNMASKED_RENDERER_WEBGL) : gl.getParameter(gl.RENDERER),
-    subpixel_bits: gl.getParameter(gl.SUBPIXEL_BITS), side: gl.getParameter(gl.MAX_RENDERBUFFER_SIZE),
+    three: THREE.REVISION, browser: navigator.userAgent, side: gl.getParameter(gl.MAX_RENDERBUFFER_SIZE),
+    device: gl.getParameter(info ? info.UNMASKED_RENDERER_WEBGL : gl.RENDERER),
   });
   for (;;) {
-    let asked;
-    // Who told us what to draw has gone: end the browser with its only window.
-    try { asked = await (await fetch("next")).json(); } catch { window.close(); return; }
-    if (asked.stop) { window.close(); return; }
+    let task;
+    // Without its server the page closes its window, which ends the browser.
+    try { task = await (await fetch("next")).json(); } catch { window.close(); return; }
     try {
-      const { view, background } = asked;
+      const { view, background } = task;
       const ms = await timed(view, background);
-      const parts = asked.read ? [pixels(view), depths(view)] : [];
-      if (asked.canvas) parts.push(shown(view, background));
+      const parts = task.read ? [pixels(view), depths(view)] : [];
+      if (task.canvas) parts.push(canvasBytes(view, background));
       await answer({ ms, memory: bytesHeld() }, ...parts);
     } catch (error) { await answer({ error: String(error.message || error) }); }
   }
 }
-obey();
+runTasks();

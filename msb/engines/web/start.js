@@ -1,7 +1,7 @@
 "use strict";
-// The beginning, once all scripts are there: what is asked for in the address, the model, a first view.
+// Starts the page when all scripts are loaded: applies the address's options, opens the model, sets the first view.
 async function main() {
-  byId("panel").hidden = asked.has("bare");
+  byId("panel").hidden = query.has("bare");
   const kind = ["dedicated", "baked"].find((name) => start[name]) || "mesh";
   for (const part of document.querySelectorAll("[data-for]")) part.hidden = part.dataset.for !== kind;
   byId("panel").open = window.innerWidth > 1200;
@@ -9,8 +9,8 @@ async function main() {
   byId("background").value = "#" + start.background
     .map((value) => Math.round(255 * Math.min(1, Math.max(0, value))).toString(16).padStart(2, "0")).join("");
   setCameras(start.cameras);
-  if (!await openFirst(asked)) return false;
-  const wanted = asked.get("camera");
+  if (!await openFirst()) return false;
+  const wanted = query.get("camera");  // a name or a number
   const index = wanted === null ? Math.min(0, views.length - 1)
     : views.findIndex((view, i) => view.name === wanted || String(i) === wanted);
   if (index >= 0) byId("cameras").value = String(index);

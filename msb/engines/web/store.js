@@ -1,12 +1,12 @@
 "use strict";
-// Arrays out of the page: msb/engines/dedicated_page/stored.py says how they lie in it.
-const CHUNK = 192;  // rows of a chunk of "grid"
+// Restores the arrays of the page; msb/engines/dedicated_page/storage.py describes their encodings.
+const CHUNK = 192;  // rows per chunk of "grid"
 const TYPES = { float32: Float32Array, uint32: Uint32Array, uint16: Uint16Array, uint8: Uint8Array };
 
-// The bytes of the elements <script data-array="name"> of a page, inflated; the elements are gone then.
+// Inflates the elements <script data-array="name"> of a page and removes them; returns `size` bytes.
 async function storedBytes(name, size, page) {
   const parts = [...page.querySelectorAll("script[data-array]")].filter((part) => part.dataset.array === name);
-  if (!parts.length) throw new Error(`this page lacks its array "${name}"`);
+  if (!parts.length) throw new Error(`the page does not contain the array "${name}"`);
   const texts = parts.map((part) => part.textContent.trim());
   for (const part of parts) part.remove();
   let next = 0;
@@ -20,87 +20,88 @@ async function storedBytes(name, size, page) {
       controller.enqueue(bytes);
     },
   });
-  const found = new Uint8Array(size);
+  const result = new Uint8Array(size);
   let at = 0;
   const reader = source.pipeThrough(new DecompressionStream("deflate")).getReader();
   for (;;) {
     const { done, value } = await reader.read();
     if (done) break;
-    found.set(value, at);
+    result.set(value, at);
     at += value.length;
   }
-  if (at !== size) throw new Error(`array "${name}" has ${at} bytes, not ${size}`);
-  return found;
+  if (at !== size) throw new Error(`the array "${name}" has ${at} bytes, not ${size}`);
+  return result;
 }
 
-// Columns of byte planes become rows of values.
-function joined(raw, rows, columns, Type) {
-  const size = Type.BYTES_PER_ELEMENT, found = new Type(rows * columns);
+// Returns rows of values from columns of byte planes.
+function join(raw, rows, columns, Type) {
+  const size = Type.BYTES_PER_ELEMENT, result = new Type(rows * columns);
   for (let column = 0; column < columns; column += 1) {
     const plane = column * size * rows;
     for (let row = 0, to = column; row < rows; row += 1, to += columns) {
       let value = raw[plane + row];
       for (let k = 1; k < size; k += 1) value |= raw[plane + k * rows + row] << (8 * k);
-      found[to] = value;
+      result[to] = value;
     }
   }
-  return found;
+  return result;
 }
 
-// Numbers behind the codes, which need not begin at a multiple of four bytes.
+// Returns the float32 values from byte `start` on, which may be unaligned.
 const floatsFrom = (raw, start) => new Float32Array(raw.slice(start).buffer);
 
 const DECODERS = {
   plain(raw, head, rows, columns) {
     if (head.type !== "float32") {
-      const found = joined(raw, rows, columns, TYPES[head.type]);
-      if (head.delta) for (let i = columns; i < found.length; i += 1) found[i] += found[i - columns];
-      return found;
+      const result = join(raw, rows, columns, TYPES[head.type]);
+      if (head.delta) for (let i = columns; i < result.length; i += 1) result[i] += result[i - columns];
+      return result;
     }
-    return new Float32Array(joined(raw, rows, columns, Uint32Array).buffer);
+    return new Float32Array(join(raw, rows, columns, Uint32Array).buffer);
   },
   palette(raw, head, rows, columns) {
-    const codes = joined(raw, rows, columns, Uint8Array), values = floatsFrom(raw, codes.length);
-    const found = new Float32Array(codes.length);
+    const codes = join(raw, rows, columns, Uint8Array), values = floatsFrom(raw, codes.length);
+    const result = new Float32Array(codes.length);
     for (let column = 0; column < columns; column += 1) {
-      for (let i = column; i < codes.length; i += columns) found[i] = values[256 * column + codes[i]];
+      for (let i = column; i < codes.length; i += columns) result[i] = values[256 * column + codes[i]];
     }
-    return found;
+    return result;
   },
   rows(raw, head, rows, columns) {
-    const codes = joined(raw, rows, 1, TYPES[head.codes]), values = floatsFrom(raw, codes.byteLength);
-    const found = new Float32Array(rows * columns);
+    const codes = join(raw, rows, 1, TYPES[head.codes]), values = floatsFrom(raw, codes.byteLength);
+    const result = new Float32Array(rows * columns);
     for (let row = 0, to = 0; row < rows; row += 1) {
-      for (let k = codes[row] * columns, end = k + columns; k < end; k += 1, to += 1) found[to] = values[k];
+      for (let k = codes[row] * columns, end = k + columns; k < end; k += 1, to += 1) result[to] = values[k];
     }
-    return found;
+    return result;
   },
   grid(raw, head, rows, columns) {
-    const codes = joined(raw, rows, columns, Uint16Array), rest = floatsFrom(raw, codes.byteLength);
+    const codes = join(raw, rows, columns, Uint16Array), rest = floatsFrom(raw, codes.byteLength);
     const chunks = Math.ceil(rows / CHUNK), steps = rest.subarray(chunks * columns);
-    const found = new Float32Array(codes.length);
-    for (let i = 0; i < found.length; i += 1) {
+    const result = new Float32Array(codes.length);
+    for (let i = 0; i < result.length; i += 1) {
       const chunk = Math.floor(i / columns / CHUNK);
-      // Exact: steps are powers of two and every sum is a float32.
-      found[i] = rest[chunk * columns + i % columns] + codes[i] * steps[chunk];
+      // The sum is exact: steps are powers of two, and all values are float32.
+      result[i] = rest[chunk * columns + i % columns] + codes[i] * steps[chunk];
     }
-    return found;
+    return result;
   },
 };
 
+// Returns the array `name` with this head from a page.
 export async function storedArray(name, head, page = document) {
   const rows = head.shape[0], columns = head.shape.slice(1).reduce((a, b) => a * b, 1);
   return DECODERS[head.how](await storedBytes(name, head.bytes, page), head, rows, columns);
 }
 
-// Triangles, rows of three corners, shrunk about their centroids: in float32, each step rounded.
+// Returns triangles (three consecutive rows each) shrunk about their centroids, in float32 arithmetic.
 export function shrunk(positions, factor) {
-  const f = Math.fround, found = new Float32Array(positions.length);
+  const f = Math.fround, result = new Float32Array(positions.length);
   for (let i = 0; i < positions.length; i += 9) {
     for (let k = i; k < i + 3; k += 1) {
       const center = f(f(f(positions[k] + positions[k + 3]) + positions[k + 6]) / 3);
-      for (let at = k; at < i + 9; at += 3) found[at] = f(f(positions[at] - center) * factor) + center;
+      for (let at = k; at < i + 9; at += 3) result[at] = f(f(positions[at] - center) * factor) + center;
     }
   }
-  return found;
+  return result;
 }

@@ -1,18 +1,18 @@
 "use strict";
-// Served, never written: a written page that draws its test views for who measures it (browser.py).
+// Added when a page is measured (dedicated_page/measurement.py): draws test views as its server requests.
 (async () => {
   const answer = async (head, ...parts) =>
     fetch("answer", { method: "POST", body: new Blob([JSON.stringify(head), "\n", ...parts]) });
   await ready;
-  if (!official) { await answer({ error: byId("note").textContent || byId("message").textContent }); return; }
-  await answer({ browser: navigator.userAgent, device: official.name, format: official.format });
+  if (!native) { await answer({ error: byId("note").textContent || byId("message").textContent }); return; }
+  await answer({ browser: navigator.userAgent, device: native.name, format: native.format });
   for (;;) {
-    let asked;
-    // Who told us what to draw has gone: end the browser with its only window.
-    try { asked = await (await fetch("next")).json(); } catch { window.close(); return; }
+    let task;
+    // Without its server the page closes its window, which ends the browser.
+    try { task = await (await fetch("next")).json(); } catch { window.close(); return; }
     try {
-      const begun = performance.now(), bytes = await pixelsOf(asked.test);
-      await answer({ ms: performance.now() - begun }, bytes);
+      const start = performance.now(), bytes = await pixelsOf(task.test);
+      await answer({ ms: performance.now() - start }, bytes);
     } catch (error) { await answer({ error: String(error.message || error) }); }
   }
 })();

@@ -1,36 +1,31 @@
-"""Measure every cause of a worse look on one asset, and all of them together."""
+"""Measurement of all causes of a loss on one asset, each alone and all together."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from msb.api.opening import as_asset
+from msb.asset import Asset
 from msb.asset.arguments import check_type
 from msb.asset.settings import with_settings
 from msb.render.splat.order import few_frames
+from msb.scenes import Camera
 from msb.scenes.colors import check_background
 from msb.scenes.datasets import own_background
-from msb.views import choose_views, pooled_psnr, squared_errors
-from msb.why.causes import CAUSES
-from msb.why.total import Total, measured_total
-from msb.why.views import EQUAL, DoesNotApplyError, Views, clipped
-
-if TYPE_CHECKING:
-    from msb.asset import Asset
-    from msb.scenes import Camera
-    from msb.views import Views as ChosenViews
-    from msb.why.causes import Known
-    from msb.why.views import Image
+from msb.views import Views, choose_views, pooled_psnr, squared_errors
+from msb.why.causes import CAUSES, CauseDefinition
+from msb.why.total import Total, measure_total
+from msb.why.views import EQUAL, CauseViews, DoesNotApplyError, Image, clip_image
 
 
 @dataclass(frozen=True)
 class Cause:
-    """One way in which an export can look worse than the render.
+    """One reason why an export can look worse than the native rendering.
 
     Attributes
     ----------
@@ -39,18 +34,18 @@ class Cause:
     title : str
         The same in words.
     applies : bool
-        Whether this asset can be drawn with it and without it.
+        Whether the asset can be drawn both with and without the cause.
     db : float or None
-        PSNR in dB over all views of the images with it to those without; inf if they are equal, None if it
-        does not apply.
+        PSNR in dB between the images with and without the cause, over all views; inf if they are equal, None
+        if the cause does not apply.
     reason : str or None
         Why it does not apply.
     how_to_see : str
-        How to find out whether it is the cause of what one sees.
+        How to recognise the cause in a program.
     remedy : str
-        What to do then.
+        How to avoid it.
     without, with_it : (H, W, 3) float32 or None
-        The view in which it is seen best.
+        The images without and with the cause, in the view with the largest difference.
     """
 
     name: str
@@ -64,7 +59,7 @@ class Cause:
     with_it: Image | None = None
 
     def to_dict(self) -> dict[str, Any]:
-        """Return what `msb why --json` writes; `db` is null if the images are equal, and `equal` says so."""
+        """Return the record for `msb why --json`; for equal images `db` is null and `equal` is true."""
         equal = self.db is not None and self.db >= EQUAL
         return {
             "name": self.name,
@@ -79,34 +74,34 @@ class Cause:
 
 
 class Causes(list[Cause]):
-    """What each cause costs, as `total` what all of them do at once, and the views that saw it."""
+    """The loss of each cause; `total` has that of all together, `views` the cameras that see the asset."""
 
     total: Total
-    views: ChosenViews
+    views: Views
 
 
 def why(
     asset: Asset | str | os.PathLike[str],
-    cameras: ChosenViews | Iterable[Camera] | None = None,
+    cameras: Views | Iterable[Camera] | None = None,
     *,
     background: Sequence[float] | str | None = None,
     settings: Mapping[str, Any] | None = None,
     device: str | None = None,
     step: Callable[[], None] = lambda: None,
 ) -> Causes:
-    """Return what each cause of a worse look costs this asset.
+    """Return the loss of each cause that makes an export of this asset look worse than the native rendering.
 
     Parameters
     ----------
     asset : Asset or path-like
-        An asset, or the path of anything that `msb.open` takes.
-    cameras : sequence of Camera, optional
-        The views, at least one; those of its training where they lie beside the path, else eight views round
-        it, or inside it, if not given.
+        An asset, or the path of anything that `msb.open` accepts.
+    cameras : iterable of Camera, optional
+        At least one camera. Default: the training cameras if they are found beside the path, else eight
+        cameras around or inside the asset.
     background : (3,) floats, or str, optional
         As for `msb.render`, with its default.
     settings : mapping, optional
-        Values that replace settings that the asset stores, in all that is drawn.
+        Values that replace settings stored in the asset, for all renderings.
     device : str, optional
         The OpenCL device.
     step : callable
@@ -115,8 +110,9 @@ def why(
     Returns
     -------
     list of Cause
-        One for each of `CAUSES`, also for those that do not apply: none does where no view sees the asset.
-        Its attribute `total` is all at once, and `views` has the `cameras` that see the asset.
+        One entry for each of `CAUSES`, including causes that do not apply. If no camera sees the asset, no
+        cause applies. The attribute `total` has the loss of all causes together; `views` has the `cameras`
+        that see the asset.
 
     Raises
     ------
@@ -129,33 +125,35 @@ def why(
     chosen = choose_views(model, cameras, device=device)
     stated = model.manifest.appearance.get("background")
     color = own_background(model.manifest) if background is None else check_background(background, stated)
-    views = Views(model, chosen, color, device)
+    views = CauseViews(model, chosen, color, device)
     causes = Causes()
     causes.views = views.chosen
     with few_frames():
-        for known in CAUSES:
-            causes.append(_measured(known, views))
+        for definition in CAUSES:
+            causes.append(_measure_cause(definition, views))
             step()
-        causes.total = measured_total(views, {cause.name: cause.db for cause in causes})
+        causes.total = measure_total(views, {cause.name: cause.db for cause in causes})
     step()
     return causes
 
 
-def _measured(known: Known, views: Views) -> Cause:
-    texts = (known.how_to_see, known.remedy)
+def _measure_cause(definition: CauseDefinition, views: CauseViews) -> Cause:
+    """Return the loss of one cause."""
+    texts = (definition.how_to_see, definition.remedy)
     try:
-        with_it, without = known.measure(views)
+        with_it, without = definition.draw(views)
     except DoesNotApplyError as error:
-        return Cause(known.name, known.title, False, None, str(error), *texts)
+        return Cause(definition.name, definition.title, False, None, str(error), *texts)
+    # Sums of squared errors and numbers of values, (views, 2).
     errors = squared_errors(with_it, without)
     worst = int(np.argmax(errors[:, 0] / errors[:, 1]))
     return Cause(
-        known.name,
-        known.title,
+        definition.name,
+        definition.title,
         True,
         pooled_psnr(errors),
         None,
         *texts,
-        clipped(without[worst]),
-        clipped(with_it[worst]),
+        clip_image(without[worst]),
+        clip_image(with_it[worst]),
     )

@@ -1,0 +1,182 @@
+"""Choice of the coarsest web encoding of a mesh that keeps an image quality of 50 dB.
+
+A GLB for the web stores quantised positions, quantised colours and compressed textures. Each of the three
+adds an error to the images of the mesh. The mean squared errors of independent parts add up approximately, so
+the search measures them separately and distributes the error that 50 dB allow:
+
+1. Measure the error of the compressed textures.
+2. For each precision of the colours, measure their error. Find by bisection the fewest bits of positions
+   whose error
+   fits in the rest.
+3. Take the combination with the smallest file. Then adjust the bits of positions until the whole file just
+   keeps
+   50 dB.
+"""
+
+from __future__ import annotations
+
+import io
+from dataclasses import dataclass, field, replace
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from msb.asset import Asset
+from msb.base.soup import is_unindexed
+from msb.errors import DeviceError
+from msb.meshes import Mesh
+from msb.meshes.formats import FORMATS, Style, Web
+from msb.scenes import Camera
+
+# Minimum PSNR in dB of a file for the web against the mesh. Differences are invisible above about 40 dB.
+MIN_PSNR = 50.0
+# Samples per pixel along each axis of the compared images, so that edges do not dominate the error.
+_SAMPLES = 4
+# Range of the search for the precision of positions, in quarters of a bit: 10 to 22 bits.
+_COARSEST, _FINEST = 40, 88
+# Precision of vertex colours, which are stored as linear light. With None every channel has one byte. With a
+# number a channel gets a second byte if the first has a larger error than this many levels of 8-bit sRGB.
+_LEVELS = (None, 4.0, 2.0, 1.0, 0.5)
+
+
+@dataclass(frozen=True)
+class ImageLoss:
+    """Measures the difference between images of `mesh` and images of other meshes.
+
+    `views` names the cameras in words.
+    """
+
+    mesh: Mesh
+    cameras: list[Camera]
+    views: str
+    # Samples per pixel along each axis -> images of `mesh`, each (H, W, 3).
+    _images: dict[int, list[NDArray[np.float32]]] = field(default_factory=dict, repr=False)
+
+    @classmethod
+    def of(cls, mesh: Mesh, asset: Asset | None) -> ImageLoss:
+        """Return the measurement for the mesh of `asset`, or of a mesh file without an asset."""
+        from msb.meshes.assets import asset_from_mesh
+        from msb.views import choose_views
+
+        chosen = choose_views(asset or asset_from_mesh(mesh), count=4, size=(480, 360))
+        return cls(mesh, chosen.cameras[:4], chosen.said)
+
+    def loss(self, other: Mesh, samples: int = _SAMPLES) -> float:
+        """Return the PSNR in dB of `other`, in images with `samples` samples per pixel along each axis."""
+        from msb.views import difference
+
+        if samples not in self._images:  # a search compares many meshes with the same images
+            self._images[samples] = self._draw(self.mesh, samples)
+        return difference(self._images[samples], self._draw(other, samples))
+
+    def _draw(self, mesh: Mesh, samples: int) -> list[NDArray[np.float32]]:
+        from msb.views import images_of
+
+        return images_of(mesh, self.cameras, supersample=samples)
+
+    def describe(self, other: Mesh) -> str:
+        """Return the same in words to append to a sentence, or "" without a device to draw with."""
+        try:
+            return f" (PSNR {self.loss(other):.1f} dB, {self.views})"
+        except DeviceError:
+            return ""
+
+
+def web_style(images: ImageLoss) -> tuple[Style, str]:
+    """Return the coarsest style of a file for the web that keeps 50 dB, and the measured quality in words.
+
+    Without a device to draw with it is the finest style.
+    """
+    try:
+        return _find_coarsest(images)
+    except DeviceError:
+        return _style(Web(_FINEST, _LEVELS[-1])), "quality not measured (no device)"
+
+
+def _find_coarsest(images: ImageLoss) -> tuple[Style, str]:
+    """Search as the head of this module describes; an "error" is a mean squared error of images."""
+    from msb.meshes.glb_web import Grid, srgb_of, stored_light
+
+    mesh = as_glb(images.mesh)
+    colors = mesh.vertex_colors
+
+    @cache
+    def position_error(quarters: int, *, by_distance: bool) -> float:
+        grid = Grid.of(mesh, Web(quarters, by_distance=by_distance))
+        return _squared_error(images.loss(replace(mesh, vertices=grid.positions)))
+
+    def fewest_bits(room: float, *, by_distance: bool) -> int:
+        """Return the fewest quarters of a bit with an error of at most `room`, by bisection."""
+        low, high = _COARSEST, _FINEST
+        while low < high:
+            middle = (low + high) // 2
+            if position_error(middle, by_distance=by_distance) <= room:
+                high = middle
+            else:
+                low = middle + 1
+        return low
+
+    # The error of textures. Positions and colours are so fine here that they add almost nothing.
+    texture_error = 0.0
+    if mesh.textures:
+        finest = _style(Web(_FINEST, _LEVELS[-1]))
+        texture_error = _squared_error(images.loss(encode_and_read(mesh, finest)))
+    # Combine every precision of colours with the coarsest positions that the remaining error allows.
+    candidates = []
+    for levels in _LEVELS if colors is not None else _LEVELS[:1]:
+        room = _squared_error(MIN_PSNR) - texture_error
+        if colors is not None:
+            rounded = srgb_of(stored_light(colors, levels))
+            room -= _squared_error(images.loss(replace(mesh, vertex_colors=rounded)))
+        # A triangle soup may also be quantised by distance to its centre, which suits captures.
+        for by_distance in (False, True) if is_unindexed(mesh.faces, len(mesh.vertices)) else (False,):
+            web = Web(fewest_bits(room, by_distance=by_distance), levels, by_distance)
+            candidates.append((web.quarters == _FINEST, len(_encode(mesh, _style(web))), web))
+    # Prefer candidates that found a precision below the finest one; among them the smallest file.
+    web = min(candidates, key=lambda candidate: candidate[:2])[2]
+
+    @cache
+    def whole_loss(quarters: int) -> float:
+        return images.loss(encode_and_read(mesh, _style(replace(web, quarters=quarters))))
+
+    # Adjust the positions, because the errors add up only approximately.
+    quarters = web.quarters
+    while quarters > _COARSEST and whole_loss(quarters - 1) >= MIN_PSNR:
+        quarters -= 1
+    while quarters < _FINEST and whole_loss(quarters) < MIN_PSNR:
+        quarters += 1
+    measured = f"PSNR {whole_loss(quarters):.1f} dB ({images.views}, {_SAMPLES**2} samples per pixel)"
+    return _style(replace(web, quarters=quarters)), measured
+
+
+def _squared_error(psnr: float) -> float:
+    """Return the mean squared error at a PSNR in dB."""
+    return float(10 ** (-psnr / 10))
+
+
+def _style(web: Web) -> Style:
+    return Style(texture="webp", web=web)
+
+
+def as_glb(mesh: Mesh) -> Mesh:
+    """Return `mesh` with the data that a GLB can store, in its original coordinates."""
+    from msb.meshes.assets import as_held
+
+    return as_held(replace(mesh, up=None), ".glb")
+
+
+def _encode(mesh: Mesh, style: Style) -> bytes:
+    """Return the GLB of a mesh."""
+    from msb.meshes import write_mesh
+
+    file = io.BytesIO()
+    write_mesh(as_glb(mesh), file, suffix=".glb", style=style)
+    return file.getvalue()
+
+
+def encode_and_read(mesh: Mesh, style: Style) -> Mesh:
+    """Return the mesh that is read from the GLB of `mesh` in this style."""
+    from msb.meshes.source import Source
+
+    return FORMATS[".glb"].read(Source("mesh.glb", _encode(mesh, style)))
