@@ -113,16 +113,21 @@ def choose_views(
     if isinstance(given, Views):
         return given
     if given is not None:
-        chosen = given_cameras(given)
-        if not chosen:
-            raise UsageError("USAGE", "cameras is empty; it must hold at least one, or be None")
-        return Views(chosen, "given", f"{len(chosen)} camera{'' if len(chosen) == 1 else 's'} given")
+        return given_views(given)
     outside = around(asset, count, *size)
     try:
         found = training_views(asset, device, most=MOST, longest=max(size))
         return found or made_views(asset, outside, device)
     except DeviceError:  # whoever draws says so
         return _round_it(outside)
+
+
+def given_views(cameras: Iterable[Camera]) -> Views:
+    """Return the cameras that a caller gives."""
+    chosen = given_cameras(cameras)
+    if not chosen:
+        raise UsageError("USAGE", "cameras is empty; it must hold at least one, or be None")
+    return Views(chosen, "given", f"{len(chosen)} camera{'' if len(chosen) == 1 else 's'} given")
 
 
 def training_views(

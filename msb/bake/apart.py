@@ -1,19 +1,16 @@
 """How far one surface is from another: points all over the one, and the faces of the other next to them."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from msb.bake.arrays import Floats, Ints
 from msb.topology.faces import face_areas
-
-Reals = NDArray[np.float64]
-Faces = NDArray[np.int64]
 
 POINTS = 20_000  # sample points on a surface that is compared
 _MARKS = 40_000  # marks on the other surface that find the nearest faces, besides each face's centre
 _CANDIDATES = 12  # nearest marks of a point; the exact distance is taken to the faces of these
 
 
-def spread(points: Reals, faces: Faces, count: int = POINTS) -> tuple[Reals, Faces]:
+def spread(points: Floats, faces: Ints, count: int = POINTS) -> tuple[Floats, Ints]:
     """Return points (count, 3) evenly over the faces, and the face (count,) of each; the same every time.
 
     Of faces that have no area it is a corner of each.
@@ -28,10 +25,10 @@ def spread(points: Reals, faces: Faces, count: int = POINTS) -> tuple[Reals, Fac
     return (weights * points[faces[chosen]]).sum(axis=1), chosen
 
 
-def distances(places: Reals, points: Reals, faces: Faces) -> Reals:
+def distances(places: Floats, points: Floats, faces: Ints) -> Floats:
     """Return how far places (n, 3) are from a surface.
 
-    Faces are found by the marks on them that are nearest, and the distance to these is exact: what it is too
+    Ints are found by the marks on them that are nearest, and the distance to these is exact: what it is too
     large by where none of them is the nearest face is far below the distance between marks.
     """
     from scipy.spatial import cKDTree
@@ -50,7 +47,7 @@ def distances(places: Reals, points: Reals, faces: Faces) -> Reals:
     return found
 
 
-def _to_faces(places: Reals, corners: Reals) -> Reals:
+def _to_faces(places: Floats, corners: Floats) -> Floats:
     """Return the distance of each place (n, 3) to the triangle (n, 3, 3) beside it."""
     sides = np.roll(corners, -1, axis=1) - corners
     away = places[:, None] - corners
@@ -61,5 +58,5 @@ def _to_faces(places: Reals, corners: Reals) -> Reals:
     size = np.linalg.norm(normal, axis=1)
     above = (np.cross(normal[:, None], sides) * away).sum(axis=2).min(axis=1) >= 0
     height = np.abs((away[:, 0] * normal).sum(axis=1)) / np.where(size > 0, size, 1)
-    found: Reals = np.where(above & (size > 0), height, rim)
+    found: Floats = np.where(above & (size > 0), height, rim)
     return found

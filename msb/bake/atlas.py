@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from msb.bake.arrays import Floats, Ints, Singles
 from msb.base.children import run_apart
 from msb.base.extras import need_extra
 from msb.base.limits import Limits
@@ -15,8 +16,6 @@ from msb.errors import MeshError, UsageError
 if TYPE_CHECKING:
     from msb.base.children import Arrays
 
-    Reals = NDArray[np.float64]
-    Faces = NDArray[np.int64]
 
 # Mip levels that must not mix two faces of a soup: the first entry that leaves each face `_ENOUGH` of the
 # texels it needs, along a side, else the last.
@@ -36,16 +35,16 @@ class _Cells(NamedTuple):
     """Rectangles of a texture and which faces lie in them, in blocks: texels of the last level kept apart."""
 
     # (C, 2) width and height.
-    sides: NDArray[np.int64]
+    sides: Ints
     # (F, 2) of each face; 0: it is a point in the middle of a texel.
-    legs: NDArray[np.int64]
+    legs: Ints
     # (F,) the cell of each face.
-    of: NDArray[np.int64]
+    of: Ints
     # (F,) of each face among those of its cell.
-    number: NDArray[np.int64]
+    number: Ints
 
 
-def soup_atlas(corners: NDArray[Any], pixels: NDArray[np.float64], size: int) -> NDArray[np.float32]:
+def soup_atlas(corners: NDArray[Any], pixels: Floats, size: int) -> Singles:
     """Return texture coordinates (3F, 2) of faces that share no vertex, in a square texture of `size` texels.
 
     A face is a right triangle whose legs are to each other as its shorter sides. It has a texel for each
@@ -85,9 +84,7 @@ def soup_atlas(corners: NDArray[Any], pixels: NDArray[np.float64], size: int) ->
     return uvs.reshape(-1, 2).astype(np.float32)
 
 
-def _packed(
-    legs: NDArray[np.float64], blocks: int, block: int
-) -> tuple[float, _Cells, NDArray[np.int64] | None]:
+def _packed(legs: Floats, blocks: int, block: int) -> tuple[float, _Cells, Ints | None]:
     """Return a factor, 1 at most, cells of so much of the legs (F, 2) that fit, and their places."""
     low, high = 0.0, 2.0
     for _ in range(_STEPS):
@@ -102,7 +99,7 @@ def _packed(
     return low, cells, _shelves(cells.sides, blocks)
 
 
-def _cells(legs: NDArray[np.float64], block: int) -> _Cells:
+def _cells(legs: Floats, block: int) -> _Cells:
     """Return cells for faces with legs (F, 2) of so many blocks, rounded.
 
     A level is read between the middles of its texels: a face alone needs half a block around it, and two that
@@ -130,7 +127,7 @@ def _cells(legs: NDArray[np.float64], block: int) -> _Cells:
     return _Cells(np.concatenate(sides), whole, of, number)
 
 
-def _shelves(sides: NDArray[np.int64], blocks: int) -> NDArray[np.int64] | None:
+def _shelves(sides: Ints, blocks: int) -> Ints | None:
     """Return the places (C, 2) of cells, side by side and row by row, the highest first; None: no room."""
     order = np.lexsort((-sides[:, 0], -sides[:, 1]))
     width, height = sides[order].T
@@ -150,7 +147,7 @@ def _shelves(sides: NDArray[np.int64], blocks: int) -> NDArray[np.int64] | None:
     return places
 
 
-def _placed(cells: _Cells, places: NDArray[np.int64], block: int) -> NDArray[np.float64]:
+def _placed(cells: _Cells, places: Ints, block: int) -> Floats:
     """Return the corners (F, 3, 2) of faces in texels: that of the right angle, then those along x and y."""
     place, sides = (block * each[cells.of][:, None] for each in (places, cells.sides))
     legs = block * cells.legs[:, None]
@@ -160,9 +157,7 @@ def _placed(cells: _Cells, places: NDArray[np.int64], block: int) -> NDArray[np.
     return np.asarray(place + np.where(legs > 0, turned, points))
 
 
-def connected_atlas(
-    vertices: NDArray[Any], faces: NDArray[np.int64], pixels: NDArray[np.float64], size: int
-) -> NDArray[np.float32]:
+def connected_atlas(vertices: NDArray[Any], faces: Ints, pixels: Floats, size: int) -> Singles:
     """Return texture coordinates (3F, 2) of the charts that xatlas cuts a surface into, in a square texture.
 
     Parameters
@@ -228,7 +223,7 @@ def unwrapped(word: str, arrays: Arrays) -> tuple[Any, Arrays]:
     return {"charts": int(packed.chart_count)}, {"uv": placed.reshape(-1, 2).astype(np.float32)}
 
 
-def _cut(vertices: NDArray[np.float32], faces: NDArray[np.uint32]) -> tuple[Reals, Faces, Faces]:
+def _cut(vertices: Singles, faces: NDArray[np.uint32]) -> tuple[Floats, Ints, Ints]:
     """Return charts laid flat: places (n, 2) of vertices, faces (F, 3) of these, the chart (n,) of each."""
     import xatlas
 
@@ -239,8 +234,8 @@ def _cut(vertices: NDArray[np.float32], faces: NDArray[np.uint32]) -> tuple[Real
         cut.add_mesh(vertices[used], own.reshape(-1, 3).astype(np.uint32))
     cut.generate()
     laid = np.zeros(faces.shape, np.int64)
-    places: list[Reals] = []
-    charts: list[Faces] = []
+    places: list[Floats] = []
+    charts: list[Ints] = []
     count = 0
     for number, block in enumerate(blocks):
         _, own, uv = cut[number]
@@ -254,7 +249,7 @@ def _cut(vertices: NDArray[np.float32], faces: NDArray[np.uint32]) -> tuple[Real
     return np.concatenate(places), laid, chart
 
 
-def _blocks(middles: NDArray[np.float32]) -> list[Faces]:
+def _blocks(middles: Singles) -> list[Ints]:
     """Return the faces with these middles (F, 3), in halves of halves, none of them large."""
     blocks = [np.arange(len(middles))]
     while len(blocks[0]) > _AT_ONCE:
@@ -267,7 +262,7 @@ def _blocks(middles: NDArray[np.float32]) -> list[Faces]:
     return blocks
 
 
-def _areas(corners: NDArray[np.float64]) -> NDArray[np.float64]:
+def _areas(corners: Floats) -> Floats:
     """Return the areas (F,) of triangles (F, 3, 2 | 3)."""
     a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     squares = (a * a).sum(axis=1) * (b * b).sum(axis=1) - np.square((a * b).sum(axis=1))

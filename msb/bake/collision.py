@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msb.bake.apart import POINTS, distances, spread
+from msb.bake.arrays import Floats, Ints
 from msb.bake.fusion import seen_points
-from msb.bake.hulls import PATCH_CORNERS, Faces, Part, Reals, hull_of, patches_of, smallest_box
+from msb.bake.hulls import PATCH_CORNERS, Part, hull_of, patches_of, smallest_box
 from msb.bake.needs import need_enclosure
 from msb.bake.options import ShapeKind, parse_collision
 from msb.bake.simpler import closed, simpler
@@ -178,7 +179,7 @@ def _patch_hulls(surface: Part, count: int) -> list[Part]:
     return [hull_of(patch) for patch in patches_of(*surface, min(count, _MOST_HULLS))]
 
 
-def _shown(mesh: Mesh, cameras: Sequence[Camera], device: str | Device | None) -> tuple[Reals, Space | None]:
+def _shown(mesh: Mesh, cameras: Sequence[Camera], device: str | Device | None) -> tuple[Floats, Space | None]:
     """Return places (n, 3) of the world that cameras see, evenly over their pixels and the sky left out, and
     the space by which these are looked at; none without cameras."""
     points = seen_points(mesh, cameras, device)
@@ -190,7 +191,7 @@ def _shown(mesh: Mesh, cameras: Sequence[Camera], device: str | Device | None) -
     return points, space
 
 
-def _in_unit(mesh: Mesh, shown: Reals) -> tuple[Reals, Faces, Reals, float]:
+def _in_unit(mesh: Mesh, shown: Floats) -> tuple[Floats, Ints, Floats, float]:
     """Return the mesh about the middle of what is shown in units of its diagonal, and these two; those of the
     mesh where nothing is.
 
@@ -224,7 +225,7 @@ def _enclosed(mesh: Mesh, cameras: Sequence[Camera], device: str | Device | None
     return space.outward(points), faces
 
 
-def _nearer(points: Reals, seen: Reals, faces: Faces) -> Reals:
+def _nearer(points: Floats, seen: Floats, faces: Ints) -> Floats:
     """Return the points of what encloses an object with those nearer that lie a little too far from it.
 
     Sides that no camera looks at are closed flat, as the bottom of a plate that has a rim."""
@@ -286,13 +287,13 @@ def _sheet(patch: Part, count: int, space: Space) -> Part:
     return mended(np.concatenate([points, back]), np.concatenate([faces, faces[:, ::-1] + len(points), rims]))
 
 
-def _beyond(away: Reals) -> Reals:
+def _beyond(away: Floats) -> Floats:
     """Return how far away points (n, 3) are, (n, 1), at least 1."""
-    found: Reals = np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1)
+    found: Floats = np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1)
     return found
 
 
-def _cut_by_coacd(points: Reals, faces: Faces, most: int, seconds: float) -> tuple[list[Part], str]:
+def _cut_by_coacd(points: Floats, faces: Ints, most: int, seconds: float) -> tuple[list[Part], str]:
     """Return at most so many convex parts of a closed surface, and why there are none."""
     points, faces = simpler(points, faces, _SOLID_FACES)
     reply = run_apart(convex_parts, str(most), {"points": points, "faces": faces}, Limits(seconds))

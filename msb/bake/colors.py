@@ -11,7 +11,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
+
+from msb.bake.arrays import Floats, Ints, Mask, Singles
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
@@ -30,22 +31,20 @@ _STEPS, _TOLERANCE = 400, 1e-6
 _AT_ONCE = 1 << 16  # faces solved together; bounds the memory
 
 
-def products(sums: NDArray[np.float32]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def products(sums: Singles) -> tuple[Floats, Floats]:
     """Return (F, 3, 3) sums of products of weights, and (F, 3, 3) of weights (rows) times colours."""
     wide = sums.astype(np.float64)
     squares = wide[:, [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(-1, 3, 3)
     return squares, wide[:, 6:].reshape(-1, 3, 3)
 
 
-def pixels(seen: Seen) -> NDArray[np.float64]:
+def pixels(seen: Seen) -> Floats:
     """Return (F,) how many pixels show each face: the weights of one are 1 in all."""
-    found: NDArray[np.float64] = seen.sums[:, :6] @ np.array([1.0, 2.0, 2.0, 1.0, 2.0, 1.0])
+    found: Floats = seen.sums[:, :6] @ np.array([1.0, 2.0, 2.0, 1.0, 2.0, 1.0])
     return found
 
 
-def of_soup(
-    seen: Seen, colors: NDArray[np.float32], wanted: NDArray[np.bool_] | None = None
-) -> NDArray[np.float32]:
+def of_soup(seen: Seen, colors: Singles, wanted: Mask | None = None) -> Singles:
     """Return the best colours (F, 3, 3) in [0, 1] of faces that share no vertices and have `colors`.
 
     A face of which nothing was seen, or that is not `wanted`, keeps its own.
@@ -59,9 +58,7 @@ def of_soup(
     return made
 
 
-def _of_faces(
-    squares: NDArray[np.float64], sides: NDArray[np.float64], colors: NDArray[np.float32]
-) -> NDArray[np.float64]:
+def _of_faces(squares: Floats, sides: Floats, colors: Singles) -> Floats:
     """Return the best colours (n, 3, 3) of faces with these sums."""
     system = squares + SMOOTH * (3 * np.eye(3) - 1) + PRIOR * np.eye(3)
     sides = sides + PRIOR * colors
@@ -73,13 +70,11 @@ def _of_faces(
         found[rows, :, channel] = _held(
             system[rows], sides[rows, :, channel], x[rows], least[rows], most[rows]
         )
-    bounded: NDArray[np.float64] = np.clip(found, low[:, None], high[:, None])
+    bounded: Floats = np.clip(found, low[:, None], high[:, None])
     return bounded
 
 
-def _bounds(
-    squares: NDArray[np.float64], found: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _bounds(squares: Floats, found: Floats) -> tuple[Floats, Floats]:
     """Return the least and the most (n, 3) that corners may have of each channel.
 
     They are in 0 to 1, and not far from the mean of the pixels, as the corners `found` (n, 3, 3) show them:
@@ -93,13 +88,7 @@ def _bounds(
     return np.clip(mean - reach, 0, 1), np.clip(mean + reach, 0, 1)
 
 
-def _held(
-    system: NDArray[np.float64],
-    side: NDArray[np.float64],
-    x: NDArray[np.float64],
-    low: NDArray[np.float64],
-    high: NDArray[np.float64],
-) -> NDArray[np.float64]:
+def _held(system: Floats, side: Floats, x: Floats, low: Floats, high: Floats) -> Floats:
     """Return x (n, 3) with what leaves its bounds (n, 1) held there, and the others solved again."""
     held = np.zeros(x.shape, bool)
     for _ in range(_ROUNDS):
@@ -113,9 +102,7 @@ def _held(
     return x
 
 
-def of_mesh(
-    seen: Seen, faces: NDArray[np.int64], colors: NDArray[np.float32], edges: csr_matrix
-) -> NDArray[np.float32]:
+def of_mesh(seen: Seen, faces: Ints, colors: Singles, edges: csr_matrix) -> Singles:
     """Return the best colours (V, 3) in [0, 1] of vertices that `faces` (F, 3) share and that have `colors`;
     `edges` is the `laplacian` of the faces."""
     import scipy.sparse as sparse
@@ -138,9 +125,7 @@ def of_mesh(
     return np.stack(bounded, axis=1).astype(np.float32)
 
 
-def _vertex_bounds(
-    squares: NDArray[np.float64], faces: NDArray[np.int64], found: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _vertex_bounds(squares: Floats, faces: Ints, found: Floats) -> tuple[Floats, Floats]:
     """Return the least and the most (3, V) of each channel that one of a vertex's faces allows, of those that
     are seen; if none is, all that there is."""
     low, high = np.ones((3, len(found))), np.zeros((3, len(found)))
@@ -156,9 +141,7 @@ def _vertex_bounds(
     return np.where(free, 0.0, low), np.where(free, 1.0, high)
 
 
-def continued(
-    colors: NDArray[np.float32], faces: NDArray[np.int64], shown: NDArray[np.float64]
-) -> NDArray[np.float32]:
+def continued(colors: Singles, faces: Ints, shown: Floats) -> Singles:
     """Return `colors` (V, 3) in which what no pixels (F,) show goes on as what is seen around it.
 
     That begins some rings of faces beside: next to what nobody sees, pictures show as much of the background.
@@ -182,7 +165,7 @@ def continued(
     return made
 
 
-def laplacian(faces: NDArray[np.int64], count: int) -> csr_matrix:
+def laplacian(faces: Ints, count: int) -> csr_matrix:
     """Return the Laplacian of the edges: each edge once."""
     import scipy.sparse as sparse
 
@@ -194,13 +177,7 @@ def laplacian(faces: NDArray[np.int64], count: int) -> csr_matrix:
     return sparse.diags(np.asarray(both.sum(axis=1)).ravel()).tocsr() - both
 
 
-def _bounded(
-    system: csr_matrix,
-    right: NDArray[np.float64],
-    x: NDArray[np.float64],
-    low: NDArray[np.float64],
-    high: NDArray[np.float64],
-) -> NDArray[np.float64]:
+def _bounded(system: csr_matrix, right: Floats, x: Floats, low: Floats, high: Floats) -> Floats:
     """Return x with what leaves its bounds held there, and the others solved again."""
     held = np.zeros(len(x), bool)
     for _ in range(_ROUNDS):
@@ -215,7 +192,7 @@ def _bounded(
     return np.clip(x, low, high)
 
 
-def _solved(system: csr_matrix, right: NDArray[np.float64], x: NDArray[np.float64]) -> NDArray[np.float64]:
+def _solved(system: csr_matrix, right: Floats, x: Floats) -> Floats:
     """Return x of system @ x = right: conjugate gradients, Jacobi's preconditioner.
 
     SciPy's own would wake the threads of its linear algebra, which then spin beside the kernels.
@@ -239,5 +216,5 @@ def _solved(system: csr_matrix, right: NDArray[np.float64], x: NDArray[np.float6
     return x
 
 
-def _dot(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
+def _dot(a: Floats, b: Floats) -> float:
     return float(np.einsum("i,i->", a, b))

@@ -10,8 +10,8 @@ import time
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from msb.bake.arrays import Floats
 from msb.bake.kept import FEWEST
 from msb.bake.raster import Raster
 from msb.bake.search import some_views, try_faces
@@ -72,10 +72,10 @@ class Adam:
     def __init__(self, farthest: float) -> None:
         self._farthest = farthest
         self._step = 0
-        self._slope: NDArray[np.float64] | float = 0.0
-        self._square: NDArray[np.float64] | float = 0.0
+        self._slope: Floats | float = 0.0
+        self._square: Floats | float = 0.0
 
-    def move(self, slope: NDArray[np.float64], square: NDArray[np.float64] | float) -> NDArray[np.float64]:
+    def move(self, slope: Floats, square: Floats | float) -> Floats:
         """Return what to take from places, as slopes (..., 3) of the error there say.
 
         `square` is the mean square of the slopes that have one scale, and fits to `slope`.
@@ -84,25 +84,34 @@ class Adam:
         self._slope = _MOMENTUM * self._slope + (1 - _MOMENTUM) * slope
         self._square = _SCALE * self._square + (1 - _SCALE) * square
         size = np.sqrt(self._square / (1 - _SCALE**self._step)) + _TINY
-        move: NDArray[np.float64] = self._slope / (1 - _MOMENTUM**self._step) / size
+        move: Floats = self._slope / (1 - _MOMENTUM**self._step) / size
         length = np.linalg.norm(move, axis=-1, keepdims=True)
         move *= np.minimum(1, self._farthest / np.maximum(length, _TINY))
         return move
 
 
-def descend(
+def moved(
     soup: Soup,
     raster: Raster,
+    judge: Raster,
     random: np.random.Generator,
     *,
     rates: tuple[float, float],
     most: int | None,
     done: Callable[[int], float],
-) -> None:
-    """Move the corners of the faces that are shown, by steps that shrink from the first rate to the last.
+) -> Soup:
+    """Return the best of `soup` in the views of `judge`, while its faces move in steps that shrink from the
+    first rate to the last.
 
     A rate is relative to the size of a face. No more than `most` are shown. ``done(step)`` is called after
-    each step and says how much of all is done, from 0 to 1, where it ends."""
+    each step and says how much of all is done, from 0 to 1, where it ends. Where faces have too few pixels
+    they stay where they are.
+    """
+    soup.refit(raster)
+    best = Best(judge)
+    best.look(soup)
+    if raster.pixels_a_face(soup.count) < FEWEST:
+        return best.soup
     adam = Adam(_FARTHEST)
     memory = None
     step, share = 0, 0.0
@@ -121,42 +130,16 @@ def descend(
         if step % _TRY == 0:
             try_faces(soup, raster, random, show=False)
             try_faces(soup, raster, random, hide=False, most=most)
-        share = done(step)
-
-
-def moved(
-    soup: Soup,
-    raster: Raster,
-    judge: Raster,
-    random: np.random.Generator,
-    *,
-    rates: tuple[float, float],
-    most: int | None,
-    done: Callable[[int], float],
-) -> Soup:
-    """Return the best of `soup` in the views of `judge`, on its way from where it is: as `descend`, which
-    takes the other arguments.
-
-    Where its faces have too few pixels they stay where they are.
-    """
-    soup.refit(raster)
-    best = Best(judge)
-    best.look(soup)
-
-    def looked(step: int) -> float:
         if step % LOOK == 0:
             best.look(soup)
-        return done(step)
-
-    if raster.pixels_a_face(soup.count) >= FEWEST:
-        descend(soup, raster, random, rates=rates, most=most, done=looked)
-        soup.refit(raster)
-        best.look(soup)
+        share = done(step)
+    soup.refit(raster)
+    best.look(soup)
     return best.soup
 
 
-def _sizes(soup: Soup) -> NDArray[np.float64]:
+def _sizes(soup: Soup) -> Floats:
     """Return (F,) square roots of twice the areas."""
     sides = soup.corners[:, 1:].astype(np.float64) - soup.corners[:, :1]
-    found: NDArray[np.float64] = np.sqrt(np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1))
+    found: Floats = np.sqrt(np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1))
     return found

@@ -3,10 +3,10 @@
 import time
 
 import numpy as np
-from numpy.typing import NDArray
 
 from msb.asset import Asset
 from msb.asset.tiers import why_not
+from msb.bake.arrays import Floats, Ints
 from msb.bake.colors import pixels as shown_by
 from msb.bake.descent import Schedule, moved
 from msb.bake.kept import FEWEST, FINE, choosing
@@ -94,7 +94,7 @@ def fitted(
     return soup.mesh(), schedule.lacks("its triangles")
 
 
-def _cuts(owned: NDArray[np.float64], most: int) -> NDArray[np.int64]:
+def _cuts(owned: Floats, most: int) -> Ints:
     """Return how often to halve faces of so many pixels (F,), so that there are `most` at most, as alike as
     that makes them."""
     often = np.zeros(len(owned), np.int64)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from msb.asset import ASSET_SUFFIX
 from msb.asset.look import up_axis
 from msb.bake.report import SCHEMA
-from msb.bake.written import write_all
+from msb.bake.written import place_of, write_all
 from msb.base.own_folder import own_folder
 from msb.base.version import __version__
 from msb.errors import UsageError
@@ -90,7 +90,7 @@ def _page(baked: Baked, parts: Sequence[Part], report: Report, name: str, pictur
         "notes": list(report.notes),
     }
     meshes = [
-        f'<script type="text/plain" data-file="{part.beside(Path(ASSET)).name}">'
+        f'<script type="text/plain" data-file="{place_of(Path(ASSET), part.ending).name}">'
         f"{_text(engine_mesh(part.asset, {}).encoded('.glb'))}</script>"
         for part in parts
     ]

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from msb.bake.arrays import Floats, Mask, Singles
 from msb.bake.space import EDGE
 from msb.meshes.assets import asset_from_mesh
 from msb.render.device_scope import in_turn
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from msb.meshes.mesh import Mesh
     from msb.scenes import Camera
 
-    Reals = NDArray[np.float64]
 
 # Cells in front of and behind a surface in which a view votes. Fewer behind, where views of the other
 # side of a sheet vote the opposite.
@@ -47,7 +46,7 @@ class Grid:
     """Cells in a space: the place of the lowest one's centre (3,), the size of a cell, and how many there
     are."""
 
-    low: NDArray[np.float64]
+    low: Floats
     cell: float
     shape: tuple[int, int, int]
 
@@ -69,7 +68,7 @@ class Depths(StandardRenderer):
         super().__init__(asset_from_mesh(soup), device=device)
         self._fuse = self._device.program("bake_fuse", {"RECORD": _RECORD, "UNKNOWN": UNKNOWN})
 
-    def points(self, cameras: Sequence[Camera]) -> NDArray[np.float64]:
+    def points(self, cameras: Sequence[Camera]) -> Floats:
         """Return places (n, 3) of the world that cameras see."""
         found = [np.zeros((0, 3))]
         for camera in cameras:
@@ -82,7 +81,7 @@ class Depths(StandardRenderer):
         return np.concatenate(found)
 
     @in_turn
-    def votes(self, cameras: Sequence[Camera], space: Space, grid: Grid) -> NDArray[np.float32]:
+    def votes(self, cameras: Sequence[Camera], space: Space, grid: Grid) -> Singles:
         """Return how far each cell of `grid` lies before what cameras see, in `REACH` cells and at most 1.
 
         It is negative where the cell is solid, and `UNKNOWN` where no view has it in its picture or it lies
@@ -127,11 +126,11 @@ class Depths(StandardRenderer):
             np.float32(THICK / REACH),
             np.uint32(count),
         )
-        values: NDArray[np.float32] = sums.read()
+        values: Singles = sums.read()
         return values
 
 
-def seen_points(mesh: Mesh, cameras: Sequence[Camera], device: str | Device | None) -> NDArray[np.float64]:
+def seen_points(mesh: Mesh, cameras: Sequence[Camera], device: str | Device | None) -> Floats:
     """Return places (n, 3) of the world at which cameras, if there are any, see a mesh."""
     if not cameras:
         return np.zeros((0, 3))
@@ -139,7 +138,7 @@ def seen_points(mesh: Mesh, cameras: Sequence[Camera], device: str | Device | No
         return depths.points(cameras)
 
 
-def solid(votes: NDArray[np.float32], space: Space, grid: Grid) -> NDArray[np.float32]:
+def solid(votes: Singles, space: Space, grid: Grid) -> Singles:
     """Return votes with what is unknown continued from its surroundings, in their place.
 
     What lies beyond a scene is solid: a shell around it, on which a sky appears."""
@@ -149,15 +148,15 @@ def solid(votes: NDArray[np.float32], space: Space, grid: Grid) -> NDArray[np.fl
     return votes
 
 
-def drawn_in(points: Reals, values: NDArray[np.float32], grid: Grid) -> Reals:
+def drawn_in(points: Floats, values: Singles, grid: Grid) -> Floats:
     """Return points (V, 3) on the surface of what is solid half as far out as `THICK` puts them, where solid
     is thick; the two sides of a sheet, which would meet, stay.
 
     Half as far, since views from the side, which find all of a cell free, draw the mean inward."""
     from scipy.ndimage import map_coordinates
 
-    def at(places: Reals) -> Reals:
-        found: Reals = map_coordinates(values, places.T, np.float64, order=1, mode="nearest")
+    def at(places: Floats) -> Floats:
+        found: Floats = map_coordinates(values, places.T, np.float64, order=1, mode="nearest")
         return found
 
     places = (points - grid.low) / grid.cell
@@ -173,7 +172,7 @@ def drawn_in(points: Reals, values: NDArray[np.float32], grid: Grid) -> Reals:
     return grid.low + grid.cell * places
 
 
-def _fill(values: NDArray[np.float32], known: NDArray[np.bool_]) -> None:
+def _fill(values: Singles, known: Mask) -> None:
     """Give cells (nx, ny, nz) that are not known values from those around them.
 
     Each is the mean of the smallest block of 2, 4, 8, ... cells a side that has known ones, and smoothed."""
@@ -199,16 +198,16 @@ def _fill(values: NDArray[np.float32], known: NDArray[np.bool_]) -> None:
     np.copyto(values, uniform_filter(sums[:nx, :ny, :nz], 3, mode="nearest"), where=~known)
 
 
-def _beyond(grid: Grid) -> NDArray[np.float32]:
+def _beyond(grid: Grid) -> Singles:
     """Return how far cells lie before the shell around a scene, in `REACH` cells; that is half as thick."""
     axes = [grid.low[k] + grid.cell * np.arange(grid.shape[k]) for k in range(3)]
     x, y, z = np.meshgrid(*(np.square(axis).astype(np.float32) for axis in axes), indexing="ij", sparse=True)
     reach = REACH * grid.cell
-    found: NDArray[np.float32] = (np.float32(EDGE - reach / 2) - np.sqrt(x + y + z)) / np.float32(reach)
+    found: Singles = (np.float32(EDGE - reach / 2) - np.sqrt(x + y + z)) / np.float32(reach)
     return found
 
 
-def _record(camera: Camera, space: Space) -> NDArray[np.float32]:
+def _record(camera: Camera, space: Space) -> Singles:
     """Return what the kernel needs of a camera, (_RECORD,), for places in the units of `space`."""
     pose = camera.world_to_camera[:3].copy()
     pose[:, 3] = (pose[:, :3] @ space.center + pose[:, 3]) / space.radius

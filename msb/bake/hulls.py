@@ -1,16 +1,14 @@
 """Convex shapes about points, in units of their diagonal: hulls of patches of a surface, the smallest box."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from msb.bake.apart import spread
+from msb.bake.arrays import Floats, Ints
 from msb.topology.faces import face_areas
 from msb.topology.hulls import hull_directions
 
-Reals = NDArray[np.float64]
-Faces = NDArray[np.int64]
 # Points (V, 3) and the faces (F, 3) on them.
-Part = tuple[Reals, Faces]
+Part = tuple[Floats, Ints]
 
 PATCH_CORNERS = 32  # most corners of the hull of a patch, and about its number of faces
 _THIN = 1e-3  # thickness of a box, or of the hull of a flat patch, relative to the diagonal
@@ -36,7 +34,7 @@ _BOX = np.array(
 ).reshape(-1, 3)
 
 
-def patches_of(points: Reals, faces: Faces, count: int) -> list[Reals]:
+def patches_of(points: Floats, faces: Ints, count: int) -> list[Floats]:
     """Return up to so many sets of points of a surface, whose hulls have little volume together.
 
     Again and again the one with the largest hull is cut where that saves most.
@@ -52,10 +50,10 @@ def patches_of(points: Reals, faces: Faces, count: int) -> list[Reals]:
     return [patch for _, patch in patches]
 
 
-def _cut(points: Reals) -> list[tuple[float, Reals]]:
+def _cut(points: Floats) -> list[tuple[float, Floats]]:
     """Return two parts of a patch, each with its volume, that are least together; none of what is one
     place."""
-    found: list[tuple[float, Reals]] = []
+    found: list[tuple[float, Floats]] = []
     if len(points) < 2:
         return found
     for axis in _principal_axes(points):
@@ -69,27 +67,27 @@ def _cut(points: Reals) -> list[tuple[float, Reals]]:
     return found
 
 
-def _widest_gap(values: Reals) -> float:
+def _widest_gap(values: Floats) -> float:
     """Return the middle between the two of neighbouring values that are farthest from each other."""
     ordered = np.sort(values)
     at = int(np.diff(ordered).argmax())
     return float(ordered[at] + ordered[at + 1]) / 2
 
 
-def _principal_axes(points: Reals) -> Reals:
+def _principal_axes(points: Floats) -> Floats:
     """Return the axes (3, 3), one a row, along which points vary least to most."""
     away = points - points.mean(axis=0)
-    axes: Reals = np.linalg.eigh(away.T @ away)[1].T
+    axes: Floats = np.linalg.eigh(away.T @ away)[1].T
     return axes
 
 
-def _volume(points: Reals) -> float:
+def _volume(points: Floats) -> float:
     """Return the volume of the convex hull, a little thicker where that is flat."""
     exact = _exact_volume(points)
     return exact if exact >= _FLAT else _exact_volume(_thicker(points))
 
 
-def _exact_volume(points: Reals) -> float:
+def _exact_volume(points: Floats) -> float:
     from scipy.spatial import ConvexHull, QhullError
 
     try:
@@ -98,12 +96,12 @@ def _exact_volume(points: Reals) -> float:
         return 0.0
 
 
-def _thicker(points: Reals) -> Reals:
+def _thicker(points: Floats) -> Floats:
     """Return the corners of small boxes about points."""
     return (points[:, None] + _THIN / 2 * _ENDS).reshape(-1, 3)
 
 
-def hull_of(points: Reals) -> Part:
+def hull_of(points: Floats) -> Part:
     """Return the convex hull of what reaches farthest, a little thicker where that is flat."""
     from scipy.spatial import ConvexHull
 
@@ -122,7 +120,7 @@ def hull_of(points: Reals) -> Part:
     return hull.points[used], np.where(inwards[:, None], faces[:, ::-1], faces).astype(np.int64)
 
 
-def smallest_box(points: Reals) -> Part:
+def smallest_box(points: Floats) -> Part:
     """Return the smallest box that holds the points, of those along some axes.
 
     These are the axes of the space, the principal ones, and the ones by which a box lies on a face of the
@@ -140,7 +138,7 @@ def smallest_box(points: Reals) -> Part:
     return placed, _BOX
 
 
-def _bases(points: Reals) -> tuple[Reals, Reals]:
+def _bases(points: Floats) -> tuple[Floats, Floats]:
     """Return the axes (n, 3, 3) of faces of the hull, from its largest on, and the corners of the hull."""
     from scipy.spatial import ConvexHull, QhullError
 

@@ -1,13 +1,11 @@
 """The model's own triangles: those with which an opaque picture is best, in the best static colours."""
 
-import numpy as np
-
 from msb.asset import Asset
 from msb.bake.raster import Raster
 from msb.bake.search import try_faces
 from msb.bake.shares import Shares
 from msb.bake.soup import Soup, is_uncut_soup, without_seams
-from msb.bake.start import Best, Guide, Watch, choose, plain_mesh
+from msb.bake.start import Best, Guide, choose, plain_mesh
 from msb.meshes.mesh import Mesh
 from msb.repair.assets import repair_mesh
 from msb.repair.plan import Options
@@ -40,7 +38,7 @@ def kept(asset: Asset, guide: Guide, shares: Shares | None = None) -> Mesh:
             best = Best(judge)
             choose(soup, asset, raster, best, shares)
             if raster.pixels_a_face(soup.count) >= FEWEST:
-                search(best.soup, raster, best, guide.random(), guide.watch)
+                _search(best.soup, raster, best, guide)
             soup = best.soup
     return soup.mesh() if mesh is None else repair_mesh(soup.on(mesh), Options())[0]
 
@@ -64,11 +62,12 @@ def choosing(guide: Guide, faces: int) -> Guide:
     return usual if is_fine else larger
 
 
-def search(soup: Soup, raster: Raster, best: Best, random: np.random.Generator, watch: Watch) -> None:
+def _search(soup: Soup, raster: Raster, best: Best, guide: Guide) -> None:
     """Hide faces, and show those that are hidden, as long as views aside look better for it."""
+    random = guide.random()
     for step in range(1, _ROUNDS + 1):
         try_faces(soup, raster, random)
-        enough = watch("choosing faces", step, _ROUNDS)
+        enough = guide.watch("choosing faces", step, _ROUNDS)
         if enough or step % _REFIT == 0:
             soup.refit(raster)
             best.look(soup)

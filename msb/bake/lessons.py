@@ -10,12 +10,13 @@ from typing import IO, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from msb.bake.arrays import Singles
 from msb.scenes import Camera
 from msb.scenes.colors import Color
 
 # From a camera to what it should see: (H, W, 3) RGB in the asset's colour space, or that in whole numbers of
 # `STEPS`.
-Draw = Callable[["Camera"], NDArray[np.float32] | NDArray[np.uint16]]
+Draw = Callable[["Camera"], Singles | NDArray[np.uint16]]
 STEPS = 65535  # images are stored with 16 bits a channel, 50 times finer than what is measured
 _MANY = 32  # from this many views on, one half-pixel shift per image suffices
 
@@ -40,7 +41,7 @@ class Lessons:
     def __len__(self) -> int:
         return len(self.cameras)
 
-    def image(self, number: int) -> NDArray[np.float32]:
+    def image(self, number: int) -> Singles:
         """Return what camera `number` should see, (H, W, 3) float32 in [0, 1]."""
         return self.stored(number) * np.float32(1 / STEPS)
 
@@ -148,7 +149,7 @@ class Lessons:
         self.close()
 
 
-def whole(image: NDArray[np.float32] | NDArray[np.uint16]) -> NDArray[np.uint16]:
+def whole(image: Singles | NDArray[np.uint16]) -> NDArray[np.uint16]:
     """Return a picture in whole numbers of `STEPS`, black where it has no numbers."""
     if image.dtype == np.uint16:
         return np.ascontiguousarray(image)

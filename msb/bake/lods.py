@@ -3,7 +3,7 @@
 import math
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -45,82 +45,79 @@ def lods(
     DeviceError
     """
     counts = [max(1, round(share * len(mesh.faces))) for share in shares]
-    levels = _Levels(mesh, guide, counts, seconds)
     if is_uncut_soup(mesh.vertices, mesh.faces):
-        return levels.of_soup()
+        return _of_soup(mesh, guide, counts, seconds)
     whole = without_seams(mesh)
-    levels = replace(levels, mesh=whole)
-    return levels.of_surface() if closed(whole.vertices, whole.faces) else levels.of_mesh()
+    if closed(whole.vertices, whole.faces):
+        return _of_surface(whole, guide, counts, seconds)
+    return _of_mesh(whole, guide, counts)
 
 
-@dataclass(frozen=True)
-class _Levels:
-    """Levels of a mesh of so many faces each, and the pictures that they are taught by."""
+def _of_soup(
+    mesh: Mesh, guide: Guide, counts: Sequence[int], level_seconds: float
+) -> Iterator[tuple[Mesh, list[str]]]:
+    """Yield what is left of a soup when the faces go that are worth least."""
+    whole = len(mesh.faces)
+    random = guide.random()
+    soup = Soup.of(mesh, shares=False)
+    stages = _stages(whole, counts)
+    notes: list[str] = []
+    seconds = level_seconds
+    for stage, (count, left) in enumerate(stages):
+        # Larger faces need fewer pixels; at an eighth those are enough by which all were moved.
+        pixels = 8 * PIXELS_TO_MOVE * count // whole
+        # Faces that are gone do not come back: they would count as some of those tried at a time.
+        with guide.within(pixels).rasters(soup) as (raster, judge):
+            unseen = np.flatnonzero(soup.refit(raster).most == 0)
+            soup.keep[unseen[: max(0, len(soup.keep) - count)]] = False
+            hide_least(soup, raster, random, count)
 
-    mesh: Mesh
-    guide: Guide
-    counts: Sequence[int]
-    seconds: float
+            began = time.monotonic()
+            schedule = Schedule(_STEPS, began + seconds / left)
 
-    def of_soup(self) -> Iterator[tuple[Mesh, list[str]]]:
-        """Yield what is left of a soup when the faces go that are worth least."""
-        whole = len(self.mesh.faces)
-        random = self.guide.random()
-        soup = Soup.of(self.mesh, shares=False)
-        stages = _stages(whole, self.counts)
-        notes: list[str] = []
-        seconds = self.seconds
-        for stage, (count, left) in enumerate(stages):
-            # Larger faces need fewer pixels; at an eighth those are enough by which all were moved.
-            pixels = 8 * PIXELS_TO_MOVE * count // whole
-            # Faces that are gone do not come back: they would count as some of those tried at a time.
-            with self.guide.within(pixels).rasters(soup) as (raster, judge):
-                unseen = np.flatnonzero(soup.refit(raster).most == 0)
-                soup.keep[unseen[: max(0, len(soup.keep) - count)]] = False
-                hide_least(soup, raster, random, count)
+            def done(step: int, stage: int = stage, schedule: Schedule = schedule) -> float:
+                enough = _watched(guide, stage, len(stages), step, _STEPS)
+                return schedule.share(step, enough=enough)
 
-                began = time.monotonic()
-                schedule = Schedule(_STEPS, began + seconds / left)
+            soup = moved(soup, raster, judge, random, rates=_RATES, most=count, done=done)
+            seconds = max(0.0, seconds - (time.monotonic() - began))
+        soup = soup.shown()
+        notes = schedule.lacks("its triangles") or notes  # a level is made of those before it
+        if left == 1:
+            yield soup.mesh(), notes
+            seconds = level_seconds
 
-                def done(step: int, stage: int = stage, schedule: Schedule = schedule) -> float:
-                    enough = self._watched(stage, len(stages), step, _STEPS)
-                    return schedule.share(step, enough=enough)
 
-                soup = moved(soup, raster, judge, random, rates=_RATES, most=count, done=done)
-                seconds = max(0.0, seconds - (time.monotonic() - began))
-            soup = soup.shown()
-            notes = schedule.lacks("its triangles") or notes  # a level is made of those before it
-            if left == 1:
-                yield soup.mesh(), notes
-                seconds = self.seconds
+def _of_surface(
+    mesh: Mesh, whole: Guide, counts: Sequence[int], seconds: float
+) -> Iterator[tuple[Mesh, list[str]]]:
+    """Yield a closed surface with fewer faces, which are moved inside the space that it was made in."""
+    guide = whole.within(PIXELS_TO_MOVE)
+    cameras = guide.lessons.cameras
+    seen = seen_points(mesh, cameras, guide.device)
+    points = mesh.vertices.astype(np.float64)
+    space = Space.of(seen if len(seen) else points, cameras)
+    solid = Solid(space.inward(points), mesh.faces, space)
+    for level, count in enumerate(counts):
 
-    def of_surface(self) -> Iterator[tuple[Mesh, list[str]]]:
-        """Yield a closed surface with fewer faces, which are moved inside the space that it was made in."""
-        guide = self.guide.within(PIXELS_TO_MOVE)
-        cameras = guide.lessons.cameras
-        seen = seen_points(self.mesh, cameras, guide.device)
-        points = self.mesh.vertices.astype(np.float64)
-        space = Space.of(seen if len(seen) else points, cameras)
-        solid = Solid(space.inward(points), self.mesh.faces, space)
-        for level, count in enumerate(self.counts):
+        def watch(_: str, done: int, total: int, level: int = level) -> bool:
+            return _watched(whole, level, len(counts), done, total)
 
-            def watch(_: str, done: int, total: int, level: int = level) -> bool:
-                return self._watched(level, len(self.counts), done, total)
+        yield taught(solid, count, replace(guide, watch=watch), seconds, _STEPS, like=mesh)
 
-            yield taught(solid, count, replace(guide, watch=watch), self.seconds, _STEPS, like=self.mesh)
 
-    def of_mesh(self) -> Iterator[tuple[Mesh, list[str]]]:
-        """Yield an open surface with fewer faces, which stay where they are."""
-        points = self.mesh.vertices.astype(np.float64)
-        for level, count in enumerate(self.counts):
-            self._watched(level, len(self.counts), 0, 1)
-            placed, faces = simpler(points, self.mesh.faces, count)
-            fewer = Mesh(placed.astype(np.float32), faces, up=self.mesh.up)
-            yield with_colors_of(self.mesh, fewer), []
+def _of_mesh(mesh: Mesh, guide: Guide, counts: Sequence[int]) -> Iterator[tuple[Mesh, list[str]]]:
+    """Yield an open surface with fewer faces, which stay where they are."""
+    points = mesh.vertices.astype(np.float64)
+    for level, count in enumerate(counts):
+        _watched(guide, level, len(counts), 0, 1)
+        placed, faces = simpler(points, mesh.faces, count)
+        yield with_colors_of(mesh, Mesh(placed.astype(np.float32), faces, up=mesh.up)), []
 
-    def _watched(self, level: int, levels: int, done: int, total: int) -> bool:
-        """Tell how much of all levels is done; return whether to end."""
-        return self.guide.watch("levels of detail", level * total + done, levels * total)
+
+def _watched(guide: Guide, level: int, levels: int, done: int, total: int) -> bool:
+    """Tell how much of all levels is done; return whether to end."""
+    return guide.watch("levels of detail", level * total + done, levels * total)
 
 
 def _stages(faces: int, counts: Sequence[int]) -> list[tuple[int, int]]:

@@ -3,10 +3,10 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from msb.asset import Asset
 from msb.asset.tiers import why_not
+from msb.bake.arrays import Singles
 from msb.bake.teacher import SAMPLES, Teacher
 from msb.bake.views import BakeViews
 from msb.render import Renderer
@@ -32,7 +32,7 @@ class Preview:
         The views held back; those that teach where there is none.
     """
 
-    picture: NDArray[np.float32]
+    picture: Singles
     columns: tuple[str, ...]
     cameras: tuple[Camera, ...]
 
@@ -61,9 +61,7 @@ def preview(asset: Asset, made: Asset, views: BakeViews, master: Teacher, device
     return Preview(_side_by_side(list(columns.values()), views.background), tuple(columns), tuple(cameras))
 
 
-def _side_by_side(
-    columns: list[list[NDArray[np.float32]]], background: tuple[float, float, float]
-) -> NDArray[np.float32]:
+def _side_by_side(columns: list[list[Singles]], background: tuple[float, float, float]) -> Singles:
     """Return a picture of columns of pictures, whose sizes may differ from row to row."""
     width = max(image.shape[1] for image in columns[0])
     heights = [image.shape[0] for image in columns[0]]

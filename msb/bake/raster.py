@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msb.asset import Asset
+from msb.bake.arrays import Floats, Mask, Singles
 from msb.bake.lessons import Lessons
 from msb.cl import Buffer, Device, sort_pairs
 from msb.meshes.assets import asset_from_mesh
@@ -31,11 +32,11 @@ class Seen(NamedTuple):
     """What drawings say of each face, summed over them."""
 
     # (F, 15), `SUMS`.
-    sums: NDArray[np.float32]
+    sums: Singles
     # (F,) the most pixels that one view shows of it.
     most: NDArray[np.uint32]
     # (F, 3, 3) how the squared error rises as a corner moves, per unit of the scene.
-    slopes: NDArray[np.float32]
+    slopes: Singles
 
 
 class Pupil(StandardRenderer):
@@ -94,8 +95,8 @@ class Raster(Pupil):
 
     def __init__(
         self,
-        corners: NDArray[np.float32],
-        colors: NDArray[np.float32],
+        corners: Singles,
+        colors: Singles,
         lessons: Lessons,
         device: str | Device | None = None,
     ) -> None:
@@ -115,9 +116,7 @@ class Raster(Pupil):
         return other
 
     @in_turn
-    def change(
-        self, corners: NDArray[np.float32], colors: NDArray[np.float32], keep: NDArray[np.bool_]
-    ) -> None:
+    def change(self, corners: Singles, colors: Singles, keep: Mask) -> None:
         """Give the faces these corners and colours; those that are not kept have no area, and so no pixel."""
         placed = np.where(keep[:, None, None], corners, corners[:, :1])
         self._triangles.sources["positions"].write(np.ascontiguousarray(placed.reshape(-1, 3), np.float32))
@@ -178,7 +177,7 @@ class Raster(Pupil):
             )
 
     @in_turn
-    def judge(self, owner: NDArray[np.int32], proposals: int) -> NDArray[np.float64]:
+    def judge(self, owner: NDArray[np.int32], proposals: int) -> Floats:
         """Return by how much the squared error of each remembered view rises by each proposal.
 
         `owner` (F,) is the proposal that a face belongs to, or -1. A pixel counts for the proposal whose face

@@ -14,23 +14,20 @@ from msb.api.auditing import audit
 from msb.api.opening import as_asset
 from msb.asset import Asset
 from msb.bake.cache import SUFFIX
-from msb.bake.collision import Collision
 from msb.bake.folder import only_folder, write_folder
-from msb.bake.making import Bake, Facts
+from msb.bake.making import Bake
 from msb.bake.needs import check_model
 from msb.bake.options import BakeKeywords, BakeOptions, need_libraries
 from msb.bake.preview import Preview, preview
-from msb.bake.report import WORSE, Level, Psnr, Report, Shape, Verdict
-from msb.bake.start import Watch
+from msb.bake.report import WORSE, Report, Shape, Verdict
 from msb.bake.teacher import Teacher
-from msb.bake.views import BakeViews, bake_views
+from msb.bake.views import bake_views
 from msb.bake.written import Part, endings, write_all
 from msb.base.atomic import check_place, room_for_temporaries
 from msb.base.paths import given_path
 from msb.cl.devices import choose_device
 from msb.errors import about
 from msb.meshes.assets import asset_from_mesh
-from msb.meshes.mesh import Mesh
 from msb.scenes import Camera
 from msb.scenes.datasets import Scene
 
@@ -199,52 +196,18 @@ def bake(
         )
         with Teacher(model, views, wanted.teacher, device, cache) as teacher:
             with closing(Bake(model, views, teacher, wanted, device, watch)) as bake:
-                made = _make(bake, wanted, watch, stopped)
-            baked = asset_from_mesh(made.mesh)
+                mesh, facts = bake.best(stopped)
+                watch("measuring", 0, 1)
+                own, photographs = bake.measure(mesh)
+                levels, level_notes = bake.levels(facts.geometry, mesh, wanted.shares)
+                shape = None if wanted.collision is None else bake.shape(mesh, wanted.collision)
+            baked = asset_from_mesh(mesh)
             watch("preview", 0, 1)
             picture = preview(model, baked, views, teacher, device)
             cached = [] if teacher.pictures is None else teacher.pictures.notes()
         watch("audit", 0, 1)
-    report = _report(model, baked, views, made, wanted, cached, began, choose_device(device).record.name)
-    shape = None if made.shape is None else asset_from_mesh(made.shape.mesh)
-    return Baked(baked, report, picture, tuple(asset_from_mesh(mesh) for _, mesh in made.levels), shape)
-
-
-@dataclass(frozen=True, eq=False)
-class _Made:
-    """The meshes of a bake, and what was measured of them."""
-
-    mesh: Mesh
-    facts: Facts
-    own: Psnr | None
-    photographs: Psnr | None
-    levels: Sequence[tuple[Level, Mesh]]
-    level_notes: Sequence[str]
-    shape: Collision | None
-
-
-def _make(bake: Bake, options: BakeOptions, watch: Watch, stopped: Callable[[], bool]) -> _Made:
-    mesh, facts = bake.best(stopped)
-    watch("measuring", 0, 1)
-    own, photographs = bake.measure(mesh)
-    levels, notes = bake.levels(facts.geometry, mesh, options.shares)
-    shape = None if options.collision is None else bake.shape(mesh, options.collision)
-    return _Made(mesh, facts, own, photographs, levels, notes, shape)
-
-
-def _report(
-    model: Asset,
-    baked: Asset,
-    views: BakeViews,
-    made: _Made,
-    options: BakeOptions,
-    cached: Sequence[str],
-    began: float,
-    device: str,
-) -> Report:
-    mesh, facts = made.mesh, made.facts
-    worse = [WORSE] if made.own is not None and made.own.is_worse else []
-    return Report(
+    worse = [WORSE] if own is not None and own.is_worse else []
+    report = Report(
         geometry=facts.geometry,
         color="texture" if mesh.textures else "vertex",
         vertices=len(mesh.vertices),
@@ -255,22 +218,24 @@ def _report(
         between=len(views.between),
         held_back=len(views.held_back),
         views=views.said,
-        teacher=options.teacher,
+        teacher=wanted.teacher,
         unseen_area=facts.unseen,
-        own=made.own,
-        photographs=made.photographs,
+        own=own,
+        photographs=photographs,
         before=Verdict.of(audit(model)),
         after=Verdict.of(audit(baked)),
         model_faces=model.manifest.face_count,
         background=views.background,
-        seed=options.seed,
-        device=device,
+        seed=wanted.seed,
+        device=choose_device(device).record.name,
         tried=facts.tried,
-        notes=(*views.notes, *cached, *facts.notes, *worse, *made.level_notes),
-        lods=tuple(level for level, _ in made.levels),
-        collision=None if made.shape is None else Shape.of(made.shape),
+        notes=(*views.notes, *cached, *facts.notes, *worse, *level_notes),
+        lods=tuple(level for level, _ in levels),
+        collision=None if shape is None else Shape.of(shape),
         path=None if model.opened_from is None else str(model.opened_from),
     )
+    assets = tuple(asset_from_mesh(mesh) for _, mesh in levels)
+    return Baked(baked, report, picture, assets, None if shape is None else asset_from_mesh(shape.mesh))
 
 
 @contextmanager

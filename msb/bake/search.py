@@ -6,8 +6,8 @@ books what each pixel's squared error gains or loses to the face that it shows o
 faces of few pixels do not follow noise."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from msb.bake.arrays import Floats, Ints, Mask
 from msb.bake.raster import Raster
 from msb.bake.soup import Soup
 
@@ -53,16 +53,14 @@ def hide_least(soup: Soup, raster: Raster, random: np.random.Generator, most: in
         soup.keep[chosen[worst]] = False
 
 
-def _some(soup: Soup, random: np.random.Generator, pool: NDArray[np.bool_]) -> NDArray[np.int64]:
+def _some(soup: Soup, random: np.random.Generator, pool: Mask) -> Ints:
     """Return a part of all faces, at random, of those in `pool` (F,)."""
     numbers = np.flatnonzero(pool)
     count = min(len(numbers), max(1, int(SHARE * len(soup.keep))))
     return random.choice(numbers, count, replace=False)
 
 
-def _rise(
-    soup: Soup, raster: Raster, random: np.random.Generator, chosen: NDArray[np.int64]
-) -> NDArray[np.float64]:
+def _rise(soup: Soup, raster: Raster, random: np.random.Generator, chosen: Ints) -> Floats:
     """Return by how much the error of each of some views rises if each face is hidden, or shown where it is
     not."""
     owner = np.full(len(soup.keep), -1, np.int32)

@@ -10,9 +10,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from msb.bake import colors
+from msb.bake.arrays import Floats, Ints
 from msb.bake.descent import LOOK, MEMORY, RECOLOR, Adam, Schedule
 from msb.bake.search import some_views
 from msb.bake.solid import put_back
@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from msb.bake.space import Space
     from msb.bake.start import Best, Guide
 
-    Reals = NDArray[np.float64]
 
 STIFF = 0.5  # smoothing of the slopes: squared width, in edges
 STEPS = 200
@@ -32,7 +31,7 @@ _FARTHEST = 4.0  # largest move of a vertex in a step, in rates
 
 
 def settle(
-    points: Reals,
+    points: Floats,
     soup: Soup,
     raster: Raster,
     best: Best,
@@ -81,13 +80,13 @@ def settle(
             soup.recolor(seen._replace(sums=memory))
 
 
-def _at_vertices(values: Reals, faces: NDArray[np.int64], count: int) -> Reals:
+def _at_vertices(values: Floats, faces: Ints, count: int) -> Floats:
     """Return the sums (V, 3) at vertices of values at corners (F, 3, 3)."""
     corners = faces.reshape(-1)
     sums = [np.bincount(corners, values[:, :, axis].reshape(-1), minlength=count) for axis in range(3)]
     return np.stack(sums, axis=1)
 
 
-def _edge(points: Reals, faces: NDArray[np.int64]) -> float:
+def _edge(points: Floats, faces: Ints) -> float:
     """Return the usual length of an edge."""
     return float(np.median(np.linalg.norm(points[faces[:, 0]] - points[faces[:, 1]], axis=1)))

@@ -4,10 +4,10 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from msb.asset import Asset
 from msb.asset.tiers import why_not
+from msb.bake.arrays import Floats, Ints
 from msb.bake.lessons import Lessons
 from msb.cl import Device
 from msb.meshes.assets import asset_from_mesh
@@ -34,8 +34,8 @@ class Shares:
         Of all pictures.
     """
 
-    weight: NDArray[np.float64]
-    color: NDArray[np.float64]
+    weight: Floats
+    color: Floats
     pixels: int
 
 
@@ -60,9 +60,7 @@ def blending_shares(asset: Asset, lessons: Lessons, device: str | Device | None 
     return Shares(weight, color, pixels)
 
 
-def pixels_shown(
-    mesh: Mesh, cameras: Iterable[Camera], device: str | Device | None = None
-) -> Iterator[NDArray[np.int64]]:
+def pixels_shown(mesh: Mesh, cameras: Iterable[Camera], device: str | Device | None = None) -> Iterator[Ints]:
     """Yield for each camera how many pixels (F,) of its picture show each face of an opaque mesh."""
     black = replace(mesh, vertex_colors=np.zeros((len(mesh.vertices), 3), np.uint8))  # or it would be lit
     with Renderer(asset_from_mesh(black), "standard", device) as renderer:

@@ -2,30 +2,27 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from msb.bake.arrays import Floats, Ints
 from msb.bake.solid import mended
 from msb.topology import audit_arrays
 from msb.topology.seams import is_closed
 from msb.topology.steps import drop, turn_faces
 
-if TYPE_CHECKING:
-    Reals = NDArray[np.float64]
-    Faces = NDArray[np.int64]
-
 # Growth of the allowed error; the library's default is 7, and slower ones end above the face budget.
 _HASTE = 5
 
 
-def closed(points: NDArray[Any], faces: Faces) -> bool:
+def closed(points: NDArray[Any], faces: Ints) -> bool:
     """Return whether a surface is closed, manifold and consistently wound."""
     return is_closed(audit_arrays(points, faces)[0].counts)
 
 
-def simpler(points: Reals, faces: Faces, count: int) -> tuple[Reals, Faces]:
+def simpler(points: Floats, faces: Ints, count: int) -> tuple[Floats, Ints]:
     """Return a surface of about `count` faces, no more than it has.
 
     A closed one stays closed, manifold and consistently wound: where so few faces leave nothing of it, it
@@ -49,7 +46,7 @@ def simpler(points: Reals, faces: Faces, count: int) -> tuple[Reals, Faces]:
     return points, faces
 
 
-def _manifold(points: Reals, faces: Faces) -> tuple[Reals, Faces]:
+def _manifold(points: Floats, faces: Ints) -> tuple[Floats, Ints]:
     """Return the surface without faces of no use or at edges of more than two, consistently wound where it
     can be."""
     faces = faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)]

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from msb.bake.arrays import Floats, Ints, Mask, Singles
 from msb.bake.colors import laplacian
 from msb.bake.options import FEWEST_FACES
 from msb.meshes.mesh import Mesh
@@ -22,8 +23,6 @@ if TYPE_CHECKING:
     from msb.bake.fusion import Grid
     from msb.bake.space import Space
 
-    Reals = NDArray[np.float64]
-    Faces = NDArray[np.int64]
 
 _APART = 0.002  # least distance of a cell from the surface, in reaches of a view
 # Aggressiveness of the edge collapse; the first gives better meshes, but may end above the face budget.
@@ -42,7 +41,7 @@ _CUTS = 6  # times that faces which still cross are cut out
 _WIDER = 8  # smoothing turns after which the neighbours are included, and again after as many
 
 
-def boundary(values: NDArray[np.float32], grid: Grid, outside: float) -> tuple[Reals, Faces]:
+def boundary(values: Singles, grid: Grid, outside: float) -> tuple[Floats, Ints]:
     """Return the surface (V, 3), (F, 3) of what is negative, closed: outside the grid it is `outside`."""
     from skimage.measure import marching_cubes
 
@@ -53,29 +52,29 @@ def boundary(values: NDArray[np.float32], grid: Grid, outside: float) -> tuple[R
     return grid.low + (points.astype(np.float64) - 1) * grid.cell, faces.astype(np.int64)
 
 
-def parts(points: Reals, faces: Faces) -> NDArray[np.int32]:
+def parts(points: Floats, faces: Ints) -> NDArray[np.int32]:
     """Return the number of the part (F,) that each face belongs to, joined by vertices."""
     one, two = faces[:, [0, 1]].reshape(-1), faces[:, [1, 2]].reshape(-1)
     _, label = label_components(len(points), one, two)
     return label[faces[:, 0]]
 
 
-def that_matter(points: Reals, faces: Faces, pixels: NDArray[np.int64], least: float) -> NDArray[np.bool_]:
+def that_matter(points: Floats, faces: Ints, pixels: Ints, least: float) -> Mask:
     """Return which faces (F,) are of parts that so many pixels show at `least`; those of the largest are."""
     label = parts(points, faces)
     shown = np.bincount(label, weights=pixels)
-    keep: NDArray[np.bool_] = (shown >= least)[label] | (label == int(np.argmax(shown)))
+    keep: Mask = (shown >= least)[label] | (label == int(np.argmax(shown)))
     return keep
 
 
-def compacted(points: Reals, faces: Faces) -> tuple[Reals, Faces]:
+def compacted(points: Floats, faces: Ints) -> tuple[Floats, Ints]:
     """Return the points that faces use, in their order, and the faces that name them."""
     used = np.zeros(len(points), bool)
     used[faces] = True
     return points[used], (np.cumsum(used) - 1)[faces]
 
 
-def with_fewer_faces(points: Reals, faces: Faces, count: int, space: Space) -> tuple[Reals, Faces]:
+def with_fewer_faces(points: Floats, faces: Ints, count: int, space: Space) -> tuple[Floats, Ints]:
     """Return the surface with about `count` faces, by quadric error, and mended to a closed manifold.
 
     The middle of a scene, which its cameras look at, is given more faces: there errors count as in a space
@@ -85,13 +84,13 @@ def with_fewer_faces(points: Reals, faces: Faces, count: int, space: Space) -> t
     return mended(points, faces)
 
 
-def without_detail(points: Reals, faces: Faces, count: int, space: Space) -> tuple[Reals, Faces]:
+def without_detail(points: Floats, faces: Ints, count: int, space: Space) -> tuple[Floats, Ints]:
     """Return the surface with so many faces that nothing is lost of it for `count` that are asked for in the
     end: what follows takes less time then."""
     return _coarser(points, faces, _DETAIL * count, space, _HASTE)
 
 
-def _coarser(points: Reals, faces: Faces, count: int, space: Space, haste: int) -> tuple[Reals, Faces]:
+def _coarser(points: Floats, faces: Ints, count: int, space: Space, haste: int) -> tuple[Floats, Ints]:
     if len(faces) <= count:
         return points, faces
     placed = _to_logarithm(points) if space.contracted else points
@@ -100,13 +99,13 @@ def _coarser(points: Reals, faces: Faces, count: int, space: Space, haste: int) 
 
 
 def coarser_unseen(
-    points: Reals, faces: Faces, pixels: Reals, count: int, space: Space
-) -> tuple[Reals, Faces]:
+    points: Floats, faces: Ints, pixels: Floats, count: int, space: Space
+) -> tuple[Floats, Ints]:
     """Return the surface with one vertex in place of those that hardly any of the `pixels` (F,) of the mean
     view show together, so that of `count` faces that are to stay hardly any go there.
 
     They are merged along edges that quadric error would collapse, so that it stays the surface it was, until
-    all is as coarse as it may be. Faces may touch at an edge then."""
+    all is as coarse as it may be. Ints may touch at an edge then."""
     if len(faces) <= count:
         return points, faces
     # The order in which quadric error collapses edges (n, 2): the vertex that stays, the one that goes.
@@ -130,7 +129,7 @@ def coarser_unseen(
     return compacted(points, _without_flaps(merged[faces]))
 
 
-def _collapsed(points: Reals, faces: Faces, count: int, haste: int) -> tuple[Reals, Faces, NDArray[np.int32]]:
+def _collapsed(points: Floats, faces: Ints, count: int, haste: int) -> tuple[Floats, Ints, NDArray[np.int32]]:
     """Return the surface with about `count` faces, and which vertices (n, 2) the edges had that were
     collapsed, in their order: the one that stayed, and the one that went."""
     import fast_simplification
@@ -145,17 +144,17 @@ def _collapsed(points: Reals, faces: Faces, count: int, haste: int) -> tuple[Rea
     return fewer.astype(np.float64), kept.astype(np.int64), collapses
 
 
-def _to_logarithm(points: Reals) -> Reals:
+def _to_logarithm(points: Floats) -> Floats:
     size = np.maximum(np.linalg.norm(points, axis=1, keepdims=True), 1e-12)
     return np.asarray(points * (np.log1p(size / _MIDDLE) / size))
 
 
-def _from_logarithm(points: Reals) -> Reals:
+def _from_logarithm(points: Floats) -> Floats:
     size = np.maximum(np.linalg.norm(points, axis=1, keepdims=True), 1e-12)
     return np.asarray(points * (_MIDDLE * np.expm1(size) / size))
 
 
-def mended(points: Reals, faces: Faces) -> tuple[Reals, Faces]:
+def mended(points: Floats, faces: Ints) -> tuple[Floats, Ints]:
     """Return a closed, consistently wound manifold: faces that touch at an edge come apart, holes are closed.
 
     Where that fails faces there are left out, and a part that still stays open.
@@ -179,15 +178,15 @@ def mended(points: Reals, faces: Faces) -> tuple[Reals, Faces]:
     return compacted(points, faces[closed[label]])
 
 
-def _without_flaps(faces: Faces) -> Faces:
+def _without_flaps(faces: Ints) -> Ints:
     """Return the faces without those that name a vertex twice, and without two that lie on each other."""
     faces = faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)]
     _, first, count = np.unique(np.sort(faces, axis=1), axis=0, return_index=True, return_counts=True)
-    kept: Faces = faces[np.sort(first[count % 2 == 1])]
+    kept: Ints = faces[np.sort(first[count % 2 == 1])]
     return kept
 
 
-def _capped(points: Reals, faces: Faces) -> tuple[Reals, Faces]:
+def _capped(points: Floats, faces: Ints) -> tuple[Floats, Ints]:
     """Return the surface with its holes closed."""
     change = close(points, faces, most_edges=1 << 30, most_share=1.0)
     added = change.vertex_map < 0
@@ -199,7 +198,7 @@ def _capped(points: Reals, faces: Faces) -> tuple[Reals, Faces]:
     return placed, change.faces.astype(np.int64)
 
 
-def _open(faces: Faces) -> NDArray[np.bool_]:
+def _open(faces: Ints) -> Mask:
     """Return which faces (F,) have an edge that no other runs along the other way."""
     count = int(faces.max(initial=0)) + 1
     start, stop = faces.reshape(-1), np.roll(faces, -1, axis=1).reshape(-1)
@@ -207,7 +206,7 @@ def _open(faces: Faces) -> NDArray[np.bool_]:
     return np.asarray(lone.reshape(-1, 3).any(axis=1))
 
 
-def uncrossed(points: Reals, faces: Faces, space: Space) -> tuple[Reals, Faces]:
+def uncrossed(points: Floats, faces: Ints, space: Space) -> tuple[Floats, Ints]:
     """Return a closed surface at points (V, 3) inside `space` of which no faces cross in the world.
 
     Corners of faces that cross are moved to the middle of their neighbours. Where that does not help, the
@@ -226,7 +225,7 @@ def uncrossed(points: Reals, faces: Faces, space: Space) -> tuple[Reals, Faces]:
     return best
 
 
-def _smoothed(points: Reals, faces: Faces, space: Space) -> tuple[Reals, NDArray[np.int64]]:
+def _smoothed(points: Floats, faces: Ints, space: Space) -> tuple[Floats, Ints]:
     """Return points of which fewer faces cross, and those that still do.
 
     Those of faces that resist are moved together with their neighbours. So are corners of faces that have
@@ -248,14 +247,14 @@ def _smoothed(points: Reals, faces: Faces, space: Space) -> tuple[Reals, NDArray
     return points, crossing_faces(points, faces, space, moved)
 
 
-def _slivers(points: Reals, faces: Faces) -> NDArray[np.int64]:
+def _slivers(points: Floats, faces: Ints) -> Ints:
     """Return the numbers of faces that have hardly any area beside the usual face."""
     sides = points[faces[:, 1:]] - points[faces[:, :1]]
     area = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
     return np.flatnonzero(area < _FLAT * np.median(area))
 
 
-def put_back(points: Reals, good: Reals, faces: Faces, space: Space) -> Reals:
+def put_back(points: Floats, good: Floats, faces: Ints, space: Space) -> Floats:
     """Return points of which no faces cross but those that do in `good`, too: others go back to where they
     were there."""
     points = points.copy()
@@ -270,9 +269,7 @@ def put_back(points: Reals, good: Reals, faces: Faces, space: Space) -> Reals:
     return good.copy()
 
 
-def crossing_faces(
-    points: Reals, faces: Faces, space: Space, moved: NDArray[np.bool_] | None = None
-) -> NDArray[np.int64]:
+def crossing_faces(points: Floats, faces: Ints, space: Space, moved: Mask | None = None) -> Ints:
     """Return the numbers of faces that cross others in the world, as float32 has it: of those pairs, one of
     whose faces has a corner (V,) that was `moved`."""
     of = None if moved is None or moved.all() else np.asarray(moved[faces].any(axis=1))
@@ -286,7 +283,7 @@ def crossing_faces(
     return np.unique(crossing_pairs(corners, places, of))
 
 
-def average(faces: Faces, count: int) -> csr_matrix:
+def average(faces: Ints, count: int) -> csr_matrix:
     """Return the matrix (V, V) that takes values of vertices to the means of their neighbours."""
     import scipy.sparse as sparse
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msb.bake import colors as fit
+from msb.bake.arrays import Ints, Mask, Singles
 from msb.base.soup import is_unindexed
 from msb.meshes.assets import with_faces
 from msb.meshes.mesh import Mesh
@@ -69,10 +70,10 @@ class Soup:
         The vertices of the corners, where these share colours; None: every corner has its own.
     """
 
-    corners: NDArray[np.float32]
-    colors: NDArray[np.float32]
-    keep: NDArray[np.bool_]
-    shared: NDArray[np.int64] | None = None
+    corners: Singles
+    colors: Singles
+    keep: Mask
+    shared: Ints | None = None
 
     @classmethod
     def of(cls, mesh: Mesh, *, shares: bool) -> Self:
@@ -148,7 +149,7 @@ class Soup:
         corners, colors = _quartered(shown.corners), _quartered(shown.colors)
         return type(self)(corners, colors, np.ones(len(corners), bool))
 
-    def halved(self, often: NDArray[np.int64]) -> Self:
+    def halved(self, often: Ints) -> Self:
         """Return the faces that are shown, the pieces of each halved so `often` (of each face that is shown)
         across their longest sides."""
         soup = self.shown()
@@ -173,7 +174,7 @@ class Soup:
         )
 
 
-def _quartered(corners: NDArray[np.float32]) -> NDArray[np.float32]:
+def _quartered(corners: Singles) -> Singles:
     """Return values at corners (F, 3, 3) at those of the quarters, (4 F, 3, 3); the quarters of a face
     follow it."""
     a, b, c = corners.transpose(1, 0, 2)
@@ -182,7 +183,7 @@ def _quartered(corners: NDArray[np.float32]) -> NDArray[np.float32]:
     return np.stack([np.stack(each, axis=1) for each in quarters], axis=1).reshape(-1, 3, 3)
 
 
-def _halves(corners: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+def _halves(corners: Singles) -> tuple[Singles, Singles]:
     """Return values at corners (F, 3, 3) at those of the halves beside the middle of the first two."""
     a, b, c = corners.transpose(1, 0, 2)
     middle = (a + b) / 2

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
-from numpy.typing import NDArray
+
+from msb.bake.arrays import Floats
 
 if TYPE_CHECKING:
     from msb.scenes import Camera
 
-    Reals = NDArray[np.float64]
 
 _FAR_SHARE = 0.02  # share of visible points beyond the cameras above which the model is a scene
 _NEAR = 0.5  # radius of a scene that is left undistorted, in median camera distances
@@ -44,14 +44,14 @@ class Space:
         The box of what is seen, inside.
     """
 
-    center: Reals
+    center: Floats
     radius: float
     contracted: bool
-    low: Reals
-    high: Reals
+    low: Floats
+    high: Floats
 
     @classmethod
-    def of(cls, points: Reals, cameras: Sequence[Camera]) -> Self:
+    def of(cls, points: Floats, cameras: Sequence[Camera]) -> Self:
         """Return the space for what cameras see at `points` (n, 3) of the world, n > 0."""
         at = np.stack([camera.center for camera in cameras])
         off = float(np.median(np.linalg.norm(points - at.mean(axis=0), axis=1)))
@@ -70,38 +70,38 @@ class Space:
         half = np.maximum((high - low) / 2 / radius, _THIN)
         return cls(center, radius, False, -half, half)
 
-    def inward(self, points: Reals) -> Reals:
+    def inward(self, points: Floats) -> Floats:
         """Return places (n, 3) of the world inside."""
-        x: Reals = (points - self.center) / self.radius
+        x: Floats = (points - self.center) / self.radius
         if not self.contracted:
             return x
         far = np.maximum(np.linalg.norm(x, axis=1, keepdims=True), 1)
-        drawn: Reals = x * (2 - 1 / far) / far
+        drawn: Floats = x * (2 - 1 / far) / far
         return drawn
 
-    def outward(self, points: Reals) -> Reals:
+    def outward(self, points: Floats) -> Floats:
         """Return places (n, 3) inside in the world."""
-        placed: Reals = self.center + self.radius * points * self._stretch(points)[0]
+        placed: Floats = self.center + self.radius * points * self._stretch(points)[0]
         return placed
 
-    def held(self, points: Reals) -> Reals:
+    def held(self, points: Floats) -> Floats:
         """Return places inside with those that left it, which a scene's may, back at its edge."""
         if not self.contracted:
             return points
         size = np.maximum(np.linalg.norm(points, axis=1, keepdims=True), 1e-12)
-        kept: Reals = points * np.minimum(1, EDGE / size)
+        kept: Floats = points * np.minimum(1, EDGE / size)
         return kept
 
-    def pulled(self, points: Reals, slopes: Reals) -> Reals:
+    def pulled(self, points: Floats, slopes: Floats) -> Floats:
         """Return how something changes with places inside, from how it does with those in the world."""
         across, along = self._stretch(points)
         size = np.maximum(np.linalg.norm(points, axis=1, keepdims=True), 1e-12)
         direction = points / size
         radial = (slopes * direction).sum(axis=1, keepdims=True) * direction
-        found: Reals = self.radius * (across * (slopes - radial) + along * radial)
+        found: Floats = self.radius * (across * (slopes - radial) + along * radial)
         return found
 
-    def _stretch(self, points: Reals) -> tuple[Reals, Reals]:
+    def _stretch(self, points: Floats) -> tuple[Floats, Floats]:
         """Return by what (n, 1) lengths grow outward: across the direction to the centre, and along it."""
         size = np.linalg.norm(points, axis=1, keepdims=True)
         if not self.contracted:
@@ -111,7 +111,7 @@ class Space:
         return 1 / (far * left), 1 / left**2
 
 
-def _looked_at(cameras: Sequence[Camera], ahead: float) -> Reals | None:
+def _looked_at(cameras: Sequence[Camera], ahead: float) -> Floats | None:
     """Return the point that cameras look at, farther `ahead` of each than that; None if there is none."""
     at = np.stack([camera.center for camera in cameras])
     axes = np.stack([camera.world_to_camera[2, :3] for camera in cameras])
@@ -119,6 +119,6 @@ def _looked_at(cameras: Sequence[Camera], ahead: float) -> Reals | None:
     total = across.sum(axis=0)
     if np.linalg.eigvalsh(total)[0] < _PARALLEL * len(cameras):
         return None
-    found: Reals = np.linalg.solve(total, np.einsum("nij,nj->i", across, at))
+    found: Floats = np.linalg.solve(total, np.einsum("nij,nj->i", across, at))
     in_front = ((found - at) * axes).sum(axis=1) > ahead
     return found if in_front.all() else None

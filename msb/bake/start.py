@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from msb.asset import Asset
 from msb.asset.look import stored_threshold, visible_faces
 from msb.asset.tiers import why_not
+from msb.bake.arrays import Ints
 from msb.bake.colors import pixels
 from msb.bake.lessons import Lessons
 from msb.bake.raster import Raster
@@ -113,7 +114,7 @@ def colored(mesh: Mesh, lessons: Lessons, device: str | Device | None) -> Mesh:
     return soup.mesh() if soup.shared is None else soup.on(mesh)
 
 
-def _first_alike(mesh: Mesh, colors: NDArray[Any]) -> NDArray[np.int64]:
+def _first_alike(mesh: Mesh, colors: NDArray[Any]) -> Ints:
     """Return for each vertex (V,) the first one of its colour beyond a cut, or itself."""
     first = np.arange(len(mesh.vertices))
     seams = seams_of(mesh.vertices, mesh.faces)

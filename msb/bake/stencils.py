@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from msb.bake.arrays import Floats, Singles
 from msb.render.device_scope import DeviceScope, OnDevice, in_turn
 
 if TYPE_CHECKING:
     from msb.cl import Buffer, Device
 
-    Reals = NDArray[np.float64]
 
 # What it costs, in pixels, that the changes of two texels differ: it fills what no picture shows.
 SMOOTHNESS = 0.5
@@ -66,7 +66,7 @@ class Pyramid(OnDevice):
         charts.release()
 
     @in_turn
-    def solved(self) -> NDArray[np.float32]:
+    def solved(self) -> Singles:
         """Return the change (size, size, 3) that the equations ask for, by conjugate gradients.
 
         The right sides are gone then: they hold what is left of them.
@@ -95,7 +95,7 @@ class Pyramid(OnDevice):
             again = _quotient(left, last)
         for buffer in (direction, sums, partial):
             buffer.release()
-        found: NDArray[np.float32] = change.read()
+        found: Singles = change.read()
         change.release()
         return found
 
@@ -107,16 +107,16 @@ class Pyramid(OnDevice):
         return [(n * n, (begins[k], begins[k + 1], np.int32(n))) for k, n in enumerate(sides)]
 
 
-def _total(partial: Buffer) -> Reals:
+def _total(partial: Buffer) -> Floats:
     """Return the sums of red, green and blue."""
-    total: Reals = partial.read()[:, :3].sum(axis=0, dtype=np.float64)
+    total: Floats = partial.read()[:, :3].sum(axis=0, dtype=np.float64)
     return total
 
 
-def _quotient(above: Reals, below: Reals) -> Reals:
+def _quotient(above: Floats, below: Floats) -> Floats:
     """Return the quotients; 0 where nothing is left to do."""
     return np.divide(above, below, out=np.zeros(3), where=(above > _NOTHING) & (below > 0))
 
 
-def _four(values: Reals) -> NDArray[np.float32]:
+def _four(values: Floats) -> Singles:
     return np.array([*values, 0], np.float32)

@@ -8,9 +8,9 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from msb.bake import settle
+from msb.bake.arrays import Floats, Ints
 from msb.bake.descent import Schedule
 from msb.bake.fitted import PIXELS_TO_MOVE
 from msb.bake.fusion import REACH, Depths, Grid, drawn_in
@@ -55,8 +55,8 @@ LEAST_PART = 1e-4  # share of the pixels of all views below which a part is left
 class Solid(NamedTuple):
     """A closed surface: points (V, 3) inside a space, and faces (F, 3)."""
 
-    points: NDArray[np.float64]
-    faces: NDArray[np.int64]
+    points: Floats
+    faces: Ints
     space: Space
 
 
@@ -163,7 +163,7 @@ def _parts_seen(solid: Solid, cameras: Sequence[Camera], device: str | Device | 
     return Solid(*compacted(points, faces[matters]), space)
 
 
-def _pixels(solid: Solid, cameras: Sequence[Camera], device: str | Device | None) -> NDArray[np.int64]:
+def _pixels(solid: Solid, cameras: Sequence[Camera], device: str | Device | None) -> Ints:
     """Return how many pixels (F,) of all cameras show each face."""
     return sum(pixels_shown(_mesh(solid), cameras, device), np.zeros(len(solid.faces), np.int64))
 

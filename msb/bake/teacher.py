@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from msb.asset import Asset
 from msb.asset.tiers import why_not
+from msb.bake.arrays import Singles
 from msb.bake.cache import Pictures
 from msb.bake.lessons import Lessons, whole
 from msb.bake.options import Supervision
@@ -90,7 +91,7 @@ class Teacher:
             raise AssetError("TRIASSET_VALUE_NONFINITE", text, file=self._asset.path)
         return whole(image)
 
-    def _photograph(self, camera: Camera) -> NDArray[np.float32]:
+    def _photograph(self, camera: Camera) -> Singles:
         assert self._views.scene is not None
         return ground_truth(self._views.scene, camera)
 

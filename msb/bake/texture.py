@@ -17,6 +17,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from msb.asset.texture import Sampler
+from msb.bake.arrays import Floats, Singles
 from msb.bake.atlas import connected_atlas, soup_atlas
 from msb.bake.colors import continued
 from msb.bake.fusion import seen_points
@@ -35,7 +36,6 @@ if TYPE_CHECKING:
     from msb.bake.lessons import Lessons
     from msb.cl import Device
 
-    Reals = NDArray[np.float64]
 
 FEW = 6  # the first pass uses every 6th image, the second pass all of them
 _OWN_SIZE = 512, 4096  # fewest and most texels along a side by default
@@ -121,7 +121,7 @@ def textured(
     return made
 
 
-def _places(mesh: Mesh, cameras: Sequence[Camera], device: str | Device | None) -> Reals:
+def _places(mesh: Mesh, cameras: Sequence[Camera], device: str | Device | None) -> Floats:
     """Return the vertices (V, 3) with what is far drawn together: a chart from here to the horizon would have
     as many texels here as there."""
     points = seen_points(mesh, cameras, device)
@@ -133,7 +133,7 @@ def few_of(lessons: Lessons) -> Lessons:
     return lessons.part(range(0, len(lessons), FEW))
 
 
-def _own_size(pixels: Reals) -> int:
+def _own_size(pixels: Floats) -> int:
     """Return the power of two with about as many texels as the faces (F,) have pixels at most."""
     side = float(np.sqrt(np.maximum(pixels, 1).sum()))
     least, most = _OWN_SIZE
@@ -141,7 +141,7 @@ def _own_size(pixels: Reals) -> int:
 
 
 def _beginning(
-    mesh: Mesh, colors: NDArray[Any], uvs: NDArray[np.float32], size: int, device: str | Device | None
+    mesh: Mesh, colors: NDArray[Any], uvs: Singles, size: int, device: str | Device | None
 ) -> tuple[NDArray[np.int32], NDArray[np.uint8]]:
     """Return which chart each texel belongs to, and a texture that shows the `colors` (3F, 3) of corners.
 
@@ -176,7 +176,7 @@ def _beginning(
     return _charts(mesh, uvs)[faces[row, column]], texture[row, column]
 
 
-def _charts(mesh: Mesh, uvs: NDArray[np.float32]) -> NDArray[np.int32]:
+def _charts(mesh: Mesh, uvs: Singles) -> NDArray[np.int32]:
     """Return the chart (F,) of each face: faces that share a corner in the texture are of one."""
     # Corners in one place of the texture are one node of a graph, which joins their faces.
     keys = np.ascontiguousarray(uvs).view(np.uint64).reshape(-1)

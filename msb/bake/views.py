@@ -23,9 +23,9 @@ from msb.scenes.datasets import (
     stated_background,
     trained_otherwise,
 )
-from msb.scenes.sets import given_cameras, split_every_8th
+from msb.scenes.sets import split_every_8th
 from msb.scenes.walk import between
-from msb.views import Views, made_views, training_views
+from msb.views import Views, given_views, made_views, training_views
 
 # (degrees above the horizon, number of views), if there are no cameras.
 RINGS = ((15.0, 18), (40.0, 14), (65.0, 8))
@@ -116,10 +116,7 @@ def bake_views(
         return _of_scene(asset, scene, background, photographs, device)
     notes: list[str] = []
     if cameras is not None:
-        chosen = given_cameras(cameras)
-        if not chosen:
-            raise UsageError("USAGE", "cameras is empty; it must hold at least one, or be None")
-        found = Views(chosen, "given", f"{len(chosen)} camera{'' if len(chosen) == 1 else 's'} given")
+        found = given_views(cameras)
     else:
         found = training_views(asset, device) or _made(asset, up, notes, device)
     found = _that_see(asset, found, device)

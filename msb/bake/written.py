@@ -46,10 +46,6 @@ class Part(NamedTuple):
     shape: Asset | None = None
     is_convex: bool = False
 
-    def beside(self, path: Path) -> Path:
-        """Return where it is written, if the main asset is at `path`."""
-        return path.with_name(f"{path.stem}{self.ending}{path.suffix}")
-
 
 def endings(levels: int, *, has_collision: bool) -> list[str]:
     """Return what stands behind the names of the assets of a bake, in the order of its parts: the main one,
@@ -58,13 +54,18 @@ def endings(levels: int, *, has_collision: bool) -> list[str]:
     return [*found, "_collision"] if has_collision else found
 
 
+def place_of(path: Path, ending: str) -> Path:
+    """Return where the part with this ending is written, if the main asset is at `path`."""
+    return path.with_name(f"{path.stem}{ending}{path.suffix}")
+
+
 def places(paths: Sequence[Path], endings: Sequence[str] = ("",)) -> list[Path]:
     """Return all files that `write_all` may write to `paths`: also those beside them that a texture needs."""
     found = []
     for path in paths:
         suffix = output_suffix(path)
         for ending in endings:
-            place = path.with_name(f"{path.stem}{ending}{path.suffix}")
+            place = place_of(path, ending)
             others = beside(_LEAST_TEXTURED, place, Style()) if suffix != ASSET_SUFFIX else {}
             found += [place, *others]
     if len(set(found)) < len(found):
@@ -87,7 +88,7 @@ def write_all(
     main: list[tuple[Path, int]] = []
     for path in paths:
         for part in parts:
-            place = part.beside(path)
+            place = place_of(path, part.ending)
             writes += _writes(part, place)
             if path == paths[0]:
                 main.append((place, len(writes)))

@@ -1,20 +1,29 @@
 """The command line, and a small mesh with the words of its quick bake."""
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import msb as library
+from msb.cl import Device
 from msb.meshes import Mesh
 from msb.meshes.assets import asset_from_mesh
 from msb.scenes import write_cameras
-from tests.bake.test_views import ring
+from tests.bake.soups import ring
+from tests.cl.conftest import STYLES, open_styled
 from tests.cli.conftest import here, msb
 from tests.conftest import TETRAHEDRON
 
 __all__ = ["here", "msb"]
 COLORS = np.linspace(0.1, 0.9, 12, dtype=np.float32).reshape(4, 3)
+
+
+@pytest.fixture(scope="module", params=STYLES)
+def device(request: pytest.FixtureRequest) -> Iterator[Device]:
+    with open_styled(request.param) as opened:
+        yield opened
 
 
 def solid(faces: int = 4, at: float = 0.0) -> library.Asset:

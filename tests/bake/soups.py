@@ -3,53 +3,48 @@
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from msb.bake.lessons import Lessons
 from msb.bake.raster import Raster
+from msb.bake.start import Guide
 from msb.cl import Device
 from msb.meshes.assets import asset_from_mesh
 from msb.meshes.mesh import Mesh
 from msb.render import Renderer
 from msb.scenes import Camera
 from msb.scenes.datasets import Scene, dataset_of, scene_at
+from msb.scenes.paths import turntable
 from tests.conftest import ROOT
 
 Corners = NDArray[np.float32]
 BACKGROUND = (0.1, 0.2, 0.3)
+MODELS = ROOT / "data_stubs" / "models"
+SCENE = ROOT / "data_stubs" / "scenes" / "nerf_synthetic" / "pebble"
+
+
+def ring(count: int, width: int = 48, height: int = 36, z: float = 0.2) -> list[Camera]:
+    """Return cameras around the small tetrahedron, all at one height."""
+    middle = (0.2, 0.2, z)
+    return turntable(middle, 4.0, up=(0, 0, 1), count=count, width=width, height=height, fov_y=0.6)
 
 
 def cameras(count: int, width: int = 48, height: int = 36) -> list[Camera]:
     """Return cameras in an arc before the origin, which look at it."""
     angles = np.linspace(-0.6, 0.6, count)
-    return [
-        Camera.look_at(
-            (4 * np.sin(a), 0.3 * np.cos(3 * a), -4 * np.cos(a)),
-            (0, 0, 0),
-            width=width,
-            height=height,
-            fov_y=0.9,
-        )
-        for a in angles
-    ]
+    places = [(4 * np.sin(a), 0.3 * np.cos(3 * a), -4 * np.cos(a)) for a in angles]
+    return [Camera.look_at(place, (0, 0, 0), width=width, height=height, fov_y=0.9) for place in places]
 
 
 def all_round(away: float, heights: tuple[float, ...], count: int = 8, side: int = 64) -> list[Camera]:
     """Return cameras in rings about the z axis, at some heights, which look at the origin."""
-    return [
-        Camera.look_at(
-            (away * np.cos(turn), away * np.sin(turn), height),
-            (0, 0, 0),
-            up=(0, 0, 1),
-            width=side,
-            height=side,
-            fov_y=0.9,
-        )
-        for height in heights
-        for turn in 2 * np.pi * np.arange(count) / count
-    ]
+    turns = 2 * np.pi * np.arange(count) / count
+    places = [(away * np.cos(turn), away * np.sin(turn), height) for height in heights for turn in turns]
+    size: Any = {"width": side, "height": side, "fov_y": 0.9}
+    return [Camera.look_at(place, (0, 0, 0), up=(0, 0, 1), **size) for place in places]
 
 
 def sparse(scene: str, method: str) -> Scene:
@@ -89,16 +84,26 @@ def lessons_of(corners: Corners, colors: Corners, seen_by: list[Camera]) -> Less
     return Lessons(seen_by, BACKGROUND, draw)
 
 
+Colored = tuple[Corners, Corners]
+
+
 @contextmanager
 def taught(
-    soup: tuple[Corners, Corners],
-    shown: tuple[Corners, Corners],
-    seen_by: list[Camera],
-    device: Device | None = None,
+    soup: Colored, shown: Colored, seen_by: list[Camera], device: Device | None = None
 ) -> Iterator[Raster]:
     """Give a raster of corners and colours that pictures of others teach."""
     with lessons_of(*shown, seen_by) as lessons, closing(Raster(*soup, lessons, device)) as raster:
         yield raster
+
+
+@contextmanager
+def guide_of(
+    shown: Colored, seen_by: list[Camera], aside: list[Camera] | None = None, **options: Any
+) -> Iterator[Guide]:
+    """Give a guide by pictures of corners and colours; they are judged by the cameras `aside`, else by the
+    same ones."""
+    with lessons_of(*shown, seen_by) as lessons, lessons_of(*shown, aside or seen_by) as others:
+        yield Guide(lessons, others, **options)
 
 
 def ball(rows: int = 16, radius: float = 1.0) -> Mesh:

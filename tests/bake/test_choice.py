@@ -16,8 +16,7 @@ from msb.meshes.mesh import Mesh
 from msb.topology import audit_arrays
 from msb.topology.crossings import crossing_pairs
 from tests.bake.conftest import COLORS, solid
-from tests.bake.soups import all_round, ball, soup_of, sparse
-from tests.bake.test_views import MODELS, ring
+from tests.bake.soups import MODELS, all_round, ball, ring, soup_of, sparse
 from tests.conftest import TETRAHEDRON
 
 GOLDEN = {"kept": 25.76, "fitted": 26.20, "surface": 26.50}

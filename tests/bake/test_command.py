@@ -20,7 +20,7 @@ from msb.errors import DeviceError, UsageError
 from msb.meshes import Mesh, read_mesh
 from msb.scenes import write_cameras
 from tests.bake.conftest import COLORS, line_of, solid
-from tests.bake.test_views import ring
+from tests.bake.soups import ring
 from tests.cli.conftest import Here
 from tests.conftest import ROOT
 

@@ -16,7 +16,7 @@ from msb.errors import UsageError
 from msb.meshes import read_mesh
 from msb.scenes import write_cameras
 from tests.bake.conftest import line_of
-from tests.bake.test_views import ring
+from tests.bake.soups import ring
 from tests.cli.conftest import Here
 
 NAMES = {"asset.glb", "bake.json", "index.html", "preview.png"}

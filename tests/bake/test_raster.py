@@ -1,7 +1,5 @@
 """What the device sums over pictures of a soup, against NumPy and against what it must come to."""
 
-from collections.abc import Iterator
-
 import numpy as np
 import pytest
 
@@ -9,13 +7,6 @@ from msb.bake.raster import Raster
 from msb.cl import Device
 from tests.bake.soups import cameras, taught, tiles
 from tests.bake.teaching_twin import Drawn, booked, sums_of
-from tests.cl.conftest import STYLES, open_styled
-
-
-@pytest.fixture(scope="module", params=STYLES)
-def device(request: pytest.FixtureRequest) -> Iterator[Device]:
-    with open_styled(request.param) as opened:
-        yield opened
 
 
 def drawn(raster: Raster, number: int) -> Drawn:

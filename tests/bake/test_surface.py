@@ -1,8 +1,8 @@
 """Closed surfaces of soups: of a ball, of a square before a background, of what is hardly anything."""
 
-from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,6 +12,7 @@ from msb.bake import settle, solid
 from msb.bake import surface as made
 from msb.bake.fusion import BEHIND, DOUBT, REACH, THICK, Depths, Grid
 from msb.bake.lessons import Lessons
+from msb.bake.simpler import closed
 from msb.bake.space import EDGE, Space
 from msb.bake.start import Guide
 from msb.cl import Device
@@ -26,14 +27,7 @@ from msb.topology.crossings import crossing_pairs
 from msb.topology.faces import signed_volume
 from tests.bake import soups as solids
 from tests.bake.fusion_twin import fused
-from tests.bake.soups import BACKGROUND, Corners, cameras, lessons_of, mesh_of, tiles
-from tests.cl.conftest import STYLES, open_styled
-
-
-@pytest.fixture(scope="module", params=STYLES)
-def device(request: pytest.FixtureRequest) -> Iterator[Device]:
-    with open_styled(request.param) as opened:
-        yield opened
+from tests.bake.soups import BACKGROUND, Corners, cameras, guide_of, mesh_of, tiles
 
 
 @pytest.fixture
@@ -67,8 +61,13 @@ def square(size: float, z: float) -> Corners:
 def surface_of(
     corners: Corners, colors: Corners, seen_by: list[Camera], aside: list[Camera], faces: int = 400
 ) -> Mesh:
-    with lessons_of(corners, colors, seen_by) as lessons, lessons_of(corners, colors, aside) as others:
-        return made.surface(mesh_of(corners, colors), Guide(lessons, others), faces=faces)[0]
+    with guide_of((corners, colors), seen_by, aside) as guide:
+        return made.surface(mesh_of(corners, colors), guide, faces=faces)[0]
+
+
+def depth_of(mesh: Mesh, camera: Camera) -> NDArray[np.float32]:
+    with Renderer(asset_from_mesh(mesh), "standard") as renderer:
+        return renderer.render(camera, BACKGROUND).depth
 
 
 def check_solid(mesh: Mesh, *, inward: bool = False) -> None:
@@ -107,9 +106,9 @@ def test_specks_that_came_off_are_left_out_and_missed_if_there_were_many(count: 
     mesh = solids.together(whole, *specks)
     points, views = mesh.vertices.astype(np.float64), around(6)
     asked = len(mesh.faces) - 1
-    with lessons_of(*ball(), views) as lessons:
+    with guide_of(ball(), views) as guide:
         whole = made.Solid(points, mesh.faces, Space.of(points, views))
-        found, notes = made.taught(whole, asked, Guide(lessons, lessons))
+        found, notes = made.taught(whole, asked, guide)
     check_solid(found)
     assert solid.parts(found.vertices, found.faces).max() == 0
     assert any("nobody sees" in note for note in notes) == (count > 1), notes
@@ -123,10 +122,7 @@ def test_a_square_before_a_far_wall_keeps_its_place_and_so_does_the_wall() -> No
     mesh = surface_of(*soup, cameras(7), cameras(2), faces=3000)
     check_solid(mesh, inward=True)
     camera = cameras(1, 96, 72)[0]
-    depths = []
-    for each in (mesh, mesh_of(*soup)):
-        with Renderer(asset_from_mesh(each), "standard") as renderer:
-            depths.append(renderer.render(camera, BACKGROUND).depth)
+    depths = [depth_of(each, camera) for each in (mesh, mesh_of(*soup))]
     near = (depths[1] > 0) & (depths[1] < 6)
     assert (depths[0] > 0).mean() > 0.95
     assert np.median(np.abs(depths[0] - depths[1])[near]) < 0.2  # cells are 0.12 wide
@@ -152,9 +148,9 @@ def test_the_sky_of_a_scene_is_a_shell_around_it() -> None:
 
 
 @pytest.mark.usefixtures("quick")
-@pytest.mark.parametrize("case", ["one view", "one face", "noise"])
+@pytest.mark.parametrize("case", ["one view", "one face", "a flat square", "noise"])
 def test_a_surface_is_a_solid_whatever_the_views_show(case: str) -> None:
-    """One view of a ball, a single face, and views that contradict each other."""
+    """One view of a ball, a single face, a flat square, and views that contradict each other."""
     corners, colors = ball()
     random = np.random.default_rng(0)
 
@@ -165,19 +161,15 @@ def test_a_surface_is_a_solid_whatever_the_views_show(case: str) -> None:
         check_solid(surface_of(corners, colors, around(12)[5:6], around(12)[5:6]))
     elif case == "one face":
         check_solid(surface_of(square(1, 0)[:1], np.full((1, 3, 3), 0.8, np.float32), around(8), around(2)))
+    elif case == "a flat square":
+        mesh = surface_of(*tiles(), cameras(5), cameras(2))
+        check_solid(mesh)
+        sides = np.ptp(mesh.vertices, axis=0)
+        np.testing.assert_allclose(sides[:2], 2, atol=0.2)
+        assert sides[2] < 0.4
     else:
         with Lessons(around(8), BACKGROUND, noise) as lessons, Lessons(around(2), BACKGROUND, noise) as aside:
             check_solid(made.surface(mesh_of(corners, colors), Guide(lessons, aside), faces=400)[0])
-
-
-@pytest.mark.usefixtures("quick")
-def test_a_flat_square_becomes_a_thin_solid() -> None:
-    corners, colors = tiles()
-    mesh = surface_of(corners, colors, cameras(5), cameras(2))
-    check_solid(mesh)
-    low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
-    np.testing.assert_allclose((high - low)[:2], 2, atol=0.2)
-    assert (high - low)[2] < 0.4
 
 
 @pytest.mark.slow
@@ -187,19 +179,12 @@ def test_leaves_without_thickness_stay_whole() -> None:
     blade = square(0.5, 0) * np.float32([1, 1.8, 1])
     turned = blade[..., [2, 1, 0]]
     stick = square(1, 0) * np.float32([0.02, 0.9, 1])
-    sheets = [
-        blade + np.float32([0.5, 0, 0]),
-        turned + np.float32([0, 0, -0.5]),
-        stick + np.float32([-0.1, 0, 0]),
-    ]
-    soup = np.concatenate(sheets)
+    places = np.float32([[0.5, 0, 0], [0, 0, -0.5], [-0.1, 0, 0]])
+    soup = np.concatenate([blade + places[0], turned + places[1], stick + places[2]])
     mesh = surface_of(soup, np.full_like(soup, 0.8), around(16), around(4), faces=1500)
     check_solid(mesh)
     for camera in around(3, 4.5):
-        shown = []
-        for each in (mesh, mesh_of(soup, np.full_like(soup, 0.8))):
-            with Renderer(asset_from_mesh(each), "standard") as renderer:
-                shown.append(renderer.render(camera, BACKGROUND).depth > 0)
+        shown = [depth_of(each, camera) > 0 for each in (mesh, mesh_of(soup, np.full_like(soup, 0.8)))]
         assert (shown[0] & shown[1]).sum() / (shown[0] | shown[1]).sum() > 0.8
 
 
@@ -213,11 +198,11 @@ def test_it_ends_when_it_is_told_to_or_the_time_is_up_and_says_so() -> None:
         return stage == "moving vertices" and done == 3
 
     soup = mesh_of(corners, colors)
-    with lessons_of(corners, colors, around(8)) as lessons, lessons_of(corners, colors, around(2)) as aside:
-        told, notes = made.surface(soup, Guide(lessons, aside, watch=watch), faces=400)
+    with guide_of((corners, colors), around(8), around(2)) as guide:
+        told, notes = made.surface(soup, replace(guide, watch=watch), faces=400)
         assert steps[-1] == 3
         assert any("3 of 20 steps" in note for note in notes), notes
-        late, notes = made.surface(soup, Guide(lessons, aside), faces=400, seconds=0)
+        late, notes = made.surface(soup, guide, faces=400, seconds=0)
         assert any("1 of 20 steps" in note for note in notes), notes
     check_solid(told)
     check_solid(late)
@@ -277,17 +262,9 @@ def test_cameras_that_turn_in_one_place_stand_amid_a_scene(wobble: float) -> Non
     points = random.normal(size=(500, 3))
     points *= random.uniform(4, 6, size=(500, 1)) / np.linalg.norm(points, axis=1, keepdims=True)
     place = np.array([1.0, 2, 3])
-    views = [
-        Camera.look_at(
-            place + wobble * random.normal(size=3),
-            place + np.array([np.cos(turn), np.sin(turn), 0]),
-            up=(0, 0, 1),
-            width=32,
-            height=24,
-            fov_y=0.9,
-        )
-        for turn in 2 * np.pi * np.arange(8) / 8
-    ]
+    axes = [np.array([np.cos(turn), np.sin(turn), 0]) for turn in 2 * np.pi * np.arange(8) / 8]
+    size: Any = {"up": (0, 0, 1), "width": 32, "height": 24, "fov_y": 0.9}
+    views = [Camera.look_at(place + wobble * random.normal(size=3), place + axis, **size) for axis in axes]
     space = Space.of(place + points, views)
     assert space.contracted
     assert 2 < space.radius < 3
@@ -296,9 +273,8 @@ def test_cameras_that_turn_in_one_place_stand_amid_a_scene(wobble: float) -> Non
 CUBE, SIDES = solids.box((1, 1, 1)).vertices.astype(float) + 0.5, solids.box((1, 1, 1)).faces
 
 
-def edges_closed(faces: NDArray[np.int64]) -> bool:
-    edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
-    return bool((np.unique(edges, axis=0, return_counts=True)[1] == 2).all())
+def unit_space(contracted: bool = False) -> Space:
+    return Space(np.zeros(3), 1.0, contracted, np.zeros(3), np.zeros(3))
 
 
 def test_what_is_not_closed_and_manifold_is_mended() -> None:
@@ -306,11 +282,11 @@ def test_what_is_not_closed_and_manifold_is_mended() -> None:
     points = np.concatenate([CUBE, CUBE + np.array([1, 1, 0]), [[0.5, -0.5, 0.5]]])
     faces = np.concatenate([SIDES[1:], SIDES + 8, [[0, 4, 16], [4, 0, 16]]])
     faces[faces == 8], faces[faces == 9] = 6, 7
-    assert not edges_closed(faces)
-    mended, closed = solid.mended(points, faces)
-    assert audit_arrays(mended.astype(np.float32), closed)[0].verdict == "ok"
-    assert edges_closed(closed)
-    assert len(closed) == 24
+    assert not closed(points, faces)
+    mended, whole = solid.mended(points, faces)
+    assert audit_arrays(mended.astype(np.float32), whole)[0].verdict == "ok"
+    assert closed(mended, whole)
+    assert len(whole) == 24
     assert len(np.unique(mended, axis=0)) == len(mended)
 
 
@@ -320,15 +296,14 @@ def test_no_face_is_without_area_where_cells_lie_on_the_surface() -> None:
     values = (np.abs(x) + np.abs(y) + np.abs(z) - 3).astype(np.float32)
     assert (values == 0).sum() == 38
     points, faces = solid.boundary(values, Grid(np.full(3, -4.0), 1.0, values.shape), 1.0)
-    assert edges_closed(faces)
+    assert closed(points, faces)
     sides = points[faces[:, 1:]] - points[faces[:, :1]]
     assert np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1).min() > 1e-6
     np.testing.assert_allclose(np.abs(points).sum(axis=1), 3, atol=0.03)
 
 
-def test_faces_that_cross_are_smoothed_or_put_back() -> None:
-    space = Space(np.zeros(3), 1.0, False, np.zeros(3), np.zeros(3))
-    mesh = solids.ball(8)
+def test_faces_that_cross_are_smoothed() -> None:
+    space, mesh = unit_space(), solids.ball(8)
     points, faces = mesh.vertices.astype(float), mesh.faces
     assert len(solid.crossing_faces(points, faces, space)) == 0
     wrong = points.copy()
@@ -337,13 +312,11 @@ def test_faces_that_cross_are_smoothed_or_put_back() -> None:
     smoothed, same = solid.uncrossed(wrong, faces, space)
     np.testing.assert_array_equal(same, faces)
     assert len(solid.crossing_faces(smoothed, faces, space)) == 0
-    np.testing.assert_array_equal(solid.put_back(wrong, points, faces, space)[7], points[7])
 
 
 @pytest.mark.parametrize("contracted", [False, True])
 def test_of_points_that_went_anywhere_none_stays_that_makes_faces_cross(contracted: bool) -> None:
-    space = Space(np.zeros(3), 1.0, contracted, np.zeros(3), np.zeros(3))
-    mesh = solids.ball(12)
+    space, mesh = unit_space(contracted), solids.ball(12)
     points = mesh.vertices.astype(float)
     wrong = points + np.random.default_rng(0).normal(0, 0.1, points.shape)
     assert len(solid.crossing_faces(wrong, mesh.faces, space)) > 50
@@ -354,8 +327,7 @@ def test_of_points_that_went_anywhere_none_stays_that_makes_faces_cross(contract
 
 
 def test_slivers_are_smoothed() -> None:
-    space = Space(np.zeros(3), 1.0, False, np.zeros(3), np.zeros(3))
-    mesh = solids.ball(6)
+    space, mesh = unit_space(), solids.ball(6)
     points = mesh.vertices.astype(float)
     one, two = mesh.faces[20, :2]
     points[one] = points[two] + 1e-4 * (points[one] - points[two])

@@ -13,21 +13,13 @@ from msb.bake.cache import SUFFIX
 from msb.bake.lessons import Lessons
 from msb.bake.teacher import SAMPLES, Teacher
 from msb.bake.views import BakeViews, bake_views
-from msb.meshes import Mesh
-from msb.meshes.assets import asset_from_mesh
 from msb.metrics.ground_truth import ground_truth
 from msb.scenes import Camera
-from tests.bake.test_views import MODELS, SCENE, ring
-from tests.conftest import TETRAHEDRON
+from tests.bake.conftest import solid
+from tests.bake.soups import MODELS, SCENE, ring
 
 Image = NDArray[np.float32]
 STEP = 1 / 65535
-
-
-def mesh_asset() -> msb.Asset:
-    points, faces = TETRAHEDRON
-    colors = np.linspace(0.1, 0.9, 12, dtype=np.float32).reshape(4, 3)
-    return asset_from_mesh(Mesh(points, faces.astype(np.int64), vertex_colors=colors))
 
 
 def test_a_model_is_taught_by_its_dedicated_tier_at_both_sizes() -> None:
@@ -43,7 +35,7 @@ def test_a_model_is_taught_by_its_dedicated_tier_at_both_sizes() -> None:
 
 
 def test_a_plain_mesh_is_taught_by_itself_with_samples() -> None:
-    asset = mesh_asset()
+    asset = solid()
     views = bake_views(asset, cameras=ring(3))
     with Teacher(asset, views) as teacher, teacher.lessons(views.taught) as lessons:
         drawn = msb.render(asset, views.taught[1], supersample=SAMPLES).image
@@ -86,11 +78,11 @@ def test_halves_show_what_cameras_of_half_the_size_see_wherever_their_pixels_lie
 
 @pytest.fixture
 def views() -> BakeViews:
-    return replace(bake_views(mesh_asset(), cameras=ring(3)), between=())
+    return replace(bake_views(solid(), cameras=ring(3)), between=())
 
 
 def taught(folder: Path, views: BakeViews, asset: msb.Asset | None = None) -> tuple[np.ndarray, list[str]]:
-    with Teacher(asset or mesh_asset(), views, cache=folder) as teacher, teacher.looks(views.taught) as looks:
+    with Teacher(asset or solid(), views, cache=folder) as teacher, teacher.looks(views.taught) as looks:
         images = np.stack([looks.stored(number) for number in range(len(looks))])
         return images, teacher.pictures.notes()
 
@@ -108,16 +100,13 @@ def test_a_second_bake_draws_nothing(
 
 def test_what_is_seen_otherwise_is_drawn(views: BakeViews, tmp_path: Path) -> None:
     taught(tmp_path, views)
-    asset = mesh_asset()
+    asset = solid()
     colors = {**asset.buffers, "color": asset.buffers["color"][::-1].copy()}
     larger = {**asset.buffers, "positions": 2 * asset.buffers["positions"]}
     moved = tuple(camera.scaled(2) for camera in views.taught)
     for other, shown in (
         (views, replace(asset, buffers=colors)),  # whose manifest has the hashes of what it was
-        (
-            views,
-            build_asset(larger, {"color": "vertex"}),
-        ),
+        (views, build_asset(larger, {"color": "vertex"})),
         (replace(views, background=(0.0, 0.5, 1.0)), asset),
         (replace(views, teaching=moved, aside=()), asset),
     ):

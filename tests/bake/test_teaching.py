@@ -10,7 +10,7 @@ import pytest
 
 import msb
 from msb.asset.texture import Sampler
-from msb.bake.descent import Schedule, descend
+from msb.bake.descent import Schedule, moved
 from msb.bake.fitted import _cuts, fitted
 from msb.bake.kept import FINE, kept, rejoined
 from msb.bake.needs import check_model, choose_look
@@ -18,12 +18,12 @@ from msb.bake.options import BakeOptions
 from msb.bake.search import hide_least, try_faces
 from msb.bake.simpler import closed
 from msb.bake.soup import Soup
-from msb.bake.start import Guide, colored
+from msb.bake.start import colored
 from msb.errors import UsageError
 from msb.meshes.assets import asset_from_mesh, with_vertex_colors
 from msb.meshes.mesh import Mesh
 from msb.topology import audit_arrays
-from tests.bake.soups import all_round, ball, cameras, lessons_of, mesh_of, soup_of, taught, tiles
+from tests.bake.soups import all_round, ball, cameras, guide_of, lessons_of, mesh_of, soup_of, taught, tiles
 from tests.conftest import TETRAHEDRON
 
 
@@ -71,18 +71,11 @@ def test_corners_move_to_where_they_should_be() -> None:
         0.04
     )
     soup = Soup.of(mesh_of(shaken, colors), shares=False)
+    how: Any = {"rates": (0.02, 0.002), "most": None, "done": lambda step: step / 60}
     with taught((soup.corners, soup.colors), (corners, colors), cameras(6, 96, 72)) as raster:
         before = soup.error(raster)
-        descend(
-            soup,
-            raster,
-            np.random.default_rng(2),
-            rates=(0.02, 0.002),
-            most=None,
-            done=lambda step: step / 60,
-        )
-        after = soup.error(raster)
-    assert db(after) > db(before) + 3
+        made = moved(soup, raster, raster, np.random.default_rng(2), **how)
+        assert db(made.error(raster)) > db(before) + 3
 
 
 def test_faces_are_halved_across_their_longest_sides_as_often_as_they_are_large() -> None:
@@ -114,8 +107,8 @@ def test_a_watch_that_has_seen_enough_ends_a_search_with_the_best_so_far(search:
 
     asset = asset_from_mesh(mesh_of(corners, np.full_like(colors, 0.5)))
     views = cameras(5)
-    with lessons_of(corners, colors, views[1:]) as lessons, lessons_of(corners, colors, views[:1]) as aside:
-        made = search(asset, Guide(lessons, aside, watch=watch))
+    with guide_of((corners, colors), views[1:], views[:1], watch=watch) as guide:
+        made = search(asset, guide)
         if search is fitted:
             made, notes = made
             assert "2 of 400 steps" in notes[0]
@@ -127,9 +120,8 @@ def test_a_watch_that_has_seen_enough_ends_a_search_with_the_best_so_far(search:
 def test_triangles_of_too_few_pixels_are_chosen_and_coloured_and_stay(faces: int | None) -> None:
     corners, colors = tiles(20)
     asset = asset_from_mesh(mesh_of(corners, np.full_like(colors, 0.5)))
-    views = cameras(5, 24, 18)
-    with lessons_of(corners, colors, views[1:]) as lessons, lessons_of(corners, colors, views[:1]) as aside:
-        made, notes = fitted(asset, Guide(lessons, aside), faces=faces, pixels=10_000)
+    with guide_of((corners, colors), cameras(5, 24, 18)) as guide:
+        made, notes = fitted(asset, guide, faces=faces, pixels=10_000)
     assert len(made.faces) == (faces or 800)
     assert notes[0].startswith(f"{len(made.faces):,} triangles have 0.")
     where = {tuple(each.reshape(-1)) for each in corners}
@@ -148,9 +140,8 @@ def test_a_mesh_whose_triangles_are_kept_becomes_manifold_and_wound_one_way() ->
     before, _ = audit_arrays(mesh.vertices, mesh.faces)
     assert before.counts.nonmanifold_edges
     assert not before.winding_consistent
-    views = cameras(3)
-    with lessons_of(corners, colors, views[1:]) as lessons, lessons_of(corners, colors, views[:1]) as aside:
-        made = kept(asset_from_mesh(mesh), Guide(lessons, aside))
+    with guide_of((corners, colors), cameras(3)) as guide:
+        made = kept(asset_from_mesh(mesh), guide)
     after, _ = audit_arrays(made.vertices, made.faces)
     assert (after.counts.nonmanifold_edges, after.counts.nonmanifold_vertices) == (0, 0)
     assert after.winding_consistent
@@ -159,12 +150,8 @@ def test_a_mesh_whose_triangles_are_kept_becomes_manifold_and_wound_one_way() ->
 
 def test_every_triangle_of_what_is_its_own_look_is_kept_whatever_pictures_show() -> None:
     corners, colors = tiles()
-    views = cameras(3)
-    with (
-        lessons_of(corners[::2], colors[::2], views[1:]) as lessons,
-        lessons_of(corners[::2], colors[::2], views[:1]) as aside,
-    ):
-        made = kept(asset_from_mesh(mesh_of(corners, colors)), Guide(lessons, aside, has_look=True))
+    with guide_of((corners[::2], colors[::2]), cameras(3), has_look=True) as guide:
+        made = kept(asset_from_mesh(mesh_of(corners, colors)), guide)
     np.testing.assert_array_equal(made.vertices[made.faces], corners)
 
 
@@ -219,27 +206,19 @@ def cut(mesh: Mesh) -> Mesh:
     return replace(made, vertex_colors=None, corner_uvs=uvs)
 
 
-def test_cuts_for_colours_are_joined_again() -> None:
-    mesh = cut(halves(ball(4)))
+@pytest.mark.parametrize("is_torn", [False, True])
+def test_cuts_for_colours_are_joined_again_and_repaired(is_torn: bool) -> None:
+    whole = halves(ball(4))
+    is_turned = is_torn & (whole.face_colors[:, :1] > 0)
+    mesh = cut(replace(whole, faces=np.where(is_turned, whole.faces[:, ::-1], whole.faces)))
     assert not closed(mesh.vertices, mesh.faces)
     made = rejoined(mesh)
     assert closed(made.vertices, made.faces)
-    assert np.array_equal(made.vertices[made.faces], mesh.vertices[mesh.faces])
-    assert np.array_equal(made.corner_uvs, mesh.corner_uvs)
-    assert rejoined(made) is made
-
-
-def test_what_met_at_a_cut_is_repaired() -> None:
-    whole = halves(ball(4))
-    is_red = whole.face_colors[:, 0] > 0
-    mesh = cut(replace(whole, faces=np.where(is_red[:, None], whole.faces[:, ::-1], whole.faces)))
-    made = rejoined(mesh)
-    assert closed(made.vertices, made.faces)
-
-
-def test_a_soup_stays_one() -> None:
+    if not is_torn:
+        assert np.array_equal(made.vertices[made.faces], mesh.vertices[mesh.faces])
+        assert np.array_equal(made.corner_uvs, mesh.corner_uvs)
     soup = soup_of(ball(4))
-    assert rejoined(soup) is soup
+    assert all(rejoined(each) is each for each in (made, soup))
 
 
 @pytest.mark.parametrize("apart", [True, False])

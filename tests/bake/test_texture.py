@@ -1,6 +1,5 @@
 """Textures by least squares: they show what they were taught, and leave alone what no picture shows."""
 
-from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import replace
 
@@ -23,7 +22,6 @@ from msb.render import Renderer
 from msb.scenes import Camera
 from tests.bake.soups import all_round, lessons_of, tiles
 from tests.bake.teaching_twin import applied, asked_of, samples_of, solved
-from tests.cl.conftest import STYLES, open_styled
 
 GREY = (0.5, 0.5, 0.5)
 
@@ -74,12 +72,6 @@ def drawn(mesh: Mesh, seen: Camera) -> NDArray[np.float32]:
 def at_corners(mesh: Mesh) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return places (F, 3, 3) and texture coordinates (F, 3, 2) of the corners of faces."""
     return mesh.vertices[mesh.faces].astype(float), mesh.corner_uvs.reshape(-1, 3, 2).astype(float)
-
-
-@pytest.fixture(scope="module", params=STYLES)
-def device(request: pytest.FixtureRequest) -> Iterator[Device]:
-    with open_styled(request.param) as opened:
-        yield opened
 
 
 def test_shows_what_it_was_taught() -> None:

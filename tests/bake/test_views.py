@@ -13,22 +13,14 @@ from msb.errors import MetricError, SceneError, UsageError
 from msb.meshes import Mesh
 from msb.meshes.assets import asset_from_mesh
 from msb.scenes.datasets import read_scene
-from msb.scenes.paths import turntable
-from tests.conftest import ROOT, TETRAHEDRON
-
-MODELS = ROOT / "data_stubs" / "models"
-SCENE = ROOT / "data_stubs" / "scenes" / "nerf_synthetic" / "pebble"
+from tests.bake.soups import MODELS, SCENE, ring
+from tests.conftest import TETRAHEDRON
 
 
 @pytest.fixture(scope="module")
 def solid() -> msb.Asset:
     points, faces = TETRAHEDRON
     return asset_from_mesh(Mesh(points, faces.astype(np.int64)))
-
-
-def ring(count: int, width: int = 48, height: int = 36, z: float = 0.2) -> list[msb.Camera]:
-    middle = (0.2, 0.2, z)
-    return turntable(middle, 4.0, up=(0, 0, 1), count=count, width=width, height=height, fov_y=0.6)
 
 
 def poses(cameras: tuple[msb.Camera, ...]) -> set[bytes]:
@@ -115,7 +107,7 @@ def test_large_views_supervise_scaled(solid: msb.Asset) -> None:
     assert "4000 x 3000 to 1182 x 887" in views.notes[0]
 
 
-def test_views_that_see_nothing_do_not_count(solid: msb.Asset) -> None:
+def test_blind_views_do_not_count(solid: msb.Asset) -> None:
     blind = ring(2, z=90.0)
     views = bake_views(solid, cameras=[*ring(4), *blind])
     assert [len(part) for part in (views.teaching, views.aside, views.held_back)] == [2, 1, 1]
