@@ -1,4 +1,4 @@
-"""The command line, and a small mesh with the words of its quick bake."""
+"""Fixtures of the tests of bakes: devices, the command line, and a small model for quick bakes."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -27,6 +27,7 @@ def device(request: pytest.FixtureRequest) -> Iterator[Device]:
 
 
 def solid(faces: int = 4, at: float = 0.0) -> library.Asset:
+    """Return the first faces of a tetrahedron with vertex colours."""
     points, corners = TETRAHEDRON
     points = points + np.float32(at)
     return asset_from_mesh(Mesh(points, corners[:faces].astype(np.int64), vertex_colors=COLORS))
@@ -34,13 +35,13 @@ def solid(faces: int = 4, at: float = 0.0) -> library.Asset:
 
 @pytest.fixture
 def model(tmp_path: Path) -> Path:
-    """Return a plain mesh with vertex colours, beside which `cameras.json` has nine views of it."""
+    """Return the path of the tetrahedron; `cameras.json` beside it has nine views of it."""
     solid().save(tmp_path / "solid.triasset")
     write_cameras(ring(9), tmp_path / "cameras.json")
     return tmp_path / "solid.triasset"
 
 
-def line_of(model: Path, *words: object, out: str = "a.glb") -> list[object]:
-    """Return the words of a quick bake with given cameras."""
+def bake_words(model: Path, *words: object, out: str = "a.glb") -> list[object]:
+    """Return the words of a quick bake with the given cameras."""
     cameras = model.parent / "cameras.json"
     return ["bake", "--geometry", "kept", "--cameras", cameras, model, "-o", model.parent / out, *words]
