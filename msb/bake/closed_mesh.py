@@ -25,8 +25,8 @@ if TYPE_CHECKING:
 
 # Extraction.
 #
-# Smallest absolute vote of a cell. With a vote of 0 all points around the cell would coincide and make faces
-# without an area.
+# Smallest absolute vote of a cell; a vote of 1 is a distance of 3 cells. With a vote of 0 all points around
+# the cell would coincide and make faces without an area.
 _MIN_VOTE = 0.002
 
 # Reduction of the faces.
@@ -40,8 +40,8 @@ _AGGRESSIVENESS, _HIGH_AGGRESSIVENESS = 5, 7
 _MAX_MERGED_PIXELS, _MAX_MERGED_SHARE = 2.0, 0.1
 # Collapses are planned down to this share of the face budget. Unseen parts become at most as coarse.
 _COARSEST_SHARE = 1 / 8
-# A surface is first reduced to this multiple of the face budget, which saves time and loses no detail that a
-# later step needs.
+# A surface is first reduced to this multiple of the face budget, once for all ways to reduce it further. It
+# saves a fifth of the time and loses no detail that a later step needs.
 _DETAIL_FACTOR = 32
 # Radius in a scene's space within which errors count about alike; further out they count by the logarithm of
 # the distance.
@@ -51,15 +51,15 @@ _MIDDLE_RADIUS = 0.3
 #
 # Area relative to the median below which a face is a sliver, which other libraries drop.
 _SLIVER_AREA = 1e-3
-# Rounds of a repair. A round that leaves open faces removes them and starts again.
+# Largest number of rounds of a repair. A round that leaves open faces removes them and starts again.
 _REPAIR_ROUNDS = 5
-# Rounds of smoothing the corners of crossing faces, and the rounds after which their neighbours are included,
-# and again after as many.
+# Largest number of rounds of smoothing the corners of crossing faces. Each time this second number of rounds
+# is over, a further ring of neighbours is included.
 _SMOOTH_ROUNDS, _WIDEN_ROUNDS = 32, 8
-# Rounds of reverting the corners of crossing faces before all corners are reverted. Each round reverts a ring
-# of faces further.
+# Largest number of rounds of reverting the corners of crossing faces, before all corners are reverted. A
+# round can make other faces cross.
 _REVERT_ROUNDS = 60
-# Times that faces which still cross are cut out and the hole is closed.
+# Largest number of times that faces which still cross are cut out and the hole is closed.
 _CUT_ROUNDS = 6
 # A vertex at the place of another one moves by this share of the way to the average centre of its faces. The
 # move is invisible, and larger than the rounding of float32.
@@ -78,8 +78,7 @@ def extract_boundary(values: Singles, grid: Grid, outside: float) -> tuple[Float
 
 def label_parts(points: Floats | Singles, faces: Ints) -> NDArray[np.int32]:
     """Return the number (F,) of the part that each face belongs to; parts share no vertex."""
-    one, two = faces[:, [0, 1]].reshape(-1), faces[:, [1, 2]].reshape(-1)
-    _, label = label_components(len(points), one, two)
+    _, label = label_components(len(points), faces[:, :2].reshape(-1), faces[:, 1:].reshape(-1))
     return label[faces[:, 0]]
 
 
@@ -89,8 +88,8 @@ def select_visible_parts(points: Floats, faces: Ints, pixels: Ints, least: float
     `pixels` (F,) is the number of pixels that show each face.
     """
     label = label_parts(points, faces)
-    shown = np.bincount(label, weights=pixels)
-    selected: Mask = (shown >= least)[label] | (label == int(np.argmax(shown)))
+    part_pixels = np.bincount(label, weights=pixels)
+    selected: Mask = (part_pixels >= least)[label] | (label == int(np.argmax(part_pixels)))
     return selected
 
 
@@ -145,10 +144,10 @@ def coarsen_unseen(
     *_, collapses = _collapse_edges(placed, faces, target, _AGGRESSIVENESS)
     # Pixels of each vertex (V,): a third of the pixels of its faces. A mesh has about half as many vertices
     # as faces.
-    shown = np.bincount(faces.reshape(-1), np.repeat(pixels / 3, 3), len(points))
-    most = min(_MAX_MERGED_PIXELS, _MAX_MERGED_SHARE * shown.sum() / (count / 2))
+    vertex_pixels = np.bincount(faces.reshape(-1), np.repeat(pixels / 3, 3), len(points))
+    most = min(_MAX_MERGED_PIXELS, _MAX_MERGED_SHARE * vertex_pixels.sum() / (count / 2))
     # Follow the collapses while the merged vertices cover few pixels together.
-    covered, into = shown.tolist(), list(range(len(points)))
+    covered, into = vertex_pixels.tolist(), list(range(len(points)))
     for stays, goes in collapses.tolist():
         together = covered[stays] + covered[goes]
         if together < most:

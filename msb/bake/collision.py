@@ -35,9 +35,10 @@ from msb.topology.weld import weld_vertices
 
 # All lengths are relative to the diagonal of the visible surface, unless another unit is named.
 
-# Default time limit of CoACD in seconds.
+# Default time limit of CoACD in seconds. It can run for minutes, and does not end for some surfaces.
 SECONDS = 20.0
-# Distance from the visible surface above which a shape protrudes.
+# Distance from the visible surface above which a shape protrudes. 95 % of the points of a surface with 1,000
+# faces are nearer than 0.01 to the original.
 PROTRUSION = 0.02
 # Unseen sides of an enclosure are moved to this distance, unless they are far. It is half of the above, so
 # that they do not count as protruding.
@@ -234,8 +235,8 @@ def _normalize(mesh: Mesh, visible: Floats) -> tuple[Floats, Ints, Floats, float
     """Return the points and faces of the mesh, and the origin and unit that they are relative to.
 
     The origin is the centre of the visible points (n, 3), the unit is their diagonal. Without visible points
-    all points of the mesh are used. If the mesh is not closed, vertices at one place are
-    merged: they may be doubled for colours only.
+    all points of the mesh are used. If the mesh is not closed, vertices at one place are merged: they may be
+    doubled for colours only.
     """
     if not len(mesh.faces):
         raise MeshError("MESH_ARRAY", "the mesh has no faces, so no collision shape can be made")
@@ -348,7 +349,7 @@ def _run_coacd(points: Floats, faces: Ints, most: int, seconds: float) -> tuple[
         np.split(arrays[name], np.cumsum(arrays[f"{name} per part"])[:-1]) for name in ("points", "faces")
     )
     parts = zip(*split, strict=True)
-    return [(own, rows if signed_volume(own, rows) >= 0 else rows[:, ::-1]) for own, rows in parts], ""
+    return [(part, rows if signed_volume(part, rows) >= 0 else rows[:, ::-1]) for part, rows in parts], ""
 
 
 def cut_in_child(word: str, arrays: Arrays) -> tuple[Any, Arrays]:

@@ -1,10 +1,10 @@
 """Static colours by least squares: opaque faces with these colours match the images best.
 
 Let w be the barycentric weights of a face's corners at a pixel, and t the colour of the image there. The
-corner colours c minimise the sum of (w . c - t)^2 over the pixels that show the face. That is a system of
-3 x 3 for each face of a soup, and a sparse system for the vertices of a connected mesh. Both systems also
-contain differences along edges and the distance to the previous colours, so that corners with few pixels or
-none stay near their previous colours.
+corner colours c minimise the sum of (w . c - t)^2 over the pixels that show the face. That is a system of 3 x
+3 for each face of a soup, and a sparse system for the vertices of a connected mesh. Both systems also contain
+differences along edges and the distance to the previous colours, so that corners with few pixels or none stay
+near their previous colours.
 """
 
 from __future__ import annotations
@@ -91,8 +91,8 @@ def _solve_faces(products: Floats, targets: Floats, colors: Singles) -> Floats:
 def _color_limits(products: Floats, colors: Floats) -> tuple[Floats, Floats]:
     """Return the smallest and the largest allowed colour (n, 3) of a face's corners.
 
-    The limits are the mean and the standard deviation of the face's pixels, as `colors` (n, 3, 3) shows
-    them, within [0, 1].
+    The limits are the mean and the standard deviation of the face's pixels, as `colors` (n, 3, 3) shows them,
+    within [0, 1].
     """
     share = products.sum(axis=2)
     count = np.maximum(share.sum(axis=1, keepdims=True), 1e-12)

@@ -159,7 +159,7 @@ def _print_report(report: Report, paths: tuple[Path, ...], output: Output) -> No
     if report.interpolated:
         views = f"{views} plus {report.interpolated} interpolated ones"
     images = "native renderings" if report.supervision == "native" else "photographs"
-    echo(f"Baked from {images} of {views}: {one_line(report.views)}")
+    echo(f"Baked from {images} of {views}. Source of the views: {one_line(report.views)}")
     for lod in report.lods:
         echo(f"{one_line(str(lod.output))}: {lod.sentence}")
     if (shape := report.collision) is not None:

@@ -47,16 +47,19 @@ class StepSchedule:
         The number of steps without a time limit.
     until : float
         The time limit, a value of `time.monotonic`.
+    progress : callable
+        Called as ``progress(step, steps)`` after each step; returns whether to stop.
     """
 
-    def __init__(self, planned: int, until: float = np.inf) -> None:
-        self.steps = planned
+    def __init__(self, planned: int, until: float, progress: Callable[[int, int], bool]) -> None:
+        self._steps, self._progress = planned, progress
         self._planned, self._taken, self._share = planned, 0, 0.0
         self._first, self._until = 0.0, until
         self._is_short = False
 
-    def finish_step(self, step: int, *, stop: bool) -> float:
-        """Return the share of the search that is done after a step; 1 ends it, as does `stop`."""
+    def finish_step(self, step: int) -> float:
+        """Return the share of the search that is done after a step; 1 ends it."""
+        stop = self._progress(step, self._steps)
         self._taken = step
         now, left = time.monotonic(), self._planned - step
         if step == 1:
@@ -71,7 +74,7 @@ class StepSchedule:
                 left = min(possible, left - 1)
         if stop or now > self._until or left <= 0:
             return 1.0
-        self.steps = step + left
+        self._steps = step + left
         self._share += (1 - self._share) / (left + 1)
         return self._share
 
@@ -126,13 +129,12 @@ def move_faces(
     *,
     step_lengths: tuple[float, float],
     most: int | None,
-    finish_step: Callable[[int], float],
+    schedule: StepSchedule,
 ) -> Soup:
     """Move the corners of the selected faces; return the state with the smallest validation error.
 
     Step lengths fall from the first to the last of `step_lengths`, which are relative to the size of a face.
-    At most `most` faces are selected. ``finish_step(step)`` is called after each step and returns the share
-    of the search that is done; at 1 it ends. If faces have too few pixels they are not moved.
+    At most `most` faces are selected. If faces have too few pixels they are not moved.
     """
     soup.refit_colors(renderer)
     best = BestState(validation)
@@ -161,7 +163,7 @@ def move_faces(
             toggle_faces(soup, renderer, random, hide=False, most=most)
         if step % VALIDATION_STEPS == 0:
             best.evaluate(soup)
-        share = finish_step(step)
+        share = schedule.finish_step(step)
     soup.refit_colors(renderer)
     best.evaluate(soup)
     return best.soup

@@ -15,16 +15,17 @@ from msb.bake.soup_renderer import SoupRenderer
 # Share of the faces that are tried in a round. It is small, so that neighbours rarely change together: then
 # each would be blamed for the other.
 TRIED_SHARE = 0.08
-# Views that judge a round, and that supply gradients for a step: time grows with them, noise falls.
+# Views that judge a round, and that supply gradients for a step. The time grows with them, and the noise
+# falls with their square root.
 BATCH_VIEWS = 8
 # A gain must exceed this number of its standard errors. Without it, faces with few pixels overfit the
 # training views.
 MIN_STANDARD_ERRORS = 0.5
 # Squared error over all views of a round that a gain must exceed: far below the error of one wrong pixel.
 _MIN_GAIN = 1e-4
-# Share of the tried faces that `hide_cheapest_faces` hides at a time. As they are judged together, hiding all
-# of them would open holes where two faces cover each other.
-_HIDDEN_SHARE = 4
+# `hide_cheapest_faces` hides the tried faces divided by this number at a time. They are judged together, so
+# hiding all of them would open holes behind pairs of faces.
+_TRIED_PER_HIDDEN = 4
 
 
 def toggle_faces(
@@ -62,7 +63,7 @@ def hide_cheapest_faces(soup: Soup, renderer: SoupRenderer, random: np.random.Ge
     while (over := soup.selected_count - most) > 0:
         chosen = _draw_faces(soup, random, soup.selected)
         total = _measure_toggle(soup, renderer, random, chosen).sum(axis=0)
-        cheapest = np.argsort(total, kind="stable")[: min(over, -(-len(chosen) // _HIDDEN_SHARE))]
+        cheapest = np.argsort(total, kind="stable")[: min(over, -(-len(chosen) // _TRIED_PER_HIDDEN))]
         soup.selected[chosen[cheapest]] = False
 
 

@@ -14,11 +14,11 @@ PointsAndFaces = tuple[Floats, Ints]
 PATCH_CORNERS = 32
 # Thickness of a box, or of the hull of a flat patch, relative to the diagonal: thin, and still a solid.
 _MIN_THICKNESS = 1e-3
-# Volume relative to the cube of the diagonal below which a hull counts as flat.
+# Volume relative to the cube of the diagonal below which a hull counts as flat and is thickened.
 _FLAT_VOLUME = 1e-6
 # Both patches reach this far beyond a cut, relative to the diagonal, so that nothing falls through.
 _OVERLAP = 4e-3
-# Shares of a patch's points on one side of a tried cut, along each of its axes.
+# Shares of a patch's points on one side of a tried cut, along each of its axes. More cuts take longer.
 _CUT_QUANTILES = (0.15, 0.3, 0.4, 0.5, 0.6, 0.7, 0.85)
 # Sample points on the faces that patches are made of, in addition to the vertices: they fill large faces.
 _SAMPLE_POINTS = 5000

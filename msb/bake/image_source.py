@@ -34,8 +34,8 @@ class ImageSource:
     """Draws the images that the views of a bake should show.
 
     The native rendering is the dedicated tier. A mesh without one is drawn on the standard tier with 16
-    samples per pixel. With the supervision "photographs" the training images are the scene's photographs,
-    and native renderings are only used for measurements. With a folder `cache` native renderings are reused.
+    samples per pixel. With the supervision "photographs" the training images are the scene's photographs, and
+    native renderings are only used for measurements. With a folder `cache` native renderings are reused.
     """
 
     def __init__(

@@ -19,8 +19,8 @@ from msb.scenes.colors import Color
 
 # From a camera to its image (H, W, 3) in the asset's colour space: float RGB, or integers up to `MAX_LEVEL`.
 DrawImage = Callable[["Camera"], Singles | NDArray[np.uint16]]
-# Images are stored with 16 bits per channel. Its rounding error is 50 times below a level of 8 bits, so that
-# PSNR is not limited by it.
+# Images are stored with 16 bits per channel. Their rounding error is 257 times smaller than with 8 bits, so
+# that it does not limit PSNR.
 MAX_LEVEL = 65535
 # With this number of views or more, each image is halved on one pixel grid instead of two. Neighbouring views
 # then sample the other grids, and a sixth of the pixels is saved.

@@ -100,8 +100,8 @@ def bake(
     asset : Asset or path-like
         The model, or the path of anything that `msb.open` takes. It is not changed.
     scene : Scene or path-like, optional
-        The scene the model was trained on. Its training views supervise; its test views are only used for
-        the report.
+        The scene the model was trained on. Its training views supervise; its test views are only used for the
+        report.
     cameras : iterable of Camera, optional
         Views instead of a scene's; every 8th is held out for the report. Default: the training cameras, if
         they lie beside the model, else 40 generated views around it or inside it. Fewer than 40 supervising

@@ -5,14 +5,14 @@ import numpy as np
 from msb.bake.arrays import Floats, Ints
 from msb.topology.faces import face_areas
 
-# Sample points on a surface. With 20,000 points the standard error of an average distance is below 1 % of
-# its spread.
+# Sample points on a surface. With 20,000 points the standard error of an average distance is below 1 % of its
+# spread.
 POINTS = 20_000
 # Random points on the other surface, in addition to one per face, that find the nearest faces. More of them
 # find the nearest face more reliably, at the cost of a larger search tree.
 _SEARCH_POINTS = 40_000
-# Nearest search points of a sample point. The exact distance is computed to the faces of all of them, as
-# the nearest search point need not lie on the nearest face.
+# Nearest search points of a sample point. The exact distance is computed to the faces of all of them, as the
+# nearest search point need not lie on the nearest face.
 _NEIGHBOURS = 12
 
 

@@ -19,14 +19,14 @@ from msb.bake.descent import COLOR_DECAY, COLOR_STEPS, VALIDATION_STEPS, Adam, S
 from msb.bake.face_selection import sample_views
 
 if TYPE_CHECKING:
-    from msb.bake.context import BestState, SearchContext
+    from msb.bake.context import BestState
     from msb.bake.soup import Soup
     from msb.bake.soup_renderer import SoupRenderer
     from msb.bake.space import Space
 
 # Smoothing of the gradients: squared width in edge lengths. More smoothing prevents folds and loses detail.
 SMOOTHING = 0.5
-# Steps without a time limit.
+# Steps without a time limit: a surface of a demo model takes about 45 s with them on two cores.
 STEPS = 200
 # Average step length of a vertex in edge lengths, at the start and at the end.
 STEP_LENGTHS = 0.12, 0.01
@@ -40,13 +40,12 @@ def move_vertices(
     renderer: SoupRenderer,
     best: BestState,
     space: Space,
-    context: SearchContext,
+    random: np.random.Generator,
     schedule: StepSchedule,
 ) -> None:
     """Move the vertices at `points` (V, 3) of `space`, which the faces of `soup` share, to reduce the error.
 
-    No further faces cross. `best` validates the state every few steps. The number of steps is that of
-    `schedule`, or fewer if the context's `progress` stops the search.
+    No further faces cross. `best` validates the state every few steps.
     """
     from scipy.sparse import identity
     from scipy.sparse.linalg import splu
@@ -59,7 +58,6 @@ def move_vertices(
     good, variables = points, bending @ points
     adam = Adam(_MAX_MOVE)
     sums = None
-    random = context.make_random()
     step, share = 0, 0.0
     while share < 1:
         step += 1
@@ -75,8 +73,7 @@ def move_vertices(
         variables -= length * _median_edge(points, faces) * move
         points = space.clamp(smooth(variables))
         sums = seen.sums if sums is None else COLOR_DECAY * sums + seen.sums
-        stop = context.progress("moving vertices", step, schedule.steps)
-        share = schedule.finish_step(step, stop=stop)
+        share = schedule.finish_step(step)
         # Before a validation, and at the end, revert vertices of crossing faces.
         is_validated = step % VALIDATION_STEPS == 0 or share >= 1
         if is_validated:

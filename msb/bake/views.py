@@ -21,8 +21,8 @@ from msb.scenes.sets import split_every_8th
 from msb.scenes.walk import between
 from msb.views import ChosenViews, find_training_views, generate_views, given_views
 
-# Generated views: (degrees above the horizon, number of views). 40 views in all; the number per ring falls
-# as the circle shrinks towards the pole.
+# Generated views: (degrees above the horizon, number of views). 40 views in all; the number per ring falls as
+# the circle shrinks towards the pole.
 RINGS = ((15.0, 18), (40.0, 14), (65.0, 8))
 # The same for views from below, which only a mesh file gets: training cameras rarely look up from below, so
 # there the native rendering of a trained model is arbitrary.
@@ -129,7 +129,7 @@ def choose_bake_views(
         training, test = test, []
     stated = asset.manifest.appearance.get("background")
     color = own_background(asset.manifest) if background is None else check_background(background, stated)
-    return _split(training, test, chosen.origin, chosen.description, color, None, notes)
+    return _split(chosen, training, test, color, None, notes)
 
 
 def _choose_scene_views(
@@ -160,9 +160,7 @@ def _choose_scene_views(
     chosen = ChosenViews(cameras, "given", f"{len(cameras)} training views of {scene.name}")
     chosen = _drop_blind_views(asset, chosen, device)
     training, test = _limit_size(chosen.cameras, notes), list(scene.test)
-    return _split(
-        training, test, "scene", chosen.description, scene.background, scene, notes, not photographs
-    )
+    return _split(chosen, training, test, scene.background, scene, notes, interpolate=not photographs)
 
 
 def _generate_views(asset: Asset, up: str | None, notes: list[str], device: str | None) -> ChosenViews:
@@ -201,16 +199,18 @@ def _limit_size(cameras: Sequence[Camera], notes: list[str]) -> list[Camera]:
 
 
 def _split(
+    chosen: ChosenViews,
     training: list[Camera],
     test: list[Camera],
-    origin: str,
-    description: str,
     background: Color,
     scene: Scene | None,
     notes: list[str],
-    interpolate: bool = True,  # photographs exist for given views only
+    interpolate: bool = True,
 ) -> BakeViews:
-    """Return the views of a bake, with validation views split off and interpolated views added."""
+    """Return the views of a bake, with validation views split off and interpolated views added.
+
+    `training` and `test` are the chosen views. Photographs cannot be interpolated.
+    """
     count = len(training)
     fitting, validation = split_every_8th(training) if count >= _MIN_VIEWS_TO_SPLIT else (training, [])
     interpolated: list[Camera] = []
@@ -221,8 +221,8 @@ def _split(
         tuple(validation),
         tuple(test),
         tuple(interpolated),
-        origin,
-        description,
+        chosen.origin if scene is None else "scene",
+        chosen.description,
         background,
         scene,
         tuple(notes),

@@ -23,8 +23,8 @@ def vote(
 
     A vote is the average distance of a place in front of the visible surface, less `thick`. Distances are
     along z, in units of `reach` (n,), and at most 1; `depths` are (H, W), 0 for the background. A place
-    farther than `behind` (n,) behind the surface is hidden from a view. If the views that see it are fewer
-    than `share` of those that it is hidden from, it is solid, -1, and partly so up to twice that share.
+    farther than `behind` (n,) behind the surface is hidden from a view. It is solid, -1, if the ratio of the
+    views that see it to the others is below `share`, and partly solid up to twice that share.
     """
     total, seen, hidden = np.zeros((3, len(places)))
     for camera, depth in zip(cameras, depths, strict=True):

@@ -71,7 +71,7 @@ def _border_gradient(drawn: Drawn, target: Reals, y: int, x: int) -> Reals:
 
 
 def changes_of(before: Drawn, after: Drawn, target: Reals, owner: NDArray[np.int32], proposals: int) -> Reals:
-    """Return the change of the squared error by each proposal; `owner` (F,) is that of a face, or -1."""
+    """Return the change of the squared error by each proposal; `owner` (F,) is a face's proposal or -1."""
     changes = np.zeros(proposals)
     for y, x in np.ndindex(*before.face_id.shape):
         rise = _error(after.image[y, x], target[y, x]) - _error(before.image[y, x], target[y, x])

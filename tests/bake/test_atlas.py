@@ -109,7 +109,7 @@ def test_a_soup_needs_a_texel_per_face() -> None:
 @pytest.mark.slow
 @NEEDS_XATLAS
 def test_charts_are_scaled_by_their_pixels() -> None:
-    """Of two equal squares, one has 9 times the pixels and gets 9 times the texels."""
+    """One of two equal squares has 9 times the pixels and gets 9 times the texels."""
     square = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], np.float32)
     vertices = np.concatenate([square, square + np.float32([0, 0, 5])])
     faces = np.array([[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]])

@@ -74,7 +74,8 @@ def test_shaken_corners_move_back() -> None:
     colors[:] = colors.mean(axis=(1), keepdims=True)
     noise = np.random.default_rng(1).normal(size=corners.shape).astype(np.float32)
     soup = Soup.from_mesh(mesh_of(corners + noise * np.float32(0.04), colors), share_colors=False)
-    settings: Any = {"step_lengths": (0.02, 0.002), "most": None, "finish_step": lambda step: step / 60}
+    schedule = StepSchedule(60, np.inf, lambda *_: False)
+    settings: Any = {"step_lengths": (0.02, 0.002), "most": None, "schedule": schedule}
     with open_renderer((soup.corners, soup.colors), (corners, colors), cameras(6, 96, 72)) as renderer:
         before = soup.measure_error(renderer)
         moved = move_faces(soup, renderer, renderer, np.random.default_rng(2), **settings)
@@ -184,12 +185,12 @@ def test_a_schedule_fits_its_steps_into_the_time(
 ) -> None:
     now = 0.0
     monkeypatch.setattr("time.monotonic", lambda: now)
-    schedule = StepSchedule(200, until)
+    schedule = StepSchedule(200, until, lambda *_: False)
     step, shares = 0, [0.0]
     while shares[-1] < 1:
         step += 1
         now += first if step == 1 else then
-        shares.append(schedule.finish_step(step, stop=False))
+        shares.append(schedule.finish_step(step))
     assert least <= step <= most
     assert (np.diff(shares) > 0).all()
     assert np.diff(shares).max() < 0.1
