@@ -1,6 +1,7 @@
-"""The views that judge a model where none are given, and how images of them differ.
+"""The views that judge a model if none are given, and how far two renderings differ in them.
 
-They are those of its training, else round it or inside it.
+The views are the training cameras of the model, if they lie beside it. Else they are generated around the
+model, or inside it if it is an interior.
 """
 
 from __future__ import annotations
@@ -29,49 +30,70 @@ from msb.scenes import Camera
 from msb.scenes.around import around, bulk_of, inside, surrounded
 from msb.scenes.sets import given_cameras
 
-# Cameras of a training that are taken, evenly spread.
-MOST = 12
-# The size of the pictures that tell a room from a thing.
-_LOOK = (320, 240)
-# Faces that are looked for in them.
-_SAMPLES = 4000
-# Share of what is seen from outside that is seen from behind, from which on the winding says that outside is
-# the wrong side. Faces that are wound at random have a half.
-_BEHIND = 2 / 3
-# How much deeper than what a picture shows a face may be and still be seen.
-_SLACK = 1.01
+# Largest number of training cameras that are used, evenly spread over all of them. It bounds the time.
+MAX_TRAINING_VIEWS = 12
+# Width and height in pixels of the depth maps that tell an interior from an object. Small maps suffice, as
+# only the shares of visible faces are compared.
+_DEPTH_SIZE = (320, 240)
+# Number of faces whose visibility is tested there, evenly spread over all of them.
+_TESTED_FACES = 4000
+# Share of faces seen from behind, from outside, above which the winding says that the inside is the right
+# side. Faces that are wound at random have a share of 1/2.
+_BEHIND_SHARE = 2 / 3
+# A face is visible if it lies at most this factor deeper than the depth map, which allows for pixels whose
+# centre is nearer than the centre of the face.
+_DEPTH_TOLERANCE = 1.01
 
 
 @dataclass(frozen=True)
-class Views:
-    """Cameras, where they are from, the same in words, and the file or folder of a training's."""
+class ChosenViews:
+    """Cameras, where they come from, the same in words, and the file or folder of training cameras."""
 
     cameras: list[Camera]
     origin: Literal["given", "training", "turntable", "inside"]
-    said: str
+    description: str
     place: Path | None = None
 
     @property
-    def nothing(self) -> str:
-        """What to say where none of the cameras sees a pixel of the mesh."""
+    def blind_message(self) -> str:
+        """The error message if no camera sees a pixel of the mesh."""
+        text = f"no camera sees the mesh ({self.description})"
         if self.origin == "given":
-            return f"no camera sees the mesh ({self.said}): they look elsewhere, or are of other coordinates"
-        return f"no camera sees the mesh ({self.said}); --cameras gives others"
+            return f"{text}; pass cameras that look at it, in its coordinates"
+        return f"{text}; pass --cameras"
 
-    def seeing(self, asset: Asset, device: str | None = None) -> Views:
-        """Return those that see a pixel of the asset, on the standard tier or as its method draws it."""
-        useful = _that_see(asset, self.cameras, device, len(self.cameras))
+    def without_blind(self, asset: Asset, device: str | None = None) -> ChosenViews:
+        """Return the views that see a pixel of the asset, on the standard or on the dedicated tier."""
+        useful = _find_seeing(asset, self.cameras, device, len(self.cameras))
         if useful is None or len(useful) == len(self.cameras):
             return self
         blind = len(self.cameras) - len(useful)
-        said = f"{self.said}; {blind} see none of it and do not count" if useful else self.said
-        return replace(self, cameras=[self.cameras[k] for k in sorted(useful)], said=said)
+        text = f"{self.description}; {blind} of them do not see it and are ignored"
+        cameras = [self.cameras[k] for k in sorted(useful)]
+        return replace(self, cameras=cameras, description=text if useful else self.description)
+
+    # The old names, until all callers use the new ones.
+    @property
+    def said(self) -> str:
+        """The description."""
+        return self.description
+
+    @property
+    def nothing(self) -> str:
+        """The blind message."""
+        return self.blind_message
+
+    def seeing(self, asset: Asset, device: str | None = None) -> ChosenViews:
+        """Return the views without blind ones."""
+        return self.without_blind(asset, device)
+
+    # End of the old names.
 
 
-def _that_see(asset: Asset, cameras: Sequence[Camera], device: str | None, enough: int) -> set[int] | None:
-    """Return which cameras see a pixel of the asset, of the first so many that do.
+def _find_seeing(asset: Asset, cameras: Sequence[Camera], device: str | None, enough: int) -> set[int] | None:
+    """Return the numbers of the first `enough` cameras that see a pixel of the asset.
 
-    None where nothing can draw it: whoever draws says why.
+    None if nothing can draw the asset; the caller that draws it reports why.
     """
     every: tuple[Tier, ...] = ("standard", "dedicated")
     tiers = [tier for tier in every if why_not(asset.manifest, tier) is None]
@@ -93,84 +115,96 @@ def _that_see(asset: Asset, cameras: Sequence[Camera], device: str | None, enoug
 
 def choose_views(
     asset: Asset,
-    given: Views | Iterable[Camera] | None = None,
+    given: ChosenViews | Iterable[Camera] | None = None,
     *,
     count: int = 8,
     size: tuple[int, int] = (640, 480),
     device: str | None = None,
-) -> Views:
-    """Return the views that judge an asset: those of its training are looked for where it was opened from.
+) -> ChosenViews:
+    """Return the views that judge an asset: given cameras, else training cameras, else generated views.
 
     Parameters
     ----------
     given : iterable of Camera, optional
-        Somebody's wish, which is taken.
+        Cameras of the caller, which are used as they are.
     count : int
-        Views round the asset, or inside it.
+        The number of generated views.
     size : (int, int)
-        Their width and height; those of a training have no longer side.
+        Width and height of generated views in pixels; training cameras are scaled to the longer side.
     """
-    if isinstance(given, Views):
+    if isinstance(given, ChosenViews):
         return given
     if given is not None:
-        chosen = given_cameras(given)
-        if not chosen:
-            raise UsageError("USAGE", "cameras is empty; it must hold at least one, or be None")
-        return Views(chosen, "given", f"{len(chosen)} camera{'' if len(chosen) == 1 else 's'} given")
+        return given_views(given)
     outside = around(asset, count, *size)
     try:
-        found = training_views(asset, device, most=MOST, longest=max(size))
-        return found or made_views(asset, outside, device)
-    except DeviceError:  # whoever draws says so
-        return _round_it(outside)
+        training = find_training_views(asset, device, most=MAX_TRAINING_VIEWS, longest=max(size))
+        return training or generate_views(asset, outside, device)
+    except DeviceError:  # the caller that draws reports it
+        return _turntable_views(outside)
 
 
-def training_views(
+def given_views(cameras: Iterable[Camera]) -> ChosenViews:
+    """Return the cameras of a caller.
+
+    Raises
+    ------
+    UsageError
+        USAGE: no camera is given.
+    """
+    chosen = given_cameras(cameras)
+    if not chosen:
+        raise UsageError("USAGE", "cameras is empty; it must hold at least one, or be None")
+    return ChosenViews(chosen, "given", f"{len(chosen)} camera{'' if len(chosen) == 1 else 's'} given")
+
+
+def find_training_views(
     asset: Asset, device: str | None = None, *, most: int | None = None, longest: int | None = None
-) -> Views | None:
-    """Return the cameras of an asset's training, looked for where it was opened from, if one sees it.
+) -> ChosenViews | None:
+    """Return the training cameras found beside the file an asset was opened from, if one of them sees it.
 
-    They are all, or `most` of them, evenly spread; in their own size, or with sides of at most `longest`.
+    They are all cameras, or `most` of them, evenly spread; scaled so that no side is longer than `longest`.
     """
     from msb.adapters.training_cameras import training_cameras
 
     if asset.opened_from is None:
         return None
-    for cameras, found in training_cameras(asset.opened_from, asset.manifest.method):
-        few = spread(cameras, most or len(cameras))
+    for cameras, place in training_cameras(asset.opened_from, asset.manifest.method):
+        few = spread_evenly(cameras, most or len(cameras))
         if longest is not None:
-            few = [one.scaled(min(1.0, longest / max(one.width, one.height))) for one in few]
-        of = f"{len(few)} of {len(cameras)}" if len(few) < len(cameras) else f"{len(few)}"
-        if _that_see(asset, few, device, 1) != set():
-            return Views(few, "training", f"{of} cameras of the training ({found.name})", found)
+            few = [camera.scaled(min(1.0, longest / max(camera.width, camera.height))) for camera in few]
+        share = f"{len(few)} of {len(cameras)}" if len(few) < len(cameras) else f"{len(few)}"
+        if _find_seeing(asset, few, device, 1) != set():
+            return ChosenViews(few, "training", f"{share} training cameras ({place.name})", place)
     return None
 
 
-def made_views(
+def generate_views(
     asset: Asset, outside: list[Camera], device: str | None = None, up: str | None = None
-) -> Views:
-    """Return the views from `outside` of an asset, or as many from inside, where it is an interior.
+) -> ChosenViews:
+    """Return the views `outside` of an asset, or as many from inside if it is an interior.
 
-    Their upright axis is `up`, that of the asset if not given.
+    The up axis of views from inside is `up`, by default the asset's up axis.
     """
     bulk = bulk_of(asset)
     within = inside(asset, bulk, outside, up)
     if not within:
-        return _round_it(outside)
+        return _turntable_views(outside)
     if surrounded(bulk):
         why = "large faces surround most of it"
     elif _is_interior(asset, outside, within, device):
-        why = "most of its faces are hidden from outside, or seen from behind"
+        why = "most of its faces are hidden from outside or seen from behind"
     else:
-        return _round_it(outside)
-    return Views(within, "inside", f"{len(within)} views from inside: {why}; --cameras gives others")
+        return _turntable_views(outside)
+    text = f"{len(within)} generated views from inside, because {why}; pass --cameras for other views"
+    return ChosenViews(within, "inside", text)
 
 
-def _round_it(outside: list[Camera]) -> Views:
-    return Views(outside, "turntable", f"{len(outside)} views round it")
+def _turntable_views(outside: list[Camera]) -> ChosenViews:
+    return ChosenViews(outside, "turntable", f"{len(outside)} generated views around it")
 
 
-def spread(cameras: Sequence[Camera], count: int) -> list[Camera]:
+def spread_evenly(cameras: Sequence[Camera], count: int) -> list[Camera]:
     """Return `count` of the cameras, or all of them, evenly spread from the first one on."""
     if len(cameras) <= count:
         return list(cameras)
@@ -178,81 +212,94 @@ def spread(cameras: Sequence[Camera], count: int) -> list[Camera]:
 
 
 def _is_interior(asset: Asset, outside: list[Camera], within: list[Camera], device: str | None) -> bool:
-    """Return whether most faces are hidden, or seen from behind, from outside, and more are seen within.
+    """Return whether from outside most faces are hidden or seen from behind, and more are seen from within.
 
-    Whether a face is seen says its middle: its size, in pixels or in the world, is of no account.
+    Visibility is tested at the face centre only, so that the size of a face has no influence.
     """
     if why_not(asset.manifest, "standard") is not None:
         return False
     with Renderer(asset, "standard", device) as renderer:
-        front, back, behind = _seen(asset, renderer, outside)
-        sided = behind >= _BEHIND or behind <= 1 - _BEHIND
-        shown = (front if sided else front | back).mean()
-        if shown >= 0.5:
+        front, back, behind = _test_visibility(asset, renderer, outside)
+        # Front sides count alone if the winding is consistent, else both sides.
+        is_sided = behind >= _BEHIND_SHARE or behind <= 1 - _BEHIND_SHARE
+        visible = (front if is_sided else front | back).mean()
+        if visible >= 0.5:
             return False
-        front, back, _ = _seen(asset, renderer, within)
-        return bool((front if sided else front | back).mean() > shown)
+        front, back, _ = _test_visibility(asset, renderer, within)
+        return bool((front if is_sided else front | back).mean() > visible)
 
 
-def _seen(
+def _test_visibility(
     asset: Asset, renderer: Renderer, cameras: list[Camera]
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_], float]:
-    """Return which of some faces are seen from the front, which from behind, and how often from behind."""
+    """Return masks (n,) of tested faces seen from the front and from behind, and the share of the latter."""
+    # Centres (n, 3) and normals (n, 3) of an evenly spread sample of the faces.
     faces = asset.buffers["indices"]
-    corners = asset.buffers["positions"][faces[:: max(1, len(faces) // _SAMPLES)]].astype(np.float64)
+    corners = asset.buffers["positions"][faces[:: max(1, len(faces) // _TESTED_FACES)]].astype(np.float64)
     middle = corners.mean(axis=1)
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     front, back = np.zeros((2, len(middle)), bool)
     sides = [0, 0]
-    for camera in (one.resized(*_LOOK) for one in cameras):
+    for camera in (view.resized(*_DEPTH_SIZE) for view in cameras):
+        # A centre is visible if its depth z agrees with the depth map at its pixel.
         depth = renderer.render(camera).depth
         pixels, z = camera.project(middle)
         column, row = np.floor(np.nan_to_num(pixels, nan=-1.0)).T
-        here = (column >= 0) & (column < camera.width) & (row >= 0) & (row < camera.height)
-        there = np.where(
-            here, depth[np.where(here, row, 0).astype(int), np.where(here, column, 0).astype(int)], 0
-        )
-        seen = (there > 0) & (z <= _SLACK * there)
-        facing = (normal * (camera.center - middle)).sum(axis=1) > 0
-        front |= seen & facing
-        back |= seen & ~facing
-        sides = [sides[0] + int((seen & facing).sum()), sides[1] + int((seen & ~facing).sum())]
+        is_inside = (column >= 0) & (column < camera.width) & (row >= 0) & (row < camera.height)
+        row, column = (np.where(is_inside, index, 0).astype(int) for index in (row, column))
+        surface = np.where(is_inside, depth[row, column], 0)
+        is_visible = (surface > 0) & (z <= _DEPTH_TOLERANCE * surface)
+        is_facing = (normal * (camera.center - middle)).sum(axis=1) > 0
+        front |= is_visible & is_facing
+        back |= is_visible & ~is_facing
+        sides = [
+            sides[0] + int((is_visible & is_facing).sum()),
+            sides[1] + int((is_visible & ~is_facing).sum()),
+        ]
     return front, back, sides[1] / max(1, sum(sides))
 
 
-def images_of(
+def render_standard(
     mesh: Mesh,
     cameras: Iterable[Camera],
     background: tuple[float, float, float] = (0.0, 0.0, 0.0),
     device: str | None = None,
     supersample: int = 1,
 ) -> list[NDArray[np.float32]]:
-    """Return images (H, W, 3) of any mesh on the standard tier."""
+    """Return the standard-tier images (H, W, 3) of a mesh."""
     renderer = StandardRenderer(asset_from_mesh(mesh), device=device, supersample=supersample)
     with contextlib.closing(renderer):
         return [renderer.render_image(camera.in_units(), background) for camera in cameras]
 
 
-def squared_errors(ones: Sequence[Any], others: Sequence[Any]) -> NDArray[np.float64]:
+def squared_errors(images: Sequence[Any], references: Sequence[Any]) -> NDArray[np.float64]:
     """Return for each view (n, 2) the sum of squared differences and the number of values.
 
     Views are images or frames; differences are in levels of 8 bits.
     """
     sums = []
-    for one, other in zip(ones, others, strict=True):
-        levels = [to_bytes(np.asarray(getattr(drawn, "image", drawn))) for drawn in (one, other)]
+    for pair in zip(images, references, strict=True):
+        levels = [to_bytes(np.asarray(getattr(view, "image", view))) for view in pair]
         change = np.subtract(*levels, dtype=np.int32)
-        # Not a product of matrices, whose threads would then spin beside the kernels.
+        # Not a product of matrices: its threads would then spin beside the kernels.
         sums.append((np.square(change, out=change).sum(dtype=np.int64), change.size))
     return np.array(sums, np.float64)
 
 
-def difference(ones: Sequence[Any], others: Sequence[Any]) -> float:
-    """Return the PSNR in dB of all views at once: a mean is infinite as soon as two images are equal."""
-    return pooled_psnr(squared_errors(ones, others))
+def psnr_over_views(images: Sequence[Any], references: Sequence[Any]) -> float:
+    """Return the PSNR in dB over the pixels of all views.
+
+    An average over views would be infinite as soon as two images are equal.
+    """
+    return pooled_psnr(squared_errors(images, references))
 
 
 def pooled_psnr(errors: NDArray[np.float64]) -> float:
-    """Return the PSNR in dB of all views of which `squared_errors` returned `errors`."""
+    """Return the PSNR in dB over all views, from the result of `squared_errors`."""
     squares, count = errors.sum(axis=0)
     return psnr_of_mse(squares / (255**2 * count))
+
+
+# The old names, until all callers use the new ones.
+Views, MOST = ChosenViews, MAX_TRAINING_VIEWS
+images_of, difference, spread = render_standard, psnr_over_views, spread_evenly

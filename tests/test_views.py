@@ -1,4 +1,4 @@
-"""The default views for judging a model, and views that do not show it."""
+"""The views that judge a model if none are given, and the results if they are blind."""
 
 import shutil
 from dataclasses import replace
@@ -15,7 +15,7 @@ from msb.asset import build_asset
 from msb.repair.plan import Options
 from msb.scenes import write_cameras
 from msb.scenes.around import around
-from msb.views import MOST, choose_views
+from msb.views import MAX_TRAINING_VIEWS, choose_views
 from tests.conftest import ROOT
 
 Mesh = tuple[NDArray[Any], NDArray[Any]]
@@ -25,7 +25,7 @@ CAPTURE = MODELS / "walled" / "mesh_splatting"
 
 
 def asset_of(*meshes: Mesh, turned: bool = False) -> msb.Asset:
-    """Return all meshes as one asset; `turned` reverses every second face, so winding is ambiguous."""
+    """Return all meshes as one asset; `turned` reverses every second face, so that the winding is useless."""
     starts = np.cumsum([0, *(len(points) for points, _ in meshes)])
     faces = np.concatenate([faces + start for (_, faces), start in zip(meshes, starts, strict=False)])
     if turned:
@@ -40,7 +40,7 @@ def ball(scale: float = 1.0, at: float = 0.0) -> Mesh:
 
 
 def room(height: float, *, inward: bool, lid: bool = False) -> Mesh:
-    """Return the walls and the floor of a room of width 2, with many faces each; `lid` adds the ceiling."""
+    """Return the walls and the floor of a room 2 wide, and a ceiling with `lid`, of many faces."""
     steps = np.linspace(-1, 1, 9)
     u, v = (part.ravel() for part in np.meshgrid(steps, steps))
     first = np.flatnonzero((u < 1) & (v < 1))
@@ -56,8 +56,8 @@ def room(height: float, *, inward: bool, lid: bool = False) -> Mesh:
             corner[:, axis], corner[:, (axis + 1) % 3], corner[:, (axis + 2) % 3] = side, u, v
             faces.append((square[:, ::-1] if side > 0 else square) + 81 * len(points))
             points.append(corner * [1, height, 1])
-    indices = np.concatenate(faces)
-    return np.concatenate(points), indices[:, ::-1] if inward else indices
+    joined = np.concatenate(faces)
+    return np.concatenate(points), joined[:, ::-1] if inward else joined
 
 
 @pytest.mark.parametrize(
@@ -83,27 +83,26 @@ def room(height: float, *, inward: bool, lid: bool = False) -> Mesh:
         pytest.param("inside", msb.open(MODELS / "walled" / "diffsoup"), id="walled-no-static-colour"),
     ],
 )
-def test_models_that_are_only_visible_from_inside_get_views_from_inside(
-    origin: str, asset: msb.Asset
-) -> None:
-    asset = replace(asset, opened_from=None)  # ignore training cameras beside the asset
+def test_interiors_get_views_from_inside(origin: str, asset: msb.Asset) -> None:
+    asset = replace(asset, opened_from=None)  # some of them have training cameras beside them
     for scale in (1e-4, 1.0, 1e4):
         positions = asset.buffers["positions"] * np.float32(scale)
         if asset.manifest.method != "mesh":
             positions, scale = asset.buffers["positions"], 1.0
         same = build_asset({"positions": positions, "indices": asset.buffers["indices"]}, {})
-        views = choose_views(same if asset.manifest.method == "mesh" else asset)
-        assert (views.origin, len(views.cameras)) == (origin, 8)
-        assert views.seeing(asset if scale == 1 else same).said == views.said
+        chosen = choose_views(same if asset.manifest.method == "mesh" else asset)
+        assert (chosen.origin, len(chosen.cameras)) == (origin, 8)
+        assert chosen.without_blind(asset if scale == 1 else same).description == chosen.description
 
 
-def test_training_cameras_are_found_beside_the_model_and_through_its_config(
+def test_training_cameras_are_found_beside_the_model_or_in_its_scene(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    views = choose_views(msb.open(CAPTURE))
-    assert (views.origin, views.said) == ("training", f"{MOST} of 57 cameras of the training (pebble)")
-    assert max(views.cameras[0].width, views.cameras[0].height) == 640
+    chosen = choose_views(msb.open(CAPTURE))
+    walked = f"{MAX_TRAINING_VIEWS} of 57 training cameras (pebble)"
+    assert (chosen.origin, chosen.description) == ("training", walked)
+    assert max(chosen.cameras[0].width, chosen.cameras[0].height) == 640
     moved = tmp_path / "models" / "mine"
     shutil.copytree(CAPTURE, moved)
     asset = msb.open(moved)
@@ -111,60 +110,58 @@ def test_training_cameras_are_found_beside_the_model_and_through_its_config(
     shutil.copytree(
         ROOT / "data_stubs/scenes/mipnerf360/pebble/sparse", tmp_path / "mipnerf360/pebble/sparse"
     )
-    assert choose_views(asset).said == f"{MOST} of 57 cameras of the training (pebble)"
-    write_cameras(views.cameras[:3], moved / "cameras.json")
+    assert choose_views(asset).description == walked
+    write_cameras(chosen.cameras[:3], moved / "cameras.json")
     (file,) = moved.rglob("*.pt")
-    assert choose_views(msb.open(file)).said == "3 cameras of the training (cameras.json)"
+    assert choose_views(msb.open(file)).description == "3 training cameras (cameras.json)"
     write_cameras(elsewhere(), moved / "cameras.json")
-    assert choose_views(asset).said.endswith("(pebble)"), "these cameras do not see the model"
+    assert choose_views(asset).description.endswith("(pebble)"), "the cameras beside it are blind"
 
 
-def test_the_config_of_two_dts_names_its_scene(tmp_path: Path) -> None:
+def test_the_config_of_two_dts_leads_to_its_scene(tmp_path: Path) -> None:
     shutil.copytree(MODELS / "walled" / "two_dts", tmp_path / "model")
     scene = ROOT / "data_stubs/scenes/mipnerf360/pebble"
     with (tmp_path / "model" / "config.yaml").open("a") as file:
         file.write(f"dataset:\n  local_dir: {scene}\n")
-    views = choose_views(msb.open(tmp_path / "model"))
-    assert views.said.endswith("cameras of the training (pebble)")
+    chosen = choose_views(msb.open(tmp_path / "model"))
+    assert chosen.description.endswith("training cameras (pebble)")
 
 
 def elsewhere(count: int = 1) -> list[msb.Camera]:
-    """Return cameras that do not see the model."""
     size: dict[str, Any] = {"width": 32, "height": 24, "fov_y": 0.8}
     return [msb.Camera.look_at((0, 0, 50 + k), (0, 0, 90), up=(0, 1, 0), **size) for k in range(count)]
 
 
 @pytest.mark.slow
-def test_a_model_outside_of_all_views_is_not_judged() -> None:
+def test_nothing_is_measured_without_a_view_that_sees_the_asset() -> None:
     repairs = pytest.importorskip("msb.trial.repairs")
     why = pytest.importorskip("msb.why").why
     asset = asset_of(ball())
-    (outcome,) = msb.trial(asset, ["decimate_50"], cameras=elsewhere())
-    assert outcome.outcome == "not_run"
-    assert outcome.why
-    assert {part["psnr"] for part in outcome.numbers.values() if isinstance(part, dict)} == {None}
+    (tried,) = msb.trial(asset, ["decimate_50"], cameras=elsewhere())
+    assert tried.outcome == "not_run"
+    assert tried.why
+    assert {own["psnr"] for own in tried.numbers.values() if isinstance(own, dict)} == {None}
     causes = why(asset, elsewhere())
-    assert {(cause.applies, cause.db) for cause in causes} == {(False, None)}
-    reasons = {str(cause.reason) for cause in causes if cause.name in ("shading", "back_faces")}
-    assert reasons == {outcome.why.removeprefix("not judged: ")}
+    assert {(one.applies, one.db) for one in causes} == {(False, None)}
+    said = {str(one.reason) for one in causes if one.name in ("shading", "back_faces")}
+    assert said == {tried.why.removeprefix("not judged: ")}
     rows = repairs.compare(asset, elsewhere(), Options(), tasks=())
     looks = [look for row in rows for look in (row.looks or {}).values()]
     assert not any(look.same or look.psnr is not None for look in looks)
     assert all(look.why for look in looks)
 
 
-def test_views_that_do_not_show_the_model_are_ignored() -> None:
+def test_blind_views_are_ignored() -> None:
     asset = asset_of(ball())
     seeing = around(asset, 2, 48, 36)
-    some = choose_views(asset, [*elsewhere(6), *seeing]).seeing(asset)
+    some = choose_views(asset, [*elsewhere(6), *seeing]).without_blind(asset)
     assert some.cameras == seeing
     why = pytest.importorskip("msb.why").why
-    causes, same_causes = why(asset, seeing), why(asset, [*elsewhere(6), *seeing])
-    assert [cause.db for cause in causes] == [cause.db for cause in same_causes]
+    assert [one.db for one in why(asset, seeing)] == [one.db for one in why(asset, [*elsewhere(6), *seeing])]
 
 
 @pytest.mark.slow
-def test_views_that_do_not_show_the_model_are_ignored_in_trials() -> None:
+def test_blind_views_are_ignored_in_trials() -> None:
     pytest.importorskip("msb.trial")
     asset = asset_of(ball())
     seeing = around(asset, 2, 48, 36)
@@ -173,7 +170,7 @@ def test_views_that_do_not_show_the_model_are_ignored_in_trials() -> None:
     assert alone.numbers == beside.numbers
 
 
-def test_an_empty_list_of_cameras_is_an_error() -> None:
+def test_an_empty_list_of_cameras_is_rejected() -> None:
     with pytest.raises(msb.MsbError) as caught:
         choose_views(asset_of(ball()), [])
     assert caught.value.code == "USAGE"

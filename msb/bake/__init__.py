@@ -1,4 +1,10 @@
-"""Make a plain asset of a model: a mesh that any engine draws, supervised by the model's own renderer."""
+"""An ordinary mesh with a texture or vertex colours from a trained model, fitted to its native renderings.
+
+The stages of a bake: `views` chooses cameras, `image_source` draws their images, `candidate_kept`,
+`candidate_fitted` and `candidate_surface` make meshes, `vertex_colors` and `texture` fit colours, `pipeline`
+chooses between candidates, `lods` and `collision` make companions, `quality` measures the result on held-out
+views, and `output_files` and `folder` write it. `run` joins them.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where each face lies in a texture: faces that share nothing in cells of their own, surfaces by xatlas."""
+"""Texture coordinates: a cell for each face of a soup, or the charts of xatlas for a connected mesh."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from msb.bake.arrays import Floats, Ints, Singles
 from msb.base.children import run_apart
 from msb.base.extras import need_extra
 from msb.base.limits import Limits
@@ -15,129 +16,145 @@ from msb.errors import MeshError, UsageError
 if TYPE_CHECKING:
     from msb.base.children import Arrays
 
-    Reals = NDArray[np.float64]
-    Faces = NDArray[np.int64]
+# Cells of a soup.
+#
+# Mip levels that must not mix two faces: the first entry that leaves each face the share `_MIN_SCALE` of the
+# texels it needs, along a side, else the last one. A level more halves the room for texels.
+MIP_LEVELS = (2, 1)
+_MIN_SCALE = 0.7
+# Margin between a face and its cell in texels; more than the rounding of float32 coordinates.
+_SLACK = 1 / 64
+# Steps of the bisection for the largest scale that fits; 16 steps find it to 2^-15.
+_BISECTIONS = 16
+# Largest ratio of the two legs of a face in the texture. Slimmer faces would waste the padding around them.
+_MAX_LEG_RATIO = 4.0
 
-# Mip levels that must not mix two faces of a soup: the first entry that leaves each face `_ENOUGH` of the
-# texels it needs, along a side, else the last.
-LEVELS = (2, 1)
-_ENOUGH = 0.7
-_SLACK = 1 / 64  # texels by which a face is smaller than its cell; more than rounding of float32 coordinates
-_STEPS = 16
-_SLIMMEST = 4.0  # largest ratio of the two legs of a face
-_CHILD = Limits(seconds=900.0, memory=None)
-_PADDING = 4  # texels between charts
-_PARTS = 65535  # positions of a chart's corner along a side; files store them in two bytes
-_LEAST = 1 / 4  # smallest scale of a chart relative to the median; its inverse is the largest
-_AT_ONCE = 8192  # faces per call of xatlas, whose time grows with the square of their number
+# Charts of a connected mesh.
+#
+# Time limit of xatlas in seconds, far above any mesh of the benchmarks, so that a bake ends.
+_UNWRAP_LIMITS = Limits(seconds=900.0, memory=None)
+# Texels between charts: enough for two mip levels.
+_PADDING = 4
+# Texture coordinates are multiples of 1 / 65535, which files store in two bytes without loss.
+_COORDINATE_STEPS = 65535
+# Smallest scale of a chart relative to the median chart; its inverse is the largest. It keeps charts that a
+# view sees from very near from taking the whole texture.
+_MIN_CHART_SCALE = 1 / 4
+# Faces that xatlas cuts at once. Its time grows with the square of their number: 48,000 faces took 23 s at
+# once, and 5 s in blocks of this size.
+_BLOCK_FACES = 8192
 
 
 class _Cells(NamedTuple):
-    """Rectangles of a texture and which faces lie in them, in blocks: texels of the last level kept apart."""
+    """Rectangles of a texture and the faces in them, in blocks: texels of the last separate mip level."""
 
-    # (C, 2) width and height.
-    sides: NDArray[np.int64]
-    # (F, 2) of each face; 0: it is a point in the middle of a texel.
-    legs: NDArray[np.int64]
+    # (C, 2) width and height of each cell.
+    sides: Ints
+    # (F, 2) the legs of each face; 0 for a face that is a point at the centre of a texel.
+    legs: Ints
     # (F,) the cell of each face.
-    of: NDArray[np.int64]
-    # (F,) of each face among those of its cell.
-    number: NDArray[np.int64]
+    cell: Ints
+    # (F,) the number of each face among the faces of its cell.
+    number: Ints
 
 
-def soup_atlas(corners: NDArray[Any], pixels: NDArray[np.float64], size: int) -> NDArray[np.float32]:
-    """Return texture coordinates (3F, 2) of faces that share no vertex, in a square texture of `size` texels.
+def make_soup_atlas(corners: NDArray[Any], pixels: Floats, size: int) -> Singles:
+    """Return texture coordinates (3F, 2) of faces that share no vertices, in a texture of size x size texels.
 
-    A face is a right triangle whose legs are to each other as its shorter sides. It has a texel for each
-    pixel that it needs, or the largest share of them that there is room for. Cells keep apart in smaller
-    levels, too, as `LEVELS` says. A face that needs none, or is too small for a cell, is a point: one colour.
+    Each face is a right triangle; its legs have the ratio of its shorter sides. It gets one texel for each
+    pixel that shows it. If the texture is too small, all faces get the same share of that. Cells also stay
+    separate in smaller mip levels, see `MIP_LEVELS`. A face without pixels, or too small for a cell, is a
+    point of one colour.
 
     Parameters
     ----------
     corners : (F, 3, 3) float
     pixels : (F,) float64
-        How many each face needs.
+        The number of pixels that show each face.
     size : int
         Texels along a side.
 
     Raises
     ------
     UsageError
-        USAGE: not even a texel is left for each face.
+        USAGE: the texture has fewer texels than there are faces.
     """
     points = corners.astype(np.float64)
     sides = np.linalg.norm(points[:, [1, 2, 0]] - points[:, [2, 0, 1]], axis=2)
     # The right angle is at the corner across from the longest side, and the longer leg lies along a row.
     order = np.argsort(-sides, axis=1, kind="stable")[:, [0, 2, 1]]
+    # Legs (F, 2) in texels: their product is twice the pixels, their ratio is limited.
     short, long = np.sort(sides, axis=1)[:, :2].T
-    slim = np.clip(np.divide(long, short, out=np.ones_like(long), where=short > 0), 1, _SLIMMEST)
-    legs = np.sqrt(2 * np.maximum(pixels, 0)[:, None] * np.stack([slim, 1 / slim], axis=1))
-    for levels in LEVELS:
+    ratio = np.clip(np.divide(long, short, out=np.ones_like(long), where=short > 0), 1, _MAX_LEG_RATIO)
+    legs = np.sqrt(2 * np.maximum(pixels, 0)[:, None] * np.stack([ratio, 1 / ratio], axis=1))
+    for levels in MIP_LEVELS:
         block = 1 << levels
-        factor, cells, places = _packed(legs / block, size // block, block)
-        if factor >= _ENOUGH:
+        scale, cells, places = _pack(legs / block, size // block, block)
+        if scale >= _MIN_SCALE:
             break
     if places is None:
         text = f"{len(pixels):,} faces do not fit into a texture of {size} x {size} texels"
-        raise UsageError("USAGE", text)
+        raise UsageError("USAGE", f"{text}; pass a larger --texture")
     uvs = np.zeros((len(pixels), 3, 2))
-    np.put_along_axis(uvs, order[..., None], _placed(cells, places, block) / size, axis=1)
+    np.put_along_axis(uvs, order[..., None], _place_corners(cells, places, block) / size, axis=1)
     return uvs.reshape(-1, 2).astype(np.float32)
 
 
-def _packed(
-    legs: NDArray[np.float64], blocks: int, block: int
-) -> tuple[float, _Cells, NDArray[np.int64] | None]:
-    """Return a factor, 1 at most, cells of so much of the legs (F, 2) that fit, and their places."""
+def _pack(legs: Floats, blocks: int, block: int) -> tuple[float, _Cells, Ints | None]:
+    """Return the largest scale up to 1 with which legs (F, 2) fit, the cells, and their places (C, 2)."""
     low, high = 0.0, 2.0
-    for _ in range(_STEPS):
-        factor = (low + high) / 2
-        if _shelves(_cells(factor * legs, block).sides, blocks) is None:
-            high = factor
+    for _ in range(_BISECTIONS):
+        scale = (low + high) / 2
+        if _fill_rows(_make_cells(scale * legs, block).sides, blocks) is None:
+            high = scale
         else:
-            low = factor
-            if factor == 1:
+            low = scale
+            if scale == 1:
                 break
-    cells = _cells(low * legs, block)
-    return low, cells, _shelves(cells.sides, blocks)
+    cells = _make_cells(low * legs, block)
+    return low, cells, _fill_rows(cells.sides, blocks)
 
 
-def _cells(legs: NDArray[np.float64], block: int) -> _Cells:
-    """Return cells for faces with legs (F, 2) of so many blocks, rounded.
+def _make_cells(legs: Floats, block: int) -> _Cells:
+    """Return cells for faces with legs (F, 2) in blocks, which are rounded.
 
-    A level is read between the middles of its texels: a face alone needs half a block around it, and two that
-    share a cell two more blocks each way between them.
+    A mip level is sampled between the centres of its texels. So a face alone needs half a block of margin
+    around it, and two faces in one cell need two more blocks between them in each direction.
     """
     whole = np.rint(legs).astype(np.int64)
     whole = np.where(whole[:, :1] > 0, np.maximum(whole, 1), 0)
+    # Two faces share a cell, turned against each other, if that takes less room than two cells.
     is_point = whole[:, 0] == 0
     is_paired = (whole + 3).prod(axis=1) < 2 * (whole + 1).prod(axis=1)
     sides = []
-    of, number, count = np.zeros(len(legs), np.int64), np.zeros(len(legs), np.int64), 0
-    for chosen, each, gap in (
+    cell, number, count = np.zeros(len(legs), np.int64), np.zeros(len(legs), np.int64), 0
+    # For each kind of face: the faces of a cell, and the margin of the cell in blocks.
+    for chosen, per_cell, margin in (
         (is_paired, 2, 3),
         (~is_paired & ~is_point, 1, 1),
         (is_point, block * block, 1),
     ):
+        # Sort by size, so that faces of similar legs share a cell.
         faces = np.flatnonzero(chosen)
         faces = faces[np.lexsort((-whole[faces, 0], -whole[faces, 1]))]
-        of[faces], number[faces] = np.divmod(np.arange(len(faces)), each)
-        of[faces] += count
-        starts = np.arange(0, len(faces), each)
+        cell[faces], number[faces] = np.divmod(np.arange(len(faces)), per_cell)
+        cell[faces] += count
+        starts = np.arange(0, len(faces), per_cell)
         if len(starts):
-            sides.append(np.maximum.reduceat(whole[faces], starts, axis=0) + gap)
+            sides.append(np.maximum.reduceat(whole[faces], starts, axis=0) + margin)
         count += len(starts)
-    return _Cells(np.concatenate(sides), whole, of, number)
+    return _Cells(np.concatenate(sides), whole, cell, number)
 
 
-def _shelves(sides: NDArray[np.int64], blocks: int) -> NDArray[np.int64] | None:
-    """Return the places (C, 2) of cells, side by side and row by row, the highest first; None: no room."""
+def _fill_rows(sides: Ints, blocks: int) -> Ints | None:
+    """Return the places (C, 2) of cells in rows, the highest cells first; None if they do not fit."""
     order = np.lexsort((-sides[:, 0], -sides[:, 1]))
     width, height = sides[order].T
     ends = np.cumsum(width)
     places = np.zeros_like(sides)
     first = y = 0
     while first < len(sides):
+        # A row holds the cells whose summed width fits, and is as high as its first cell.
         left = ends[first] - width[first]
         last = int(np.searchsorted(ends, left + blocks, side="right"))
         if last == first or y + height[first] > blocks:
@@ -150,27 +167,26 @@ def _shelves(sides: NDArray[np.int64], blocks: int) -> NDArray[np.int64] | None:
     return places
 
 
-def _placed(cells: _Cells, places: NDArray[np.int64], block: int) -> NDArray[np.float64]:
-    """Return the corners (F, 3, 2) of faces in texels: that of the right angle, then those along x and y."""
-    place, sides = (block * each[cells.of][:, None] for each in (places, cells.sides))
+def _place_corners(cells: _Cells, places: Ints, block: int) -> Floats:
+    """Return the corners (F, 3, 2) of faces in texels: at the right angle, then along x and along y."""
+    place, sides = (block * values[cells.cell][:, None] for values in (places, cells.sides))
     legs = block * cells.legs[:, None]
     corners = block / 2 + (legs - _SLACK) * np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
+    # The second face of a cell is turned by half a turn; points lie at the centres of texels.
     turned = np.where(cells.number[:, None, None] > 0, sides - corners, corners)
     points = np.stack([cells.number % block, cells.number // block], axis=1)[:, None] + 0.5
     return np.asarray(place + np.where(legs > 0, turned, points))
 
 
-def connected_atlas(
-    vertices: NDArray[Any], faces: NDArray[np.int64], pixels: NDArray[np.float64], size: int
-) -> NDArray[np.float32]:
-    """Return texture coordinates (3F, 2) of the charts that xatlas cuts a surface into, in a square texture.
+def make_chart_atlas(vertices: NDArray[Any], faces: Ints, pixels: Floats, size: int) -> Singles:
+    """Return texture coordinates (3F, 2) of the charts that xatlas cuts a mesh into, in a square texture.
 
     Parameters
     ----------
     vertices : (V, 3) float
     faces : (F, 3) int64
     pixels : (F,) float64
-        Those that each face needs; charts are scaled by what their faces need together.
+        The number of pixels that show each face. Charts are scaled by the sum over their faces.
     size : int
         Texels along a side.
 
@@ -179,10 +195,10 @@ def connected_atlas(
     UsageError
         EXTRA_MISSING: xatlas is not installed.
     MeshError
-        MESH_ARRAY: xatlas makes nothing of this mesh.
+        MESH_ARRAY: xatlas fails.
     """
     need_xatlas()
-    # xatlas drops faces of less than 1e-7: it is given a unit in which the mean face has an area of 1.
+    # xatlas drops faces with an area below 1e-7, so scale the mesh to an average area of 1.
     points = vertices.astype(np.float64)
     area = float(_areas(points[faces]).mean())
     points = (points - points[faces].mean(axis=(0, 1))) / np.sqrt(area if area > 0 else 1)
@@ -191,83 +207,86 @@ def connected_atlas(
         "faces": faces.astype(np.uint32),
         "pixels": np.asarray(pixels, np.float64),
     }
-    reply = run_apart(unwrapped, str(size), arrays, _CHILD)
+    reply = run_apart(unwrap_in_child, str(size), arrays, _UNWRAP_LIMITS)
     if reply.why:
         raise MeshError("MESH_ARRAY", f"xatlas cannot unwrap these {len(faces):,} faces: {reply.why}")
     return np.asarray(reply.arrays["uv"])
 
 
 def need_xatlas() -> None:
-    """Raise a UsageError, EXTRA_MISSING, if what cuts surfaces into charts is not installed."""
-    need_extra("trial", "xatlas", what="a texture on a surface", instead="vertex colours need nothing")
+    """Raise a UsageError, EXTRA_MISSING, if xatlas is not installed."""
+    need_extra("trial", "xatlas", what="a texture on a surface", instead="vertex colours need no library")
 
 
-def unwrapped(word: str, arrays: Arrays) -> tuple[Any, Arrays]:
-    """Unwrap a mesh for a texture of `word` texels; a `Work` of `msb.base.children`."""
+def unwrap_in_child(word: str, arrays: Arrays) -> tuple[Any, Arrays]:
+    """Unwrap a mesh for a texture of `word` texels along a side; a `Work` of `msb.base.children`."""
     import xatlas
 
     packing = xatlas.PackOptions()
     packing.resolution, packing.padding, packing.bilinear = int(word), _PADDING, True
-    plane, faces, chart = _cut(arrays["vertices"], arrays["faces"])
-    of_face = chart[faces[:, 0]]
+    plane, faces, chart = _cut_charts(arrays["vertices"], arrays["faces"])
+    # Scale each chart so that its area is the number of pixels of its faces, within limits.
+    face_chart = chart[faces[:, 0]]
     area, pixels = (
-        np.bincount(of_face, values, len(plane)) for values in (_areas(plane[faces]), arrays["pixels"])
+        np.bincount(face_chart, values, len(plane)) for values in (_areas(plane[faces]), arrays["pixels"])
     )
     scale = np.sqrt(pixels / np.where(area > 0, area, 1))
-    usual = float(np.median(scale[pixels > 0])) if pixels.any() else 1.0
-    scale = np.clip(scale, _LEAST * usual, usual / _LEAST)
+    median = float(np.median(scale[pixels > 0])) if pixels.any() else 1.0
+    scale = np.clip(scale, _MIN_CHART_SCALE * median, median / _MIN_CHART_SCALE)
     packed = xatlas.Atlas()
     packed.add_uv_mesh(
-        (plane * scale[chart][:, None]).astype(np.float32), faces, of_face[:, None].astype(np.uint32)
+        (plane * scale[chart][:, None]).astype(np.float32), faces, face_chart[:, None].astype(np.uint32)
     )
     packed.generate(pack_options=packing)
     _, faces, uv = packed[0]
-    # It is about as large as was asked, in texels of its own; one scale keeps charts undistorted.
+    # The atlas has about the requested size; one common scale keeps its charts undistorted.
     sides = np.array([packed.width, packed.height])
-    placed = np.rint(uv.astype(np.float64) * sides / sides.max() * _PARTS)[faces] / _PARTS
-    return {"charts": int(packed.chart_count)}, {"uv": placed.reshape(-1, 2).astype(np.float32)}
+    places = np.rint(uv.astype(np.float64) * sides / sides.max() * _COORDINATE_STEPS)[faces]
+    uvs = (places / _COORDINATE_STEPS).reshape(-1, 2).astype(np.float32)
+    return {"charts": int(packed.chart_count)}, {"uv": uvs}
 
 
-def _cut(vertices: NDArray[np.float32], faces: NDArray[np.uint32]) -> tuple[Reals, Faces, Faces]:
-    """Return charts laid flat: places (n, 2) of vertices, faces (F, 3) of these, the chart (n,) of each."""
+def _cut_charts(vertices: Singles, faces: NDArray[np.uint32]) -> tuple[Floats, Ints, Ints]:
+    """Return flattened charts: places (n, 2) of vertices, faces (F, 3), and the chart (n,) of each vertex."""
     import xatlas
 
     cut = xatlas.Atlas()
-    blocks = _blocks(vertices[faces].mean(axis=1))
+    blocks = _split_blocks(vertices[faces].mean(axis=1))
     for block in blocks:
-        used, own = np.unique(faces[block], return_inverse=True)
-        cut.add_mesh(vertices[used], own.reshape(-1, 3).astype(np.uint32))
+        used, local = np.unique(faces[block], return_inverse=True)
+        cut.add_mesh(vertices[used], local.reshape(-1, 3).astype(np.uint32))
     cut.generate()
-    laid = np.zeros(faces.shape, np.int64)
-    places: list[Reals] = []
-    charts: list[Faces] = []
+    # Join the blocks again, with vertices numbered one block after the other.
+    joined = np.zeros(faces.shape, np.int64)
+    places: list[Floats] = []
+    charts: list[Ints] = []
     count = 0
     for number, block in enumerate(blocks):
-        _, own, uv = cut[number]
-        laid[block] = own.astype(np.int64) + count
+        _, local, uv = cut[number]
+        joined[block] = local.astype(np.int64) + count
         count += len(uv)
         places.append(uv.astype(np.float64) * (cut.width, cut.height))
         charts.append(np.asarray(cut.get_mesh_vertex_assignment(number)[1]).astype(np.int64))
     chart = np.concatenate(charts)
-    # That of no chart is a huge number: faces without area, which none shows.
+    # Faces without an area are in no chart, which xatlas marks by a huge number. They are invisible.
     chart[chart >= cut.chart_count] = 0
-    return np.concatenate(places), laid, chart
+    return np.concatenate(places), joined, chart
 
 
-def _blocks(middles: NDArray[np.float32]) -> list[Faces]:
-    """Return the faces with these middles (F, 3), in halves of halves, none of them large."""
-    blocks = [np.arange(len(middles))]
-    while len(blocks[0]) > _AT_ONCE:
+def _split_blocks(centers: Singles) -> list[Ints]:
+    """Return the numbers of faces with these centres (F, 3) in compact blocks of at most `_BLOCK_FACES`."""
+    blocks = [np.arange(len(centers))]
+    while len(blocks[0]) > _BLOCK_FACES:
         halves = []
         for block in blocks:
-            longest = np.ptp(middles[block], axis=0).argmax()
-            along = block[np.argsort(middles[block, longest], kind="stable")]
-            halves += [np.sort(half) for half in np.array_split(along, 2)]
+            longest = np.ptp(centers[block], axis=0).argmax()
+            ordered = block[np.argsort(centers[block, longest], kind="stable")]
+            halves += [np.sort(half) for half in np.array_split(ordered, 2)]
         blocks = halves
     return blocks
 
 
-def _areas(corners: NDArray[np.float64]) -> NDArray[np.float64]:
+def _areas(corners: Floats) -> Floats:
     """Return the areas (F,) of triangles (F, 3, 2 | 3)."""
     a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     squares = (a * a).sum(axis=1) * (b * b).sum(axis=1) - np.square((a * b).sum(axis=1))

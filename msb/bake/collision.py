@@ -1,8 +1,9 @@
-"""What stands in for a mesh where things bump into each other: closed, of few faces, near what is seen.
+"""Collision shapes: closed, of few faces, near the visible surface of a mesh.
 
-It is made of a closed surface: the mesh, or, of an open one, what cameras see of it, enclosed. Of an object
-it is that with fewer faces, or the convex parts that CoACD cuts it into; of a scene a sheet behind what is
-seen; where nothing is closed, hulls of patches. There is always something, and it says what.
+A shape is made of a closed surface: the mesh itself, or an enclosure of the visible parts of an open mesh.
+For an object it is that surface with fewer faces, or the convex parts that CoACD cuts it into. For a scene it
+is a thin sheet behind the visible surface. If nothing is closed, hulls of patches are used. There always is a
+shape, and it reports its kind.
 """
 
 from collections.abc import Sequence
@@ -12,15 +13,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from msb.bake.apart import POINTS, distances, spread
-from msb.bake.fusion import seen_points
-from msb.bake.hulls import PATCH_CORNERS, Faces, Part, Reals, hull_of, patches_of, smallest_box
-from msb.bake.needs import need_enclosure
-from msb.bake.options import ShapeKind, parse_collision
-from msb.bake.simpler import closed, simpler
-from msb.bake.solid import compacted, mended, parted
+from msb.bake.arrays import Floats, Ints
+from msb.bake.candidate_surface import enclose
+from msb.bake.closed_mesh import drop_unused_points, repair_closed, separate_vertices
+from msb.bake.depth_fusion import find_visible_points
+from msb.bake.hulls import PATCH_CORNERS, PointsAndFaces, fit_box, make_hull, split_into_patches
+from msb.bake.options import CollisionKind, parse_collision
+from msb.bake.requirements import need_enclosure
+from msb.bake.simplification import is_closed_surface, simplify
 from msb.bake.space import Space
-from msb.bake.surface import enclosed
+from msb.bake.surface_distance import POINTS, measure_distances, sample_surface
 from msb.base.children import Arrays, run_apart
 from msb.base.limits import Limits
 from msb.cl import Device
@@ -31,58 +33,78 @@ from msb.topology.faces import signed_volume
 from msb.topology.hulls import HULL_CORNERS
 from msb.topology.weld import weld_vertices
 
+# All lengths are relative to the diagonal of the visible surface, unless another unit is named.
+
+# Default time limit of CoACD in seconds. It can run for minutes, and does not end for some surfaces.
 SECONDS = 20.0
-# Distance from the visible surface, relative to its diagonal, above which a shape protrudes.
-MID_AIR = 0.02
-_NEARER = MID_AIR / 2  # sides that no camera sees are moved this close, unless they are far
-# Pixels of the largest depth map that encloses an open mesh; finer ones look into every crack.
+# Distance from the visible surface above which a shape protrudes. 95 % of the points of a surface with 1,000
+# faces are nearer than 0.01 to the original.
+PROTRUSION = 0.02
+# Unseen sides of an enclosure are moved to this distance, unless they are far. It is half of the above, so
+# that they do not count as protruding.
+_NEAR = PROTRUSION / 2
+
+# Enclosure of an open mesh.
+#
+# Pixels of the largest depth map. Finer ones look into every crack.
 PIXELS = 1 << 16
-# Cells along the longest side of the enclosing grid, for an object and for a scene; cells around an
-# object.
+# Cells along the longest side of the grid, for an object and for a scene, and the margin around an object in
+# cells. With fewer cells the rims of a scene are ragged.
 _CELLS, _MARGIN = (96, 224), 1.0
-_SKY = 1.9  # radius inside a scene's space beyond which all is sky: ten times the near radius
-# Of a scene: the share of the faces on the visible side, and the thickness in near radii.
-_FRONT, _BEHIND = 0.45, 0.02
-_AT_FIRST = 8  # a surface is simplified to this multiple of its face budget first
-_MOST_HULLS = 256
-_TOUCHING = 1e-3  # distance from a part, relative to the diagonal, below which it covers a point
-_SOLID_FACES = 2000  # faces of a closed surface given to CoACD, whose cost grows with them
-# CoACD's samples on a surface and its tries of a cut; below its defaults, so that it ends in time.
-_SAMPLES, _TRIES = 1000, 60
-_LEAST = np.finfo(np.float64).tiny
+# Radius in a scene's space beyond which everything is sky: ten times the near radius.
+_SKY_RADIUS = 1.9
+
+# Shapes.
+#
+# A sheet: the share of the faces on its visible side (the rest are its back and its rims), and its thickness
+# in near radii.
+_FRONT_SHARE, _SHEET_THICKNESS = 0.45, 0.02
+# A surface is simplified to this multiple of its face budget first. In one step it is far worse.
+_FIRST_STEP_FACTOR = 8
+# Largest number of hulls of patches; it bounds the time of the cuts.
+_MAX_HULLS = 256
+# Distance from a convex part below which it covers a point of another.
+_TOUCH_DISTANCE = 1e-3
+# Faces of a closed surface given to CoACD, whose time grows with them.
+_COACD_FACES = 2000
+# CoACD's sample points on a surface and its trials per cut, below its defaults of 2000 and 150, so that it
+# finishes in time.
+_COACD_SAMPLES, _COACD_TRIALS = 1000, 60
+_TINY = np.finfo(np.float64).tiny
 
 
 @dataclass(frozen=True, eq=False)
 class Collision:
-    """A shape to bump into, and how well it stands in for what is seen.
+    """A collision shape, and how well it approximates the visible surface.
 
     Attributes
     ----------
     mesh : Mesh
-        Closed and consistently wound: hulls and a box outwards, a mesh as what is seen. float32, without
-        colours. The parts of several follow each other.
+        Closed and consistently wound float32 mesh without colours. Hulls and a box are wound outwards, a mesh
+        as the visible surface. The parts of hulls follow each other.
     kind : {"mesh", "hulls", "box"}
-        What it is, which is not always what was asked for.
+        The kind that was made, which may differ from the requested one.
     parts : int
-        The number of convex parts of "hulls"; 1 of a mesh.
+        The number of convex parts of "hulls"; else 1.
     mean_distance : float
-        How far what cameras see is from it in the mean, of that one's diagonal; points all over the visible
-        mesh where there are no cameras.
+        Average distance from the visible surface to the shape, as a share of the diagonal. The visible
+        surface is seen by the cameras; without cameras it is all of the mesh.
     mid_air_share : float
-        The share of the area one can touch that is farther than 2 % of the diagonal from the visible mesh.
+        Share of the exposed area of the shape that protrudes: that is farther than 2 % of the diagonal from
+        the mesh.
     why : str
-        Why it is not what was asked for; else empty.
+        The reason if the kind differs from the requested one, else empty.
     """
 
     mesh: Mesh
-    kind: ShapeKind
+    kind: CollisionKind
     parts: int
     mean_distance: float
     mid_air_share: float
     why: str = ""
 
 
-def collision(
+def make_collision(
     mesh: Mesh,
     kind: str,
     cameras: Sequence[Camera] = (),
@@ -90,224 +112,247 @@ def collision(
     seconds: float = SECONDS,
     device: str | Device | None = None,
 ) -> Collision:
-    """Return a shape of this `kind` to bump into in the place of `mesh`, or the nearest there can be.
+    """Return a collision shape of this `kind` for `mesh`, or of the nearest kind that can be made.
 
     Parameters
     ----------
     mesh : Mesh
-        What is seen.
+        The mesh that is drawn.
     kind : str
-        "mesh:N", a surface of about N faces; "hulls:N", up to N convex parts that CoACD cuts the solid into;
-        "box", one box, turned to be small. Where neither the mesh is closed nor what cameras see of it
-        encloses anything, a mesh becomes hulls. Of a scene, and where CoACD does not end, hulls are those of
-        patches, which are hollow between them.
+        "mesh:N": a surface of about N faces. "hulls:N": up to N convex parts, which CoACD cuts the solid
+        into. "box": one box, turned to be small. If neither the mesh nor its enclosure is closed, hulls
+        replace a mesh. For a scene, and if CoACD does not finish, hulls of patches of the surface are used.
     cameras : sequence of Camera
-        From where it is looked at: what they see of a mesh that is not closed is enclosed, and a surface has
-        most faces where they look.
+        The parts of an open mesh that they see are enclosed, and a surface of a scene has most faces near
+        them.
     seconds : float
-        The time that CoACD has.
+        The time limit of CoACD.
     device : str or Device, optional
-        What draws for the cameras.
+        The OpenCL device.
 
     Raises
     ------
     UsageError
-        USAGE: there is no such kind. EXTRA_MISSING: an open mesh needs scikit-image, which is not installed.
+        USAGE: the kind is invalid. EXTRA_MISSING: an open mesh needs scikit-image, which is not installed.
     MeshError
-        MESH_ARRAY: there is no face. MESH_NONFINITE: a corner is not finite.
+        MESH_ARRAY: the mesh has no faces. MESH_NONFINITE: a corner is not finite.
     DeviceError
     """
-    wanted, count = parse_collision(kind)
-    shown, space = _shown(mesh, cameras, device)
-    seen, faces, middle, size = _in_unit(mesh, shown)
-    surface = seen, faces
+    requested, count = parse_collision(kind)
+    visible, space = _find_visible(mesh, cameras, device)
+    # From here on the unit is the diagonal and the origin the centre of the visible surface.
+    points, faces, middle, size = _normalize(mesh, visible)
+    surface = points, faces
     if space is not None:
         space = replace(space, center=(space.center - middle) / size, radius=space.radius / size)
-    # Sample points of the visible surface: from the cameras' pixels, else all over the mesh.
-    places = (shown[:: -(-len(shown) // POINTS)] - middle) / size if len(shown) else spread(*surface)[0]
-    solid = surface if closed(*surface) else None
-    if solid is None and len(shown) and wanted != "box":
-        points, around = _enclosed(mesh, cameras, device)
-        points = (points - middle) / size
+    # Sample points (n, 3) of the visible surface: from the cameras' pixels, else all over the mesh.
+    step = -(-len(visible) // POINTS)
+    samples = (visible[::step] - middle) / size if len(visible) else sample_surface(*surface)[0]
+    # The closed surface: the mesh, or its enclosure.
+    solid = surface if is_closed_surface(*surface) else None
+    if solid is None and len(visible) and requested != "box":
+        enclosure, around = _enclose(mesh, cameras, device)
+        enclosure = (enclosure - middle) / size
         if space is not None and not space.contracted:
-            points = _nearer(points, *surface)
+            enclosure = _pull_nearer(enclosure, *surface)
         # The enclosure of a thin sheet is far thicker, and is not used.
-        if len(around) and distances(places, points, around).mean() < MID_AIR / 2:
-            solid = points, around
-    made, parts, why = _shape(wanted, count, surface, solid, space, seconds)
+        if len(around) and measure_distances(samples, enclosure, around).mean() < PROTRUSION / 2:
+            solid = enclosure, around
+    made_kind, parts, why = _make_parts(requested, count, surface, solid, space, seconds)
     # One mesh of all parts, back in the asset's unit.
-    starts = np.cumsum([0, *(len(points) for points, _ in parts)])
-    points = np.concatenate([points for points, _ in parts])
-    joined = np.concatenate([own + start for (_, own), start in zip(parts, starts[:-1], strict=True)])
-    shape = Mesh((middle + size * points).astype(np.float32), joined, up=mesh.up)
-    near = float(distances(places, points, joined).mean())
-    mid_air = _mid_air(parts, (points, joined), surface)
-    return Collision(parted(shape) if made == "mesh" else shape, made, len(parts), near, mid_air, why)
+    starts = np.cumsum([0, *(len(corners) for corners, _ in parts)])
+    joined = (
+        np.concatenate([corners for corners, _ in parts]),
+        np.concatenate([rows + start for (_, rows), start in zip(parts, starts[:-1], strict=True)]),
+    )
+    shape = Mesh((middle + size * joined[0]).astype(np.float32), joined[1], up=mesh.up)
+    distance = float(measure_distances(samples, *joined).mean())
+    protruding = _protruding_share(parts, joined, surface)
+    shape = separate_vertices(shape) if made_kind == "mesh" else shape
+    return Collision(shape, made_kind, len(parts), distance, protruding, why)
 
 
-def _shape(
-    wanted: ShapeKind, count: int, surface: Part, solid: Part | None, space: Space | None, seconds: float
-) -> tuple[ShapeKind, list[Part], str]:
-    """Return the kind and the parts of a shape, and the reason if it is not the wanted one.
+def _make_parts(
+    requested: CollisionKind,
+    count: int,
+    surface: PointsAndFaces,
+    solid: PointsAndFaces | None,
+    space: Space | None,
+    seconds: float,
+) -> tuple[CollisionKind, list[PointsAndFaces], str]:
+    """Return the kind and the parts of a shape, and the reason if it is not the requested one.
 
-    `solid` is the closed surface, if there is one; `space` is None if no camera sees the mesh.
+    `surface` is the mesh, `solid` the closed surface if there is one; `space` is None if no camera sees the
+    mesh.
     """
-    if wanted == "box":
-        return "box", [smallest_box(surface[0])], ""
+    if requested == "box":
+        return "box", [fit_box(surface[0])], ""
     if solid is None:
-        hulls = count if wanted == "hulls" else max(1, count // PATCH_CORNERS)
-        why = "the mesh is not closed" + (
-            "" if space is None else ", and what is seen of it encloses nothing"
-        )
-        return "hulls", _patch_hulls(surface, hulls), why
+        hulls = count if requested == "hulls" else max(1, count // PATCH_CORNERS)
+        why = "the mesh is not closed, so hulls of patches of its surface are used"
+        if space is not None:
+            why = "the mesh is not closed and encloses nothing, so hulls of patches of its surface are used"
+        return "hulls", _make_patch_hulls(surface, hulls), why
     if space is not None and space.contracted:
-        patch = _near(solid, surface, space)
-        if wanted == "mesh":
-            return "mesh", [_sheet(patch, count, space)], ""
-        return "hulls", _patch_hulls(patch, count), "of a scene these are hulls of patches of it"
-    if wanted == "mesh":
-        return "mesh", [_fewer(solid, count)], ""
+        patch = _drop_sky(solid, surface, space)
+        if requested == "mesh":
+            return "mesh", [_make_sheet(patch, count, space)], ""
+        return (
+            "hulls",
+            _make_patch_hulls(patch, count),
+            "for a scene, hulls of patches of its surface are used",
+        )
+    if requested == "mesh":
+        return "mesh", [_reduce(solid, count)], ""
     if signed_volume(*solid) <= 0:
-        why = "the surface looks inward: these are hulls of patches of it"
-        return "hulls", _patch_hulls(surface, count), why
-    parts, why = _cut_by_coacd(*solid, count, seconds)
-    return "hulls", parts or _patch_hulls(surface, count), why
+        why = "the surface is wound inwards, so hulls of patches of it are used"
+        return "hulls", _make_patch_hulls(surface, count), why
+    parts, why = _run_coacd(*solid, count, seconds)
+    return "hulls", parts or _make_patch_hulls(surface, count), why
 
 
-def _patch_hulls(surface: Part, count: int) -> list[Part]:
-    return [hull_of(patch) for patch in patches_of(*surface, min(count, _MOST_HULLS))]
+def _make_patch_hulls(surface: PointsAndFaces, count: int) -> list[PointsAndFaces]:
+    return [make_hull(patch) for patch in split_into_patches(*surface, min(count, _MAX_HULLS))]
 
 
-def _shown(mesh: Mesh, cameras: Sequence[Camera], device: str | Device | None) -> tuple[Reals, Space | None]:
-    """Return places (n, 3) of the world that cameras see, evenly over their pixels and the sky left out, and
-    the space by which these are looked at; none without cameras."""
-    points = seen_points(mesh, cameras, device)
+def _find_visible(
+    mesh: Mesh, cameras: Sequence[Camera], device: str | Device | None
+) -> tuple[Floats, Space | None]:
+    """Return points (n, 3) of the world that cameras see, without the sky, and their space.
+
+    The space is None if there are no points.
+    """
+    points = find_visible_points(mesh, cameras, device)
     if not len(points):
         return points, None
-    space = Space.of(points, cameras)
+    space = Space.fit(points, cameras)
     if space.contracted:
-        points = points[np.linalg.norm(space.inward(points), axis=1) < _SKY]
+        points = points[np.linalg.norm(space.from_world(points), axis=1) < _SKY_RADIUS]
     return points, space
 
 
-def _in_unit(mesh: Mesh, shown: Reals) -> tuple[Reals, Faces, Reals, float]:
-    """Return the mesh about the middle of what is shown in units of its diagonal, and these two; those of the
-    mesh where nothing is.
+def _normalize(mesh: Mesh, visible: Floats) -> tuple[Floats, Ints, Floats, float]:
+    """Return the points and faces of the mesh, and the origin and unit that they are relative to.
 
-    If it is not closed, vertices in one place are merged: they may be doubled for colours alone.
+    The origin is the centre of the visible points (n, 3), the unit is their diagonal. Without visible points
+    all points of the mesh are used. If the mesh is not closed, vertices at one place are merged: they may be
+    doubled for colours only.
     """
     if not len(mesh.faces):
-        raise MeshError("MESH_ARRAY", "a mesh without faces has no collision mesh")
+        raise MeshError("MESH_ARRAY", "the mesh has no faces, so no collision shape can be made")
     points, faces = mesh.vertices, mesh.faces
-    if not closed(points, faces):
+    if not is_closed_surface(points, faces):
         points, faces = weld_vertices(points, faces, "exact")
     used, number = np.unique(faces, return_inverse=True)
     points, faces = points[used].astype(np.float64), number.reshape(-1, 3).astype(np.int64)
     if not np.isfinite(points).all():
         raise MeshError(
-            "MESH_NONFINITE", "a corner of a face is not finite; a collision mesh needs them finite"
+            "MESH_NONFINITE", "a corner of a face is not finite; a collision shape needs finite ones"
         )
-    bounds = shown if len(shown) else points
+    bounds = visible if len(visible) else points
     low, high = bounds.min(axis=0), bounds.max(axis=0)
     middle, size = (low + high) / 2, float(np.linalg.norm(high - low)) or 1.0
     return (points - middle) / size, faces, middle, size
 
 
-def _enclosed(mesh: Mesh, cameras: Sequence[Camera], device: str | Device | None) -> Part:
-    """Return the closed surface of what cameras see of a mesh, in the world; without a face if they enclose
-    nothing."""
+def _enclose(mesh: Mesh, cameras: Sequence[Camera], device: str | Device | None) -> PointsAndFaces:
+    """Return the enclosure of what cameras see of a mesh, in the world; empty if they enclose nothing."""
     need_enclosure()
     try:
-        points, faces, space = enclosed(mesh, cameras, _CELLS, _MARGIN, device=device)
+        points, faces, space = enclose(mesh, cameras, _CELLS, _MARGIN, device=device)
     except AssetError:
         return np.zeros((0, 3)), np.zeros((0, 3), np.int64)
-    return space.outward(points), faces
+    return space.to_world(points), faces
 
 
-def _nearer(points: Reals, seen: Reals, faces: Faces) -> Reals:
-    """Return the points of what encloses an object with those nearer that lie a little too far from it.
+def _pull_nearer(points: Floats, seen: Floats, faces: Ints) -> Floats:
+    """Return the points of an enclosure with those moved to the mesh that lie a little too far from it.
 
-    Sides that no camera looks at are closed flat, as the bottom of a plate that has a rim."""
+    Unseen sides are closed flat, for example below a plate with a rim.
+    """
     from scipy.spatial import cKDTree
 
-    marks = spread(seen, faces)[0]
-    away, mark = cKDTree(marks).query(points, workers=-1)
-    little = (away > _NEARER) & (away < 2 * MID_AIR)
-    to = marks[mark[little]]
-    points[little] = to + (points[little] - to) * (_NEARER / away[little])[:, None]
+    marks = sample_surface(seen, faces)[0]
+    distance, nearest = cKDTree(marks).query(points, workers=-1)
+    is_near = (distance > _NEAR) & (distance < 2 * PROTRUSION)
+    target = marks[nearest[is_near]]
+    points[is_near] = target + (points[is_near] - target) * (_NEAR / distance[is_near])[:, None]
     return points
 
 
-def _fewer(solid: Part, count: int) -> Part:
-    """Return a surface of about so many faces, no more than it has; of more where it would lose its shape."""
-    finer = simpler(*solid, _AT_FIRST * count)  # at once it is far worse
-    made = simpler(*finer, count)
-    # On its way to faces that it cannot spare the library eats whole sides.
-    while count < len(made[1]) < len(finer[1]) and distances(spread(*finer)[0], *made).mean() > MID_AIR:
+def _reduce(solid: PointsAndFaces, count: int) -> PointsAndFaces:
+    """Return a surface of about `count` faces, or of more if it would lose its shape."""
+    finer = simplify(*solid, _FIRST_STEP_FACTOR * count)
+    reduced = simplify(*finer, count)
+    # If the library cannot reach the count it removes whole sides, so allow twice as many faces.
+    while count < len(reduced[1]) < len(finer[1]):
+        if measure_distances(sample_surface(*finer)[0], *reduced).mean() <= PROTRUSION:
+            break
         count *= 2
-        made = simpler(*finer, count)
-    return made
+        reduced = simplify(*finer, count)
+    return reduced
 
 
-def _fewer_far(surface: Part, count: int, space: Space) -> Part:
-    """Return a surface of about so many faces, most of them where cameras look.
+def _reduce_scene(surface: PointsAndFaces, count: int, space: Space) -> PointsAndFaces:
+    """Return a surface of about `count` faces, most of them near the cameras.
 
-    Errors count as in a space where lengths beyond what is near grow as their root.
+    Errors are measured in a space where lengths beyond the near radius grow as their square root.
     """
-    away = (surface[0] - space.center) / space.radius
-    inside, faces = _fewer((away / np.sqrt(_beyond(away)), surface[1]), count)
-    return compacted(space.center + space.radius * inside * _beyond(inside), faces)
+    offset = (surface[0] - space.center) / space.radius
+    inside, faces = _reduce((offset / np.sqrt(_far_factor(offset)), surface[1]), count)
+    return drop_unused_points(space.center + space.radius * inside * _far_factor(inside), faces)
 
 
-def _near(solid: Part, seen: Part, space: Space) -> Part:
-    """Return the faces of what encloses a scene that stand where something is seen, and no sky."""
+def _drop_sky(solid: PointsAndFaces, seen: PointsAndFaces, space: Space) -> PointsAndFaces:
+    """Return the faces of a scene's enclosure that lie near the mesh and do not belong to the sky."""
     points, faces = solid
-    near = (np.linalg.norm(space.inward(points), axis=1) < _SKY)[faces].all(axis=1)
-    near[near] = distances(points[faces[near]].mean(axis=1), *seen) < MID_AIR
-    return compacted(points, faces[near if near.any() else slice(None)])
+    is_near = (np.linalg.norm(space.from_world(points), axis=1) < _SKY_RADIUS)[faces].all(axis=1)
+    is_near[is_near] = measure_distances(points[faces[is_near]].mean(axis=1), *seen) < PROTRUSION
+    return drop_unused_points(points, faces[is_near if is_near.any() else slice(None)])
 
 
-def _sheet(patch: Part, count: int, space: Space) -> Part:
-    """Return a surface of about so many faces, a little thick: with a back side and rims, so that it is
-    closed."""
-    points, faces = _fewer_far(patch, max(1, int(_FRONT * count)), space)
+def _make_sheet(patch: PointsAndFaces, count: int, space: Space) -> PointsAndFaces:
+    """Return a closed sheet of about `count` faces: a visible side, a back side, and rims."""
+    points, faces = _reduce_scene(patch, max(1, int(_FRONT_SHARE * count)), space)
     # Vertex normals (V, 3), weighted by area, and the back side at a distance along them.
     corners = points[faces]
     normals = np.zeros_like(points)
     np.add.at(normals, faces, np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])[:, None])
-    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), _LEAST)
-    back = points - _BEHIND * space.radius * normals
-    # Edges (n, 2) that no other face runs along the other way: the rims, which get two faces each.
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), _TINY)
+    back = points - _SHEET_THICKNESS * space.radius * normals
+    # Boundary edges (n, 2), which no other face traverses in the opposite direction. Each gets two rim faces.
     sides = np.stack([faces, np.roll(faces, -1, axis=1)], axis=-1).reshape(-1, 2)
-    lone = sides[~np.isin(sides[:, 0] * len(points) + sides[:, 1], sides[:, 1] * len(points) + sides[:, 0])]
-    a, b = lone.T
+    keys, reverse = sides[:, 0] * len(points) + sides[:, 1], sides[:, 1] * len(points) + sides[:, 0]
+    a, b = sides[~np.isin(keys, reverse)].T
     c, d = a + len(points), b + len(points)
     rims = np.concatenate([np.stack([b, a, c], axis=1), np.stack([b, c, d], axis=1)])
-    return mended(np.concatenate([points, back]), np.concatenate([faces, faces[:, ::-1] + len(points), rims]))
+    # Both sides and the rims in one mesh, repaired where the back side folds.
+    joined = np.concatenate([faces, faces[:, ::-1] + len(points), rims])
+    return repair_closed(np.concatenate([points, back]), joined)
 
 
-def _beyond(away: Reals) -> Reals:
-    """Return how far away points (n, 3) are, (n, 1), at least 1."""
-    found: Reals = np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1)
-    return found
+def _far_factor(offset: Floats) -> Floats:
+    """Return the distance (n, 1) of points (n, 3) from the origin, at least 1."""
+    factor: Floats = np.maximum(np.linalg.norm(offset, axis=1, keepdims=True), 1)
+    return factor
 
 
-def _cut_by_coacd(points: Reals, faces: Faces, most: int, seconds: float) -> tuple[list[Part], str]:
-    """Return at most so many convex parts of a closed surface, and why there are none."""
-    points, faces = simpler(points, faces, _SOLID_FACES)
-    reply = run_apart(convex_parts, str(most), {"points": points, "faces": faces}, Limits(seconds))
+def _run_coacd(points: Floats, faces: Ints, most: int, seconds: float) -> tuple[list[PointsAndFaces], str]:
+    """Return at most `most` convex parts of a closed surface, or none and the reason."""
+    points, faces = simplify(points, faces, _COACD_FACES)
+    reply = run_apart(cut_in_child, str(most), {"points": points, "faces": faces}, Limits(seconds))
     if reply.why:
-        return (
-            [],
-            f"CoACD does not cut the solid, {reply.why}: these are hulls of patches of its surface",
-        )
-    made = reply.arrays
-    split = (np.split(made[of], np.cumsum(made[f"{of} of each"])[:-1]) for of in ("points", "faces"))
+        return [], f"CoACD failed ({reply.why}), so hulls of patches of the surface are used"
+    # The child concatenates the parts and counts the rows of each.
+    arrays = reply.arrays
+    split = (
+        np.split(arrays[name], np.cumsum(arrays[f"{name} per part"])[:-1]) for name in ("points", "faces")
+    )
     parts = zip(*split, strict=True)
-    return [(own, rows if signed_volume(own, rows) >= 0 else rows[:, ::-1]) for own, rows in parts], ""
+    return [(part, rows if signed_volume(part, rows) >= 0 else rows[:, ::-1]) for part, rows in parts], ""
 
 
-def convex_parts(word: str, arrays: Arrays) -> tuple[Any, Arrays]:
+def cut_in_child(word: str, arrays: Arrays) -> tuple[Any, Arrays]:
     """Cut a mesh into at most `word` convex parts; a `Work` of `msb.base.children`."""
     import coacd
 
@@ -315,35 +360,34 @@ def convex_parts(word: str, arrays: Arrays) -> tuple[Any, Arrays]:
     parts = coacd.run_coacd(
         coacd.Mesh(arrays["points"], arrays["faces"].astype(np.int32)),
         max_convex_hull=int(word),
-        resolution=_SAMPLES,
-        mcts_iterations=_TRIES,
+        resolution=_COACD_SAMPLES,
+        mcts_iterations=_COACD_TRIALS,
         max_ch_vertex=HULL_CORNERS,
     )
     if not parts:
-        raise ValueError("it gives no part")
-    made: dict[str, NDArray[Any]] = {}
-    for of, rows, kind in zip(
-        ("points", "faces"), zip(*parts, strict=True), (np.float64, np.int64), strict=True
-    ):
-        made[of] = np.concatenate([np.asarray(one, kind) for one in rows])
-        made[f"{of} of each"] = np.array([len(one) for one in rows])
-    return None, made
+        raise ValueError("it returned no part")
+    result: dict[str, NDArray[Any]] = {}
+    kinds = np.float64, np.int64
+    for name, rows, kind in zip(("points", "faces"), zip(*parts, strict=True), kinds, strict=True):
+        result[name] = np.concatenate([np.asarray(part, kind) for part in rows])
+        result[f"{name} per part"] = np.array([len(part) for part in rows])
+    return None, result
 
 
-def _mid_air(parts: list[Part], shape: Part, seen: Part) -> float:
-    """Return the share of a shape's area that is far from what is `seen`, of what no other part covers."""
-    # Points all over the shape, and the part of each.
-    places, face = spread(*shape)
-    of = np.repeat(np.arange(len(parts)), [len(faces) for _, faces in parts])[face]
-    free = np.ones(len(places), bool)
-    # A point counts only if it is outside of all other parts, which are convex: above one of their planes.
+def _protruding_share(parts: list[PointsAndFaces], shape: PointsAndFaces, seen: PointsAndFaces) -> float:
+    """Return the share of a shape's exposed area that is far from the mesh `seen`."""
+    # Points (n, 3) all over the shape, and the part (n,) of each.
+    places, face = sample_surface(*shape)
+    part = np.repeat(np.arange(len(parts)), [len(faces) for _, faces in parts])[face]
+    # A point is exposed if it is outside of all other parts, which are convex: above one of their planes.
+    is_exposed = np.ones(len(places), bool)
     for number, (points, faces) in enumerate(parts if len(parts) > 1 else ()):
         corners = points[faces]
         normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), _LEAST)
-        others = np.flatnonzero(free & (of != number))
+        normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), _TINY)
+        others = np.flatnonzero(is_exposed & (part != number))
         above = places[others] @ normal.T - (normal * corners[:, 0]).sum(axis=1)
-        free[others[(above <= _TOUCHING).all(axis=1)]] = False
-    if not free.any():
+        is_exposed[others[(above <= _TOUCH_DISTANCE).all(axis=1)]] = False
+    if not is_exposed.any():
         return 0.0
-    return float((distances(places[free], *seen) > MID_AIR).mean())
+    return float((measure_distances(places[is_exposed], *seen) > PROTRUSION).mean())

@@ -1,4 +1,4 @@
-"""`msb bake`: a plain asset that looks like the model, taught by the model's own renderer."""
+"""`msb bake`: an opaque mesh that looks like the native rendering of a model."""
 
 from __future__ import annotations
 
@@ -19,23 +19,23 @@ if TYPE_CHECKING:
     from msb.scenes.datasets import Scene
 
 
-# Geometry -> what becomes of what no view sees.
+# Geometry -> what happened to unseen surface.
 _UNSEEN = {
-    "kept": "stays as it was",
-    "fitted": "stays as it was where faces were to spare",
+    "kept": "it keeps its old colours",
+    "fitted": "it keeps its old colours, as far as the face budget allows",
     "surface": "the surface is closed there",
 }
 
 
 @dataclass(frozen=True)
 class BakeFiles:
-    """Where the mesh is written, and the scene it is made for."""
+    """The outputs, and the scene that the model was trained on."""
 
     outputs: Annotated[
         tuple[Path, ...],
         Option(
-            "What to write: .glb, .triasset, .obj or another format, and may be given again; or a folder: a "
-            "name without an ending.",
+            "Write to OUT: a .glb, .triasset, .obj or another format, or a folder (a name without a suffix). "
+            "Repeat the option to write several formats.",
             ("--out", "-o"),
             metavar="OUT",
             output="own",
@@ -44,8 +44,8 @@ class BakeFiles:
     scene: Annotated[
         Path | None,
         Option(
-            "The scene it was trained on, as msb run reads it: its training views teach, its test views are "
-            "for the numbers alone.",
+            "Use the views of the scene that the model was trained on: its training views supervise, its "
+            "test views are held out for the measurement.",
             metavar="DIR",
         ),
     ] = None
@@ -70,31 +70,32 @@ def bake(
     output: JsonOutput,
     typed: Typed,
 ) -> None:
-    """Make a plain asset that looks like a model: opaque, with a texture or colours that any engine shows.
+    """Make an opaque mesh, with a texture or vertex colours, that looks like the native rendering of a model.
 
-    The model's own renderer teaches it, in the views of --scene or --cameras, else of its training where they
-    lie beside it, else in views round it. What is printed is measured in views that taught nothing: dB to
-    photographs with --scene, else to the model's own look.
+    The mesh is fitted to native renderings of the model in the views of --scene or --cameras. Without these,
+    the training cameras beside the model are used, or generated views. The printed PSNR is measured on
+    held-out views: to the photographs with --scene, else to native renderings.
 
-    A folder has what an artist wants: asset.glb, what --lods and --collision make beside it, bake.json (what
-    --json writes), preview.png, and index.html, a page to look at all of it. Of a folder that is there only
-    what a bake wrote is replaced.
+    An output folder contains asset.glb with its levels of detail and its collision shape, bake.json (the
+    output of --json), preview.png, and index.html, a page that shows all of them. In an existing folder only
+    files written by an earlier bake are replaced.
     """
     require(files.outputs, "Missing output. Pass -o with the file to write, for example -o model.glb")
     _check_files(files, views, typed)
     from msb.api.command_files import open_asset
-    from msb.bake import bake as make
-    from msb.bake.folder import PAGE, only_folder
-    from msb.bake.written import endings, places
+    from msb.bake import bake as run_bake
+    from msb.bake.folder import PAGE, is_folder_output
+    from msb.bake.output_files import list_endings, list_output_files
     from msb.scenes.datasets import scene_of
 
+    # Check all outputs before the work.
     folder = None
-    if only_folder(files.outputs) and not is_stdout(files.outputs[0]):
+    if is_folder_output(files.outputs) and not is_stdout(files.outputs[0]):
         folder = files.outputs[0]
         output.check_folder(folder)
     else:
-        names = endings(len(options.shares), has_collision=options.collision is not None)
-        for place in places(files.outputs, names):
+        endings = list_endings(len(options.lod_shares), has_collision=options.collision is not None)
+        for place in list_output_files(files.outputs, endings):
             output.check_free(place)
     asset = open_asset(path, output)
     cameras = None if views.cameras is None else views.read(output.note)
@@ -102,7 +103,7 @@ def bake(
     if files.scene is not None and files.image_folder is not None:
         scene = scene_of(asset.manifest, files.scene, image_folder=files.image_folder)
     with output.bars("steps") as progress:
-        baked = make(
+        baked = run_bake(
             asset,
             scene=scene,
             cameras=cameras,
@@ -116,25 +117,25 @@ def bake(
     if folder is None:
         _note_losses(baked, files.outputs, output)
     if output.prints_text:
-        _show(report, files.outputs, output)
+        _print_report(report, files.outputs, output)
         if folder is not None and (folder / PAGE).exists() and not output.quiet:
-            echo(f"{one_line(str(folder / PAGE))}: a page to look at it")
+            echo(f"Open {one_line(str(folder / PAGE))} in a browser to view the result")
 
 
 def _check_files(files: BakeFiles, views: Views, typed: Typed) -> None:
     """Reject options that contradict each other."""
     if files.scene is not None:
-        typed.reject(["cameras"], "does not go with --scene, which has its own cameras")
+        typed.reject(["cameras"], "cannot be combined with --scene, which has its own cameras")
     else:
         typed.reject(["image_folder"], "needs --scene DIR")
     if views.cameras is None:
         typed.reject(["size"], NO_CAMERAS)
     if files.scene is not None or views.cameras is not None:
-        typed.reject(["up"], "is for generated views, without --scene and --cameras")
+        typed.reject(["up"], "only applies to generated views, without --scene and --cameras")
 
 
 def _note_losses(baked: Baked, paths: tuple[Path, ...], output: Output) -> None:
-    """Say what a format has no place for."""
+    """Print a note on what a format cannot store."""
     from msb.asset import ASSET_SUFFIX
     from msb.meshes.assets import as_held, mesh_from_asset
     from msb.meshes.losses import losses
@@ -147,24 +148,27 @@ def _note_losses(baked: Baked, paths: tuple[Path, ...], output: Output) -> None:
                 output.note(f"{path}: {text}")
 
 
-def _show(report: Report, paths: tuple[Path, ...], output: Output) -> None:
-    """Print the numbers, and what else should be known."""
+def _print_report(report: Report, paths: tuple[Path, ...], output: Output) -> None:
+    """Print the result, the views, the companions and the notes."""
     names = ", ".join(one_line(str(path)) for path in paths)
     echo(f"{names}: {report.sentence}")
     if output.quiet:
         return
-    views = f"{report.taught} view{'s' if report.taught != 1 else ''}"
-    if report.between:
-        views = f"{views} and {report.between} between them"
-    echo(f"taught by {views}, {report.teacher}: {one_line(report.views)}")
-    for level in report.lods:
-        echo(f"{one_line(str(level.output))}: {level.said}")
+    count = report.training + report.validation
+    views = f"{count} training view{'s' if count != 1 else ''}"
+    if report.interpolated:
+        views = f"{views} plus {report.interpolated} interpolated ones"
+    images = "native renderings" if report.supervision == "native" else "photographs"
+    echo(f"Baked from {images} of {views}. Source of the views: {one_line(report.views)}")
+    for lod in report.lods:
+        echo(f"{one_line(str(lod.output))}: {lod.sentence}")
     if (shape := report.collision) is not None:
-        echo(f"{one_line(str(shape.output))}: {shape.said}")
+        echo(f"{one_line(str(shape.output))}: {shape.sentence}")
         if shape.why:
             output.note(shape.why)
     if report.unseen_area:
-        became = _UNSEEN[report.geometry]
-        echo(f"{100 * report.unseen_area:.1f} % of the model's area is in no view, and {became}")
+        share = 100 * report.unseen_area
+        size = f"{share:.1f} %" if share >= 0.05 else "Less than 0.1 %"
+        echo(f"{size} of the model's area is in no training view; {_UNSEEN[report.geometry]}")
     for text in report.notes:
         output.note(text)

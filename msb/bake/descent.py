@@ -1,162 +1,176 @@
-"""Where the faces of an opaque soup should be: gradient descent on the squared error of its pictures.
+"""Gradient descent on the corners of an opaque soup, by the squared error of its images.
 
-An opaque picture changes where borders between faces move. How the error rises with each corner is summed
-over the pixels at these borders (the kernel `sums` of bake.cl), for some views at a time; corners move
-against it by Adam's rule (Kingma and Ba 2015, with one scale for all coordinates of a face), and colours
-follow by least squares over what the last steps saw. Between steps faces are hidden or shown where that
-pays (`msb.bake.search`)."""
+An opaque image changes at the borders between faces as these move. The kernel `sums` of bake.cl computes the
+gradient of the error by each corner: a sum over the pixels at the borders, for a few views at a time. Corners
+move against it by Adam's rule (Kingma and Ba 2015, with one scale for all coordinates of a face). Colours
+follow by least squares over the sums of the last steps. Between steps faces are hidden or shown if that
+reduces the error (`msb.bake.face_selection`).
+"""
 
 import time
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
-from msb.bake.kept import FEWEST
-from msb.bake.raster import Raster
-from msb.bake.search import some_views, try_faces
+from msb.bake.arrays import Floats
+from msb.bake.candidate_kept import MIN_FACE_PIXELS
+from msb.bake.context import BestState
+from msb.bake.face_selection import sample_views, toggle_faces
 from msb.bake.soup import Soup
-from msb.bake.start import Best
+from msb.bake.soup_renderer import SoupRenderer
 
-_MOMENTUM, _SCALE = 0.9, 0.99
-_TINY = 1e-30
-MEMORY = 0.9  # decay per step of the colour sums of earlier steps
-# Steps between solving colours, and between hiding and showing faces.
-RECOLOR, _TRY = 5, 40
-LOOK = 20  # steps between validations
-_FARTHEST = 3.0  # largest move of a corner in a step, in rates
-_PACE = 10  # steps after which the time of a step is known
+# Adam's decay per step of the average gradient and of the average squared gradient. The second is 0.99, not
+# 0.999 as in the paper, as a search has only some hundred steps.
+_MOMENTUM, _SCALE_DECAY = 0.9, 0.99
+# Smallest divisor, which avoids division by 0 for faces without a gradient.
+_EPSILON = 1e-30
+# Decay per step of the colour sums of earlier steps: colours follow the last ten steps, about 80 views.
+COLOR_DECAY = 0.9
+# Steps between two fits of the colours, and between two rounds of the face selection. A round takes as long
+# as several steps.
+COLOR_STEPS, _SELECTION_STEPS = 5, 40
+# Steps between two validations, which draw all validation views.
+VALIDATION_STEPS = 20
+# Largest move of a corner in a step, relative to the step length. Adam's first steps can be much larger.
+_MAX_MOVE = 3.0
+# Steps after which the time per step is known well enough to plan the rest. The first step is not counted, as
+# kernels are built in it.
+_PACE_STEPS = 10
 
 
-class Schedule:
-    """How many steps there are: as many as planned, or as there is time for from now on until `until`, of
-    `time.monotonic`."""
+class StepSchedule:
+    """The number of steps of a search: as planned, or as many as fit before the time limit.
 
-    def __init__(self, planned: int, until: float = np.inf) -> None:
-        self.steps = planned
+    Parameters
+    ----------
+    planned : int
+        The number of steps without a time limit.
+    until : float
+        The time limit, a value of `time.monotonic`.
+    progress : callable
+        Called as ``progress(step, steps)`` after each step; returns whether to stop.
+    """
+
+    def __init__(self, planned: int, until: float, progress: Callable[[int, int], bool]) -> None:
+        self._steps, self._progress = planned, progress
         self._planned, self._taken, self._share = planned, 0, 0.0
         self._first, self._until = 0.0, until
         self._is_short = False
 
-    def share(self, step: int, *, enough: bool) -> float:
-        """Return how much of all is done after a step: all where somebody says that it is `enough`."""
+    def finish_step(self, step: int) -> float:
+        """Return the share of the search that is done after a step; 1 ends it."""
+        stop = self._progress(step, self._steps)
         self._taken = step
         now, left = time.monotonic(), self._planned - step
-        if step == 1:  # it took longer: kernels were built
+        if step == 1:
             self._first = now
-        elif step >= _PACE and self._until < np.inf:
-            pace = max(now - self._first, _TINY) / (step - 1)
+        elif step >= _PACE_STEPS and self._until < np.inf:
+            pace = max(now - self._first, _EPSILON) / (step - 1)
             possible = int((self._until - now) / pace)
             self._is_short |= possible < left
-            if self._is_short:  # chance has a say from here on, so a step is missing to the end, and noted
+            # Once the time was short the step lengths depend on the clock. Leave out a step in any case, so
+            # that a note reports it.
+            if self._is_short:
                 left = min(possible, left - 1)
-        if enough or now > self._until or left <= 0:
+        if stop or now > self._until or left <= 0:
             return 1.0
-        self.steps = step + left
+        self._steps = step + left
         self._share += (1 - self._share) / (left + 1)
         return self._share
 
-    def lacks(self, what: str) -> list[str]:
-        """Return the note on `what` was moved in fewer steps than were planned, if it was."""
+    def notes(self, subject: str) -> list[str]:
+        """Return the note that `subject` was moved in fewer steps than planned, if it was."""
         if not 0 < self._taken < self._planned:
             return []
-        return [f"{what} took {self._taken} of {self._planned} steps to where pictures want them"]
+        text = f"{subject}: stopped after {self._taken} of {self._planned} steps; the quality is reduced"
+        return [f"{text}. Pass a larger --seconds for more steps"]
 
 
 class Adam:
-    """Which way and how far to move at each step, in rates of the step, by Adam's rule.
+    """The direction and length of each step by Adam's rule, in units of the step length.
 
-    What moves together has one scale. No place moves farther than `farthest` rates.
+    Coordinates that belong together have one scale.
+
+    Parameters
+    ----------
+    max_move : float
+        The largest move in a step, in step lengths.
     """
 
-    def __init__(self, farthest: float) -> None:
-        self._farthest = farthest
+    def __init__(self, max_move: float) -> None:
+        self._max_move = max_move
         self._step = 0
-        self._slope: NDArray[np.float64] | float = 0.0
-        self._square: NDArray[np.float64] | float = 0.0
+        self._gradient: Floats | float = 0.0
+        self._square: Floats | float = 0.0
 
-    def move(self, slope: NDArray[np.float64], square: NDArray[np.float64] | float) -> NDArray[np.float64]:
-        """Return what to take from places, as slopes (..., 3) of the error there say.
+    def compute_move(self, gradient: Floats, square: Floats | float) -> Floats:
+        """Return the move (..., 3) to subtract, for the gradient (..., 3) of the error.
 
-        `square` is the mean square of the slopes that have one scale, and fits to `slope`.
+        `square` is the mean squared gradient of the coordinates that share a scale, and broadcasts to
+        `gradient`.
         """
+        # Running averages, corrected for their start at 0.
         self._step += 1
-        self._slope = _MOMENTUM * self._slope + (1 - _MOMENTUM) * slope
-        self._square = _SCALE * self._square + (1 - _SCALE) * square
-        size = np.sqrt(self._square / (1 - _SCALE**self._step)) + _TINY
-        move: NDArray[np.float64] = self._slope / (1 - _MOMENTUM**self._step) / size
+        self._gradient = _MOMENTUM * self._gradient + (1 - _MOMENTUM) * gradient
+        self._square = _SCALE_DECAY * self._square + (1 - _SCALE_DECAY) * square
+        size = np.sqrt(self._square / (1 - _SCALE_DECAY**self._step)) + _EPSILON
+        move: Floats = self._gradient / (1 - _MOMENTUM**self._step) / size
+        # Shorten moves that are too long.
         length = np.linalg.norm(move, axis=-1, keepdims=True)
-        move *= np.minimum(1, self._farthest / np.maximum(length, _TINY))
+        move *= np.minimum(1, self._max_move / np.maximum(length, _EPSILON))
         return move
 
 
-def descend(
+def move_faces(
     soup: Soup,
-    raster: Raster,
+    renderer: SoupRenderer,
+    validation: SoupRenderer,
     random: np.random.Generator,
     *,
-    rates: tuple[float, float],
+    step_lengths: tuple[float, float],
     most: int | None,
-    done: Callable[[int], float],
-) -> None:
-    """Move the corners of the faces that are shown, by steps that shrink from the first rate to the last.
+    schedule: StepSchedule,
+) -> Soup:
+    """Move the corners of the selected faces; return the state with the smallest validation error.
 
-    A rate is relative to the size of a face. No more than `most` are shown. ``done(step)`` is called after
-    each step and says how much of all is done, from 0 to 1, where it ends."""
-    adam = Adam(_FARTHEST)
-    memory = None
+    Step lengths fall from the first to the last of `step_lengths`, which are relative to the size of a face.
+    At most `most` faces are selected. If faces have too few pixels they are not moved.
+    """
+    soup.refit_colors(renderer)
+    best = BestState(validation)
+    best.evaluate(soup)
+    if renderer.pixels_per_face(soup.selected_count) < MIN_FACE_PIXELS:
+        return best.soup
+    adam = Adam(_MAX_MOVE)
+    sums = None
     step, share = 0, 0.0
     while share < 1:
         step += 1
-        soup.put_on(raster)
-        seen = raster.seen(some_views(raster, random))
-        slopes = seen.slopes.astype(np.float64)
-        move = adam.move(slopes, np.square(slopes).mean(axis=(1, 2), keepdims=True))
-        first, last = rates
-        rate = first + (last - first) * share
-        soup.corners -= (rate * _sizes(soup)[:, None, None] * move).astype(np.float32)
-        memory = seen.sums if memory is None else MEMORY * memory + seen.sums
-        if step % RECOLOR == 0:
-            soup.recolor(seen._replace(sums=memory))
-        if step % _TRY == 0:
-            try_faces(soup, raster, random, show=False)
-            try_faces(soup, raster, random, hide=False, most=most)
-        share = done(step)
-
-
-def moved(
-    soup: Soup,
-    raster: Raster,
-    judge: Raster,
-    random: np.random.Generator,
-    *,
-    rates: tuple[float, float],
-    most: int | None,
-    done: Callable[[int], float],
-) -> Soup:
-    """Return the best of `soup` in the views of `judge`, on its way from where it is: as `descend`, which
-    takes the other arguments.
-
-    Where its faces have too few pixels they stay where they are.
-    """
-    soup.refit(raster)
-    best = Best(judge)
-    best.look(soup)
-
-    def looked(step: int) -> float:
-        if step % LOOK == 0:
-            best.look(soup)
-        return done(step)
-
-    if raster.pixels_a_face(soup.count) >= FEWEST:
-        descend(soup, raster, random, rates=rates, most=most, done=looked)
-        soup.refit(raster)
-        best.look(soup)
+        soup.upload(renderer)
+        seen = renderer.sum_faces(sample_views(renderer, random))
+        # Move the corners (F, 3, 3); the nine coordinates of a face share one scale.
+        gradients = seen.gradients.astype(np.float64)
+        move = adam.compute_move(gradients, np.square(gradients).mean(axis=(1, 2), keepdims=True))
+        first, last = step_lengths
+        length = first + (last - first) * share
+        soup.corners -= (length * _face_sizes(soup)[:, None, None] * move).astype(np.float32)
+        # Colours, face selection and validation take turns.
+        sums = seen.sums if sums is None else COLOR_DECAY * sums + seen.sums
+        if step % COLOR_STEPS == 0:
+            soup.fit_colors(seen._replace(sums=sums))
+        if step % _SELECTION_STEPS == 0:
+            toggle_faces(soup, renderer, random, show=False)
+            toggle_faces(soup, renderer, random, hide=False, most=most)
+        if step % VALIDATION_STEPS == 0:
+            best.evaluate(soup)
+        share = schedule.finish_step(step)
+    soup.refit_colors(renderer)
+    best.evaluate(soup)
     return best.soup
 
 
-def _sizes(soup: Soup) -> NDArray[np.float64]:
-    """Return (F,) square roots of twice the areas."""
+def _face_sizes(soup: Soup) -> Floats:
+    """Return the size (F,) of each face: the square root of twice its area."""
     sides = soup.corners[:, 1:].astype(np.float64) - soup.corners[:, :1]
-    found: NDArray[np.float64] = np.sqrt(np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1))
-    return found
+    sizes: Floats = np.sqrt(np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1))
+    return sizes

@@ -1,30 +1,33 @@
-"""Convex shapes about points, in units of their diagonal: hulls of patches of a surface, the smallest box."""
+"""Convex shapes around points, in units of the diagonal: hulls of patches of a surface, and boxes."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-from msb.bake.apart import spread
+from msb.bake.arrays import Floats, Ints
+from msb.bake.surface_distance import sample_surface
 from msb.topology.faces import face_areas
 from msb.topology.hulls import hull_directions
 
-Reals = NDArray[np.float64]
-Faces = NDArray[np.int64]
 # Points (V, 3) and the faces (F, 3) on them.
-Part = tuple[Reals, Faces]
+PointsAndFaces = tuple[Floats, Ints]
 
-PATCH_CORNERS = 32  # most corners of the hull of a patch, and about its number of faces
-_THIN = 1e-3  # thickness of a box, or of the hull of a flat patch, relative to the diagonal
-_FLAT = 1e-6  # volume below which a hull counts as flat, relative to the diagonal's cube
-_OVERLAP = 4e-3  # reach of either patch beyond a cut, relative to the diagonal, so that nothing falls through
-# Shares of a patch's points on one side of a tried cut, along each of its axes.
-_CUTS = (0.15, 0.3, 0.4, 0.5, 0.6, 0.7, 0.85)
-_SPREAD = 5000  # sample points on the faces, besides their corners, that make up patches
-_BASES = 500  # the largest faces of a hull on which a box is tried
-_LEAST = np.finfo(np.float64).tiny
-# The lower and upper ends of three axes.
-_ENDS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
-# The faces of a box with its corners in the order of `_ENDS`.
-_BOX = np.array(
+# Largest number of corners of the hull of a patch. Physics engines take hulls of some dozens of corners.
+PATCH_CORNERS = 32
+# Thickness of a box, or of the hull of a flat patch, relative to the diagonal: thin, and still a solid.
+_MIN_THICKNESS = 1e-3
+# Volume relative to the cube of the diagonal below which a hull counts as flat and is thickened.
+_FLAT_VOLUME = 1e-6
+# Both patches reach this far beyond a cut, relative to the diagonal, so that nothing falls through.
+_OVERLAP = 4e-3
+# Shares of a patch's points on one side of a tried cut, along each of its axes. More cuts take longer.
+_CUT_QUANTILES = (0.15, 0.3, 0.4, 0.5, 0.6, 0.7, 0.85)
+# Sample points on the faces that patches are made of, in addition to the vertices: they fill large faces.
+_SAMPLE_POINTS = 5000
+# Boxes are tried on this number of the largest hull faces. The smallest box lies on a large face.
+_MAX_BASES = 500
+_TINY = np.finfo(np.float64).tiny
+# The corners (8, 3) of a box, and its faces (12, 3).
+_BOX_CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
+_BOX_FACES = np.array(
     [
         [[0, 1, 3], [0, 3, 2]],
         [[4, 6, 7], [4, 7, 5]],
@@ -36,123 +39,127 @@ _BOX = np.array(
 ).reshape(-1, 3)
 
 
-def patches_of(points: Reals, faces: Faces, count: int) -> list[Reals]:
-    """Return up to so many sets of points of a surface, whose hulls have little volume together.
+def split_into_patches(points: Floats, faces: Ints, count: int) -> list[Floats]:
+    """Return up to `count` sets of points (n, 3) of a surface whose hulls have a small total volume.
 
-    Again and again the one with the largest hull is cut where that saves most.
+    Repeatedly, the patch with the largest hull is cut at the place that saves the most volume.
     """
-    points = np.concatenate([points, spread(points, faces, _SPREAD)[0]])
+    points = np.concatenate([points, sample_surface(points, faces, _SAMPLE_POINTS)[0]])
     patches = [(_volume(points), points)]
     while len(patches) < count:
         largest = max(range(len(patches)), key=lambda number: patches[number][0])
-        halves = _cut(patches[largest][1])
+        halves = _cut_patch(patches[largest][1])
         if not halves:
             break
         patches[largest : largest + 1] = halves
     return [patch for _, patch in patches]
 
 
-def _cut(points: Reals) -> list[tuple[float, Reals]]:
-    """Return two parts of a patch, each with its volume, that are least together; none of what is one
-    place."""
-    found: list[tuple[float, Reals]] = []
+def _cut_patch(points: Floats) -> list[tuple[float, Floats]]:
+    """Return the two parts of a patch with the smallest total volume; empty if it cannot be cut."""
+    best: list[tuple[float, Floats]] = []
     if len(points) < 2:
-        return found
+        return best
+    # Try cuts across each principal axis: at the widest gap, and at some quantiles.
     for axis in _principal_axes(points):
         along = points @ axis
-        for place in (_widest_gap(along), *np.quantile(along, _CUTS)):
+        for place in (_widest_gap(along), *np.quantile(along, _CUT_QUANTILES)):
             halves = points[along <= place + _OVERLAP], points[along >= place - _OVERLAP]
             if max(map(len, halves)) < len(points):
                 volumes = [_volume(half) for half in halves]
-                if not found or sum(volumes) < sum(volume for volume, _ in found):
-                    found = list(zip(volumes, halves, strict=True))
-    return found
+                if not best or sum(volumes) < sum(volume for volume, _ in best):
+                    best = list(zip(volumes, halves, strict=True))
+    return best
 
 
-def _widest_gap(values: Reals) -> float:
-    """Return the middle between the two of neighbouring values that are farthest from each other."""
+def _widest_gap(values: Floats) -> float:
+    """Return the middle of the widest gap between neighbouring values."""
     ordered = np.sort(values)
     at = int(np.diff(ordered).argmax())
     return float(ordered[at] + ordered[at + 1]) / 2
 
 
-def _principal_axes(points: Reals) -> Reals:
-    """Return the axes (3, 3), one a row, along which points vary least to most."""
-    away = points - points.mean(axis=0)
-    axes: Reals = np.linalg.eigh(away.T @ away)[1].T
+def _principal_axes(points: Floats) -> Floats:
+    """Return the principal axes (3, 3) as rows, from the smallest to the largest variance."""
+    offset = points - points.mean(axis=0)
+    axes: Floats = np.linalg.eigh(offset.T @ offset)[1].T
     return axes
 
 
-def _volume(points: Reals) -> float:
-    """Return the volume of the convex hull, a little thicker where that is flat."""
+def _volume(points: Floats) -> float:
+    """Return the volume of the convex hull, thickened if it is flat."""
     exact = _exact_volume(points)
-    return exact if exact >= _FLAT else _exact_volume(_thicker(points))
+    return exact if exact >= _FLAT_VOLUME else _exact_volume(_thicken(points))
 
 
-def _exact_volume(points: Reals) -> float:
+def _exact_volume(points: Floats) -> float:
     from scipy.spatial import ConvexHull, QhullError
 
     try:
         return float(ConvexHull(points).volume)
-    except QhullError:  # they lie in a plane
+    except QhullError:  # the points lie in a plane
         return 0.0
 
 
-def _thicker(points: Reals) -> Reals:
-    """Return the corners of small boxes about points."""
-    return (points[:, None] + _THIN / 2 * _ENDS).reshape(-1, 3)
+def _thicken(points: Floats) -> Floats:
+    """Return the corners (8n, 3) of small boxes around points (n, 3)."""
+    return (points[:, None] + _MIN_THICKNESS / 2 * _BOX_CORNERS).reshape(-1, 3)
 
 
-def hull_of(points: Reals) -> Part:
-    """Return the convex hull of what reaches farthest, a little thicker where that is flat."""
+def make_hull(points: Floats) -> PointsAndFaces:
+    """Return a convex hull of at most `PATCH_CORNERS` of the points, thickened if it is flat."""
     from scipy.spatial import ConvexHull
 
+    # The extreme points in evenly spread directions, in coordinates scaled by the principal axes.
     axes = _principal_axes(points)
     along = (points - points.mean(axis=0)) @ axes.T
-    along /= np.maximum(np.abs(along).max(axis=0), _LEAST)
+    along /= np.maximum(np.abs(along).max(axis=0), _TINY)
     corners = points[np.unique((along @ hull_directions(PATCH_CORNERS).T).argmax(axis=0))]
-    if _exact_volume(corners) < _FLAT:
-        corners = _thicker(corners)
+    if _exact_volume(corners) < _FLAT_VOLUME:
+        corners = _thicken(corners)
+    # Renumber the corners and turn all faces outwards.
     hull = ConvexHull(corners)
     used, number = np.unique(hull.simplices, return_inverse=True)
     faces = number.reshape(-1, 3)
     corners = hull.points[hull.simplices]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    inwards = (normals * hull.equations[:, :3]).sum(axis=1) < 0
-    return hull.points[used], np.where(inwards[:, None], faces[:, ::-1], faces).astype(np.int64)
+    is_inward = (normals * hull.equations[:, :3]).sum(axis=1) < 0
+    return hull.points[used], np.where(is_inward[:, None], faces[:, ::-1], faces).astype(np.int64)
 
 
-def smallest_box(points: Reals) -> Part:
-    """Return the smallest box that holds the points, of those along some axes.
+def fit_box(points: Floats) -> PointsAndFaces:
+    """Return a small box around the points: the smallest one along some directions.
 
-    These are the axes of the space, the principal ones, and the ones by which a box lies on a face of the
-    hull with a side along an edge of that.
+    The directions are the coordinate axes, the principal axes, and for large faces of the convex hull the
+    normal and an edge.
     """
-    bases, corners = _bases(points)
+    bases, corners = _hull_bases(points)
     axes = _principal_axes(points)
-    axes[2] *= np.sign(np.linalg.det(axes))  # of a mirrored frame the faces would look inwards
+    axes[2] *= np.sign(np.linalg.det(axes))  # in a mirrored frame the faces would look inwards
+    # Extents (n, 3) of the corners along each frame (n, 3, 3), and the frame with the smallest volume.
     frames = np.concatenate([[np.eye(3), axes], bases])
     along = np.einsum("nij,pj->npi", frames, corners)
     low, high = along.min(axis=1), along.max(axis=1)
-    half = np.maximum(high - low, _THIN) / 2
+    half = np.maximum(high - low, _MIN_THICKNESS) / 2
     best = int(half.prod(axis=1).argmin())
-    placed = ((low[best] + high[best]) / 2 + _ENDS * half[best]) @ frames[best]
-    return placed, _BOX
+    placed = ((low[best] + high[best]) / 2 + _BOX_CORNERS * half[best]) @ frames[best]
+    return placed, _BOX_FACES
 
 
-def _bases(points: Reals) -> tuple[Reals, Reals]:
-    """Return the axes (n, 3, 3) of faces of the hull, from its largest on, and the corners of the hull."""
+def _hull_bases(points: Floats) -> tuple[Floats, Floats]:
+    """Return frames (n, 3, 3) on the largest faces of the convex hull, and the corners of the hull."""
     from scipy.spatial import ConvexHull, QhullError
 
-    for options in ("Qt", "QJ"):  # joggled, what is flat has a hull, too
+    for options in ("Qt", "QJ"):  # joggling gives flat points a hull, too
         try:
             hull = ConvexHull(points, qhull_options=options)
         except QhullError:
             continue
         corners = hull.points[hull.simplices]
-        largest = np.argsort(-face_areas(hull.points, hull.simplices)[0], kind="stable")[:_BASES]
+        largest = np.argsort(-face_areas(hull.points, hull.simplices)[0], kind="stable")[:_MAX_BASES]
+        # For each of three sides: along the side, across it in the face, and the normal of the face.
         side = np.roll(corners[largest], -1, axis=1) - corners[largest]
-        along = (side / np.maximum(np.linalg.norm(side, axis=2, keepdims=True), _LEAST)).reshape(-1, 3)
+        along = (side / np.maximum(np.linalg.norm(side, axis=2, keepdims=True), _TINY)).reshape(-1, 3)
         up = np.repeat(hull.equations[largest, :3], 3, axis=0)
         return np.stack([along, np.cross(up, along), up], axis=1), hull.points[hull.vertices]
     return np.zeros((0, 3, 3)), points

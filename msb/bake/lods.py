@@ -1,151 +1,170 @@
-"""Levels of detail: what was baked with fewer faces, each taught again."""
+"""Levels of detail: the baked mesh with fewer faces, fitted to the training images again."""
 
 import math
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
-from msb.bake.apart import distances, spread
-from msb.bake.descent import Schedule, moved
-from msb.bake.fitted import PIXELS_TO_MOVE
-from msb.bake.fusion import seen_points
-from msb.bake.search import hide_least
-from msb.bake.simpler import closed, simpler
-from msb.bake.soup import Soup, is_uncut_soup, without_seams
+from msb.bake.candidate_fitted import PIXELS_TO_MOVE
+from msb.bake.candidate_surface import ClosedSurface, copy_nearest_colors, refit_surface
+from msb.bake.context import SearchContext
+from msb.bake.depth_fusion import find_visible_points
+from msb.bake.descent import StepSchedule, move_faces
+from msb.bake.face_selection import hide_cheapest_faces
+from msb.bake.simplification import is_closed_surface, simplify
+from msb.bake.soup import Soup, is_uncut_soup, merge_seams
 from msb.bake.space import Space
-from msb.bake.start import Guide
-from msb.bake.surface import Solid, taught, with_colors_of
+from msb.bake.surface_distance import measure_distances, sample_surface
 from msb.meshes.mesh import Mesh
 
-ROWS = 1080  # height of the image in which the error of a level must be below a pixel
-_MOST_POINTS = 95.0  # percentile of the sample points whose error counts
-_STAGE = 0.5  # share of a soup's faces that stay in a stage, before the others are moved
-_STEPS = 300  # steps that move the remaining faces of a stage
-_RATES = 0.03, 0.0003  # step length in face sizes, at the start and at the end
+# The geometric error of a level must be below a pixel of an image with this number of rows, a full-HD screen.
+SCREEN_ROWS = 1080
+# Percentile of the sample points whose error counts, so that a few outliers do not decide.
+_ERROR_PERCENTILE = 95.0
+# Share of a soup's faces that one stage keeps before the others are moved. A level of 50 % loses 0.1 to 0.3
+# dB in such stages, and lost up to 0.6 in larger ones.
+_STAGE_SHARE = 0.5
+# Steps that move the remaining faces of a stage, or the vertices of a surface. A walled scene's level gains
+# 0.2 dB with 300 instead of 200 steps.
+_STEPS = 300
+# Step length of a soup at the start and at the end, relative to the size of a face. Small last steps keep the
+# gain of the first ones.
+_STEP_LENGTHS = 0.03, 0.0003
 
 
-def lods(
-    mesh: Mesh, guide: Guide, shares: Sequence[float], *, seconds: float = math.inf
+def make_lods(
+    mesh: Mesh, context: SearchContext, shares: Sequence[float], *, seconds: float = math.inf
 ) -> Iterator[tuple[Mesh, list[str]]]:
-    """Return levels of detail of `mesh` with these falling shares of its faces, whose colours are rough, and
-    what should be known of each. They are made as they are asked for, each for so many `seconds` at most.
+    """Yield for each of the falling `shares` a mesh with that share of the faces, and notes for the user.
 
-    Of a soup the faces stay that are worth most in the lessons' pictures, and are moved to make up for the
-    others; each level is made of the one before it. A mesh whose faces share vertices gets fewer faces by
-    quadric error, seams aside: one that is closed in the space that `surface` makes it in, where its faces
-    then move, and stays closed, manifold and consistently wound. Textures are left out. What no view sees
-    keeps the colours of `mesh`.
+    A level is made when it is requested, for at most `seconds`. Its vertex colours are rough, and it has no
+    texture.
+
+    A soup keeps the faces that are worth most in the training images, and these move to replace the others;
+    each level is made from the one before. A connected mesh is reduced by quadric error, with its colour
+    seams merged. A closed one is reduced in the space of `Space.fit`, and its vertices then move there; it
+    stays closed, manifold and consistently wound. Unseen parts keep the colours of `mesh`.
 
     Raises
     ------
     AssetError
-        TRIASSET_EMPTY, by the iterator: nothing closed is left of so few faces.
+        TRIASSET_EMPTY, by the iterator: nothing closed is left with this number of faces.
     DeviceError
     """
     counts = [max(1, round(share * len(mesh.faces))) for share in shares]
-    levels = _Levels(mesh, guide, counts, seconds)
     if is_uncut_soup(mesh.vertices, mesh.faces):
-        return levels.of_soup()
-    whole = without_seams(mesh)
-    levels = replace(levels, mesh=whole)
-    return levels.of_surface() if closed(whole.vertices, whole.faces) else levels.of_mesh()
+        return _reduce_soup(mesh, context, counts, seconds)
+    whole = merge_seams(mesh)
+    if is_closed_surface(whole.vertices, whole.faces):
+        return _reduce_closed(whole, context, counts, seconds)
+    return _reduce_open(whole, context, counts)
 
 
-@dataclass(frozen=True)
-class _Levels:
-    """Levels of a mesh of so many faces each, and the pictures that they are taught by."""
+def _reduce_soup(
+    mesh: Mesh, context: SearchContext, counts: Sequence[int], level_seconds: float
+) -> Iterator[tuple[Mesh, list[str]]]:
+    """Yield the soup with its least useful faces hidden, in stages, and the others moved."""
+    whole = len(mesh.faces)
+    random = context.make_random()
+    soup = Soup.from_mesh(mesh, share_colors=False)
+    stages = _plan_stages(whole, counts)
+    notes: list[str] = []
+    seconds = level_seconds
+    for stage, (count, left) in enumerate(stages):
+        # Larger faces need fewer pixels. At 1/8 of the faces the images that moved all of them suffice.
+        pixels = 8 * PIXELS_TO_MOVE * count // whole
+        with context.limited_to(pixels).open_renderers(soup) as (renderer, validation):
+            # Hide unseen faces first, then the least useful ones.
+            unseen = np.flatnonzero(soup.refit_colors(renderer).max_pixels == 0)
+            soup.selected[unseen[: max(0, len(soup.selected) - count)]] = False
+            hide_cheapest_faces(soup, renderer, random, count)
 
-    mesh: Mesh
-    guide: Guide
-    counts: Sequence[int]
-    seconds: float
-
-    def of_soup(self) -> Iterator[tuple[Mesh, list[str]]]:
-        """Yield what is left of a soup when the faces go that are worth least."""
-        whole = len(self.mesh.faces)
-        random = self.guide.random()
-        soup = Soup.of(self.mesh, shares=False)
-        stages = _stages(whole, self.counts)
-        notes: list[str] = []
-        seconds = self.seconds
-        for stage, (count, left) in enumerate(stages):
-            # Larger faces need fewer pixels; at an eighth those are enough by which all were moved.
-            pixels = 8 * PIXELS_TO_MOVE * count // whole
-            # Faces that are gone do not come back: they would count as some of those tried at a time.
-            with self.guide.within(pixels).rasters(soup) as (raster, judge):
-                unseen = np.flatnonzero(soup.refit(raster).most == 0)
-                soup.keep[unseen[: max(0, len(soup.keep) - count)]] = False
-                hide_least(soup, raster, random, count)
-
-                began = time.monotonic()
-                schedule = Schedule(_STEPS, began + seconds / left)
-
-                def done(step: int, stage: int = stage, schedule: Schedule = schedule) -> float:
-                    enough = self._watched(stage, len(stages), step, _STEPS)
-                    return schedule.share(step, enough=enough)
-
-                soup = moved(soup, raster, judge, random, rates=_RATES, most=count, done=done)
-                seconds = max(0.0, seconds - (time.monotonic() - began))
-            soup = soup.shown()
-            notes = schedule.lacks("its triangles") or notes  # a level is made of those before it
-            if left == 1:
-                yield soup.mesh(), notes
-                seconds = self.seconds
-
-    def of_surface(self) -> Iterator[tuple[Mesh, list[str]]]:
-        """Yield a closed surface with fewer faces, which are moved inside the space that it was made in."""
-        guide = self.guide.within(PIXELS_TO_MOVE)
-        cameras = guide.lessons.cameras
-        seen = seen_points(self.mesh, cameras, guide.device)
-        points = self.mesh.vertices.astype(np.float64)
-        space = Space.of(seen if len(seen) else points, cameras)
-        solid = Solid(space.inward(points), self.mesh.faces, space)
-        for level, count in enumerate(self.counts):
-
-            def watch(_: str, done: int, total: int, level: int = level) -> bool:
-                return self._watched(level, len(self.counts), done, total)
-
-            yield taught(solid, count, replace(guide, watch=watch), self.seconds, _STEPS, like=self.mesh)
-
-    def of_mesh(self) -> Iterator[tuple[Mesh, list[str]]]:
-        """Yield an open surface with fewer faces, which stay where they are."""
-        points = self.mesh.vertices.astype(np.float64)
-        for level, count in enumerate(self.counts):
-            self._watched(level, len(self.counts), 0, 1)
-            placed, faces = simpler(points, self.mesh.faces, count)
-            fewer = Mesh(placed.astype(np.float32), faces, up=self.mesh.up)
-            yield with_colors_of(self.mesh, fewer), []
-
-    def _watched(self, level: int, levels: int, done: int, total: int) -> bool:
-        """Tell how much of all levels is done; return whether to end."""
-        return self.guide.watch("levels of detail", level * total + done, levels * total)
+            began = time.monotonic()
+            progress = partial(_report_step, context, stage, len(stages))
+            schedule = StepSchedule(_STEPS, began + seconds / left, progress)
+            lengths = _STEP_LENGTHS
+            soup = move_faces(
+                soup, renderer, validation, random, step_lengths=lengths, most=count, schedule=schedule
+            )
+            seconds = max(0.0, seconds - (time.monotonic() - began))
+        # Hidden faces do not come back in later stages, where they would be tried again.
+        soup = soup.drop_hidden()
+        notes = schedule.notes("moving the triangles") or notes  # a level is made of those before it
+        if left == 1:
+            yield soup.to_mesh(), notes
+            seconds = level_seconds
 
 
-def _stages(faces: int, counts: Sequence[int]) -> list[tuple[int, int]]:
-    """Return numbers of faces from `faces` down through all `counts`, none far from the next, and how many of
-    them are left until the next of `counts`: 1 of these."""
+def _reduce_closed(
+    mesh: Mesh, whole: SearchContext, counts: Sequence[int], seconds: float
+) -> Iterator[tuple[Mesh, list[str]]]:
+    """Yield a closed surface with fewer faces, whose vertices move in its space."""
+    context = whole.limited_to(PIXELS_TO_MOVE)
+    cameras = context.training.cameras
+    visible = find_visible_points(mesh, cameras, context.device)
+    points = mesh.vertices.astype(np.float64)
+    space = Space.fit(visible if len(visible) else points, cameras)
+    surface = ClosedSurface(space.from_world(points), mesh.faces, space)
+    for level, count in enumerate(counts):
+
+        def progress(_: str, done: int, total: int, level: int = level) -> bool:
+            return _report_progress(whole, level, len(counts), done, total)
+
+        yield refit_surface(
+            surface, count, replace(context, progress=progress), seconds, _STEPS, colored=mesh
+        )
+
+
+def _reduce_open(
+    mesh: Mesh, context: SearchContext, counts: Sequence[int]
+) -> Iterator[tuple[Mesh, list[str]]]:
+    """Yield an open surface with fewer faces, which are not moved."""
+    points = mesh.vertices.astype(np.float64)
+    for level, count in enumerate(counts):
+        _report_progress(context, level, len(counts), 0, 1)
+        placed, faces = simplify(points, mesh.faces, count)
+        yield copy_nearest_colors(mesh, Mesh(placed.astype(np.float32), faces, up=mesh.up)), []
+
+
+def _report_step(context: SearchContext, stage: int, stages: int, step: int, _steps: int) -> bool:
+    """Report a step of a stage; return whether to stop."""
+    return _report_progress(context, stage, stages, step, _STEPS)
+
+
+def _report_progress(context: SearchContext, level: int, levels: int, done: int, total: int) -> bool:
+    """Report the progress over all levels; return whether to stop."""
+    return context.progress("levels of detail", level * total + done, levels * total)
+
+
+def _plan_stages(faces: int, counts: Sequence[int]) -> list[tuple[int, int]]:
+    """Return for each stage its number of faces, and the stages left until the next level (1: this one).
+
+    The numbers fall from `faces` through all `counts` by a factor of at least `_STAGE_SHARE`.
+    """
     stages: list[tuple[int, int]] = []
     for count in counts:
-        turns = math.ceil(math.log(faces / count) / math.log(1 / _STAGE) - 1e-9)
+        turns = math.ceil(math.log(faces / count) / math.log(1 / _STAGE_SHARE) - 1e-9)
         between = [round(faces * (count / faces) ** (turn / turns)) for turn in range(1, turns)]
         stages += zip([*between, count], range(len(between) + 1, 0, -1), strict=True)
         faces = count
     return stages
 
 
-def screen_share(mesh: Mesh, lod: Mesh, *, rows: int = ROWS) -> float:
-    """Return the share of an image's height below which `lod` is enough in the place of `mesh`.
+def measure_screen_share(mesh: Mesh, lod: Mesh, *, rows: int = SCREEN_ROWS) -> float:
+    """Return the height of the model, as a share of the image's, below which `lod` can replace `mesh`.
 
-    The height that counts is that of the model's bounding sphere: about the middle of its box, through its
-    farthest vertex. Of points all over either surface 95 % are nearer to the other one than a pixel of an
-    image of so many rows; 1 where that holds even if the model is as high as the image. That colours are
-    coarser does not count.
+    Below it 95 % of the points of either surface are nearer to the other than a pixel of an image of `rows`
+    rows. The height of the model is the diameter of a sphere around the centre of its box through its
+    farthest vertex. The result is at most 1. Differences of colour are not measured.
     """
-    ends = [(each.vertices.astype(np.float64), each.faces) for each in (mesh, lod)]
-    apart = [distances(spread(*one)[0], *other) for one, other in (ends, ends[::-1])]
-    error = float(np.percentile(np.concatenate(apart), _MOST_POINTS))
+    # Distances in both directions.
+    ends = [(part.vertices.astype(np.float64), part.faces) for part in (mesh, lod)]
+    pairs = (ends, ends[::-1])
+    distances = [measure_distances(sample_surface(*start)[0], *end) for start, end in pairs]
+    error = float(np.percentile(np.concatenate(distances), _ERROR_PERCENTILE))
     used = ends[0][0][np.unique(mesh.faces)]
     middle = (used.min(axis=0) + used.max(axis=0)) / 2
     height = 2 * float(np.linalg.norm(used - middle, axis=1).max())

@@ -16,17 +16,19 @@ from msb.render.options import Up
 
 Geometry = Literal["kept", "fitted", "surface"]
 GeometryChoice = Literal["auto", "kept", "fitted", "surface"]
-Look = Literal["texture", "vertex"]
-Supervision = Literal["dedicated", "photographs"]
-ShapeKind = Literal["mesh", "hulls", "box"]
+ColorTarget = Literal["texture", "vertex"]
+Supervision = Literal["native", "photographs"]
+CollisionKind = Literal["mesh", "hulls", "box"]
 
-FEWEST_FACES = 4  # faces of the smallest closed mesh, a tetrahedron
-_MOST_SHAPE = 1 << 20  # most faces or convex parts of a collision shape
+# Faces of the smallest closed mesh, a tetrahedron.
+MIN_CLOSED_FACES = 4
+# Largest number of faces or convex parts of a collision shape; a typing mistake beyond it is rejected.
+_MAX_COLLISION_SIZE = 1 << 20
 
 
 @dataclass(frozen=True)
 class BakeOptions:
-    """What a bake makes, from which images, and for how long; `msb.bake` describes each option.
+    """The result, the images and the time of a bake; `msb.bake` describes each option.
 
     Raises
     ------
@@ -37,63 +39,70 @@ class BakeOptions:
     geometry: Annotated[
         GeometryChoice,
         Option(
-            "kept: the model's triangles; fitted: moved until the picture is right; auto: the better of "
-            "these; surface: closed, for tools that need a solid.",
+            "Choose the triangles. kept: the model's triangles. fitted: triangles moved until the opaque "
+            "image matches. surface: one closed surface. auto: the better of kept and fitted.",
             metavar="auto|kept|fitted|surface",
         ),
     ] = "auto"
     for_solid: Annotated[
         bool,
         Option(
-            "Of auto: make fitted and surface; take the surface, unless its verdict is BAD. A plain mesh "
-            "that is OK is kept."
+            "Prefer a closed surface; fall back to fitted triangles if no valid surface is found. A closed "
+            "mesh file keeps its triangles."
         ),
     ] = False
     color: Annotated[
-        Look | None,
-        Option("Default: vertex for kept, if the model has static colours there; else texture."),
+        ColorTarget | None,
+        Option(
+            "Store the colours in a texture or at the vertices. Default: at the vertices for kept triangles "
+            "with static vertex colours, else in a texture."
+        ),
     ] = None
-    teacher: Annotated[
+    supervision: Annotated[
         Supervision,
-        Option("What teaches: the method's own look, or the scene's photographs."),
-    ] = "dedicated"
-    faces: Annotated[int | None, Option("At most N fitted triangles, or about N of a surface.", least=1)] = (
-        None
-    )
+        Option("Fit to native renderings of the model, or to the photographs of --scene."),
+    ] = "native"
+    faces: Annotated[
+        int | None,
+        Option("Use at most N fitted triangles, or about N triangles for a surface.", least=1),
+    ] = None
     texture: Annotated[
         int | None,
         Option(
-            "Texels along a side of the texture. Default: as many as pictures show.", least=16, most=16384
+            "Make a texture of N x N texels. Default: chosen by the resolution of the images.",
+            least=16,
+            most=16384,
         ),
     ] = None
     lods: Annotated[
         str | Sequence[float] | None,
         Option(
-            "Levels of detail beside OUT (NAME_lod1, ...): shares of its faces, as 0.5,0.25,0.1.",
+            "Write levels of detail next to OUT (NAME_lod1, ...) with these shares of the faces, for example "
+            "0.5,0.25,0.1.",
             metavar="SHARES",
         ),
     ] = None
     collision: Annotated[
         str | None,
-        Option("A shape to bump into beside OUT (NAME_collision).", metavar="mesh:N|hulls:N|box"),
+        Option(
+            "Write a collision shape next to OUT (NAME_collision): a mesh of N faces, N convex hulls, or a "
+            "box.",
+            metavar="mesh:N|hulls:N|box",
+        ),
     ] = None
     seconds: Annotated[
         float,
-        Option(
-            "About how long fitted triangles, and a surface of them, may move; 0: a single step.", least=0
-        ),
+        Option("Move fitted triangles for about X seconds; a surface takes 1.5 times as long.", least=0),
     ] = 60.0
-    seed: Annotated[int, Option("Where the search begins.", least=0)] = 0
+    seed: Annotated[int, Option("Set the seed of the random search.", least=0)] = 0
     up: Annotated[
-        Up | None, Option("Axis round which views are made where there are no cameras. Default: the asset's.")
+        Up | None,
+        Option("Set the up axis for generated views. Default: the up axis of the asset."),
     ] = None
-    keep_best: Annotated[bool, Option("At Ctrl-C write the best so far, not nothing.")] = False
+    keep_best: Annotated[bool, Option("On Ctrl-C, write the best result instead of nothing.")] = False
     cache: Annotated[
         Path | str | os.PathLike[str] | None,
-        Option(
-            "A folder that keeps the pictures that the model's own renderer draws: a second bake takes them.",
-            metavar="DIR",
-        ),
+        Option("Cache native renderings in DIR and reuse them in later bakes.", metavar="DIR"),
     ] = None
 
     def __post_init__(self) -> None:
@@ -106,30 +115,30 @@ class BakeOptions:
         for (name, other), holds in contradictions.items():
             if holds:
                 value = getattr(self, other)
-                text = f"{label_of(self, name)} does not go with {label_of(self, other)} {value}"
+                text = f"{label_of(self, name)} cannot be combined with {label_of(self, other)} {value}"
                 raise UsageError("USAGE", text)
         if self.collision is not None:
             parse_collision(self.collision)
-        _ = self.shares
+        _ = self.lod_shares
 
     @property
-    def shares(self) -> tuple[float, ...]:
-        """The levels of detail, as falling shares of the faces; none by default."""
-        return () if self.lods is None else parse_shares(self.lods)
+    def lod_shares(self) -> tuple[float, ...]:
+        """The levels of detail as falling shares of the faces; empty by default."""
+        return () if self.lods is None else parse_lods(self.lods)
 
     @property
-    def has_closed_surface(self) -> bool:
-        """Whether a closed surface is among what is made."""
+    def makes_surface(self) -> bool:
+        """Whether a closed surface is among the candidates."""
         return self.for_solid or self.geometry == "surface"
 
 
 class BakeKeywords(TypedDict, total=False):
-    """The fields of `BakeOptions` as keywords of `msb.bake`, for tools that check types."""
+    """The fields of `BakeOptions` as keywords of `msb.bake`, for type checkers."""
 
     geometry: GeometryChoice
     for_solid: bool
-    color: Look | None
-    teacher: Supervision
+    color: ColorTarget | None
+    supervision: Supervision
     faces: int | None
     texture: int | None
     lods: str | Sequence[float] | None
@@ -141,13 +150,13 @@ class BakeKeywords(TypedDict, total=False):
     cache: str | os.PathLike[str] | None
 
 
-def parse_shares(lods: str | Sequence[float]) -> tuple[float, ...]:
-    """Return the shares of all faces in "0.5,0.25,0.1", or in a sequence: each below 1 and the one before.
+def parse_lods(lods: str | Sequence[float]) -> tuple[float, ...]:
+    """Return the shares of the faces in "0.5,0.25,0.1" or in a sequence; each is in (0, 1) and falling.
 
     Raises
     ------
     UsageError
-        USAGE: they are not.
+        USAGE: the shares are invalid.
     """
     words = lods.split(",") if isinstance(lods, str) else lods
     try:
@@ -161,28 +170,28 @@ def parse_shares(lods: str | Sequence[float]) -> tuple[float, ...]:
     return shares
 
 
-def parse_collision(text: str) -> tuple[ShapeKind, int]:
+def parse_collision(text: str) -> tuple[CollisionKind, int]:
     """Return the kind and the largest number of faces or parts in "mesh:1000", "hulls:16" or "box".
 
     Raises
     ------
     UsageError
-        USAGE: the text is none of these.
+        USAGE: the text is invalid.
     """
     name, _, number = text.partition(":")
     if text == "box":
         return "box", 1
     count = int(number) if number.isascii() and number.isdigit() and len(number) < 9 else 0
-    if name == "mesh" and FEWEST_FACES <= count <= _MOST_SHAPE:
+    if name == "mesh" and MIN_CLOSED_FACES <= count <= _MAX_COLLISION_SIZE:
         return "mesh", count
-    if name == "hulls" and 1 <= count <= _MOST_SHAPE:
+    if name == "hulls" and 1 <= count <= _MAX_COLLISION_SIZE:
         return "hulls", count
-    wanted = f"mesh:N (N faces, {FEWEST_FACES} or more), hulls:N (N convex parts) or box"
+    wanted = f"mesh:N (N faces, {MIN_CLOSED_FACES} or more), hulls:N (N convex parts) or box"
     raise UsageError("USAGE", f'--collision is "{shorten(text, 40)}"; it must be {wanted}')
 
 
 def need_libraries(options: BakeOptions) -> None:
     """Reject a closed surface if its libraries are not installed."""
-    if options.has_closed_surface:
+    if options.makes_surface:
         need_extra("bench", "skimage", what="a closed surface")
         need_extra("trial", "fast_simplification", "xatlas", what="a closed surface")

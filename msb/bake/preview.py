@@ -1,75 +1,77 @@
-"""A picture of what a bake lost: what should be seen, the plain mesh of the model, and what was baked."""
+"""A preview image of a bake: the target, the standard-tier mesh of the model, and the baked mesh."""
 
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from msb.asset import Asset
 from msb.asset.tiers import why_not
-from msb.bake.teacher import SAMPLES, Teacher
+from msb.bake.arrays import Singles
+from msb.bake.image_source import SAMPLES_PER_SIDE, ImageSource
 from msb.bake.views import BakeViews
 from msb.render import Renderer
 from msb.scenes import Camera
-from msb.views import spread
+from msb.views import spread_evenly
 
+# Rows of the preview, a view each.
 _VIEWS = 2
-_PIXELS = 1 << 18  # pixels of the largest image
+# Pixels of the largest image; three columns of it fit on a screen.
+_MAX_PIXELS = 1 << 18
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Preview:
-    """A row of pictures for each of a few views, and the views that a page offers.
+    """Images of a few views side by side, and the views that a page offers.
 
     Attributes
     ----------
-    picture : (H, W, 3) float32
-        RGB in [0, 1]; plain pictures are drawn with 16 samples a pixel.
+    image : (H, W, 3) float32
+        RGB in [0, 1]: a row for each of a few views. Meshes have 16 samples per pixel.
     columns : tuple of str
-        What its columns show, from the left: "photograph" or "own look"; "plain mesh before", if the model
-        has one; "baked".
+        The titles of its columns, from the left: "photograph" or "native rendering"; "unbaked mesh", if the
+        model has a standard tier; "baked".
     cameras : tuple of Camera
-        The views held back; those that teach where there is none.
+        The test views, or the training views if no view is held out.
     """
 
-    picture: NDArray[np.float32]
+    image: Singles
     columns: tuple[str, ...]
     cameras: tuple[Camera, ...]
 
 
-def preview(asset: Asset, made: Asset, views: BakeViews, master: Teacher, device: str | None) -> Preview:
-    """Return the picture of what was `made` of an asset.
+def make_preview(
+    model: Asset, baked: Asset, views: BakeViews, source: ImageSource, device: str | None
+) -> Preview:
+    """Return the preview of a baked asset.
 
     Raises
     ------
-    DeviceError, and those of photographs that cannot be read.
+    DeviceError, and the errors of photographs that cannot be read.
     """
-    cameras = views.held_back or views.taught
-    photographs = views.scene is not None and bool(views.held_back)
-    shown = spread(cameras, _VIEWS)
+    cameras = views.test or views.all_but_test
+    has_photographs = views.scene is not None and bool(views.test)
+    chosen = spread_evenly(cameras, _VIEWS)
     columns = {}
-    with master.photographs(shown) if photographs else master.looks(shown) as whole:
-        truth = whole.within(_PIXELS)
-        name = "photograph" if photographs else "own look"
-        columns[name] = [truth.image(number) for number in range(len(truth))]
-    for name, one in (("plain mesh before", asset), ("baked", made)):
-        if why_not(one.manifest, "standard") is None:
-            with Renderer(one, "standard", device, supersample=SAMPLES) as renderer:
-                columns[name] = [
-                    np.clip(renderer.render(camera, views.background).image, 0, 1) for camera in truth.cameras
-                ]
-    return Preview(_side_by_side(list(columns.values()), views.background), tuple(columns), tuple(cameras))
+    with source.photographs(chosen) if has_photographs else source.native_images(chosen) as whole:
+        target = whole.limited_to(_MAX_PIXELS)
+        title = "photograph" if has_photographs else "native rendering"
+        columns[title] = [target.image(number) for number in range(len(target))]
+    for title, asset in (("unbaked mesh", model), ("baked", baked)):
+        if why_not(asset.manifest, "standard") is None:
+            with Renderer(asset, "standard", device, supersample=SAMPLES_PER_SIDE) as renderer:
+                images = [renderer.render(camera, views.background).image for camera in target.cameras]
+            columns[title] = [np.clip(image, 0, 1) for image in images]
+    image = _join_columns(list(columns.values()), views.background)
+    return Preview(image, tuple(columns), tuple(cameras))
 
 
-def _side_by_side(
-    columns: list[list[NDArray[np.float32]]], background: tuple[float, float, float]
-) -> NDArray[np.float32]:
-    """Return a picture of columns of pictures, whose sizes may differ from row to row."""
+def _join_columns(columns: list[list[Singles]], background: tuple[float, float, float]) -> Singles:
+    """Return one image of columns of images; the images of a row have one size, rows may differ."""
     width = max(image.shape[1] for image in columns[0])
     heights = [image.shape[0] for image in columns[0]]
-    picture = np.full((sum(heights), len(columns) * width, 3), background, np.float32)
+    joined = np.full((sum(heights), len(columns) * width, 3), background, np.float32)
     for number, column in enumerate(columns):
         for image, bottom in zip(column, np.cumsum(heights), strict=True):
             top = bottom - image.shape[0]
-            picture[top:bottom, number * width : number * width + image.shape[1]] = image
-    return picture
+            joined[top:bottom, number * width : number * width + image.shape[1]] = image
+    return joined

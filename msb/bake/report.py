@@ -1,4 +1,4 @@
-"""What a bake says of what it made: measured on what is written, from views that no choice was made by."""
+"""The report of a bake: its result, and the quality of that on the test views."""
 
 from __future__ import annotations
 
@@ -8,50 +8,52 @@ from pathlib import Path
 from typing import Any
 
 from msb.bake.collision import Collision
-from msb.bake.options import Geometry, Look
+from msb.bake.options import ColorTarget, Geometry
 from msb.scenes.colors import Color
 from msb.topology import Audit
 from msb.topology.verdict import judge
 
 SCHEMA = "msb.bake/1"
-WORSE = "the plain mesh was nearer to its own look: give more views, or larger ones"
+WORSE_NOTE = (
+    "the unbaked mesh is closer to the native rendering than the baked one; give more views, or larger ones"
+)
 
 
 @dataclass(frozen=True)
 class Psnr:
-    """Means over the views held back, in dB, of images of 8 bits; None where there is nothing to compare.
+    """Average PSNR over the test views, in dB, of images of 8 bits; None where it does not exist.
 
     Attributes
     ----------
-    dedicated : float or None
-        Of the model's own look; None where that is what the others are compared with.
+    native : float or None
+        Of native renderings to the photographs; None if native renderings are the reference.
     before : float or None
-        Of the model's standard tier; None of a model without one.
+        Of the model's standard-tier mesh; None if the model has no standard tier.
     after, after_16 : float
-        Of what was made, on the standard tier, with one sample a pixel and with 16.
+        Of the baked mesh on the standard tier, with one sample per pixel and with 16.
     """
 
-    dedicated: float | None
+    native: float | None
     before: float | None
     after: float
     after_16: float
 
     @property
     def is_worse(self) -> bool:
-        """Whether the plain mesh was nearer than what was made is with 16 samples."""
+        """Whether the unbaked mesh is closer to the reference than the baked one at 16 samples per pixel."""
         return self.before is not None and self.after_16 < self.before
 
-    def to_dict(self, *, own: bool) -> dict[str, float | None]:
-        """Return it as JSON data; its `own` look has no number of its own."""
+    def to_dict(self, *, is_to_native: bool) -> dict[str, float | None]:
+        """Return it as JSON data; without `native` if native renderings are the reference."""
         values = asdict(self)
-        if own:
-            del values["dedicated"]
+        if is_to_native:
+            del values["native"]
         return values
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """The verdict on a mesh: its level, a sentence, and in a few words what stands in the way."""
+    """The audit's verdict on a mesh: its level, its sentence, and a short reason."""
 
     level: str
     sentence: str
@@ -64,49 +66,49 @@ class Verdict:
         return cls(verdict.level, verdict.sentence, verdict.reason)
 
     def to_dict(self) -> dict[str, str]:
-        """Return it as an audit's JSON has it."""
+        """Return it as JSON data, as in the JSON of an audit."""
         return {"level": self.level, "sentence": self.sentence}
 
 
 @dataclass(frozen=True)
-class Level:
-    """A level of detail, and how small it may be shown.
+class LodReport:
+    """A level of detail.
 
     Attributes
     ----------
     share : float
-        Of the faces, as asked for.
+        The requested share of the faces.
     faces : int
-    own_after_16 : float or None
-        dB to the own look with 16 samples a pixel; None where no view is held back.
+    native_after_16 : float or None
+        PSNR in dB to native renderings with 16 samples per pixel; None without a test view.
     screen_share : float
-        The share of an image's height below which it is enough (`msb.bake.lods.screen_share`).
+        Share of an image's height below which the level suffices (`msb.bake.lods.measure_screen_share`).
     bytes : int or None
     output : str or None
     """
 
     share: float
     faces: int
-    own_after_16: float | None
+    native_after_16: float | None
     screen_share: float
     bytes: int | None = None
     output: str | None = None
 
     @property
-    def said(self) -> str:
-        """What it is, in a line."""
-        own = (
-            ""
-            if self.own_after_16 is None
-            else f", {self.own_after_16:.1f} dB to its own look with 16 samples"
+    def sentence(self) -> str:
+        """A line about the level."""
+        quality = ""
+        if self.native_after_16 is not None:
+            quality = f", PSNR to the native renderer {self.native_after_16:.1f} dB with 16 samples per pixel"
+        height = (
+            f"use it when the object covers less than {100 * self.screen_share:.0f} % of the screen height"
         )
-        below = f"enough below {100 * self.screen_share:.0f} % of the image's height"
-        return f"{self.faces:,} triangles{own}; {below}"
+        return f"{self.faces:,} triangles{quality}; {height}"
 
 
 @dataclass(frozen=True)
-class Shape:
-    """A collision shape, with the facts of `msb.bake.collision.Collision`."""
+class CollisionReport:
+    """A collision shape, with the numbers of `msb.bake.collision.Collision`."""
 
     kind: str
     faces: int
@@ -117,75 +119,80 @@ class Shape:
     output: str | None = None
 
     @classmethod
-    def of(cls, made: Collision) -> Shape:
-        """Return the facts of what was made."""
-        faces = len(made.mesh.faces)
-        return cls(made.kind, faces, made.parts, made.mean_distance, made.mid_air_share, made.why)
+    def of(cls, shape: Collision) -> CollisionReport:
+        """Return the report on a collision shape."""
+        faces = len(shape.mesh.faces)
+        return cls(shape.kind, faces, shape.parts, shape.mean_distance, shape.mid_air_share, shape.why)
 
     @property
-    def said(self) -> str:
-        """What it is, in a line."""
+    def sentence(self) -> str:
+        """A line about the shape."""
         parts = "" if self.parts == 1 else f" in {self.parts} parts"
-        apart = f"{100 * self.mean_distance:.1f} % of the diagonal from what is seen in the mean"
-        return f"{self.kind}{parts}, {self.faces:,} triangles, {apart}"
+        distance = f"{100 * self.mean_distance:.1f} % of the bounding-box diagonal"
+        size = f"collision shape ({self.kind}){parts}, {self.faces:,} triangles"
+        return f"{size}; average distance to the visible surface: {distance}"
 
 
 @dataclass(frozen=True)
 class Report:
-    """What was made of a model, by what, and what it lost.
+    """The result of a bake, its images, and its quality.
 
     Attributes
     ----------
     geometry, color : str
-        What was made: "kept" or "fitted" faces or a "surface", with a "texture" or colours of vertices.
+        "kept", "fitted" or "surface"; with a "texture" or colours at each "vertex".
     vertices, faces : int
     texture : (int, int) or None
-        Its width and height.
+        Width and height of the texture.
     bytes : int or None
-        Of the first file; None before one is written.
+        Of the first file; None before it is written.
     seconds : float
-        From the model in memory to what is written.
-    taught, between, held_back : int
-        Numbers of views: of those that teach, of those made between these, which teach as well where they are
-        few, and of those that the numbers are of.
-    views, teacher : str
-        Where the views are from, and what taught.
+        The time of the bake, without reading the model and writing files.
+    training, validation, test, interpolated : int
+        The numbers of views. Training and interpolated views supervise, validation views decide between
+        results, and test views are held out for the numbers.
+    views : str
+        Where the views come from.
+    supervision : str
+        "native" or "photographs".
     unseen_area : float
-        The share of the model's area that no view saw which teaches.
-    own, photographs : Psnr or None
-        Against the model's own look, and against photographs; None where no view is held back, or no
-        photograph is there.
+        Share of the model's area that no training or validation view sees.
+    native, photographs : Psnr or None
+        PSNR on the test views to native renderings, and to photographs; None without test views or
+        photographs.
     before, after : Verdict
-        On the model's mesh, and on what was made.
+        The verdicts on the model's mesh and on the baked mesh.
     model_faces : int
-        The faces of the model.
+        The number of faces of the model.
     background : (float, float, float)
     seed : int
     device : str
-        What drew.
+        The OpenCL device.
     tried : dict of str to float
-        Geometry -> dB on the views kept aside, with 16 samples a pixel, where there was a choice.
+        PSNR in dB of each candidate geometry on the validation views, with 16 samples per pixel, if several
+        were made.
     notes : tuple of str
-        What else should be known.
-    lods : tuple of Level
-    collision : Shape or None
+        Notes for the user.
+    lods : tuple of LodReport
+    collision : CollisionReport or None
     path, output : str or None
         The model and the first file.
     """
 
     geometry: Geometry
-    color: Look
+    color: ColorTarget
     vertices: int
     faces: int
     texture: tuple[int, int] | None
     seconds: float
-    taught: int
-    between: int
-    held_back: int
+    training: int
+    validation: int
+    test: int
+    interpolated: int
     views: str
-    teacher: str
+    supervision: str
     unseen_area: float
-    own: Psnr | None
+    native: Psnr | None
     photographs: Psnr | None
     before: Verdict
     after: Verdict
@@ -195,54 +202,53 @@ class Report:
     device: str
     tried: dict[str, float]
     notes: tuple[str, ...] = ()
-    lods: tuple[Level, ...] = ()
-    collision: Shape | None = None
+    lods: tuple[LodReport, ...] = ()
+    collision: CollisionReport | None = None
     bytes: int | None = None
     path: str | None = None
     output: str | None = None
 
-    def written(self, files: Sequence[tuple[Path, int]]) -> Report:
-        """Return the report on files of so many bytes, with those that they need beside them.
+    def with_files(self, files: Sequence[tuple[Path, int]]) -> Report:
+        """Return the report with the paths and sizes in bytes of its files.
 
-        They are that of the asset, those of its levels of detail, and that of its collision shape.
+        They are the asset, its levels of detail, and its collision shape. Sizes include files that these need
+        beside them.
         """
         (output, size), *more = files
         lods = tuple(
-            replace(one, output=str(path), bytes=count)
-            for one, (path, count) in zip(self.lods, more, strict=False)
+            replace(lod, output=str(path), bytes=count)
+            for lod, (path, count) in zip(self.lods, more, strict=False)
         )
-        shape = None if self.collision is None else replace(self.collision, output=str(more[-1][0]))
-        return replace(self, output=str(output), bytes=size, lods=lods, collision=shape)
+        collision = None if self.collision is None else replace(self.collision, output=str(more[-1][0]))
+        return replace(self, output=str(output), bytes=size, lods=lods, collision=collision)
 
     @property
     def sentence(self) -> str:
-        """What was lost, and what is there now, in a line."""
-        choice = [compared(self.tried)] if "surface" in self.tried else []
-        return "; ".join((self.loss, *choice, self.made, self._verdict))
+        """The main result in a line: quality, choice, size and verdict."""
+        choice = [describe_choice(self.tried)] if "surface" in self.tried else []
+        return ". ".join((self.quality, *choice, self.size, self._verdict))
 
     @property
-    def loss(self) -> str:
-        """The numbers of the views held back."""
-        shown, of = self.photographs, ""
-        if shown is None:
-            shown, of = self.own, " to its own look"
-        if shown is None:
-            return "no dB, as no view is held back: that takes two or more"
-        parts = [] if shown.dedicated is None else [f"own look {shown.dedicated:.1f} dB"]
-        unit = "" if parts else " dB"
-        if shown.before is not None:
-            parts.append(f"plain mesh before {shown.before:.1f}{unit}")
-            unit = ""
-        parts.append(f"baked {shown.after:.1f}{unit} ({shown.after_16:.1f} with 16 samples){of}")
-        views = "1 view" if self.held_back == 1 else f"{self.held_back} views"
-        return f"{', '.join(parts)}, on {views} it never used"
+    def quality(self) -> str:
+        """The PSNR on the test views, in words."""
+        values, reference = self.photographs, ""
+        if values is None:
+            values, reference = self.native, ", compared with the native renderer"
+        if values is None:
+            return "PSNR was not measured, as no view was held out; pass two or more views"
+        parts = [] if values.native is None else [f"native renderer {values.native:.1f} dB"]
+        if values.before is not None:
+            parts.append(f"unbaked mesh {values.before:.1f} dB")
+        parts.append(f"baked {values.after:.1f} dB ({values.after_16:.1f} dB with 16 samples per pixel)")
+        views = "1 held-out view" if self.test == 1 else f"{self.test} held-out views"
+        return f"PSNR on {views}{reference}: {', '.join(parts)}"
 
     @property
-    def made(self) -> str:
-        """How large it is, and how long it took."""
+    def size(self) -> str:
+        """The size of the asset and the time of the bake, in words."""
         parts = [f"{self.faces:,} triangle{'' if self.faces == 1 else 's'}"]
         if self.texture is not None:
-            parts.append(f"texture {self.texture[0]}")
+            parts.append(f"texture {self.texture[0]} x {self.texture[1]}")
         if self.bytes is not None:
             parts.append(f"{self.bytes / 1e6:.2f} MB")
         parts.append(f"{self.seconds:.0f} s")
@@ -250,31 +256,31 @@ class Report:
 
     @property
     def _verdict(self) -> str:
-        word = self.after.level.upper()
-        was = " as before" if self.before.level == self.after.level else f", was {self.before.level.upper()}"
-        text = f"{word}{was}" + (f": {self.after.reason}" if self.after.reason else "")
-        # Where a surface is there, or was tried, nothing else helps.
-        helps = self.after.level == "bad" and "surface" not in (self.geometry, *self.tried)
-        return text + (": --geometry surface for solids" if helps else "")
+        change = "as before" if self.before.level == self.after.level else f"was {self.before.level.upper()}"
+        text = f"Audit: {self.after.level.upper()}, {change}"
+        text += f" ({self.after.reason})" if self.after.reason else ""
+        # If a surface was made or tried, nothing else helps.
+        can_help = self.after.level != "ok" and "surface" not in (self.geometry, *self.tried)
+        return text + (": use --geometry surface for a watertight mesh" if can_help else "")
 
     def to_dict(self) -> dict[str, Any]:
         """Return it as JSON data (schema msb.bake/1)."""
-        data = {each.name: getattr(self, each.name) for each in fields(self)}
-        views = {name: data.pop(name) for name in ("taught", "between", "held_back")}
-        own, photographs = data.pop("own"), data.pop("photographs")
+        data = {field.name: getattr(self, field.name) for field in fields(self)}
+        views = {name: data.pop(name) for name in ("training", "validation", "test", "interpolated")}
+        native, photographs = data.pop("native"), data.pop("photographs")
         before, after = data.pop("before"), data.pop("after")
         return {
             "schema": SCHEMA,
             **data,
             "views": {**views, "from": self.views},
             "psnr": {
-                "own": None if own is None else own.to_dict(own=True),
-                "photographs": None if photographs is None else photographs.to_dict(own=False),
+                "native": None if native is None else native.to_dict(is_to_native=True),
+                "photographs": None if photographs is None else photographs.to_dict(is_to_native=False),
             },
             "verdict_before": before.to_dict(),
             "verdict_after": after.to_dict(),
             "texture": None if self.texture is None else list(self.texture),
-            "lods": [asdict(one) for one in self.lods],
+            "lods": [asdict(lod) for lod in self.lods],
             "collision": None if self.collision is None else asdict(self.collision),
             "background": list(self.background),
             "notes": list(self.notes),
@@ -282,22 +288,22 @@ class Report:
         }
 
     def extras(self) -> dict[str, Any]:
-        """Return the main numbers, which a file of the mesh carries: no paths, nothing of the machine.
+        """Return the main numbers, which a GLB carries: no paths, and nothing about the machine.
 
-        They are the same whenever the same is made.
+        They are the same whenever the same asset is made.
         """
-        kept = ("schema", "geometry", "color", "faces", "texture", "views", "unseen_area", "psnr", "teacher")
+        names = ("schema", "geometry", "color", "faces", "texture", "views", "unseen_area", "psnr")
         data = self.to_dict()
-        return {key: data[key] for key in kept}
+        return {key: data[key] for key in (*names, "supervision")}
 
 
-def compared(tried: Mapping[str, float]) -> str:
-    """Return the dB between which a choice was made, in words."""
-    return f"{', '.join(f'{name} {value:.1f} dB' for name, value in tried.items())} by views kept aside"
+def describe_choice(tried: Mapping[str, float]) -> str:
+    """Return the validation PSNR in dB of the candidates, in words."""
+    return f"Validation PSNR: {', '.join(f'{name} {value:.1f} dB' for name, value in tried.items())}"
 
 
-def mean(values: Sequence[float]) -> float:
-    """Return the mean of dB, in which an infinite one counts as the metric's cap."""
+def average_psnr(values: Sequence[float]) -> float:
+    """Return the average of PSNRs in dB; an infinite one counts as the cap of the metric."""
     from msb.metrics.images import PSNR_CAP
 
     return sum(min(value, PSNR_CAP) for value in values) / len(values)

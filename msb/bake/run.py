@@ -1,4 +1,4 @@
-"""A bake from end to end: options, views, training images, meshes, measurements and report."""
+"""A bake from end to end: options, views, images, meshes, quality and report."""
 
 import os
 import signal
@@ -13,24 +13,21 @@ from typing import Unpack
 from msb.api.auditing import audit
 from msb.api.opening import as_asset
 from msb.asset import Asset
-from msb.bake.cache import SUFFIX
-from msb.bake.collision import Collision
-from msb.bake.folder import only_folder, write_folder
-from msb.bake.making import Bake, Facts
-from msb.bake.needs import check_model
+from msb.bake.folder import is_folder_output, write_folder
+from msb.bake.image_cache import SUFFIX
+from msb.bake.image_source import ImageSource
 from msb.bake.options import BakeKeywords, BakeOptions, need_libraries
-from msb.bake.preview import Preview, preview
-from msb.bake.report import WORSE, Level, Psnr, Report, Shape, Verdict
-from msb.bake.start import Watch
-from msb.bake.teacher import Teacher
-from msb.bake.views import BakeViews, bake_views
-from msb.bake.written import Part, endings, write_all
+from msb.bake.output_files import OutputAsset, list_endings, write_assets
+from msb.bake.pipeline import BakePipeline
+from msb.bake.preview import Preview, make_preview
+from msb.bake.report import WORSE_NOTE, CollisionReport, Report, Verdict
+from msb.bake.requirements import check_model
+from msb.bake.views import choose_bake_views
 from msb.base.atomic import check_place, room_for_temporaries
 from msb.base.paths import given_path
 from msb.cl.devices import choose_device
 from msb.errors import about
 from msb.meshes.assets import asset_from_mesh
-from msb.meshes.mesh import Mesh
 from msb.scenes import Camera
 from msb.scenes.datasets import Scene
 
@@ -39,20 +36,20 @@ Progress = Callable[[str, int, int], None]
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Baked:
-    """A plain asset, and what it lost.
+    """A baked asset, its companions, and the report on its quality.
 
     Attributes
     ----------
     asset : Asset
-        Of method "mesh", with a texture or colours of vertices; in memory.
+        An asset of method "mesh" in memory, with a texture or vertex colours.
     report : Report
-        `print` shows it in a line, `to_dict` returns what `msb bake --json` writes.
+        Printed as one line; `to_dict` returns what `msb bake --json` writes.
     preview : Preview
-        A picture of what was lost.
+        Images of the target, of the unbaked mesh and of the baked mesh side by side.
     lods : tuple of Asset
-        Its levels of detail, the finest first.
+        The levels of detail, the finest first.
     collision : Asset or None
-        A shape to bump into, without colours.
+        The collision shape, without colours.
     """
 
     asset: Asset
@@ -62,23 +59,25 @@ class Baked:
     collision: Asset | None = None
 
     def save(self, *paths: str | os.PathLike[str], overwrite: bool = False) -> Report:
-        """Write it in the formats that the suffixes name, all files or none; return the report on the first.
+        """Write the asset to all paths, all or none; return the report with the files of the first path.
 
-        A GLB has the report's main numbers in its `asset.extras`. Levels of detail and the collision shape
-        stand beside each: NAME_lod1, NAME_lod2, ..., NAME_collision.
+        The suffix of a path names its format. A GLB has the report's main numbers in its `asset.extras`.
+        Levels of detail and the collision shape are written next to each path: NAME_lod1, NAME_lod2, ...,
+        NAME_collision.
 
-        A path without a suffix, or of a folder that is there, is a folder for all of it, which is the only
-        path then: asset.glb and what stands beside it, bake.json, preview.png and the page index.html. Of a
-        folder that is there nothing is replaced but what a bake wrote."""
+        A path without a suffix, or of an existing folder, is a folder and must be the only path. It gets
+        asset.glb and its companions, bake.json, preview.png and the page index.html. In an existing folder
+        only files written by an earlier bake are replaced.
+        """
         is_convex = self.report.collision is not None and self.report.collision.kind != "mesh"
-        beside = self.lods if self.collision is None else (*self.lods, self.collision)
-        main, *names = endings(len(self.lods), has_collision=self.collision is not None)
-        parts = [Part(main, self.asset, self.report.extras(), self.collision, is_convex)]
-        parts += [Part(name, one, {}) for name, one in zip(names, beside, strict=True)]
+        companions = self.lods if self.collision is None else (*self.lods, self.collision)
+        main, *endings = list_endings(len(self.lods), has_collision=self.collision is not None)
+        assets = [OutputAsset(main, self.asset, self.report.extras(), self.collision, is_convex)]
+        assets += [OutputAsset(end, asset, {}) for end, asset in zip(endings, companions, strict=True)]
         places = [Path(path) for path in paths]
-        if only_folder(places):
-            return write_folder(self, parts, places[0], overwrite)
-        return self.report.written(write_all(parts, places, overwrite))
+        if is_folder_output(places):
+            return write_folder(self, assets, places[0], overwrite)
+        return self.report.with_files(write_assets(assets, places, overwrite))
 
     def __repr__(self) -> str:
         return f"<Baked, {self.report.geometry}: {self.report.sentence}>"
@@ -101,8 +100,8 @@ def bake(
     asset : Asset or path-like
         The model, or the path of anything that `msb.open` takes. It is not changed.
     scene : Scene or path-like, optional
-        The scene the model was trained on. Its training views supervise; its test views are only used for
-        the report.
+        The scene the model was trained on. Its training views supervise; its test views are only used for the
+        report.
     cameras : iterable of Camera, optional
         Views instead of a scene's; every 8th is held out for the report. Default: the training cameras, if
         they lie beside the model, else 40 generated views around it or inside it. Fewer than 40 supervising
@@ -123,33 +122,44 @@ def bake(
     Other Parameters
     ----------------
     geometry : {"auto", "kept", "fitted", "surface"}, default "auto"
-        The model's own triangles, triangles moved until the opaque image is right, or one closed surface for
-        tools that need a solid. "auto" makes the first two and takes the better by its validation views.
+        The model's own triangles, triangles moved until the opaque image matches, or one closed surface for
+        tools that need a solid. "auto" makes the first two and chooses the better one on validation views.
     for_solid : bool, default False
-        With "auto": make fitted triangles and a surface, and take the surface unless its verdict is bad. A
-        plain mesh with the verdict OK keeps its triangles, unless `faces` is given.
+        With "auto": make fitted triangles and a surface, and choose the surface unless its verdict is bad. A
+        mesh file with the verdict OK keeps its triangles, unless `faces` is given.
     color : {"texture", "vertex"}, optional
         Default: vertex colours for kept triangles of a model with static vertex colours, else a texture.
-    teacher : {"dedicated", "photographs"}, default "dedicated"
+    supervision : {"native", "photographs"}, default "native"
         The training images: the method's native renderings, or the photographs of the scene.
     faces : int, optional
         The largest number of fitted triangles, or the approximate number of a surface.
     texture : int, optional
-        Texels along a side of the texture, 16 to 16384. Default: as many as the images resolve.
+        Texels along a side of the texture, 16 to 16384. Default: about as many texels as pixels of the images
+        show the mesh.
     lods : sequence of float, or str, optional
         Levels of detail: falling shares of the faces, such as (0.5, 0.25, 0.1) or "0.5,0.25,0.1".
     collision : str, optional
         A collision shape: "mesh:N", "hulls:N" or "box" (`msb.bake.collision`).
     seconds : float, default 60
-        Approximate time to move fitted triangles. A surface takes half as long again, both together twice
-        as long, and each level of detail as long again. With 0 they move a single step, and the face
-        selection still runs. The time for `collision` is not included.
+        Approximate time to move fitted triangles:
+
+        ========================  ==================
+        candidates                time
+        ========================  ==================
+        fitted                    `seconds`
+        surface                   1.5 times as long
+        fitted and surface        2 times as long
+        each level of detail      `seconds` more
+        ========================  ==================
+
+        With 0 they move a single step, and the face selection still runs. The time for `collision` is not
+        included.
     seed : int, default 0
         Seed of the search. One seed gives one result on one device, if the time suffices.
     up : str, optional
-        The axis, such as "+z", around which views are generated if there are no cameras.
+        The up axis, such as "+z", for generated views.
     keep_best : bool, default False
-        Return the best result so far after an interrupt (Ctrl-C) instead of raising.
+        After an interrupt (Ctrl-C), return the best result instead of raising.
     cache : path-like, optional
         A folder of native renderings. They are written there and reused by later bakes.
 
@@ -160,7 +170,7 @@ def bake(
     MetricError
         `METRIC_NOTHING_SHOWN`: no view sees the asset.
     Unsupported
-        `UNSUPPORTED_TIER`: nothing draws the asset.
+        `UNSUPPORTED_TIER`: neither the dedicated nor the standard tier can draw the asset.
     AssetError, SceneError, DeviceError, InputError, CheckpointError, MeshFileError, MeshError
         As `msb.Renderer`, `msb.open` and `msb.scenes.read_scene` do.
 
@@ -172,125 +182,97 @@ def bake(
     >>> baked.report.geometry, baked.asset.manifest.method
     ('kept', 'mesh')
     """
-    wanted = BakeOptions(**options)
-    need_libraries(wanted)
-    cache = None if wanted.cache is None else given_path(wanted.cache)
+    settings = BakeOptions(**options)
+    need_libraries(settings)
+    cache = None if settings.cache is None else given_path(settings.cache)
     if cache is not None:
         check_place(cache / SUFFIX)
     began = time.perf_counter()
     model = as_asset(asset)
-    check_model(wanted, model)
-    with about(model.opened_from), room_for_temporaries(), _stopping(wanted.keep_best) as stopped:
+    check_model(settings, model)
+    with about(model.opened_from), room_for_temporaries(), _catch_interrupt(settings.keep_best) as stopped:
 
-        def watch(stage: str, done: int, total: int) -> bool:
+        def report_progress(stage: str, done: int, total: int) -> bool:
             if progress is not None:
                 progress(stage, done, total)
             return stopped()
 
-        watch("views", 0, 1)
-        views = bake_views(
+        report_progress("views", 0, 1)
+        is_photographs = settings.supervision == "photographs"
+        views = choose_bake_views(
             model,
             scene,
             cameras,
-            up=wanted.up,
+            up=settings.up,
             background=background,
-            photographs=wanted.teacher == "photographs",
+            photographs=is_photographs,
             device=device,
         )
-        with Teacher(model, views, wanted.teacher, device, cache) as teacher:
-            with closing(Bake(model, views, teacher, wanted, device, watch)) as bake:
-                made = _make(bake, wanted, watch, stopped)
-            baked = asset_from_mesh(made.mesh)
-            watch("preview", 0, 1)
-            picture = preview(model, baked, views, teacher, device)
-            cached = [] if teacher.pictures is None else teacher.pictures.notes()
-        watch("audit", 0, 1)
-    report = _report(model, baked, views, made, wanted, cached, began, choose_device(device).record.name)
-    shape = None if made.shape is None else asset_from_mesh(made.shape.mesh)
-    return Baked(baked, report, picture, tuple(asset_from_mesh(mesh) for _, mesh in made.levels), shape)
-
-
-@dataclass(frozen=True, eq=False)
-class _Made:
-    """The meshes of a bake, and what was measured of them."""
-
-    mesh: Mesh
-    facts: Facts
-    own: Psnr | None
-    photographs: Psnr | None
-    levels: Sequence[tuple[Level, Mesh]]
-    level_notes: Sequence[str]
-    shape: Collision | None
-
-
-def _make(bake: Bake, options: BakeOptions, watch: Watch, stopped: Callable[[], bool]) -> _Made:
-    mesh, facts = bake.best(stopped)
-    watch("measuring", 0, 1)
-    own, photographs = bake.measure(mesh)
-    levels, notes = bake.levels(facts.geometry, mesh, options.shares)
-    shape = None if options.collision is None else bake.shape(mesh, options.collision)
-    return _Made(mesh, facts, own, photographs, levels, notes, shape)
-
-
-def _report(
-    model: Asset,
-    baked: Asset,
-    views: BakeViews,
-    made: _Made,
-    options: BakeOptions,
-    cached: Sequence[str],
-    began: float,
-    device: str,
-) -> Report:
-    mesh, facts = made.mesh, made.facts
-    worse = [WORSE] if made.own is not None and made.own.is_worse else []
-    return Report(
-        geometry=facts.geometry,
+        with ImageSource(model, views, settings.supervision, device, cache) as source:
+            with closing(BakePipeline(model, views, source, settings, device, report_progress)) as pipeline:
+                mesh, choice = pipeline.make_mesh(stopped)
+                report_progress("measuring", 0, 1)
+                native, photographs = pipeline.measure(mesh)
+                levels, level_notes = pipeline.make_levels(choice.geometry, mesh, settings.lod_shares)
+                kind = settings.collision
+                collision = None if kind is None else pipeline.make_collision(mesh, kind)
+            baked = asset_from_mesh(mesh)
+            report_progress("preview", 0, 1)
+            preview = make_preview(model, baked, views, source, device)
+            cache_notes = [] if source.cache is None else source.cache.notes()
+        report_progress("audit", 0, 1)
+    worse = [WORSE_NOTE] if native is not None and native.is_worse else []
+    report = Report(
+        geometry=choice.geometry,
         color="texture" if mesh.textures else "vertex",
         vertices=len(mesh.vertices),
         faces=len(mesh.faces),
         texture=(mesh.textures[0].shape[1], mesh.textures[0].shape[0]) if mesh.textures else None,
         seconds=time.perf_counter() - began,
-        taught=len(views.taught) - len(views.between),
-        between=len(views.between),
-        held_back=len(views.held_back),
-        views=views.said,
-        teacher=options.teacher,
-        unseen_area=facts.unseen,
-        own=made.own,
-        photographs=made.photographs,
+        training=len(views.training),
+        validation=len(views.validation),
+        test=len(views.test),
+        interpolated=len(views.interpolated),
+        views=views.description,
+        supervision=settings.supervision,
+        unseen_area=choice.unseen_area,
+        native=native,
+        photographs=photographs,
         before=Verdict.of(audit(model)),
         after=Verdict.of(audit(baked)),
         model_faces=model.manifest.face_count,
         background=views.background,
-        seed=options.seed,
-        device=device,
-        tried=facts.tried,
-        notes=(*views.notes, *cached, *facts.notes, *worse, *made.level_notes),
-        lods=tuple(level for level, _ in made.levels),
-        collision=None if made.shape is None else Shape.of(made.shape),
+        seed=settings.seed,
+        device=choose_device(device).record.name,
+        tried=choice.tried,
+        notes=(*views.notes, *cache_notes, *choice.notes, *worse, *level_notes),
+        lods=tuple(level for level, _ in levels),
+        collision=None if collision is None else CollisionReport.of(collision),
         path=None if model.opened_from is None else str(model.opened_from),
     )
+    lods = tuple(asset_from_mesh(lod) for _, lod in levels)
+    shape = None if collision is None else asset_from_mesh(collision.mesh)
+    return Baked(baked, report, preview, lods, shape)
 
 
 @contextmanager
-def _stopping(keep_best: bool) -> Iterator[Callable[[], bool]]:
-    """Yield a function that tells whether to stop: True after the first Ctrl-C, if the best is to be kept.
+def _catch_interrupt(keep_best: bool) -> Iterator[Callable[[], bool]]:
+    """Yield a function that returns whether to stop: after the first Ctrl-C, if the best result is kept.
 
     A second Ctrl-C interrupts as usual. Signals only reach the main thread.
     """
-    heard: list[int] = []
+    received: list[int] = []
     if not keep_best or threading.current_thread() is not threading.main_thread():
         yield lambda: False
         return
     before = signal.getsignal(signal.SIGINT)
 
-    def hear(number: int, _frame: object) -> None:
-        heard.append(number)
+    def receive(number: int, _frame: object) -> None:
+        received.append(number)
         signal.signal(signal.SIGINT, before)
 
-    signal.signal(signal.SIGINT, hear)
+    signal.signal(signal.SIGINT, receive)
     try:
-        yield lambda: bool(heard)
+        yield lambda: bool(received)
     finally:
         signal.signal(signal.SIGINT, before)

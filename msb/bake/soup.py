@@ -1,4 +1,7 @@
-"""The opaque soup that is being taught: its faces, which of them are shown, and in which colours."""
+"""A triangle soup that a search changes: its corners, its colours, and which of its faces are selected.
+
+A triangle soup is a set of triangles that share no vertices.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +12,8 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from msb.bake import colors as fit
+from msb.bake import color_fit
+from msb.bake.arrays import Ints, Mask, Singles
 from msb.base.soup import is_unindexed
 from msb.meshes.assets import with_faces
 from msb.meshes.mesh import Mesh
@@ -20,18 +24,18 @@ if TYPE_CHECKING:
 
     from scipy.sparse import csr_matrix
 
-    from msb.bake.raster import Raster, Seen
+    from msb.bake.soup_renderer import FaceSums, SoupRenderer
     from msb.topology.seams import Seams
 
 
-def seams_of(points: NDArray[Any], faces: NDArray[Any]) -> Seams | None:
-    """Return where a mesh was cut along edges, whatever its vertices differ in there; None if nowhere."""
+def find_color_seams(points: NDArray[Any], faces: NDArray[Any]) -> Seams | None:
+    """Return the cut edges of a mesh, whatever the cut vertices differ in; None if it has no cut."""
     return find_seams(points, faces, {"color": np.arange(len(points))[:, None]})
 
 
-def without_seams(mesh: Mesh) -> Mesh:
-    """Return `mesh` with one vertex where it was cut along edges for its colours; `mesh` if it was not."""
-    seams = seams_of(mesh.vertices, mesh.faces)
+def merge_seams(mesh: Mesh) -> Mesh:
+    """Return `mesh` with vertices merged that a cut doubled; `mesh` itself if it has no cut."""
+    seams = find_color_seams(mesh.vertices, mesh.faces)
     if seams is None:
         return mesh
     return replace(
@@ -44,146 +48,150 @@ def without_seams(mesh: Mesh) -> Mesh:
 
 
 def is_uncut_soup(points: NDArray[Any], faces: NDArray[Any]) -> bool:
-    """Return whether the faces are a soup that was not made by cutting a surface along all its edges.
+    """Return whether the faces are a soup, and not a surface that was cut along all its edges.
 
-    Faces that name the vertices one after the other are a soup as assets store it, where corners may coincide
-    by chance.
+    Faces that use the vertices one after the other are always a soup, as assets store it: there corners may
+    coincide by chance.
     """
     if not is_unindexed(faces, len(points)):
         return False
-    return np.array_equal(faces.reshape(-1), np.arange(faces.size)) or seams_of(points, faces) is None
+    return np.array_equal(faces.reshape(-1), np.arange(faces.size)) or find_color_seams(points, faces) is None
 
 
 @dataclass
 class Soup:
-    """Faces that change while they are taught.
+    """Opaque faces that a search moves, colours, selects and hides.
 
     Attributes
     ----------
     corners : (F, 3, 3) float32
+        The place of each corner.
     colors : (F, 3, 3) float32
-        RGB of each corner, in [0, 1].
-    keep : (F,) bool
-        Which faces are shown.
+        RGB of each corner in [0, 1].
+    selected : (F,) bool
+        The faces that are drawn.
     shared : (F, 3) int64, optional
-        The vertices of the corners, where these share colours; None: every corner has its own.
+        The vertex of each corner, if corners of one vertex have one colour. None: each corner has a colour.
     """
 
-    corners: NDArray[np.float32]
-    colors: NDArray[np.float32]
-    keep: NDArray[np.bool_]
-    shared: NDArray[np.int64] | None = None
+    corners: Singles
+    colors: Singles
+    selected: Mask
+    shared: Ints | None = None
 
     @classmethod
-    def of(cls, mesh: Mesh, *, shares: bool) -> Self:
-        """Return the faces of `mesh`, whose corners share colours if `shares`; without colours they are
-        grey."""
+    def from_mesh(cls, mesh: Mesh, *, share_colors: bool) -> Self:
+        """Return the faces of `mesh`, grey if it has no vertex colours.
+
+        With `share_colors`, corners of one vertex have one colour, unless `mesh` is a soup.
+        """
         corners = np.ascontiguousarray(mesh.vertices[mesh.faces], np.float32)
         colors = np.full(corners.shape, 0.5, np.float32)
         if mesh.vertex_colors is not None:
-            held = mesh.vertex_colors[:, :3]
-            scale = np.float32(255 if held.dtype == np.uint8 else 1)
-            colors = np.ascontiguousarray(held[mesh.faces] / scale, np.float32)
-        is_shared = shares and not is_uncut_soup(mesh.vertices, mesh.faces)
+            stored = mesh.vertex_colors[:, :3]
+            scale = np.float32(255 if stored.dtype == np.uint8 else 1)
+            colors = np.ascontiguousarray(stored[mesh.faces] / scale, np.float32)
+        is_shared = share_colors and not is_uncut_soup(mesh.vertices, mesh.faces)
         return cls(corners, colors, np.ones(len(corners), bool), mesh.faces if is_shared else None)
 
     @property
-    def count(self) -> int:
-        """How many faces are shown."""
-        return int(self.keep.sum())
+    def selected_count(self) -> int:
+        """The number of selected faces."""
+        return int(self.selected.sum())
 
     def copy(self) -> Self:
-        """Return one that changes by itself."""
-        return replace(self, corners=self.corners.copy(), colors=self.colors.copy(), keep=self.keep.copy())
+        """Return an independent copy."""
+        corners, colors, selected = self.corners.copy(), self.colors.copy(), self.selected.copy()
+        return replace(self, corners=corners, colors=colors, selected=selected)
 
-    def put_on(self, raster: Raster) -> None:
-        """Have `raster` draw it."""
-        raster.change(self.corners, self.colors, self.keep)
+    def upload(self, renderer: SoupRenderer) -> None:
+        """Let `renderer` draw this state."""
+        renderer.update(self.corners, self.colors, self.selected)
 
-    def recolor(self, seen: Seen) -> None:
-        """Give the faces that are shown the colours that fit best to what was seen of them."""
+    def fit_colors(self, sums: FaceSums) -> None:
+        """Give the selected faces the colours that fit the sums over their pixels best."""
         if self.shared is None:
-            self.colors = fit.of_soup(seen, self.colors, self.keep)
+            self.colors = color_fit.fit_soup_colors(sums, self.colors, self.selected)
             return
+        # One colour per vertex (V, 3); each corner has a copy of it.
         count = int(self.shared.max()) + 1
-        now = np.full((count, 3), 0.5, np.float32)
-        now[self.shared.reshape(-1)] = self.colors.reshape(-1, 3)
-        fitted = fit.of_mesh(seen, self.shared, now, self._edges)[self.shared]
-        self.colors[self.keep] = fitted[self.keep]
+        before = np.full((count, 3), 0.5, np.float32)
+        before[self.shared.reshape(-1)] = self.colors.reshape(-1, 3)
+        fitted = color_fit.fit_mesh_colors(sums, self.shared, before, self._laplacian)[self.shared]
+        self.colors[self.selected] = fitted[self.selected]
 
     @cached_property
-    def _edges(self) -> csr_matrix:
-        """The Laplacian of what is shared, which stays as it is while faces are taught."""
+    def _laplacian(self) -> csr_matrix:
+        """The Laplacian of the edges between shared vertices, which a search does not change."""
         assert self.shared is not None
-        return fit.laplacian(self.shared, int(self.shared.max()) + 1)
+        return color_fit.edge_laplacian(self.shared, int(self.shared.max()) + 1)
 
-    def refit(self, raster: Raster, every: int = 1) -> Seen:
-        """Give the faces the colours that fit best over `every` so manieth view of `raster`; return what was
-        seen."""
-        self.put_on(raster)
-        seen = raster.seen(range(0, len(raster.lessons), every), slopes=False)
-        self.recolor(seen)
-        return seen
+    def refit_colors(self, renderer: SoupRenderer, every: int = 1) -> FaceSums:
+        """Fit the colours using every `every`-th view of `renderer`; return the sums over the pixels."""
+        self.upload(renderer)
+        sums = renderer.sum_faces(range(0, len(renderer.images), every), gradients=False)
+        self.fit_colors(sums)
+        return sums
 
-    def error(self, raster: Raster) -> float:
-        """Return its mean squared error in the views of `raster`."""
-        self.put_on(raster)
-        return raster.error()
+    def measure_error(self, renderer: SoupRenderer) -> float:
+        """Return the mean squared error in the views of `renderer`."""
+        self.upload(renderer)
+        return renderer.measure_error()
 
-    def on(self, mesh: Mesh) -> Mesh:
-        """Return `mesh`, which it was made of, in its colours and without the faces that are not shown."""
+    def apply_to(self, mesh: Mesh) -> Mesh:
+        """Return the mesh that this soup was made from, with these vertex colours and the selected faces."""
         colors = np.full((len(mesh.vertices), 3), 0.5, np.float32)
         colors[mesh.faces.reshape(-1)] = self.colors.reshape(-1, 3)
-        return with_faces(replace(mesh, vertex_colors=colors), self.keep)
+        return with_faces(replace(mesh, vertex_colors=colors), self.selected)
 
-    def shown(self) -> Self:
-        """Return the faces that are shown, with vertices of their own."""
-        return type(self)(
-            self.corners[self.keep], self.colors[self.keep], np.ones(int(self.keep.sum()), bool)
-        )
+    def drop_hidden(self) -> Self:
+        """Return a soup of the selected faces alone."""
+        selected = self.selected
+        return type(self)(self.corners[selected], self.colors[selected], np.ones(int(selected.sum()), bool))
 
-    def cut(self) -> Self:
-        """Return the faces that are shown, each cut into four by the middles of its sides."""
-        shown = self.shown()
-        corners, colors = _quartered(shown.corners), _quartered(shown.colors)
+    def quarter(self) -> Self:
+        """Return the selected faces, each cut into four at the middles of its sides."""
+        whole = self.drop_hidden()
+        corners, colors = _quarter(whole.corners), _quarter(whole.colors)
         return type(self)(corners, colors, np.ones(len(corners), bool))
 
-    def halved(self, often: NDArray[np.int64]) -> Self:
-        """Return the faces that are shown, the pieces of each halved so `often` (of each face that is shown)
-        across their longest sides."""
-        soup = self.shown()
-        while often.any():
-            cut = often > 0
+    def halve(self, times: Ints) -> Self:
+        """Return the selected faces, each cut into 2^times pieces.
+
+        `times` has a number for each selected face. Each cut halves a piece across its longest side.
+        """
+        soup = self.drop_hidden()
+        while times.any():
+            cut = times > 0
+            # Turn the corners (n, 3) of the faces to cut so that the longest side is the first one.
             longest = np.linalg.norm(soup.corners - np.roll(soup.corners, -1, axis=1), axis=2).argmax(axis=1)
             turned = (np.flatnonzero(cut)[:, None], (longest[cut, None] + np.arange(3)) % 3)
             corners, colors = (
-                np.concatenate([whole[~cut], *_halves(whole[turned])])
-                for whole in (soup.corners, soup.colors)
+                np.concatenate([values[~cut], *_halve(values[turned])])
+                for values in (soup.corners, soup.colors)
             )
             soup = type(self)(corners, colors, np.ones(len(corners), bool))
-            often = np.concatenate([often[~cut], often[cut] - 1, often[cut] - 1])
+            times = np.concatenate([times[~cut], times[cut] - 1, times[cut] - 1])
         return soup
 
-    def mesh(self) -> Mesh:
-        """Return the faces that are shown, with vertices of their own."""
-        count = self.count
+    def to_mesh(self) -> Mesh:
+        """Return the selected faces as a mesh without shared vertices."""
+        count = self.selected_count
         faces = np.arange(3 * count, dtype=np.int64).reshape(-1, 3)
-        return Mesh(
-            self.corners[self.keep].reshape(-1, 3), faces, vertex_colors=self.colors[self.keep].reshape(-1, 3)
-        )
+        vertices, colors = (values[self.selected].reshape(-1, 3) for values in (self.corners, self.colors))
+        return Mesh(vertices, faces, vertex_colors=colors)
 
 
-def _quartered(corners: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return values at corners (F, 3, 3) at those of the quarters, (4 F, 3, 3); the quarters of a face
-    follow it."""
-    a, b, c = corners.transpose(1, 0, 2)
+def _quarter(values: Singles) -> Singles:
+    """Return corner values (F, 3, 3) interpolated to the corners of the quarters, (4F, 3, 3)."""
+    a, b, c = values.transpose(1, 0, 2)
     ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
     quarters = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
-    return np.stack([np.stack(each, axis=1) for each in quarters], axis=1).reshape(-1, 3, 3)
+    return np.stack([np.stack(piece, axis=1) for piece in quarters], axis=1).reshape(-1, 3, 3)
 
 
-def _halves(corners: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Return values at corners (F, 3, 3) at those of the halves beside the middle of the first two."""
-    a, b, c = corners.transpose(1, 0, 2)
+def _halve(values: Singles) -> tuple[Singles, Singles]:
+    """Return corner values (F, 3, 3) of the two halves on either side of the middle of the first side."""
+    a, b, c = values.transpose(1, 0, 2)
     middle = (a + b) / 2
     return np.stack([a, middle, c], axis=1), np.stack([middle, b, c], axis=1)

@@ -1,4 +1,4 @@
-"""The space in which a surface is made: the world about what is looked at, what is far drawn together."""
+"""The coordinates of a surface: the world around the visible points, with far parts contracted."""
 
 from __future__ import annotations
 
@@ -7,33 +7,40 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
-from numpy.typing import NDArray
+
+from msb.bake.arrays import Floats
 
 if TYPE_CHECKING:
     from msb.scenes import Camera
 
-    Reals = NDArray[np.float64]
-
-_FAR_SHARE = 0.02  # share of visible points beyond the cameras above which the model is a scene
-_NEAR = 0.5  # radius of a scene that is left undistorted, in median camera distances
-_TRIM = 0.1  # percentage of visible points that may lie outside an object's box, at each side
-_PARALLEL = 1e-3  # least conditioning of the point that camera axes meet in, in its worst direction
-# Least distance of the meeting point in front of the cameras, relative to the visible points. Cameras
-# that turn in one place meet where they stand.
-_AHEAD = 1e-4
-# Distance of the visible centre from the cameras, in the same unit, below which they stand inside.
-_AMID = 0.5
-_THIN = 1e-3  # half the shortest side of an object's box, relative to its longest
-EDGE = 1.96  # outer radius of a scene's grid; 2 is infinitely far
+# Share of the visible points farther from the focus than the cameras, above which the model is a scene and
+# not an object. It allows for some stray faces.
+_SCENE_SHARE = 0.02
+# Radius of the undistorted part of a scene, in median distances of the cameras from the focus.
+_NEAR_RADIUS = 0.5
+# Percentage of the visible points that may lie outside an object's box at each side: stray faces.
+_TRIM_PERCENT = 0.1
+# Smallest conditioning of the point where camera axes meet, in its worst direction, per camera. Below it the
+# axes are parallel.
+_MIN_CONDITIONING = 1e-3
+# Smallest distance of the focus in front of the cameras, relative to the distance of the visible points.
+# Cameras that turn in one place meet where they stand, up to rounding.
+_MIN_AHEAD = 1e-4
+# Distance of the visible centre from the cameras, in the same unit, below which the cameras stand inside.
+_INSIDE_DISTANCE = 0.5
+# Half the shortest side of an object's box, relative to the longest: a flat object still has a volume.
+_MIN_THICKNESS = 1e-3
+# Outer radius of a scene's grid; 2 is infinitely far, and 1.96 is 25 radii away.
+EDGE = 1.96
 
 
 @dataclass(frozen=True, eq=False)
 class Space:
-    """Places inside: those of the world less `center`, in units of `radius`, and drawn together if so said.
+    """Coordinates relative to `center` in units of `radius`, contracted for scenes.
 
-    Drawing together leaves the ball of radius 1 as it is and takes x beyond it to (2 - 1 / |x|) x / |x|, as
-    Mip-NeRF 360 does (Barron et al. 2022), so that what is far gets as many cells and faces as it has
-    pixels. It is continuous and can be undone, so that a closed manifold stays one.
+    The contraction leaves the unit ball as it is and maps x beyond it to (2 - 1 / |x|) x / |x|, as Mip-NeRF
+    360 does (Barron et al. 2022). So far parts get as many cells and faces as they have pixels. It is
+    continuous and invertible: a closed manifold stays one.
 
     Attributes
     ----------
@@ -41,84 +48,89 @@ class Space:
     radius : float
     contracted : bool
     low, high : (3,) float64
-        The box of what is seen, inside.
+        The box of the visible points in these coordinates.
     """
 
-    center: Reals
+    center: Floats
     radius: float
     contracted: bool
-    low: Reals
-    high: Reals
+    low: Floats
+    high: Floats
 
     @classmethod
-    def of(cls, points: Reals, cameras: Sequence[Camera]) -> Self:
-        """Return the space for what cameras see at `points` (n, 3) of the world, n > 0."""
+    def fit(cls, points: Floats, cameras: Sequence[Camera]) -> Self:
+        """Return the space of the points (n, 3) of the world that cameras see, n > 0."""
         at = np.stack([camera.center for camera in cameras])
-        off = float(np.median(np.linalg.norm(points - at.mean(axis=0), axis=1)))
-        point = _looked_at(cameras, _AHEAD * off)
-        focus = np.median(points, axis=0) if point is None else point
-        distance = float(np.median(np.linalg.norm(at - focus, axis=1)))
-        # Of cameras that turn in one place how far apart they are says nothing of what is round them.
-        is_amid = point is None and distance < _AMID * off
-        distance = off if is_amid else distance
-        if is_amid or (np.linalg.norm(points - focus, axis=1) > distance).mean() > _FAR_SHARE:
+        offset = float(np.median(np.linalg.norm(points - at.mean(axis=0), axis=1)))
+        focus = _find_focus(cameras, _MIN_AHEAD * offset)
+        center = np.median(points, axis=0) if focus is None else focus
+        distance = float(np.median(np.linalg.norm(at - center, axis=1)))
+        # The distances between cameras that turn in one place say nothing about the size of the scene.
+        is_inside = focus is None and distance < _INSIDE_DISTANCE * offset
+        distance = offset if is_inside else distance
+        if is_inside or (np.linalg.norm(points - center, axis=1) > distance).mean() > _SCENE_SHARE:
             edge = np.full(3, EDGE)
-            return cls(focus, _NEAR * distance, True, -edge, edge)
-        low, high = np.percentile(points, [_TRIM, 100 - _TRIM], axis=0)
+            return cls(center, _NEAR_RADIUS * distance, True, -edge, edge)
+        # An object: the box of its visible points.
+        low, high = np.percentile(points, [_TRIM_PERCENT, 100 - _TRIM_PERCENT], axis=0)
         center, radius = (low + high) / 2, float((high - low).max() / 2)
         radius = radius or distance
-        half = np.maximum((high - low) / 2 / radius, _THIN)
+        half = np.maximum((high - low) / 2 / radius, _MIN_THICKNESS)
         return cls(center, radius, False, -half, half)
 
-    def inward(self, points: Reals) -> Reals:
-        """Return places (n, 3) of the world inside."""
-        x: Reals = (points - self.center) / self.radius
+    def from_world(self, points: Floats) -> Floats:
+        """Return points (n, 3) of the world in these coordinates."""
+        x: Floats = (points - self.center) / self.radius
         if not self.contracted:
             return x
-        far = np.maximum(np.linalg.norm(x, axis=1, keepdims=True), 1)
-        drawn: Reals = x * (2 - 1 / far) / far
-        return drawn
+        size = np.maximum(np.linalg.norm(x, axis=1, keepdims=True), 1)
+        contracted: Floats = x * (2 - 1 / size) / size
+        return contracted
 
-    def outward(self, points: Reals) -> Reals:
-        """Return places (n, 3) inside in the world."""
-        placed: Reals = self.center + self.radius * points * self._stretch(points)[0]
+    def to_world(self, points: Floats) -> Floats:
+        """Return points (n, 3) of these coordinates in the world."""
+        placed: Floats = self.center + self.radius * points * self._stretch(points)[0]
         return placed
 
-    def held(self, points: Reals) -> Reals:
-        """Return places inside with those that left it, which a scene's may, back at its edge."""
+    def clamp(self, points: Floats) -> Floats:
+        """Return points with those beyond the edge of a scene moved back to it."""
         if not self.contracted:
             return points
         size = np.maximum(np.linalg.norm(points, axis=1, keepdims=True), 1e-12)
-        kept: Reals = points * np.minimum(1, EDGE / size)
-        return kept
+        clamped: Floats = points * np.minimum(1, EDGE / size)
+        return clamped
 
-    def pulled(self, points: Reals, slopes: Reals) -> Reals:
-        """Return how something changes with places inside, from how it does with those in the world."""
+    def pull_back(self, points: Floats, gradients: Floats) -> Floats:
+        """Return gradients (n, 3) by these coordinates, from gradients (n, 3) by coordinates of the world."""
         across, along = self._stretch(points)
         size = np.maximum(np.linalg.norm(points, axis=1, keepdims=True), 1e-12)
         direction = points / size
-        radial = (slopes * direction).sum(axis=1, keepdims=True) * direction
-        found: Reals = self.radius * (across * (slopes - radial) + along * radial)
-        return found
+        radial = (gradients * direction).sum(axis=1, keepdims=True) * direction
+        result: Floats = self.radius * (across * (gradients - radial) + along * radial)
+        return result
 
-    def _stretch(self, points: Reals) -> tuple[Reals, Reals]:
-        """Return by what (n, 1) lengths grow outward: across the direction to the centre, and along it."""
+    def _stretch(self, points: Floats) -> tuple[Floats, Floats]:
+        """Return the growth (n, 1) of lengths from these coordinates to the world.
+
+        The first is for lengths across the direction to the centre, the second along it.
+        """
         size = np.linalg.norm(points, axis=1, keepdims=True)
         if not self.contracted:
             return np.ones_like(size), np.ones_like(size)
-        far = np.maximum(size, 1)
-        left = np.maximum(2 - far, 0.01)
-        return 1 / (far * left), 1 / left**2
+        size = np.maximum(size, 1)
+        left = np.maximum(2 - size, 0.01)
+        return 1 / (size * left), 1 / left**2
 
 
-def _looked_at(cameras: Sequence[Camera], ahead: float) -> Reals | None:
-    """Return the point that cameras look at, farther `ahead` of each than that; None if there is none."""
+def _find_focus(cameras: Sequence[Camera], ahead: float) -> Floats | None:
+    """Return the point nearest to all camera axes; None unless it is `ahead` of each camera."""
+    # Least squares: the sum over cameras of the projection across the axis (3, 3), times the point.
     at = np.stack([camera.center for camera in cameras])
     axes = np.stack([camera.world_to_camera[2, :3] for camera in cameras])
     across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
     total = across.sum(axis=0)
-    if np.linalg.eigvalsh(total)[0] < _PARALLEL * len(cameras):
+    if np.linalg.eigvalsh(total)[0] < _MIN_CONDITIONING * len(cameras):
         return None
-    found: Reals = np.linalg.solve(total, np.einsum("nij,nj->i", across, at))
-    in_front = ((found - at) * axes).sum(axis=1) > ahead
-    return found if in_front.all() else None
+    focus: Floats = np.linalg.solve(total, np.einsum("nij,nj->i", across, at))
+    is_ahead = ((focus - at) * axes).sum(axis=1) > ahead
+    return focus if is_ahead.all() else None

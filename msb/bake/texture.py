@@ -1,7 +1,7 @@
-"""The texture of a plain mesh by least squares, over what its pixels show of it in pictures.
+"""The texture of a mesh by least squares over the pixels of images.
 
-The equations hold as if texels were blended in sRGB and stored without rounding. What really is shown is
-drawn on the standard tier, and the equations say which change reduces what is left of the error.
+The equations assume that texels are blended in sRGB and stored without rounding. The image that is really
+drawn comes from the standard tier, and the equations give the change that reduces its remaining error.
 """
 
 from __future__ import annotations
@@ -17,14 +17,15 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from msb.asset.texture import Sampler
-from msb.bake.atlas import connected_atlas, soup_atlas
-from msb.bake.colors import continued
-from msb.bake.fusion import seen_points
-from msb.bake.painting import Painting
-from msb.bake.shares import pixels_shown
+from msb.bake.arrays import Floats, Singles
+from msb.bake.atlas import make_chart_atlas, make_soup_atlas
+from msb.bake.blending_weights import count_pixels_by_view
+from msb.bake.color_fit import extend_colors
+from msb.bake.context import ProgressHook, ignore_progress
+from msb.bake.depth_fusion import find_visible_points
 from msb.bake.space import Space
-from msb.bake.start import Watch, nobody
-from msb.bake.stencils import Pyramid
+from msb.bake.texture_equations import TextureEquations
+from msb.bake.texture_renderer import TextureRenderer
 from msb.base.soup import is_soup
 from msb.meshes.assets import asset_from_mesh
 from msb.meshes.mesh import Mesh
@@ -32,69 +33,65 @@ from msb.render import Renderer
 from msb.scenes import Camera
 
 if TYPE_CHECKING:
-    from msb.bake.lessons import Lessons
+    from msb.bake.images import ViewImages
     from msb.cl import Device
 
-    Reals = NDArray[np.float64]
-
-FEW = 6  # the first pass uses every 6th image, the second pass all of them
-_OWN_SIZE = 512, 4096  # fewest and most texels along a side by default
+# The first pass uses every 6th image, the second pass all of them. A second pass corrects the rounding and
+# the blending that the equations ignore; few images suffice to start it.
+FIRST_PASS_STEP = 6
+# Smallest and largest default number of texels along a side. With 256 texels the demo models lose 0.3 dB;
+# 4096 is the largest texture of many phones.
+_DEFAULT_SIZES = 512, 4096
+# The initial texture is drawn in tiles of this number of texels along a side; it bounds the memory.
 _TILE = 1024
 _SAMPLER = Sampler("linear", mipmaps=True, wrap_u="clamp", wrap_v="clamp")
 
 
-def textured(
+def fit_texture(
     mesh: Mesh,
-    lessons: Lessons,
+    images: ViewImages,
     size: int | None = None,
     *,
-    shown: Sequence[Camera] | None = None,
-    continues: bool = False,
+    count_cameras: Sequence[Camera] | None = None,
+    extends_colors: bool = False,
     device: str | Device | None = None,
-    watch: Watch = nobody,
+    progress: ProgressHook = ignore_progress,
 ) -> Mesh:
-    """Return `mesh` with a texture that shows what `lessons` show, in place of its colours.
+    """Return `mesh` with a texture in place of its colours that matches `images`.
 
     Parameters
     ----------
     mesh : Mesh
-        If no faces share a vertex, each gets a cell of the texture of its own, else there are charts.
-        Its colours are where the search begins, and stay where no picture shows it.
-    lessons : Lessons
-        Of twice the pixels that will be drawn, if the texture shall be as sharp.
+        Each face of a soup gets a cell of the texture, a connected mesh is cut into charts. Its colours are
+        the initial texture, which unseen parts keep.
+    images : ViewImages
+        For a sharp texture they need twice the width and height of the images that will be drawn.
     size : int, optional
-        Texels along a side; as many as pictures show if not given.
-    shown : sequence of Camera, optional
-        Those whose pictures say how many texels faces need; the lessons' if not given.
-    continues : bool
-        Whether faces that no picture shows go on as what is seen around them, as those do that were made up
-        to close a surface.
+        Texels along a side. Default: about as many texels as pixels of the images show the mesh.
+    count_cameras : sequence of Camera, optional
+        The cameras whose pixels decide how many texels each face gets. Default: the images' cameras.
+    extends_colors : bool
+        Whether unseen faces continue the colours around them, as for faces that were added to close a
+        surface.
 
     Raises
     ------
     UsageError
-        USAGE: there are more faces than the texture has room for. EXTRA_MISSING: xatlas is not installed.
+        USAGE: the texture is too small for the number of faces. EXTRA_MISSING: xatlas is not installed.
     """
-    cameras = lessons.cameras if shown is None else shown
+    cameras = images.cameras if count_cameras is None else count_cameras
+    # The most pixels (F,) that show each face in one view.
     pixels = np.zeros(len(mesh.faces))
-    for each in pixels_shown(mesh, cameras, device):
-        np.maximum(pixels, each, out=pixels)
-    size = _own_size(pixels) if size is None else size
+    for count in count_pixels_by_view(mesh, cameras, device):
+        np.maximum(pixels, count, out=pixels)
+    size = _default_size(pixels) if size is None else size
     if is_soup(mesh.faces):
-        uvs = soup_atlas(mesh.vertices[mesh.faces], pixels, size)
+        uvs = make_soup_atlas(mesh.vertices[mesh.faces], pixels, size)
     else:
-        uvs = connected_atlas(_places(mesh, cameras, device), mesh.faces, pixels, size)
-    corners = mesh.faces.reshape(-1)
-    colors = np.full((len(corners), 3), 128, np.uint8)
-    if mesh.vertex_colors is not None:
-        colors = mesh.vertex_colors[corners, :3]
-        if continues:
-            unseen = np.repeat(pixels == 0, 3)
-            colors[unseen] = continued(mesh.vertex_colors, mesh.faces, pixels)[corners[unseen]]
-    elif mesh.face_colors is not None:
-        colors = np.repeat(mesh.face_colors[:, :3], 3, axis=0)
-    chart, texture = _beginning(mesh, colors, uvs, size, device)
-    made = replace(
+        uvs = make_chart_atlas(_contract_vertices(mesh, cameras, device), mesh.faces, pixels, size)
+    colors = _corner_colors(mesh, pixels if extends_colors else None)
+    chart, texture = _draw_initial_texture(mesh, colors, uvs, size, device)
+    textured = replace(
         mesh,
         vertex_colors=None,
         face_colors=None,
@@ -104,48 +101,67 @@ def textured(
         face_textures=None,
         sampler=_SAMPLER,
     )
-    # Solve for the change of the texels that the images ask for: first with few, then with all of them.
-    few = few_of(lessons)
-    total = len(few) + len(lessons)
-    for pictures, before in (few, 0), (lessons, len(few)):
-        with closing(Pyramid(size, device)) as pyramid:
-            pyramid.tie(chart)
-            with closing(Painting(made, pictures, device)) as painting:
-                for done in painting.ask(pyramid):
-                    watch("texture", before + done, total)
-            change = pyramid.solved()
+    # Two passes: sum the equations over the images, solve for the change of the texels, add and round it.
+    few = select_first_pass(images)
+    total = len(few) + len(images)
+    for chosen, before in (few, 0), (images, len(few)):
+        with closing(TextureEquations(size, device)) as equations:
+            equations.add_smoothness(chart)
+            with closing(TextureRenderer(textured, chosen, device)) as renderer:
+                for done in renderer.add_equations(equations):
+                    progress("texture", before + done, total)
+            change = equations.solve()
         change *= 255
-        change += made.textures[0]
+        change += textured.textures[0]
         texture = np.rint(np.clip(change, 0, 255, out=change), out=change).astype(np.uint8)
-        made = replace(made, textures=(texture,))
-    return made
+        textured = replace(textured, textures=(texture,))
+    return textured
 
 
-def _places(mesh: Mesh, cameras: Sequence[Camera], device: str | Device | None) -> Reals:
-    """Return the vertices (V, 3) with what is far drawn together: a chart from here to the horizon would have
-    as many texels here as there."""
-    points = seen_points(mesh, cameras, device)
-    return Space.of(points, cameras).inward(mesh.vertices) if len(points) else mesh.vertices
+def select_first_pass(images: ViewImages) -> ViewImages:
+    """Return the images of the first pass, which also fit the colours of the initial texture."""
+    return images.select(range(0, len(images), FIRST_PASS_STEP))
 
 
-def few_of(lessons: Lessons) -> Lessons:
-    """Return the lessons by which a texture, and the colours that it begins with, are solved first."""
-    return lessons.part(range(0, len(lessons), FEW))
+def _corner_colors(mesh: Mesh, pixels: Floats | None) -> NDArray[Any]:
+    """Return the colour of each corner (3F, 3).
+
+    With `pixels` (F,), faces without pixels continue the colours around them.
+    """
+    corners = mesh.faces.reshape(-1)
+    if mesh.vertex_colors is not None:
+        colors = mesh.vertex_colors[corners, :3]
+        if pixels is not None:
+            unseen = np.repeat(pixels == 0, 3)
+            colors[unseen] = extend_colors(mesh.vertex_colors, mesh.faces, pixels)[corners[unseen]]
+        return colors
+    if mesh.face_colors is not None:
+        return np.repeat(mesh.face_colors[:, :3], 3, axis=0)
+    return np.full((len(corners), 3), 128, np.uint8)
 
 
-def _own_size(pixels: Reals) -> int:
-    """Return the power of two with about as many texels as the faces (F,) have pixels at most."""
+def _contract_vertices(mesh: Mesh, cameras: Sequence[Camera], device: str | Device | None) -> Floats:
+    """Return the vertices (V, 3) of a scene with its far parts contracted.
+
+    Otherwise a chart from the foreground to the horizon would have as many texels far away as nearby.
+    """
+    points = find_visible_points(mesh, cameras, device)
+    return Space.fit(points, cameras).from_world(mesh.vertices) if len(points) else mesh.vertices
+
+
+def _default_size(pixels: Floats) -> int:
+    """Return the power of two nearest to as many texels as pixels (F,) show the faces, within limits."""
     side = float(np.sqrt(np.maximum(pixels, 1).sum()))
-    least, most = _OWN_SIZE
+    least, most = _DEFAULT_SIZES
     return int(min(max(2 ** round(np.log2(side)), least), most))
 
 
-def _beginning(
-    mesh: Mesh, colors: NDArray[Any], uvs: NDArray[np.float32], size: int, device: str | Device | None
+def _draw_initial_texture(
+    mesh: Mesh, colors: NDArray[Any], uvs: Singles, size: int, device: str | Device | None
 ) -> tuple[NDArray[np.int32], NDArray[np.uint8]]:
-    """Return which chart each texel belongs to, and a texture that shows the `colors` (3F, 3) of corners.
+    """Return the chart (size, size) of each texel, and a texture (size, size, 3) of the corner colours.
 
-    The faces are drawn where they lie in the texture; a texel between charts is of the nearest.
+    Texels between charts belong to the nearest chart and have its colour.
     """
     # Draw the faces in the plane of the texture, a tile at a time: (S, S) face numbers and colours.
     at = np.concatenate([uvs, np.ones((len(uvs), 1), np.float32)], axis=1)
@@ -160,7 +176,7 @@ def _beginning(
                 tile = np.s_[top : top + height, left : left + width]
                 assert frame.face_id is not None
                 faces[tile], texture[tile] = frame.face_id, np.rint(frame.image * 255)
-    # Faces that cover no texel's middle: those that are points.
+    # Faces that cover no texel centre are single points: each gets its texel and its average colour.
     x, y = np.clip((uvs[::3] * size).astype(np.int64), 0, size - 1).T
     drawn = np.bincount(faces[faces >= 0], minlength=len(mesh.faces)) > 0
     lost = np.flatnonzero(~drawn & (faces[y, x] < 0))
@@ -169,16 +185,19 @@ def _beginning(
     texture[y[lost], x[lost]] = np.rint(means[lost])
     if (faces < 0).all():
         return np.zeros((size, size), np.int32), texture
-    from scipy import ndimage  # it takes longer to load than all that vertices' colours need
+    from scipy import ndimage  # loading it takes longer than fitting vertex colours
 
-    # Texels between charts take the chart and the colour of the nearest face.
+    # Texels between charts take the chart and the colour of the nearest drawn texel.
     row, column = ndimage.distance_transform_edt(faces < 0, return_distances=False, return_indices=True)
-    return _charts(mesh, uvs)[faces[row, column]], texture[row, column]
+    return label_charts(mesh, uvs)[faces[row, column]], texture[row, column]
 
 
-def _charts(mesh: Mesh, uvs: NDArray[np.float32]) -> NDArray[np.int32]:
-    """Return the chart (F,) of each face: faces that share a corner in the texture are of one."""
-    # Corners in one place of the texture are one node of a graph, which joins their faces.
+def label_charts(mesh: Mesh, uvs: Singles) -> NDArray[np.int32]:
+    """Return the chart (F,) of each face.
+
+    Faces that share a corner in the texture (3F, 2) are in one chart.
+    """
+    # Corners at one place of the texture are one node of a graph, which connects their faces.
     keys = np.ascontiguousarray(uvs).view(np.uint64).reshape(-1)
     _, point = np.unique(keys, return_inverse=True)
     count = len(mesh.faces)

@@ -1,6 +1,6 @@
-"""The views of a bake: those that teach, those that judge its choices, and those held back for its numbers.
+"""The views of a bake: training, validation and test (held-out) views, which never overlap.
 
-The three never overlap. What is held back is drawn only when everything is made.
+Test views are rendered last and are only used for the final measurement.
 """
 
 import math
@@ -16,25 +16,28 @@ from msb.errors import MetricError, UsageError
 from msb.scenes import Camera
 from msb.scenes.around import around
 from msb.scenes.colors import Color, check_background
-from msb.scenes.datasets import (
-    Scene,
-    own_background,
-    scene_of,
-    stated_background,
-    trained_otherwise,
-)
-from msb.scenes.sets import given_cameras, split_every_8th
+from msb.scenes.datasets import Scene, own_background, scene_of, stated_background, trained_otherwise
+from msb.scenes.sets import split_every_8th
 from msb.scenes.walk import between
-from msb.views import Views, made_views, training_views
+from msb.views import ChosenViews, find_training_views, generate_views, given_views
 
-# (degrees above the horizon, number of views), if there are no cameras.
+# Generated views: (degrees above the horizon, number of views). 40 views in all; the number per ring falls as
+# the circle shrinks towards the pole.
 RINGS = ((15.0, 18), (40.0, 14), (65.0, 8))
-BELOW = (-35.0, 12)  # the same for views of a plain mesh from below
-_MADE_SIZE = 480, 360
-MOST_PIXELS = 1 << 20  # pixels of a training image; larger cameras are scaled
-_FEWEST_TO_SPARE = 3  # supervising views from which on some are kept for validation
-_ENOUGH = 40  # supervising views; fewer are completed by interpolated views
-_MOST_BETWEEN = 8  # interpolated views per view after the first; two views alone have little between them
+# The same for views from below, which only a mesh file gets: training cameras rarely look up from below, so
+# there the native rendering of a trained model is arbitrary.
+RING_BELOW = (-35.0, 12)
+# Width and height of generated views in pixels, like the small captures that methods train on.
+_GENERATED_SIZE = 480, 360
+# Pixels of the largest view. Larger views are scaled down, which bounds the time of a bake.
+MAX_PIXELS = 1 << 20
+# Smallest number of views to take validation views from; with fewer views all have to supervise.
+_MIN_VIEWS_TO_SPLIT = 3
+# Number of views below which interpolated views are added. With few views, optimised triangles cause
+# artefacts of up to 6 dB in other views.
+_ENOUGH_VIEWS = 40
+# Interpolated views per given view after the first. Two views alone have little between them.
+_MAX_INTERPOLATED = 8
 
 
 @dataclass(frozen=True)
@@ -43,42 +46,41 @@ class BakeViews:
 
     Attributes
     ----------
-    teaching, aside, held_back : tuple of Camera
-        Those that teach; those of them that are kept aside to judge choices by; those that are for the
-        numbers alone. There are none of the last where there is one view, and none of the second where fewer
-        than three are left.
-    between : tuple of Camera
-        Views between those of the first two, which teach as well where these are few: of triangles that a
-        handful of pictures moved, other views see what nobody wanted.
+    training, validation, test : tuple of Camera
+        Training views supervise the fit. Validation views are taken from the training set and decide between
+        results. Test views are held out for the final measurement. One view alone is a training view; with
+        fewer than three training views, none is used for validation.
+    interpolated : tuple of Camera
+        Views between the training and validation views, which supervise as well if there are few.
     origin : {"scene", "given", "training", "turntable", "inside"}
-        Where they are from; the last two are made here.
-    said : str
+        Where the views come from. "training": cameras found beside the model. The last two are generated.
+    description : str
         The same in words.
     background : (float, float, float)
         The colour behind the model.
     scene : Scene, optional
-        The scene that they are of.
+        The scene of the views.
     notes : tuple of str
-        What else should be known of them.
+        Notes for the user.
     """
 
-    teaching: tuple[Camera, ...]
-    aside: tuple[Camera, ...]
-    held_back: tuple[Camera, ...]
-    between: tuple[Camera, ...]
+    training: tuple[Camera, ...]
+    validation: tuple[Camera, ...]
+    test: tuple[Camera, ...]
+    interpolated: tuple[Camera, ...]
     origin: str
-    said: str
+    description: str
     background: Color
     scene: Scene | None = None
     notes: tuple[str, ...] = ()
 
     @property
-    def taught(self) -> tuple[Camera, ...]:
-        """All that any choice is made by."""
-        return (*self.teaching, *self.between, *self.aside)
+    def all_but_test(self) -> tuple[Camera, ...]:
+        """Training, interpolated and validation views, in this order."""
+        return (*self.training, *self.interpolated, *self.validation)
 
 
-def bake_views(
+def choose_bake_views(
     asset: Asset,
     scene: Scene | str | os.PathLike[str] | None = None,
     cameras: Iterable[Camera] | None = None,
@@ -88,51 +90,49 @@ def bake_views(
     photographs: bool = False,
     device: str | None = None,
 ) -> BakeViews:
-    """Return the views of a bake: of a scene, else the cameras given, else of its training, else made ones.
+    """Return the views of a bake: of a scene, else given cameras, else training cameras, else generated ones.
 
     Parameters
     ----------
     scene : Scene or path-like, optional
-        Its training views teach, its test views are held back.
+        Its training views supervise, its test views are held out.
     cameras : iterable of Camera, optional
-        Every 8th is held back, as of those of a training and of made ones.
+        Every 8th is held out. The same holds for training cameras found beside the model and for generated
+        views.
     up : str, optional
-        The axis, such as "+z", round which views are made; that of the asset if not given.
+        The up axis of generated views, such as "+z". Default: the asset's.
     background : (3,) floats, or str, optional
-        As for `msb.render`; that of the scene, else the asset's own.
+        As for `msb.render`. Default: the scene's background, else the asset's.
     photographs : bool
-        Whether they must have a photograph.
+        Whether each training view must have a photograph.
 
     Raises
     ------
     MetricError
         METRIC_NOTHING_SHOWN: no view sees the asset.
     UsageError, SceneError
-        No camera, both a scene and cameras, or no such scene.
+        No camera is given, a scene and cameras are both given, or the scene is invalid.
     """
     if scene is not None and cameras is not None:
         raise UsageError("USAGE", "cameras and a scene are given; give one of them")
     if scene is not None:
-        return _of_scene(asset, scene, background, photographs, device)
+        return _choose_scene_views(asset, scene, background, photographs, device)
     notes: list[str] = []
     if cameras is not None:
-        chosen = given_cameras(cameras)
-        if not chosen:
-            raise UsageError("USAGE", "cameras is empty; it must hold at least one, or be None")
-        found = Views(chosen, "given", f"{len(chosen)} camera{'' if len(chosen) == 1 else 's'} given")
+        chosen = given_views(cameras)
     else:
-        found = training_views(asset, device) or _made(asset, up, notes, device)
-    found = _that_see(asset, found, device)
-    views = _smaller(found.cameras, notes)
-    taught, held_back = split_every_8th(views)
-    if not taught:  # there is one view
-        taught, held_back = held_back, []
+        chosen = find_training_views(asset, device) or _generate_views(asset, up, notes, device)
+    chosen = _drop_blind_views(asset, chosen, device)
+    views = _limit_size(chosen.cameras, notes)
+    training, test = split_every_8th(views)
+    if not training:  # there is one view
+        training, test = test, []
     stated = asset.manifest.appearance.get("background")
     color = own_background(asset.manifest) if background is None else check_background(background, stated)
-    return _parted(taught, held_back, found.origin, found.said, color, None, notes)
+    return _split(chosen, training, test, color, None, notes)
 
 
-def _of_scene(
+def _choose_scene_views(
     asset: Asset,
     scene: Scene | str | os.PathLike[str],
     background: Sequence[float] | str | None,
@@ -146,75 +146,83 @@ def _of_scene(
     if background is not None:
         scene = replace(scene, background=check_background(background, manifest.appearance.get("background")))
     notes += [
-        found.message for found in trained_otherwise(manifest.training, stated_background(manifest), scene)
+        difference.message
+        for difference in trained_otherwise(manifest.training, stated_background(manifest), scene)
     ]
-    train = list(scene.train)
+    cameras = list(scene.train)
     if photographs:
-        train = [one for one in train if one.image_path is not None and Path(one.image_path).is_file()]
-    if not train:
+        cameras = [
+            view for view in cameras if view.image_path is not None and Path(view.image_path).is_file()
+        ]
+    if not cameras:
         lacks = "photographs of its training views" if photographs else "training views"
-        raise UsageError("USAGE", f"it has no {lacks}, by which alone a bake is taught", file=scene.root)
-    found = Views(train, "given", f"{len(train)} training views of {scene.name}")
-    found = _that_see(asset, found, device)
-    taught = _smaller(found.cameras, notes)
-    return _parted(taught, list(scene.test), "scene", found.said, scene.background, scene, notes, photographs)
+        raise UsageError("USAGE", f"the scene has no {lacks}; a bake needs at least one", file=scene.root)
+    chosen = ChosenViews(cameras, "given", f"{len(cameras)} training views of {scene.name}")
+    chosen = _drop_blind_views(asset, chosen, device)
+    training, test = _limit_size(chosen.cameras, notes), list(scene.test)
+    return _split(chosen, training, test, scene.background, scene, notes, interpolate=not photographs)
 
 
-def _made(asset: Asset, up: str | None, notes: list[str], device: str | None) -> Views:
-    """Return views round an asset or within it at three heights; note what is taken for up."""
-    # What no training saw is arbitrary: a trained model is not looked at from below. Of a mesh all sides do.
-    rings = RINGS if why_not(asset.manifest, "dedicated") is None else (*RINGS, BELOW)
+def _generate_views(asset: Asset, up: str | None, notes: list[str], device: str | None) -> ChosenViews:
+    """Return views around an asset or inside it at several heights; note an assumed up axis."""
+    rings = RINGS if why_not(asset.manifest, "dedicated") is None else (*RINGS, RING_BELOW)
     cameras = [
-        camera for degrees, count in rings for camera in around(asset, count, *_MADE_SIZE, up, degrees)
+        camera for degrees, count in rings for camera in around(asset, count, *_GENERATED_SIZE, up, degrees)
     ]
     outside = [replace(camera, name=f"{number:05d}") for number, camera in enumerate(cameras)]
     if up is None and asset.manifest.coordinate_frame.known_up is None:
-        notes.append(f"what is up is not recorded: {up_axis(asset)} is taken for it; --up names another axis")
-    found = made_views(asset, outside, device, up)
-    return replace(found, said=f"{found.said}, {up or up_axis(asset)} up")
+        notes.append(f"the up axis is not recorded; {up_axis(asset)} is assumed. Pass --up to change it")
+    chosen = generate_views(asset, outside, device, up)
+    return replace(chosen, description=f"{chosen.description}, {up or up_axis(asset)} up")
 
 
-def _that_see(asset: Asset, views: Views, device: str | None) -> Views:
-    """Return the views that see something of the asset; refuse a set of which none does."""
-    seeing = views.seeing(asset, device)
+def _drop_blind_views(asset: Asset, views: ChosenViews, device: str | None) -> ChosenViews:
+    """Return the views that see the asset; raise METRIC_NOTHING_SHOWN if all are blind."""
+    seeing = views.without_blind(asset, device)
     if not seeing.cameras:
-        raise MetricError("METRIC_NOTHING_SHOWN", seeing.nothing, file=asset.opened_from)
+        raise MetricError("METRIC_NOTHING_SHOWN", seeing.blind_message, file=asset.opened_from)
     return seeing
 
 
-def _smaller(cameras: Sequence[Camera], notes: list[str]) -> list[Camera]:
-    """Return the cameras, those of too many pixels scaled; note how many that are."""
-    scale = [min(1.0, math.sqrt(MOST_PIXELS / (one.width * one.height))) for one in cameras]
-    made = [one.scaled(factor) if factor < 1 else one for one, factor in zip(cameras, scale, strict=True)]
-    large = [(one, new) for one, new in zip(cameras, made, strict=True) if one is not new]
+def _limit_size(cameras: Sequence[Camera], notes: list[str]) -> list[Camera]:
+    """Return the cameras, scaled down if they have more than `MAX_PIXELS`; note the number of scaled ones."""
+    scale = [min(1.0, math.sqrt(MAX_PIXELS / (view.width * view.height))) for view in cameras]
+    scaled = [
+        view.scaled(factor) if factor < 1 else view for view, factor in zip(cameras, scale, strict=True)
+    ]
+    large = [(view, new) for view, new in zip(cameras, scaled, strict=True) if view is not new]
     if large:
         old, new = large[0]
-        sizes = f"from {old.width} x {old.height} to {new.width} x {new.height}"
-        notes.append(f"{len(large)} of {len(cameras)} views teach scaled, such as {sizes} pixels")
-    return made
+        sizes = f"from {old.width} x {old.height} to {new.width} x {new.height} pixels"
+        notes.append(f"{len(large)} of {len(cameras)} training views are scaled down, for example {sizes}")
+    return scaled
 
 
-def _parted(
-    taught: list[Camera],
-    held_back: list[Camera],
-    origin: str,
-    said: str,
+def _split(
+    chosen: ChosenViews,
+    training: list[Camera],
+    test: list[Camera],
     background: Color,
     scene: Scene | None,
     notes: list[str],
-    photographs: bool = False,
+    interpolate: bool = True,
 ) -> BakeViews:
-    teaching, aside = split_every_8th(taught) if len(taught) >= _FEWEST_TO_SPARE else (taught, [])
-    more: list[Camera] = []
-    if not photographs:  # there is none of where nobody stood
-        more = between(taught, min(_ENOUGH - len(taught), _MOST_BETWEEN * (len(taught) - 1)))
+    """Return the views of a bake, with validation views split off and interpolated views added.
+
+    `training` and `test` are the chosen views. Photographs cannot be interpolated.
+    """
+    count = len(training)
+    fitting, validation = split_every_8th(training) if count >= _MIN_VIEWS_TO_SPLIT else (training, [])
+    interpolated: list[Camera] = []
+    if interpolate:
+        interpolated = between(training, min(_ENOUGH_VIEWS - count, _MAX_INTERPOLATED * (count - 1)))
     return BakeViews(
-        tuple(teaching),
-        tuple(aside),
-        tuple(held_back),
-        tuple(more),
-        origin,
-        said,
+        tuple(fitting),
+        tuple(validation),
+        tuple(test),
+        tuple(interpolated),
+        chosen.origin if scene is None else "scene",
+        chosen.description,
         background,
         scene,
         tuple(notes),

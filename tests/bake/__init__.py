@@ -1,1 +1,1 @@
-"""Tests of what makes a plain asset of a model."""
+"""Tests of bakes: opaque meshes that look like the native rendering of a model."""

@@ -1,4 +1,4 @@
-"""`msb bake`: its options, files and JSON, what it rejects before any work, what a failure leaves."""
+"""`msb bake`: its options, files and JSON, and its errors."""
 
 import json
 import math
@@ -14,33 +14,34 @@ import pytest
 import msb
 from msb.asset import build_asset
 from msb.asset.texture import MAX_SIDE
+from msb.bake.context import SearchContext
 from msb.bake.options import BakeKeywords, BakeOptions, parse_collision
-from msb.bake.start import Guide
 from msb.errors import DeviceError, UsageError
 from msb.meshes import Mesh, read_mesh
 from msb.scenes import write_cameras
-from tests.bake.conftest import COLORS, line_of, solid
-from tests.bake.test_views import ring
+from tests.bake.conftest import COLORS, bake_words, solid
+from tests.bake.soups import ring
 from tests.cli.conftest import Here
 from tests.conftest import ROOT
 
 WALLED = ROOT / "data_stubs" / "scenes" / "mipnerf360" / "pebble"
 
 
-def test_all_outputs_are_written_and_measured(here: Here, model: Path) -> None:
+def test_all_outputs_are_written(here: Here, model: Path) -> None:
     outs = [model.parent / name for name in ("a.glb", "b.triasset", "c.ply")]
-    line = line_of(model, "--json", "-")
+    line = bake_words(model, "--json", "-")
     result = here(*line, "-o", outs[1], "-o", outs[2])
     assert result.status == 0, result
     data = result.json
     assert (data["schema"], data["path"], data["output"]) == ("msb.bake/1", str(model), str(outs[0]))
     assert data["bytes"] == outs[0].stat().st_size
     assert (data["geometry"], data["color"], data["texture"], data["faces"]) == ("kept", "vertex", None, 4)
-    assert (data["views"]["taught"], data["views"]["held_back"]) == (7, 2)
-    # The standard tier supervises a plain mesh: with as many samples only rounding is lost.
-    own = data["psnr"]["own"]
-    assert own["after_16"] > 40
-    assert own["before"] == pytest.approx(own["after"], abs=1)
+    views = {"training": 6, "validation": 1, "test": 2, "interpolated": 33}
+    assert data["views"] == {**views, "from": "9 cameras given"}
+    # A mesh file is rendered on the standard tier; with as many samples only rounding is lost.
+    native = data["psnr"]["native"]
+    assert native["after_16"] > 40
+    assert native["before"] == pytest.approx(native["after"], abs=1)
     assert data["psnr"]["photographs"] is None
     assert data["verdict_before"]["level"] == data["verdict_after"]["level"] == "ok"
     glb = outs[0].read_bytes()
@@ -56,48 +57,46 @@ def test_all_outputs_are_written_and_measured(here: Here, model: Path) -> None:
 
 
 @pytest.mark.slow
-def test_levels_and_a_collision_shape_stand_beside_each_output(here: Here, model: Path) -> None:
-    line = line_of(model, "--lods", "0.5", "--collision", "box")
+def test_levels_and_a_collision_shape_are_written_beside_each_output(here: Here, model: Path) -> None:
+    line = bake_words(model, "--lods", "0.5", "--collision", "box")
     result = here(*line, "-o", model.parent / "b.ply", "--json", "-")
     assert result.status == 0, result
     (level,), shape = result.json["lods"], result.json["collision"]
-    assert [Path(each["output"]).name for each in (level, shape)] == ["a_lod1.glb", "a_collision.glb"]
+    assert [Path(part["output"]).name for part in (level, shape)] == ["a_lod1.glb", "a_collision.glb"]
+    assert level["native_after_16"] > 10
     assert (level["share"], shape["kind"], shape["faces"], shape["parts"]) == (0.5, "box", 12, 1)
     assert level["bytes"] == Path(level["output"]).stat().st_size
     assert msb.audit(model.parent / "b_collision.ply").verdict == "ok"
     assert len(read_mesh(model.parent / "b_lod1.ply").faces) == level["faces"]
-    here(*line_of(model, "-o", model.parent / "a_lod1.glb", out="c.glb")).ends(2, "OUTPUT_EXISTS: ")
+    here(*bake_words(model, "-o", model.parent / "a_lod1.glb", out="c.glb")).ends(2, "OUTPUT_EXISTS: ")
 
 
-def test_a_cache_of_renderings_makes_the_same(here: Here, model: Path) -> None:
+def test_a_cache_of_renderings_gives_the_same_bytes(here: Here, model: Path) -> None:
     cache, outs = model.parent / "cache", [model.parent / name for name in ("a.glb", "b.glb")]
     for out in outs:
-        assert here(*line_of(model, "--cache", cache, out=out.name)).status == 0
+        assert here(*bake_words(model, "--cache", cache, out=out.name)).status == 0
     assert outs[0].read_bytes() == outs[1].read_bytes()
-    a_file = here(*line_of(model, "--cache", model, out="c.glb"))
+    a_file = here(*bake_words(model, "--cache", model, out="c.glb"))
     assert (a_file.status, (model.parent / "c.glb").exists()) == (3, False)
 
 
 def test_one_view_and_one_face_are_enough(here: Here, model: Path) -> None:
     solid(faces=1).save(model, overwrite=True)
     write_cameras(ring(1), model.parent / "cameras.json")
-    data = here(*line_of(model, "--json", "-")).json
-    assert (data["faces"], data["psnr"], data["views"]["held_back"]) == (
-        1,
-        {"own": None, "photographs": None},
-        0,
-    )
+    data = here(*bake_words(model, "--json", "-")).json
+    assert data["psnr"] == {"native": None, "photographs": None}
+    assert (data["faces"], data["views"]["test"]) == (1, 0)
 
 
 USAGE = {
     "no output": [],
     "format": ["-o", "a.fbx"],
-    "photographs": ["-o", "a.glb", "--teacher", "photographs"],
+    "photographs": ["-o", "a.glb", "--supervision", "photographs"],
     "both": ["-o", "a.glb", "--scene", "x", "--cameras", "y"],
-    "images of no scene": ["-o", "a.glb", "--image-folder", "images_3"],
-    "up of cameras": ["-o", "a.glb", "--up", "+z", "--cameras", "cameras.json"],
-    "size of no cameras": ["-o", "a.glb", "--size", "9x9"],
-    "one place": ["-o", "a.obj", "-o", "b/../a.obj"],
+    "image folder without scene": ["-o", "a.glb", "--image-folder", "images_3"],
+    "up with cameras": ["-o", "a.glb", "--up", "+z", "--cameras", "cameras.json"],
+    "size without cameras": ["-o", "a.glb", "--size", "9x9"],
+    "same file twice": ["-o", "a.obj", "-o", "b/../a.obj"],
     "shape": ["-o", "a.glb", "--collision", "ball"],
 }
 
@@ -134,32 +133,30 @@ def test_a_missing_library_is_reported_before_anything_is_drawn(
         raise UsageError("USAGE", "nothing is missing")
 
     monkeypatch.setattr("msb.base.extras.is_installed", lambda name: name != module)
-    monkeypatch.setattr("msb.bake.run.bake_views", go_on)
-    here(*line_of(model, *words)).ends(2, f"{code}: ")
+    monkeypatch.setattr("msb.bake.run.choose_bake_views", go_on)
+    here(*bake_words(model, *words)).ends(2, f"{code}: ")
 
 
-def test_inputs_that_cannot_supervise_have_their_codes(
-    here: Here, model: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_errors_of_inputs(here: Here, model: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     out = ["-o", model.parent / "a.glb"]
     here("bake", model, "--scene", "nowhere", *out).ends(3, "FILE_NOT_FOUND: ")
     here("bake", "--scene", WALLED, "--image-folder", "images_3", model, *out).ends(
         3, "SCENE_IMAGE_MISSING: "
     )
     with monkeypatch.context() as patch:
-        patch.setattr("msb.bake.teacher.why_not", lambda _, tier: f"there is no {tier}")
-        here(*line_of(model)).ends(4, "UNSUPPORTED_TIER: ")
+        patch.setattr("msb.bake.image_source.why_not", lambda _, tier: f"there is no {tier}")
+        here(*bake_words(model)).ends(4, "UNSUPPORTED_TIER: ")
     parts, colors = solid().buffers, COLORS.copy()
     colors[2] = np.nan
     buffers = {"positions": parts["positions"], "indices": parts["indices"], "color": colors}
     build_asset(buffers, {"color": "vertex"}).save(model, overwrite=True)
-    here(*line_of(model)).ends(3, "TRIASSET_VALUE_NONFINITE: ")
+    here(*bake_words(model)).ends(3, "TRIASSET_VALUE_NONFINITE: ")
 
 
 FAILURES = {
-    "device": ("msb.bake.making.kept", DeviceError("DEVICE_COMMAND", "the device is lost"), 5),
-    "interrupt": ("msb.bake.making.kept", KeyboardInterrupt(), 130),
-    "full disk": ("msb.bake.written.write_packed", OSError(28, "No space left on device"), 3),
+    "device": ("msb.bake.pipeline.make_kept", DeviceError("DEVICE_COMMAND", "the device is lost"), 5),
+    "interrupt": ("msb.bake.pipeline.make_kept", KeyboardInterrupt(), 130),
+    "full disk": ("msb.bake.output_files.write_packed", OSError(28, "No space left on device"), 3),
 }
 
 
@@ -178,43 +175,43 @@ def test_a_failure_leaves_all_files_as_they_were(
     monkeypatch.setattr(place, fail)
     (model.parent / "a.glb").write_bytes(b"the old one")
     before = sorted(model.parent.rglob("*"))
-    assert here(*line_of(model, "-f", "-o", model.parent / "b.triasset")).status == status
+    assert here(*bake_words(model, "-f", "-o", model.parent / "b.triasset")).status == status
     assert (model.parent / "a.glb").read_bytes() == b"the old one"
     assert sorted(model.parent.rglob("*")) == before
 
 
-def test_an_interrupt_ends_with_the_best_so_far_on_request(
+def test_keep_best_writes_the_best_result_after_an_interrupt(
     here: Here, model: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from msb.bake import making
+    from msb.bake import pipeline
 
-    ended = []
+    stops = []
 
-    def interrupt(asset: msb.Asset, guide: Guide, shares: Any) -> Mesh:
+    def interrupt(asset: msb.Asset, context: SearchContext, weights: Any) -> Mesh:
         os.kill(os.getpid(), signal.SIGINT)
-        ended.append(guide.watch("choosing faces", 1, 9))
-        return kept(asset, guide, shares)
+        stops.append(context.progress("choosing faces", 1, 9))
+        return make_kept(asset, context, weights)
 
-    kept = making.kept
-    monkeypatch.setattr(making, "kept", interrupt)
-    monkeypatch.setattr(making, "fitted", lambda *_, **__: pytest.fail("there was no time for more"))
+    make_kept = pipeline.make_kept
+    monkeypatch.setattr(pipeline, "make_kept", interrupt)
+    monkeypatch.setattr(pipeline, "make_fitted", lambda *_, **__: pytest.fail("the bake was interrupted"))
     handler = signal.getsignal(signal.SIGINT)
-    assert here(*line_of(model, "--geometry", "auto", "--keep-best")).status == 0
-    assert (ended, (model.parent / "a.glb").exists()) == ([True], True)
+    assert here(*bake_words(model, "--geometry", "auto", "--keep-best")).status == 0
+    assert (stops, (model.parent / "a.glb").exists()) == ([True], True)
     assert signal.getsignal(signal.SIGINT) is handler
-    assert here(*line_of(model, out="b.glb")).status == 130
+    assert here(*bake_words(model, out="b.glb")).status == 130
     assert not (model.parent / "b.glb").exists()
 
 
-def test_the_files_of_a_texture_beside_an_output_are_not_overwritten(here: Here, model: Path) -> None:
+def test_files_beside_an_output_are_not_overwritten(here: Here, model: Path) -> None:
     (model.parent / "a.mtl").write_bytes(b"mine")
-    here(*line_of(model, out="a.obj")).ends(2, f"OUTPUT_EXISTS: {model.parent / 'a.mtl'}")
+    here(*bake_words(model, out="a.obj")).ends(2, f"OUTPUT_EXISTS: {model.parent / 'a.mtl'}")
 
 
-UNFIT: list[dict[str, Any]] = [
+INVALID: list[dict[str, Any]] = [
     {"geometry": "solid"},
     {"color": "face"},
-    {"teacher": "me"},
+    {"supervision": "me"},
     {"texture": 8},
     {"texture": MAX_SIDE + 1},
     {"faces": 0},
@@ -232,7 +229,7 @@ UNFIT: list[dict[str, Any]] = [
 ]
 
 
-@pytest.mark.parametrize("options", UNFIT, ids=str)
+@pytest.mark.parametrize("options", INVALID, ids=str)
 def test_invalid_values_and_contradictions_are_rejected(options: dict[str, Any]) -> None:
     with pytest.raises(UsageError) as caught:
         BakeOptions(**options)
@@ -240,15 +237,15 @@ def test_invalid_values_and_contradictions_are_rejected(options: dict[str, Any])
     assert f"--{next(iter(options)).replace('_', '-')} " in caught.value.message
 
 
-def test_shares_and_shapes_are_parsed() -> None:
-    assert BakeOptions(lods="0.5, 0.25,0.1").shares == BakeOptions(lods=(0.5, 0.25, 0.1)).shares
-    assert BakeOptions(lods=(0.5, 0.25)).shares == (0.5, 0.25)
-    assert BakeOptions().shares == BakeOptions(lods=()).shares == ()
+def test_levels_and_shapes_are_parsed() -> None:
+    assert BakeOptions(lods="0.5, 0.25,0.1").lod_shares == BakeOptions(lods=(0.5, 0.25, 0.1)).lod_shares
+    assert BakeOptions(lods=(0.5, 0.25)).lod_shares == (0.5, 0.25)
+    assert BakeOptions().lod_shares == BakeOptions(lods=()).lod_shares == ()
     shapes = [parse_collision(text) for text in ("mesh:1000", "hulls:16", "box")]
     assert shapes == [("mesh", 1000), ("hulls", 16), ("box", 1)]
 
 
-def test_keywords_of_the_function_are_the_fields_of_the_object() -> None:
+def test_keywords_of_msb_bake_are_the_fields_of_its_options() -> None:
     fields, keywords = get_type_hints(BakeOptions), get_type_hints(BakeKeywords)
     assert list(fields) == list(keywords)
     for name, kind in fields.items():

@@ -5,17 +5,17 @@ from msb.asset.look import tint_of
 from msb.asset.texture import textures_of
 from msb.asset.tiers import why_not
 from msb.bake.atlas import need_xatlas
-from msb.bake.options import BakeOptions, Geometry, Look, parse_collision
+from msb.bake.options import BakeOptions, ColorTarget, Geometry, parse_collision
 from msb.bake.soup import is_uncut_soup
 from msb.base.extras import is_installed, need_extra
 from msb.base.soup import is_soup
 from msb.topology import audit_arrays
 from msb.topology.weld import weld_vertices
 
-_BOX = "box needs nothing"
+_BOX_HINT = "box needs no library"
 
 
-def choose_look(options: BakeOptions, geometry: Geometry, asset: Asset) -> Look:
+def choose_color_target(options: BakeOptions, geometry: Geometry, asset: Asset) -> ColorTarget:
     """Return whether the colours of a geometry go to a texture or to the vertices."""
     is_vertex = geometry == "kept" and options.texture is None and _fits_vertices(asset)
     return options.color or ("vertex" if is_vertex else "texture")
@@ -32,15 +32,15 @@ def check_model(options: BakeOptions, asset: Asset) -> None:
     points, faces = asset.buffers["positions"], asset.buffers["indices"]
     is_auto = options.geometry == "auto" and options.faces is None and not options.for_solid
     if is_auto or options.geometry == "kept":
-        if choose_look(options, "kept", asset) == "texture" and not is_soup(faces):
+        if choose_color_target(options, "kept", asset) == "texture" and not is_soup(faces):
             need_xatlas()
-        if options.shares and not is_uncut_soup(points, faces):
+        if options.lod_shares and not is_uncut_soup(points, faces):
             need_extra("trial", "fast_simplification", what="a level of detail of a connected mesh")
     if options.collision is None or options.collision == "box":
         return
     kind, _ = parse_collision(options.collision)
     modules = ("fast_simplification", "coacd") if kind == "hulls" else ("fast_simplification",)
-    need_extra("trial", *modules, what=f"a collision mesh {options.collision}", instead=_BOX)
+    need_extra("trial", *modules, what=f"a collision mesh {options.collision}", instead=_BOX_HINT)
     # Kept triangles without a boundary stay closed: a repair cuts and turns faces, but opens nothing.
     if options.geometry == "kept":
         welded = weld_vertices(points, faces, "exact")
@@ -51,7 +51,7 @@ def check_model(options: BakeOptions, asset: Asset) -> None:
 
 def need_enclosure() -> None:
     """Reject the enclosure of an open mesh if its library is not installed."""
-    need_extra("bench", "skimage", what="a collision mesh of an open mesh", instead=_BOX)
+    need_extra("bench", "skimage", what="a collision mesh of an open mesh", instead=_BOX_HINT)
 
 
 def _fits_vertices(asset: Asset) -> bool:

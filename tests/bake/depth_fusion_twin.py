@@ -1,4 +1,4 @@
-"""A vote of views on what is solid, in NumPy, view by view: the twin of bake_fuse.cl."""
+"""The votes of views on solid places, in NumPy, view by view: the twin of bake_fuse.cl."""
 
 from collections.abc import Sequence
 
@@ -10,7 +10,7 @@ from msb.scenes import Camera
 Reals = NDArray[np.float64]
 
 
-def fused(
+def vote(
     places: Reals,
     reach: Reals,
     behind: Reals,
@@ -19,12 +19,12 @@ def fused(
     share: float,
     thick: float,
 ) -> Reals:
-    """Return how far places (n, 3) of the world lie before what cameras see, in the mean and less `thick`,
-    (n,); NaN where no view has one in its picture.
+    """Return the votes (n,) on places (n, 3) of the world; NaN if no view contains a place.
 
-    Distances are along z, in units of `reach` (n,), and cut at 1; `depths` are (H, W), 0 where nothing is
-    seen. From views that find a place farther than `behind` (n,) that it is hidden. It is solid, -1, if it is
-    seen by fewer views than `share` of these, and partly so if by fewer than twice as many.
+    A vote is the average distance of a place in front of the visible surface, less `thick`. Distances are
+    along z, in units of `reach` (n,), and at most 1; `depths` are (H, W), 0 for the background. A place
+    farther than `behind` (n,) behind the surface is hidden from a view. It is solid, -1, if the ratio of the
+    views that see it to the others is below `share`, and partly solid up to twice that share.
     """
     total, seen, hidden = np.zeros((3, len(places)))
     for camera, depth in zip(cameras, depths, strict=True):
@@ -32,8 +32,8 @@ def fused(
         u, v = pixels.T
         inside = (away > 0) & (u >= 0) & (v >= 0) & (u < camera.width) & (v < camera.height)
         for i in np.flatnonzero(inside):
-            there = _depth_at(depth.astype(np.float64), u[i], v[i], reach[i])
-            before = (there - away[i]) / reach[i] if there > 0 else 1.0
+            surface = _depth_at(depth.astype(np.float64), u[i], v[i], reach[i])
+            before = (surface - away[i]) / reach[i] if surface > 0 else 1.0
             if before * reach[i] < -behind[i]:
                 hidden[i] += 1
             else:
@@ -47,13 +47,13 @@ def fused(
 
 
 def _depth_at(depth: Reals, u: float, v: float, reach: float) -> float:
-    """Return the depth at a place of the picture: mixed of four pixels where these are of one surface."""
-    seen = float(depth[int(v), int(u)])
+    """Return the depth at a place of the image, interpolated if the four pixels belong to one surface."""
+    nearest = float(depth[int(v), int(u)])
     height, width = depth.shape
     column = min(max(int(np.floor(u - 0.5)), 0), width - 2)
     row = min(max(int(np.floor(v - 0.5)), 0), height - 2)
     four = depth[row : row + 2, column : column + 2]
-    if seen <= 0 or four.min() <= 0 or four.max() - four.min() >= reach:
-        return seen
+    if nearest <= 0 or four.min() <= 0 or four.max() - four.min() >= reach:
+        return nearest
     right, down = (float(np.clip(x, 0, 1)) for x in (u - 0.5 - column, v - 0.5 - row))
     return float(np.array([1 - down, down]) @ four @ np.array([1 - right, right]))

@@ -1,0 +1,127 @@
+"""The candidate `fitted`: a triangle soup, pruned, moved and coloured until the opaque image matches."""
+
+import time
+from functools import partial
+
+import numpy as np
+
+from msb.asset import Asset
+from msb.asset.tiers import why_not
+from msb.bake.arrays import Floats, Ints
+from msb.bake.blending_weights import BlendingWeights
+from msb.bake.candidate_kept import FINE_PIXELS, MIN_FACE_PIXELS, limit_for_selection
+from msb.bake.color_fit import count_pixels
+from msb.bake.context import BestState, SearchContext
+from msb.bake.descent import StepSchedule, move_faces
+from msb.bake.face_selection import hide_cheapest_faces, toggle_faces
+from msb.bake.opaque_model import prune_faces, to_opaque_mesh
+from msb.bake.soup import Soup
+from msb.meshes.mesh import Mesh
+
+# Rounds of the face selection that hide faces before any face moves: in 12 rounds of 8 % each face is tried
+# about once.
+_HIDING_ROUNDS = 12
+# Steps of the descent without a time limit: about 20 s for a demo model on two cores.
+_STEPS = 400
+# Step length at the start and at the end, relative to the size of a face. 400 steps can move a corner by
+# about three face sizes.
+_STEP_LENGTHS = 0.015, 0.0005
+# Pixels of the largest image that moves faces. Larger images take longer in proportion.
+PIXELS_TO_MOVE = 1 << 18
+# A method without static colours varies within each face. Up to this number of faces they are quartered, if
+# the face budget allows; more would not fit into the pixels of the images.
+_MAX_QUARTERED = 20_000
+# Face budget: covered pixels of a view per moved face. Smaller faces follow the pixel grid and cost dB.
+_PIXELS_PER_FACE = 2.5
+# If there is room for more faces, the largest ones are halved, up to one face per 5.5 pixels of a view. More
+# pieces cost dB.
+_PIXELS_PER_PIECE = 5.5
+# Growth of the piece size per trial, until the number of pieces is within the budget: it is met to 9 %.
+_PIECE_GROWTH = 2 ** (1 / 8)
+
+
+def make_fitted(
+    asset: Asset,
+    context: SearchContext,
+    weights: BlendingWeights | None = None,
+    *,
+    seconds: float = 40.0,
+    faces: int | None = None,
+    pixels: int | None = None,
+) -> tuple[Mesh, list[str]]:
+    """Return an opaque soup made of the triangles of `asset`, with corner colours, and notes for the user.
+
+    Triangles are pruned by their blending weights, then moved, hidden and shown to match the training images;
+    the validation images decide which state is best. The search ends after `seconds`. If it was not cut short
+    the result is the same in every run on one device.
+
+    If the images have too few pixels for the triangles, these are not moved. With `faces`, the triangles with
+    the most pixels are selected then.
+
+    Parameters
+    ----------
+    faces : int, optional
+        The face budget.
+    pixels : int, optional
+        Pixels of a view. Without `faces`, the share of them that shows the model gives the face budget, and
+        large faces are halved if few were selected.
+
+    Raises
+    ------
+    DeviceError, and the errors of `make_kept`.
+    """
+    until = time.monotonic() + seconds
+    random = context.make_random()
+    soup = Soup.from_mesh(to_opaque_mesh(asset), share_colors=False)
+    context.progress("choosing faces", 0, 1)
+    with limit_for_selection(context, soup.selected_count).open_renderers(soup) as (renderer, validation):
+        best = BestState(validation)
+        prune_faces(soup, asset, renderer, best, weights)
+        soup = best.soup
+        # Pixels (F,) of an average view that show each selected face, and the share of a view that they
+        # cover.
+        face_pixels = count_pixels(soup.refit_colors(renderer))[soup.selected] / len(renderer.images)
+        covered = face_pixels.sum() / renderer.pixels_per_face(1)
+    default = None if pixels is None else max(1, int(covered * pixels / _PIXELS_PER_FACE))
+    budget = faces or default
+    if why_not(asset.manifest, "standard") is not None:
+        fits = 4 * soup.selected_count <= min(_MAX_QUARTERED, budget or _MAX_QUARTERED)
+        soup = soup.quarter() if fits else soup
+    elif pixels is not None and budget is not None:
+        soup = soup.halve(_plan_halving(face_pixels, min(budget, int(pixels / _PIXELS_PER_PIECE))))
+    with context.limited_to(PIXELS_TO_MOVE).open_renderers(soup) as (renderer, validation):
+        sums = soup.refit_colors(renderer)
+        count = soup.selected_count if budget is None else min(budget, soup.selected_count)
+        if renderer.pixels_per_face(count) < MIN_FACE_PIXELS:
+            if faces is not None and count < soup.selected_count:
+                face_pixels = np.where(soup.selected, count_pixels(sums), -1)
+                soup.selected[np.argsort(-face_pixels, kind="stable")[faces:]] = False
+                soup.refit_colors(renderer)
+            average = renderer.pixels_per_face(soup.selected_count)
+            text = f"{soup.selected_count:,} triangles have {average:.1f} pixels of a view on average"
+            return soup.to_mesh(), [f"{text}, too few to move them; they were only selected and coloured"]
+        for _ in range(_HIDING_ROUNDS):
+            toggle_faces(soup, renderer, random, show=False)
+        if budget is not None:
+            hide_cheapest_faces(soup, renderer, random, budget)
+        schedule = StepSchedule(_STEPS, until, partial(context.progress, "moving faces"))
+        lengths = _STEP_LENGTHS
+        soup = move_faces(
+            soup, renderer, validation, random, step_lengths=lengths, most=budget, schedule=schedule
+        )
+    return soup.to_mesh(), schedule.notes("moving the triangles")
+
+
+def _plan_halving(pixels: Floats, most: int) -> Ints:
+    """Return how often (F,) to halve faces with these pixels (F,), so that there are at most `most` pieces.
+
+    Pieces have about the same number of pixels, at least `FINE_PIXELS`.
+    """
+    times = np.zeros(len(pixels), np.int64)
+    piece = FINE_PIXELS
+    while len(pixels) < most:
+        times = np.log2(np.maximum(pixels, piece) / piece).astype(np.int64)
+        if (1 << times).sum() <= most:
+            break
+        piece *= _PIECE_GROWTH
+    return times

@@ -1,0 +1,302 @@
+"""The candidate `surface`: one closed surface of a soup, from the votes of its depth maps, with few faces."""
+
+import math
+import time
+from collections.abc import Callable, Sequence
+from contextlib import closing
+from dataclasses import replace
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+
+from msb.bake import closed_mesh, vertex_descent
+from msb.bake.arrays import Floats, Ints
+from msb.bake.blending_weights import count_pixels_by_view
+from msb.bake.candidate_fitted import PIXELS_TO_MOVE
+from msb.bake.context import BestState, SearchContext
+from msb.bake.depth_fusion import REACH, DepthRenderer, Grid, complete_votes, pull_in
+from msb.bake.descent import StepSchedule
+from msb.bake.options import MIN_CLOSED_FACES
+from msb.bake.soup import Soup
+from msb.bake.space import Space
+from msb.cl import Device
+from msb.errors import AssetError
+from msb.meshes.mesh import Mesh
+from msb.scenes import Camera
+
+# Default face budget of an object. With it the demo surfaces come within 0.9 dB of the native rendering.
+OBJECT_FACES = 8_000
+# Bounds of the default face budget of a scene, and the pixels of a view per face between them. More faces
+# take longer in each step.
+SCENE_FACES = 20_000, 50_000
+_PIXELS_PER_FACE = 2
+# Cells along the longest side of the first grid. Half and twice as many are tried as well.
+CELLS = 144
+# Fewest cells that are tried: half of 144 three times.
+_MIN_CELLS = 18
+# Double the grid while the finer one has at most 75 % of the error. Otherwise a finer grid follows the noise
+# of the soup, which moving vertices does not remove. 288 cells of an uneven soup cost up to 8 dB; once half
+# as many cells are worse by a quarter, twice as many gained up to 1.4 dB.
+_MAX_ERROR_RATIO = 0.75
+# Seconds for the vertices below which only one grid is tried, as others take many times as long on a scene.
+_MIN_SECONDS_TO_COMPARE = 2.0
+# A note reports a face count that differs from the budget by more than this factor.
+_BUDGET_TOLERANCE = 1.25
+# Up to this face budget a reduction in two steps is tried as well, which keeps thin parts. With more faces it
+# is rarely better.
+_TWO_STEP_FACES = 4_000
+# Share of the pixels of all views below which a part is a speck and is removed.
+MIN_PART_SHARE = 1e-4
+
+
+class ClosedSurface(NamedTuple):
+    """A closed surface: points (V, 3) in the coordinates of a space, and faces (F, 3)."""
+
+    points: Floats
+    faces: Ints
+    space: Space
+
+
+class ReducedSurface(NamedTuple):
+    """A closed surface with about `budget` faces, reduced from one of `original_faces`.
+
+    `error` is its validation error with the best vertex colours.
+    """
+
+    surface: ClosedSurface
+    budget: int
+    original_faces: int
+    error: float
+
+
+def make_surface(
+    soup: Mesh,
+    context: SearchContext,
+    *,
+    faces: int | None = None,
+    pixels: int = 0,
+    seconds: float = math.inf,
+) -> tuple[Mesh, list[str]]:
+    """Return a closed, manifold, consistently wound mesh that looks like `soup`, and notes for the user.
+
+    The depths of the opaque soup in the training views define a solid. Its boundary is reduced to about
+    `faces` faces, by default as many as views of `pixels` pixels can show. Then its vertices move for at most
+    `seconds` while the validation images improve. It has vertex colours.
+
+    An object is enclosed from outside. A scene, which reaches beyond its cameras, is enclosed from inside:
+    its faces look inwards, and a far shell shows the sky.
+
+    Raises
+    ------
+    AssetError
+        TRIASSET_EMPTY: no view sees anything that has a volume.
+    DeviceError
+    """
+    context = context.limited_to(PIXELS_TO_MOVE)
+
+    def reduce_grid(cells: int) -> ReducedSurface:
+        context.progress("solid", 0, 1)
+        surface = enclose(soup, context.training.cameras, (cells, cells), device=context.device)
+        context.progress("fewer faces", 0, 1)
+        least, most = SCENE_FACES if surface.space.contracted else (OBJECT_FACES, OBJECT_FACES)
+        budget = min(max(pixels // _PIXELS_PER_FACE, least), most) if faces is None else faces
+        return _reduce(surface, budget, context)
+
+    has_time = seconds >= _MIN_SECONDS_TO_COMPARE
+    reduced = _choose_grid(reduce_grid) if has_time else reduce_grid(CELLS)
+    return _fit_surface(reduced, context, seconds)
+
+
+def _choose_grid(reduce_grid: Callable[[int], ReducedSurface]) -> ReducedSurface:
+    """Return the surface of the number of cells with the smallest validation error.
+
+    Few cells suit a soup that the views hardly determine, many suit leaves.
+    """
+    best, coarse = reduce_grid(CELLS), reduce_grid(CELLS // 2)
+    if best.error < _MAX_ERROR_RATIO * coarse.error:
+        return min(best, reduce_grid(2 * CELLS), key=lambda reduced: reduced.error)
+    cells = CELLS // 2
+    while coarse.error < best.error:
+        best, cells = coarse, cells // 2
+        if cells >= _MIN_CELLS:
+            coarse = reduce_grid(cells)
+    return best
+
+
+def enclose(
+    soup: Mesh,
+    cameras: Sequence[Camera],
+    cells: tuple[int, int],
+    margin: float = REACH,
+    *,
+    device: str | Device | None = None,
+) -> ClosedSurface:
+    """Return the closed surface around the visible parts of a soup.
+
+    `cells` is the number of cells along the longest side, for an object and for a scene. `margin` is the
+    distance in cells of closed unseen sides from an object.
+
+    Raises
+    ------
+    AssetError
+        TRIASSET_EMPTY: no camera sees anything that has a volume.
+    DeviceError
+    """
+    with closing(DepthRenderer(soup, device)) as renderer:
+        points = renderer.visible_points(cameras)
+        if not len(points):
+            text = "no view sees an opaque part of the model, so no surface can be made; pass other cameras"
+            raise AssetError("TRIASSET_EMPTY", text)
+        space = Space.fit(points, cameras)
+        is_scene = space.contracted
+        grid = Grid.covering(space, cells[is_scene], margin)
+        votes = renderer.vote(cameras, space, grid)
+    values = complete_votes(votes, space, grid)
+    if not values.min() < 0 < values.max():
+        text = "the visible parts of the model enclose no volume, so no surface can be made"
+        raise AssetError("TRIASSET_EMPTY", text)
+    boundary, faces = closed_mesh.extract_boundary(values, grid, -1.0 if is_scene else 1.0)
+    boundary = pull_in(boundary, values, grid)
+    return _drop_specks(ClosedSurface(boundary, faces, space), cameras, device)
+
+
+def _drop_specks(
+    surface: ClosedSurface, cameras: Sequence[Camera], device: str | Device | None
+) -> ClosedSurface:
+    """Return the parts of a surface that cameras see enough of, and the most visible one."""
+    points, faces, space = surface
+    if not len(faces):
+        return surface
+    least = MIN_PART_SHARE * sum(camera.width * camera.height for camera in cameras)
+    is_visible = closed_mesh.select_visible_parts(
+        points, faces, _count_pixels(surface, cameras, device), least
+    )
+    return ClosedSurface(*closed_mesh.drop_unused_points(points, faces[is_visible]), space)
+
+
+def _count_pixels(surface: ClosedSurface, cameras: Sequence[Camera], device: str | Device | None) -> Ints:
+    """Return the number of pixels (F,) of all cameras that show each face."""
+    counts = count_pixels_by_view(_to_mesh(surface), cameras, device)
+    return sum(counts, np.zeros(len(surface.faces), np.int64))
+
+
+def _to_mesh(surface: ClosedSurface) -> Mesh:
+    return Mesh(surface.space.to_world(surface.points).astype(np.float32), surface.faces)
+
+
+def refit_surface(
+    surface: ClosedSurface,
+    count: int,
+    context: SearchContext,
+    seconds: float = math.inf,
+    steps: int | None = None,
+    *,
+    colored: Mesh | None = None,
+) -> tuple[Mesh, list[str]]:
+    """Return a surface like `surface` with about `count` faces, fitted to the images, and notes for the user.
+
+    Its vertices move for `steps` steps, or until `seconds` are over. Unseen parts take the colours of
+    `colored`.
+
+    Raises
+    ------
+    AssetError
+        TRIASSET_EMPTY: nothing is left with this number of faces.
+    DeviceError
+    """
+    return _fit_surface(_reduce(surface, count, context), context, seconds, steps, colored)
+
+
+def copy_nearest_colors(colored: Mesh, mesh: Mesh) -> Mesh:
+    """Return `mesh` with the vertex colours of the nearest vertices of `colored`, if that has any."""
+    from scipy.spatial import cKDTree
+
+    if colored.vertex_colors is None:
+        return mesh
+    nearest = cKDTree(colored.vertices.astype(np.float64)).query(mesh.vertices.astype(np.float64))[1]
+    return replace(mesh, vertex_colors=colored.vertex_colors[nearest])
+
+
+def _fit_surface(
+    reduced: ReducedSurface,
+    context: SearchContext,
+    seconds: float,
+    steps: int | None = None,
+    colored: Mesh | None = None,
+) -> tuple[Mesh, list[str]]:
+    """Return a surface with its vertices moved and coloured to match the images, and notes for the user."""
+    (points, faces, space), budget, original_faces, _ = reduced
+    if not len(faces):
+        text = f"no closed surface is left with {budget} faces; ask for more"
+        raise AssetError("TRIASSET_EMPTY", text)
+    mesh = _to_mesh(reduced.surface)
+    start = mesh if colored is None else copy_nearest_colors(colored, mesh)
+    soup = Soup.from_mesh(start, share_colors=True)
+    with context.open_renderers(soup) as (renderer, validation):
+        soup.refit_colors(renderer)
+        best = BestState(validation)
+        best.evaluate(soup)
+        progress = partial(context.progress, "moving vertices")
+        schedule = StepSchedule(steps or vertex_descent.STEPS, time.monotonic() + seconds, progress)
+        random = context.make_random()
+        vertex_descent.move_vertices(points, soup, renderer, best, space, random, schedule)
+        soup = best.soup
+    mesh = closed_mesh.separate_vertices(soup.apply_to(_move_vertices(mesh, soup)))
+    notes = schedule.notes("moving the vertices")
+    if len(faces) > _BUDGET_TOLERANCE * budget:
+        notes.append(f"it has {len(faces):,} faces instead of {budget:,}, which it needs to stay closed")
+    elif len(faces) * _BUDGET_TOLERANCE < min(budget, original_faces):
+        notes.append(f"it has {len(faces):,} faces instead of {budget:,}; the others were in unseen parts")
+    crossing = closed_mesh.find_crossing_faces(
+        space.from_world(mesh.vertices.astype(np.float64)), faces, space
+    )
+    if len(crossing):
+        notes.append(f"{len(crossing):,} faces cross others and could not be repaired")
+    return mesh, notes
+
+
+def _reduce(surface: ClosedSurface, budget: int, context: SearchContext) -> ReducedSurface:
+    """Return the surface with about `budget` faces and without crossings, the best of some ways to make it.
+
+    The first spares faces in unseen parts, which is best unless coarse unseen parts cut through visible ones.
+    The second keeps unseen parts. With a small budget the third makes twice as many faces first, so that thin
+    parts are repaired on the way.
+    """
+    budget, original_faces = max(budget, MIN_CLOSED_FACES), len(surface.faces)
+    cameras, space = context.training.cameras, surface.space
+    whole = ClosedSurface(*closed_mesh.remove_detail(*surface[:2], budget, space), space)
+    pixels = _count_pixels(whole, cameras, context.device) / len(cameras)
+    spared = ClosedSurface(*closed_mesh.coarsen_unseen(*whole[:2], pixels, budget, space), space)
+    starts = [spared, whole]
+    if budget <= _TWO_STEP_FACES:
+        starts.append(_reduce_uncrossed(spared, 2 * budget, context))
+    candidates = (_reduce_uncrossed(start, budget, context) for start in starts)
+    errors = ((candidate, _validation_error(candidate, context)) for candidate in candidates)
+    best, error = min(errors, key=lambda pair: pair[1])
+    return ReducedSurface(best, budget, original_faces, error)
+
+
+def _reduce_uncrossed(surface: ClosedSurface, count: int, context: SearchContext) -> ClosedSurface:
+    """Return a surface with about `count` faces by quadric error, without crossing faces and specks."""
+    points, faces, space = surface
+    reduced = closed_mesh.remove_crossings(*closed_mesh.reduce_faces(points, faces, count, space), space)
+    # Thin parts fall apart with fewer faces and leave specks.
+    return _drop_specks(ClosedSurface(*reduced, space), context.training.cameras, context.device)
+
+
+def _validation_error(surface: ClosedSurface, context: SearchContext) -> float:
+    """Return the validation error of a surface with the best vertex colours; infinite without a face."""
+    if not len(surface.faces):
+        return math.inf
+    soup = Soup.from_mesh(_to_mesh(surface), share_colors=True)
+    with context.open_renderers(soup) as (renderer, validation):
+        soup.refit_colors(renderer)
+        return soup.measure_error(validation)
+
+
+def _move_vertices(mesh: Mesh, soup: Soup) -> Mesh:
+    """Return `mesh` with its vertices at the corners of `soup`."""
+    vertices = mesh.vertices.copy()
+    vertices[mesh.faces.reshape(-1)] = soup.corners.reshape(-1, 3)
+    return Mesh(vertices, mesh.faces)

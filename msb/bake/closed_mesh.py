@@ -1,0 +1,358 @@
+"""Closed meshes: extracted from votes, limited to their visible parts, reduced, repaired and uncrossed."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from msb.bake.arrays import Floats, Ints, Mask, Singles
+from msb.bake.color_fit import edge_laplacian
+from msb.bake.options import MIN_CLOSED_FACES
+from msb.meshes.mesh import Mesh
+from msb.topology.components import label_components
+from msb.topology.crossings import crossing_pairs
+from msb.topology.steps import close, pair, turn_faces
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_matrix
+
+    from msb.bake.depth_fusion import Grid
+    from msb.bake.space import Space
+
+# Extraction.
+#
+# Smallest absolute vote of a cell; a vote of 1 is a distance of 3 cells. With a vote of 0 all points around
+# the cell would coincide and make faces without an area.
+_MIN_VOTE = 0.002
+
+# Reduction of the faces.
+#
+# Growth of the allowed error per pass of the edge collapse. The first gives better meshes, but may end above
+# the face budget; the second is the default of the library.
+_AGGRESSIVENESS, _HIGH_AGGRESSIVENESS = 5, 7
+# Unseen parts are merged while the merged vertices together cover fewer pixels of an average view than the
+# first number, and than the second times the average of all vertices. A walled scene has 10 % of its faces in
+# unseen parts with it instead of 43 %, and gains 0.3 dB.
+_MAX_MERGED_PIXELS, _MAX_MERGED_SHARE = 2.0, 0.1
+# Collapses are planned down to this share of the face budget. Unseen parts become at most as coarse.
+_COARSEST_SHARE = 1 / 8
+# A surface is first reduced to this multiple of the face budget, once for all ways to reduce it further. It
+# saves a fifth of the time and loses no detail that a later step needs.
+_DETAIL_FACTOR = 32
+# Radius in a scene's space within which errors count about alike; further out they count by the logarithm of
+# the distance.
+_MIDDLE_RADIUS = 0.3
+
+# Repair of slivers and crossing faces.
+#
+# Area relative to the median below which a face is a sliver, which other libraries drop.
+_SLIVER_AREA = 1e-3
+# Largest number of rounds of a repair. A round that leaves open faces removes them and starts again.
+_REPAIR_ROUNDS = 5
+# Largest number of rounds of smoothing the corners of crossing faces. Each time this second number of rounds
+# is over, a further ring of neighbours is included.
+_SMOOTH_ROUNDS, _WIDEN_ROUNDS = 32, 8
+# Largest number of rounds of reverting the corners of crossing faces, before all corners are reverted. A
+# round can make other faces cross.
+_REVERT_ROUNDS = 60
+# Largest number of times that faces which still cross are cut out and the hole is closed.
+_CUT_ROUNDS = 6
+# A vertex at the place of another one moves by this share of the way to the average centre of its faces. The
+# move is invisible, and larger than the rounding of float32.
+_SEPARATION = 1e-3
+
+
+def extract_boundary(values: Singles, grid: Grid, outside: float) -> tuple[Floats, Ints]:
+    """Return the closed boundary (V, 3), (F, 3) of negative cells; cells beyond the grid are `outside`."""
+    from skimage.measure import marching_cubes
+
+    padded = np.pad(values, 1, constant_values=outside)
+    np.copyto(padded, np.copysign(np.float32(_MIN_VOTE), padded), where=np.abs(padded) < _MIN_VOTE)
+    points, faces, _, _ = marching_cubes(padded, 0.0)  # type: ignore[no-untyped-call]
+    return grid.low + (points.astype(np.float64) - 1) * grid.cell, faces.astype(np.int64)
+
+
+def label_parts(points: Floats | Singles, faces: Ints) -> NDArray[np.int32]:
+    """Return the number (F,) of the part that each face belongs to; parts share no vertex."""
+    _, label = label_components(len(points), faces[:, :2].reshape(-1), faces[:, 1:].reshape(-1))
+    return label[faces[:, 0]]
+
+
+def select_visible_parts(points: Floats, faces: Ints, pixels: Ints, least: float) -> Mask:
+    """Return the faces (F,) of parts that at least `least` pixels show, and of the most visible part.
+
+    `pixels` (F,) is the number of pixels that show each face.
+    """
+    label = label_parts(points, faces)
+    part_pixels = np.bincount(label, weights=pixels)
+    selected: Mask = (part_pixels >= least)[label] | (label == int(np.argmax(part_pixels)))
+    return selected
+
+
+def drop_unused_points(points: Floats, faces: Ints) -> tuple[Floats, Ints]:
+    """Return the points that faces use, in their order, and the renumbered faces."""
+    used = np.zeros(len(points), bool)
+    used[faces] = True
+    return points[used], (np.cumsum(used) - 1)[faces]
+
+
+def reduce_faces(points: Floats, faces: Ints, count: int, space: Space) -> tuple[Floats, Ints]:
+    """Return the surface with about `count` faces by quadric error, repaired to a closed manifold.
+
+    The middle of a scene, which its cameras look at, gets more faces: errors are measured in a space where
+    lengths grow as the logarithm of the distance to it.
+    """
+    for aggressiveness in (_AGGRESSIVENESS, _HIGH_AGGRESSIVENESS):
+        points, faces = _reduce(points, faces, count, space, aggressiveness)
+    return repair_closed(points, faces)
+
+
+def remove_detail(points: Floats, faces: Ints, count: int, space: Space) -> tuple[Floats, Ints]:
+    """Return the surface without detail that a face budget of `count` cannot show, to save time."""
+    return _reduce(points, faces, _DETAIL_FACTOR * count, space, _AGGRESSIVENESS)
+
+
+def _reduce(
+    points: Floats, faces: Ints, count: int, space: Space, aggressiveness: int
+) -> tuple[Floats, Ints]:
+    if len(faces) <= count:
+        return points, faces
+    placed = _to_logarithm(points) if space.contracted else points
+    placed, faces, _ = _collapse_edges(placed, faces, count, aggressiveness)
+    return _from_logarithm(placed) if space.contracted else placed, faces
+
+
+def coarsen_unseen(
+    points: Floats, faces: Ints, pixels: Floats, count: int, space: Space
+) -> tuple[Floats, Ints]:
+    """Return the surface with its hardly visible parts merged, so that they use up few of `count` faces.
+
+    `pixels` (F,) is the number of pixels of an average view that show each face. Vertices are merged along
+    edges that quadric error would collapse, so that the surface keeps its shape. Faces may touch at an edge
+    afterwards.
+    """
+    if len(faces) <= count:
+        return points, faces
+    # The edges (n, 2) in the order of their collapse by quadric error: the vertex that stays, the one that
+    # goes.
+    placed = _to_logarithm(points) if space.contracted else points
+    target = max(int(count * _COARSEST_SHARE), MIN_CLOSED_FACES)
+    *_, collapses = _collapse_edges(placed, faces, target, _AGGRESSIVENESS)
+    # Pixels of each vertex (V,): a third of the pixels of its faces. A mesh has about half as many vertices
+    # as faces.
+    vertex_pixels = np.bincount(faces.reshape(-1), np.repeat(pixels / 3, 3), len(points))
+    most = min(_MAX_MERGED_PIXELS, _MAX_MERGED_SHARE * vertex_pixels.sum() / (count / 2))
+    # Follow the collapses while the merged vertices cover few pixels together.
+    covered, into = vertex_pixels.tolist(), list(range(len(points)))
+    for stays, goes in collapses.tolist():
+        together = covered[stays] + covered[goes]
+        if together < most:
+            covered[stays], into[goes] = together, stays
+        else:  # later collapses assume this one, so they are skipped, too
+            covered[stays] = covered[goes] = math.inf
+    # Each vertex becomes the last one of its chain of merges.
+    merged = np.array(into)
+    while (merged != merged[merged]).any():
+        merged = merged[merged]
+    return drop_unused_points(points, _drop_flaps(merged[faces]))
+
+
+def _collapse_edges(
+    points: Floats, faces: Ints, count: int, aggressiveness: int
+) -> tuple[Floats, Ints, NDArray[np.int32]]:
+    """Return the surface with about `count` faces, and the collapsed edges (n, 2) in their order.
+
+    An edge is the number of the vertex that stays and of the one that goes.
+    """
+    import fast_simplification
+
+    fewer, kept, collapses = fast_simplification.simplify(
+        points.astype(np.float32),
+        faces.astype(np.int32),
+        target_count=count,
+        agg=aggressiveness,
+        return_collapses=True,
+    )
+    return fewer.astype(np.float64), kept.astype(np.int64), collapses
+
+
+def _to_logarithm(points: Floats) -> Floats:
+    size = np.maximum(np.linalg.norm(points, axis=1, keepdims=True), 1e-12)
+    return np.asarray(points * (np.log1p(size / _MIDDLE_RADIUS) / size))
+
+
+def _from_logarithm(points: Floats) -> Floats:
+    size = np.maximum(np.linalg.norm(points, axis=1, keepdims=True), 1e-12)
+    return np.asarray(points * (_MIDDLE_RADIUS * np.expm1(size) / size))
+
+
+def repair_closed(points: Floats, faces: Ints) -> tuple[Floats, Ints]:
+    """Return a closed, consistently wound manifold: faces that touch at an edge are split, holes closed.
+
+    If that fails, faces are removed and the hole is closed again; a part that stays open is removed.
+    """
+    for _ in range(_REPAIR_ROUNDS):
+        # Pair the faces at edges of more than two, turn them, and close the holes.
+        points, faces = drop_unused_points(points, _drop_flaps(faces))
+        change = pair(points, faces)
+        points, faces = points[change.vertex_map], change.faces.astype(np.int64)
+        faces = turn_faces(faces, len(points)).faces.astype(np.int64)
+        points, faces = _close_holes(points, faces)
+        faces = _drop_flaps(faces)  # the cap of a lone face coincides with it
+        is_open = _find_open_faces(faces)
+        if not is_open.any():
+            points, faces = drop_unused_points(points, faces)
+            # Separate copies of a vertex here, so that the removal of crossings takes it into account.
+            return separate_vertices(Mesh(points, faces)).vertices, faces
+        faces = faces[~is_open]
+    label = label_parts(points, faces)
+    is_closed = np.ones(label.max(initial=-1) + 1, bool)
+    is_closed[label[_find_open_faces(faces)]] = False
+    return drop_unused_points(points, faces[is_closed[label]])
+
+
+def _drop_flaps(faces: Ints) -> Ints:
+    """Remove faces that use a vertex twice, and pairs of faces that coincide; return the others."""
+    faces = faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)]
+    _, first, count = np.unique(np.sort(faces, axis=1), axis=0, return_index=True, return_counts=True)
+    rest: Ints = faces[np.sort(first[count % 2 == 1])]
+    return rest
+
+
+def _close_holes(points: Floats, faces: Ints) -> tuple[Floats, Ints]:
+    """Return the surface with its holes closed, each by a fan around the average of its rim."""
+    change = close(points, faces, most_edges=1 << 30, most_share=1.0)
+    is_new = change.vertex_map < 0
+    placed = points[change.vertex_map]
+    if is_new.any():
+        rims = change.rims
+        sums = np.add.reduceat(points[rims.vertices], rims.offsets[:-1])
+        placed[is_new] = sums / np.diff(rims.offsets)[:, None]
+    return placed, change.faces.astype(np.int64)
+
+
+def _find_open_faces(faces: Ints) -> Mask:
+    """Return the faces (F,) with an edge that no other face traverses in the opposite direction."""
+    count = int(faces.max(initial=0)) + 1
+    start, stop = faces.reshape(-1), np.roll(faces, -1, axis=1).reshape(-1)
+    is_lone = np.isin(start * count + stop, stop * count + start, invert=True)
+    return np.asarray(is_lone.reshape(-1, 3).any(axis=1))
+
+
+def remove_crossings(points: Floats, faces: Ints, space: Space) -> tuple[Floats, Ints]:
+    """Return a closed surface at points (V, 3) of `space` without faces that cross in the world.
+
+    Corners of crossing faces are smoothed. If that does not help, the faces around are cut out and the hole
+    is closed. Faces that still cross then remain.
+    """
+    best, fewest = (points, faces), np.inf
+    for _ in range(_CUT_ROUNDS):
+        points, crossing = _smooth_crossings(points, faces, space)
+        if len(crossing) < fewest:
+            best, fewest = (points, faces), len(crossing)
+        if not len(crossing):
+            break
+        around = np.zeros(len(points), bool)
+        around[faces[crossing]] = True
+        points, faces = repair_closed(points, faces[~around[faces].any(axis=1)])
+    return best
+
+
+def _smooth_crossings(points: Floats, faces: Ints, space: Space) -> tuple[Floats, Ints]:
+    """Return smoothed points (V, 3) with fewer crossing faces, and the numbers of faces that still cross.
+
+    Corners of crossing faces and, in the first rounds, of slivers move half way to the average of their
+    neighbours; if faces still cross after some rounds, their neighbours move with them.
+    """
+    points = points.copy()
+    neighbours = neighbour_average(faces, len(points))
+    moved = np.ones(len(points), bool)
+    for turn in range(_SMOOTH_ROUNDS):
+        crossing = find_crossing_faces(points, faces, space, moved)
+        slivers = _find_slivers(points, faces) if turn < _WIDEN_ROUNDS else crossing[:0]
+        if not len(crossing) and not len(slivers):
+            return points, crossing
+        moved = np.zeros(len(points), bool)
+        moved[faces[crossing]] = moved[faces[slivers]] = True
+        for _ in range(turn // _WIDEN_ROUNDS):
+            moved[faces[moved[faces].any(axis=1)]] = True
+        points[moved] = ((points + neighbours @ points) / 2)[moved]
+    return points, find_crossing_faces(points, faces, space, moved)
+
+
+def _find_slivers(points: Floats, faces: Ints) -> Ints:
+    """Return the numbers of faces whose area is far below the median."""
+    sides = points[faces[:, 1:]] - points[faces[:, :1]]
+    area = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
+    return np.flatnonzero(area < _SLIVER_AREA * np.median(area))
+
+
+def revert_crossings(points: Floats, good: Floats, faces: Ints, space: Space) -> Floats:
+    """Return points (V, 3) with corners of crossing faces moved back to `good` (V, 3).
+
+    Only faces that cross in `good` still cross then.
+    """
+    points = points.copy()
+    moved = np.ones(len(points), bool)
+    for _ in range(_REVERT_ROUNDS):
+        crossing = np.zeros(len(points), bool)
+        crossing[faces[find_crossing_faces(points, faces, space, moved)]] = True
+        moved = crossing & (points != good).any(axis=1)
+        if not moved.any():
+            return points
+        points[moved] = good[moved]
+    return good.copy()
+
+
+def find_crossing_faces(points: Floats, faces: Ints, space: Space, moved: Mask | None = None) -> Ints:
+    """Return the numbers of faces that cross others in the world, with coordinates rounded to float32.
+
+    With `moved` (V,), pairs of faces without a moved corner are not tested.
+    """
+    tested = None if moved is None or moved.all() else np.asarray(moved[faces].any(axis=1))
+    corners = space.to_world(points).astype(np.float32).astype(np.float64)[faces]
+    if not space.contracted:
+        return np.unique(crossing_pairs(corners, of=tested))
+    # Pairs are found by boxes in the contracted space. A face of the world is bent there, so the box must
+    # hold its corners, the middles of its sides, and its centre: (F, 7, 3).
+    more = [(corners + np.roll(corners, 1, axis=1)) / 2, corners.mean(axis=1, keepdims=True)]
+    bent = np.concatenate([corners, *more], axis=1)
+    places = space.from_world(bent.reshape(-1, 3)).reshape(bent.shape)
+    return np.unique(crossing_pairs(corners, places, tested))
+
+
+def neighbour_average(faces: Ints, count: int) -> csr_matrix:
+    """Return the matrix (V, V) that maps values at vertices to the averages over their neighbours."""
+    import scipy.sparse as sparse
+
+    laplacian = edge_laplacian(faces, count)
+    degree = laplacian.diagonal()
+    return (sparse.diags(1 / np.maximum(degree, 1)) @ (sparse.diags(degree) - laplacian)).tocsr()
+
+
+def separate_vertices(mesh: Mesh) -> Mesh:
+    """Return `mesh` without two vertices at one place.
+
+    Files double vertices at seams, and readers merge them by their place. All but the first vertex of a place
+    are moved slightly towards the average centre of their faces.
+    """
+    vertices, corners = mesh.vertices.copy(), mesh.faces.reshape(-1)
+    count = np.bincount(corners, minlength=len(vertices))
+    for _ in range(_REPAIR_ROUNDS):
+        # The vertices that repeat the place of an earlier one, and are used by a face.
+        _, place = np.unique(vertices, axis=0, return_inverse=True)
+        order = np.argsort(place, kind="stable")
+        again = order[1:][np.diff(place[order]) == 0]
+        again = again[count[again] > 0]
+        if not len(again):
+            break
+        # Average centres (n, 3) of the faces of each of them, weighted by their corners.
+        centers = np.repeat(vertices[mesh.faces].mean(axis=1), 3, axis=0)
+        sums = [np.bincount(corners, axis, len(vertices))[again] for axis in centers.T]
+        means = np.stack(sums, axis=1) / count[again, None]
+        vertices[again] += np.float32(_SEPARATION) * (means.astype(np.float32) - vertices[again])
+    return replace(mesh, vertices=vertices)

@@ -1,0 +1,249 @@
+"""Static colours by least squares: opaque faces with these colours match the images best.
+
+Let w be the barycentric weights of a face's corners at a pixel, and t the colour of the image there. The
+corner colours c minimise the sum of (w . c - t)^2 over the pixels that show the face. That is a system of 3 x
+3 for each face of a soup, and a sparse system for the vertices of a connected mesh. Both systems also contain
+differences along edges and the distance to the previous colours, so that corners with few pixels or none stay
+near their previous colours.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from msb.bake.arrays import Floats, Ints, Mask, Singles
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_matrix
+
+    from msb.bake.soup_renderer import FaceSums
+
+# Weight of squared differences along edges, relative to a pixel. It smooths faces of less than a pixel and is
+# lost among the pixels of larger ones.
+SMOOTHNESS = 0.3
+# Weight of the previous colours, relative to a pixel: enough to make each system regular.
+PRIOR = 0.05
+# Corner colours are limited to mean +- _MAX_SIGMA sigma + _MARGIN of the pixels of the face. Otherwise a face
+# with one visible tip is extrapolated to black or white. Corners of entirely visible faces reach 3 sigma;
+# limits below 8 cost dB.
+_MAX_SIGMA, _MARGIN = 8.0, 0.05
+# Rings of faces around unseen ones that are coloured with them: next to unseen faces the images show as much
+# of the background as of the face.
+_STRIP_RINGS = 3
+# Weight of the previous colours where colours are extended to unseen faces. It only matters for a part
+# without any visible neighbour.
+_FAINT_PRIOR = 1e-6
+# Rounds that clamp colours beyond their limits and solve the others again. Later rounds change little.
+_CLAMP_ROUNDS = 4
+# Limits of the conjugate gradients: steps, and the relative residual, far below a level of 8 bits.
+_MAX_STEPS, _TOLERANCE = 400, 1e-6
+# Faces of a soup that are solved together: it bounds the memory to about 30 MB per array.
+_CHUNK = 1 << 16
+
+
+def split_sums(sums: Singles) -> tuple[Floats, Floats]:
+    """Return the sums (F, 15) as sums of w w^T (F, 3, 3) and of w t^T (F, 3, 3), a row per corner."""
+    wide = sums.astype(np.float64)
+    products = wide[:, [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(-1, 3, 3)
+    return products, wide[:, 6:].reshape(-1, 3, 3)
+
+
+def count_pixels(sums: FaceSums) -> Floats:
+    """Return the number of pixels (F,) that show each face: the sum of all products, as weights sum to 1."""
+    count: Floats = sums.sums[:, :6] @ np.array([1.0, 2.0, 2.0, 1.0, 2.0, 1.0])
+    return count
+
+
+def fit_soup_colors(sums: FaceSums, colors: Singles, selected: Mask | None = None) -> Singles:
+    """Return the best corner colours (F, 3, 3) in [0, 1] of faces that share no vertices.
+
+    Faces that no pixel shows, and faces that are not `selected`, keep their previous `colors` (F, 3, 3).
+    """
+    is_seen = sums.sums[:, :6].any(axis=1)
+    faces = np.flatnonzero(is_seen if selected is None else is_seen & selected)
+    result = colors.copy()
+    for first in range(0, len(faces), _CHUNK):
+        chunk = faces[first : first + _CHUNK]
+        result[chunk] = _solve_faces(*split_sums(sums.sums[chunk]), colors[chunk])
+    return result
+
+
+def _solve_faces(products: Floats, targets: Floats, colors: Singles) -> Floats:
+    """Return the best corner colours (n, 3, 3) of faces with these sums."""
+    # Normal equations (n, 3, 3) with smoothness along the three edges and the prior.
+    system = products + SMOOTHNESS * (3 * np.eye(3) - 1) + PRIOR * np.eye(3)
+    targets = targets + PRIOR * colors
+    solution = np.clip(np.linalg.solve(system, targets), -1, 2)
+    # Solve the faces again that leave the limits of their pixels, one channel after the other.
+    low, high = _color_limits(products, solution)
+    for channel in range(3):
+        x, least, most = solution[..., channel], low[:, None, channel], high[:, None, channel]
+        rows = np.flatnonzero(((x < least) | (x > most)).any(axis=1))
+        solution[rows, :, channel] = _solve_faces_within(
+            system[rows], targets[rows, :, channel], x[rows], least[rows], most[rows]
+        )
+    limited: Floats = np.clip(solution, low[:, None], high[:, None])
+    return limited
+
+
+def _color_limits(products: Floats, colors: Floats) -> tuple[Floats, Floats]:
+    """Return the smallest and the largest allowed colour (n, 3) of a face's corners.
+
+    The limits are the mean and the standard deviation of the face's pixels, as `colors` (n, 3, 3) shows them,
+    within [0, 1].
+    """
+    share = products.sum(axis=2)
+    count = np.maximum(share.sum(axis=1, keepdims=True), 1e-12)
+    mean = (share[:, None] @ colors)[:, 0] / count
+    offset = colors - mean[:, None]
+    variance = np.maximum((offset * (products @ offset)).sum(axis=1) / count, 0)
+    reach = _MAX_SIGMA * np.sqrt(variance) + _MARGIN
+    return np.clip(mean - reach, 0, 1), np.clip(mean + reach, 0, 1)
+
+
+def _solve_faces_within(system: Floats, targets: Floats, x: Floats, low: Floats, high: Floats) -> Floats:
+    """Return the solutions x (n, 3), with values clamped to limits (n, 1) and the others solved again."""
+    clamped = np.zeros(x.shape, bool)
+    for _ in range(_CLAMP_ROUNDS):
+        clamped |= (x < low) | (x > high)
+        x = np.clip(x, low, high)
+        free = ~clamped
+        # Move clamped values to the right side; their rows become rows of the identity.
+        rest = targets - np.einsum("nij,nj->ni", system, np.where(clamped, x, 0.0))
+        reduced = np.where(free[:, :, None] & free[:, None, :], system, 0.0) + clamped[:, :, None] * np.eye(3)
+        solution = np.linalg.solve(reduced, np.where(free, rest, 0.0)[..., None])[..., 0]
+        x = np.where(clamped, x, solution)
+    return x
+
+
+def fit_mesh_colors(sums: FaceSums, faces: Ints, colors: Singles, laplacian: csr_matrix) -> Singles:
+    """Return the best vertex colours (V, 3) in [0, 1] of a mesh with faces (F, 3) and previous `colors`.
+
+    `laplacian` is `edge_laplacian` of the faces.
+    """
+    import scipy.sparse as sparse
+
+    # Assemble the sparse system (V, V) from the products of each face, and its right sides (V, 3).
+    count = len(colors)
+    products, targets = split_sums(sums.sums)
+    rows, columns = np.repeat(faces, 3, axis=1).reshape(-1), np.tile(faces, (1, 3)).reshape(-1)
+    system = sparse.coo_matrix((products.reshape(-1), (rows, columns)), shape=(count, count)).tocsr()
+    system = system + SMOOTHNESS * laplacian + PRIOR * sparse.identity(count, format="csr")
+    right = PRIOR * colors.astype(np.float64)
+    for corner in range(3):
+        for channel in range(3):
+            values = targets[:, corner, channel]
+            right[:, channel] += np.bincount(faces[:, corner], values, minlength=count)
+    # Solve each channel, then again with the limits of the pixels.
+    solution = np.stack(
+        [_solve(system, right[:, k], colors[:, k].astype(np.float64)) for k in range(3)], axis=1
+    )
+    low, high = _vertex_limits(products, faces, solution)
+    limited = [_solve_within(system, right[:, k], solution[:, k], low[k], high[k]) for k in range(3)]
+    return np.stack(limited, axis=1).astype(np.float32)
+
+
+def _vertex_limits(products: Floats, faces: Ints, colors: Floats) -> tuple[Floats, Floats]:
+    """Return the smallest and the largest allowed colours (3, V): the widest limits of a vertex's seen faces.
+
+    Vertices without a seen face have the limits 0 and 1.
+    """
+    low, high = np.ones((3, len(colors))), np.zeros((3, len(colors)))
+    seen = np.flatnonzero(products.any(axis=(1, 2)))
+    for first in range(0, len(seen), _CHUNK):
+        chunk = seen[first : first + _CHUNK]
+        least, most = _color_limits(products[chunk], colors[faces[chunk]])
+        for channel in range(3):
+            for corner in faces[chunk].T:
+                np.minimum.at(low[channel], corner, least[:, channel])
+                np.maximum.at(high[channel], corner, most[:, channel])
+    is_unseen = low > high
+    return np.where(is_unseen, 0.0, low), np.where(is_unseen, 1.0, high)
+
+
+def extend_colors(colors: Singles, faces: Ints, pixels: Floats) -> Singles:
+    """Return vertex colours (V, 3); faces without `pixels` (F,) continue the colours around them.
+
+    The continued area includes some rings of seen faces, see `_STRIP_RINGS`.
+    """
+    import scipy.sparse as sparse
+
+    loose = np.zeros(len(colors), bool)
+    loose[faces[pixels == 0]] = True
+    for _ in range(_STRIP_RINGS):
+        loose[faces[loose[faces].any(axis=1)]] = True
+    rows = np.flatnonzero(loose)
+    if len(rows) in (0, len(colors)):
+        return colors
+    # Solve Laplace's equation on the loose vertices (n,); the fixed ones are its boundary values.
+    laplacian = edge_laplacian(faces, len(colors))[rows]
+    system = (laplacian[:, rows] + _FAINT_PRIOR * sparse.identity(len(rows))).tocsr()
+    before = colors.astype(np.float64)
+    right = _FAINT_PRIOR * before[rows] - laplacian[:, ~loose] @ before[~loose]
+    result = colors.copy()
+    for channel in range(3):
+        result[rows, channel] = _solve(system, right[:, channel], before[rows, channel])
+    return result
+
+
+def edge_laplacian(faces: Ints, count: int) -> csr_matrix:
+    """Return the graph Laplacian (V, V) of the edges of faces (F, 3) on `count` vertices.
+
+    Each edge counts once, however many faces share it.
+    """
+    import scipy.sparse as sparse
+
+    ends = faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
+    ends = ends[ends[:, 0] != ends[:, 1]]
+    adjacency = sparse.coo_matrix(
+        (np.ones(len(ends)), (ends[:, 0], ends[:, 1])), shape=(count, count)
+    ).tocsr()
+    adjacency = adjacency + adjacency.T
+    adjacency.data[:] = 1
+    return sparse.diags(np.asarray(adjacency.sum(axis=1)).ravel()).tocsr() - adjacency
+
+
+def _solve_within(system: csr_matrix, right: Floats, x: Floats, low: Floats, high: Floats) -> Floats:
+    """Return the solution x (V,) with values clamped to their limits (V,) and the others solved again."""
+    clamped = np.zeros(len(x), bool)
+    for _ in range(_CLAMP_ROUNDS):
+        outside = (x < low) | (x > high)
+        x = np.clip(x, low, high)
+        if not (outside & ~clamped).any():
+            break
+        clamped |= outside
+        free = np.flatnonzero(~clamped)
+        rest = right - system @ np.where(clamped, x, 0.0)
+        x[free] = _solve(system[free][:, free].tocsr(), rest[free], x[free])
+    return np.clip(x, low, high)
+
+
+def _solve(system: csr_matrix, right: Floats, x: Floats) -> Floats:
+    """Solve system @ x = right from a first guess x by conjugate gradients with Jacobi's preconditioner.
+
+    SciPy's solver would wake the threads of its linear algebra, which then spin beside the kernels.
+    """
+    scale = 1 / system.diagonal()
+    residual = right - system @ x
+    direction = scale * residual
+    size = _dot(residual, direction)
+    stop = _TOLERANCE**2 * max(_dot(right * scale, right), 1e-30)
+    for _ in range(_MAX_STEPS):
+        if size <= stop:
+            break
+        # Step to the minimum along the direction, then make the next direction conjugate to it.
+        product = system @ direction
+        length = size / max(_dot(direction, product), 1e-300)
+        x = x + length * direction
+        residual -= length * product
+        scaled = scale * residual
+        before, size = size, _dot(residual, scaled)
+        direction *= size / max(before, 1e-300)
+        direction += scaled
+    return x
+
+
+def _dot(a: Floats, b: Floats) -> float:
+    return float(np.einsum("i,i->", a, b))

@@ -1,0 +1,90 @@
+"""The inputs that all searches share: training and validation images, seed, device and progress."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from msb.bake.images import ViewImages
+from msb.bake.soup_renderer import SoupRenderer
+from msb.cl import Device
+
+if TYPE_CHECKING:
+    from msb.bake.soup import Soup
+
+# Callback (stage, done, total) -> whether to stop early, with the best result.
+ProgressHook = Callable[[str, int, int], bool]
+
+
+def ignore_progress(_stage: str, _done: int, _total: int) -> bool:
+    """Ignore progress, and never stop."""
+    return False
+
+
+class BestState:
+    """The state of a soup with the smallest error in the validation images."""
+
+    def __init__(self, validation: SoupRenderer) -> None:
+        self._validation = validation
+        self._error = np.inf
+        self.evaluations_since = 0
+        """Evaluations since the best one."""
+        self._soup: Soup | None = None
+
+    @property
+    def soup(self) -> Soup:
+        """A copy of the best state."""
+        assert self._soup is not None, "evaluate was not called"
+        return self._soup.copy()
+
+    def evaluate(self, soup: Soup) -> None:
+        """Keep a copy of `soup` if it is better than all states before."""
+        error = soup.measure_error(self._validation)
+        self.evaluations_since += 1
+        if error < self._error:
+            self._error, self._soup, self.evaluations_since = error, soup.copy(), 0
+
+
+@dataclass(frozen=True, eq=False)
+class SearchContext:
+    """The inputs of a search.
+
+    Attributes
+    ----------
+    training, validation : ViewImages
+        Images to fit to, and images that decide which result is best.
+    seed : int
+        Seed of the random generator.
+    device : str or Device, optional
+    progress : callable
+        Called as ``progress(stage, done, total)``; returns whether to stop early.
+    shows_model_mesh : bool
+        Whether the images are standard-tier images of the model's own triangles. All triangles are then
+        right.
+    """
+
+    training: ViewImages
+    validation: ViewImages
+    seed: int = 0
+    device: str | Device | None = None
+    progress: ProgressHook = ignore_progress
+    shows_model_mesh: bool = False
+
+    def limited_to(self, pixels: int) -> SearchContext:
+        """Return the same context with images of at most `pixels` pixels."""
+        training, validation = (images.limited_to(pixels) for images in (self.training, self.validation))
+        return replace(self, training=training, validation=validation)
+
+    def make_random(self) -> np.random.Generator:
+        """Return a random generator in the state of the seed."""
+        return np.random.default_rng(self.seed)
+
+    @contextmanager
+    def open_renderers(self, soup: Soup) -> Iterator[tuple[SoupRenderer, SoupRenderer]]:
+        """Yield renderers of a soup for the training and for the validation images."""
+        with closing(SoupRenderer(soup.corners, soup.colors, self.training, self.device)) as renderer:
+            yield renderer, renderer.with_images(self.validation)

@@ -1,0 +1,233 @@
+"""The solid cells of a grid: depth maps of a soup vote on them, on the device (Curless and Levoy 1996)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import closing
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from msb.bake.arrays import Floats, Mask, Singles
+from msb.bake.space import EDGE
+from msb.meshes.assets import asset_from_mesh
+from msb.render.device_scope import in_turn
+from msb.render.standard.renderer import StandardRenderer
+
+if TYPE_CHECKING:
+    from msb.bake.space import Space
+    from msb.cl import Device
+    from msb.meshes.mesh import Mesh
+    from msb.scenes import Camera
+
+# A view votes on cells up to these distances in front of and behind a surface, in cells. The second is
+# smaller, as views of the other side of a sheet vote the opposite there: with equal distances leaves
+# dissolved.
+REACH, BEHIND = 3.0, 1.5
+# The surface is moved outwards by this number of cells, so that sheets and stems become solids that the grid
+# can resolve. `pull_in` moves it back where the solid is thick.
+THICKNESS = 1.0
+# Smallest ratio of the views that see a cell to the views that it is hidden from. Below it, the views that
+# see it look through a hole in the soup, and the cell is solid.
+MIN_SEEN_RATIO = 0.05
+# Number of steps of `pull_in`; each step interpolates the grid once.
+_PULL_STEPS = 5
+# Work-items of a work-group.
+_GROUP = 64
+# Views that vote in one kernel run, and floats in the record of each. Eight views share a pass over the
+# cells.
+_VIEWS_PER_RUN, _RECORD = 8, 19
+# Value of a cell that no view votes on. Votes are at most 1.
+UNKNOWN = 2.0
+# One visible point per 7 covered pixels: 7 has no common factor with usual image widths, so that the points
+# do not line up in columns.
+_PIXELS_PER_POINT = 7
+_BLACK = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Grid:
+    """The cells of a box in a space.
+
+    Attributes
+    ----------
+    low : (3,) float64
+        The centre of the lowest cell.
+    cell : float
+        The size of a cell.
+    shape : (int, int, int)
+        The number of cells along each axis.
+    """
+
+    low: Floats
+    cell: float
+    shape: tuple[int, int, int]
+
+    @classmethod
+    def covering(cls, space: Space, cells: int, margin: float = REACH) -> Grid:
+        """Return a grid of `cells` cells along the longest side, with `margin` more around an object."""
+        size = space.high - space.low
+        cell = float(size.max() / cells)
+        rim = 0.0 if space.contracted else margin * cell
+        nx, ny, nz = (int(n) + 1 for n in np.ceil((size + 2 * rim) / cell))
+        return cls(space.low - rim, cell, (nx, ny, nz))
+
+
+class DepthRenderer(StandardRenderer):
+    """Draws depth maps of a mesh and lets them vote on cells."""
+
+    def __init__(self, mesh: Mesh, device: str | Device | None = None) -> None:
+        super().__init__(asset_from_mesh(mesh), device=device)
+        self._fuse = self._device.program("bake_fuse", {"RECORD": _RECORD, "UNKNOWN": UNKNOWN})
+
+    def visible_points(self, cameras: Sequence[Camera]) -> Floats:
+        """Return points (n, 3) of the world that the cameras see, one per `_PIXELS_PER_POINT` pixels."""
+        points = [np.zeros((0, 3))]
+        for camera in cameras:
+            depth = self.render(camera.in_units(), _BLACK).depth * camera.unit
+            row, column = (index[::_PIXELS_PER_POINT] for index in np.nonzero(depth))
+            # Pixel centre and depth to camera coordinates (n, 4), then to the world.
+            z = depth[row, column].astype(np.float64)
+            x, y = (column + 0.5 - camera.cx) / camera.fx * z, (row + 0.5 - camera.cy) / camera.fy * z
+            local = np.stack([x, y, z, np.ones_like(z)], axis=1)
+            points.append((local @ camera.camera_to_world.T)[:, :3])
+        return np.concatenate(points)
+
+    @in_turn
+    def vote(self, cameras: Sequence[Camera], space: Space, grid: Grid) -> Singles:
+        """Return the votes (nx, ny, nz): how far each cell lies in front of the visible surface.
+
+        The unit is `REACH` cells, and votes are at most 1. A vote is negative if the cell is solid, and
+        `UNKNOWN` if no view contains the cell or it lies beyond the edge of a scene.
+        """
+        count = int(np.prod(grid.shape))
+        sums, votes = self._scratch("cells", grid.shape), self._scratch("votes", (2, *grid.shape), np.uint16)
+        sums.fill(0)
+        votes.fill(0)
+        cells = self._scratch("grid", 4)
+        cells.write(np.array([*grid.low, grid.cell], np.float32))
+        stride = max(camera.width * camera.height for camera in cameras)
+        depths = self._scratch("depths", (_VIEWS_PER_RUN, stride))
+        records = self._scratch("cameras", (_VIEWS_PER_RUN, _RECORD))
+        # Draw the depth maps of some views, then add their votes to all cells.
+        for first in range(0, len(cameras), _VIEWS_PER_RUN):
+            batch = cameras[first : first + _VIEWS_PER_RUN]
+            for number, camera in enumerate(batch):
+                planes = self._run(camera.in_units(), _BLACK, everything=True)
+                depths.copy(planes["depth"], start=number * stride)
+            records.write(np.stack([_make_record(camera, space) for camera in batch]))
+            self._fuse.vote(
+                count,
+                _GROUP,
+                records,
+                np.int32(len(batch)),
+                cells,
+                depths,
+                np.int32(stride),
+                *(np.int32(n) for n in grid.shape),
+                np.float32(EDGE + REACH * grid.cell),
+                np.float32(REACH * grid.cell),
+                np.float32(BEHIND * grid.cell),
+                np.int32(space.contracted),
+                sums,
+                votes,
+            )
+        # Average the votes of each cell and subtract the thickness.
+        settings = np.float32(MIN_SEEN_RATIO), np.float32(THICKNESS / REACH), np.uint32(count)
+        self._fuse.count_votes(count, _GROUP, sums, votes, *settings)
+        values: Singles = sums.read()
+        return values
+
+
+def find_visible_points(mesh: Mesh, cameras: Sequence[Camera], device: str | Device | None) -> Floats:
+    """Return points (n, 3) of a mesh in the world that the cameras see; empty without cameras."""
+    if not cameras:
+        return np.zeros((0, 3))
+    with closing(DepthRenderer(mesh, device)) as renderer:
+        return renderer.visible_points(cameras)
+
+
+def complete_votes(votes: Singles, space: Space, grid: Grid) -> Singles:
+    """Fill unknown cells in place from the cells around them, and return the votes.
+
+    Everything beyond the edge of a scene is solid: a shell around it, which shows the sky.
+    """
+    _fill_unknown(votes, votes != UNKNOWN)
+    if space.contracted:
+        np.minimum(votes, _shell_votes(grid), out=votes)
+    return votes
+
+
+def pull_in(points: Floats, values: Singles, grid: Grid) -> Floats:
+    """Return surface points (V, 3) moved inwards by half of `THICKNESS` where the solid is thick.
+
+    The two sides of a sheet would meet, so they stay. It is half, as views from the side, which find all of a
+    cell free, already move the average inwards.
+    """
+    from scipy.ndimage import map_coordinates
+
+    def interpolate(places: Floats) -> Floats:
+        result: Floats = map_coordinates(values, places.T, np.float64, order=1, mode="nearest")
+        return result
+
+    # Inward directions (V, 3) by central differences of the votes, in units of cells.
+    places = (points - grid.low) / grid.cell
+    inward = np.stack([interpolate(places - step) - interpolate(places + step) for step in np.eye(3)], axis=1)
+    inward /= np.maximum(np.linalg.norm(inward, axis=1, keepdims=True), 1e-12)
+    # Thick: the vote some cells further in is well below the vote inside a sheet.
+    depth = THICKNESS / REACH
+    is_thick = interpolate(places + (THICKNESS + BEHIND) * inward) < -1.5 * depth
+    move = THICKNESS / _PULL_STEPS * is_thick[:, None] * inward
+    # In each step, move on along `move` until the interpolated vote is -depth / 2.
+    for _ in range(_PULL_STEPS):
+        here, there = interpolate(places), interpolate(places + move)
+        share = np.clip((here + depth / 2) / np.maximum(here - there, 1e-12), 0, 1)
+        places = places + share[:, None] * move
+    return grid.low + grid.cell * places
+
+
+def _fill_unknown(values: Singles, known: Mask) -> None:
+    """Fill the cells (nx, ny, nz) that are not known, in place.
+
+    Each gets the smoothed average of the smallest block of 2, 4, 8, ... cells along a side with known cells.
+    """
+    from scipy.ndimage import uniform_filter
+
+    if known.all():
+        return
+    if not known.any():
+        values[:] = 1
+        return
+    # Averages of the known cells in blocks of 2 x 2 x 2.
+    shape = tuple(-(-n // 2) for n in values.shape)
+    sums, count = np.zeros((2, *shape), np.float32)
+    for place in np.ndindex(2, 2, 2):
+        part = tuple(slice(start, None, 2) for start in place)
+        there = tuple(slice(n) for n in known[part].shape)
+        sums[there] += np.where(known[part], values[part], 0)
+        count[there] += known[part]
+    sums /= np.maximum(count, 1)
+    # Fill the blocks recursively, then copy them to unknown cells, smoothed over 3 cells.
+    _fill_unknown(sums, count > 0)
+    for axis in range(3):
+        sums = sums.repeat(2, axis=axis)
+    nx, ny, nz = values.shape
+    np.copyto(values, uniform_filter(sums[:nx, :ny, :nz], 3, mode="nearest"), where=~known)
+
+
+def _shell_votes(grid: Grid) -> Singles:
+    """Return votes (nx, ny, nz) for the shell around a scene; its surface lies half a `REACH` further in."""
+    axes = [grid.low[k] + grid.cell * np.arange(grid.shape[k]) for k in range(3)]
+    x, y, z = np.meshgrid(*(np.square(axis).astype(np.float32) for axis in axes), indexing="ij", sparse=True)
+    reach = REACH * grid.cell
+    votes: Singles = (np.float32(EDGE - reach / 2) - np.sqrt(x + y + z)) / np.float32(reach)
+    return votes
+
+
+def _make_record(camera: Camera, space: Space) -> Singles:
+    """Return the record (_RECORD,) of a camera for the kernel, with lengths in units of `space.radius`."""
+    pose = camera.world_to_camera[:3].copy()
+    pose[:, 3] = (pose[:, :3] @ space.center + pose[:, 3]) / space.radius
+    image = camera.fx, camera.fy, camera.cx, camera.cy, camera.width, camera.height
+    return np.array([*pose.reshape(-1), *image, camera.unit / space.radius], np.float32)

@@ -1,0 +1,92 @@
+"""The selection of faces of an opaque soup: many faces are hidden or shown at once, and what pays is kept.
+
+A round hides some of the selected faces and shows some of the hidden ones, draws a few views before and
+after, and assigns the change of each pixel's squared error to the face that it shows or showed
+(`SoupRenderer.measure_changes`). A change is kept if its gain is significant over the views, so that faces of
+few pixels do not follow noise.
+"""
+
+import numpy as np
+
+from msb.bake.arrays import Floats, Ints, Mask
+from msb.bake.soup import Soup
+from msb.bake.soup_renderer import SoupRenderer
+
+# Share of the faces that are tried in a round. It is small, so that neighbours rarely change together: then
+# each would be blamed for the other.
+TRIED_SHARE = 0.08
+# Views that judge a round, and that supply gradients for a step. The time grows with them, and the noise
+# falls with their square root.
+BATCH_VIEWS = 8
+# A gain must exceed this number of its standard errors. Without it, faces with few pixels overfit the
+# training views.
+MIN_STANDARD_ERRORS = 0.5
+# Squared error over all views of a round that a gain must exceed: far below the error of one wrong pixel.
+_MIN_GAIN = 1e-4
+# `hide_cheapest_faces` hides the tried faces divided by this number at a time. They are judged together, so
+# hiding all of them would open holes behind pairs of faces.
+_TRIED_PER_HIDDEN = 4
+
+
+def toggle_faces(
+    soup: Soup,
+    renderer: SoupRenderer,
+    random: np.random.Generator,
+    *,
+    hide: bool = True,
+    show: bool = True,
+    most: int | None = None,
+) -> None:
+    """Hide some selected faces and show some hidden ones, if that reduces the error.
+
+    Both at once takes half of the renderings, but confuses the two if they overlap. At most `most` faces are
+    selected afterwards.
+    """
+    selected, hidden = (
+        _draw_faces(soup, random, pool) for pool in (soup.selected & hide, ~soup.selected & show)
+    )
+    room = None if most is None else max(0, most - soup.selected_count)
+    chosen = np.concatenate([selected, hidden[:room]])
+    if not len(chosen):
+        return
+    # Increase of the error (views, n), its sum over the views, and the standard error of that sum.
+    rise = _measure_toggle(soup, renderer, random, chosen)
+    views, total = len(rise), rise.sum(axis=0)
+    squares = np.maximum(np.square(rise).sum(axis=0) - total**2 / views, 0)
+    spread = np.sqrt(views * squares / max(views - 1, 1))
+    pays = total < -MIN_STANDARD_ERRORS * spread - _MIN_GAIN
+    soup.selected[chosen[pays]] ^= True
+
+
+def hide_cheapest_faces(soup: Soup, renderer: SoupRenderer, random: np.random.Generator, most: int) -> None:
+    """Hide faces until `most` are selected: in each round the quarter that increases the error least."""
+    while (over := soup.selected_count - most) > 0:
+        chosen = _draw_faces(soup, random, soup.selected)
+        total = _measure_toggle(soup, renderer, random, chosen).sum(axis=0)
+        cheapest = np.argsort(total, kind="stable")[: min(over, -(-len(chosen) // _TRIED_PER_HIDDEN))]
+        soup.selected[chosen[cheapest]] = False
+
+
+def _draw_faces(soup: Soup, random: np.random.Generator, pool: Mask) -> Ints:
+    """Return random faces of `pool` (F,), at most the share `TRIED_SHARE` of all faces."""
+    numbers = np.flatnonzero(pool)
+    count = min(len(numbers), max(1, int(TRIED_SHARE * len(soup.selected))))
+    return random.choice(numbers, count, replace=False)
+
+
+def _measure_toggle(soup: Soup, renderer: SoupRenderer, random: np.random.Generator, chosen: Ints) -> Floats:
+    """Return by how much (views, n) the error of some views rises if each chosen face is hidden or shown."""
+    owner = np.full(len(soup.selected), -1, np.int32)
+    owner[chosen] = np.arange(len(chosen), dtype=np.int32)
+    soup.upload(renderer)
+    renderer.remember(sample_views(renderer, random))
+    selected = soup.selected.copy()
+    selected[chosen] ^= True
+    renderer.update(soup.corners, soup.colors, selected)
+    return renderer.measure_changes(owner, len(chosen))
+
+
+def sample_views(renderer: SoupRenderer, random: np.random.Generator) -> list[int]:
+    """Return the sorted numbers of `BATCH_VIEWS` random views."""
+    count = len(renderer.images)
+    return sorted(random.choice(count, min(BATCH_VIEWS, count), replace=False).tolist())

@@ -1,0 +1,114 @@
+"""The source of training, validation and test images: native renderings, or the scene's photographs."""
+
+import json
+from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from msb.asset import Asset
+from msb.asset.tiers import why_not
+from msb.bake.arrays import Singles
+from msb.bake.image_cache import ImageCache
+from msb.bake.images import ViewImages, quantize
+from msb.bake.options import Supervision
+from msb.bake.views import BakeViews
+from msb.base.version import __version__
+from msb.cl.devices import choose_device
+from msb.errors import AssetError, UsageError
+from msb.metrics.ground_truth import ground_truth
+from msb.registry import Tier
+from msb.render import Renderer
+from msb.render.backend import check_supported, lean_options
+from msb.scenes import Camera
+
+# Samples along each side of a pixel for a standard-tier mesh with multisampling. 4 x 4 samples look about
+# like the multisampling of an engine.
+SAMPLES_PER_SIDE = 4
+
+
+class ImageSource:
+    """Draws the images that the views of a bake should show.
+
+    The native rendering is the dedicated tier. A mesh without one is drawn on the standard tier with 16
+    samples per pixel. With the supervision "photographs" the training images are the scene's photographs, and
+    native renderings are only used for measurements. With a folder `cache` native renderings are reused.
+    """
+
+    def __init__(
+        self,
+        asset: Asset,
+        views: BakeViews,
+        supervision: Supervision = "native",
+        device: str | None = None,
+        cache: Path | None = None,
+    ) -> None:
+        if supervision == "photographs" and views.scene is None:
+            text = "photographs can only supervise with a scene; pass --scene with the folder of the scene"
+            raise UsageError("USAGE", text)
+        self._asset, self._views, self.supervision = asset, views, supervision
+        manifest = asset.manifest
+        is_standard = why_not(manifest, "dedicated") is not None and why_not(manifest, "standard") is None
+        tier: Tier = "standard" if is_standard else "dedicated"
+        check_supported(asset, tier)
+        options = {"supersample": SAMPLES_PER_SIDE} if is_standard else lean_options(tier, None)
+        self._open: Callable[[], Renderer] = partial(Renderer, asset, tier, device, **options)
+        self._renderer: Renderer | None = self._open()
+        name = self._renderer.name
+        self.cache: ImageCache | None = None
+        """Native renderings of earlier bakes, if a folder for them is given."""
+        if cache is not None:
+            record = choose_device(device).record
+            identity = __version__, name, json.dumps(options), record.name, record.driver
+            self.cache = ImageCache(cache, asset, identity)
+
+    def training_images(self, cameras: Sequence[Camera], scale: int = 1) -> ViewImages:
+        """Return the images that supervise, `scale` times as large as the views.
+
+        Photographs are not scaled, as they have no further pixels.
+        """
+        if self.supervision == "photographs":
+            return self.photographs(cameras)
+        return self.native_images([camera.scaled(scale) if scale > 1 else camera for camera in cameras])
+
+    def native_images(self, cameras: Sequence[Camera]) -> ViewImages:
+        """Return the native renderings of cameras, drawn on first use."""
+        draw = self._render
+        if self.cache is not None:
+            draw = partial(self.cache.get, background=self._views.background, render=self._render)
+        return ViewImages(cameras, self._views.background, draw)
+
+    def photographs(self, cameras: Sequence[Camera]) -> ViewImages:
+        """Return the photographs of the scene's cameras as metrics compare them, read on first use."""
+        return ViewImages(cameras, self._views.background, self._read_photograph)
+
+    def _render(self, camera: Camera) -> NDArray[np.uint16]:
+        if self._renderer is None:
+            self._renderer = self._open()
+        image = self._renderer.render(camera, self._views.background).image
+        if not np.isfinite(image).all():
+            text = (
+                f"the native rendering of view {camera.name} has pixels that are not finite; "
+                "remove invalid colours from the model"
+            )
+            raise AssetError("TRIASSET_VALUE_NONFINITE", text, file=self._asset.path)
+        return quantize(image)
+
+    def _read_photograph(self, camera: Camera) -> Singles:
+        assert self._views.scene is not None
+        return ground_truth(self._views.scene, camera)
+
+    def release(self) -> None:
+        """Free the memory on the device; the next rendering opens the renderer again."""
+        if self._renderer is not None:
+            self._renderer.close()
+            self._renderer = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.release()

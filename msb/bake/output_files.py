@@ -1,0 +1,138 @@
+"""The files of a bake: several formats at once, all or none."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple
+
+import numpy as np
+
+from msb.asset import ASSET_SUFFIX
+from msb.asset.writer import write_packed
+from msb.bake.closed_mesh import label_parts
+from msb.base.atomic import new_files
+from msb.delivery.saving import output_suffix
+from msb.errors import UsageError
+from msb.meshes import Mesh, write_mesh
+from msb.meshes.assets import as_held, mesh_from_asset, with_faces
+from msb.meshes.files import beside
+from msb.meshes.formats import FORMATS, Style
+
+if TYPE_CHECKING:
+    from msb.asset import Asset
+
+    WriteFile = Callable[[BinaryIO], object]
+
+# The smallest mesh with a texture. It needs the same files beside the main one as any textured mesh.
+_SMALLEST_TEXTURED = Mesh(
+    np.zeros((3, 3), np.float32),
+    np.arange(3)[None],
+    vertex_uvs=np.zeros((3, 2), np.float32),
+    textures=(np.zeros((1, 1, 3), np.uint8),),
+)
+
+
+class OutputAsset(NamedTuple):
+    """An asset of a bake, the ending of its file's name, and data that a GLB carries.
+
+    `collision` is the collision shape that a USD stage includes, and `is_convex` whether its parts are
+    convex.
+    """
+
+    ending: str
+    asset: Asset
+    extras: Mapping[str, Any]
+    collision: Asset | None = None
+    is_convex: bool = False
+
+
+def list_endings(levels: int, *, has_collision: bool) -> list[str]:
+    """Return the endings of the names: of the main asset, its levels of detail, its collision shape."""
+    endings = ["", *(f"_lod{number}" for number in range(1, levels + 1))]
+    return [*endings, "_collision"] if has_collision else endings
+
+
+def add_ending(path: Path, ending: str) -> Path:
+    """Return the path of the asset with this ending next to the main asset at `path`."""
+    return path.with_name(f"{path.stem}{ending}{path.suffix}")
+
+
+def list_output_files(paths: Sequence[Path], endings: Sequence[str] = ("",)) -> list[Path]:
+    """Return all files that `write_assets` may write to `paths`, including files that a texture needs.
+
+    Raises
+    ------
+    UsageError
+        USAGE: two outputs would write the same file.
+    """
+    files = []
+    for path in paths:
+        suffix = output_suffix(path)
+        for ending in endings:
+            place = add_ending(path, ending)
+            others = beside(_SMALLEST_TEXTURED, place, Style()) if suffix != ASSET_SUFFIX else {}
+            files += [place, *others]
+    if len(set(files)) < len(files):
+        twice = next(path for path in files if files.count(path) > 1)
+        raise UsageError("USAGE", "two outputs would both write it; use different names", file=twice)
+    return files
+
+
+def write_assets(
+    assets: Sequence[OutputAsset], paths: Sequence[Path], overwrite: bool = False
+) -> list[tuple[Path, int]]:
+    """Write assets to all paths, each in the format of its suffix, all or none.
+
+    Returns for each asset its file at the first path, and its bytes including the files that it needs beside
+    it.
+    """
+    if not paths:
+        raise UsageError("USAGE", "missing output; pass a path to write to")
+    list_output_files(paths, [asset.ending for asset in assets])
+    writes: list[tuple[Path, WriteFile]] = []
+    # For each asset at the first path: its file, and the number of files up to it.
+    main: list[tuple[Path, int]] = []
+    for path in paths:
+        for asset in assets:
+            place = add_ending(path, asset.ending)
+            writes += _plan_writes(asset, place)
+            if path == paths[0]:
+                main.append((place, len(writes)))
+    with new_files([path for path, _ in writes], overwrite=overwrite) as files:
+        for file, (_, write) in zip(files, writes, strict=True):
+            write(file)
+        sizes = [file.seek(0, 2) for file in files]
+    starts = [0, *(end for _, end in main)]
+    return [(place, sum(sizes[start:end])) for start, (place, end) in zip(starts, main, strict=False)]
+
+
+def _plan_writes(output: OutputAsset, place: Path) -> list[tuple[Path, WriteFile]]:
+    """Return the files of one asset, and a function that writes each."""
+    suffix = output_suffix(place)
+    if suffix == ASSET_SUFFIX:
+        return [(place, partial(write_packed, output.asset))]
+    mesh = as_held(mesh_from_asset(output.asset), suffix)
+    shape = output.collision if "collision" in FORMATS[suffix].keeps else None
+    style = Style(
+        stem=place.stem,
+        extras={"bake": dict(output.extras)} if output.extras else {},
+        collision=() if shape is None else _split_parts(as_held(mesh_from_asset(shape), suffix)),
+        is_convex=output.is_convex,
+    )
+    others = beside(mesh, place, style)
+    writes: list[tuple[Path, WriteFile]] = [
+        (other, partial(_write_bytes, content)) for other, content in others.items()
+    ]
+    return [*writes, (place, partial(write_mesh, mesh, suffix=suffix, style=style))]
+
+
+def _split_parts(mesh: Mesh) -> tuple[Mesh, ...]:
+    """Return the parts of a mesh that share no vertex."""
+    label = label_parts(mesh.vertices, mesh.faces)
+    return tuple(with_faces(mesh, label == number) for number in np.unique(label))
+
+
+def _write_bytes(content: bytes, file: BinaryIO) -> None:
+    file.write(content)

@@ -1,0 +1,369 @@
+"""The stages of a bake between its images and its files: candidates, colour, choice, levels and collision."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from msb.api.auditing import audit
+from msb.asset import Asset
+from msb.asset.look import stored_threshold, visible_faces, written_up
+from msb.asset.tiers import why_not
+from msb.bake.blending_weights import BlendingWeights, measure_blending_weights
+from msb.bake.candidate_fitted import PIXELS_TO_MOVE, make_fitted
+from msb.bake.candidate_kept import (
+    FINE_PIXELS,
+    MIN_FACE_PIXELS,
+    limit_for_selection,
+    make_kept,
+    rejoin_cuts,
+)
+from msb.bake.candidate_surface import make_surface
+from msb.bake.collision import PIXELS as COLLISION_PIXELS
+from msb.bake.collision import Collision, make_collision
+from msb.bake.context import ProgressHook, SearchContext
+from msb.bake.image_source import SAMPLES_PER_SIDE, ImageSource
+from msb.bake.images import ViewImages
+from msb.bake.lods import make_lods, measure_screen_share
+from msb.bake.options import BakeOptions, ColorTarget, Geometry
+from msb.bake.quality import measure_psnr, measure_quality
+from msb.bake.report import LodReport, Psnr, Verdict, describe_choice
+from msb.bake.requirements import choose_color_target
+from msb.bake.texture import fit_texture, select_first_pass
+from msb.bake.vertex_colors import fit_vertex_colors
+from msb.bake.views import BakeViews
+from msb.errors import AssetError, UsageError
+from msb.meshes.assets import asset_from_mesh
+from msb.meshes.mesh import Mesh
+from msb.topology.faces import face_areas
+
+# Smallest share of the model's area that generated views must see. With less, they do not suit the model.
+MIN_SEEN_SHARE = 0.8
+# Shares of `seconds`. For moving fitted triangles, and for each level of detail:
+_FITTED_SHARE = 2 / 3
+# For each of a surface's two searches, of the soup that its depth maps show and of its vertices. Together
+# with the fixed steps a surface takes half as long again as fitted triangles.
+_SURFACE_SHARE = 0.4
+# Smallest time in seconds of a search, which then moves for a single step.
+_MIN_SECONDS = 1e-3
+# Scale of the training images relative to the views. A texture can only be as sharp as the images drawn with
+# it if these have twice the pixels, and faces moved by smaller images followed their aliasing (1.3 dB).
+_IMAGE_SCALE = 2
+_SOLID_CANDIDATES: tuple[Geometry, ...] = ("fitted", "surface")
+_OPAQUE_NOTE = "its triangles are opaque; parts that alpha cut off have the colour of the surface behind"
+
+
+def _is_solid(asset: Asset) -> bool:
+    return Verdict.of(audit(asset)).level == "ok"
+
+
+@dataclass(frozen=True)
+class Choice:
+    """The chosen geometry, the share of the area that is unseen, the PSNR of the candidates, and notes."""
+
+    geometry: Geometry
+    unseen_area: float
+    tried: dict[str, float]
+    notes: tuple[str, ...]
+
+
+class BakePipeline:
+    """The training and validation images of a bake, and the stages that use them.
+
+    Parameters
+    ----------
+    asset : Asset
+        The model.
+    views : BakeViews
+    source : ImageSource
+        Draws the images of the views.
+    options : BakeOptions
+    device : str, optional
+        The OpenCL device.
+    progress : callable
+        As in `SearchContext`.
+    """
+
+    def __init__(
+        self,
+        asset: Asset,
+        views: BakeViews,
+        source: ImageSource,
+        options: BakeOptions,
+        device: str | None,
+        progress: ProgressHook,
+    ) -> None:
+        self._asset, self._views, self._source, self._options = asset, views, source, options
+        self._device, self._progress = device, progress
+        self._pixels = max(camera.width * camera.height for camera in views.all_but_test)
+        self._images = source.training_images(views.all_but_test, self._image_scale())
+        # Validation views come last; without any, the training views validate as well.
+        first = range(len(views.all_but_test) - len(views.validation))
+        self._training = self._images.select(first)
+        self._validation = self._images.select(range(len(first), len(views.all_but_test)) or first)
+        is_mesh = why_not(asset.manifest, "dedicated") is not None and options.supervision == "native"
+        self._context = SearchContext(
+            self._training, self._validation, options.seed, device, progress, is_mesh
+        )
+        self._soups: dict[int | None, tuple[Mesh, list[str]]] = {}
+        self._untextured: Mesh | None = None
+
+    def _image_scale(self) -> int:
+        """Return the scale of the training images relative to the views.
+
+        Larger images show borders of faces more precisely; small views get four times the width and height.
+        If nothing moves and no texture is fitted, pixels of the views suffice for faces that have some, and
+        the images are drawn in a quarter of the time.
+        """
+        if (2 * _IMAGE_SCALE) ** 2 * self._pixels <= PIXELS_TO_MOVE:
+            return 2 * _IMAGE_SCALE
+        options = self._options
+        is_static = (
+            options.geometry == "kept" and choose_color_target(options, "kept", self._asset) == "vertex"
+        )
+        has_pixels = self._pixels >= FINE_PIXELS * self._asset.manifest.face_count
+        return 1 if is_static and has_pixels and not options.lod_shares else _IMAGE_SCALE
+
+    def close(self) -> None:
+        """Delete the stored images."""
+        for images in (self._training, self._validation, self._images):
+            images.close()
+
+    def make_mesh(self, stopped: Callable[[], bool]) -> tuple[Mesh, Choice]:
+        """Return the mesh as it is written, and the choice between its candidates."""
+        self._progress("looking at the model", 0, len(self._images))
+        for number in range(len(self._images)):
+            self._images.stored_image(number)
+            self._progress("looking at the model", number + 1, len(self._images))
+        self._source.release()
+        unseen, weights = self._measure_visibility()
+        candidates, notes = self._list_candidates()
+        mesh, choice = self._choose_mesh(candidates, notes, unseen, weights, stopped)
+        if self._options.for_solid and choice.geometry == "kept" and not _is_solid(asset_from_mesh(mesh)):
+            return self._choose_mesh(_SOLID_CANDIDATES, [], unseen, weights, stopped)
+        return mesh, choice
+
+    def _choose_mesh(
+        self,
+        names: Sequence[Geometry],
+        notes: list[str],
+        unseen: float,
+        weights: BlendingWeights | None,
+        stopped: Callable[[], bool],
+    ) -> tuple[Mesh, Choice]:
+        """Make the candidates of these names, and return the chosen one with its final colours."""
+        candidates: dict[Geometry, Mesh] = {}
+        candidate_notes: dict[Geometry, list[str]] = {}
+        for name in names:
+            if candidates and stopped():
+                break
+            try:
+                candidates[name], candidate_notes[name] = self._make_candidate(name, weights)
+            except AssetError as error:
+                if not candidates:
+                    raise
+                notes.append(f"{name} could not be made: {error.message}")
+        # Compare the candidates on validation images, in colours fitted without these.
+        tried: dict[str, float] = {}
+        if len(candidates) > 1:
+            targets = [self._validation.limited_to(self._pixels)]
+            for name in reversed(candidates):
+                mesh = candidates[name]
+                colored = self._fit_colors(name, mesh, self._color_target(name, mesh), self._training)
+                self._progress("comparing", 0, 1)
+                asset = asset_from_mesh(colored)
+                tried[name] = measure_psnr(asset, targets, SAMPLES_PER_SIDE, self._device)[0]
+        chosen, why = self._choose_candidate(candidates, tried)
+        notes += candidate_notes[chosen]
+        if self._options.lod_shares:  # a texture replaces the vertex colours, which levels start with
+            self._untextured = candidates[chosen]
+        if stopped():
+            notes.append("interrupted; this is the best result until then")
+        # The final colours are fitted to all images.
+        target = self._color_target(chosen, candidates[chosen])
+        mesh = self._fit_colors(chosen, candidates[chosen], target, self._images)
+        if why:
+            notes.append(f"{why}. {describe_choice(tried)}")
+        if dropped := self._asset.manifest.face_count - len(mesh.faces):
+            plural = "s" if abs(dropped) > 1 else ""
+            notes.append(
+                f"{abs(dropped):,} {'fewer' if dropped > 0 else 'more'} triangle{plural} than the model"
+            )
+        return mesh, Choice(chosen, unseen, tried, tuple(notes))
+
+    def _choose_candidate(
+        self, candidates: dict[Geometry, Mesh], tried: dict[str, float]
+    ) -> tuple[Geometry, str]:
+        """Return the name of the chosen candidate, and the reason if there was a choice."""
+        best = max(candidates, key=lambda name: tried.get(name, 0.0))
+        if not tried:
+            return best, ""
+        if "surface" not in candidates:
+            return best, f"{best} was chosen as the better of two"
+        verdict = Verdict.of(audit(asset_from_mesh(candidates["surface"])))
+        if verdict.level == "bad":
+            return "fitted", f"fitted was chosen, because the verdict on the surface is BAD: {verdict.reason}"
+        return "surface", "surface was chosen, as tools for solids need it"
+
+    def _measure_visibility(self) -> tuple[float, BlendingWeights | None]:
+        """Return the share of the area that no view sees, and blending weights in the training images.
+
+        Raises
+        ------
+        UsageError
+            USAGE: generated views see too little of the model.
+        """
+        self._progress("weighing faces", 0, 1)
+        context = limit_for_selection(self._context, self._asset.manifest.face_count)
+        training, validation = (
+            measure_blending_weights(self._asset, images, self._device)
+            for images in (context.training, context.validation)
+        )
+        if training is None or validation is None:
+            return 0.0, None
+        buffers = self._asset.buffers
+        area = face_areas(buffers["positions"], buffers["indices"])[0]
+        visible = visible_faces(self._asset, stored_threshold(self._asset))
+        if visible is not None:
+            area[~visible] = 0.0
+        unseen = float(area[training.weight + validation.weight == 0].sum() / max(area.sum(), 1e-300))
+        views = self._views
+        if views.origin in ("turntable", "inside") and 1 - unseen < MIN_SEEN_SHARE:
+            seen, needed = int(100 * (1 - unseen)), round(100 * MIN_SEEN_SHARE)
+            text = f"only {seen} % of the model is visible from the generated views ({views.description})"
+            raise UsageError("USAGE", f"{text}. At least {needed} % is required; pass --cameras or --scene")
+        return unseen, None if why_not(self._asset.manifest, "dedicated") else training
+
+    def _list_candidates(self) -> tuple[Sequence[Geometry], list[str]]:
+        """Return the names of the candidates to make, and a note on one that is left out."""
+        options, count = self._options, self._asset.manifest.face_count
+        if options.geometry != "auto":
+            return [options.geometry], []
+        if options.for_solid:
+            if self._context.shows_model_mesh and options.faces is None and _is_solid(self._asset):
+                return ["kept"], ["the model is a closed mesh already, so its triangles are kept"]
+            return _SOLID_CANDIDATES, []
+        if options.faces is not None:
+            return ["fitted"], []
+        if self._has_small_faces(count):
+            text = f"fitted was not tried, because the images are too small for {count:,} faces"
+            return ["kept"], [text]
+        return ["kept", "fitted"], []
+
+    def _has_small_faces(self, count: int) -> bool:
+        """Return whether the images have too few pixels to move `count` faces."""
+        return count * MIN_FACE_PIXELS > min(self._images.max_pixels, PIXELS_TO_MOVE)
+
+    def _color_target(self, name: Geometry, mesh: Mesh) -> ColorTarget:
+        """Return whether the colours of a candidate go to a texture or to the vertices.
+
+        A texture for tiny triangles has ten times the bytes of vertex colours.
+        """
+        options = self._options
+        is_free = options.color is None and options.texture is None
+        if name == "fitted" and is_free and self._has_small_faces(len(mesh.faces)):
+            return "vertex"
+        return choose_color_target(options, name, self._asset)
+
+    def _make_candidate(self, name: Geometry, weights: BlendingWeights | None) -> tuple[Mesh, list[str]]:
+        """Return a candidate with rough vertex colours, and notes for the user."""
+        options = self._options
+        if name == "kept":
+            has_cutoff = self._asset.manifest.appearance.get("alpha_cutoff") is not None
+            return make_kept(self._asset, self._context, weights), [_OPAQUE_NOTE] if has_cutoff else []
+        # `--faces` limits the faces of the surface itself, not of the soup that it is made from.
+        budget = options.faces if name == "fitted" else None
+        if budget not in self._soups:
+            seconds = self._seconds(_FITTED_SHARE if name == "fitted" else _SURFACE_SHARE)
+            self._soups[budget] = make_fitted(
+                self._asset, self._context, weights, seconds=seconds, faces=budget, pixels=self._pixels
+            )
+        soup, notes = self._soups[budget]
+        if name == "fitted":
+            return soup, notes
+        mesh, surface_notes = make_surface(
+            soup,
+            self._context,
+            faces=options.faces,
+            pixels=self._pixels,
+            seconds=self._seconds(_SURFACE_SHARE),
+        )
+        return mesh, [*(f"triangle soup for the surface: {note}" for note in notes), *surface_notes]
+
+    def _seconds(self, share: float) -> float:
+        """Return the time limit of a search that has this share of the time."""
+        return max(share * self._options.seconds, _MIN_SECONDS)
+
+    def make_levels(
+        self, name: Geometry, mesh: Mesh, shares: Sequence[float]
+    ) -> tuple[list[tuple[LodReport, Mesh]], list[str]]:
+        """Return the levels of detail of the chosen mesh, and notes for the user.
+
+        Their textures have the size of the mesh's texture.
+        """
+        if not shares:
+            return [], []
+        size = mesh.textures[0].shape[0] if mesh.textures else None
+        whole = mesh if size is None else self._untextured
+        assert whole is not None
+        lods = make_lods(whole, self._context, shares, seconds=self._seconds(_FITTED_SHARE))
+        levels, notes = [], []
+        for share in shares:
+            try:
+                lod, lod_notes = next(lods)
+            except AssetError as error:
+                notes.append(
+                    f"levels with {100 * share:g} % of the faces or fewer were not made: {error.message}"
+                )
+                break
+            colored = self._fit_colors(name, lod, "vertex" if size is None else "texture", self._images, size)
+            native = self.measure(colored)[0]
+            quality = None if native is None else native.after_16
+            screen_share = measure_screen_share(mesh, colored)
+            levels.append((LodReport(share, len(colored.faces), quality, screen_share), colored))
+            notes += [f"level of detail with {100 * share:g} % of the faces: {note}" for note in lod_notes]
+        return levels, notes
+
+    def make_collision(self, mesh: Mesh, kind: str) -> Collision:
+        """Return a collision shape of the chosen mesh."""
+        self._progress("collision", 0, 1)
+        cameras = self._images.limited_to(COLLISION_PIXELS).cameras
+        return make_collision(mesh, kind, cameras, device=self._device)
+
+    def _fit_colors(
+        self, name: Geometry, mesh: Mesh, target: ColorTarget, images: ViewImages, size: int | None = None
+    ) -> Mesh:
+        """Return a mesh as it is written, with colours fitted to the images.
+
+        They are bytes at the vertices, or a texture of `size` texels along a side, by default of the size of
+        `--texture`.
+        """
+        cameras = images.limited_to(_IMAGE_SCALE**2 * self._pixels).cameras
+        images = images.with_coarser_levels(self._pixels)
+        self._progress("colours", 0, 1)
+        is_textured = target == "texture"
+        # Vertex colours: the result, or the initial texture. Few images suffice for the latter.
+        mesh = fit_vertex_colors(mesh, select_first_pass(images) if is_textured else images, self._device)
+        if is_textured:
+            self._progress("texture", 0, 1)
+            mesh = fit_texture(
+                mesh,
+                images,
+                size or self._options.texture,
+                count_cameras=cameras,
+                extends_colors=name == "surface",
+                device=self._device,
+                progress=self._progress,
+            )
+            if name == "kept":
+                mesh = rejoin_cuts(mesh)
+        else:
+            assert mesh.vertex_colors is not None
+            colors = np.floor(mesh.vertex_colors.clip(0, 1) * 255 + np.float32(0.5))
+            mesh = replace(mesh, vertex_colors=colors.astype(np.uint8))
+        return replace(mesh, up=written_up(self._asset))
+
+    def measure(self, mesh: Mesh) -> tuple[Psnr | None, Psnr | None]:
+        """Return the PSNR of a mesh on the test views, to native renderings and to photographs."""
+        baked = asset_from_mesh(mesh)
+        return measure_quality(self._asset, baked, self._views, self._source, self._device)

@@ -1,0 +1,73 @@
+"""The distance from one surface to another, measured at sample points of the first."""
+
+import numpy as np
+
+from msb.bake.arrays import Floats, Ints
+from msb.topology.faces import face_areas
+
+# Sample points on a surface. With 20,000 points the standard error of an average distance is below 1 % of its
+# spread.
+POINTS = 20_000
+# Random points on the other surface, in addition to one per face, that find the nearest faces. More of them
+# find the nearest face more reliably, at the cost of a larger search tree.
+_SEARCH_POINTS = 40_000
+# Nearest search points of a sample point. The exact distance is computed to the faces of all of them, as the
+# nearest search point need not lie on the nearest face.
+_NEIGHBOURS = 12
+
+
+def sample_surface(points: Floats, faces: Ints, count: int = POINTS) -> tuple[Floats, Ints]:
+    """Return `count` points (count, 3), uniform over the area, and the face (count,) of each.
+
+    The result is the same in every call. If no face has an area, it is one corner of each face.
+    """
+    area = face_areas(points, faces)[0]
+    if not area.sum() > 0:
+        return points[faces[:, 0]], np.arange(len(faces))
+    # Choose faces by area, then uniform barycentric weights (count, 3, 1): normalised exponential variables.
+    random = np.random.default_rng(0)
+    chosen = random.choice(len(faces), count, p=area / area.sum())
+    weights = random.exponential(size=(count, 3, 1))
+    weights /= weights.sum(axis=1, keepdims=True)
+    return (weights * points[faces[chosen]]).sum(axis=1), chosen
+
+
+def measure_distances(places: Floats, points: Floats, faces: Ints) -> Floats:
+    """Return the distance (n,) of each place (n, 3) to a surface of points (V, 3) and faces (F, 3).
+
+    The distance to the candidate faces is exact. If the nearest face is not a candidate, the result is too
+    large by far less than the spacing of the search points.
+    """
+    from scipy.spatial import cKDTree
+
+    if not len(places):
+        return np.zeros(0)
+    # Search points: random ones and the centre of each face. A tree of many equal points is slow.
+    marks, owner = sample_surface(points, faces, _SEARCH_POINTS)
+    marks = np.concatenate([marks, points[faces].mean(axis=1)])
+    owner = np.concatenate([owner, np.arange(len(faces))])
+    marks, first = np.unique(marks, axis=0, return_index=True)
+    owner = owner[first]
+    # Minimum of the exact distances to the faces of the nearest search points (n, _NEIGHBOURS).
+    _, near = cKDTree(marks).query(places, min(_NEIGHBOURS, len(marks)), workers=-1)
+    distance = np.full(len(places), np.inf)
+    for rank in near.reshape(len(places), -1).T:
+        distance = np.minimum(distance, _distance_to_triangles(places, points[faces[owner[rank]]]))
+    return distance
+
+
+def _distance_to_triangles(places: Floats, corners: Floats) -> Floats:
+    """Return the distance (n,) of each place (n, 3) to its triangle (n, 3, 3)."""
+    # Distance to the three edges (n, 3): project onto each edge, clamped to its ends.
+    sides = np.roll(corners, -1, axis=1) - corners
+    away = places[:, None] - corners
+    length = np.maximum((sides * sides).sum(axis=2), np.finfo(np.float64).tiny)
+    along = np.clip((away * sides).sum(axis=2) / length, 0, 1)
+    edge_distance = np.linalg.norm(away - along[..., None] * sides, axis=2).min(axis=1)
+    # Distance to the plane, for places above the interior of a triangle that has an area.
+    normal = np.cross(sides[:, 0], sides[:, 1])
+    size = np.linalg.norm(normal, axis=1)
+    is_above = (np.cross(normal[:, None], sides) * away).sum(axis=2).min(axis=1) >= 0
+    height = np.abs((away[:, 0] * normal).sum(axis=1)) / np.where(size > 0, size, 1)
+    distance: Floats = np.where(is_above & (size > 0), height, edge_distance)
+    return distance

@@ -1,0 +1,132 @@
+"""The normal equations of a texture and its mip levels, stored as stencils and solved on the device.
+
+A pixel shows four neighbouring texels of a level; between two levels it shows four texels of each. So a texel
+is only coupled to its eight neighbours, level by level. A texel of a smaller level is the average of four
+texels of the next larger one. Memory grows with the texels, not with the pixels.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from msb.bake.arrays import Floats, Singles
+from msb.render.device_scope import DeviceScope, OnDevice, in_turn
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from msb.cl import Buffer, Device
+
+# Weight of the squared difference between the changes of neighbouring texels, relative to a pixel. It spreads
+# changes to texels without pixels, and is small beside the pixels of the others.
+SMOOTHNESS = 0.5
+# Steps of conjugate gradients. Few suffice, as the initial texture is near the solution and each step costs a
+# pass over all texels.
+STEPS = 15
+# A squared residual up to this counts as 0; a channel is then solved.
+_ZERO = 1e-12
+# Work-items of a work-group.
+_GROUP = 64
+# Texels that one work-item sums over, and the number of such work-items of a work-group. Fixed runs make sums
+# reproducible.
+_RUN, _RUN_GROUP = 64, 8
+
+
+class TextureEquations(OnDevice):
+    """The normal equations of a square texture and its mip levels.
+
+    `stencils` (texels, 8) holds for each texel, level by level, the products of its weight with itself and
+    with the texels to the right, below, below right and below left, and the right sides of red, green and
+    blue. `msb.bake.texture_renderer` sums them. `sides` are the texels along a side of each level, `starts`
+    the first texel of each level and the number of texels in all.
+    """
+
+    def __init__(self, size: int, device: str | Device | None = None) -> None:
+        self.size = size
+        sides = [size]
+        while sides[-1] % 2 == 0 and sides[-1] > 2:
+            sides.append(sides[-1] // 2)
+        self.levels = len(sides)
+        self.sides = np.array(sides)
+        self.starts = np.concatenate([[0], np.cumsum(self.sides**2)])
+        self._scope = DeviceScope(device, "stencils")
+        with self._scope.setting_up():
+            self._device = self._scope.device
+            self._kernels = self._device.program("bake_solve", {"RUN": _RUN, "NOTHING": _ZERO})
+            self.stencils = self._allocate((self.starts[-1], 8))
+            self.stencils.fill(0)
+
+    def _allocate(self, shape: tuple[int, ...]) -> Buffer:
+        return self._device.allocate(shape, np.float32, "bake equations")
+
+    @in_turn
+    def add_smoothness(self, chart: NDArray[np.int32]) -> None:
+        """Couple the changes of neighbouring texels with the same number in `chart` (size, size)."""
+        charts = self._device.upload(chart, "bake charts")
+        settings = np.float32(SMOOTHNESS), np.int32(self.size)
+        self._kernels.tie(chart.size, _GROUP, charts, *settings, self.stencils, np.uint32(chart.size))
+        self._device.finish()
+        charts.release()
+
+    @in_turn
+    def solve(self) -> Singles:
+        """Return the change (size, size, 3) of the texture that solves the equations.
+
+        The method is conjugate gradients with Jacobi's preconditioner, for three channels at a time. The
+        right sides in `stencils` are overwritten with the residuals.
+        """
+        kernels, levels, texels = self._kernels, self._describe_levels(), self.size**2
+        count, runs = np.uint32(texels), -(-texels // _RUN)
+        direction, sums = self._allocate((self.starts[-1], 4)), self._allocate((self.starts[-1], 3))
+        change, partial = self._allocate((self.size, self.size, 3)), self._allocate((runs, 4))
+        # Restrict the right sides and the diagonal from the smaller levels to the texture itself.
+        for many, place in reversed(levels):
+            kernels.spread(many, _GROUP, self.stencils, *place, direction, np.uint32(many))
+        kernels.begin(runs, _RUN_GROUP, self.stencils, direction, change, partial, count)
+        residual, ratio = _sum_partial(partial), np.zeros(3)
+        for _ in range(STEPS):
+            if (residual <= _ZERO).all():
+                break
+            # Next direction; its average in each smaller level; then the product of the system with it.
+            kernels.turn(texels, _GROUP, self.stencils, _pad(ratio), direction, count)
+            for (_, (before, start, _)), (many, (_, _, side)) in pairwise(levels):
+                kernels.halve(many, _GROUP, direction, before, start, side, np.uint32(many))
+            for many, place in reversed(levels):
+                arguments = self.stencils, direction, *place, sums, partial, np.uint32(many)
+                kernels.apply(-(-many // _RUN), _RUN_GROUP, *arguments)
+            # Step along the direction, and the new residual.
+            length = _divide(residual, _sum_partial(partial))
+            outputs = self.stencils, change, partial, count
+            kernels.advance(runs, _RUN_GROUP, direction, sums, _pad(length), *outputs)
+            last, residual = residual, _sum_partial(partial)
+            ratio = _divide(residual, last)
+        for buffer in (direction, sums, partial):
+            buffer.release()
+        result: Singles = change.read()
+        change.release()
+        return result
+
+    def _describe_levels(self) -> list[tuple[int, tuple[np.uint32, np.uint32, np.int32]]]:
+        """Return for each level its texels, its first texel, the next level's first texel or 0, its side."""
+        starts = [*map(np.uint32, self.starts[:-1]), np.uint32(0)]
+        sides = self.sides.tolist()
+        return [(n * n, (starts[k], starts[k + 1], np.int32(n))) for k, n in enumerate(sides)]
+
+
+def _sum_partial(partial: Buffer) -> Floats:
+    """Return the sums (3,) of red, green and blue over all runs."""
+    total: Floats = partial.read()[:, :3].sum(axis=0, dtype=np.float64)
+    return total
+
+
+def _divide(above: Floats, below: Floats) -> Floats:
+    """Return quotients (3,), 0 for channels that are solved."""
+    return np.divide(above, below, out=np.zeros(3), where=(above > _ZERO) & (below > 0))
+
+
+def _pad(values: Floats) -> Singles:
+    """Return three values as a float4."""
+    return np.array([*values, 0], np.float32)

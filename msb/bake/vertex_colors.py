@@ -1,0 +1,43 @@
+"""Vertex colours of a mesh, fitted to images."""
+
+from __future__ import annotations
+
+from contextlib import closing
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from msb.bake.arrays import Ints
+from msb.bake.images import ViewImages
+from msb.bake.soup import Soup, find_color_seams
+from msb.bake.soup_renderer import SoupRenderer
+from msb.cl import Device
+from msb.meshes.mesh import Mesh
+
+
+def fit_vertex_colors(mesh: Mesh, images: ViewImages, device: str | Device | None) -> Mesh:
+    """Return `mesh` with the vertex colours that fit the images best; unseen vertices keep their colours.
+
+    If a mesh is cut along an edge, vertices of equal colour on both sides keep one colour. Two colours would
+    make a visible seam.
+    """
+    soup = Soup.from_mesh(mesh, share_colors=True)
+    if soup.shared is not None and mesh.vertex_colors is not None:
+        soup.shared = _merge_equal_colors(mesh, mesh.vertex_colors)[mesh.faces]
+    with closing(SoupRenderer(soup.corners, soup.colors, images, device)) as renderer:
+        soup.refit_colors(renderer)
+    return soup.to_mesh() if soup.shared is None else soup.apply_to(mesh)
+
+
+def _merge_equal_colors(mesh: Mesh, colors: NDArray[Any]) -> Ints:
+    """Return for each vertex (V,) the first one of equal place and colour on the other sides of a cut."""
+    first = np.arange(len(mesh.vertices))
+    seams = find_color_seams(mesh.vertices, mesh.faces)
+    if seams is not None:
+        # Rows of vertices that a cut doubled; group them by the number of the merged vertex and the colour.
+        rows = np.flatnonzero(np.bincount(seams.number)[seams.number] > 1)
+        kinds = np.column_stack([seams.number[rows], colors[rows]])
+        _, lowest, kind = np.unique(kinds, axis=0, return_index=True, return_inverse=True)
+        first[rows] = rows[lowest[kind.reshape(-1)]]
+    return first
