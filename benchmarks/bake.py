@@ -31,7 +31,7 @@ from PIL import Image as Pillow
 import msb
 from benchmarks.measure import keep, machine
 from msb.asset.tiers import why_not
-from msb.bake.options import parse_shares
+from msb.bake.options import parse_lods
 from msb.metrics.ground_truth import ground_truth
 from msb.scenes.datasets import Scene, dataset_of, scene_at
 
@@ -116,10 +116,9 @@ def looks(model: Path, scene: Scene) -> list[Image]:
 
 def row(name: str, report: dict[str, Any]) -> str:
     """Return the Markdown table row of one bake."""
-    psnr = report["psnr"]["photographs"] or {"dedicated": None, **report["psnr"]["own"]}
+    psnr = report["psnr"]["photographs"] or {"native": None, **report["psnr"]["native"]}
     decibels = [
-        "" if psnr[key] is None else f"{psnr[key]:.2f}"
-        for key in ("dedicated", "before", "after", "after_16")
+        "" if psnr[key] is None else f"{psnr[key]:.2f}" for key in ("native", "before", "after", "after_16")
     ]
     texture = "" if report["texture"] is None else str(report["texture"][0])
     verdict = report["verdict_after"]["level"]
@@ -132,9 +131,11 @@ def beside(name: str, report: dict[str, Any]) -> str:
 
     Levels: dB lost relative to the full bake, against native rendering with 16 samples per pixel.
     """
-    whole = report["psnr"]["own"]["after_16"]
+    whole = report["psnr"]["native"]["after_16"]
     cells = [name, report["geometry"], f"{whole:.2f}"]
-    cells.append(", ".join(f"{one['faces']:,}: {one['own_after_16'] - whole:+.2f}" for one in report["lods"]))
+    cells.append(
+        ", ".join(f"{one['faces']:,}: {one['native_after_16'] - whole:+.2f}" for one in report["lods"])
+    )
     if shape := report["collision"]:
         cells += [shape["kind"], f"{shape['faces']:,}", f"{shape['parts']:,}"]
         cells += [f"{100 * shape['mean_distance']:.2f}", f"{100 * shape['mid_air_share']:.1f}"]
@@ -157,7 +158,7 @@ def main() -> int:
     add("pairs", nargs="*", type=Path, metavar="MODEL SCENE", help="models, each followed by its scene")
     add("--geometry", nargs="+", default=GEOMETRIES, choices=(*GEOMETRIES, "auto"))
     add("--only", nargs="+", choices=DEMO, default=DEMO, metavar="NAME", help=f"of {', '.join(DEMO)}")
-    add("--lods", type=parse_shares, default=())
+    add("--lods", type=parse_lods, default=())
     add("--collision", metavar="KIND")
     add("--seconds", type=float, default=60)
     add("--seed", type=int, default=0)

@@ -184,7 +184,7 @@ def bake(model: Path, views: int, size: list[int], options: dict[str, Any]) -> d
 
 def show(row: dict[str, Any]) -> None:
     """Print the row of a bake, and its stages."""
-    own = row["psnr"]["own"]
+    own = row["psnr"]["native"]
     cells = [f"{row['model_faces']:,}", str(row["of_views"]), row["geometry"]]
     cells += [f"{own[key]:.2f}" for key in ("before", "after", "after_16")] + [f"{row['faces']:,}"]
     cells += [f"{row['seconds']:.0f}", f"{row['processor_seconds']:.0f}", f"{row['peak'] / 1e9:.2f}"]

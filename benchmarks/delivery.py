@@ -15,10 +15,9 @@ from typing import Any
 
 import msb
 from benchmarks.measure import keep, machine
-from msb.delivery import pictures as delivered
-from msb.delivery.pictures import Pictures, web_style
+from msb.delivery.web_quality import ImageLoss, encode_and_read, web_style
 from msb.meshes import Mesh, write_mesh
-from msb.meshes.assets import as_held, mesh_from_asset
+from msb.meshes.assets import fit_to_format, mesh_from_asset
 from msb.meshes.formats import Style
 
 ASSETS = (
@@ -43,7 +42,7 @@ def before(mesh: Mesh) -> int:
 def size(mesh: Mesh, style: Style) -> int:
     """Return the bytes of a GLB."""
     file = io.BytesIO()
-    write_mesh(as_held(mesh, ".glb"), file, suffix=".glb", style=style)
+    write_mesh(fit_to_format(mesh, ".glb"), file, suffix=".glb", style=style)
     return len(file.getvalue())
 
 
@@ -51,10 +50,10 @@ def measure(path: str) -> dict[str, Any]:
     """Return the row of one asset: bytes, and dB of the web encoding with 1 and 16 samples."""
     asset = msb.open(path)
     mesh = mesh_from_asset(asset)
-    pictures = Pictures.of(mesh, asset)
-    style, _ = web_style(pictures)
-    written = delivered.written(mesh, style)
-    kept = [pictures.loss(written, samples) for samples in (1, 4)]
+    loss = ImageLoss.of(mesh, asset)
+    style, _ = web_style(loss)
+    encoded = encode_and_read(mesh, style)
+    kept = [loss.loss(encoded, samples) for samples in (1, 4)]
     name = "/".join(Path(path).parts[-2:])
     sizes = {"before": before(mesh), "glb": size(mesh, Style()), "web": size(mesh, style)}
     return {"asset": name, **sizes, "db_1_sample": kept[0], "db_16_samples": kept[1]}

@@ -32,7 +32,7 @@ import psutil
 import msb
 from benchmarks.measure import keep, machine
 from msb.registry import METHODS
-from msb.scenes.around import around
+from msb.scenes.around import make_turntable
 from tests.tiny import MODELS, TINY
 
 if TYPE_CHECKING:
@@ -116,7 +116,7 @@ def renders(folder: Path, looks: Looks, times: int) -> None:
     for turn in range(times):
         path, tier = jobs[turn % len(jobs)]
         with msb.Renderer(path, tier=tier) as renderer:
-            for camera in around(msb.load(path), 2, *_VIEW):
+            for camera in make_turntable(msb.load(path), 2, *_VIEW):
                 renderer.render(camera)
         looks.add()
 
@@ -124,7 +124,7 @@ def renders(folder: Path, looks: Looks, times: int) -> None:
 def threads(folder: Path, looks: Looks, times: int) -> None:
     """Draw with one renderer from eight threads, and compare each image with a single-threaded one."""
     path = next(path for path in assets(folder) if path.stem == "triangle_splatting")
-    cameras = list(around(msb.load(path), 8, *_VIEW))
+    cameras = list(make_turntable(msb.load(path), 8, *_VIEW))
     with msb.Renderer(path, tier="dedicated") as renderer, ThreadPoolExecutor(8) as pool:
 
         def drawn(camera: msb.Camera) -> str:
@@ -186,7 +186,7 @@ def trials(folder: Path, looks: Looks, times: int) -> None:
 def bakes(folder: Path, looks: Looks, times: int) -> None:
     """Bake every method with `geometry="kept"` in eight threads, and compare the bytes."""
     paths = assets(folder)
-    cameras = {path: list(around(msb.load(path), 2, 32, 24)) for path in paths}
+    cameras = {path: list(make_turntable(msb.load(path), 2, 32, 24)) for path in paths}
 
     def baked(turn: int) -> str:
         path, out = paths[turn % len(paths)], folder / f"{turn}.glb"

@@ -27,7 +27,7 @@ from msb import Camera
 from msb.asset import Description, build_asset
 from msb.engines.agreement import agreement
 from msb.registry import METHODS
-from msb.render.backend import ENGINES, what_is_missing
+from msb.render.backend import ENGINES, why_unavailable
 from msb.render.images import to_bytes
 from tests.golden.views import METHODS as OFFICIAL
 from tests.reference.golden import exported, golden_views
@@ -202,7 +202,7 @@ def compare_standard(scenes: list[str], names: list[str]) -> dict[str, Any]:
     """Print the tables of the standard tier, and return their rows by scene."""
     engines = []
     for name in names:
-        missing = what_is_missing(name)
+        missing = why_unavailable(name)
         if missing is None:
             engines.append(name)
         else:

@@ -22,7 +22,7 @@ from benchmarks.garden import surface_of
 from data_stubs.made_models import write_models
 from msb.engines.engine import WALL_CLOCK
 from msb.registry import METHODS
-from msb.render.backend import SETTLED_AT, what_is_missing
+from msb.render.backend import SETTLED_AT, why_unavailable
 
 if TYPE_CHECKING:
     from msb import Asset, Camera
@@ -70,7 +70,7 @@ def compare(asset: Asset, cameras: list[Camera], rounds: int) -> list[dict[str, 
         for title, (tier, options) in RENDERERS.items():
             row: dict[str, Any] = {"renderer": title, "rounds": []}
             rows.append(row)
-            missing = what_is_missing(options["name"]) if "name" in options else None
+            missing = why_unavailable(options["name"]) if "name" in options else None
             if missing is not None:
                 row["error"] = missing
                 continue

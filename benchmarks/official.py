@@ -25,7 +25,7 @@ from benchmarks.official_stages import STAGES, Given, asked, work
 from msb.adapters.locate import locate
 from msb.asset.strict_json import parse_strict_json
 from msb.base.atomic import check_place, new_file
-from msb.base.children import run_apart
+from msb.base.children import run_in_child
 from msb.base.files import file_sha256, read_file
 from msb.base.limits import Limits
 from msb.bench.cell import INTERNAL
@@ -110,7 +110,7 @@ def _stage(name: str, given: Given) -> dict[str, Any]:
     """Run a stage in a separate process, print its outcome, and return its result without messages."""
     print(f"{name:15}", end=" ", flush=True)
     start = time.perf_counter()
-    reply = run_apart(work, asked(name, given), {}, _LIMITS)
+    reply = run_in_child(work, asked(name, given), {}, _LIMITS)
     found = reply.data or {"failed": reply.ended_by or INTERNAL, "said": reply.why}
     said = found.pop("said", "")
     print(f"{time.perf_counter() - start:6.1f} s  {said}", flush=True)
@@ -163,7 +163,7 @@ def _steps(record: dict[str, Any]) -> list[str]:
     stages, capture = record["stages"], record["capture"] or {}
     audit, bake = (stages.get(name, {}) for name in ("audit", "bake"))
     near = bake.get("psnr", {})
-    baked = _number((near.get("photographs") or near.get("own") or {}).get("after_16"), 2)
+    baked = _number((near.get("photographs") or near.get("native") or {}).get("after_16"), 2)
     return [
         _model(record),
         capture.get("scene") or capture.get("dataset") or "--",

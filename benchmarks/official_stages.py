@@ -36,17 +36,17 @@ from msb.metrics import psnr, read_image
 from msb.metrics.ground_truth import ground_truth
 from msb.metrics.registry import mean_of
 from msb.render import Renderer
-from msb.render.backend import lean_options
+from msb.render.backend import minimal_options
 from msb.render.images import to_bytes
 from msb.render.machine import machine
 from msb.scenes.datasets import (
     DATASETS,
-    own_background,
+    compare_training,
+    default_background,
     scene_of,
     stated_background,
-    trained_otherwise,
 )
-from msb.views import choose_views, spread
+from msb.views import choose_views, spread_evenly
 from msb.why import why
 
 if TYPE_CHECKING:
@@ -152,9 +152,7 @@ def stage_capture(given: Given) -> dict[str, Any]:
         "train": len(scene.train),
         "test": len(scene.test),
         "sizes": _sizes(scene.test),
-        "trained_otherwise": [
-            note.message for note in trained_otherwise(asset.manifest.training, own, scene)
-        ],
+        "trained_otherwise": [note.message for note in compare_training(asset.manifest.training, own, scene)],
     }
 
 
@@ -186,11 +184,11 @@ def stage_draw(given: Given, tier: Tier, renderer: str | None = None) -> dict[st
     scene = given.capture(asset)
     if scene is None:
         cameras: Sequence[Camera] = choose_views(asset, size=SIZE, device=given.device).cameras
-        background = own_background(asset.manifest)
+        background = default_background(asset.manifest)
     else:
         cameras, background = scene.test, scene.background
     gpus, start = Gpus(), time.perf_counter()
-    options = lean_options(tier, renderer)
+    options = minimal_options(tier, renderer)
     # Engines accept a kind of device ("cpu", "gpu"), not the name of an OpenCL platform.
     selector = given.device if renderer is None or given.device in KINDS else None
     with Renderer(asset, tier, selector, name=renderer, **options) as drawing:
@@ -275,7 +273,7 @@ def stage_why(given: Given) -> dict[str, Any]:
     scene = given.capture(asset)
     views = None
     if scene is not None:
-        few = spread(scene.test, _WHY_VIEWS)
+        few = spread_evenly(scene.test, _WHY_VIEWS)
         views = [one.scaled(min(1.0, _WHY_LONGEST / max(one.width, one.height))) for one in few]
     start = time.perf_counter()
     background = None if scene is None else scene.background
@@ -302,7 +300,7 @@ def stage_bake(given: Given) -> dict[str, Any]:
     keys = "geometry", "color", "faces", "texture", "bytes", "seconds", "psnr", "unseen_area"
     return {
         **{key: found[key] for key in keys},
-        "views": {key: found["views"][key] for key in ("taught", "held_back")},
+        "views": {key: found["views"][key] for key in ("training", "validation", "test")},
         "verdict": {key: found[f"verdict_{key}"]["level"] for key in ("before", "after")},
     }
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from msb.topology.shown import structure_text
+from msb.topology.metric_text import format_metric
 
 TITLES = {
     "torus": "torus, closed",
@@ -100,7 +100,7 @@ def _repair_cells(row: dict[str, Any], stored: dict[str, Any]) -> list[str]:
         f"{row['faces_added']:,}",
         f"{row['edges_cut']:,}",
         f"{row['components']:,}",
-        "" if ratio is None else structure_text("boundary_edge_ratio", ratio),
+        "" if ratio is None else format_metric("boundary_edge_ratio", ratio),
         row["verdict_after"].upper(),
         f"{row['trials_passed_after']} of {len(row['trials'])}",
         *(_look(row["looks"][tier]) for tier in ("standard", "dedicated")),

@@ -155,9 +155,9 @@ def weigh_by_reference(folder: Path) -> int:
 
 def _views(asset: Any) -> list[Any]:
     from msb.engines.command import TEST_SIDE, TEST_VIEWS
-    from msb.scenes.around import around
+    from msb.scenes.around import make_turntable
 
-    return around(asset, 2 * TEST_VIEWS, TEST_SIDE, TEST_SIDE * 3 // 4, "+y")
+    return make_turntable(asset, 2 * TEST_VIEWS, TEST_SIDE, TEST_SIDE * 3 // 4, "+y")
 
 
 def page(folder: Path) -> int:

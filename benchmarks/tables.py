@@ -142,7 +142,7 @@ def bake(record: Record) -> Iterator[str]:
                 row["geometry"],
                 *(
                     number(row["psnr"]["photographs"][k], 2)
-                    for k in ("dedicated", "before", "after", "after_16")
+                    for k in ("native", "before", "after", "after_16")
                 ),
                 row["faces"],
                 row["texture"] and row["texture"][0],
@@ -169,7 +169,7 @@ def bake_scale(record: Record) -> Iterator[str]:
                 row["of_views"],
                 row["geometry"],
                 row.get("variant", ""),
-                *(number(row["psnr"]["own"][key], 2) for key in ("before", "after", "after_16")),
+                *(number(row["psnr"]["native"][key], 2) for key in ("before", "after", "after_16")),
                 row["faces"],
                 number(row["seconds"], 0),
                 number(row["processor_seconds"], 0),

@@ -82,12 +82,12 @@ def cfg_args(path: Path) -> None:
 
 
 def mesh(path: Path) -> None:
-    """Read a mesh; compressed arrays are decoded in this process, because the guard forbids child processes."""
+    """Read a mesh; arrays are decoded in this process, because the guard forbids child processes."""
     from unittest.mock import patch
 
     from msb.meshes import read_mesh as read
 
-    with patch("msb.meshes.gltf_packed.run_apart", run_here):
+    with patch("msb.meshes.gltf_packed.run_in_child", run_here):
         read(path)
 
 
@@ -192,21 +192,21 @@ def report(path: Path) -> None:
     """Read a results folder with one record and create its tables, pages and findings, without figures."""
     from msb.bench.records import read_result
     from msb.report.collect import collect
-    from msb.report.findings import find
-    from msb.report.results import Loaded, result_set
+    from msb.report.findings import derive_findings
+    from msb.report.mesh_trials import read_repairs, read_task_outcomes
+    from msb.report.results import LoadedResult, result_set
     from msb.report.tables.asset import asset_tables, provenance
-    from msb.report.tried import repairs, tried_tasks
 
-    results = result_set([Loaded(read_result(path), path, path.parents[5])])
+    results = result_set([LoadedResult(read_result(path), path, path.parents[5])])
     numbers = collect(results)
-    find(numbers)
+    derive_findings(numbers)
     for place, conditions in results.places.items():
         records = {condition: loaded.result for condition, loaded in conditions.items()}
         asset_tables(place, records, numbers)
         provenance(records)
         for loaded in conditions.values():
-            tried_tasks(loaded)
-            repairs(loaded)
+            read_task_outcomes(loaded)
+            read_repairs(loaded)
             for image in () if loaded.result.quality is None else loaded.result.quality.images:
                 loaded.file(image.file)
 

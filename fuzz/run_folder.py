@@ -12,7 +12,7 @@ from msb.bench.folder import Results
 from msb.bench.models import ModelTask, _record
 
 if TYPE_CHECKING:
-    from msb.bench.photographs import Views
+    from msb.bench.photographs import ViewState
 
 PHOTOGRAPH = b"no image is read to know its hash"
 
@@ -25,21 +25,21 @@ def model_task(root: Path) -> ModelTask:
 def read_model(path: Path) -> None:
     """Read the record of a model; if it is accepted, every file must be unchanged."""
     from msb.bench.digest import stamp
-    from msb.bench.models import known_model
+    from msb.bench.models import find_known_model
 
-    known = known_model(Results(path.parents[3]), model_task(path.parents[3]))
+    known = find_known_model(Results(path.parents[3]), model_task(path.parents[3]))
     assert known is None or all(stamp(Path(name)) == (name, *rest) for name, *rest in known.stamps)
 
 
 def models() -> list[bytes]:
     """Return records of a model whose files exist, are missing, and are impossible."""
     from msb.bench.digest import stamp
-    from msb.bench.models import Model
+    from msb.bench.models import ModelAsset
     from msb.bench.records import File
 
     asset = File(path="model.triasset", bytes=9, sha256="0" * 64)
     key = json.dumps(["model.triasset", "two_dts"])
-    known = Model(
+    known = ModelAsset(
         method="two_dts", checkpoint=None, asset=asset, background=(0, 0, 0), stamps=(), training={}, key=key
     )
     there, gone, nowhere = stamp(Path(__file__)), ("model.triasset", 9, 9), ("nul\0", 9, 9)
@@ -47,20 +47,20 @@ def models() -> list[bytes]:
     return [known.model_copy(update={"stamps": stamps}).to_json() for stamps in cases]
 
 
-def views() -> Views:
+def views() -> ViewState:
     """Return the test views of a scene of one photograph."""
-    from msb.bench.photographs import Views
+    from msb.bench.photographs import ViewState
     from msb.bench.records import Setup
 
     setup = Setup(camera_convention="gs_fov", image_folder="images", gt_resized=False, background=(0, 0, 0))
-    return Views("cameras", "photographs", setup, ("a",))
+    return ViewState("cameras", "photographs", setup, ("a",))
 
 
 def read_hashes(path: Path) -> None:
     """Compare photographs with the hashes of a run."""
-    from msb.bench.photographs import _what_differs
+    from msb.bench.photographs import _find_fault
 
-    _what_differs(path.parent, views())
+    _find_fault(path.parent, views())
 
 
 def hashes() -> list[bytes]:

@@ -231,24 +231,24 @@ def results() -> list[bytes]:
 
 
 def submissions() -> list[bytes]:
-    from msb.bench.submission import Shown, write_submission
+    from msb.bench.submission import SubmittedImage, write_submission
     from tests.report.factory import make_result
 
     records = [
         make_result("capture", "desk", "two_dts", condition) for condition in ("dedicated", "standard")
     ]
-    shown = Shown(file="0.jpg", dataset="capture", scene="desk", image="0.png", why="a photograph")
+    shown = SubmittedImage(file="0.jpg", dataset="capture", scene="desk", image="0.png", why="a photograph")
     return [write_submission("A", records, [(shown, jpeg)]) for jpeg in pictures("jpg")[:1]]
 
 
 def around_record(record: bytes) -> bytes:
     """Return a submission of one record whose hash is right."""
-    from msb.bench.submission import ABOUT, About, archive_of
+    from msb.bench.submission import ABOUT, About, make_archive
 
     name = "records/00000.json"
     files = {name: hashlib.sha256(record).hexdigest()}
     about = About(name="A", tool_version="1", code_sha256="0" * 64, commands=(), files=files, pictures=())
-    return archive_of({ABOUT: about.to_json(), name: record})
+    return make_archive({ABOUT: about.to_json(), name: record})
 
 
 def timing() -> Any:
@@ -264,7 +264,7 @@ def renderer_timings() -> list[bytes]:
 @cache
 def pages() -> list[bytes]:
     """Return the parts of a page that are read again: scene and test views, for each storage of arrays."""
-    from msb.engines.dedicated_page.stored import store
+    from msb.engines.dedicated_page.storage import store
 
     view = {"width": 5, "height": 3}
     image = np.arange(45, dtype=np.uint8).reshape(15, 3)

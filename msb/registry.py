@@ -7,7 +7,7 @@ code is in modules of the package, which are imported when they are needed. Each
   writes coloured meshes with a recognisable file name needs no adapter.
 - ``official`` writes the same file as the method's own exporter (`msb.adapters.official.Official`).
 - ``reference`` renders the method's image in NumPy (``render``, called by `msb.reference`).
-- ``look`` renders the same image on the dedicated tier, with OpenCL kernels (`msb.render.dedicated`).
+- ``native`` renders the same image on the dedicated tier, with OpenCL kernels (`msb.render.dedicated`).
 
 Everything that lists methods, tiers or settings reads `METHODS`. Other packages add methods through the
 entry-point group `msb.methods` (docs/extending.md).
@@ -24,7 +24,7 @@ from importlib.util import find_spec
 from types import FunctionType, ModuleType
 from typing import TYPE_CHECKING, Any, Literal
 
-from msb.base.packages import Lazy, PackageError, contained, installed, load, warn, whose
+from msb.base.packages import Lazy, PackageError, contain_errors, describe_entry, find_installed, load, warn
 from msb.errors import UsageError, shorten
 
 if TYPE_CHECKING:
@@ -227,7 +227,7 @@ BUILT_IN = (
     "frosting",
     "mesh",
 )
-Role = Literal["adapter", "official", "reference", "look"]
+Role = Literal["adapter", "official", "reference", "native"]
 
 
 def _methods() -> Mapping[str, Method]:
@@ -243,7 +243,7 @@ def _installed() -> dict[str, tuple[Method, str]]:
     """Return name -> method and its package."""
     places = {name: f"msb.methods.{name}" for name in BUILT_IN}
     ours = {name: (import_module(place).METHOD, place) for name, place in places.items()}
-    return ours | installed("method", places, _declared)
+    return ours | find_installed("method", places, _declared)
 
 
 def _declared(_: str, value: str) -> Method:
@@ -305,7 +305,7 @@ class _PluginModule:
 
         @wraps(member)
         def call(*args: Any, **options: Any) -> Any:
-            with _naming_package(self._method, f"its {self._what} fails: "), contained():
+            with _naming_package(self._method, f"its {self._what} fails: "), contain_errors():
                 return member(*args, **options)
 
         return call
@@ -317,7 +317,7 @@ def _naming_package(method: str, doing: str) -> Iterator[None]:
     try:
         yield
     except PackageError as error:
-        text = f"{whose('method', method, package_of(method))}: {doing}{error}"
+        text = f"{describe_entry('method', method, package_of(method))}: {doing}{error}"
         raise UsageError("PACKAGE_LEFT_OUT", text) from error.__cause__
 
 

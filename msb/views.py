@@ -23,12 +23,12 @@ from msb.meshes.mesh import Mesh
 from msb.metrics.images import psnr_of_mse
 from msb.registry import Tier
 from msb.render import Renderer
-from msb.render.backend import lean_options
+from msb.render.backend import minimal_options
 from msb.render.images import to_bytes
 from msb.render.standard.renderer import StandardRenderer
 from msb.scenes import Camera
-from msb.scenes.around import around, bulk_of, inside, surrounded
-from msb.scenes.sets import given_cameras
+from msb.scenes.around import find_bulk, is_surrounded, make_turntable, place_inside
+from msb.scenes.sets import check_cameras
 
 # Largest number of training cameras that are used, evenly spread over all of them. It bounds the time.
 MAX_TRAINING_VIEWS = 12
@@ -72,23 +72,6 @@ class ChosenViews:
         cameras = [self.cameras[k] for k in sorted(useful)]
         return replace(self, cameras=cameras, description=text if useful else self.description)
 
-    # The old names, until all callers use the new ones.
-    @property
-    def said(self) -> str:
-        """The description."""
-        return self.description
-
-    @property
-    def nothing(self) -> str:
-        """The blind message."""
-        return self.blind_message
-
-    def seeing(self, asset: Asset, device: str | None = None) -> ChosenViews:
-        """Return the views without blind ones."""
-        return self.without_blind(asset, device)
-
-    # End of the old names.
-
 
 def _find_seeing(asset: Asset, cameras: Sequence[Camera], device: str | None, enough: int) -> set[int] | None:
     """Return the numbers of the first `enough` cameras that see a pixel of the asset.
@@ -104,7 +87,7 @@ def _find_seeing(asset: Asset, cameras: Sequence[Camera], device: str | None, en
         for tier in tiers:
             if len(seeing) == min(enough, len(cameras)):
                 break
-            with Renderer(asset, tier, device, **lean_options(tier, None)) as renderer:
+            with Renderer(asset, tier, device, **minimal_options(tier, None)) as renderer:
                 for number, camera in enumerate(cameras):
                     if len(seeing) < enough and number not in seeing:
                         seeing |= {number} if (renderer.render(camera).alpha > 0).any() else set()
@@ -136,7 +119,7 @@ def choose_views(
         return given
     if given is not None:
         return given_views(given)
-    outside = around(asset, count, *size)
+    outside = make_turntable(asset, count, *size)
     try:
         training = find_training_views(asset, device, most=MAX_TRAINING_VIEWS, longest=max(size))
         return training or generate_views(asset, outside, device)
@@ -152,7 +135,7 @@ def given_views(cameras: Iterable[Camera]) -> ChosenViews:
     UsageError
         USAGE: no camera is given.
     """
-    chosen = given_cameras(cameras)
+    chosen = check_cameras(cameras)
     if not chosen:
         raise UsageError("USAGE", "cameras is empty; it must hold at least one, or be None")
     return ChosenViews(chosen, "given", f"{len(chosen)} camera{'' if len(chosen) == 1 else 's'} given")
@@ -186,11 +169,11 @@ def generate_views(
 
     The up axis of views from inside is `up`, by default the asset's up axis.
     """
-    bulk = bulk_of(asset)
-    within = inside(asset, bulk, outside, up)
+    bulk = find_bulk(asset)
+    within = place_inside(asset, bulk, outside, up)
     if not within:
         return _turntable_views(outside)
-    if surrounded(bulk):
+    if is_surrounded(bulk):
         why = "large faces surround most of it"
     elif _is_interior(asset, outside, within, device):
         why = "most of its faces are hidden from outside or seen from behind"
@@ -298,8 +281,3 @@ def pooled_psnr(errors: NDArray[np.float64]) -> float:
     """Return the PSNR in dB over all views, from the result of `squared_errors`."""
     squares, count = errors.sum(axis=0)
     return psnr_of_mse(squares / (255**2 * count))
-
-
-# The old names, until all callers use the new ones.
-Views, MOST = ChosenViews, MAX_TRAINING_VIEWS
-images_of, difference, spread = render_standard, psnr_over_views, spread_evenly

@@ -166,19 +166,19 @@ def in_browser(browser: Browser) -> Callable[..., Any]:
 @pytest.fixture
 def unknown(tmp_path: Path) -> dict[str, str]:
     """Return environment variables with which the PoCL wheel does not know the processor."""
-    from msb.cl import loader, mend
+    from msb.cl import loader, pocl_fix
     from msb.cl.devices import found_devices
 
-    if not any(mend.is_wheel(handle) for _, handle in found_devices(loader.opencl())):
+    if not any(pocl_fix.is_wheel(handle) for _, handle in found_devices(loader.opencl())):
         pytest.skip("the PoCL wheel is not installed")
-    if mend.hindrance():
-        pytest.skip(f"the wheel cannot be repaired on this machine: {mend.hindrance()}")
+    if pocl_fix.obstacle():
+        pytest.skip(f"the wheel cannot be repaired on this machine: {pocl_fix.obstacle()}")
     return {
         "PYTHONPATH": f"{UNKNOWN_CPU}{os.pathsep}{ROOT}",
         "POCL_CACHE_DIR": str(tmp_path / "pocl"),
         "XDG_CACHE_HOME": str(tmp_path / "cache"),
         "OCL_ICD_VENDORS": str(tmp_path),
-        **dict.fromkeys((mend.MEND_VARIABLE, "MSB_DEVICE", "PYOPENCL_CTX"), ""),
+        **dict.fromkeys((pocl_fix.FIX_VARIABLE, "MSB_DEVICE", "PYOPENCL_CTX"), ""),
     }
 
 

@@ -41,7 +41,7 @@ sys.path[:] = [place for place in sys.path if place not in others]
 """
 
 QUICK = "api or cli or delivery or snapshots or docs"
-"""Tests of the Python interface, the command kit, the help texts and the documentation (an argument of -k)."""
+"""Tests of the Python interface, the command kit, the help texts and the documentation (for -k)."""
 
 
 def copy_without(capabilities: Iterable[str], copy: Path) -> None:

@@ -24,7 +24,7 @@ import typer.main
 
 import msb
 from msb.cli.app import app
-from msb.render.backend import what_is_missing
+from msb.render.backend import why_unavailable
 from tests.conftest import ROOT, shortened
 from tests.tiny import link_demo
 
@@ -117,7 +117,7 @@ def skip_without(need: str) -> None:
     if need in PEERS:
         if importlib.util.find_spec(PEERS[need]) is None:
             pytest.skip(f"extra {need} is not installed")
-    elif (missing := what_is_missing(need)) is not None:
+    elif (missing := why_unavailable(need)) is not None:
         pytest.skip(f"renderer {need}: {missing}")
 
 

@@ -30,7 +30,7 @@ def test_every_method_with_a_reference_tier_has_a_reference_and_golden_images() 
 
 def test_every_trained_method_has_a_dedicated_tier_and_a_demo_model() -> None:
     assert {name for name, method in METHODS.items() if method.supports("dedicated")} == TRAINED
-    assert {name for name, _ in with_role("look")} == {name for name, _ in with_role("official")} == TRAINED
+    assert {name for name, _ in with_role("native")} == {name for name, _ in with_role("official")} == TRAINED
     assert _WRITERS.keys() == TRAINED
 
 

@@ -125,7 +125,7 @@ def test_a_failing_adapter_does_not_affect_other_models(site: Path, text: str) -
 
 def test_errors_of_a_package_name_the_package(site: Path) -> None:
     asset = msb.export("facets.npz")
-    (site / "msb_facets" / "look.py").write_text("import sys; sys.exit('no CUDA')\n")
+    (site / "msb_facets" / "native.py").write_text("import sys; sys.exit('no CUDA')\n")
     (site / "msb_facets" / "reference.py").write_text("def render(*_): 1 / 0\n")
     clear_caches()
     for tier, why in (

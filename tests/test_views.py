@@ -14,7 +14,7 @@ from data_stubs.surface import icosphere
 from msb.asset import build_asset
 from msb.repair.plan import Options
 from msb.scenes import write_cameras
-from msb.scenes.around import around
+from msb.scenes.around import make_turntable
 from msb.views import MAX_TRAINING_VIEWS, choose_views
 from tests.conftest import ROOT
 
@@ -153,7 +153,7 @@ def test_nothing_is_measured_without_a_view_that_sees_the_asset() -> None:
 
 def test_blind_views_are_ignored() -> None:
     asset = asset_of(ball())
-    seeing = around(asset, 2, 48, 36)
+    seeing = make_turntable(asset, 2, 48, 36)
     some = choose_views(asset, [*elsewhere(6), *seeing]).without_blind(asset)
     assert some.cameras == seeing
     why = pytest.importorskip("msb.why").why
@@ -164,7 +164,7 @@ def test_blind_views_are_ignored() -> None:
 def test_blind_views_are_ignored_in_trials() -> None:
     pytest.importorskip("msb.trial")
     asset = asset_of(ball())
-    seeing = around(asset, 2, 48, 36)
+    seeing = make_turntable(asset, 2, 48, 36)
     (alone,) = msb.trial(asset, ["decimate_10"], cameras=seeing)
     (beside,) = msb.trial(asset, ["decimate_10"], cameras=[*elsewhere(6), *seeing])
     assert alone.numbers == beside.numbers

@@ -23,7 +23,7 @@ from benchmarks.opened_in.scenes import HEIGHT, WIDTH, Scene
 from benchmarks.opened_in.shown import ENGINES, NOT_INSTALLED, Shown
 from msb.base.extras import is_installed
 from msb.engines.blender import VARIABLE
-from msb.render.backend import what_is_missing
+from msb.render.backend import why_unavailable
 
 _HERE = Path(__file__).parent
 _PYTHON = ENGINES / "python"
@@ -56,7 +56,7 @@ class Blender:
 
     def missing(self) -> str | None:
         """Return the reason why the engine cannot run here, or None."""
-        return what_is_missing("blender_workbench")
+        return why_unavailable("blender_workbench")
 
     def draw(self, glb: bytes, scene: Scene, *, mended: bool) -> Shown:
         """Return the engine's image of a file."""
@@ -91,7 +91,7 @@ class Ours:
 
     def missing(self) -> str | None:
         """Return the reason why the engine cannot run here, or None."""
-        return what_is_missing("wgpu")
+        return why_unavailable("wgpu")
 
     def draw(self, glb: bytes, scene: Scene, *, mended: bool) -> Shown:
         """Return the engine's image of a file."""

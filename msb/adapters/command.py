@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from msb.base.option import Argument, Option
 from msb.cli.command import command
 from msb.cli.output import JsonOutput, Output, setting_text
-from msb.render.options import Drawing
+from msb.render.options import RendererOptions
 
 if TYPE_CHECKING:
     from msb.asset import Asset
@@ -47,7 +47,7 @@ def export(
     ] = None,
     *,
     options: ExportOptions,
-    drawing: Annotated[Drawing, ("assignments",)],
+    drawing: Annotated[RendererOptions, ("assignments",)],
     output: JsonOutput,
 ) -> None:
     """Convert a trained checkpoint to a .triasset. Neither PyTorch nor CUDA is needed.

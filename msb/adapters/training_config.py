@@ -13,7 +13,7 @@ from typing import Any
 from msb.base.files import read_file
 from msb.errors import CheckpointError, Finding, InputError, finding, shorten
 from msb.scenes.datasets.catalog import DATASETS
-from msb.scenes.datasets.notes import saw_test_views
+from msb.scenes.datasets.notes import warn_test_views
 
 # Bytes that are read at most. A config has some kilobytes, and logs begin with one.
 MAX_BYTES = 1 << 16
@@ -45,7 +45,7 @@ def read_cfg_args(root: Path) -> tuple[dict[str, Any], tuple[Path, ...], list[Fi
     except (SyntaxError, ValueError, TypeError, MemoryError, RecursionError):
         text = "cfg_args is not a line Namespace(name=value, ...); it is ignored"
         return {}, (), [finding("CHECKPOINT_CONFIG", text, severity="warning", pointer="cfg_args")]
-    return values, (path,), [saw_test_views()] if values.get("eval") is False else []
+    return values, (path,), [warn_test_views()] if values.get("eval") is False else []
 
 
 def training_of(arguments: Mapping[str, Any]) -> dict[str, Any]:

@@ -35,12 +35,12 @@ def open_baked(path: Path, asset: Asset, output: Output) -> Asset:
     """Open a mesh that was baked from `asset`, and rotate it into the coordinates of `asset`."""
     from msb.asset.look import written_up
     from msb.meshes.assets import asset_from_mesh, mesh_from_asset
-    from msb.meshes.transform import turned
+    from msb.meshes.transform import rotate_axis
 
     # Baked files are rotated upright, as their formats require. Rotate the vertices back.
     mesh = mesh_from_asset(open_asset(path, output))
     up = written_up(asset)
-    vertices = turned(mesh.vertices, mesh.up or "unknown", up or "unknown")
+    vertices = rotate_axis(mesh.vertices, mesh.up or "unknown", up or "unknown")
     return asset_from_mesh(replace(mesh, vertices=vertices, up=up))
 
 
@@ -132,10 +132,10 @@ def note_warnings(warnings: Iterable[Finding], path: Path, output: Output) -> No
 
 def write_mesh_files(mesh: Mesh, target: Path, output: Output, style: Style | None = None) -> None:
     """Write a mesh and its other files, such as textures. Without --force none of them may exist."""
-    from msb.meshes.files import beside, write_whole
+    from msb.meshes.files import companion_files, write_whole
     from msb.meshes.formats import Style
 
-    for other in beside(mesh, target, style or Style()):
+    for other in companion_files(mesh, target, style or Style()):
         output.check_free(other)
     write_whole(mesh, target, style, overwrite=output.force)
 

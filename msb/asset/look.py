@@ -47,7 +47,7 @@ def static_colors(buffers: Mapping[str, NDArray[Any]], domains: Mapping[str, str
     """
     for name in ("color", "f_dc"):
         if name in buffers:
-            values = baked_colors(buffers[name]) if name == "f_dc" else clamped(buffers[name])
+            values = baked_colors(buffers[name]) if name == "f_dc" else clamp_colors(buffers[name])
             return StaticColors(values, cast("Any", domains[name]))
     return None
 
@@ -173,10 +173,10 @@ def known_up(stored: str, method: str | None) -> str:
 
 def baked_colors(f_dc: NDArray[np.float32]) -> NDArray[np.float32]:
     """Return clamp(C0 f_dc + 0.5, 0, 1), the colour of the SH coefficients of degree 0."""
-    return clamped(np.float32(SH_C0) * f_dc + np.float32(0.5))
+    return clamp_colors(np.float32(SH_C0) * f_dc + np.float32(0.5))
 
 
-def clamped(colors: NDArray[Any]) -> NDArray[Any]:
+def clamp_colors(colors: NDArray[Any]) -> NDArray[Any]:
     """Return float colours clamped to [0, 1], and byte colours unchanged. NaN stays, and is reported
     later.
     """
@@ -196,7 +196,7 @@ def visible_faces(asset: Asset, ste_threshold: float | None) -> NDArray[np.bool_
     return np.asarray(sigmoid(opacity) > np.float32(ste_threshold))
 
 
-def shown_faces(asset: Asset, ste_threshold: float | None) -> NDArray[np.uint32] | None:
+def select_faces(asset: Asset, ste_threshold: float | None) -> NDArray[np.uint32] | None:
     """Return the sorted indices (n,) of the `visible_faces`; None if all faces are visible."""
     visible = visible_faces(asset, ste_threshold)
     return None if visible is None or visible.all() else np.flatnonzero(visible).astype(np.uint32)

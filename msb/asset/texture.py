@@ -161,7 +161,7 @@ LINEAR = srgb_to_linear(np.arange(256) / 255).astype(np.float32)
 LINEAR.flags.writeable = False
 
 
-def decoded(image: NDArray[np.uint8]) -> NDArray[np.float32]:
+def decode_texels(image: NDArray[np.uint8]) -> NDArray[np.float32]:
     """Return texels (..., 3 | 4) as linear light and alpha (..., 4). Alpha is 1 for 3 channels."""
     light = np.ones((*image.shape[:-1], 4), np.float32)
     light[..., :3] = LINEAR[image[..., :3]]
@@ -170,8 +170,8 @@ def decoded(image: NDArray[np.uint8]) -> NDArray[np.float32]:
     return light
 
 
-def encoded(values: NDArray[np.float32], channels: int) -> NDArray[np.uint8]:
-    """Return linear light and alpha (..., 4) as texels of `channels` bytes (inverse of `decoded`)."""
+def encode_texels(values: NDArray[np.float32], channels: int) -> NDArray[np.uint8]:
+    """Return linear light and alpha (..., 4) as texels of `channels` bytes (inverse of `decode_texels`)."""
     texels = np.concatenate((linear_to_srgb(values[..., :3]), values[..., 3:]), axis=-1)
     return np.asarray(np.rint(texels[..., :channels] * 255).astype(np.uint8))
 
@@ -213,11 +213,11 @@ def _halved(image: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np.uint8
         # Average along the columns, (rows, width, 4), then along the rows, (rows, width of the level, 4).
         down = np.zeros((len(rows), width, 4), np.float32)
         for at, weight in _covered(height, len(level), rows):
-            down += weight[:, None, None] * decoded(image[at])
+            down += weight[:, None, None] * decode_texels(image[at])
         across = np.zeros((len(rows), level.shape[1], 4), np.float32)
         for at, weight in _covered(width, level.shape[1], np.arange(level.shape[1])):
             across += weight[:, None] * down[:, at]
-        level[rows] = encoded(across, channels)
+        level[rows] = encode_texels(across, channels)
     return level
 
 
@@ -264,21 +264,21 @@ def _texels(image: NDArray[np.uint8], uvs: NDArray[Any], sampler: Sampler) -> ND
     wraps = (sampler.wrap_u, width), (sampler.wrap_v, height)
     place = uvs.astype(np.float64) * (width, height)
     if sampler.filter == "nearest":
-        x, y = (wrapped(np.floor(place[:, axis]), *wraps[axis]) for axis in (0, 1))
-        return decoded(image[y, x])
+        x, y = (wrap_texels(np.floor(place[:, axis]), *wraps[axis]) for axis in (0, 1))
+        return decode_texels(image[y, x])
     # Bilinear interpolation of the four nearest texel centres.
     low = np.floor(place - 0.5)
     fraction = (place - 0.5 - low).astype(np.float32)
     light = np.zeros((len(uvs), 4), np.float32)
     for right in (0, 1):
         for below in (0, 1):
-            x, y = (wrapped(low[:, axis] + step, *wraps[axis]) for axis, step in ((0, right), (1, below)))
+            x, y = (wrap_texels(low[:, axis] + step, *wraps[axis]) for axis, step in ((0, right), (1, below)))
             weight = np.abs(1 - right - fraction[:, 0]) * np.abs(1 - below - fraction[:, 1])
-            light += weight[:, None] * decoded(image[y, x])
+            light += weight[:, None] * decode_texels(image[y, x])
     return light
 
 
-def wrapped(texels: NDArray[Any], wrap: Wrap, size: int) -> NDArray[np.intp]:
+def wrap_texels(texels: NDArray[Any], wrap: Wrap, size: int) -> NDArray[np.intp]:
     """Return indices of texels, which can be outside 0 to `size` - 1, wrapped into this range."""
     if wrap == "clamp":
         inside = np.clip(texels, 0, size - 1)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msb.bake.arrays import Floats, Ints, Singles
-from msb.base.children import run_apart
+from msb.base.children import run_in_child
 from msb.base.extras import need_extra
 from msb.base.limits import Limits
 from msb.errors import MeshError, UsageError
@@ -207,7 +207,7 @@ def make_chart_atlas(vertices: NDArray[Any], faces: Ints, pixels: Floats, size: 
         "faces": faces.astype(np.uint32),
         "pixels": np.asarray(pixels, np.float64),
     }
-    reply = run_apart(unwrap_in_child, str(size), arrays, _UNWRAP_LIMITS)
+    reply = run_in_child(unwrap_in_child, str(size), arrays, _UNWRAP_LIMITS)
     if reply.why:
         raise MeshError("MESH_ARRAY", f"xatlas cannot unwrap these {len(faces):,} faces: {reply.why}")
     return np.asarray(reply.arrays["uv"])

@@ -23,7 +23,7 @@ from msb.bake.requirements import need_enclosure
 from msb.bake.simplification import is_closed_surface, simplify
 from msb.bake.space import Space
 from msb.bake.surface_distance import POINTS, measure_distances, sample_surface
-from msb.base.children import Arrays, run_apart
+from msb.base.children import Arrays, run_in_child
 from msb.base.limits import Limits
 from msb.cl import Device
 from msb.errors import AssetError, MeshError
@@ -340,7 +340,7 @@ def _far_factor(offset: Floats) -> Floats:
 def _run_coacd(points: Floats, faces: Ints, most: int, seconds: float) -> tuple[list[PointsAndFaces], str]:
     """Return at most `most` convex parts of a closed surface, or none and the reason."""
     points, faces = simplify(points, faces, _COACD_FACES)
-    reply = run_apart(cut_in_child, str(most), {"points": points, "faces": faces}, Limits(seconds))
+    reply = run_in_child(cut_in_child, str(most), {"points": points, "faces": faces}, Limits(seconds))
     if reply.why:
         return [], f"CoACD failed ({reply.why}), so hulls of patches of the surface are used"
     # The child concatenates the parts and counts the rows of each.

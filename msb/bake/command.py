@@ -11,7 +11,7 @@ from msb.base.option import Option
 from msb.cli.command import Typed, command, require
 from msb.cli.output import JsonOutput, Output, echo, is_stdout
 from msb.errors import one_line
-from msb.render.options import NO_CAMERAS, Drawing, ImageFolder, Source, Views
+from msb.render.options import NO_CAMERAS, ImageFolder, RendererOptions, Source, ViewOptions
 
 if TYPE_CHECKING:
     from msb.bake import Baked
@@ -65,8 +65,8 @@ def bake(
     path: Source,
     files: BakeFiles,
     options: BakeOptions,
-    views: Annotated[Views, ("cameras", "size", "background")],
-    drawing: Annotated[Drawing, ("device",)],
+    views: Annotated[ViewOptions, ("cameras", "size", "background")],
+    drawing: Annotated[RendererOptions, ("device",)],
     output: JsonOutput,
     typed: Typed,
 ) -> None:
@@ -122,7 +122,7 @@ def bake(
             echo(f"Open {one_line(str(folder / PAGE))} in a browser to view the result")
 
 
-def _check_files(files: BakeFiles, views: Views, typed: Typed) -> None:
+def _check_files(files: BakeFiles, views: ViewOptions, typed: Typed) -> None:
     """Reject options that contradict each other."""
     if files.scene is not None:
         typed.reject(["cameras"], "cannot be combined with --scene, which has its own cameras")
@@ -137,14 +137,14 @@ def _check_files(files: BakeFiles, views: Views, typed: Typed) -> None:
 def _note_losses(baked: Baked, paths: tuple[Path, ...], output: Output) -> None:
     """Print a note on what a format cannot store."""
     from msb.asset import ASSET_SUFFIX
-    from msb.meshes.assets import as_held, mesh_from_asset
-    from msb.meshes.losses import losses
+    from msb.meshes.assets import fit_to_format, mesh_from_asset
+    from msb.meshes.losses import list_losses
 
     mesh = mesh_from_asset(baked.asset)
     for path in paths:
         suffix = path.suffix.lower()
         if suffix != ASSET_SUFFIX:
-            for text in losses(mesh, as_held(mesh, suffix), suffix, ()):
+            for text in list_losses(mesh, fit_to_format(mesh, suffix), suffix, ()):
                 output.note(f"{path}: {text}")
 
 

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 ASSET = "asset.glb"
 PAGE = "index.html"
 _REPORT, _PREVIEW = "bake.json", "preview.png"
-_SCRIPTS = "camera.js", "page.js", "hands.js", "baked.js", "start.js"
+_SCRIPTS = "camera.js", "page.js", "controls.js", "baked.js", "start.js"
 # Pixels of the longer side of a view on the page. Smaller views are enlarged, as a mesh has no resolution.
 _MIN_PAGE_SIDE = 1024
 
@@ -82,7 +82,7 @@ def _make_page(
     """Return the page that shows each asset and the report; None if `msb.engines` is not installed."""
     try:
         from msb.engines.engine import engine_mesh
-        from msb.engines.webpage import filled, scene_data
+        from msb.engines.webpage import fill_template, scene_data
     except ModuleNotFoundError:
         return None
     preview = baked.preview
@@ -101,10 +101,10 @@ def _make_page(
     }
     meshes = [
         f'<script type="text/plain" data-file="{add_ending(Path(ASSET), output.ending).name}">'
-        f"{_encode(engine_mesh(output.asset, {}).encoded('.glb'))}</script>"
+        f"{_encode(engine_mesh(output.asset, {}).to_bytes('.glb'))}</script>"
         for output in assets
     ]
-    return filled(scene, _SCRIPTS, arrays="\n".join(meshes))
+    return fill_template(scene, _SCRIPTS, arrays="\n".join(meshes))
 
 
 def _encode(data: bytes) -> str:

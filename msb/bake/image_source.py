@@ -22,7 +22,7 @@ from msb.errors import AssetError, UsageError
 from msb.metrics.ground_truth import ground_truth
 from msb.registry import Tier
 from msb.render import Renderer
-from msb.render.backend import check_supported, lean_options
+from msb.render.backend import check_supported, minimal_options
 from msb.scenes import Camera
 
 # Samples along each side of a pixel for a standard-tier mesh with multisampling. 4 x 4 samples look about
@@ -54,7 +54,7 @@ class ImageSource:
         is_standard = why_not(manifest, "dedicated") is not None and why_not(manifest, "standard") is None
         tier: Tier = "standard" if is_standard else "dedicated"
         check_supported(asset, tier)
-        options = {"supersample": SAMPLES_PER_SIDE} if is_standard else lean_options(tier, None)
+        options = {"supersample": SAMPLES_PER_SIDE} if is_standard else minimal_options(tier, None)
         self._open: Callable[[], Renderer] = partial(Renderer, asset, tier, device, **options)
         self._renderer: Renderer | None = self._open()
         name = self._renderer.name

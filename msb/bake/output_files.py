@@ -16,8 +16,8 @@ from msb.base.atomic import new_files
 from msb.delivery.saving import output_suffix
 from msb.errors import UsageError
 from msb.meshes import Mesh, write_mesh
-from msb.meshes.assets import as_held, mesh_from_asset, with_faces
-from msb.meshes.files import beside
+from msb.meshes.assets import fit_to_format, mesh_from_asset, with_faces
+from msb.meshes.files import companion_files
 from msb.meshes.formats import FORMATS, Style
 
 if TYPE_CHECKING:
@@ -72,7 +72,7 @@ def list_output_files(paths: Sequence[Path], endings: Sequence[str] = ("",)) -> 
         suffix = output_suffix(path)
         for ending in endings:
             place = add_ending(path, ending)
-            others = beside(_SMALLEST_TEXTURED, place, Style()) if suffix != ASSET_SUFFIX else {}
+            others = companion_files(_SMALLEST_TEXTURED, place, Style()) if suffix != ASSET_SUFFIX else {}
             files += [place, *others]
     if len(set(files)) < len(files):
         twice = next(path for path in files if files.count(path) > 1)
@@ -113,15 +113,15 @@ def _plan_writes(output: OutputAsset, place: Path) -> list[tuple[Path, WriteFile
     suffix = output_suffix(place)
     if suffix == ASSET_SUFFIX:
         return [(place, partial(write_packed, output.asset))]
-    mesh = as_held(mesh_from_asset(output.asset), suffix)
+    mesh = fit_to_format(mesh_from_asset(output.asset), suffix)
     shape = output.collision if "collision" in FORMATS[suffix].keeps else None
     style = Style(
         stem=place.stem,
         extras={"bake": dict(output.extras)} if output.extras else {},
-        collision=() if shape is None else _split_parts(as_held(mesh_from_asset(shape), suffix)),
+        collision=() if shape is None else _split_parts(fit_to_format(mesh_from_asset(shape), suffix)),
         is_convex=output.is_convex,
     )
-    others = beside(mesh, place, style)
+    others = companion_files(mesh, place, style)
     writes: list[tuple[Path, WriteFile]] = [
         (other, partial(_write_bytes, content)) for other, content in others.items()
     ]

@@ -14,11 +14,11 @@ from msb.asset.look import up_axis
 from msb.asset.tiers import why_not
 from msb.errors import MetricError, UsageError
 from msb.scenes import Camera
-from msb.scenes.around import around
+from msb.scenes.around import make_turntable
 from msb.scenes.colors import Color, check_background
-from msb.scenes.datasets import Scene, own_background, scene_of, stated_background, trained_otherwise
+from msb.scenes.datasets import Scene, compare_training, default_background, scene_of, stated_background
 from msb.scenes.sets import split_every_8th
-from msb.scenes.walk import between
+from msb.scenes.walk import fill_gaps
 from msb.views import ChosenViews, find_training_views, generate_views, given_views
 
 # Generated views: (degrees above the horizon, number of views). 40 views in all; the number per ring falls as
@@ -128,7 +128,7 @@ def choose_bake_views(
     if not training:  # there is one view
         training, test = test, []
     stated = asset.manifest.appearance.get("background")
-    color = own_background(asset.manifest) if background is None else check_background(background, stated)
+    color = default_background(asset.manifest) if background is None else check_background(background, stated)
     return _split(chosen, training, test, color, None, notes)
 
 
@@ -147,7 +147,7 @@ def _choose_scene_views(
         scene = replace(scene, background=check_background(background, manifest.appearance.get("background")))
     notes += [
         difference.message
-        for difference in trained_otherwise(manifest.training, stated_background(manifest), scene)
+        for difference in compare_training(manifest.training, stated_background(manifest), scene)
     ]
     cameras = list(scene.train)
     if photographs:
@@ -167,7 +167,9 @@ def _generate_views(asset: Asset, up: str | None, notes: list[str], device: str 
     """Return views around an asset or inside it at several heights; note an assumed up axis."""
     rings = RINGS if why_not(asset.manifest, "dedicated") is None else (*RINGS, RING_BELOW)
     cameras = [
-        camera for degrees, count in rings for camera in around(asset, count, *_GENERATED_SIZE, up, degrees)
+        camera
+        for degrees, count in rings
+        for camera in make_turntable(asset, count, *_GENERATED_SIZE, up, degrees)
     ]
     outside = [replace(camera, name=f"{number:05d}") for number, camera in enumerate(cameras)]
     if up is None and asset.manifest.coordinate_frame.known_up is None:
@@ -215,7 +217,7 @@ def _split(
     fitting, validation = split_every_8th(training) if count >= _MIN_VIEWS_TO_SPLIT else (training, [])
     interpolated: list[Camera] = []
     if interpolate:
-        interpolated = between(training, min(_ENOUGH_VIEWS - count, _MAX_INTERPOLATED * (count - 1)))
+        interpolated = fill_gaps(training, min(_ENOUGH_VIEWS - count, _MAX_INTERPOLATED * (count - 1)))
     return BakeViews(
         tuple(fitting),
         tuple(validation),

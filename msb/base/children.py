@@ -60,18 +60,18 @@ class Reply:
     seconds: float | None = None
 
 
-def run_apart(work: Work, word: str, arrays: Arrays, limits: Limits) -> Reply:
+def run_in_child(work: Work, word: str, arrays: Arrays, limits: Limits) -> Reply:
     """Call `work(word, arrays)` in a child process, and return its result.
 
     The child is killed when it reaches a limit, when this call is interrupted, and when this process ends.
     """
-    return run_each(work, [word], arrays, limits)[word]
+    return run_in_children(work, [word], arrays, limits)[word]
 
 
-def run_each(
+def run_in_children(
     work: Work, words: Sequence[str], arrays: Arrays, limits: Limits, *, at_once: int = 1
 ) -> dict[str, Reply]:
-    """Call `work(word, arrays)` for each word as `run_apart` does, in `at_once` processes at a time."""
+    """Call `work(word, arrays)` for each word as `run_in_child` does, in `at_once` processes at a time."""
     replies: dict[str, Reply] = {}
     running: dict[str, tuple[subprocess.Popen[bytes], Path, float]] = {}
     waiting = list(words)
@@ -105,7 +105,7 @@ def run_each(
     return replies
 
 
-def apart() -> dict[str, Any]:
+def detached_options() -> dict[str, Any]:
     """Return options of `subprocess.Popen` that keep Ctrl-C from the child. The parent must end it.
 
     The child gets a new session on POSIX, and a new process group on Windows.
@@ -130,7 +130,7 @@ def _start(work: Work, word: str, folder: Path, limits: Limits) -> subprocess.Po
             stderr=errors,
             env={**os.environ, "PYTHONPATH": path},
             cwd=folder,
-            **apart(),
+            **detached_options(),
         )
 
 

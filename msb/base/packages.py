@@ -24,7 +24,7 @@ class PackageError(Exception):
     """The reason why a plug-in cannot be used, as text that follows its name and a colon."""
 
 
-def installed(
+def find_installed(
     kind: str, ours: Mapping[str, str], accept: Callable[[str, str], Plugin], *, pattern: str | None = NAME
 ) -> dict[str, tuple[Plugin, str]]:
     """Return the plug-ins of installed packages. Each one that cannot be used causes one warning.
@@ -60,7 +60,7 @@ def installed(
                 raise PackageError(text)
             plugins[entry.name] = accept(entry.name, entry.value), entry.value
         except PackageError as error:
-            where = whose(kind, entry.name, entry.value or getattr(entry.dist, "name", ""))
+            where = describe_entry(kind, entry.name, entry.value or getattr(entry.dist, "name", ""))
             warn(f"PACKAGE_LEFT_OUT: {where} is ignored: {error}")
     return plugins
 
@@ -83,7 +83,7 @@ def _own_entries(package: Distribution, kind: str, group: str) -> Iterator[Entry
                 warn(f"PACKAGE_LEFT_OUT: {text}: {shorten(str(error), 200)}")
 
 
-def whose(kind: str, name: str, value: str) -> str:
+def describe_entry(kind: str, name: str, value: str) -> str:
     """Return an entry point as messages name it: "method facets of package msb_facets"."""
     return f"{kind} {shorten(name, 40)} of package {shorten(value.partition(':')[0].strip(), 80)}"
 
@@ -99,7 +99,7 @@ def load(value: str) -> Any:
     if not module:
         raise PackageError("its entry point does not name a module")
     try:
-        with contained():
+        with contain_errors():
             loaded: Any = import_module(module)
             for part in filter(None, attribute.split(".")):
                 loaded = getattr(loaded, part)
@@ -131,7 +131,7 @@ class Lazy(Mapping[str, Plugin]):
 
 
 @contextlib.contextmanager
-def contained() -> Iterator[None]:
+def contain_errors() -> Iterator[None]:
     """Run code of another package and turn its exceptions and exits into `PackageError`.
 
     Errors of msb are raised unchanged. The output of the code goes to standard error, because standard output

@@ -14,7 +14,7 @@ from msb.base.packages import Lazy
 from msb.bench.records import BAKED, Result, Timing
 from msb.metrics.registry import IMAGE_METRICS
 from msb.scenes.datasets.catalog import DATASETS
-from msb.topology.shown import DECIMALS
+from msb.topology.metric_text import DECIMALS
 
 Better = Literal["higher", "lower"]
 _MIB = float(1 << 20)

@@ -72,7 +72,7 @@ def make_bake_options(table: BakeTable, method: str) -> dict[str, Any]:
     Meshes without a method's renderer are supervised by photographs.
     """
     is_native = lookup(method).supports("dedicated")
-    return {"teacher": "dedicated" if is_native else "photographs", **table.options}
+    return {"supervision": "native" if is_native else "photographs", **table.options}
 
 
 def hash_bake_inputs(
@@ -88,7 +88,7 @@ def hash_bake_inputs(
     masks are inputs only if they supervise the bake.
     """
     training = [describe_camera(camera) for camera in scene.train]
-    photographs = scene.train if options["teacher"] == "photographs" else ()
+    photographs = scene.train if options["supervision"] == "photographs" else ()
     masks = find_mask_files(scene) if photographs and scene.mask_source == "mask_folder" else ()
     paths = (*(camera.image_path for camera in photographs), *masks)
     hashes = [file_sha256(path) for path in paths if path is not None and Path(path).is_file()]

@@ -170,14 +170,8 @@ class RepairDocument(Document):
         """The strategies that did not fail; the first is the unrepaired mesh."""
         return [row for row in self.strategies if isinstance(row, Strategy)]
 
-    made = succeeded  # the former name, used by msb.report
-
 
 class ChamferDocument(Document):
     """The output of `msb.metrics.chamfer_surface`, with the scan, the metric and the file of the mesh."""
 
     overall: Amount | None
-
-
-# The former name, used by msb.report.
-Look = TierSimilarity

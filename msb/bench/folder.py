@@ -153,7 +153,3 @@ def _read_run(root: Path) -> dict[str, object]:
     except MsbError:
         return {}
     return about if isinstance(about, dict) else {}
-
-
-# The former name, used by tests/base/test_extras.py.
-exclusive = lock_results

@@ -25,7 +25,7 @@ from msb.bench.walk import plan_walk
 from msb.errors import MsbError
 from msb.metrics.identity import defined
 from msb.metrics.steadiness import BLUR, REACH, SAME
-from msb.scenes.datasets import Scene, SceneAt, scaled_note, trained_otherwise
+from msb.scenes.datasets import Scene, SceneAt, compare_training, note_scaled_cameras
 
 # Hexadecimal digits of a hash in a record: 64 bits, enough to detect a changed input.
 _SHORT_DIGITS = 16
@@ -66,13 +66,13 @@ class InputReader:
 
         `place` is the path of the model.
         """
-        for note in trained_otherwise(model.training, model.background, self.read_scene(at)):
+        for note in compare_training(model.training, model.background, self.read_scene(at)):
             self.warnings[note.to_line(place)] = None
             yield note.message
 
     def list_notes(self) -> list[str]:
         """Return the warnings, and a note on scenes whose images were resized."""
-        note = scaled_note(self._scenes.values())
+        note = note_scaled_cameras(self._scenes.values())
         return [*self.warnings, *([] if note is None else [note])]
 
 
@@ -150,9 +150,9 @@ def _find_mesh_inputs(job: Job) -> dict[PartName, PartInputs]:
 
 def _find_trial_inputs(job: Job, names: Sequence[str], table: TrialTable) -> PartInputs:
     """Return the inputs of a trial. Missing libraries are inputs, so installing one repeats the trial."""
-    from msb.trial.registry import chosen_tasks, missing_modules
+    from msb.trial.registry import missing_modules, select_tasks
 
-    tasks = chosen_tasks(names)
+    tasks = select_tasks(names)
     return {
         "asset": _get_asset_hash(job),
         "cameras": job.views.cameras,

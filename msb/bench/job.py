@@ -54,7 +54,7 @@ class Job:
     chamfer: ChamferTable | None = None
     trial: TrialTable | None = None
     walk: WalkTable | None = None
-    # Sentences about differences between training and evaluation (`trained_otherwise`).
+    # Sentences about differences between training and evaluation (`compare_training`).
     trained: tuple[str, ...] = ()
 
     @property

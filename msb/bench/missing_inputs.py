@@ -21,7 +21,7 @@ from msb.bench.records import Reason
 from msb.bench.renders import check_size, measure_size
 from msb.errors import InputError, MsbError, UsageError
 from msb.metrics.registry import modules_needed
-from msb.render.backend import what_is_missing
+from msb.render.backend import why_unavailable
 from msb.scenes.datasets import SceneAt
 
 # The use of inputs that every run needs; they are listed first.
@@ -241,7 +241,7 @@ def _check_model(path: Path) -> None:
 
 
 def _check_renderer(name: str) -> None:
-    if missing := what_is_missing(name):
+    if missing := why_unavailable(name):
         raise UsageError("ENGINE_MISSING", f"renderer {name}: {missing}")
 
 

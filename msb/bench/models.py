@@ -162,7 +162,3 @@ def _describe_checkpoint(asset: Asset, source: Path) -> File | None:
     hashes = [(file.path, file.sha256) for file in files]
     sha256 = hashes[0][1] if len(hashes) == 1 else list_sha256(hashes)
     return File(path=str(source), bytes=sum(file.byte_length for file in files), sha256=sha256)
-
-
-# Former names, used by fuzz.run_folder.
-Model, known_model = ModelAsset, find_known_model

@@ -100,10 +100,10 @@ def measure_trial(job: Job) -> dict[str, Any]:
 
 def list_compared_tasks(table: TrialTable) -> tuple[str, ...]:
     """Return the names of the tasks that are run on the unrepaired mesh and after each repair."""
-    from msb.trial.registry import chosen_tasks
+    from msb.trial.registry import select_tasks
     from msb.trial.repairs import TASKS
 
-    return tuple(task.name for task in chosen_tasks(table.tasks or TASKS))
+    return tuple(task.name for task in select_tasks(table.tasks or TASKS))
 
 
 def measure_repairs(job: Job) -> dict[str, Any]:

@@ -168,7 +168,3 @@ def read_planned_scene(at: SceneAt, views: ViewState) -> Scene:
         )
         raise UsageError("RUN_SCHEDULER", text, file=at.path)
     return scene
-
-
-# Former names, used by fuzz.run_folder.
-Views, _what_differs = ViewState, _find_fault

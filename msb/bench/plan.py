@@ -327,7 +327,7 @@ class Planner:
             pair.path,
             pair.dataset.name,
             method,
-            own_background=None if model is None else model.background,
+            official_background=None if model is None else model.background,
             **{name: option(name) for name in names},
         )
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from msb.bench.records import Timing
 from msb.bench.timing import Timing as Options
-from msb.render.backend import SETTLED_AT, Drawn
+from msb.render.backend import SETTLED_AT, DrawTime
 
 if TYPE_CHECKING:
     from msb.render import Renderer
@@ -137,7 +137,7 @@ class _CameraCycle:
         self.ends: list[float] = []
         self.unseen = set(range(len(cameras)))
 
-    def draw(self, number: int) -> Drawn:
+    def draw(self, number: int) -> DrawTime:
         """Draw the camera with index `number`."""
         self.frames += 1
         if self.frames >= SETTLED_AT:
@@ -151,9 +151,9 @@ class _CameraCycle:
         *,
         any_of: bool = False,
         step: Callable[[], None] = lambda: None,
-    ) -> list[Drawn]:
+    ) -> list[DrawTime]:
         """Draw the cameras in turn until `frames` and `seconds` are reached; with `any_of`, one of them."""
-        drawn: list[Drawn] = []
+        drawn: list[DrawTime] = []
         start = time.perf_counter()
         while True:
             reached = (len(drawn) >= frames, time.perf_counter() - start >= seconds)

@@ -160,9 +160,9 @@ def _find_faults(protocol: Protocol) -> _Faults:
             text = f'unknown condition "{shorten(name)}"; conditions with a walk are {", ".join(rendered)}'
             yield "/walk/conditions", text
     if protocol.trial is not None:
-        from msb.trial.registry import chosen_tasks
+        from msb.trial.registry import select_tasks
 
-        yield from _check_call("/trial/tasks", chosen_tasks, protocol.trial.tasks)
+        yield from _check_call("/trial/tasks", select_tasks, protocol.trial.tasks)
     engines = [name for name in renderers() if name not in BUILT_IN]
     for engine in protocol.engines:
         if engine not in engines:

@@ -116,7 +116,7 @@ class BakeTable(Record):
 
 # The options of a bake in a protocol. The default supervision is the native rendering of the method, or
 # photographs for a mesh without a method's renderer.
-BAKE_KEYS = ("geometry", "color", "teacher", "faces", "texture", "seconds", "seed")
+BAKE_KEYS = ("geometry", "color", "supervision", "faces", "texture", "seconds", "seed")
 
 
 class MetricsTable(Record):
@@ -208,7 +208,7 @@ def make_protocol_model(*, bakes: bool) -> type[Protocol]:
 
     hints, defaults = get_type_hints(BakeOptions, include_extras=True), BakeOptions()
     keys: dict[str, Any] = {name: (hints[name], getattr(defaults, name)) for name in BAKE_KEYS}
-    keys["teacher"] = (hints["teacher"] | None, None)
+    keys["supervision"] = (hints["supervision"] | None, None)
     table = create_model("BakeTable", __base__=BakeTable, **keys)
     more: dict[str, Any] = {"bakes": (tuple[table, ...], ())}  # type: ignore[valid-type]
     return create_model("Protocol", __base__=Protocol, **more)

@@ -152,12 +152,12 @@ def open_renderer(job: Job, asset: Asset | None = None) -> Renderer:
     Its options disable everything that the image does not need, such as buffers for other commands.
     """
     from msb.render import Renderer
-    from msb.render.backend import lean_options
+    from msb.render.backend import minimal_options
 
     assert job.model is not None
     tier, engine = job.tier, job.cell.renderer
     settings = dict(job.settings)
-    options = {**lean_options(tier, engine), **job.options}
+    options = {**minimal_options(tier, engine), **job.options}
     return Renderer(asset or job.model.open(), tier, job.device, settings, name=engine, **options)
 
 

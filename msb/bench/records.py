@@ -302,7 +302,7 @@ class WalkDocument(Record):
     flicker_worst: Amount
     # Index of the first frame of that second.
     worst_frame: Count
-    # Pixels in holes (`msb.metrics.steadiness.holes`) as a share of the pixels that show the model or a hole.
+    # Share of pixels in holes (`msb.metrics.steadiness.find_holes`) among pixels with the model or a hole.
     holes: Share
     # File name of the film of the worst second beside the record; None without the extra `video`.
     film: str | None

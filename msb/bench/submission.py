@@ -338,7 +338,3 @@ def read_submission(path: Path) -> Submission:
 
 def _make_error(path: Path, text: str) -> InputError:
     return InputError("RECORD_INVALID", text, file=path)
-
-
-# Former names, used by msb.report and fuzz.seeds.
-Shown, archive_of = SubmittedImage, make_archive

@@ -23,7 +23,7 @@ from msb.bench.validation import read_json
 from msb.errors import MsbError
 from msb.registry import METHODS
 from msb.render.images import image_names, read_film, to_bytes, write_film
-from msb.scenes import Camera, interpolated
+from msb.scenes import Camera, interpolate_cameras
 
 if TYPE_CHECKING:
     from PIL.Image import Image
@@ -140,7 +140,7 @@ def write_video(task: FilmTask) -> None:
             titles = [PHOTOGRAPH.capitalize(), *titles]
             frames = _read_test_frames(task, image_names(scene.test))
         else:
-            cameras = interpolated(scene.test, task.options.frames)
+            cameras = interpolate_cameras(scene.test, task.options.frames)
             frames = _render_flight(task, cameras, scene.background, stack)
         write_film(task.path, (label_images(row, titles) for row in frames), task.options.fps)
     _write_description(task, columns=titles)

@@ -19,9 +19,15 @@ from msb.bench.quality import open_renderer
 from msb.bench.records import WalkDocument
 from msb.bench.videos import label_images
 from msb.errors import Unsupported
-from msb.metrics.steadiness import Still, holes, still, surface_points, unexplained_change
+from msb.metrics.steadiness import (
+    PreparedFrame,
+    find_holes,
+    find_surface_points,
+    prepare_frame,
+    unexplained_change,
+)
 from msb.render.images import to_bytes, write_film
-from msb.scenes.walk import PACE, walk
+from msb.scenes.walk import PACE, make_walk
 
 if TYPE_CHECKING:
     from msb.bench.job import Job
@@ -53,7 +59,7 @@ class _FrameChange(NamedTuple):
 def plan_walk(scene: Scene, table: WalkTable) -> list[Camera]:
     """Return the cameras of the walk of a scene: a path past the test views, away from all captured views."""
     views = (*scene.train, *scene.test)
-    return walk(scene.test, views, table.frames, table.reach, table.size)
+    return make_walk(scene.test, views, table.frames, table.reach, table.size)
 
 
 def measure_walk(job: Job) -> dict[str, Any]:
@@ -109,13 +115,15 @@ def _measure_frames(renderer: Renderer, cameras: Sequence[Camera], scene: Scene)
     """Yield the measurements of every frame of a walk except the first and the last."""
     # Surface points of a few frames reveal holes in all others.
     spread = [cameras[k * len(cameras) // _SURFACE_FRAMES] for k in range(min(_SURFACE_FRAMES, len(cameras)))]
-    points = np.concatenate([surface_points(frame) for frame, _ in _render_stills(renderer, spread, scene)])
+    points = np.concatenate(
+        [find_surface_points(frame) for frame, _ in _render_stills(renderer, spread, scene)]
+    )
     # Each frame is compared with the one before and the one after it.
     frames = _render_stills(renderer, cameras, scene)
     (before, _), (current, picture) = next(frames), next(frames)
     for after, next_picture in frames:
         change = unexplained_change(before, current, after)
-        hole = holes(current, points)
+        hole = find_holes(current, points)
         enlarged = to_bytes(np.nan_to_num(change) * (_CHANGE_GAIN / 255))
         yield _FrameChange(
             float(np.nansum(np.square(change, dtype=np.float64))),
@@ -129,8 +137,8 @@ def _measure_frames(renderer: Renderer, cameras: Sequence[Camera], scene: Scene)
 
 def _render_stills(
     renderer: Renderer, cameras: Sequence[Camera], scene: Scene
-) -> Iterator[tuple[Still, NDArray[np.uint8]]]:
+) -> Iterator[tuple[PreparedFrame, NDArray[np.uint8]]]:
     """Yield each frame with its depth, and its image as (H, W, 3) uint8."""
     for camera in cameras:
         frame = renderer.render(camera, scene.background)
-        yield still(camera, frame.image, frame.alpha, frame.depth), to_bytes(frame.image)
+        yield prepare_frame(camera, frame.image, frame.alpha, frame.depth), to_bytes(frame.image)

@@ -5,7 +5,7 @@ import threading
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-from msb.cl import mend
+from msb.cl import pocl_fix
 from msb.cl.device import Device
 from msb.cl.loader import how_to_get_a_device, how_to_get_another, looked_for, opencl
 from msb.cl.programs import UNKNOWN_CPU
@@ -164,9 +164,9 @@ def _advice(record: DeviceRecord, handle: Any, why: str) -> str:
     """Return advice for a device that does not build kernels."""
     if UNKNOWN_CPU not in why:
         return f"Choose another device (msb devices), or repair its platform. {how_to_get_another()}"
-    if not mend.is_wheel(handle):
+    if not pocl_fix.is_wheel(handle):
         return f"The platform's compiler is older than this processor. {how_to_get_another()}"
-    obstacle = mend.hindrance()
+    obstacle = pocl_fix.obstacle()
     detail = f" ({obstacle})" if obstacle else ""
     text = f"The PoCL wheel dates from 2022, and its compiler does not know this processor{detail}."
     return f"{text} {how_to_get_another()}"
@@ -207,7 +207,7 @@ def _preference(record: DeviceRecord) -> tuple[bool, int, bool]:
 
 def _age(record: DeviceRecord) -> bool:
     """Return a sort key: the system's PoCL before the older wheel."""
-    return record.driver == mend.DRIVER
+    return record.driver == pocl_fix.DRIVER
 
 
 def _quoted(selector: str | None, source: str) -> str:

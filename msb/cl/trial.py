@@ -20,10 +20,10 @@ from typing import Any
 import numpy as np
 
 from msb.base.atomic import new_file
-from msb.base.children import Arrays, run_apart
+from msb.base.children import Arrays, run_in_child
 from msb.base.limits import Limits
 from msb.base.version import __version__
-from msb.cl import mend
+from msb.cl import pocl_fix
 from msb.cl.device import Device
 from msb.cl.kernel_text import OWN, resolve
 from msb.cl.loader import opencl, user_cache
@@ -52,7 +52,7 @@ class Trial:
     why : str or None
         The message of the compiler or the system if the device does not build kernels.
     mended : str or None
-        The processor name that `msb.cl.mend` first had to give the compiler.
+        The processor name that `msb.cl.pocl_fix` first had to give the compiler.
     """
 
     builds: bool
@@ -73,14 +73,14 @@ def try_device(handle: Any, record: DeviceRecord, *, again: bool = False) -> Tri
     with _lock:
         known = None if again else _known.get(handle.int_ptr)
         if known is None:
-            mend.undo(handle)
+            pocl_fix.undo(handle)
             key = _key(handle, record)
             known = None if again else _remembered().get(key)
             if known is None:
                 known, lasting = _try(handle, record)
                 if lasting:
                     _remember(key, known)
-            if known.mended and not mend.mend(handle):
+            if known.mended and not pocl_fix.apply(handle):
                 known = Trial(False, "the processor name of its compiler could not be replaced")
             _known[handle.int_ptr] = known
         return known
@@ -97,8 +97,8 @@ def _try(handle: Any, record: DeviceRecord) -> tuple[Trial, bool]:
     why, lasting = _why_not(record, mended=False)
     if why is None:
         return Trial(True), True
-    if mend.can_mend(handle) and _why_not(record, mended=True)[0] is None:
-        return Trial(True, mended=mend.NAME.decode()), True
+    if pocl_fix.can_apply(handle) and _why_not(record, mended=True)[0] is None:
+        return Trial(True, mended=pocl_fix.NAME.decode()), True
     return Trial(False, why), lasting
 
 
@@ -106,7 +106,7 @@ def _why_not(record: DeviceRecord, *, mended: bool) -> tuple[str | None, bool]:
     """Run the trial in a child process; return its failure or None, and whether the result is permanent."""
     request = f"{record.selector} {'mended' if mended else 'as it is'}"
     try:
-        reply = run_apart(try_here, request, {}, Limits(_SECONDS, None))
+        reply = run_in_child(try_here, request, {}, Limits(_SECONDS, None))
     except (OSError, OutputError) as error:
         return f"no child process could be started for the trial: {shorten(str(error), 100)}", False
     if reply.why:
@@ -127,7 +127,7 @@ def try_here(word: str, arrays: Arrays) -> tuple[str | None, Arrays]:
     for record, handle in found_devices(cl):
         if record.selector != selector:
             continue
-        if state == "mended" and not mend.mend(handle):
+        if state == "mended" and not pocl_fix.apply(handle):
             return "the processor name of its compiler could not be replaced", {}
         try:
             with Device(cl, handle, record) as device:
@@ -153,7 +153,13 @@ def _is_right(device: Device) -> bool:
 def _key(handle: Any, record: DeviceRecord) -> str:
     facts = (
         *(record.platform, record.platform_version, record.driver, record.name, record.version),
-        *(mend.compiler_cpu(handle), mend.is_off(), _processor(), __version__, resolve(OWN, "trial.cl")),
+        *(
+            pocl_fix.compiler_cpu(handle),
+            pocl_fix.is_off(),
+            _processor(),
+            __version__,
+            resolve(OWN, "trial.cl"),
+        ),
     )
     return hashlib.sha256(repr(facts).encode()).hexdigest()[:32]
 

@@ -9,7 +9,7 @@ from importlib.util import find_spec
 from types import ModuleType
 from typing import Any, NamedTuple
 
-from msb.base.packages import PackageError, installed, load, whose
+from msb.base.packages import PackageError, describe_entry, find_installed, load
 from msb.errors import UsageError
 
 
@@ -102,7 +102,7 @@ def find(name: str) -> Any:
     try:
         return _function_in(load(value), name)
     except PackageError as error:
-        raise UsageError("PACKAGE_LEFT_OUT", f"{whose('command', name, value)}: {error}") from error
+        raise UsageError("PACKAGE_LEFT_OUT", f"{describe_entry('command', name, value)}: {error}") from error
 
 
 def _missing_package(module: str) -> str:
@@ -117,7 +117,7 @@ def _missing_package(module: str) -> str:
 def _plugin_commands() -> dict[str, str]:
     """Return the commands of other packages: name -> value of its entry point."""
     ours = {name: place.module for places in BUILT_IN.values() for name, place in places.items()}
-    plugins = installed("command", ours, lambda _, value: value, pattern=_NAME)
+    plugins = find_installed("command", ours, lambda _, value: value, pattern=_NAME)
     return {name: value for name, (value, _) in plugins.items()}
 
 

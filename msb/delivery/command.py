@@ -208,9 +208,9 @@ def _write_mesh(source: Path, target: Path, options: ConvertOptions, output: Out
     from msb.delivery.saving import output_suffix, style_for
     from msb.delivery.web_quality import ImageLoss
     from msb.meshes import read_mesh
-    from msb.meshes.assets import as_held, mesh_from_asset
-    from msb.meshes.losses import beyond_a_mesh, left_behind, losses, what_is_up
-    from msb.meshes.transform import turned_upright
+    from msb.meshes.assets import fit_to_format, mesh_from_asset
+    from msb.meshes.losses import describe_up_axis, list_dropped_features, list_engine_losses, list_losses
+    from msb.meshes.transform import rotate_upright
 
     suffix, asset = output_suffix(target, "OUT"), None
     if is_mesh_file(source):
@@ -219,24 +219,28 @@ def _write_mesh(source: Path, target: Path, options: ConvertOptions, output: Out
         ignored, known = list(mesh.left_out), True
     else:
         asset = open_asset(source, output)
-        mesh, ignored = mesh_from_asset(asset), beyond_a_mesh(asset)
+        mesh, ignored = mesh_from_asset(asset), list_dropped_features(asset)
         known = options.up is not None or asset.manifest.coordinate_frame.known_up is not None
-    mesh = turned_upright(mesh, options.up) if options.up else mesh
+    mesh = rotate_upright(mesh, options.up) if options.up else mesh
     with output.progress(f"choosing the encoding of {target.name}"), about(source):
         style, quality = style_for(
             mesh, target, asset, color=options.color, texture=options.texture, engine=options.engine
         )
     # Errors of coordinates and indices are reported for the source.
     with output.progress(f"writing {target.name}"), about(source):
-        storable = as_held(mesh, suffix)
+        storable = fit_to_format(mesh, suffix)
         write_mesh_files(storable, target, output, style)
     rotated = [f"rotated upright ({mesh.up} was up)"] if mesh.up != storable.up else []
     _say(target, [*_list_contents(storable, suffix), *rotated, *([quality] if quality else [])], output)
     if mesh.textures and not storable.textures and storable.vertex_colors is not None:
         loss = ImageLoss.of(mesh, asset).describe(replace(storable, vertices=mesh.vertices))
         output.note(f"{target}: {suffix} has no textures; they were converted to vertex colours{loss}")
-    behind = left_behind(storable, options.engine) if options.engine else ()
-    for text in (*losses(mesh, storable, suffix, ignored), *behind, *what_is_up(mesh, suffix, known=known)):
+    behind = list_engine_losses(storable, options.engine) if options.engine else ()
+    for text in (
+        *list_losses(mesh, storable, suffix, ignored),
+        *behind,
+        *describe_up_axis(mesh, suffix, known=known),
+    ):
         output.note(f"{target}: {text}")
 
 

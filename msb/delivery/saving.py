@@ -14,7 +14,7 @@ from msb.base.paths import given_path
 from msb.delivery import Engine
 from msb.errors import UsageError, about, shorten
 from msb.meshes import Mesh
-from msb.meshes.assets import as_held, mesh_from_asset
+from msb.meshes.assets import fit_to_format, mesh_from_asset
 from msb.meshes.files import write_whole
 from msb.meshes.formats import Color, Picture, Style, written_suffixes
 
@@ -87,7 +87,7 @@ def save(
     with about(asset.path):
         mesh = mesh_from_asset(asset)
         style, _ = style_for(mesh, target, asset, color=color, texture=texture, engine=engine)
-        write_whole(as_held(mesh, suffix), target, style, overwrite=overwrite)
+        write_whole(fit_to_format(mesh, suffix), target, style, overwrite=overwrite)
 
 
 def style_for(

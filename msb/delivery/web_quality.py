@@ -60,20 +60,20 @@ class ImageLoss:
         from msb.views import choose_views
 
         chosen = choose_views(asset or asset_from_mesh(mesh), count=4, size=(480, 360))
-        return cls(mesh, chosen.cameras[:4], chosen.said)
+        return cls(mesh, chosen.cameras[:4], chosen.description)
 
     def loss(self, other: Mesh, samples: int = _SAMPLES) -> float:
         """Return the PSNR in dB of `other`, in images with `samples` samples per pixel along each axis."""
-        from msb.views import difference
+        from msb.views import psnr_over_views
 
         if samples not in self._images:  # a search compares many meshes with the same images
             self._images[samples] = self._draw(self.mesh, samples)
-        return difference(self._images[samples], self._draw(other, samples))
+        return psnr_over_views(self._images[samples], self._draw(other, samples))
 
     def _draw(self, mesh: Mesh, samples: int) -> list[NDArray[np.float32]]:
-        from msb.views import images_of
+        from msb.views import render_standard
 
-        return images_of(mesh, self.cameras, supersample=samples)
+        return render_standard(mesh, self.cameras, supersample=samples)
 
     def describe(self, other: Mesh) -> str:
         """Return the same in words to append to a sentence, or "" without a device to draw with."""
@@ -161,9 +161,9 @@ def _style(web: Web) -> Style:
 
 def as_glb(mesh: Mesh) -> Mesh:
     """Return `mesh` with the data that a GLB can store, in its original coordinates."""
-    from msb.meshes.assets import as_held
+    from msb.meshes.assets import fit_to_format
 
-    return as_held(replace(mesh, up=None), ".glb")
+    return fit_to_format(replace(mesh, up=None), ".glb")
 
 
 def _encode(mesh: Mesh, style: Style) -> bytes:

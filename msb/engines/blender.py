@@ -23,7 +23,7 @@ from msb.asset.texture import linear_to_srgb
 from msb.base.extras import install, is_installed
 from msb.engines.engine import NEAR, WALL_CLOCK, Engine, opaque_frame
 from msb.errors import DeviceError, Unsupported, UsageError, shorten
-from msb.render.backend import Drawn
+from msb.render.backend import DrawTime
 from msb.render.frame import Frame
 from msb.scenes import Camera
 from msb.scenes.colors import Color
@@ -173,9 +173,9 @@ class _Blender(Engine):
             image = linear_to_srgb(np.clip(image, 0, 1))  # textured images are rendered in linear light
         return opaque_frame(image, rgba[..., 3] > 0.5, depth, background, None, times)
 
-    def _draw(self, camera: Camera, background: Color) -> Drawn:
+    def _draw(self, camera: Camera, background: Color) -> DrawTime:
         times = self._render(camera, {})
-        return Drawn(times, sum(times.values()))
+        return DrawTime(times, sum(times.values()))
 
     def _render(self, camera: Camera, target: Mapping[str, str]) -> dict[str, float]:
         low, high = self._mesh.depth_range(camera.world_to_camera)

@@ -22,7 +22,7 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import IO, Any, NamedTuple
 
-from msb.base.children import apart
+from msb.base.children import detached_options
 from msb.errors import DeviceError, shorten
 
 # The environment variable with the path of the browser to use.
@@ -163,7 +163,7 @@ class Page:
                 stdin=subprocess.DEVNULL,
                 stdout=self._log,
                 stderr=self._log,
-                **apart(),
+                **detached_options(),
             )
         except OSError as error:
             _end(None, self._server, self._tasks, self._log, self._folder)

@@ -12,7 +12,7 @@ from msb.base.option import Argument, Option
 from msb.cli.command import Typed, command, require
 from msb.cli.output import JsonOutput, Output, echo, file_option
 from msb.errors import DeviceError, GateFailed, InputError, UsageError
-from msb.render.options import NO_CAMERAS, Drawing, Up, Views
+from msb.render.options import NO_CAMERAS, RendererOptions, Up, ViewOptions
 
 if TYPE_CHECKING:
     import numpy as np
@@ -90,7 +90,7 @@ class PageContent(NamedTuple):
     background: tuple[float, float, float]
 
 
-def _check_options(path: Path | None, options: WebOptions, views: Views, typed: Typed) -> None:
+def _check_options(path: Path | None, options: WebOptions, views: ViewOptions, typed: Typed) -> None:
     """Reject options that contradict each other."""
     if options.verify is not None:
         only = {"verify", "at_least", "device", "json_file", "force", "quiet", "verbose"}
@@ -120,8 +120,8 @@ def web(
     path: Annotated[Path | None, Argument("A .triasset, checkpoint or mesh file.", metavar="ASSET")] = None,
     *,
     options: WebOptions,
-    views: Views,
-    drawing: Annotated[Drawing, ("assignments",)],
+    views: ViewOptions,
+    drawing: Annotated[RendererOptions, ("assignments",)],
     output: JsonOutput,
     typed: Typed,
 ) -> None:
@@ -154,7 +154,7 @@ def web(
         cameras = views.read(output.note)
     else:
         chosen = choose_views(asset)
-        cameras, origin = [] if chosen.origin == "turntable" else chosen.cameras, chosen.said
+        cameras, origin = [] if chosen.origin == "turntable" else chosen.cameras, chosen.description
     axis = options.up or up_axis(asset)
     color = views.color(asset)
     content = PageContent(path.name, asset, drawing.settings(asset), cameras, axis, color)
@@ -198,24 +198,26 @@ def write_page(content: PageContent, options: WebOptions, target: Path, output: 
     from msb.api.command_files import open_baked
     from msb.engines.dedicated_page.page import CheckView, make_page
     from msb.engines.hardware.packing import pack
-    from msb.scenes.around import around
-    from msb.views import spread
+    from msb.scenes.around import make_turntable
+    from msb.views import spread_evenly
 
     asset, background = content.asset, content.background
     with output.progress("checking the model"):
         pack(asset, content.settings)  # report errors before the slow steps
     baked_asset = None if options.baked is None else open_baked(options.baked, asset, output)
-    cameras = content.cameras or around(asset, 2 * TEST_VIEWS, TEST_SIDE, TEST_SIDE * 3 // 4, content.up)
+    cameras = content.cameras or make_turntable(
+        asset, 2 * TEST_VIEWS, TEST_SIDE, TEST_SIDE * 3 // 4, content.up
+    )
     if options.renders is not None:
         folder = options.renders
-        tests = [_read_test_view(camera, folder, background) for camera in spread(cameras, TEST_VIEWS)]
+        tests = [_read_test_view(camera, folder, background) for camera in spread_evenly(cameras, TEST_VIEWS)]
         against = "the images of --renders"
     else:
-        small = [_limit_size(camera) for camera in spread(cameras, TEST_VIEWS)]
+        small = [_limit_size(camera) for camera in spread_evenly(cameras, TEST_VIEWS)]
         images, against = _draw_native(content, asset, small, output, "drawing test views")
         tests = [CheckView(camera, background, image) for camera, image in zip(small, images, strict=True)]
     baked = None if baked_asset is None else _measure_baked(content, baked_asset, tests)
-    reduced, costs = _reduce(content, options, spread(cameras, WEIGHING_VIEWS), tests, output)
+    reduced, costs = _reduce(content, options, spread_evenly(cameras, WEIGHING_VIEWS), tests, output)
     with output.progress(f"packing {content.name}"):
         page = make_page(
             reduced,

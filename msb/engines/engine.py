@@ -11,15 +11,15 @@ from numpy.typing import NDArray
 
 from msb.asset import Asset
 from msb.asset.drawable import check_drawable
-from msb.asset.look import StaticColors, drawn_colors, shown_faces, tint_of
+from msb.asset.look import StaticColors, drawn_colors, select_faces, tint_of
 from msb.asset.settings import effective_settings
 from msb.asset.texture import Textured, textures_of
 from msb.errors import UsageError, shorten
 from msb.meshes import Mesh, write_mesh
 from msb.meshes.formats import Style
-from msb.render.backend import Drawn
+from msb.render.backend import DrawTime
 from msb.render.frame import Frame
-from msb.render.standard.supersampling import box_filter, checked_supersample, enlarged
+from msb.render.standard.supersampling import box_filter, check_supersample, enlarge
 from msb.scenes import Camera
 from msb.scenes.colors import Color
 
@@ -60,7 +60,7 @@ class Engine(ABC):
         supersample: int = 1,
     ) -> None:
         self._kind = device_kind(device, self.name)
-        self._samples = checked_supersample(supersample)
+        self._samples = check_supersample(supersample)
         missing = self.missing()
         if missing is not None:
             raise UsageError("ENGINE_MISSING", f"renderer {self.name}: {missing}")
@@ -81,7 +81,7 @@ class Engine(ABC):
         """Return one frame with one sample per pixel."""
 
     @abstractmethod
-    def _draw(self, camera: Camera, background: Color) -> Drawn:
+    def _draw(self, camera: Camera, background: Color) -> DrawTime:
         """Draw and wait until the frame is complete, but read nothing back."""
 
     @abstractmethod
@@ -98,14 +98,14 @@ class Engine(ABC):
 
     def render(self, camera: Camera, background: Color) -> Frame:
         """Draw the asset from `camera` over `background` (RGB, in the asset's colour space)."""
-        frame = self._frame(enlarged(camera, self._samples), background)
+        frame = self._frame(enlarge(camera, self._samples), background)
         if self._samples == 1:
             return frame
         return replace(box_filter(frame, self._samples), timings=frame.timings)
 
-    def draw(self, camera: Camera, background: Color) -> Drawn:
+    def draw(self, camera: Camera, background: Color) -> DrawTime:
         """Draw and wait until the frame is complete, but read nothing back."""
-        return self._draw(enlarged(camera, self._samples), background)
+        return self._draw(enlarge(camera, self._samples), background)
 
     def __enter__(self) -> Self:
         return self
@@ -174,9 +174,6 @@ class EngineMesh:
         write_mesh(mesh, file, suffix=suffix, style=Style("srgb" if skin is None else None))
         return file.getvalue()
 
-    # The old name, until the callers in other packages are renamed.
-    encoded = to_bytes
-
     def depth_range(self, world_to_camera: NDArray[np.float64]) -> tuple[float, float]:
         """Return a lower and an upper bound of the vertices' depths, from the corners of the bounding box."""
         low, high = self.positions.min(axis=0), self.positions.max(axis=0)
@@ -199,7 +196,7 @@ def engine_mesh(asset: Asset, settings: Mapping[str, Any] | None) -> EngineMesh:
     indices = np.asarray(asset.buffers["indices"], np.uint32)
     static = drawn_colors(asset)
     colors = static.values[:, :3]
-    numbers = shown_faces(asset, values.get("ste_threshold"))
+    numbers = select_faces(asset, values.get("ste_threshold"))
     if numbers is not None and not len(numbers):
         return EngineMesh(positions[:1], np.zeros((1, 3), np.uint32), np.zeros((1, 3), np.uint8), None)
     selected = slice(None) if numbers is None else numbers

@@ -11,7 +11,7 @@ from msb.engines.browser import Page, browser_name, dated_name, find_browser
 from msb.engines.engine import DRAW, WALL_CLOCK, Engine, opaque_frame
 from msb.engines.webpage import camera_data, page, three_revision
 from msb.errors import DeviceError
-from msb.render.backend import Drawn
+from msb.render.backend import DrawTime
 from msb.render.frame import Frame
 from msb.scenes import Camera
 from msb.scenes.colors import Color
@@ -100,9 +100,9 @@ class ThreeJsRenderer(Engine):
             image = np.divide(canvas[..., :3], 255, dtype=np.float32)
         return opaque_frame(image, rgba[..., 3] > 0, depth, background, None, _times(head))
 
-    def _draw(self, camera: Camera, background: Color) -> Drawn:
+    def _draw(self, camera: Camera, background: Color) -> DrawTime:
         stages = _times(self._ask(camera, background, read=False)[0])
-        return Drawn(stages, sum(stages.values()))
+        return DrawTime(stages, sum(stages.values()))
 
     def _ask(self, camera: Camera, background: Color, *, read: bool) -> tuple[dict[str, Any], memoryview]:
         side = self._page.about["side"]

@@ -21,7 +21,7 @@ from msb.engines.engine import DRAW, NEAR, WALL_CLOCK, Engine, opaque_frame
 from msb.engines.webgpu_adapter import INSTALL, Gpu, all_adapters
 from msb.engines.webgpu_texture import ATTRIBUTES, TexturedMesh
 from msb.errors import DeviceError
-from msb.render.backend import Drawn
+from msb.render.backend import DrawTime
 from msb.render.frame import Frame
 from msb.scenes import Camera
 from msb.scenes.colors import Color
@@ -201,11 +201,11 @@ class WgpuRenderer(Engine):
         depth = np.divide(NEAR, depth, out=np.zeros_like(depth), where=hit, dtype=np.float32)
         return opaque_frame(image[..., :3], hit, depth, background, face_id, timing.stages)
 
-    def _draw(self, camera: Camera, background: Color) -> Drawn:
+    def _draw(self, camera: Camera, background: Color) -> DrawTime:
         with self._gpu.reporting("drawing"):
             return self._run(camera, background, everything=False)
 
-    def _run(self, camera: Camera, background: Color, *, everything: bool) -> Drawn:
+    def _run(self, camera: Camera, background: Color, *, everything: bool) -> DrawTime:
         """Draw and wait; with `everything` also draw face ids and copy all targets to readable buffers."""
         self._make_targets(camera.width, camera.height)
         start = time.perf_counter()
@@ -225,9 +225,9 @@ class WgpuRenderer(Engine):
         began, ended = self._gpu.run(encoder).tolist()
         waited = 1000 * (time.perf_counter() - start)
         if self._gpu.nanoseconds_per_tick is None:
-            return Drawn({WALL_CLOCK: waited}, waited)
+            return DrawTime({WALL_CLOCK: waited}, waited)
         milliseconds = max(0, ended - began) * self._gpu.nanoseconds_per_tick / 1e6
-        return Drawn({DRAW: milliseconds}, milliseconds)
+        return DrawTime({DRAW: milliseconds}, milliseconds)
 
     def _encode_pass(self, encoder: Any, background: Color, ids: bool) -> None:
         """Encode the render pass, with timestamps at its ends if the device has a clock."""

@@ -20,7 +20,7 @@ from msb.scenes import Camera
 
 # Number of faces above which most browsers run out of memory on a page with the asset.
 LARGE = 3_000_000
-_SCRIPTS = ("camera.js", "page.js", "hands.js", "files.js", "start.js")
+_SCRIPTS = ("camera.js", "page.js", "controls.js", "files.js", "start.js")
 # Parts of a JavaScript module that a plain script must not have: "use strict", imports, exports.
 _MODULE_SYNTAX = re.compile(r"""^("use strict";\n|import .*\n|export )""", re.MULTILINE)
 
@@ -91,10 +91,6 @@ def fill_template(
         before, rest = rest.split(mark, 1)
         parts += [before, value]
     return "".join([*parts, rest]).encode(errors="backslashreplace")  # file names may be invalid Unicode
-
-
-# The old name, until the callers in other packages are renamed.
-filled = fill_template
 
 
 @cache

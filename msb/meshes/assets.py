@@ -16,7 +16,7 @@ from msb.errors import AssetError, Unsupported
 from msb.meshes.charts import with_sampled_colors, with_vertex_uvs, without_textures
 from msb.meshes.formats import FORMATS
 from msb.meshes.mesh import Mesh
-from msb.meshes.transform import turned_upright
+from msb.meshes.transform import rotate_upright
 from msb.meshes.writing import as_float32, check_indices, check_writable
 
 
@@ -127,7 +127,7 @@ def with_vertex_colors(mesh: Mesh) -> Mesh:
     return with_corner_colors(mesh, np.repeat(mesh.face_colors, 3, axis=0))
 
 
-def as_held(mesh: Mesh, suffix: str) -> Mesh:
+def fit_to_format(mesh: Mesh, suffix: str) -> Mesh:
     """Return `mesh` as the format of `suffix` can store it. This is the mesh that the audit of the file sees.
 
     Colours and UVs are moved to where the format stores them, usually to vertices. Textures become vertex
@@ -145,7 +145,7 @@ def as_held(mesh: Mesh, suffix: str) -> Mesh:
     if "vertex_uvs" in form.keeps:
         mesh = with_vertex_uvs(mesh)
     if form.up and mesh.up:
-        mesh = turned_upright(mesh, mesh.up)
+        mesh = rotate_upright(mesh, mesh.up)
     if form.is_soup and len(mesh.vertices) != 3 * len(mesh.faces):
         mesh = _unshared(mesh)
     return replace(mesh, vertices=as_float32(mesh.vertices, form.title)) if form.is_single else mesh

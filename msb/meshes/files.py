@@ -121,7 +121,7 @@ def write_mesh(
         raise OutputError("OUTPUT_UNWRITABLE", message, file=name) from error
 
 
-def beside(mesh: Mesh, path: Path, style: Style) -> dict[Path, bytes]:
+def companion_files(mesh: Mesh, path: Path, style: Style) -> dict[Path, bytes]:
     """Return the companion files that `write_whole` writes next to `path`, as path -> content."""
     form = _known(str(path), path.suffix)
     files = form.companions(mesh, replace(style, stem=path.stem)) if form.companions else {}
@@ -134,7 +134,7 @@ def write_whole(mesh: Mesh, path: Path, style: Style | None = None, *, overwrite
     Errors are those of `write_mesh` and of `new_files`.
     """
     style = replace(style or Style(), stem=path.stem)
-    companions = beside(mesh, path, style)
+    companions = companion_files(mesh, path, style)
     with new_files([*companions, path], overwrite=overwrite) as files:
         for file, content in zip(files[:-1], companions.values(), strict=True):
             file.write(content)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from msb.base.children import Arrays, run_apart
+from msb.base.children import Arrays, run_in_child
 from msb.base.extras import need_extra
 from msb.base.limits import Limits
 from msb.errors import shorten
@@ -53,7 +53,7 @@ def unpack(document: Document, meshes: list[int]) -> None:
     joined = np.frombuffer(b"".join(data) + b"\0", np.uint8)
     plan = np.frombuffer(json.dumps(jobs).encode(), np.uint8)
     limits = Limits(_SECONDS, _BASE_GIB + _GIB_PER_GIB * total / 2**30)
-    reply = run_apart(unpack_here, "", {"plan": plan, "data": joined}, limits)
+    reply = run_in_child(unpack_here, "", {"plan": plan, "data": joined}, limits)
     if reply.why:
         raise document.source.error(
             "MESH_FILE_INVALID", f"the compressed arrays cannot be decoded: {reply.why}"

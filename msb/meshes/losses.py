@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from msb.asset import Asset
-from msb.asset.look import shown_faces, stored_threshold
+from msb.asset.look import select_faces, stored_threshold
 from msb.asset.texture import Sampler
 from msb.meshes.formats import FORMATS
 from msb.meshes.mesh import Mesh
@@ -14,19 +14,19 @@ from msb.meshes.mesh import Mesh
 _UNWRITTEN = {"opacity": "opacity", "sigma": "soft edges (sigma)"}
 
 
-def beyond_a_mesh(asset: Asset) -> list[str]:
+def list_dropped_features(asset: Asset) -> list[str]:
     """Return descriptions of everything in `asset` that its standard-tier mesh lacks."""
     manifest, beyond = asset.manifest, []
     if manifest.sh_degree:
         beyond.append(f"view-dependent colours (SH degree {manifest.sh_degree})")
     beyond += [what for name, what in _UNWRITTEN.items() if name in asset.buffers]
-    visible = shown_faces(asset, stored_threshold(asset))
+    visible = select_faces(asset, stored_threshold(asset))
     if visible is not None:
         beyond.append(f"{manifest.face_count - len(visible):,} faces below the STE threshold")
     return beyond
 
 
-def why_split(suffix: str) -> str:
+def explain_split(suffix: str) -> str:
     """Return why files of `suffix` split merged vertices, and which formats do not."""
     soup = FORMATS[suffix].is_soup
     reason = "stores separate vertices for every face" if soup else "cannot store face colours"
@@ -39,7 +39,7 @@ def _keeping_face_colors() -> str:
     return f"{', '.join(names)} or .triasset"
 
 
-def losses(mesh: Mesh, written: Mesh, suffix: str, left_out: Sequence[str]) -> Iterator[str]:
+def list_losses(mesh: Mesh, written: Mesh, suffix: str, left_out: Sequence[str]) -> Iterator[str]:
     """Yield a note for each loss between `mesh` and `written`, the mesh that a file of `suffix` stores.
 
     `left_out` lists parts of the source that were already missing in `mesh`.
@@ -65,7 +65,7 @@ def losses(mesh: Mesh, written: Mesh, suffix: str, left_out: Sequence[str]) -> I
         yield f"not written: {', '.join(lost)}"
 
 
-def left_behind(mesh: Mesh, engine: str) -> Iterator[str]:
+def list_engine_losses(mesh: Mesh, engine: str) -> Iterator[str]:
     """Yield a note for each property of `mesh` that `engine` loses or changes."""
     if engine == "godot" and mesh.vertex_colors is not None:
         yield "Godot stores vertex colours as 8-bit linear light, which is coarse in dark areas"
@@ -79,7 +79,7 @@ def _has_uvs(mesh: Mesh) -> bool:
     return mesh.vertex_uvs is not None or mesh.corner_uvs is not None
 
 
-def what_is_up(mesh: Mesh, suffix: str, *, known: bool) -> Iterator[str]:
+def describe_up_axis(mesh: Mesh, suffix: str, *, known: bool) -> Iterator[str]:
     """Yield a note if the up axis is a guess (not `known`), or if the format of `suffix` cannot store it."""
     if FORMATS[suffix].up is None:
         if known and mesh.up not in (None, "+y"):

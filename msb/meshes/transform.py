@@ -21,12 +21,12 @@ _UPRIGHT: dict[str, tuple[tuple[int, int], ...]] = {
 }
 
 
-def turned_upright(mesh: Mesh, up: str) -> Mesh:
+def rotate_upright(mesh: Mesh, up: str) -> Mesh:
     """Return `mesh` rotated so that its axis `up` becomes +y. The winding stays the same."""
-    return replace(mesh, vertices=turned(mesh.vertices, up), up="+y")
+    return replace(mesh, vertices=rotate_axis(mesh.vertices, up), up="+y")
 
 
-def turned(vertices: NDArray[Any], up: str, to: str = "+y") -> NDArray[Any]:
+def rotate_axis(vertices: NDArray[Any], up: str, to: str = "+y") -> NDArray[Any]:
     """Return `vertices` (V, 3) rotated by multiples of 90 degrees so that axis `up` becomes axis `to`.
 
     The rotation is exact, because coordinates are only swapped and negated. If either axis is "unknown", the

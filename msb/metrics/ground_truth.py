@@ -10,7 +10,7 @@ from msb.errors import MetricError
 from msb.metrics.image_files import read_mask, read_pixels
 from msb.scenes import Camera
 from msb.scenes.datasets import Scene
-from msb.scenes.datasets.photographs import mask_beside
+from msb.scenes.datasets.photographs import find_mask
 
 
 def ground_truth(scene: Scene, camera: Camera) -> NDArray[np.float32]:
@@ -72,7 +72,7 @@ def mask_path(scene: Scene, camera: Camera) -> Path:
     """Return the mask file of a camera in a scene with a mask folder."""
     assert camera.image_path is not None
     # The scene stores only the masks of its test views, which a run evaluates.
-    return scene.masks.get(str(camera.name)) or mask_beside(scene.root, camera.image_path)
+    return scene.masks.get(str(camera.name)) or find_mask(scene.root, camera.image_path)
 
 
 def _mask(scene: Scene, camera: Camera, shape: tuple[int, ...]) -> NDArray[np.uint8]:

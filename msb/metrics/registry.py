@@ -13,7 +13,7 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
-from msb.base.packages import Lazy, PackageError, contained, installed, load, whose
+from msb.base.packages import Lazy, PackageError, contain_errors, describe_entry, find_installed, load
 from msb.errors import Finding, MetricError, shorten
 from msb.metrics.chamfer import CHAMFER
 from msb.metrics.identity import Definition, Identity, ImageMetric, Pixels
@@ -54,7 +54,7 @@ def _installed() -> Mapping[str, ImageMetric]:
     metrics = (getattr(import_module(f"msb.metrics.{module}"), name) for module, name in places)
     ours: dict[str, ImageMetric] = {metric.key: metric for metric in metrics}
     taken = dict.fromkeys([*ours, ours["lpips"].name, CHAMFER.name], "msb.metrics")
-    theirs = installed("metric", taken, _accepted)
+    theirs = find_installed("metric", taken, _accepted)
     return ours | {key: metric for key, (metric, _) in theirs.items()}
 
 
@@ -71,7 +71,9 @@ def _accepted(key: str, entry: str) -> ImageMetric:
             raise PackageError(f"its {name} has the invalid type {type(value).__name__}")
     if metric.better not in ("higher", "lower"):
         raise PackageError(f'its better is {shorten(repr(metric.better))}; it must be "higher" or "lower"')
-    return replace(metric, measure=_PackageMeasure(whose("metric", key, entry), metric.measure), modules=())
+    return replace(
+        metric, measure=_PackageMeasure(describe_entry("metric", key, entry), metric.measure), modules=()
+    )
 
 
 @dataclass(frozen=True)
@@ -83,7 +85,7 @@ class _PackageMeasure:
 
     def __call__(self, rendering: Pixels, ground_truth: Pixels) -> float:
         try:
-            with contained():
+            with contain_errors():
                 value = self.measure(rendering.copy(), ground_truth.copy())
                 number = math.nan if isinstance(value, bool | str | bytes) else float(value)
         except (PackageError, MetricError) as error:

@@ -27,7 +27,7 @@ _FLAT = 0.05
 
 
 @dataclass(frozen=True, eq=False)
-class Still:
+class PreparedFrame:
     """A frame prepared for comparison with the previous and the next frame.
 
     Attributes
@@ -53,7 +53,7 @@ class Still:
         return np.asarray(self.inverse_depths[0] > 0)
 
 
-def still(camera: Camera, image: Floats, alpha: Floats, depth: Floats) -> Still:
+def prepare_frame(camera: Camera, image: Floats, alpha: Floats, depth: Floats) -> PreparedFrame:
     """Return a prepared frame from a camera and the image, alpha and depth of a `Frame`."""
     from scipy.ndimage import gaussian_filter, maximum_filter, minimum_filter, spline_filter
 
@@ -64,10 +64,10 @@ def still(camera: Camera, image: Floats, alpha: Floats, depth: Floats) -> Still:
     inverse = np.where(covered, 1 / np.where(covered, depth, 1), 0).astype(np.float32)
     side = 2 * REACH + 1
     around = maximum_filter(inverse, side, mode="nearest"), minimum_filter(inverse, side, mode="nearest")
-    return Still(camera, smooth, np.stack(splines), np.stack([inverse, *around]))
+    return PreparedFrame(camera, smooth, np.stack(splines), np.stack([inverse, *around]))
 
 
-def unexplained_change(before: Still, here: Still, after: Still) -> Floats:
+def unexplained_change(before: PreparedFrame, here: PreparedFrame, after: PreparedFrame) -> Floats:
     """Return the difference of each pixel from the average of the same surface point in both adjacent frames.
 
     Returns
@@ -110,7 +110,7 @@ def unexplained_change(before: Still, here: Still, after: Still) -> Floats:
     return change
 
 
-def _sampled(frame: Still, place: NDArray[np.float64]) -> Floats:
+def _sampled(frame: PreparedFrame, place: NDArray[np.float64]) -> Floats:
     """Return the smoothed colours (3, N) at positions (2, N)."""
     from scipy.ndimage import map_coordinates
 
@@ -121,7 +121,7 @@ def _sampled(frame: Still, place: NDArray[np.float64]) -> Floats:
 
 
 def _seen_from(
-    here: Still, camera: Camera, rows: NDArray[np.int_], columns: NDArray[np.int_], inverse: Floats
+    here: PreparedFrame, camera: Camera, rows: NDArray[np.int_], columns: NDArray[np.int_], inverse: Floats
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the positions (2, N) of the surface points of N pixels in another camera, and inverse depths.
 
@@ -152,10 +152,10 @@ def _shows(
     return np.asarray(inside & (np.abs(inverse_depths[row, column] - expected) <= SAME * expected))
 
 
-def surface_points(frame: Still) -> NDArray[np.float64]:
+def find_surface_points(frame: PreparedFrame) -> NDArray[np.float64]:
     """Return world points (N, 3) of the surfaces that a frame shows, away from their borders.
 
-    Every second pixel of every second row is used; `holes` fills the gaps.
+    Every second pixel of every second row is used; `find_holes` fills the gaps.
     """
     inverse, nearest, farthest = frame.inverse_depths
     inner = (farthest > 0) & (nearest - farthest <= _FLAT * nearest)
@@ -164,7 +164,7 @@ def surface_points(frame: Still) -> NDArray[np.float64]:
     return np.asarray((pose[:3, :3] @ (local / inverse[rows, columns]) + pose[:3, 3:]).T)
 
 
-def holes(frame: Still, points: NDArray[np.float64]) -> Mask:
+def find_holes(frame: PreparedFrame, points: NDArray[np.float64]) -> Mask:
     """Return the pixels (H, W) that show background although the model should cover them.
 
     They are pixels with alpha below 1/2 of two kinds. For the first kind, each pixel of the surrounding 5 x 5

@@ -23,7 +23,7 @@ from msb.reference.tiles import Modes
 from msb.registry import Order, Sampling, lookup, role
 from msb.scenes import Camera
 from msb.scenes.colors import check_background
-from msb.scenes.datasets import own_background
+from msb.scenes.datasets import default_background
 
 __all__ = ["ReferenceFrame", "ReferenceRenderer", "render_reference"]
 
@@ -89,7 +89,7 @@ def render_reference(
     check_modes(order, sampling)
     check_drawable(asset)
     if background is None:
-        background = own_background(asset.manifest)
+        background = default_background(asset.manifest)
     color = np.asarray(check_background(background, asset.manifest.appearance.get("background")), real)
     # Culled faces take part in the array operations, so their divisions by zero are expected.
     with np.errstate(all="ignore"):

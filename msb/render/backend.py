@@ -11,7 +11,7 @@ from inspect import Parameter, signature
 from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 from msb.asset.tiers import refusal
-from msb.base.packages import PackageError, contained, installed, load, whose
+from msb.base.packages import PackageError, contain_errors, describe_entry, find_installed, load
 from msb.errors import DeviceError, Unsupported, UsageError, shorten
 from msb.registry import TIERS
 
@@ -48,7 +48,7 @@ SETTLED_AT = 3
 
 
 @dataclass(frozen=True)
-class Drawn:
+class DrawTime:
     """The time that a frame took on the device, in milliseconds."""
 
     # Stage -> run time of its commands. The sum is the time during which the device was busy.
@@ -88,7 +88,7 @@ class Backend(Protocol):
     def render(self, camera: Camera, background: tuple[float, float, float]) -> Frame:
         """Draw the asset from `camera` over `background` (RGB)."""
 
-    def draw(self, camera: Camera, background: tuple[float, float, float]) -> Drawn:
+    def draw(self, camera: Camera, background: tuple[float, float, float]) -> DrawTime:
         """Draw and wait until the frame is complete, without reading it back. Benchmarks time this."""
 
     def memory(self) -> Mapping[str, int]:
@@ -100,7 +100,7 @@ class Backend(Protocol):
 
 def find_renderer(name: str) -> Factory:
     """Return the class of renderer `name`, a tier or an entry point of the group `msb.renderers`."""
-    with blaming(name):
+    with attribute_errors(name):
         return _factory(name)
 
 
@@ -129,23 +129,23 @@ def _check_contract(renderer: Any, members: tuple[str, ...]) -> None:
 
 def make_backend(factory: Factory, name: str, asset: Asset, **options: Any) -> Backend:
     """Create the renderer `name` for an asset by calling its `factory`."""
-    with blaming(name):
+    with attribute_errors(name):
         backend = factory(asset, **options)
         _check_contract(backend, ("name", "version", "render", "memory", "close"))
         return backend
 
 
 @contextmanager
-def blaming(name: str) -> Iterator[None]:
+def attribute_errors(name: str) -> Iterator[None]:
     """Run code of renderer `name`; errors of a foreign renderer become ENGINE_FAILED with its name."""
     if is_ours(name):
         yield
         return
     try:
-        with contained():
+        with contain_errors():
             yield
     except PackageError as error:
-        text = f"{whose('renderer', name, renderers().get(name, ''))}: {error}"
+        text = f"{describe_entry('renderer', name, renderers().get(name, ''))}: {error}"
         raise DeviceError("ENGINE_FAILED", text) from error.__cause__
 
 
@@ -158,14 +158,14 @@ def is_ours(name: str) -> bool:
 def renderers() -> dict[str, str]:
     """Return name -> "module:Class": built-in renderers, engines, then entry points. Nothing is imported."""
     ours = {**BUILT_IN, **ENGINES}
-    others = installed("renderer", ours, lambda _, value: value, pattern=None)
+    others = find_installed("renderer", ours, lambda _, value: value, pattern=None)
     return ours | {name: value for name, (value, _) in others.items()}
 
 
-def what_is_missing(name: str) -> str | None:
+def why_unavailable(name: str) -> str | None:
     """Return why the renderer `name` cannot draw here (missing software or an error); None if it can."""
     try:
-        with contained():
+        with contain_errors():
             factory = _factory(name)
             missing: Callable[[], str | None] | None = getattr(factory, "missing", None)
             reason = None if missing is None else missing()
@@ -192,7 +192,7 @@ def class_for(asset: Asset, tier: str, name: str | None, options: Mapping[str, A
     """
     check_supported(asset, tier)
     make = find_renderer(name or tier)
-    with blaming(name or tier):
+    with attribute_errors(name or tier):
         drawn = getattr(make, "tiers", TIERS)
         if tier not in drawn:
             raise UsageError("USAGE", f"renderer {name} cannot draw tier {tier}, only {', '.join(drawn)}")
@@ -227,7 +227,7 @@ _ELSEWHERE = {
 }
 
 
-def lean_options(tier: str, renderer: str | None, *, ids: bool = False) -> dict[str, Any]:
+def minimal_options(tier: str, renderer: str | None, *, ids: bool = False) -> dict[str, Any]:
     """Return options that make the built-in renderer of `tier` compute only the needed outputs.
 
     Commands that write colours only do not need normals and median depths; `ids` adds the face ids.

@@ -1,6 +1,6 @@
 """The dedicated tier: native rendering, with the method's own image formation.
 
-The module `look` of a method has either a function ``splat_model``, whose result the splatting pipeline can
+The module `native` of a method has either a function ``splat_model``, whose result the splatting pipeline can
 draw (`msb.render.splat.model`), or a class ``Pipeline``, a complete renderer (`msb.render.backend.Backend`).
 """
 
@@ -19,12 +19,12 @@ def dedicated_renderer(asset: Asset, **options: Any) -> Backend:
 
 def pipeline_of(asset: Asset) -> Factory:
     """Return the class that draws the asset's method natively."""
-    look: Any = role(asset.manifest.method, "look")
-    if look is None:
+    native: Any = role(asset.manifest.method, "native")
+    if native is None:
         text = f"{asset.manifest.method} on tier dedicated: its package contains no native renderer"
         raise Unsupported("UNSUPPORTED_TIER", text, file=asset.opened_from)
-    if hasattr(look, "Pipeline"):
-        pipeline: Factory = look.Pipeline
+    if hasattr(native, "Pipeline"):
+        pipeline: Factory = native.Pipeline
         return pipeline
     from msb.render.splat.pipeline import SplattingPipeline
 

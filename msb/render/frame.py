@@ -13,7 +13,7 @@ from msb.errors import UsageError, shorten
 EXTRAS = ("normal", "depth_median", "face_id", "raw")
 
 
-def chosen_extras(outputs: str | Iterable[str]) -> frozenset[str]:
+def parse_outputs(outputs: str | Iterable[str]) -> frozenset[str]:
     """Return the extras that `outputs` requests: names from `EXTRAS`, or "all" or "auto" for all of them."""
     names = EXTRAS if outputs in ("all", "auto") else tuple(outputs)
     for name in names:

@@ -28,7 +28,7 @@ Tier = Literal["reference", "dedicated", "standard"]
 
 
 @dataclass(frozen=True)
-class Views:
+class ViewOptions:
     """The cameras and the background of the images."""
 
     cameras: Annotated[
@@ -59,10 +59,10 @@ class Views:
     def read(self, note: Callable[[str], None]) -> list[Camera]:
         """Return the requested cameras; call `note` if they are far larger than the photographs."""
         from msb.scenes import read_cameras
-        from msb.scenes.datasets import recorded_note
+        from msb.scenes.datasets import note_recorded_size
 
         cameras = read_cameras(str(self.cameras))
-        if self.size is None and (text := recorded_note(str(self.cameras), cameras)) is not None:
+        if self.size is None and (text := note_recorded_size(str(self.cameras), cameras)) is not None:
             note(f"{self.cameras}: {text}")
         return self.of(cameras)
 
@@ -89,7 +89,7 @@ class Views:
         """The requested width and height in pixels; None if --size is a factor."""
         from msb.scenes.checks import MAX_SIDE
 
-        size = pixels_of(str(self.size))
+        size = parse_size(str(self.size))
         if size is not None and max(size) > MAX_SIDE:
             text = f"--size is {size[0]}x{size[1]}; width and height must be from 1 to {MAX_SIDE} pixels"
             raise UsageError("USAGE", text)
@@ -107,18 +107,18 @@ class Views:
     def color(self, asset: Asset | None) -> tuple[float, float, float]:
         """Return the requested background; the default is the asset's, its method's, or black."""
         from msb.scenes.colors import BLACK
-        from msb.scenes.datasets import own_background
+        from msb.scenes.datasets import default_background
 
         if self.background is None:
-            return BLACK if asset is None else own_background(asset.manifest)
+            return BLACK if asset is None else default_background(asset.manifest)
         official = "official, which needs an asset"
         if asset is not None:
             official = str(asset.manifest.appearance.get("background", "the asset records none"))
-        return parsed_color(self.background, official)
+        return parse_color_option(self.background, official)
 
 
 @dataclass(frozen=True)
-class Drawing:
+class RendererOptions:
     """The renderer, its options, and overrides of the asset's settings."""
 
     assignments: Annotated[
@@ -168,7 +168,7 @@ class Drawing:
         return {name: value for name, value in modes.items() if value is not None}
 
 
-def parsed_color(text: str, official: str | None = None) -> tuple[float, float, float]:
+def parse_color_option(text: str, official: str | None = None) -> tuple[float, float, float]:
     """Return the colour of --background; the text "official" stands for the colour `official`, if given."""
     from msb.scenes.colors import parse_color
 
@@ -204,7 +204,7 @@ def _stem(name: str) -> str:
     return name.rsplit("/", 1)[-1].rsplit(".", 1)[0]
 
 
-def pixels_of(text: str) -> tuple[int, int] | None:
+def parse_size(text: str) -> tuple[int, int] | None:
     """Return width and height in pixels of a text like 1237x822; None for any other text."""
     match = re.fullmatch(r"\s*([1-9]\d{0,5})[x,]([1-9]\d{0,5})\s*", text, re.IGNORECASE)
     return None if match is None else (int(match[1]), int(match[2]))

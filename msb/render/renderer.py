@@ -11,11 +11,11 @@ from msb.asset.arguments import A_CAMERA, check_type
 from msb.cl import Device
 from msb.errors import UsageError
 from msb.registry import Tier
-from msb.render.backend import Drawn, blaming, class_for, make_backend
+from msb.render.backend import DrawTime, attribute_errors, class_for, make_backend
 from msb.render.frame import Frame
 from msb.scenes import Camera
 from msb.scenes.colors import Color, check_background
-from msb.scenes.datasets import own_background
+from msb.scenes.datasets import default_background
 
 Background = Sequence[float] | str
 
@@ -87,7 +87,7 @@ class Renderer:
         asset = as_asset(asset)
         self.tier = tier
         self._official = asset.manifest.appearance.get("background")
-        self._background = own_background(asset.manifest)
+        self._background = default_background(asset.manifest)
         self._by = name or tier
         make = class_for(asset, tier, name, options)
         self._backend = make_backend(make, self._by, asset, device=device, settings=settings or {}, **options)
@@ -95,7 +95,7 @@ class Renderer:
     @property
     def name(self) -> str:
         """Name and version of the drawing software."""
-        with blaming(self._by):
+        with attribute_errors(self._by):
             return f"{self._backend.name} {self._backend.version}"
 
     @property
@@ -124,7 +124,7 @@ class Renderer:
             The frame does not fit into the device's memory, or the device failed.
         """
         checked = self._checked(camera, background)
-        with blaming(self._by):
+        with attribute_errors(self._by):
             frame = self._backend.render(*checked)
             if not isinstance(frame, Frame):
                 # Renderers that do not import this package return an object with the same attributes.
@@ -132,7 +132,7 @@ class Renderer:
                 frame = Frame(**{name: getattr(frame, name) for name in names if hasattr(frame, name)})
             return camera.in_world(frame)
 
-    def draw(self, camera: Camera, background: Background | None = None) -> Drawn:
+    def draw(self, camera: Camera, background: Background | None = None) -> DrawTime:
         """Render without reading the frame back, wait until it is complete, and return the time it took.
 
         A renderer without this ability renders and reads the frame back. Parameters and errors as in
@@ -140,9 +140,9 @@ class Renderer:
         """
         if not hasattr(self._backend, "draw"):
             stages = self.render(camera, background).timings
-            return Drawn(stages, sum(stages.values()))
+            return DrawTime(stages, sum(stages.values()))
         checked = self._checked(camera, background)
-        with blaming(self._by):
+        with attribute_errors(self._by):
             return self._backend.draw(*checked)
 
     def _checked(self, camera: Camera, background: Background | None) -> tuple[Camera, Color]:
@@ -154,18 +154,18 @@ class Renderer:
 
     def memory(self) -> Mapping[str, int]:
         """Return purpose -> bytes on the device."""
-        with blaming(self._by):
+        with attribute_errors(self._by):
             return self._backend.memory()
 
     def memory_groups(self) -> Mapping[str, str]:
         """Return purpose -> "geometry", "appearance", "scratch" or "targets"; others count as scratch."""
-        with blaming(self._by):
+        with attribute_errors(self._by):
             groups: Mapping[str, str] = getattr(self._backend, "memory_groups", dict)()
             return groups
 
     def close(self) -> None:
         """Release all memory on the device."""
-        with blaming(self._by):
+        with attribute_errors(self._by):
             self._backend.close()
 
     def __enter__(self) -> Self:

@@ -1,6 +1,6 @@
 """The model that a z-buffer pipeline draws: opaque triangles with feature lattices, and their decoder.
 
-The module `look` of a method has a function ``surface_model(asset, settings)`` that returns a `Surface`.
+The module `native` of a method has a function ``surface_model(asset, settings)`` that returns a `Surface`.
 """
 
 from collections.abc import Callable, Mapping
@@ -36,7 +36,7 @@ class Surface:
         The planes of the projection, in scene units.
     projection : callable
         Camera -> the (4, 4) float32 matrix from the world to clip coordinates.
-    own : mapping of str to numpy.float32, numpy.int32 or numpy.uint32
+    method_values : mapping of str to numpy.float32, numpy.int32 or numpy.uint32
         Values of the method's settings for the WGSL: the members of ``view.own`` by name.
     """
 
@@ -52,4 +52,4 @@ class Surface:
     near: float
     far: float
     projection: Callable[[Camera], NDArray[np.float32]]
-    own: Mapping[str, np.generic]
+    method_values: Mapping[str, np.generic]

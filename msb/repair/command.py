@@ -15,7 +15,7 @@ from msb.base.paths import shell_word
 from msb.cli.command import Typed, command, option_value, require
 from msb.cli.output import JsonOutput, Output, echo, file_option, plain_table, report_error
 from msb.errors import UsageError, about, one_line
-from msb.render.options import Drawing, Source, Views
+from msb.render.options import RendererOptions, Source, ViewOptions
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -86,10 +86,10 @@ def repair(
     ] = None,
     *,
     options: RepairOptions,
-    views: Annotated[Views, ("cameras",)],
+    views: Annotated[ViewOptions, ("cameras",)],
     limits: Limits,
     conditions: Annotated[GateOptions, ("fail_on", "fail_on_verdict")],
-    drawing: Annotated[Drawing, ("device",)],
+    drawing: Annotated[RendererOptions, ("device",)],
     output: JsonOutput,
     typed: Typed,
 ) -> int:
@@ -127,7 +127,13 @@ class _Repair:
     """One run of the command. The output path is checked before anything is read."""
 
     def __init__(
-        self, source: Path, target: Path, plan: Options, views: Views, device: str | None, output: Output
+        self,
+        source: Path,
+        target: Path,
+        plan: Options,
+        views: ViewOptions,
+        device: str | None,
+        output: Output,
     ) -> None:
         from msb.adapters.locate import is_mesh_file
         from msb.asset import ASSET_SUFFIX
@@ -144,14 +150,14 @@ class _Repair:
 
     def run(self, maps: Path | None) -> Audit:
         """Repair, write and print; return the audit of the written file."""
-        from msb.meshes.losses import why_split
+        from msb.meshes.losses import explain_split
         from msb.repair.run import list_defects
 
         repaired, done, left_out = self.repair_mesh() if self.in_file_precision else self.repair_asset()
         with self.write_maps(done, maps):
             after = self.write(repaired, done.after, left_out)
         splits = done.after.counts.all_apart != after.judged.counts.all_apart
-        left = list_defects(after, why_split(self.suffix) if splits else None)
+        left = list_defects(after, explain_split(self.suffix) if splits else None)
         self.output.write_json(self.document(done, after, left))
         if self.output.prints_text:
             self.show(done, after, left, splits=splits)
@@ -183,7 +189,7 @@ class _Repair:
         """
         from msb.api.command_files import open_asset
         from msb.meshes.assets import mesh_from_asset
-        from msb.meshes.losses import beyond_a_mesh, what_is_up
+        from msb.meshes.losses import describe_up_axis, list_dropped_features
         from msb.repair.assets import repair_asset
 
         asset = open_asset(self.source, self.output)
@@ -195,9 +201,9 @@ class _Repair:
             return done.asset, done, ()
         mesh = mesh_from_asset(done.asset)
         known = asset.manifest.coordinate_frame.known_up is not None
-        for text in what_is_up(mesh, self.suffix, known=known):
+        for text in describe_up_axis(mesh, self.suffix, known=known):
             self.output.note(f"{self.target}: {text}")
-        return mesh, done, beyond_a_mesh(done.asset)
+        return mesh, done, list_dropped_features(done.asset)
 
     def pixels(self, asset: Asset) -> NDArray[Any]:
         """Return the number of pixels (F,) that each face covers in the views of --cameras."""
@@ -225,17 +231,17 @@ class _Repair:
         from msb.api.command_files import write_mesh_files
         from msb.asset import Asset
         from msb.delivery.saving import save
-        from msb.meshes.assets import as_held
-        from msb.meshes.losses import losses
+        from msb.meshes.assets import fit_to_format
+        from msb.meshes.losses import list_losses
         from msb.topology import audit_arrays
 
         with self.output.progress(f"writing {self.target.name}"), about(self.source):
             if isinstance(repaired, Asset):
                 save(repaired, self.target, overwrite=self.output.force)
                 return after
-            stored = as_held(repaired, self.suffix)
+            stored = fit_to_format(repaired, self.suffix)
             write_mesh_files(stored, self.target, self.output)
-        for text in losses(repaired, stored, self.suffix, left_out):
+        for text in list_losses(repaired, stored, self.suffix, left_out):
             self.output.note(f"{self.target}: {text}")
         audit, _ = audit_arrays(stored.vertices, stored.faces, attributes=stored.attributes)
         return replace(audit, path=after.path, method=after.method)
@@ -318,7 +324,7 @@ def compare_strategies(
     source: Path,
     folder: Path | None,
     options: Options,
-    views: Views,
+    views: ViewOptions,
     tasks: Sequence[str],
     device: str | None,
     output: Output,
@@ -335,8 +341,10 @@ def compare_strategies(
     asset = open_asset(source, output)
     given = None if views.cameras is None else views.read(output.note)
     with about(source):
-        chosen = choose_views(asset, given, size=(960, 720), device=device).seeing(asset, device)
-    description = chosen.said if given is None else chosen.said.replace("given", f"of {views.cameras}")
+        chosen = choose_views(asset, given, size=(960, 720), device=device).without_blind(asset, device)
+    description = (
+        chosen.description if given is None else chosen.description.replace("given", f"of {views.cameras}")
+    )
     rows = None
     try:
         with (
@@ -353,12 +361,12 @@ def compare_strategies(
 
 def _tasks(given: Sequence[str]) -> list[str]:
     """Return the names of the selected tasks; the default tasks if none are given."""
-    from msb.trial.registry import chosen_tasks
+    from msb.trial.registry import select_tasks
     from msb.trial.repairs import TASKS
 
     if given == (NO_TASK,):
         return []
-    return [task.name for task in chosen_tasks(given or TASKS)]
+    return [task.name for task in select_tasks(given or TASKS)]
 
 
 def _print(rows: list[StrategyResult], views: str, output: Output) -> None:
@@ -390,7 +398,7 @@ def _print(rows: list[StrategyResult], views: str, output: Output) -> None:
 
 def _cells(row: StrategyResult) -> list[str]:
     """Return the cells of a row of the table."""
-    from msb.topology.shown import structure_text
+    from msb.topology.metric_text import format_metric
     from msb.topology.verdict import judge
 
     if row.before is None or row.after is None or row.looks is None:
@@ -402,7 +410,7 @@ def _cells(row: StrategyResult) -> list[str]:
         f"{row.faces_added:,}",
         f"{row.edges_cut:,}",
         f"{row.after.judged.counts.components:,}",
-        "-" if ratio is None else structure_text("boundary_edge_ratio", ratio),
+        "-" if ratio is None else format_metric("boundary_edge_ratio", ratio),
         judge(row.after).word,
         _passed_text(row.trials),
         *(_look_text(look) for look in row.looks.values()),

@@ -10,7 +10,7 @@ from typing import Any
 
 from msb.bench.aggregate import AUDITED
 from msb.bench.records import Result
-from msb.bench.submission import MOST_PICTURES, Shown, Submission
+from msb.bench.submission import MOST_PICTURES, Submission, SubmittedImage
 from msb.errors import InputError, UsageError, shorten
 from msb.metrics.identity import defined
 from msb.report.collect import collect
@@ -64,12 +64,12 @@ class Board(Report):
     page = "board.html"
 
 
-def submitted_pictures(results: ResultSet) -> list[tuple[Shown, bytes]]:
+def submitted_pictures(results: ResultSet) -> list[tuple[SubmittedImage, bytes]]:
     """Return the images of a submission: the views with the largest and the median loss of each dataset.
 
     Each image comes with its description, as a JPEG.
     """
-    pictures: list[tuple[Shown, bytes]] = []
+    pictures: list[tuple[SubmittedImage, bytes]] = []
     for dataset in dict.fromkeys(place.dataset for place in results.places):
         places = [place for place in results.places if place.dataset == dataset]
         for view in select_views(results, places):
@@ -81,11 +81,11 @@ def submitted_pictures(results: ResultSet) -> list[tuple[Shown, bytes]]:
                 "file": "-",
             }
             if view.ground_truth is not None:
-                pictures.append((Shown(**common), view.ground_truth.data))
+                pictures.append((SubmittedImage(**common), view.ground_truth.data))
             for method, renderings in view.renderings.items():
                 for rendering in renderings:
                     if rendering.image is not None:
-                        about = Shown(
+                        about = SubmittedImage(
                             **common, method=method, condition=rendering.heading, psnr=rendering.psnr
                         )
                         pictures.append((about, rendering.image.data))
@@ -384,7 +384,7 @@ def _read_views(name: str, submission: Submission) -> Iterator[ComparedView]:
         for record in submission.records
         for image in (() if record.quality is None else record.quality.images)
     }
-    by_view: dict[tuple[str, str, str, str], list[Shown]] = {}
+    by_view: dict[tuple[str, str, str, str], list[SubmittedImage]] = {}
     for picture in submission.about.pictures:
         by_view.setdefault((picture.dataset, picture.scene, picture.image, picture.why), []).append(picture)
     for number, ((dataset, scene, view, why), pictures) in enumerate(by_view.items()):
@@ -404,7 +404,7 @@ def _read_views(name: str, submission: Submission) -> Iterator[ComparedView]:
         yield ComparedView(dataset, scene, view, explanation, ground_truth, by_method)
 
 
-def _read_image(picture: Shown, submission: Submission, number: int) -> JpegImage:
+def _read_image(picture: SubmittedImage, submission: Submission, number: int) -> JpegImage:
     """Return a submitted image; `number` counts the views. Raises InputError unless it is a small JPEG."""
     from PIL import Image
 

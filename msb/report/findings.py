@@ -147,9 +147,6 @@ def derive_findings(numbers: Numbers, first: Iterable[Finding] = ()) -> list[Fin
     return [finding for finding in findings if finding not in dropped]
 
 
-find = derive_findings  # the former name, used by fuzz.readers
-
-
 def _gap_findings(numbers: Numbers) -> Iterator[Finding]:
     """Yield the largest and smallest of each PSNR gap, and of the adaptation gap to each variant."""
     variants = dict.fromkeys(key.dedicated for key in numbers.gaps if key.dedicated != "dedicated")

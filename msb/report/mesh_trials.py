@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from msb.base.files import read_file
-from msb.bench.documents import Look, RepairDocument, Strategy
+from msb.bench.documents import RepairDocument, Strategy, TierSimilarity
 from msb.bench.folder import REPAIRS_FOLDER, TRIAL_FOLDER
 from msb.errors import shorten
 from msb.report.compared_views import data_uri
@@ -87,7 +87,7 @@ def read_repairs(loaded: LoadedResult | None) -> RepairComparison | None:
     """Return the repair strategies in the record of an exported mesh; None if it has none."""
     if loaded is None or loaded.result.repairs is None:
         return None
-    stored, *others = loaded.result.repairs.made
+    stored, *others = loaded.result.repairs.succeeded
     advice, plan = _advise(stored, others)
     pictures = [
         (strategy.strategy, uri)
@@ -166,7 +166,7 @@ def _make_table(document: RepairDocument) -> Table:
         *("Faces kept", "Added", "Edges cut", "Pieces", "Verdict", "Tasks"),
         *("Standard, dB", "Dedicated, dB", "MiB", "Seconds"),
     )
-    stored = document.made[0]
+    stored = document.succeeded[0]
     rows = []
     for strategy in document.strategies:
         if isinstance(strategy, Strategy):
@@ -203,7 +203,7 @@ def _make_cells(strategy: Strategy, stored_faces: int) -> tuple[TableCell, ...]:
     )
 
 
-def _similarity_cell(look: Look) -> TableCell:
+def _similarity_cell(look: TierSimilarity) -> TableCell:
     """Return the PSNR between renderings of the repaired and the stored mesh."""
     if look.same:
         return TableCell("same", "same")

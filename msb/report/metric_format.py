@@ -1,7 +1,7 @@
 """Printed form of metric values: title, unit, arrow and number of decimals."""
 
 from msb.bench.aggregate import METRICS
-from msb.topology.shown import structure_text
+from msb.topology.metric_text import format_metric
 
 # Unit -> (limit, decimals) pairs: a value below the limit, in the printed unit, gets this number of decimals.
 # Without them a small value such as 0.04 MiB would print as 0.
@@ -66,7 +66,7 @@ def format_value(metric: str, value: float) -> str:
     ('0.71 M', '99,999')
     """
     if metric == "components":
-        return structure_text(metric, value)
+        return format_metric(metric, value)
     printed = to_printed_unit(metric, value)
     if METRICS[metric].unit in _SMALL_VALUE_DECIMALS and 0 < printed < 0.01:
         return "<0.01"

@@ -11,8 +11,8 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from msb.bench.aggregate import METRICS
-from msb.bench.checked import checked, read_json
 from msb.bench.gaps import Gaps, Ratio, value_gaps
+from msb.bench.validation import read_json, validate
 from msb.registry import METHODS
 from msb.report.numbers import (
     DRAWN_CONDITIONS,
@@ -150,7 +150,7 @@ def published_numbers(path: str | os.PathLike[str]) -> dict[Key, Number]:
     With such a file, results can be compared with published values of single scenes, which the paper does
     not print. `Key.source` is "paper" unless the file names another source.
     """
-    cells = checked(_PublishedTable, read_json(path, 1 << 24), file=Path(path), code="RECORD_INVALID").cells
+    cells = validate(_PublishedTable, read_json(path, 1 << 24), file=Path(path), code="RECORD_INVALID").cells
     numbers = {}
     for cell in cells:
         if cell.value is not None and (cell.metric in METRICS or cell.metric in _OUR_METRICS):

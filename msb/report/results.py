@@ -66,9 +66,6 @@ class LoadedResult:
         return path if inside else None
 
 
-Loaded = LoadedResult  # the former name, used by fuzz.readers
-
-
 @dataclass(frozen=True)
 class ResultSet:
     """Records by asset and condition, with notes on mixed records and missing metrics."""

@@ -75,10 +75,6 @@ class Verdict:
         dataset, scene, method = self.place
         return f"{method_title(method)} on {scene_title(scene)} ({dataset_title(dataset)})"
 
-    @property
-    def tried(self) -> tuple[TaskOutcome, ...]:  # the former name, used by tests.bench
-        return self.outcomes
-
     def marks(self) -> list[tuple[Mark, list[str]]]:
         """Return the uses by mark, worst first; ["all"] if all have the same mark. Notes are left out."""
         order: tuple[Mark, ...] = ("NO", "WITH CARE", "UNKNOWN", "YES")

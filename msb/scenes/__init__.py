@@ -7,19 +7,19 @@ from msb.scenes.camera import Camera
 from msb.scenes.colmap import read_points
 from msb.scenes.datasets import Scene, read_scene
 from msb.scenes.image_size import image_size
-from msb.scenes.paths import interpolated, turntable
+from msb.scenes.paths import interpolate_cameras, turntable
 from msb.scenes.poses import from_opengl, invert_pose
 from msb.scenes.read import read_cameras
 from msb.scenes.sets import sorted_by_stem, split_every_8th, stem
-from msb.scenes.views_json import Views, read_views, write_cameras
+from msb.scenes.views_json import ViewsFile, read_views, write_cameras
 
 __all__ = [
     "Camera",
     "Scene",
-    "Views",
+    "ViewsFile",
     "from_opengl",
     "image_size",
-    "interpolated",
+    "interpolate_cameras",
     "invert_pose",
     "read_cameras",
     "read_points",

@@ -23,7 +23,7 @@ _FOV_INSIDE = math.radians(60)
 _LEAST = 0.02
 # Largest number of faces that are examined. Rarer faces of a larger asset may be missed.
 _SAMPLES = 200_000
-# Threshold of the ratio in `surrounded`.
+# Threshold of the ratio in `is_surrounded`.
 # Captures in front of walls have 4 to 6; objects and empty rooms 0.7 to 1.5.
 _SURROUNDED = 2.5
 # Distance of a turntable as a multiple of the distance where the bounding sphere fills the image.
@@ -32,7 +32,7 @@ _MARGIN = 1.05
 ELEVATION = 20.0
 
 
-def around(
+def make_turntable(
     asset: Asset,
     count: int,
     width: int = 960,
@@ -85,7 +85,7 @@ class Bulk(NamedTuple):
     high: NDArray[np.float64]
 
 
-def bulk_of(asset: Asset) -> Bulk:
+def find_bulk(asset: Asset) -> Bulk:
     """Return where most faces of an asset are; large assets are sampled evenly."""
     faces = asset.buffers["indices"]
     some = faces[:: max(1, len(faces) // _SAMPLES)]
@@ -94,7 +94,7 @@ def bulk_of(asset: Asset) -> Bulk:
     return Bulk(corners, low, middle, high)
 
 
-def inside(asset: Asset, bulk: Bulk, outside: Iterable[Camera], up: str | None = None) -> list[Camera]:
+def place_inside(asset: Asset, bulk: Bulk, outside: Iterable[Camera], up: str | None = None) -> list[Camera]:
     """Return cameras within an asset that look across its middle, half-way out to the enclosing faces.
 
     There is one for each camera in `outside` that looks at the asset, on the same side and with the same
@@ -116,7 +116,7 @@ def inside(asset: Asset, bulk: Bulk, outside: Iterable[Camera], up: str | None =
     return cameras
 
 
-def surrounded(bulk: Bulk) -> bool:
+def is_surrounded(bulk: Bulk) -> bool:
     """Return whether a few large faces surround many small ones, like walls or hills in a capture.
 
     Then half of the area is much farther from the middle than half of the faces.

@@ -95,7 +95,7 @@ def _print(reports: list[SceneReport], output: Output) -> None:
                 echo()
             _print_one(report, output)
         return
-    from msb.scenes.datasets import scaled_note
+    from msb.scenes.datasets import note_scaled_cameras
 
     rows = []
     for report in reports:
@@ -111,13 +111,15 @@ def _print(reports: list[SceneReport], output: Output) -> None:
     for report in reports:
         for warning in report.findings:
             output.note(warning.to_line(warning.file or report.path))
-    if (note := scaled_note(report.scene for report in reports if report.scene is not None)) is not None:
+    if (
+        note := note_scaled_cameras(report.scene for report in reports if report.scene is not None)
+    ) is not None:
         output.note(note)
 
 
 def _print_one(report: SceneReport, output: Output) -> None:
     """Print everything known about one scene."""
-    from msb.scenes.datasets import scaled_note
+    from msb.scenes.datasets import note_scaled_cameras
 
     rows = [
         ("scene", str(report.path)),
@@ -132,7 +134,7 @@ def _print_one(report: SceneReport, output: Output) -> None:
     rows += [("not used", text) for text in report.unused]
     if not output.quiet:
         rows += [("warning", f"{w.code}: {w.message}") for w in report.findings]
-        note = None if report.scene is None else scaled_note([report.scene])
+        note = None if report.scene is None else note_scaled_cameras([report.scene])
         rows += [] if note is None else [("note", note)]
         rows += _deviating(report)
     output.table((), ((label, shorten(text, 300)) for label, text in rows))

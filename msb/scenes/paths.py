@@ -95,7 +95,7 @@ def unit_at(distance: float) -> float:
     return 1.0 if 0.5 <= distance <= 64 else 2.0 ** (round(math.log2(distance)) - 1)
 
 
-def interpolated(cameras: Sequence[Camera], count: int, *, closed: bool = False) -> list[Camera]:
+def interpolate_cameras(cameras: Sequence[Camera], count: int, *, closed: bool = False) -> list[Camera]:
     """Return a smooth flight of `count` frames through at least two cameras, in the size of the first one.
 
     Each segment between two cameras takes the same time, whatever its length. An open flight begins at the

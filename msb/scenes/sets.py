@@ -12,7 +12,7 @@ from msb.scenes.source import Source
 HOLD = 8
 
 
-def given_cameras(cameras: Iterable[Camera]) -> list[Camera]:
+def check_cameras(cameras: Iterable[Camera]) -> list[Camera]:
     """Return the cameras that a caller passed, as a list; anything else is a usage error."""
     listed = list(cameras) if isinstance(cameras, Iterable) else None
     if listed is None or not all(isinstance(camera, Camera) for camera in listed):

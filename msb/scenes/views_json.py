@@ -13,7 +13,7 @@ from msb.scenes.camera import Camera
 from msb.scenes.checks import Split
 from msb.scenes.colors import unit_color
 from msb.scenes.json_node import MAX_BYTES, Node, read_json
-from msb.scenes.sets import check_set, given_cameras
+from msb.scenes.sets import check_cameras, check_set
 from msb.scenes.source import Source
 
 SCHEMA = "msb.views/1"
@@ -21,14 +21,14 @@ _REQUIRED = ("width", "height", "fx", "fy", "cx", "cy", "world_to_camera")
 _OPTIONAL = ("name", "source_size", "split")
 
 
-class Views(NamedTuple):
+class ViewsFile(NamedTuple):
     """The content of a views.json: cameras, and the background of renderings in the stored colour space."""
 
     cameras: list[Camera]
     background: tuple[float, float, float] | None = None
 
 
-def read_views(path: str | os.PathLike[str]) -> Views:
+def read_views(path: str | os.PathLike[str]) -> ViewsFile:
     """Read a views.json."""
     source = Source.open(Path(path))
     views = read(read_json(source))
@@ -36,7 +36,7 @@ def read_views(path: str | os.PathLike[str]) -> Views:
     return views
 
 
-def read(root: Node) -> Views:
+def read(root: Node) -> ViewsFile:
     """Return the content of a document; unknown keys are errors, so that misspelt ones are noticed."""
     schema = root["schema"]
     if schema.value != SCHEMA:
@@ -44,7 +44,7 @@ def read(root: Node) -> Views:
     root.only("schema", "background", "cameras")
     background = root.get("background")
     cameras = [_camera(node) for node in root["cameras"].items()]
-    return Views(cameras, None if background is None else _color(background))
+    return ViewsFile(cameras, None if background is None else _color(background))
 
 
 def _color(node: Node) -> tuple[float, float, float]:
@@ -106,7 +106,7 @@ def write_cameras(
     UsageError
         USAGE: `cameras` or `path` has the wrong type, for example because they were swapped.
     """
-    cameras, path = given_cameras(cameras), given_path(path)
+    cameras, path = check_cameras(cameras), given_path(path)
     check_set(cameras, Source(path, b""))
     head: dict[str, Any] = {"schema": SCHEMA}
     if background is not None:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msb.scenes.camera import Camera
-from msb.scenes.paths import interpolated
+from msb.scenes.paths import interpolate_cameras
 
 # Frames between two stops: one second of film.
 PACE = 24
@@ -20,7 +20,7 @@ _DIGITS = 6
 _ASIDE = ((1, 0, 0), (0, 0, 1), (-1, 0, 0), (0, 0, -1), (0, -1, 0))
 
 
-def walk(
+def make_walk(
     stops: Sequence[Camera], capture: Sequence[Camera], frames: int, reach: float, size: int
 ) -> list[Camera]:
     """Return the first `frames` cameras of a closed flight between and beyond the cameras of a capture.
@@ -28,7 +28,7 @@ def walk(
     The flight passes at most ten of `stops`, evenly spread, in their order. Each stop is displaced by `reach`
     times the radius of the `capture` (the largest distance of a camera from the mean of all), in turn to its
     right, nearer, left, farther and up. It is rotated such that the point nearest to the axes of all cameras
-    stays at its place in the image. The way to the next stop takes 24 frames (`interpolated`).
+    stays at its place in the image. The way to the next stop takes 24 frames (`interpolate_cameras`).
     A walk that is longer than one round starts again.
 
     Parameters
@@ -43,7 +43,7 @@ def walk(
     Raises
     ------
     SceneError
-        CAMERA_PATH, as in `interpolated`.
+        CAMERA_PATH, as in `interpolate_cameras`.
     """
     chosen = [stops[k * len(stops) // _STOPS] for k in range(_STOPS)] if len(stops) > _STOPS else stops
     offset = reach * radius_of(capture)
@@ -52,7 +52,7 @@ def walk(
         _moved(camera.scaled(min(1.0, size / max(camera.width, camera.height))), offset * np.array(side), aim)
         for camera, side in zip(chosen, cycle(_ASIDE), strict=False)
     ]
-    around = interpolated(keys, PACE * len(keys), closed=True)
+    around = interpolate_cameras(keys, PACE * len(keys), closed=True)
     return [around[frame % len(around)] for frame in range(frames)]
 
 
@@ -92,7 +92,7 @@ def _turn(start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.fl
     return np.asarray(np.eye(3) + skew + skew @ skew / (1 + start @ end))
 
 
-def between(cameras: Sequence[Camera], count: int) -> list[Camera]:
+def fill_gaps(cameras: Sequence[Camera], count: int) -> list[Camera]:
     """Return at most `count` additional cameras, each halfway between two neighbours.
 
     Neighbours are two cameras of `cameras`, or of those added before, such that no other camera is nearer to
@@ -119,7 +119,7 @@ def between(cameras: Sequence[Camera], count: int) -> list[Camera]:
         if not widest.any():
             break
         best = int(widest.argmax())
-        lens = interpolated([every[number] for number in pairs[best]], 3)[1]
+        lens = interpolate_cameras([every[number] for number in pairs[best]], 3)[1]
         name = f"between_{len(every) - len(cameras):05d}"
         every.append(replace(lens, world_to_camera=halfway[best], name=name, image_path=None, split=None))
     return every[len(cameras) :]

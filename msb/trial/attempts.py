@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from msb.base.children import run_apart
+from msb.base.children import run_in_child
 from msb.base.limits import Limits
 from msb.topology.faces import face_areas
 from msb.trial.mesh import TrialMesh
@@ -29,7 +29,7 @@ def run_attempt(
     """Run an attempt at a task and return its result; `arrays` are made by `Task.prepare`."""
     unit = Unit(1.0, np.zeros(3)) if attempt.any_unit else Unit.of(mesh)
     inputs = _pack({"mesh": unit.to_unit(mesh)}, unit.arrays_to_unit(arrays))
-    reply = run_apart(work, f"{task.name} {attempt.library}", inputs, limits)
+    reply = run_in_child(work, f"{task.name} {attempt.library}", inputs, limits)
     if reply.ended_by == "time":
         return AttemptResult(None, f"{reply.why} (use a larger --seconds)", "time", reply.seconds)
     known_version = None if reply.seconds is None else version(attempt.library)

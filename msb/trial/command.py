@@ -12,7 +12,7 @@ from msb.base.option import Argument, Option
 from msb.cli.command import Typed, command, option_value
 from msb.cli.output import LinesOutput, Output, echo, report_error
 from msb.errors import GateFailed, MsbError, UsageError, one_line
-from msb.render.options import NO_CAMERAS, Drawing, Views
+from msb.render.options import NO_CAMERAS, RendererOptions, ViewOptions
 from msb.repair.command import PLAN_STEPS
 
 if TYPE_CHECKING:
@@ -76,9 +76,9 @@ def trial(
         ),
     ],
     options: TrialOptions,
-    views: Annotated[Views, ("cameras", "camera")],
+    views: Annotated[ViewOptions, ("cameras", "camera")],
     limits: Limits,
-    drawing: Annotated[Drawing, ("device",)],
+    drawing: Annotated[RendererOptions, ("device",)],
     output: LinesOutput,
     typed: Typed,
 ) -> int:
@@ -101,15 +101,20 @@ class _Run:
     """One run of the command. The options are validated before any mesh is read."""
 
     def __init__(
-        self, options: TrialOptions, views: Views, limits: Limits, drawing: Drawing, output: Output
+        self,
+        options: TrialOptions,
+        views: ViewOptions,
+        limits: Limits,
+        drawing: RendererOptions,
+        output: Output,
     ) -> None:
         from msb.repair.plan import parse_plan
         from msb.scenes import read_cameras
         from msb.topology.weld import parse_weld
-        from msb.trial.registry import check_libraries, chosen_tasks
+        from msb.trial.registry import check_libraries, select_tasks
 
-        gated = {task.name for task in chosen_tasks(options.fail_on)} if options.fail_on else set()
-        tasks = chosen_tasks(options.tasks)
+        gated = {task.name for task in select_tasks(options.fail_on)} if options.fail_on else set()
+        tasks = select_tasks(options.tasks)
         if missing := gated - {task.name for task in tasks}:
             raise UsageError("USAGE", f"--fail-on {min(missing)} needs the same task in --task")
         check_libraries(tasks)

@@ -21,7 +21,7 @@ TASKS: dict[str, Task] = {
 }
 
 
-def chosen_tasks(names: Iterable[str] | str) -> list[Task]:
+def select_tasks(names: Iterable[str] | str) -> list[Task]:
     """Return the tasks with these names; all tasks by default.
 
     A word of a name selects all tasks with that word. A name may be a list separated by commas.

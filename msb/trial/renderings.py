@@ -21,7 +21,7 @@ from msb.trial.mesh import TrialMesh
 
 if TYPE_CHECKING:
     from msb.render import Frame
-    from msb.views import Views
+    from msb.views import ChosenViews
 
 # Background colour: grey contrasts with dark and with bright surfaces.
 BACKGROUND = (0.5, 0.5, 0.5)
@@ -39,7 +39,7 @@ class Renderings:
     are ignored.
     """
 
-    def __init__(self, mesh: TrialMesh, views: Views, device: str | None = None) -> None:
+    def __init__(self, mesh: TrialMesh, views: ChosenViews, device: str | None = None) -> None:
         self.mesh, self.views, self.cameras, self.device = mesh, views, views.cameras, device
         self.why_not: str | None = None
         self.blind_cameras = 0
@@ -129,7 +129,7 @@ class Renderings:
         ]
         seeing = [(camera, image, depth) for camera, image, depth, sees in rendered if sees]
         if not seeing and self.why_not is None:
-            self.why_not = self.views.nothing
+            self.why_not = self.views.blind_message
         self.blind_cameras = len(rendered) - len(seeing)
         self.cameras = [camera for camera, _, _ in seeing] or self.cameras
         return [(image, depth) for _, image, depth in seeing]

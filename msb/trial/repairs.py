@@ -14,7 +14,7 @@ from msb.asset.tiers import why_not
 from msb.base.children import check_room
 from msb.errors import MsbError, OutputError
 from msb.render import Renderer
-from msb.render.backend import lean_options
+from msb.render.backend import minimal_options
 from msb.render.images import to_bytes
 from msb.repair.assets import repair_asset
 from msb.repair.pictures import keep_picture
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from msb.scenes import Camera
     from msb.topology import Audit
     from msb.trial.run import Trial
-    from msb.views import Views
+    from msb.views import ChosenViews
 
     Images = list[NDArray[np.uint8]]
 
@@ -143,7 +143,7 @@ def strategies(options: Options) -> dict[str, tuple[tuple[str, ...], Peer | None
 
 def compare(
     asset: Asset,
-    cameras: Views | Iterable[Camera],
+    cameras: ChosenViews | Iterable[Camera],
     options: Options,
     *,
     tasks: Sequence[str] = TASKS,
@@ -155,8 +155,8 @@ def compare(
 
     Parameters
     ----------
-    cameras : Views or iterable of Camera
-        The views for comparing renderings. Views that do not see the asset are ignored.
+    cameras : ChosenViews or iterable of Camera
+        The views for comparing renderings. ChosenViews that do not see the asset are ignored.
     options : Options
         Options of the steps, limits of child processes, and one additional plan.
     tasks : sequence of str
@@ -167,7 +167,7 @@ def compare(
         Called after each row. There is one row more than `strategies` has entries.
     """
     check_room({name: asset.buffers[name] for name in ("positions", "indices")})
-    views = choose_views(asset, cameras).seeing(asset, device)
+    views = choose_views(asset, cameras).without_blind(asset, device)
     evaluator = _Evaluator(views, tasks, options.limits, device)
     # The asset as stored.
     audit, _ = audit_stored(stored_mesh(asset))
@@ -225,9 +225,9 @@ def compare(
 class _Evaluator:
     """Renders results and tries tasks on them. Results equal to an earlier one are not evaluated again."""
 
-    def __init__(self, views: Views, tasks: Sequence[str], limits: Limits, device: str | None) -> None:
+    def __init__(self, views: ChosenViews, tasks: Sequence[str], limits: Limits, device: str | None) -> None:
         self.views, self.tasks, self.limits, self.device = views, tasks, limits, device
-        self.why = None if views.cameras else views.nothing
+        self.why = None if views.cameras else views.blind_message
         # The images of the first asset. All others are compared with them.
         self.originals: dict[Tier, Images | str] = {}
         self.known: dict[tuple[str, ...], tuple[dict[Tier, TierLikeness], tuple[Trial, ...]]] = {}
@@ -257,7 +257,7 @@ def _render(asset: Asset, tier: Tier, cameras: Sequence[Camera], device: str | N
     if why is not None:
         return why
     try:
-        with Renderer(asset, tier=tier, device=device, **lean_options(tier, None)) as renderer:
+        with Renderer(asset, tier=tier, device=device, **minimal_options(tier, None)) as renderer:
             return [to_bytes(renderer.render(camera, BACKGROUND).image) for camera in cameras]
     except MsbError as error:
         return f"{error.code}: {error.message}"

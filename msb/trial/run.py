@@ -16,17 +16,17 @@ from msb.base.extras import install
 from msb.base.limits import Limits
 from msb.errors import AssetError, about, shorten
 from msb.meshes import write_mesh
-from msb.meshes.assets import as_held
+from msb.meshes.assets import fit_to_format
 from msb.repair.assets import repair_mesh
 from msb.repair.plan import Options, parse_plan
 from msb.scenes import Camera
 from msb.topology.weld import Weld, parse_weld
 from msb.trial.attempts import run_attempt
 from msb.trial.mesh import TrialMesh, prepare_mesh
-from msb.trial.registry import chosen_tasks, missing_modules, select_installed
+from msb.trial.registry import missing_modules, select_installed, select_tasks
 from msb.trial.renderings import Renderings
 from msb.trial.task import Attempt, AttemptResult, Judgement, Numbers, Outcome, Output, Task, file_outcome
-from msb.views import Views, choose_views
+from msb.views import ChosenViews, choose_views
 
 SCHEMA = "msb.trial/1"
 # Shortest time limit of a fallback in seconds, imports included: even with a short --seconds, there should be
@@ -164,7 +164,7 @@ def try_asset(
     *,
     weld: Weld | None = None,
     repair: Sequence[str] | str | None = None,
-    cameras: Views | Sequence[Camera] | None = None,
+    cameras: ChosenViews | Sequence[Camera] | None = None,
     limits: Limits | None = None,
     device: str | None = None,
     keep: Path | None = None,
@@ -176,7 +176,7 @@ def try_asset(
     `keep` is a folder for an image of each task and, with `meshes`, for the results as GLB files. `watch` is
     called with each result.
     """
-    selected = chosen_tasks(tasks)
+    selected = select_tasks(tasks)
     limits = Limits() if limits is None else limits
     weld = None if weld is None else parse_weld(weld)
     plan = None if repair is None else parse_plan(repair)
@@ -192,7 +192,11 @@ def try_asset(
         results.append(_TaskRun(task, mesh, renderings, limits, up).run(keep, meshes=meshes))
         watch(results[-1])
     # Describe the cameras and the tried mesh.
-    seen_by: dict[str, Any] = {"count": len(renderings.cameras), "from": views.origin, "views": views.said}
+    seen_by: dict[str, Any] = {
+        "count": len(renderings.cameras),
+        "from": views.origin,
+        "views": views.description,
+    }
     seen_by |= {"see_nothing": renderings.blind_cameras} if renderings.blind_cameras else {}
     seen_by |= {} if renderings.why_not is None else {"no_pictures": renderings.why_not}
     tried = {
@@ -336,7 +340,7 @@ class _TaskRun:
                 if len(mesh.faces):
                     files.append(self.file_name(library, key))
                     with new_file(folder / files[-1]) as stream:
-                        upright = as_held(replace(mesh.to_mesh(), up=self.up), ".glb")
+                        upright = fit_to_format(replace(mesh.to_mesh(), up=self.up), ".glb")
                         write_mesh(upright, stream, suffix=".glb")
         draw = self.task.picture
         image = draw(self.mesh, outputs, self.renderings) if draw and outputs else None

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 from msb.base.option import Option
 from msb.cli.command import Typed, command
 from msb.cli.output import JsonOutput, Output
-from msb.render.options import NO_CAMERAS, Drawing, Source, Views
+from msb.render.options import NO_CAMERAS, RendererOptions, Source, ViewOptions
 
 if TYPE_CHECKING:
-    from msb.views import Views as ChosenViews
+    from msb.views import ChosenViews
     from msb.why import Cause, Causes
 
 
@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 )
 def why(
     path: Source,
-    views: Views,
-    drawing: Annotated[Drawing, ("assignments", "device")],
+    views: ViewOptions,
+    drawing: Annotated[RendererOptions, ("assignments", "device")],
     output: JsonOutput,
     save: Annotated[
         Path | None,
@@ -100,10 +100,10 @@ def _print(
     console = output.console()
     console.print(f"[bold]{escape(head['path'])}[/bold]: {head['method']}", soft_wrap=True)
     if not views.cameras:
-        console.print(escape(views.nothing), soft_wrap=True)
+        console.print(escape(views.blind_message), soft_wrap=True)
         return
     if not output.quiet:
-        console.print(escape(f"views: {views.said}"), soft_wrap=True)
+        console.print(escape(f"views: {views.description}"), soft_wrap=True)
         console.print(
             "PSNR of the images with each cause against those without it: below 30 dB the difference"
         )

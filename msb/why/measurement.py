@@ -16,8 +16,8 @@ from msb.asset.settings import with_settings
 from msb.render.splat.order import few_frames
 from msb.scenes import Camera
 from msb.scenes.colors import check_background
-from msb.scenes.datasets import own_background
-from msb.views import Views, choose_views, pooled_psnr, squared_errors
+from msb.scenes.datasets import default_background
+from msb.views import ChosenViews, choose_views, pooled_psnr, squared_errors
 from msb.why.causes import CAUSES, CauseDefinition
 from msb.why.total import Total, measure_total
 from msb.why.views import EQUAL, CauseViews, DoesNotApplyError, Image, clip_image
@@ -77,12 +77,12 @@ class Causes(list[Cause]):
     """The loss of each cause; `total` has that of all together, `views` the cameras that see the asset."""
 
     total: Total
-    views: Views
+    views: ChosenViews
 
 
 def why(
     asset: Asset | str | os.PathLike[str],
-    cameras: Views | Iterable[Camera] | None = None,
+    cameras: ChosenViews | Iterable[Camera] | None = None,
     *,
     background: Sequence[float] | str | None = None,
     settings: Mapping[str, Any] | None = None,
@@ -124,7 +124,7 @@ def why(
     model = with_settings(as_asset(asset), settings or {})
     chosen = choose_views(model, cameras, device=device)
     stated = model.manifest.appearance.get("background")
-    color = own_background(model.manifest) if background is None else check_background(background, stated)
+    color = default_background(model.manifest) if background is None else check_background(background, stated)
     views = CauseViews(model, chosen, color, device)
     causes = Causes()
     causes.views = views.chosen

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from msb.views import difference
+from msb.views import psnr_over_views
 from msb.why.causes import BAKED, apply_light, interpret_as_linear
 from msb.why.views import EQUAL, CauseViews, DoesNotApplyError
 
@@ -66,9 +66,9 @@ def measure_total(views: CauseViews, losses: Mapping[str, float | None]) -> Tota
         native, standard = views.native, views.standard
     except DoesNotApplyError as error:
         return Total(None, str(error))
-    db = difference(standard.frames, native)
-    wrong = difference(interpret_as_linear(apply_light(standard.culled, views.light)), native)
-    right = difference(standard.supersampled, native)
+    db = psnr_over_views(standard.frames, native)
+    wrong = psnr_over_views(interpret_as_linear(apply_light(standard.culled, views.light)), native)
+    right = psnr_over_views(standard.supersampled, native)
     # Remove everything from the model that an opaque mesh cannot show, one property after the other.
     asset = views.asset
     settings: dict[str, Any] = {}
@@ -76,6 +76,6 @@ def measure_total(views: CauseViews, losses: Mapping[str, float | None]) -> Tota
         with contextlib.suppress(DoesNotApplyError):
             asset, changed = change(asset)
             settings |= changed
-    baked = difference(views.draw_native(asset, settings=settings), native)
+    baked = psnr_over_views(views.draw_native(asset, settings=settings), native)
     visible = [(loss, name) for name in BAKED if (loss := losses[name]) is not None and loss < _VISIBLE]
     return Total(db, None, wrong, right, baked, tuple(name for _, name in sorted(visible)))

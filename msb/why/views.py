@@ -20,9 +20,9 @@ from msb.render import Renderer
 from msb.render.device_scope import in_turn
 from msb.render.frame import Frame
 from msb.render.standard.renderer import StandardRenderer
-from msb.render.standard.supersampling import box_mean, enlarged
+from msb.render.standard.supersampling import box_mean, enlarge
 from msb.scenes import Camera
-from msb.views import Views, images_of
+from msb.views import ChosenViews, render_standard
 
 Image = NDArray[np.float32]
 
@@ -52,7 +52,7 @@ class CauseViews:
 
     Attributes
     ----------
-    chosen : msb.views.Views
+    chosen : msb.views.ChosenViews
         The cameras that see the asset.
     samples : dict
         The setting of the native renderer for several samples per pixel along each axis, and its value; empty
@@ -62,7 +62,7 @@ class CauseViews:
     def __init__(
         self,
         asset: Asset,
-        views: Views,
+        views: ChosenViews,
         background: tuple[float, float, float],
         device: str | None,
     ) -> None:
@@ -76,11 +76,11 @@ class CauseViews:
         # needed.
         self._standard = None if why_not(asset.manifest, "standard") else self._draw_standard(views.cameras)
         hits = [] if self._standard is None else [(frame.alpha > 0).any() for frame in self._standard.frames]
-        self.chosen = views if hits and all(hits) else views.seeing(asset, device)
+        self.chosen = views if hits and all(hits) else views.without_blind(asset, device)
         if self._standard is not None and 0 < len(self.chosen.cameras) < len(views.cameras):
             self._standard = self._draw_standard(self.chosen.cameras)
         self.cameras = self.chosen.cameras
-        self._no_view_reason = None if self.cameras else views.nothing
+        self._no_view_reason = None if self.cameras else views.blind_message
 
     def draw_native(self, asset: Asset | None = None, **options: Any) -> list[Image]:
         """Return native renderings of `asset` (default: that of these views), with options of `Renderer`."""
@@ -112,7 +112,7 @@ class CauseViews:
 
     def draw_mesh(self, mesh: Mesh) -> list[Image]:
         """Return standard-tier images of any mesh."""
-        return images_of(mesh, self.cameras, self.background, self.device)
+        return render_standard(mesh, self.cameras, self.background, self.device)
 
     @cached_property
     def light(self) -> Image:
@@ -130,7 +130,7 @@ class CauseViews:
             frames = [renderer.render(camera, self.background) for camera in units]
             supersampled, culled = [frame.image for frame in frames], []
             if samples > 1:
-                larger = (enlarged(camera, samples) for camera in units)
+                larger = (enlarge(camera, samples) for camera in units)
                 supersampled = [
                     box_mean(renderer.render_image(camera, self.background), samples) for camera in larger
                 ]

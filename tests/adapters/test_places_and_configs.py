@@ -14,7 +14,7 @@ from msb.adapters.training_config import MAX_BYTES, read_cfg_args
 from msb.api.inputs import expand
 from msb.asset.texture import is_textured
 from msb.errors import CheckpointError, InputError, UsageError
-from msb.scenes.datasets.notes import saw_test_views
+from msb.scenes.datasets.notes import warn_test_views
 from tests.adapters import models
 from tests.adapters.models import GOLDEN, VALUES, write_model, write_web_export
 from tests.conftest import ROOT
@@ -231,7 +231,7 @@ def test_cfg_args_become_properties_of_the_training(method: str, tmp_path: Path)
     asset = msb.export(folder)
     assert asset.manifest.training == {"eval": False, "images": "images_2", "resolution": -1}
     assert asset.manifest.appearance["background"] == "#ffffff"
-    assert [w.message for w in asset.warnings] == [saw_test_views().message]
+    assert [w.message for w in asset.warnings] == [warn_test_views().message]
     (tmp_path / "cfg_args").write_text("Namespace(eval=1, images=3, resolution=1.5)")
     assert msb.export(folder).manifest.training == {}
 

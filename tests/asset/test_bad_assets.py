@@ -16,7 +16,7 @@ from msb.errors import AssetError, InputError, MsbError
 from tests.corpus.bad_assets import CASES, write_case
 from tests.corpus.case import Case
 from tests.corpus.good import decoder, mesh, parts, soup
-from tests.corpus.refusals import kept, of_case
+from tests.corpus.refusals import find_message, read_messages
 
 TRIASSET_CODES = AssetError.codes
 ROW = ["code", "severity", "message", "pointer", "file", "value", "limit"]
@@ -92,7 +92,7 @@ def test_load_and_validate_give_a_bad_asset_its_code(case: Case, folder: Path) -
             findings = msb.validate(path).findings
     errors = {item.code for item in findings if item.severity == "error"}
     assert (case.code, case.severity) in {(item.code, item.severity) for item in findings}
-    assert case.denied or of_case(findings, case.code) == kept()[f"asset/{case.name}"]
+    assert case.denied or find_message(findings, case.code) == read_messages()[f"asset/{case.name}"]
     assert errors == {*case.also, *([case.code] if case.severity == "error" else [])}
     assert report.valid == (not errors)
     assert (report.asset is None) == (case.found_by == "load" and case.severity == "error")

@@ -10,7 +10,7 @@ import pytest
 from msb.adapters.exporter import export
 from msb.adapters.official import write_official
 from msb.asset import Asset, Description, build_asset, write_asset
-from msb.asset.look import drawn_colors, shown_faces, stored_threshold, visible_faces
+from msb.asset.look import drawn_colors, select_faces, stored_threshold, visible_faces
 from msb.asset.settings import effective_settings
 from msb.errors import AssetError
 from msb.meshes import read_mesh
@@ -54,7 +54,7 @@ def test_the_same_faces_are_shown_everywhere(tmp_path: Path) -> None:
     opacity = np.linspace(-3, 3, asset.manifest.face_count, dtype=np.float32)
     opacity = opacity.reshape(asset.buffers["opacity"].shape)
     asset = replace(asset, buffers=MappingProxyType({**asset.buffers, "opacity": opacity}))
-    selected = shown_faces(asset, stored_threshold(asset))
+    selected = select_faces(asset, stored_threshold(asset))
     assert 0 < len(selected) < asset.manifest.face_count
     assert len(mesh_from_asset(asset).faces) == len(selected)
     write_official(asset, tmp_path / "a.ply")
@@ -71,7 +71,7 @@ def test_a_threshold_needs_opacity_of_faces(domain: str) -> None:
     domains = {name: spec.domain for name, spec in asset.manifest.buffers.items()} | {"opacity": domain}
     built = build_asset(buffers, domains, Description(**kept))
     with pytest.raises(AssetError, match="TRIASSET_BUFFER"):
-        shown_faces(built, 0.75)
+        select_faces(built, 0.75)
 
 
 @pytest.mark.parametrize("place", [0.1, 0.3, 0.7, 0.9])

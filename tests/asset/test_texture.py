@@ -6,7 +6,15 @@ import numpy as np
 import pytest
 
 from msb.asset.look import colors_of
-from msb.asset.texture import LINEAR, Sampler, decoded, linear_to_srgb, mip_levels, sample, srgb_to_linear
+from msb.asset.texture import (
+    LINEAR,
+    Sampler,
+    decode_texels,
+    linear_to_srgb,
+    mip_levels,
+    sample,
+    srgb_to_linear,
+)
 from msb.meshes import Mesh
 from msb.meshes.assets import asset_from_mesh, mesh_from_asset
 from tests.corpus.good import textured
@@ -30,7 +38,7 @@ def test_each_level_keeps_the_light_of_the_one_before(height: int, width: int) -
     for before, level in pairwise(levels):
         assert level.shape[:2] == tuple(max(1, side // 2) for side in before.shape[:2])
         # Rounding to bytes changes a texel by at most half an sRGB level, 0.0045 in linear light.
-        assert np.abs(decoded(before).mean((0, 1)) - decoded(level).mean((0, 1))).max() < 0.0045
+        assert np.abs(decode_texels(before).mean((0, 1)) - decode_texels(level).mean((0, 1))).max() < 0.0045
 
 
 def test_texels_are_read_at_their_centres_and_blended_between_in_linear_light() -> None:

@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from msb.reference.standard import weights_at
 from msb.scenes import Camera
+from tests.reference.standard import weights_at
 
 Reals = NDArray[np.float64]
 

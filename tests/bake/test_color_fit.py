@@ -24,7 +24,7 @@ from msb.bake.images import ViewImages
 from msb.bake.soup_renderer import FaceSums
 from msb.meshes.assets import asset_from_mesh
 from msb.meshes.mesh import Mesh
-from msb.methods.diffsoup.look import Pipeline
+from msb.methods.diffsoup.native import Pipeline
 from msb.render.splat.pipeline import SplattingPipeline
 from msb.scenes import Camera
 from tests.cl.conftest import SELECTOR

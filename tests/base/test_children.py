@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from msb.base import children
-from msb.base.children import Reply, run_apart, run_each
+from msb.base.children import Reply, run_in_child, run_in_children
 from msb.base.limits import Limits
 from msb.errors import OutputError, UsageError
 from tests.base.children_work import describe, misbehave
@@ -23,7 +23,7 @@ LINUX = pytest.mark.skipif(sys.platform != "linux", reason="only Linux has this"
 
 
 def fail(way: str, limits: Limits | None = None) -> Reply:
-    return run_apart(misbehave, way, {}, limits or Limits())
+    return run_in_child(misbehave, way, {}, limits or Limits())
 
 
 def test_data_and_arrays_travel_both_ways(
@@ -33,7 +33,7 @@ def test_data_and_arrays_travel_both_ways(
     for name in ("numpy.py", "json.py"):  # files of the current folder must not be imported
         (tmp_path / name).write_text("raise SystemExit('taken over')")
     given = {"mesh.faces": np.arange(6, dtype=np.int32).reshape(2, 3), "points": np.ones((2, 3), np.float32)}
-    reply = run_apart(describe, "a word", given, Limits())
+    reply = run_in_child(describe, "a word", given, Limits())
     assert reply.why == "", reply
     assert reply.data == {"word": "a word", "arrays": {"mesh.faces": ["<i4", 2, 3], "points": ["<f4", 2, 3]}}
     assert {name: array.tolist() for name, array in reply.arrays.items()} == {
@@ -88,7 +88,7 @@ def test_too_much_memory_is_reported_with_the_limit() -> None:
 
 
 def test_a_crash_does_not_affect_other_calls() -> None:
-    replies = run_each(misbehave, ["abort", "one", "raise", "two"], {}, Limits(), at_once=2)
+    replies = run_in_children(misbehave, ["abort", "one", "raise", "two"], {}, Limits(), at_once=2)
     assert {word: reply.data for word, reply in replies.items()} == {
         "abort": None,
         "one": "one",
@@ -117,7 +117,7 @@ def test_an_interrupt_leaves_no_child_behind(monkeypatch: pytest.MonkeyPatch) ->
     monkeypatch.setattr(children, "_start", start)
     monkeypatch.setattr(children.time, "sleep", interrupt)
     with pytest.raises(KeyboardInterrupt):
-        run_each(misbehave, ["hang", "hang too", "hang again"], {}, Limits(), at_once=2)
+        run_in_children(misbehave, ["hang", "hang too", "hang again"], {}, Limits(), at_once=2)
     assert [child.returncode for child in started] == [-signal.SIGKILL] * 2
 
 
@@ -125,9 +125,9 @@ def test_an_interrupt_leaves_no_child_behind(monkeypatch: pytest.MonkeyPatch) ->
 @LINUX
 def test_a_child_ends_with_a_parent_that_is_killed(tmp_path: Path) -> None:
     code = (
-        "from msb.base.children import run_apart\nfrom msb.base.limits import Limits\n"
+        "from msb.base.children import run_in_child\nfrom msb.base.limits import Limits\n"
         "from tests.base.children_work import misbehave\n"
-        "run_apart(misbehave, 'hang with a child', {}, Limits())"
+        "run_in_child(misbehave, 'hang with a child', {}, Limits())"
     )
     variables = {**os.environ, "PYTHONPATH": str(ROOT), "TMPDIR": str(tmp_path)}
     parent = subprocess.Popen([sys.executable, "-c", code], env=variables)

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 import msb
-from msb.base.packages import PackageError, PackageWarning, contained, installed, load
-from msb.render.backend import BUILT_IN, ENGINES, renderers, what_is_missing
+from msb.base.packages import PackageError, PackageWarning, contain_errors, find_installed, load
+from msb.render.backend import BUILT_IN, ENGINES, renderers, why_unavailable
 
 CAMERA = msb.Camera.look_at((0, 0, 3), (0, 0, 0), up=(0, 1, 0), width=8, height=6, fov_y=0.9)
 Install = Callable[..., Path]
@@ -58,13 +58,13 @@ def test_output_of_a_package_goes_to_standard_error(
 ) -> None:
     package("", their_part="print('hello')\n")
     load("their_part")
-    with contained():
+    with contain_errors():
         print("later")
     assert capsys.readouterr() == ("", "hello\nlater\n")
 
 
 def test_ctrl_c_passes() -> None:
-    with pytest.raises(KeyboardInterrupt), contained():
+    with pytest.raises(KeyboardInterrupt), contain_errors():
         raise KeyboardInterrupt
 
 
@@ -79,7 +79,7 @@ def test_the_first_of_two_plugins_with_the_same_name_is_used(package: Install) -
 def test_names_must_match_the_pattern_of_their_group(package: Install) -> None:
     package("[msb.commands]\nown-thing = their_a:x\nNo = their_a:x\n")
     with pytest.warns(PackageWarning, match="No"):
-        commands = installed("command", {}, lambda name, _: name, pattern=r"^[a-z-]+$")
+        commands = find_installed("command", {}, lambda name, _: name, pattern=r"^[a-z-]+$")
     assert commands == {"own-thing": ("own-thing", "their_a:x")}
 
 
@@ -127,5 +127,5 @@ def test_using_a_broken_renderer_names_its_package(
 @pytest.mark.parametrize("text", [*WAYS, "X = 3", "class X:\n    def missing(): raise SystemExit"])
 def test_a_broken_renderer_has_a_reason(package: Install, text: str) -> None:
     package("[msb.renderers]\nx = their_x:X\ny =\n", their_x=text)
-    assert what_is_missing("x")
-    assert what_is_missing("y")
+    assert why_unavailable("x")
+    assert why_unavailable("y")

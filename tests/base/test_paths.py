@@ -15,7 +15,7 @@ from msb.asset import validate
 from msb.base.paths import SpelledFiles
 from msb.errors import InputError, MetricError
 from msb.metrics.dtu_data import read_dtu_scan
-from msb.render.options import Views
+from msb.render.options import ViewOptions
 from msb.scenes.datasets import read_scene
 from tests.conftest import ROOT
 
@@ -100,6 +100,6 @@ def test_cameras_find_photographs_across_normal_forms(tmp_path: Path) -> None:
     for cameras in (read_scene(scene, dataset="nerf_synthetic").test, msb.read_cameras(scene)):
         (camera,) = (one for one in cameras if COMPOSED in str(one.name))
         assert camera.image_path.is_file()
-    assert Views(camera=(f"r_{DECOMPOSED}_0",)).of(list(cameras)) == [camera]
+    assert ViewOptions(camera=(f"r_{DECOMPOSED}_0",)).of(list(cameras)) == [camera]
     (view,) = pytest.importorskip("msb_viewers.deployment.views").dataset_views([camera], scene)
     assert view.photograph == camera.image_path

@@ -59,7 +59,7 @@ def test_the_key_of_a_bake_does_not_depend_on_its_path() -> None:
     views, asset = describe_views(scene), File(path="a.triasset", bytes=1, sha256="0" * 64)
     facts: dict[str, Any] = {"method": "two_dts", "checkpoint": None, "background": None}
     model = Model(**facts, asset=asset, training={}, stamps=(), key="")
-    options = {"teacher": "dedicated", "seconds": 60.0}
+    options = {"supervision": "native", "seconds": 60.0}
 
     def moved(**changes: str) -> Model:
         return model.model_copy(update={"asset": asset.model_copy(update=changes)})
@@ -67,7 +67,7 @@ def test_the_key_of_a_bake_does_not_depend_on_its_path() -> None:
     keys = [
         hash_bake_inputs(model, options, {}, scene, views),
         hash_bake_inputs(model, {**options, "seconds": 61.0}, {}, scene, views),
-        hash_bake_inputs(model, {**options, "teacher": "photographs"}, {}, scene, views),
+        hash_bake_inputs(model, {**options, "supervision": "photographs"}, {}, scene, views),
         hash_bake_inputs(model, options, {"gamma": 2.0}, scene, views),
         hash_bake_inputs(model, options, {}, replace(scene, train=scene.train[1:]), views),
         hash_bake_inputs(model, options, {}, scene, replace(views, photographs="others")),
@@ -85,8 +85,8 @@ def test_masks_are_inputs_of_a_bake_from_photographs(tmp_path: Path) -> None:
     before, after = [], []
     for keys in (before, after):
         keys += [
-            hash_bake_inputs(model, {"teacher": name}, {}, scene, views)
-            for name in ("dedicated", "photographs")
+            hash_bake_inputs(model, {"supervision": name}, {}, scene, views)
+            for name in ("native", "photographs")
         ]
         next((root / "mask").iterdir()).write_bytes(b"another")
     assert [old == new for old, new in zip(before, after, strict=True)] == [True, False]
@@ -205,5 +205,5 @@ def test_a_mesh_without_native_rendering_is_baked_from_photographs(tmp_path: Pat
     file = make_protocol(tmp_path, (), tail=text)
     assert run_protocol(file).exit_status == 0
     shipped, ceiling = read_cell(file, "MILo/standard"), read_cell(file, "MILo/ceiling")
-    assert ceiling.bake.teacher == "photographs"
+    assert ceiling.bake.supervision == "photographs"
     assert ceiling.quality.values["psnr"] > shipped.quality.values["psnr"]

@@ -12,7 +12,7 @@ import msb
 from msb.bench.floor import take_one_triangle
 from msb.bench.parts import group_memory
 from msb.bench.profile import profile
-from msb.render.backend import SETTLED_AT, Drawn
+from msb.render.backend import SETTLED_AT, DrawTime
 from msb.scenes import turntable, write_cameras
 from msb.scenes.datasets import read_scene
 from tests.bench.protocols import PEBBLE, STUBS
@@ -25,11 +25,11 @@ class FakeRenderer:
     def __init__(self) -> None:
         self.drawn: list[Any] = []
 
-    def draw(self, camera: Any, background: Any) -> Drawn:
+    def draw(self, camera: Any, background: Any) -> DrawTime:
         self.drawn.append(camera)
         number = len(self.drawn)
         time.sleep(0.0005)
-        return Drawn({"raster": float(number), "shade": 1.0}, number + 1.5, number + 2.0)
+        return DrawTime({"raster": float(number), "shade": 1.0}, number + 1.5, number + 2.0)
 
     def memory(self) -> dict[str, int]:
         settled = len(self.drawn) >= SETTLED_AT

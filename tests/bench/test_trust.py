@@ -144,8 +144,8 @@ def test_a_report_names_missing_and_changed_renderings(again: ProtocolFile) -> N
     assert any(str(gone) in note for note in report.notes)
     assert any(str(here / "standard/images/test") in note for note in report.notes)
     (section,) = [section for section in report.sections if section.name == "looks"]
-    shots = {shot.heading: shot for shot in section.views[0].shots["two_dts"]}
-    assert {name: shot.picture is None for name, shot in shots.items()} == {
+    shots = {shot.heading: shot for shot in section.views[0].renderings["two_dts"]}
+    assert {name: shot.image is None for name, shot in shots.items()} == {
         "Non-Engine": False,
         "Dedicated": True,
         "Standard": True,

@@ -47,7 +47,7 @@ def test_a_walk_is_recorded_reported_and_measured_once(tmp_path: Path) -> None:
     assert [row.labels[0] for row in table.rows] == ["Dedicated", "Dedicated, engine", "Standard"]
     assert any(finding.kind == "walk" for finding in report.findings)
     (page,) = [data.decode() for name, data in report_files(report).items() if name.startswith("verdict-")]
-    assert page.partition("Off the path")[2].count("data:video/mp4") == 3
+    assert page.partition("<h2>Away from the captured views")[2].count("data:video/mp4") == 3
 
 
 MESHES = 'conditions = ["exported_mesh"]'
@@ -74,7 +74,7 @@ def test_trials_are_recorded_reported_and_run_once(tmp_path: Path) -> None:
     ).rows
     assert changed.planned.why == {"trial": "limits changed", "repairs": "limits changed"}
     report = build_report(read_results(file.results))
-    (tried,) = report.verdicts[0].tried
+    (tried,) = report.verdicts[0].outcomes
     assert tried.to_dict() == report.to_dict()["verdicts"][0]["tried"][0]
     pages = [data.decode() for name, data in report_files(report).items() if name.startswith("verdict-")]
     assert "data:image/png;base64," in pages[0]

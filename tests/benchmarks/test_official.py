@@ -37,7 +37,7 @@ def mine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
     def run_here(work: Any, word: str, *_: Any) -> Reply:
         return Reply(json.loads(json.dumps(work(word, {})[0], allow_nan=False)))
 
-    monkeypatch.setattr(official, "run_apart", run_here)
+    monkeypatch.setattr(official, "run_in_child", run_here)
     monkeypatch.setattr(official_stages, "_TIMED", 10)
     short = partial(official_stages.profile, seconds=0, warm_up=0)
     monkeypatch.setattr(official_stages, "profile", short)

@@ -10,8 +10,8 @@ from typing import Any
 
 import pytest
 
-from msb.base.children import Reply, run_apart
-from msb.cl import DeviceRecord, devices, loader, mend, trial
+from msb.base.children import Reply, run_in_child
+from msb.cl import DeviceRecord, devices, loader, pocl_fix, trial
 from msb.cl.devices import choose_device, found_devices, open_device, shared_device
 from msb.cl.trial import Trial, try_device
 from msb.errors import DeviceError
@@ -20,7 +20,7 @@ from tests.cl.test_devices import INTEL, NVIDIA, other
 
 UNKNOWN = "unknown target CPU 'generic'"
 SYSTEM = other(selector="pocl:0", driver="3.1", platform_index=0)
-WHEEL = other(selector="pocl:1", driver=mend.DRIVER)
+WHEEL = other(selector="pocl:1", driver=pocl_fix.DRIVER)
 
 
 @pytest.fixture
@@ -31,7 +31,7 @@ def machine(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
 
     def make(*records: DeviceRecord, broken: tuple[DeviceRecord, ...] = ()) -> None:
         monkeypatch.setattr(devices, "found_devices", lambda cl: [(record, record) for record in records])
-        monkeypatch.setattr(devices.mend, "is_wheel", lambda handle: handle.driver == mend.DRIVER)
+        monkeypatch.setattr(devices.pocl_fix, "is_wheel", lambda handle: handle.driver == pocl_fix.DRIVER)
         failed = Trial(False, UNKNOWN)
         monkeypatch.setattr(
             devices, "try_device", lambda handle, record, **_: failed if record in broken else Trial(True)
@@ -99,9 +99,9 @@ def children(monkeypatch: pytest.MonkeyPatch, reply: Reply | None = None) -> lis
 
     def counted(work: Any, word: str, *rest: Any) -> Reply:
         started.append(word)
-        return run_apart(work, word, *rest) if reply is None else reply
+        return run_in_child(work, word, *rest) if reply is None else reply
 
-    monkeypatch.setattr(trial, "run_apart", counted)
+    monkeypatch.setattr(trial, "run_in_child", counted)
     return started
 
 
@@ -133,7 +133,7 @@ def test_trial_result_is_cached_per_driver(
 def test_compiler_failures_are_cached_but_crashes_are_not(
     real: tuple[Any, DeviceRecord], monkeypatch: pytest.MonkeyPatch, reply: Reply, tmp_path: Path
 ) -> None:
-    monkeypatch.setenv(mend.MEND_VARIABLE, "0")
+    monkeypatch.setenv(pocl_fix.FIX_VARIABLE, "0")
     children(monkeypatch, reply)
     tried = try_device(*real)
     assert not tried.builds
@@ -145,19 +145,19 @@ def test_compiler_failures_are_cached_but_crashes_are_not(
 # The PoCL wheel on an unknown processor.
 
 SHOW = """
-from msb.cl import loader, mend
+from msb.cl import loader, pocl_fix
 from msb.cl.devices import open_device
 from msb.cl.trial import try_device
 from msb.cl.devices import found_devices
 from msb.errors import DeviceError, OutputError
-wheel = next((r, h) for r, h in found_devices(loader.opencl()) if r.driver == mend.DRIVER)
-print(mend.compiler_cpu(wheel[1]))
+wheel = next((r, h) for r, h in found_devices(loader.opencl()) if r.driver == pocl_fix.DRIVER)
+print(pocl_fix.compiler_cpu(wheel[1]))
 try:
     with open_device(wheel[0].selector) as device:
         print(device.program("scan_cpu", {"SUM": "uint"}).name)
 except DeviceError as error:
     print(error)
-print(mend.compiler_cpu(wheel[1]))
+print(pocl_fix.compiler_cpu(wheel[1]))
 print(try_device(wheel[1], wheel[0]).mended)
 """
 
@@ -171,11 +171,11 @@ def test_pocl_wheel_is_fixed_on_an_unknown_processor(child: Child, unknown: dict
 
 @pytest.mark.slow
 def test_environment_variable_disables_the_pocl_fix(child: Child, unknown: dict[str, str]) -> None:
-    lines = answer(child(SHOW, **{**unknown, mend.MEND_VARIABLE: "0"})).splitlines()
+    lines = answer(child(SHOW, **{**unknown, pocl_fix.FIX_VARIABLE: "0"})).splitlines()
     assert lines[0] == lines[2] == "generic"
     assert lines[1].startswith("DEVICE_BUILD: pocl:")
     assert UNKNOWN in lines[1]
-    assert mend.MEND_VARIABLE in lines[1]
+    assert pocl_fix.FIX_VARIABLE in lines[1]
     assert lines[3] == "None"
 
 
@@ -201,14 +201,14 @@ trial._why_not = lambda record, *, mended: ("no", True) if mended else why_not(r
     ],
 )
 def test_pocl_fix_requires_the_features_of_haswell(monkeypatch: pytest.MonkeyPatch, flags: str) -> None:
-    monkeypatch.delenv(mend.MEND_VARIABLE, raising=False)
+    monkeypatch.delenv(pocl_fix.FIX_VARIABLE, raising=False)
     read = Path.read_text
     monkeypatch.setattr(
-        mend.Path,
+        pocl_fix.Path,
         "read_text",
         lambda self, *args: f"flags\t\t: {flags}\n" if self.name == "cpuinfo" else read(self),
     )
-    assert "lacks" in (mend.hindrance() or "")
+    assert "lacks" in (pocl_fix.obstacle() or "")
 
 
 # One device per process.
@@ -236,3 +236,13 @@ def test_forked_process_cannot_use_the_device_of_its_parent(monkeypatch: pytest.
     monkeypatch.setattr(devices.os, "getpid", lambda: -1)
     with pytest.raises(DeviceError, match="forked"):
         shared_device(SELECTOR)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("content", [b"\xff\n\0\nkey\nkey perhaps", b"k" * (1 << 20)])
+def test_a_damaged_cache_is_ignored(real: tuple[Any, DeviceRecord], tmp_path: Path, content: bytes) -> None:
+    cache = tmp_path / "meshsplatbench" / "devices.txt"
+    cache.parent.mkdir()
+    cache.write_bytes(content)
+    assert try_device(*real).builds
+    assert len(cache.read_text().splitlines()) == 1

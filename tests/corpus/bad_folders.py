@@ -1,5 +1,4 @@
-"""Bad assets: paths that leave the asset, links and devices in place of files, and bad contents of buffers.
-"""
+"""Bad assets: paths outside of the asset, links and devices instead of files, bad contents of buffers."""
 
 import os
 import shutil

@@ -60,9 +60,6 @@ def find_message(findings: list[Finding], code: str) -> str:
     return without_foreign_text(next(item.message for item in findings if item.code == code))
 
 
-kept, of_case = read_messages, find_message  # names in tests/asset
-
-
 def _write() -> None:
     messages = {}
     with tempfile.TemporaryDirectory() as temporary:

@@ -6,13 +6,13 @@ from typing import Any
 import pytest
 
 from msb.engines import browser as engine
-from msb.render.backend import what_is_missing
+from msb.render.backend import why_unavailable
 from tests.browser import Browser
 
 
 def need(name: str) -> str:
     """Return `name`, or skip the test if that renderer is not installed."""
-    missing = what_is_missing(name)
+    missing = why_unavailable(name)
     if missing is not None:
         pytest.skip(f"renderer {name}: {missing}")
     return name

@@ -19,7 +19,7 @@ from msb.engines.hardware.plan import Limits
 from msb.engines.hardware.program import STOPS
 from msb.engines.hardware.renderer import HardwareRenderer
 from msb.errors import MsbError
-from msb.methods.diffsoup.look import Pipeline as DiffSoupPipeline
+from msb.methods.diffsoup.native import Pipeline as DiffSoupPipeline
 from msb.methods.diffsoup.reference import pixel_boxes
 from msb.registry import role
 from msb.render import Frame

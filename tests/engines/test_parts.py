@@ -26,7 +26,7 @@ from msb.engines.webgpu_texture import split_runs
 from msb.errors import DeviceError, Unsupported, UsageError
 from msb.meshes import read_mesh
 from msb.render import Frame
-from msb.render.backend import what_is_missing
+from msb.render.backend import why_unavailable
 from msb.render.frame import interior
 from tests.engines.conftest import need
 from tests.render.standard_scenes import camera, mesh_asset, random_colors, scene
@@ -142,7 +142,7 @@ def test_missing_programs_and_packages_are_named(monkeypatch: pytest.MonkeyPatch
         with pytest.raises(UsageError) as info:
             renderer(mesh_asset(scene("small", 1)))
         assert info.value.code == "ENGINE_MISSING"
-        assert what_is_missing(renderer.name) in info.value.message
+        assert why_unavailable(renderer.name) in info.value.message
     monkeypatch.setenv(blender.VARIABLE, sys.executable)
     assert "OpenEXR" in str(CyclesRenderer.missing())
     monkeypatch.setattr(extras, "find_spec", lambda _: True)

@@ -17,7 +17,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import NamedTuple
 
-from msb.cl import mend
+from msb.cl import pocl_fix
 from tests.conftest import ROOT, UNKNOWN_CPU, list_skips
 
 VENDORS = Path("/etc/OpenCL/vendors")
@@ -63,7 +63,7 @@ CPU_STYLE = "-k", "not gpu"
 """Skip the GPU style of the kernels, which is not the default on a CPU."""
 GOLDEN = tuple(f"tests/render/test_{name}.py" for name in ("diffsoup", "splatting_golden", "standard"))
 PICTURES = (
-    "tests/bake/test_raster.py",
+    "tests/bake/test_soup_renderer.py",
     *GOLDEN,
     *(f"tests/render/test_{name}.py" for name in ("splat_shares", "work_groups")),
 )
@@ -155,7 +155,7 @@ def run(name: str) -> bool:
     library = find_library_name(machine)
     if library is None:
         return skip(f"{name}: {machine.package} is not installed")
-    if name == "unknown" and (lacks := mend.hindrance()):
+    if name == "unknown" and (lacks := pocl_fix.obstacle()):
         return skip(f"{name}: {lacks}")
     with tempfile.TemporaryDirectory(prefix="msb-machine-") as folder:
         environment = {**os.environ, "OCL_ICD_VENDORS": folder, "MSB_DEVICE": machine.device}

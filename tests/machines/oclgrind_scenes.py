@@ -196,19 +196,21 @@ def test_textures(device: Device, watch: Watch) -> None:
 
 def test_texture_by_least_squares(gpu: Device, watch: Watch) -> None:
     """Optimise the texels of a square from one training image."""
-    painting_of, stencils = (pytest.importorskip(f"msb.bake.{name}") for name in ("painting", "stencils"))
-    lessons = pytest.importorskip("msb.bake.lessons")
+    renderers, systems = (
+        pytest.importorskip(f"msb.bake.{name}") for name in ("texture_renderer", "texture_equations")
+    )
+    images = pytest.importorskip("msb.bake.images")
     place = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], np.float32)
     corners = np.concatenate([place - 0.5, np.full((4, 1), 3, np.float32)], axis=1)
     faces, grey = np.array([[0, 1, 2], [0, 2, 3]]), np.full((8, 8, 3), 99, np.uint8)
     square = Mesh(corners, faces, corner_uvs=place[faces].reshape(-1, 2), textures=(grey,))
-    lesson = np.full((9, 12, 3), 0.75, np.float32)
+    target = np.full((9, 12, 3), 0.75, np.float32)
     with (
-        lessons.Lessons([front_camera(12, 9)], BACKGROUND, lambda _: lesson) as view,
-        closing(stencils.Pyramid(8, gpu)) as pyramid,
-        closing(painting_of.Painting(square, view, gpu)) as painting,
+        images.ViewImages([front_camera(12, 9)], BACKGROUND, lambda _: target) as view,
+        closing(systems.TextureEquations(8, gpu)) as equations,
+        closing(renderers.TextureRenderer(square, view, gpu)) as renderer,
     ):
-        pyramid.tie(np.zeros((8, 8), np.int32))
-        assert [*painting.ask(pyramid)] == [1]
-        np.testing.assert_allclose(pyramid.solved(), 0.75 - 99 / 255, atol=0.01)
+        equations.add_smoothness(np.zeros((8, 8), np.int32))
+        assert [*renderer.add_equations(equations)] == [1]
+        np.testing.assert_allclose(equations.solve(), 0.75 - 99 / 255, atol=0.01)
     assert watch.findings() == []

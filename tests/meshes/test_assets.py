@@ -9,8 +9,8 @@ import pytest
 import msb
 from msb.asset.look import up_axis
 from msb.meshes import Mesh, read_mesh
-from msb.meshes.assets import as_held, asset_from_mesh, mesh_from_asset
-from msb.meshes.transform import turned
+from msb.meshes.assets import asset_from_mesh, fit_to_format, mesh_from_asset
+from msb.meshes.transform import rotate_axis
 from tests.conftest import ROOT, TETRAHEDRON
 
 AXES = ("+x", "-x", "+y", "-y", "+z", "-z")
@@ -30,14 +30,14 @@ def test_a_glb_is_rotated_upright_and_otherwise_unchanged(up: str, tmp_path: Pat
     path = tmp_path / "up.glb"
     msb.save(asset_from_mesh(mesh), path)
     again = read_mesh(path)
-    assert np.array_equal(turned(again.vertices, "+y", up), POINTS)
+    assert np.array_equal(rotate_axis(again.vertices, "+y", up), POINTS)
     assert np.array_equal(again.vertices[:, 1], POINTS[:, "xyz".index(up[1])] * (1 if up[0] == "+" else -1))
     assert np.array_equal(again.vertex_colors[:, :3], COLORS)
     assert volume(again) == pytest.approx(volume(mesh), rel=1e-6)
     assert (again.up, up_axis(msb.open(path))) == ("+y", "+y")
     assert np.array_equal(mesh_from_asset(msb.open(path)).vertices, again.vertices)  # not rotated twice
     for suffix in (".ply", ".obj", ".off"):  # these define no up axis
-        assert np.array_equal(as_held(mesh, suffix).vertices, POINTS)
+        assert np.array_equal(fit_to_format(mesh, suffix).vertices, POINTS)
 
 
 @pytest.mark.parametrize(("model", "up"), [("walled", "-y"), ("pebble", "+z")])
@@ -48,13 +48,13 @@ def test_models_of_colmap_and_nerf_synthetic_scenes_are_rotated_upright(
     asset = msb.open(ROOT / "data_stubs" / "models" / model / method)
     assert asset.manifest.coordinate_frame.up == up
     msb.save(asset, tmp_path / "a.glb")
-    expected = turned(mesh_from_asset(asset).vertices, up)
+    expected = rotate_axis(mesh_from_asset(asset).vertices, up)
     assert np.array_equal(read_mesh(tmp_path / "a.glb").vertices, expected)
 
 
 def test_a_mesh_with_unknown_up_axis_is_not_rotated() -> None:
     mesh = Mesh(POINTS, TETRAHEDRON[1].astype(np.int64))
-    assert as_held(mesh, ".glb").vertices is mesh.vertices
+    assert fit_to_format(mesh, ".glb").vertices is mesh.vertices
     assert asset_from_mesh(mesh).manifest.coordinate_frame.up == "unknown"
 
 
@@ -62,7 +62,7 @@ def test_a_mesh_with_unknown_up_axis_is_not_rotated() -> None:
 def test_as_held_equals_the_mesh_read_from_the_file(suffix: str, tmp_path: Path) -> None:
     faces = TETRAHEDRON[1].astype(np.int64)
     mesh = Mesh(POINTS / 3, faces, None, np.arange(3 * len(faces), dtype=np.uint8).reshape(-1, 3), up="-y")
-    held = as_held(mesh, suffix)
+    held = fit_to_format(mesh, suffix)
     path = tmp_path / f"a{suffix}"
     with path.open("wb") as file:
         msb.meshes.write_mesh(held, file, suffix=suffix)
@@ -75,4 +75,4 @@ def test_as_held_equals_the_mesh_read_from_the_file(suffix: str, tmp_path: Path)
 def test_invalid_indices_are_rejected_before_vertices_are_split() -> None:
     mesh = replace(Mesh(POINTS, TETRAHEDRON[1].astype(np.int64)), faces=np.array([[0, 1, 9]]))
     with pytest.raises(msb.MsbError, match="INDEX_OUT_OF_RANGE"):
-        as_held(mesh, ".stl")
+        fit_to_format(mesh, ".stl")

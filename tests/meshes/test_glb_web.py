@@ -11,7 +11,7 @@ from msb.asset.texture import Sampler
 from msb.base import extras
 from msb.errors import UsageError
 from msb.meshes import Mesh, read_mesh, write_mesh
-from msb.meshes.assets import as_held
+from msb.meshes.assets import fit_to_format
 from msb.meshes.formats import Style, Web
 from msb.meshes.glb_web import Grid
 
@@ -115,7 +115,7 @@ def test_web_textures_are_webp_and_uvs_are_precise_to_a_sixteenth_of_a_texel(tmp
 def test_large_tiled_uvs_do_not_overflow(most: float, tmp_path: Path) -> None:
     image = np.zeros((16, 4096, 3), np.uint8)
     mesh = Mesh(CORNERS, FACES, corner_uvs=UVS * np.float32(most), textures=(image,), sampler=Sampler())
-    write_mesh(as_held(mesh, ".glb"), tmp_path / "a.glb", suffix=".glb", style=Style(web=Web()))
+    write_mesh(fit_to_format(mesh, ".glb"), tmp_path / "a.glb", suffix=".glb", style=Style(web=Web()))
     again = read_mesh(tmp_path / "a.glb").vertex_uvs
     assert again is not None
     assert abs(again.max() - mesh.corner_uvs.max()) <= most * 2**-22

@@ -19,7 +19,7 @@ DracoPy = pytest.importorskip("DracoPy", reason="the extra compressed")
 @pytest.fixture
 def here(monkeypatch: pytest.MonkeyPatch) -> None:
     """Decode in this process instead of a child process, which is faster."""
-    monkeypatch.setattr("msb.meshes.gltf_packed.run_apart", run_here)
+    monkeypatch.setattr("msb.meshes.gltf_packed.run_in_child", run_here)
 
 
 def bumpy(size: int = 12) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -155,7 +155,7 @@ def test_uncompressed_copies_are_preferred(
     glb.root["buffers"][1]["uri"] = "copy.bin"
     for number, view in enumerate(plain().root["bufferViews"][:4]):
         glb.root["bufferViews"][number]["byteOffset"] = view["byteOffset"]
-    monkeypatch.setattr("msb.meshes.gltf_packed.run_apart", None)
+    monkeypatch.setattr("msb.meshes.gltf_packed.run_in_child", None)
     assert_same(read(glb.bytes(), ".glb"), read(plain().bytes(), ".glb"))
 
 

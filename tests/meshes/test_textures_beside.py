@@ -10,7 +10,7 @@ import msb
 from msb.asset.texture import Sampler
 from msb.errors import AssetError, OutputError, UsageError
 from msb.meshes import Mesh, read_mesh
-from msb.meshes.assets import as_held, asset_from_mesh
+from msb.meshes.assets import asset_from_mesh, fit_to_format
 from msb.meshes.files import write_whole
 
 from .checks import equal
@@ -31,7 +31,7 @@ def test_an_obj_with_its_materials_reads_back(tmp_path: Path) -> None:
     ):
         folder = tmp_path / str(len(names))
         folder.mkdir()
-        write_whole(as_held(mesh, ".obj"), folder / "a b.obj")
+        write_whole(fit_to_format(mesh, ".obj"), folder / "a b.obj")
         assert {path.name for path in folder.iterdir()} == names
         again = read_mesh(folder / "a b.obj")
         assert equal(again.vertices, mesh.vertices.astype(np.float64))
@@ -64,14 +64,14 @@ def test_an_obj_and_its_companion_files_are_written_together_or_not_at_all(tmp_p
 @pytest.mark.parametrize("suffix", [".ply", ".off"])
 def test_textures_become_vertex_colours_in_formats_without_textures(suffix: str, tmp_path: Path) -> None:
     tinted = textured(textures=(FLAT,), vertex_colors=np.full((6, 3), 188, np.uint8))
-    held = as_held(tinted, suffix)
+    held = fit_to_format(tinted, suffix)
     assert not held.textures
     assert equal(held.faces, FACES)
     # sRGB 188 is half the light. Vertex 4 is unused and keeps its colour.
     assert np.abs(held.vertex_colors[[0, 1, 2, 3, 5]] - np.array([146, 71, 34])).max() <= 1
     write_whole(held, tmp_path / f"a{suffix}")
     assert equal(read_mesh(tmp_path / f"a{suffix}").vertex_colors, held.vertex_colors)
-    assert as_held(replace(tinted, vertex_colors=None), ".stl").vertex_colors is None
+    assert fit_to_format(replace(tinted, vertex_colors=None), ".stl").vertex_colors is None
 
 
 @pytest.mark.parametrize("suffix", [".ply", ".off"])
@@ -79,7 +79,7 @@ def test_face_colours_are_multiplied_with_textures(suffix: str) -> None:
     white = np.full((1, 1, 3), 255, np.uint8)
     colors = np.array([[255, 0, 0], [255, 0, 0], [0, 0, 255]], np.uint8)
     mesh = textured(textures=(white,), vertex_colors=None, face_colors=colors)
-    held = as_held(mesh, suffix)
+    held = fit_to_format(mesh, suffix)
     assert held.face_colors is None  # vertices 1 and 3 belong to faces of both colours, vertex 4 to none
     assert held.vertex_colors[[0, 2, 4, 5]].tolist() == [[255, 0, 0], [255, 0, 0], [255] * 3, [0, 0, 255]]
     assert held.vertex_colors[[1, 3], 1].tolist() == [0, 0]
@@ -91,17 +91,17 @@ def test_non_finite_values_are_rejected_before_sampling(suffix: str) -> None:
     uvs = UVS.copy()
     uvs[4, 1] = np.nan
     with pytest.raises(AssetError, match="TRIASSET_VALUE_NONFINITE"):
-        as_held(textured(corner_uvs=uvs), suffix)
+        fit_to_format(textured(corner_uvs=uvs), suffix)
     with pytest.raises(OutputError, match="OUTPUT_FORMAT_LIMIT"):
-        as_held(textured(vertices=np.full_like(CORNERS, np.inf)), suffix)
-    assert not as_held(textured(corner_uvs=uvs), ".stl").textures
+        fit_to_format(textured(vertices=np.full_like(CORNERS, np.inf)), suffix)
+    assert not fit_to_format(textured(corner_uvs=uvs), ".stl").textures
 
 
 def test_textures_are_filtered_to_the_size_of_the_faces() -> None:
     checks = (np.indices((64, 64)).sum(axis=0) % 2 * 255).astype(np.uint8)[..., None].repeat(3, 2)
     uvs = CORNERS[FACES].reshape(-1, 3)[:, :2] / 2
     mesh = Mesh(CORNERS, FACES, corner_uvs=uvs.astype(np.float32), textures=(checks,))
-    colors = as_held(mesh, ".ply").vertex_colors[[0, 1, 2, 3, 5]]
+    colors = fit_to_format(mesh, ".ply").vertex_colors[[0, 1, 2, 3, 5]]
     assert (
         np.abs(colors.astype(int) - 188).max() <= 2
     )  # half the light in sRGB: the average of black and white
@@ -109,5 +109,5 @@ def test_textures_are_filtered_to_the_size_of_the_faces() -> None:
 
 @pytest.mark.parametrize("size", [1e-30, 1e78, 1e99, 1e200])
 def test_textures_of_extremely_large_meshes_are_sampled(size: float) -> None:
-    usual, huge = (as_held(textured(vertices=CORNERS.astype(float) * by), ".ply") for by in (1, size))
+    usual, huge = (fit_to_format(textured(vertices=CORNERS.astype(float) * by), ".ply") for by in (1, size))
     assert np.abs(usual.vertex_colors.astype(int) - huge.vertex_colors).max() <= 1

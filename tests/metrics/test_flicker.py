@@ -7,11 +7,11 @@ import pytest
 from numpy.typing import NDArray
 
 import msb
-from msb.metrics.steadiness import still, unexplained_change
+from msb.metrics.steadiness import prepare_frame, unexplained_change
 from msb.reference import blend
-from msb.render.backend import lean_options
+from msb.render.backend import minimal_options
 from msb.scenes import turntable
-from msb.scenes.walk import walk
+from msb.scenes.walk import make_walk
 from tests.tiny import MODELS
 
 pytestmark = pytest.mark.slow
@@ -22,7 +22,7 @@ PEBBLE = MODELS / "pebble"
 def flicker(method: str, size: int, samples: int, tier: Any, **options: Any) -> float:
     """Return the flicker of the synthetic pebble on a walk, rendered with `samples` x `samples` per pixel."""
     capture = turntable((0, 0, 0), 4.2, up=(0, 0, 1), count=16, width=size, height=size, fov_y=0.7)
-    (small, large) = (walk(capture, capture, 5, 0.25, size * times) for times in (1, samples))
+    (small, large) = (make_walk(capture, capture, 5, 0.25, size * times) for times in (1, samples))
     large = [camera.resized(size * samples, size * samples) for camera in small]
 
     def reduced(values: NDArray[Any]) -> NDArray[np.float32]:
@@ -30,12 +30,12 @@ def flicker(method: str, size: int, samples: int, tier: Any, **options: Any) -> 
         return np.asarray(parts.mean(axis=(1, 3)), np.float32)
 
     stills = []
-    with msb.Renderer(PEBBLE / method, tier, **lean_options(tier, None), **options) as renderer:
+    with msb.Renderer(PEBBLE / method, tier, **minimal_options(tier, None), **options) as renderer:
         for camera, drawn in zip(small, large, strict=True):
             frame = renderer.render(drawn, (1, 1, 1))
             alpha = reduced(frame.alpha)
             depth = reduced(frame.depth * frame.alpha) / np.where(alpha > 0, alpha, 1)
-            stills.append(still(camera, reduced(frame.image), alpha, depth.astype(np.float32)))
+            stills.append(prepare_frame(camera, reduced(frame.image), alpha, depth.astype(np.float32)))
     changes = [unexplained_change(*stills[k - 1 : k + 2]) for k in range(1, len(stills) - 1)]
     return float(np.sqrt(np.nanmean(np.square(changes))))
 

@@ -7,7 +7,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from msb.metrics.steadiness import Still, holes, still, surface_points, unexplained_change
+from msb.metrics.steadiness import (
+    PreparedFrame,
+    find_holes,
+    find_surface_points,
+    prepare_frame,
+    unexplained_change,
+)
 from msb.scenes import Camera
 
 WIDTH, HEIGHT = 96, 72
@@ -50,7 +56,7 @@ def changed(
     for number, place in enumerate(PLACES):
         image, alpha, depth = boards(camera(place), samples)
         edit(number, image)
-        stills.append(still(camera(place), image, alpha, depth))
+        stills.append(prepare_frame(camera(place), image, alpha, depth))
     return unexplained_change(*stills)
 
 
@@ -83,7 +89,7 @@ def test_change_in_one_frame_flickers_by_the_same_amount() -> None:
 
 def test_hidden_or_outside_pixels_do_not_count() -> None:
     (_, before), (_, here), (_, after) = (
-        (p, still(camera(p), *boards(camera(p), 2))) for p in (0.0, 0.5, 1.0)
+        (p, prepare_frame(camera(p), *boards(camera(p), 2))) for p in (0.0, 0.5, 1.0)
     )
     change = unexplained_change(before, here, after)
     border = np.isnan(change) & here.covered
@@ -92,27 +98,27 @@ def test_hidden_or_outside_pixels_do_not_count() -> None:
     assert np.isnan(change[:, :3]).all()
 
 
-def seen(place: float, *cut: tuple[slice, slice]) -> Still:
+def seen(place: float, *cut: tuple[slice, slice]) -> PreparedFrame:
     image, alpha, depth = boards(camera(place), 2)
     for part in cut:
         alpha[part] = 0
-    return still(camera(place), image, alpha, depth)
+    return prepare_frame(camera(place), image, alpha, depth)
 
 
 def test_holes_are_gaps_and_specks() -> None:
     whole = [seen(place) for place in PLACES]
-    points = np.concatenate([surface_points(frame) for frame in whole])
+    points = np.concatenate([find_surface_points(frame) for frame in whole])
     for frame in whole:
-        assert not holes(frame, points).any(), "a complete model has no holes, including its borders"
+        assert not find_holes(frame, points).any(), "a complete model has no holes, including its borders"
     large, speck = (slice(30, 42), slice(20, 31)), (slice(56, 59), slice(50, 52))
-    result = holes(seen(PLACES[1], large, speck), points)
+    result = find_holes(seen(PLACES[1], large, speck), points)
     assert result[speck].all()
     inner = np.zeros_like(result)
     inner[31:41, 21:30] = True
     assert result[inner].all()
     result[large] = result[speck] = False
     assert not result.any()
-    assert not holes(seen(PLACES[1], large), points[:0]).any(), (
+    assert not find_holes(seen(PLACES[1], large), points[:0]).any(), (
         "without surface points of other frames a large gap is not a hole"
     )
 
@@ -124,8 +130,9 @@ def test_model_outside_the_image_has_no_flicker_and_no_holes(behind: bool) -> No
         for place in PLACES
     ]
     empty = [
-        still(view, np.ones((24, 32, 3), np.float32), *np.zeros((2, 24, 32), np.float32)) for view in frames
+        prepare_frame(view, np.ones((24, 32, 3), np.float32), *np.zeros((2, 24, 32), np.float32))
+        for view in frames
     ]
     assert np.isnan(unexplained_change(*empty)).all()
     for before, here in pairwise(empty):
-        assert not holes(here, np.array([[0.0, 0, 4]]) if behind else surface_points(before)).any()
+        assert not find_holes(here, np.array([[0.0, 0, 4]]) if behind else find_surface_points(before)).any()

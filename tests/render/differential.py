@@ -18,12 +18,12 @@ from msb.asset.look import drawn_colors
 from msb.cl import Device
 from msb.reference import ReferenceFrame, render_reference
 from msb.reference.arithmetic import sigmoid
-from msb.reference.standard import UNITS, render_standard
 from msb.render import Frame
 from msb.render.dedicated import dedicated_renderer
 from msb.render.standard.renderer import StandardRenderer
-from msb.render.standard.supersampling import box_filter, enlarged
+from msb.render.standard.supersampling import box_filter, enlarge
 from msb.scenes import Camera
+from tests.reference.standard import UNITS, render_standard
 from tests.render.frames import frame_of
 from tests.render.random_cases import STANDARD, Case
 
@@ -140,7 +140,7 @@ def standard_twin(case: Case, seed: int | None = None) -> ReferenceFrame:
         moves = moves[numbers.reshape(-1)]
         np.put_along_axis(faces, order, np.take_along_axis(faces, order, 1) + moves, 1)
         positions, indices = faces.reshape(-1, 3), np.arange(faces.size // 3).reshape(-1, 3)
-    view = enlarged(case.camera, samples)
+    view = enlarge(case.camera, samples)
     frame = render_standard(positions, indices, values, domain, view, case.background, visible)
     return frame if samples == 1 else box_filter(frame, samples)
 

@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 from msb.asset import Asset, Description, build_asset
 from msb.cl import Device
 from msb.reference import ReferenceFrame
-from msb.reference.standard import render_standard
 from msb.render import Frame
 from msb.render.standard.renderer import StandardRenderer
 from msb.scenes import Camera
+from tests.reference.standard import render_standard
 from tests.render.frames import frame_of
 
 Arrays = tuple[NDArray[np.float32], NDArray[np.uint32]]

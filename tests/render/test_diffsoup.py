@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from msb.cl import Device
-from msb.methods.diffsoup.look import Pipeline as DiffSoupPipeline
+from msb.methods.diffsoup.native import Pipeline as DiffSoupPipeline
 from msb.render import Frame
 from tests.cl.conftest import WITHOUT_ATOMICS, open_styled
 from tests.golden.views import compare

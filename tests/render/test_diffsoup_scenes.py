@@ -9,7 +9,7 @@ import pytest
 
 from msb.asset import Asset
 from msb.cl import Device
-from msb.methods.diffsoup.look import Pipeline as DiffSoupPipeline
+from msb.methods.diffsoup.native import Pipeline as DiffSoupPipeline
 from msb.reference import render_reference
 from msb.render import Frame
 from msb.scenes import Camera

@@ -9,7 +9,7 @@ import msb
 from msb.asset import Asset
 from msb.cl import Device
 from msb.errors import Unsupported, UsageError
-from msb.methods.diffsoup.look import Pipeline as DiffSoupPipeline
+from msb.methods.diffsoup.native import Pipeline as DiffSoupPipeline
 from msb.reference import render_reference
 from msb.render.dedicated import dedicated_renderer
 from msb.render.frame import Frame

@@ -12,7 +12,7 @@ from PIL import Image
 import msb as library
 from msb.registry import Tier
 from msb.scenes import read_scene, turntable, write_cameras
-from msb.scenes.around import around
+from msb.scenes.around import make_turntable
 from tests.adapters.models import GOLDEN
 from tests.cli.conftest import Here, here
 from tests.conftest import ROOT
@@ -149,7 +149,7 @@ def test_turntable_of_a_checkpoint_and_other_tiers(here: Here, tmp_path: Path) -
 def test_orders_and_samplings_of_an_engine(here: Here, tmp_path: Path, tier: Tier) -> None:
     checkpoint = GOLDEN / "two_dts" / "orb_diffuse" / "checkpoint"
     asset = library.export(checkpoint)
-    (camera,) = around(asset, 1, 40, 30)
+    (camera,) = make_turntable(asset, 1, 40, 30)
     views = ("--turntable", "1", "--size", "40x30", "--tier", tier, "--format", "npy", "--json", "-")
     images = []
     for modes in ({}, {"order": "none"}, {"sampling": "engine"}, {"order": "global", "sampling": "engine"}):

@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from msb.cl import Device
-from msb.reference.standard import UNITS, inside
 from msb.render.standard.renderer import StandardRenderer
 from msb.scenes import Camera
+from tests.reference.standard import UNITS, inside
 from tests.render.standard_scenes import camera, mesh_asset
 
 VIEW = camera(72, 56, 60.0)

@@ -12,7 +12,7 @@ from msb.cl import Device
 from msb.errors import AssetError, DeviceError
 from msb.render.frame import interior
 from msb.render.standard.renderer import StandardRenderer
-from msb.render.standard.supersampling import box_filter, enlarged
+from msb.render.standard.supersampling import box_filter, enlarge
 from tests.cl.conftest import WITHOUT_ATOMICS, open_styled
 from tests.conftest import ROOT
 from tests.render.standard_scenes import (
@@ -92,7 +92,7 @@ def test_cut_out_layers_hide_nothing(styled: Device, cutoff: float | None, first
 
 def test_the_mip_level_is_chosen_per_sample(cpu: Device) -> None:
     asset = textured_asset(unshared(scattered(19, 30, 1.2, 1, 4)), 20, **CASES["several"])
-    fine = box_filter(draw(cpu, asset, enlarged(camera(), 3)), 3)
+    fine = box_filter(draw(cpu, asset, enlarge(camera(), 3)), 3)
     assert np.array_equal(draw(cpu, asset, camera(), supersample=3).image, fine.image)
 
 

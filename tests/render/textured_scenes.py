@@ -9,8 +9,8 @@ from msb.asset import Asset, Description, build_asset
 from msb.asset.look import tint_of
 from msb.asset.texture import Sampler, textures_of
 from msb.reference import ReferenceFrame
-from msb.reference.standard import render_standard
 from msb.scenes import Camera
+from tests.reference.standard import render_standard
 from tests.render.standard_scenes import BACKGROUND, Arrays, camera, scene
 
 CASES: dict[str, dict[str, Any]] = {

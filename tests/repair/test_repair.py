@@ -12,7 +12,7 @@ from msb.asset import Asset, Description, build_asset
 from msb.base.limits import Limits
 from msb.errors import MeshError, MsbError, Unsupported
 from msb.meshes import Mesh
-from msb.meshes.assets import as_held, asset_from_mesh
+from msb.meshes.assets import asset_from_mesh, fit_to_format
 from msb.repair import Repaired
 from msb.repair.assets import repair_asset, repair_mesh
 from msb.repair.buffers import carry, turned_lattice
@@ -340,7 +340,7 @@ def test_cut_edges_stay_cut_in_a_file() -> None:
     for plan in ("orient,pair", "orient,cut"):
         repaired, done = repair_mesh(mesh, parse_plan(plan))
         assert done.before.counts.nonmanifold_edges == 1
-        held = as_held(repaired, ".glb")
+        held = fit_to_format(repaired, ".glb")
         counts = audit_arrays(held.vertices, held.faces, attributes=held.attributes)[0].judged.counts
         assert (counts.nonmanifold_edges, counts.nonmanifold_vertices) == (0, 0)
 

@@ -167,14 +167,23 @@ def bake(label: str, geometry: str = "kept", *, made_of: Cell | None = None, **f
     cell = made_of or Cell(dataset="mipnerf360", scene="garden", method="two_dts", condition="standard")
     source = make_result(cell.dataset, cell.scene, cell.method, "dedicated").asset
     verdict = {"level": "bad", "sentence": "a soup"}
-    photographs = {"dedicated": 30.0, "before": 18.0, "after": 21.0, "after_16": 22.5}
+    photographs = {"native": 30.0, "before": 18.0, "after": 21.0, "after_16": 22.5}
     document = {
         **{"schema": "msb.bake/1", "path": None, "output": None, "geometry": geometry, "color": "vertex"},
         **{"vertices": 300, "faces": 100, "texture": None, "bytes": 9000, "seconds": 7.0},
-        **{"views": {"taught": 9, "held_back": 3, "from": "9 training views"}, "unseen_area": 0.1},
-        **{"psnr": {"own": None, "photographs": photographs}},
+        **{
+            "views": {
+                "training": 8,
+                "validation": 1,
+                "test": 3,
+                "interpolated": 0,
+                "from": "9 training views",
+            },
+            "unseen_area": 0.1,
+        },
+        **{"psnr": {"native": None, "photographs": photographs}},
         **{"verdict_before": verdict, "verdict_after": verdict, "lods": [], "collision": None},
-        **{"teacher": "dedicated", "model_faces": 120, "background": [0.0, 0.0, 0.0], "seed": 0},
+        **{"supervision": "native", "model_faces": 120, "background": [0.0, 0.0, 0.0], "seed": 0},
         **{"device": "Made-up GPU", "tried": {}, "notes": [], "sentence": "baked 21.0"},
         **facts,
     }

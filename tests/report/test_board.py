@@ -138,7 +138,7 @@ OF_A_BAKE = json.loads(bake("kept")["bake"].to_json())
 
 def baked(**changes: float) -> dict[str, Any]:
     photographs = OF_A_BAKE["psnr"]["photographs"] | changes
-    return {**OF_A_BAKE, "psnr": {"own": None, "photographs": photographs}}
+    return {**OF_A_BAKE, "psnr": {"native": None, "photographs": photographs}}
 
 
 NO_VGG = [{"name": "lpips_vgg", "weights": {"heads": {"known": None}}}]

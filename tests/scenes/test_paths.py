@@ -10,9 +10,9 @@ import pytest
 
 from msb.base.matrices import inverse
 from msb.errors import SceneError
-from msb.scenes import Camera, interpolated, turntable
+from msb.scenes import Camera, interpolate_cameras, turntable
 from msb.scenes.poses import look_at_pose
-from msb.scenes.walk import PACE, between, walk
+from msb.scenes.walk import PACE, fill_gaps, make_walk
 
 from .builders import pose, some_cameras
 
@@ -69,7 +69,7 @@ def test_invalid_turntables_are_rejected(radius: float, change: dict[str, object
 def test_a_flight_passes_through_the_given_cameras(closed: bool) -> None:
     cameras = some_cameras(5)
     count = 50 if closed else 41
-    flight = interpolated(cameras, count, closed=closed)
+    flight = interpolate_cameras(cameras, count, closed=closed)
     assert len(flight) == count
     assert flight[3].name == "flight_00003"
     for camera, met in zip(cameras, flight[::10], strict=True):
@@ -84,7 +84,7 @@ def test_a_flight_passes_through_the_given_cameras(closed: bool) -> None:
 def test_a_flight_has_no_kinks(closed: bool) -> None:
     """Steps between frames change less as the frames get denser, so the velocity is continuous."""
     cameras = some_cameras(4)
-    frames = interpolated(cameras, 1001, closed=closed)
+    frames = interpolate_cameras(cameras, 1001, closed=closed)
     if closed:
         frames += frames[:2]
     centers = np.stack([frame.center for frame in frames])
@@ -97,7 +97,7 @@ def test_a_flight_has_no_kinks(closed: bool) -> None:
 
 def test_two_cameras_are_joined_by_a_line_and_the_shorter_rotation() -> None:
     first, last = some_cameras(2)
-    flight = interpolated([first, last], 101)
+    flight = interpolate_cameras([first, last], 101)
     for part, camera in zip(np.linspace(0, 1, 101), flight, strict=True):
         np.testing.assert_allclose(camera.center, (1 - part) * first.center + part * last.center)
     whole = angle_between(first, last)
@@ -110,14 +110,14 @@ def test_two_cameras_are_joined_by_a_line_and_the_shorter_rotation() -> None:
 
 def test_one_frame_is_the_first_camera() -> None:
     cameras = some_cameras(3)
-    (only,) = interpolated(cameras, 1)
+    (only,) = interpolate_cameras(cameras, 1)
     np.testing.assert_allclose(only.world_to_camera, pose(0), atol=1e-12)
 
 
 @pytest.mark.parametrize(("cameras", "count"), [(some_cameras(1), 5), ([], 5), (some_cameras(2), 0)])
 def test_invalid_flights_are_rejected(cameras: list[Camera], count: int) -> None:
     with pytest.raises(SceneError) as caught:
-        interpolated(cameras, count)
+        interpolate_cameras(cameras, count)
     assert caught.value.code == "CAMERA_PATH"
 
 
@@ -126,7 +126,7 @@ STOPS = CAPTURE[::3]
 
 
 def test_stops_are_displaced_and_keep_the_target_in_place() -> None:
-    flight = walk(STOPS, CAPTURE, 4 * PACE, 0.25, 640)
+    flight = make_walk(STOPS, CAPTURE, 4 * PACE, 0.25, 640)
     assert len(flight) == 4 * PACE
     sides = []
     for stop, camera in zip(flight[::PACE], STOPS, strict=True):
@@ -141,7 +141,7 @@ def test_stops_are_displaced_and_keep_the_target_in_place() -> None:
 
 
 def test_a_longer_walk_begins_like_a_shorter_one_and_repeats() -> None:
-    short, long = (walk(STOPS, CAPTURE, frames, 0.25, 40) for frames in (5, 5 * PACE))
+    short, long = (make_walk(STOPS, CAPTURE, frames, 0.25, 40) for frames in (5, 5 * PACE))
     assert (short[0].width, short[0].height) == (40, 30)
     for number, camera in enumerate(short):
         for same in (long[number], long[4 * PACE + number]):
@@ -153,7 +153,7 @@ def test_outward_cameras_keep_their_directions() -> None:
         Camera(80, 60, 70, 70, 40, 30, np.diag([-1.0, 1, -1, 1]) @ camera.world_to_camera)
         for camera in CAPTURE
     ]
-    (first, *_) = walk(outward[::3], outward, 3, 0.25, 80)
+    (first, *_) = make_walk(outward[::3], outward, 3, 0.25, 80)
     np.testing.assert_allclose(first.world_to_camera[:3, :3], outward[0].world_to_camera[:3, :3], atol=1e-12)
 
 
@@ -166,7 +166,7 @@ def looking(eye: tuple[float, ...], at: tuple[float, ...]) -> Camera:
 
 
 def test_the_gaps_of_a_ring_are_closed_on_its_circle() -> None:
-    added = between(ring(8), 8)
+    added = fill_gaps(ring(8), 8)
     assert len(added) == 8
     every = np.stack([camera.center for camera in [*ring(8), *added]]) - (1, 2, 3)
     np.testing.assert_allclose(np.linalg.norm(every, axis=1), 4)
@@ -179,27 +179,27 @@ def test_the_gaps_of_a_ring_are_closed_on_its_circle() -> None:
 
 def test_the_widest_gap_is_closed_first() -> None:
     cameras = [camera for number, camera in enumerate(ring(12)) if number not in (5, 6)]
-    first, *_ = between(cameras, 3)
+    first, *_ = fill_gaps(cameras, 3)
     np.testing.assert_allclose(first.center, ring(24)[11].center, atol=1e-9)
 
 
 def test_in_a_room_the_new_camera_is_on_a_straight_line() -> None:
     # The cameras stand back to back, so their common target is behind both.
     first, second = looking((1, 0, 0), (2, 0.5, 0)), looking((0, 1, 0), (0.5, 2, 0))
-    (added,) = between([first, second], 1)
+    (added,) = fill_gaps([first, second], 1)
     np.testing.assert_allclose(added.center, (0.5, 0.5, 0), atol=1e-12)
     np.testing.assert_allclose(added.world_to_camera[2, :3], np.array([1, 1, 0]) / np.sqrt(2), atol=1e-12)
 
 
 def test_opposite_single_or_coincident_cameras_have_no_gap() -> None:
     here, there = looking((4, 0, 0), (0, 0, 0)), looking((-4, 0, 0), (0, 0, 0))
-    assert between([here, there], 9) == between([here], 9) == between([here] * 5, 9) == []
-    assert between(ring(5), 0) == between(ring(5), -3) == []
+    assert fill_gaps([here, there], 9) == fill_gaps([here], 9) == fill_gaps([here] * 5, 9) == []
+    assert fill_gaps(ring(5), 0) == fill_gaps(ring(5), -3) == []
 
 
 def test_new_cameras_are_limited_named_and_without_photograph() -> None:
     near = [replace(looking((4, y, 0), (0, 0, 0)), image_path=Path(f"{y}.png")) for y in (-0.5, 0.5)]
-    added = between(near, 20)
+    added = fill_gaps(near, 20)
     assert [camera.name for camera in added] == [f"between_{k:05d}" for k in range(20)]
     assert {camera.image_path for camera in added} == {None}
     assert len({camera.world_to_camera.tobytes() for camera in added}) == 20
@@ -215,12 +215,12 @@ def test_gaps_do_not_depend_on_the_world_frame(turn: float) -> None:
     moved = [
         Camera(c.width, c.height, c.fx, c.fy, c.cx, c.cy, c.world_to_camera @ inverse(world)) for c in cameras
     ]
-    for camera, other in zip(between(cameras, 6), between(moved, 6), strict=True):
+    for camera, other in zip(fill_gaps(cameras, 6), fill_gaps(moved, 6), strict=True):
         np.testing.assert_allclose(other.world_to_camera @ world, camera.world_to_camera, atol=1e-9)
 
 
 def test_half_a_turn_between_neighbours_is_interpolated() -> None:
     back = np.diag([-1.0, 1, -1, 1])
     cameras = [Camera(4, 4, 1, 1, 2, 2, matrix) for matrix in (np.eye(4), back, np.eye(4))]
-    for camera in interpolated(cameras, 21) + interpolated(cameras, 21, closed=True):
+    for camera in interpolate_cameras(cameras, 21) + interpolate_cameras(cameras, 21, closed=True):
         assert np.isfinite(camera.world_to_camera).all()

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from data_stubs import captures, made_meshes, made_models
 from data_stubs.photographs import averaged
 from data_stubs.surface import Surface, pebble, walled
-from msb.reference.standard import render_standard
 from msb.scenes import Camera
+from tests.reference.standard import render_standard
 from tests.tiny import MODELS, SCENES
 
 SAMPLES = 4

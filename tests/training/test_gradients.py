@@ -51,8 +51,7 @@ gradients."""
 def slope(
     function: Callable[[dict[str, Any]], Any], values: dict[str, np.ndarray], name: str, place: int
 ) -> float:
-    """Return the derivative of `function` with respect to one value of a parameter, as a central difference.
-    """
+    """Return the central difference of `function` with respect to one value of a parameter."""
     ends = []
     for sign in (1, -1):
         changed = values | {name: values[name].copy()}

@@ -1,5 +1,4 @@
-"""Complete trainings: they improve the model, can be resumed, and `msb` renders the model like the trainer.
-"""
+"""Complete trainings improve the model and can be resumed, and `msb` renders like the trainer."""
 
 import json
 import subprocess

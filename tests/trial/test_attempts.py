@@ -22,7 +22,7 @@ from msb.scenes import Camera
 from msb.trial import attempts, registry, repairs, run
 from msb.trial.attempts import run_attempt
 from msb.trial.mesh import TrialMesh, prepare_mesh
-from msb.trial.registry import TASKS, chosen_tasks
+from msb.trial.registry import TASKS, select_tasks
 from msb.trial.repairs import STORED, compare
 from msb.trial.run import Trial, try_asset
 from msb.trial.task import Attempt, AttemptResult, Output, Task
@@ -69,7 +69,7 @@ def test_meshes_and_arrays_are_packed_and_unpacked() -> None:
 def test_the_reason_of_a_failed_attempt_is_returned(
     reply: Reply, expected: tuple[Any, ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(attempts, "run_apart", lambda *_: reply)
+    monkeypatch.setattr(attempts, "run_in_child", lambda *_: reply)
     tried = run_trimesh()
     assert expected[0] in tried.why
     assert (tried.ended_by, tried.seconds, tried.version is not None) == expected[1:]
@@ -102,7 +102,7 @@ def test_the_extra_is_missing_if_no_library_can_do_a_task(
 ) -> None:
     for module in (registry, extras):
         monkeypatch.setattr(module, "is_installed", lambda name: name not in absent.split())
-    chosen = chosen_tasks([tasks] if tasks else [])
+    chosen = select_tasks([tasks] if tasks else [])
     if not needed:
         registry.check_libraries(chosen)
         return
@@ -120,15 +120,15 @@ def test_invalid_welds_are_rejected(weld: Any, demo_asset: Path) -> None:
 
 
 def test_tasks_are_selected_by_words_of_their_names() -> None:
-    names = [task.name for task in chosen_tasks(["intersections", "decimate"])]
+    names = [task.name for task in select_tasks(["intersections", "decimate"])]
     assert names == ["decimate_50", "decimate_25", "decimate_10", "self_intersections"]
-    assert [task.name for task in chosen_tasks("solid")] == ["solid"]
-    assert [task.name for task in chosen_tasks("solid, uv")] == ["uv", "solid"]
-    assert [task.name for task in chosen_tasks(["solid,uv"])] == ["uv", "solid"]
-    assert [task.name for task in chosen_tasks([])] == list(TASKS)
+    assert [task.name for task in select_tasks("solid")] == ["solid"]
+    assert [task.name for task in select_tasks("solid, uv")] == ["uv", "solid"]
+    assert [task.name for task in select_tasks(["solid,uv"])] == ["uv", "solid"]
+    assert [task.name for task in select_tasks([])] == list(TASKS)
     for wrong in (["uvs"], 3, [3]):
         with pytest.raises(UsageError):
-            chosen_tasks(wrong)
+            select_tasks(wrong)
 
 
 @pytest.mark.parametrize("given", [(-1,), (1, np.nan)])

@@ -11,7 +11,7 @@ from PIL import Image
 from msb import metrics
 from msb.asset import Description, build_asset
 from msb.errors import SceneError, Unsupported, UsageError
-from msb.scenes.around import around
+from msb.scenes.around import make_turntable
 from msb_viewers.deployment.arrange import arrange
 from msb_viewers.deployment.difference import decibel_text, scale_colors, squared_error
 from msb_viewers.deployment.shots import Comparison, TierRenderers, choose_tiers
@@ -99,7 +99,7 @@ def test_a_baked_mesh_is_drawn_on_the_standard_tier() -> None:
     assert (tiers, missing) == (("standard", "baked"), {})
     with pytest.raises(UsageError, match="NAME_UNKNOWN"):
         choose_tiers(plain, [], ["baked"])
-    view = View("around", around(plain, 1, 40, 30)[0])
+    view = View("around", make_turntable(plain, 1, 40, 30)[0])
     scene = Comparison("plain", plain, tiers, missing, (view,), background=(0.0, 0.0, 0.0), baked=baked)
     assert CompareState.first(scene).pair == ("standard", "baked")
     with TierRenderers(scene) as renderers:

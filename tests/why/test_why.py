@@ -17,9 +17,9 @@ from msb.meshes.assets import asset_from_mesh, mesh_from_asset, with_faces
 from msb.render import Frame
 from msb.render.standard.renderer import StandardRenderer
 from msb.scenes import Camera
-from msb.scenes.around import around
+from msb.scenes.around import make_turntable
 from msb.scenes.datasets import read_scene
-from msb.views import difference
+from msb.views import psnr_over_views
 from msb.why import CAUSES, Cause, Causes, why
 from msb.why.causes import interpret_as_linear
 from msb.why.views import _CullingRenderer
@@ -32,7 +32,7 @@ MODELS = ROOT / "data_stubs" / "models"
 
 def measure(method: str) -> dict[str, tuple[bool, float | None]]:
     asset = msb.open(MODELS / "pebble" / method)
-    causes = why(asset, around(asset, 2, 64, 48))
+    causes = why(asset, make_turntable(asset, 2, 64, 48))
     assert [cause.name for cause in causes] == [definition.name for definition in CAUSES]
     assert all((cause.db is None) == (not cause.applies) == (cause.reason is not None) for cause in causes)
     return {cause.name: (cause.applies, cause.db) for cause in causes}
@@ -54,14 +54,14 @@ def test_causes_that_apply_to_a_closed_mesh() -> None:
     vertices, faces = TETRAHEDRON
     colors = np.array([[255, 0, 0], [0, 255, 0], [0, 0, 255], [9, 9, 9]], np.uint8)
     asset = asset_from_mesh(Mesh(vertices, faces.astype(np.int64), colors))
-    causes = by_name(why(asset, around(asset, 2, 48, 48)))
+    causes = by_name(why(asset, make_turntable(asset, 2, 48, 48)))
     applying = {name for name, cause in causes.items() if cause.applies}
     assert applying == {"supersampling", "shading", "linear_colors", "back_faces"}
     assert causes["back_faces"].db == float("inf")
     assert causes["back_faces"].to_dict()["db"] is None
     assert causes["back_faces"].to_dict()["equal"] is True
     inverted = asset_from_mesh(Mesh(vertices, faces[:, ::-1].astype(np.int64), colors))
-    assert by_name(why(inverted, around(inverted, 2, 48, 48)))["back_faces"].db < 30
+    assert by_name(why(inverted, make_turntable(inverted, 2, 48, 48)))["back_faces"].db < 30
 
 
 def test_textures_and_vertex_colours_have_the_same_losses() -> None:
@@ -76,7 +76,7 @@ def test_textures_and_vertex_colours_have_the_same_losses() -> None:
         "tint": Mesh(vertices, faces, None, np.repeat(paint, 4, axis=0), **skin, textures=(white, white)),
         "texture": Mesh(vertices, faces, **skin, textures=(painted, painted)),
     }
-    cameras = around(asset_from_mesh(meshes["vertices"]), 2, 48, 48)
+    cameras = make_turntable(asset_from_mesh(meshes["vertices"]), 2, 48, 48)
     causes = {name: by_name(why(asset_from_mesh(mesh), cameras)) for name, mesh in meshes.items()}
     for name, cause in causes["vertices"].items():
         assert causes["tint"][name].db == (cause.db and pytest.approx(cause.db, abs=0.1))
@@ -187,7 +187,7 @@ def test_light_is_applied_to_the_selected_faces() -> None:
     front = ((camera.center - corners[:, 0]) * normal).sum(axis=1) > 0
     wrong = interpret_as_linear([draw(with_faces(lit, front), camera)])
     native = msb.render(asset, camera, tier="dedicated", background="black").image
-    assert causes.total.wrong == pytest.approx(difference(wrong, [native]), abs=1e-6)
+    assert causes.total.wrong == pytest.approx(psnr_over_views(wrong, [native]), abs=1e-6)
 
 
 def draw(mesh: Mesh, camera: msb.Camera) -> Frame:

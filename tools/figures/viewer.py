@@ -18,7 +18,7 @@ from msb_viewers.deployment.compose import compose as compose_tiers
 from msb_viewers.deployment.shots import Comparison, TierRenderers, choose_tiers
 from msb_viewers.deployment.state import CompareState, Layout
 from msb_viewers.deployment.views import View
-from msb_viewers.figure import compose, panel_images
+from msb_viewers.figure import compose, render_columns
 from msb_viewers.model import ViewModel, build_model
 from msb_viewers.repaired import build_repaired_model
 from msb_viewers.state import ViewState
@@ -53,7 +53,7 @@ def viewer_picture(model: ViewModel) -> Image.Image:
         both &= np.isin(np.arange(len(both)), model.layers["nonmanifold_edge_endpoints"].numbers)
         near = np.where(both, model.points @ viewer.pose.eye, -np.inf)
         state.choose_vertex(int(near.argmax()))
-        viewer.fly_to_chosen()
+        viewer.fly_to_selection()
         return Image.fromarray(viewer.image())
     finally:
         viewer.close()
@@ -62,7 +62,7 @@ def viewer_picture(model: ViewModel) -> Image.Image:
 def figure_picture(model: ViewModel) -> Image.Image:
     """Return the four-panel figure as a README shows it."""
     buffer = io.BytesIO()
-    compose(model, panel_images(model)).savefig(buffer, format="png", dpi=78, facecolor="white")
+    compose(model, render_columns(model)).savefig(buffer, format="png", dpi=78, facecolor="white")
     pixels = np.asarray(Image.open(buffer).convert("RGB"))
     step = 1 << (8 - SHADES)
     return Image.fromarray(np.where(pixels == 255, 255, pixels // step * step + step // 2).astype(np.uint8))

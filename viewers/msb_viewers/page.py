@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msb.asset.look import AMBIENT, GREY, light_toward
-from msb.meshes.image_files import packed
+from msb.meshes.image_files import encode_image
 from msb_viewers.camera import FOV_Y, default_pose
 from msb_viewers.model import ViewModel
 from msb_viewers.palette import BACKGROUND, HIGHLIGHT, NEUTRAL, SIZE_CLASSES, size_label
@@ -68,7 +68,7 @@ def page_arrays(model: ViewModel) -> dict[str, NDArray[Any]]:
             arrays["colors"] = model.skin.tint.reshape(-1, 12)[rows].reshape(-1)
         for number, _ in textures:
             image, sampler = model.skin.textured.images[number], model.skin.textured.sampler
-            arrays[f"texture.{number}"] = np.frombuffer(packed(image, "png", sampler)[0], np.uint8)
+            arrays[f"texture.{number}"] = np.frombuffer(encode_image(image, "png", sampler)[0], np.uint8)
     elif model.colors is not None:
         values = model.colors.values
         if model.colors.domain == "face":

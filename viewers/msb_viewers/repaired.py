@@ -23,13 +23,13 @@ def build_repaired_model(before: ViewedMesh, after: ViewedMesh) -> ViewModel:
     the mesh before the repair. Faces are matched by the positions of their corners, so that repairs of any
     program can be shown.
     """
-    from msb.meshes.transform import turned
+    from msb.meshes.transform import rotate_axis
     from msb.topology import audit_arrays
     from msb.topology.arrays import mesh_arrays
     from msb.topology.difference import find_difference
     from msb.topology.verdict import judge
 
-    placed = turned(after.vertices, after.up, before.up)  # files such as .glb are rotated upright
+    placed = rotate_axis(after.vertices, after.up, before.up)  # files such as .glb are rotated upright
     old, new = mesh_arrays(before.vertices, before.faces), mesh_arrays(placed, after.faces)
     change = find_difference(old, new)
     # The mesh before the repair, followed by the added faces and the vertices after the repair.

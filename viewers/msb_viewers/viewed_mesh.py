@@ -100,7 +100,7 @@ def viewed_mesh(mesh: StoredMesh, path: Path) -> ViewedMesh:
 def _skin(mesh: StoredMesh, tint: StaticColors | None) -> tuple[Skin | None, StaticColors | None]:
     """Return the textures of `mesh`, or None, and its colours for drawing without textures."""
     from msb.asset.look import corner_colors, corner_tint
-    from msb.asset.texture import encoded, textures_in
+    from msb.asset.texture import encode_texels, textures_in
 
     faces = mesh.faces
     inside = faces.size and 0 <= faces.min() <= faces.max() < len(mesh.vertices)
@@ -111,7 +111,7 @@ def _skin(mesh: StoredMesh, tint: StaticColors | None) -> tuple[Skin | None, Sta
     if tint is None:
         return Skin(textured, None), colors
     light = np.nan_to_num(corner_tint(tint, faces), nan=0.0)
-    texels = encoded(light, 4)
+    texels = encode_texels(light, 4)
     texels[:, 3] = np.ceil(
         light[:, 3] * 255
     )  # round up, so that rounding does not move alpha below the cutoff

@@ -28,10 +28,10 @@ import msb
 from msb.api.auditing import audit_stored
 from msb.api.opening import stored_mesh
 from msb.asset.look import lit_grey, up_axis
-from msb.asset.texture import Sampler, decoded, encoded, linear_to_srgb, srgb_to_linear
+from msb.asset.texture import Sampler, decode_texels, encode_texels, linear_to_srgb, srgb_to_linear
 from msb.meshes import Mesh
 from msb.meshes.assets import asset_from_mesh, mesh_from_asset, with_corner_colors
-from msb.meshes.transform import turned
+from msb.meshes.transform import rotate_axis
 from msb.topology import audit_arrays
 from msb.topology.elements import find_elements
 from msb.topology.seams import find_seams
@@ -47,7 +47,7 @@ def read(path: str) -> tuple[Arrays, dict[str, Any]]:
     mesh, up = mesh_from_asset(asset), up_axis(asset)  # `mesh.up` may be unknown (None)
     arrays: Arrays = {"vertices": mesh.vertices, "faces": mesh.faces}
     about: dict[str, Any] = {"method": asset.manifest.method, "up": mesh.up, "bytes": False}
-    about["turn"] = turned(np.eye(3), up, "+z").T.tolist()
+    about["turn"] = rotate_axis(np.eye(3), up, "+z").T.tolist()
     if mesh.vertex_colors is not None:
         colors = mesh.vertex_colors[mesh.faces.reshape(-1)]
     elif mesh.face_colors is not None:
@@ -70,7 +70,7 @@ def read(path: str) -> tuple[Arrays, dict[str, Any]]:
         if mesh.face_textures is not None:
             arrays["face_texture"] = mesh.face_textures
         for number, image in enumerate(mesh.textures):
-            arrays[f"texture.{number}"] = decoded(image[::-1])
+            arrays[f"texture.{number}"] = decode_texels(image[::-1])
     return audit(asset_from_mesh(mesh), arrays, about)
 
 
@@ -120,7 +120,7 @@ def read_mesh_arrays(path: str) -> tuple[msb.Asset, Arrays, dict[str, Any]]:
 
 def as_texture(image: NDArray[Any]) -> NDArray[np.uint8]:
     """Return an image, linear light as floats or sRGB as bytes, as sRGB bytes; without alpha if it is 1."""
-    values = image if image.dtype == np.uint8 else encoded(np.clip(image, 0, 1), 4)
+    values = image if image.dtype == np.uint8 else encode_texels(np.clip(image, 0, 1), 4)
     return np.ascontiguousarray(values if (values[..., 3] < 255).any() else values[..., :3])
 
 

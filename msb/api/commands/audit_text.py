@@ -8,7 +8,7 @@ from msb.base.paths import shell_word
 from msb.cli.output import Cell, Output
 from msb.errors import one_line
 from msb.topology.audit import Audit, Sample
-from msb.topology.shown import structure_text
+from msb.topology.metric_text import format_metric
 from msb.topology.verdict import Level, judge, percent
 
 # The columns of the paper's table of mesh diagnostics, in its order.
@@ -66,7 +66,7 @@ def print_audit(audit: Audit, output: Output, *, paper: bool = False, hint: bool
 
         rows.append(("paper mean", paper_row("mesh_connectivity", scene="mean")))
     cells = [
-        (label, *("-" if metrics[key] is None else structure_text(key, metrics[key]) for _, key in _COLUMNS))
+        (label, *("-" if metrics[key] is None else format_metric(key, metrics[key]) for _, key in _COLUMNS))
         for label, metrics in rows
     ]
     arrows = output.console().encoding.lower().startswith("utf")

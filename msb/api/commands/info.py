@@ -108,9 +108,9 @@ def _skin(textures: list[dict[str, Any]], sampler: Sampler) -> str:
 
 
 def _background(manifest: Manifest) -> str:
-    from msb.scenes.datasets import color_name, own_background, stated_background
+    from msb.scenes.datasets import color_name, default_background, stated_background
 
-    name = color_name(own_background(manifest))
+    name = color_name(default_background(manifest))
     return name if stated_background(manifest) else f"{name} (not stated by the asset)"
 
 

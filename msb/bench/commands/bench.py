@@ -13,7 +13,7 @@ from msb.bench.timing import Timing
 from msb.cli.command import Typed, command
 from msb.cli.output import JsonOutput, Output
 from msb.errors import GateFailed, InputError, UsageError, shorten
-from msb.render.options import NO_CAMERAS, Drawing, Source, Tier, Views
+from msb.render.options import NO_CAMERAS, RendererOptions, Source, Tier, ViewOptions
 
 SCHEMA = "msb.bench/1"
 # Number of views around the asset without --cameras.
@@ -62,9 +62,9 @@ class BenchOptions:
 def bench(
     path: Source,
     options: BenchOptions,
-    views: Annotated[Views, ("cameras", "camera", "size", "background")],
+    views: Annotated[ViewOptions, ("cameras", "camera", "size", "background")],
     timing: Timing,
-    drawing: Annotated[Drawing, ("assignments", "order", "sampling", "renderer", "device")],
+    drawing: Annotated[RendererOptions, ("assignments", "order", "sampling", "renderer", "device")],
     output: JsonOutput,
     typed: Typed,
 ) -> None:
@@ -83,9 +83,9 @@ def bench(
     from msb.bench.nvml import read_driver_memory
     from msb.bench.profile import profile
     from msb.render import Renderer
-    from msb.render.backend import lean_options
+    from msb.render.backend import minimal_options
     from msb.render.machine import machine
-    from msb.scenes.around import around
+    from msb.scenes.around import make_turntable
 
     limit = options.limit
     old = None if options.compare is None else _read_old(options.compare)
@@ -93,9 +93,9 @@ def bench(
     if views.cameras is not None:
         cameras = views.read(output.note)
     else:
-        cameras = around(asset, _VIEWS, *views.pixels(960, 720))
+        cameras = make_turntable(asset, _VIEWS, *views.pixels(960, 720))
     color = views.color(asset)
-    lean = lean_options(options.tier, drawing.renderer) | drawing.modes
+    lean = minimal_options(options.tier, drawing.renderer) | drawing.modes
     settings = drawing.settings(asset)
     with Renderer(asset, options.tier, drawing.device, settings, name=drawing.renderer, **lean) as renderer:
         with output.counted("timing", timing.frames) as step:

@@ -14,7 +14,7 @@ from msb.base.option import Argument, Option
 from msb.cli.command import Typed, command
 from msb.cli.output import Cell, Output, report_error
 from msb.errors import EXIT_STATUS, MsbError, about, shorten
-from msb.render.options import parsed_color
+from msb.render.options import parse_color_option
 
 if TYPE_CHECKING:
     from msb.metrics import ImagePair
@@ -63,7 +63,7 @@ def evaluate(
     have equal sizes, because nothing is resized. All values are clamped and rounded to 8 bits. An invalid
     image is reported as one line on standard error, and the exit status is 3; the other images are compared.
     """
-    color = None if options.background is None else parsed_color(options.background)
+    color = None if options.background is None else parse_color_option(options.background)
     from msb.metrics import pair_images
 
     pairs = pair_images(pred, gt, subset=options.subset)

@@ -16,7 +16,7 @@ from msb.base.paths import shell_word
 from msb.cli.command import Typed, command, require
 from msb.cli.output import Output, echo, say
 from msb.errors import UsageError
-from msb.render.options import Drawing, ImageFolder
+from msb.render.options import ImageFolder, RendererOptions
 
 if TYPE_CHECKING:
     from rich.console import Group
@@ -129,7 +129,7 @@ def run(
     ] = None,
     *,
     options: RunOptions,
-    drawing: Annotated[Drawing, ("device",)],
+    drawing: Annotated[RendererOptions, ("device",)],
     output: Annotated[RunOutput, ("json_file", "quiet", "verbose")],
     typed: Typed,
 ) -> int:

@@ -1,7 +1,7 @@
 // Views vote whether cells are solid: the average distance of each cell in front of the surface that they see.
 
 // Layout of a view: the rows of its pose (12), fx, fy, cx, cy, width and height of its image, and the unit of its
-// depths. RECORD is the number of values. UNKNOWN marks a cell without votes. msb/bake/fusion.py defines both.
+// depths. RECORD is the number of values. UNKNOWN marks a cell without votes. msb/bake/depth_fusion.py defines both.
 
 // Add the votes of some views to every cell. Poses apply to positions in units of a space; `grid` holds the lowest
 // corner and the size of a cell. A cell more than `behind` behind the visible surface is hidden; its distance in

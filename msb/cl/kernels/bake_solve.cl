@@ -1,5 +1,5 @@
-// The equations of msb/bake/stencils.py, solved by conjugate gradients for red, green and blue together, in x, y
-// and z. Each work-item handles RUN consecutive texels, so sums are equal in every run. msb/bake/stencils.py
+// The equations of msb/bake/texture_equations.py, solved by conjugate gradients for red, green and blue together, in x, y
+// and z. Each work-item handles RUN consecutive texels, so sums are equal in every run. msb/bake/texture_equations.py
 // defines RUN and NOTHING, the residual that counts as 0.
 
 // Tie neighbours in a chart to each other, and a texel without neighbours to its current value. Otherwise, texels

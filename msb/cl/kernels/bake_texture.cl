@@ -1,5 +1,5 @@
 // Equations that the pixels of an image impose on the texels of a square texture and its smaller levels, as in
-// msb/bake/stencils.py. Sums are equal in every run: sums of a texel follow the order of its pixels.
+// msb/bake/texture_equations.py. Sums are equal in every run: sums of a texel follow the order of its pixels.
 #define LANES 1
 #include "zbuffer_math.cl"
 #include "zbuffer_texture.cl"

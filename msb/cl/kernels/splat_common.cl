@@ -36,7 +36,7 @@ typedef struct {
     Limits limits;
 #ifdef OWN_MEMBERS
     struct {
-        OWN_MEMBERS // members of the method, from `own` in its module `look` (msb/render/splat/model.py)
+        OWN_MEMBERS // members of the method, from `own` in its module `native` (msb/render/splat/model.py)
     } own;
 #endif
 } View;

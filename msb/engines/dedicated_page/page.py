@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msb.asset import Asset
-from msb.asset.look import colors_of, shown_faces
+from msb.asset.look import colors_of, select_faces
 from msb.asset.settings import effective_settings
 from msb.asset.strict_json import parse_strict_json
 from msb.base.files import read_file
@@ -23,13 +23,13 @@ from msb.engines.hardware.program import make_plan
 from msb.engines.webpage import camera_data, fill_template, scene_data
 from msb.errors import DeviceError, InputError, MsbError
 from msb.registry import Order, Sampling, lookup
-from msb.render.splat.model import Model
+from msb.render.splat.model import SplatModel
 from msb.render.surface import Surface
 from msb.scenes import Camera
 from msb.scenes.colors import Color
 
 SCRIPTS = (
-    *("camera.js", "page.js", "hands.js", "store.js", "dedicated.js"),
+    *("camera.js", "page.js", "controls.js", "store.js", "dedicated.js"),
     *("native.js", "quality.js", "start.js"),
 )
 # The limits that WebGPU guarantees on every device.
@@ -289,7 +289,7 @@ def _describe_record(packed: Packed) -> dict[str, Any]:
         count = int(np.prod(dtype.shape, dtype=int))
         members.append([name, _TYPES[dtype.base.kind], count, offset])
     offset = VIEW.itemsize
-    for name, value in model.own.items():
+    for name, value in model.method_values.items():
         members.append([name, _TYPES[value.dtype.kind], 1, offset])
         offset += 4
     return {
@@ -298,11 +298,13 @@ def _describe_record(packed: Packed) -> dict[str, Any]:
         "near": model.near,
         "far": model.far,
         "degree": packed.degree,
-        "own": {name: value.item() for name, value in model.own.items()},
+        "own": {name: value.item() for name, value in model.method_values.items()},
     }
 
 
-def _live_settings(asset: Asset, settings: Mapping[str, Any], model: Model | Surface) -> list[dict[str, Any]]:
+def _live_settings(
+    asset: Asset, settings: Mapping[str, Any], model: SplatModel | Surface
+) -> list[dict[str, Any]]:
     """Return the settings of the method that affect only the camera record, so the page can change them.
 
     Each entry has `name`, the current `value` and `options`: possible values with their members of the
@@ -320,13 +322,15 @@ def _live_settings(asset: Asset, settings: Mapping[str, Any], model: Model | Sur
                 break
             if not _differ_in_record_only(model, other):
                 break
-            options.append({"value": choice, "own": {key: value.item() for key, value in other.own.items()}})
+            options.append(
+                {"value": choice, "own": {key: value.item() for key, value in other.method_values.items()}}
+            )
         if len(options) == len(choices) > 1:
             live.append({"name": name, "value": values[name], "options": options})
     return live
 
 
-def _differ_in_record_only(model: Model | Surface, other: Model | Surface) -> bool:
+def _differ_in_record_only(model: SplatModel | Surface, other: SplatModel | Surface) -> bool:
     """Return whether two models differ at most in the values of the method's members of the camera record."""
     for name, value in vars(model).items():
         second = getattr(other, name)
@@ -392,7 +396,7 @@ def _describe_standard_mesh(
     if not all are.
     """
     grey = not lookup(asset.manifest.method).supports("standard")
-    numbers = None if grey else shown_faces(asset, values.get("ste_threshold"))
+    numbers = None if grey else select_faces(asset, values.get("ste_threshold"))
     selected = None
     if numbers is not None:
         mask = np.zeros(packed.faces, np.uint8)

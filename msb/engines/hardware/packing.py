@@ -14,7 +14,7 @@ from msb.asset.settings import effective_settings
 from msb.errors import Unsupported
 from msb.registry import role
 from msb.render.backend import check_supported
-from msb.render.splat.model import CLIPPED, Model, make_model, sh_buffers
+from msb.render.splat.model import CLIPPED, SplatModel, make_model, sh_buffers
 from msb.render.splat.view import make_view
 from msb.render.surface import Surface
 from msb.scenes import Camera
@@ -66,7 +66,7 @@ class Packed:
         Preprocessor definitions of the WGSL.
     """
 
-    model: Model | Surface
+    model: SplatModel | Surface
     faces: int
     vertices: int
     arrays: Mapping[str, NDArray[Any]]
@@ -86,7 +86,9 @@ class Packed:
         """Return the uniform buffer of a camera: `VIEW`, then the method's members, padded to 16 bytes."""
         model, common = self.model, {"degree": self.degree}
         origin = np.zeros(3, np.float32)  # the centre of the model is used for culling only
-        view = make_view(camera, model.near, model.far, self.scale, common, model.own, CLIPPED, origin)
+        view = make_view(
+            camera, model.near, model.far, self.scale, common, model.method_values, CLIPPED, origin
+        )
         record = np.zeros((), VIEW)
         for name in VIEW.names or ():
             if name in (view.dtype.names or ()):
@@ -108,20 +110,22 @@ def pack(asset: Asset, settings: Mapping[str, Any] | None) -> Packed:
     """
     check_supported(asset, "dedicated")
     values = effective_settings(asset.manifest, settings)
-    look: Any = role(asset.manifest.method, "look")
-    if not hasattr(look, "splat_model") and not hasattr(look, "surface_model"):
+    native: Any = role(asset.manifest.method, "native")
+    if not hasattr(native, "splat_model") and not hasattr(native, "surface_model"):
         raise _unsupported(asset)
     check_drawable(asset)
-    packed = _pack_surface(asset, values) if hasattr(look, "surface_model") else _pack_splats(asset, values)
+    packed = _pack_surface(asset, values) if hasattr(native, "surface_model") else _pack_splats(asset, values)
     if not (resources.files(packed.model.package) / f"{packed.model.program}.wgsl").is_file():
         raise _unsupported(asset)
     return packed
 
 
-def make_native_model(asset: Asset, values: Mapping[str, Any]) -> Model | Surface:
+def make_native_model(asset: Asset, values: Mapping[str, Any]) -> SplatModel | Surface:
     """Return the model of the native rendering for the settings `values`; raises the errors of `pack`."""
-    look: Any = role(asset.manifest.method, "look")
-    return look.surface_model(asset, values) if hasattr(look, "surface_model") else make_model(asset, values)
+    native: Any = role(asset.manifest.method, "native")
+    return (
+        native.surface_model(asset, values) if hasattr(native, "surface_model") else make_model(asset, values)
+    )
 
 
 def _pack_splats(asset: Asset, values: Mapping[str, Any]) -> Packed:
@@ -152,8 +156,8 @@ def _pack_splats(asset: Asset, values: Mapping[str, Any]) -> Packed:
 
 def _pack_surface(asset: Asset, values: Mapping[str, Any]) -> Packed:
     """Return the data of a method that draws an opaque surface with a z-buffer."""
-    look: Any = role(asset.manifest.method, "look")
-    surface: Surface = look.surface_model(asset, values)
+    native: Any = role(asset.manifest.method, "native")
+    surface: Surface = native.surface_model(asset, values)
     names = ("positions", "indices", "coverage")
     arrays = {name: np.ascontiguousarray(getattr(surface, name)) for name in names}
     return Packed(surface, asset.manifest.face_count, len(surface.positions), arrays, surface)

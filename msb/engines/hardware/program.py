@@ -129,7 +129,7 @@ def make_plan(
         lattices = {"SIDE": 1 << surface.level, "BYTES": as_bytes, "TEXEL": "u32" if as_bytes else "f32"}
     defines: dict[str, bool | int | str] = {
         **{key: bool(value) for key, value in packed.defines.items()},
-        "OWN_MEMBERS": "\n".join(f"    {k}: {_TYPES[v.dtype.name]}," for k, v in model.own.items()),
+        "OWN_MEMBERS": "\n".join(f"    {k}: {_TYPES[v.dtype.name]}," for k, v in model.method_values.items()),
         "VERTEX_COLORS": not packed.soup,
         "ENGINE": sampling == "engine",
         "IN_TILES": order == "tile" and sampling == "official" and surface is None,
@@ -185,7 +185,7 @@ def make_plan(
         ]
         passes.append(ComputePass("records", "record", "record", tuple(bindings), indirect=4 * start))
         records.append((f"records {k}", 4 * (start + 4)))
-    planner.buffer("view", VIEW.itemsize + 4 * len(model.own), "uniform", "copy_dst")
+    planner.buffer("view", VIEW.itemsize + 4 * len(model.method_values), "uniform", "copy_dst")
     if surface is not None:
         band_passes = _z_buffered(planner, surface, tuple(records), len(members))
     else:

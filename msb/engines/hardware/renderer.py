@@ -18,7 +18,7 @@ from msb.engines.webgpu import WgpuRenderer
 from msb.engines.webgpu_adapter import Gpu
 from msb.errors import DeviceError, UsageError
 from msb.registry import Order, Sampling
-from msb.render.backend import Drawn
+from msb.render.backend import DrawTime
 from msb.render.frame import Frame
 from msb.scenes import Camera
 from msb.scenes.colors import Color
@@ -143,13 +143,13 @@ class HardwareRenderer:
             timings=timing.stages,
         )
 
-    def draw(self, camera: Camera, background: Color) -> Drawn:
+    def draw(self, camera: Camera, background: Color) -> DrawTime:
         """Draw and wait until the frame is complete, but read nothing back."""
         self._check_open()
         with self._gpu.reporting("drawing"):
             return self._run(camera, background, read=False)
 
-    def _run(self, camera: Camera, background: Color, *, read: bool) -> Drawn:
+    def _run(self, camera: Camera, background: Color, *, read: bool) -> DrawTime:
         self._make_targets(camera.width, camera.height)
         view = self._packed.view_bytes(camera, background)
         self._gpu.device.queue.write_buffer(self._gpu.resources["view"], 0, view)
@@ -160,7 +160,7 @@ class HardwareRenderer:
             self._gpu.device.queue.submit([encoder.finish()])
         return timing
 
-    def _run_by_stage(self) -> Drawn:
+    def _run_by_stage(self) -> DrawTime:
         """Submit each stage separately and time it with the wall clock, on a software adapter.
 
         The timestamps of lavapipe are useless for compute passes, because they are written at the next draw.
@@ -174,9 +174,9 @@ class HardwareRenderer:
             self._runs.encode(encoder, steps)
             self._gpu.run(encoder)
             spent[stage] = spent.get(stage, 0.0) + 1000 * (time.perf_counter() - start)
-        return Drawn(spent, 1000 * (time.perf_counter() - begun))
+        return DrawTime(spent, 1000 * (time.perf_counter() - begun))
 
-    def _run_at_once(self) -> Drawn:
+    def _run_at_once(self) -> DrawTime:
         """Submit the whole frame; the device measures the stages if it has timestamps."""
         start = time.perf_counter()
         encoder = self._gpu.device.create_command_encoder()
@@ -187,13 +187,13 @@ class HardwareRenderer:
         times = self._gpu.run(encoder).reshape(-1, 2).astype(np.float64)
         waited = 1000 * (time.perf_counter() - start)
         if self._gpu.nanoseconds_per_tick is None:
-            return Drawn({WALL_CLOCK: waited}, waited)
+            return DrawTime({WALL_CLOCK: waited}, waited)
         # Start and end of each stage (S, 2), in milliseconds.
         times *= self._gpu.nanoseconds_per_tick / 1e6
         spent: dict[str, float] = {}
         for (stage, _), (began, ended) in zip(stages, times.tolist(), strict=True):
             spent[stage] = spent.get(stage, 0.0) + max(0.0, ended - began)
-        return Drawn(spent, max(0.0, float(times[-1, 1] - times[0, 0])))
+        return DrawTime(spent, max(0.0, float(times[-1, 1] - times[0, 0])))
 
     def _make_targets(self, width: int, height: int) -> None:
         if self._size == (width, height):

@@ -36,7 +36,7 @@ function blendedProjection(view, near, far) {
   ]];
 }
 
-// Returns the same for DiffSoup, as in its look_model.py. With `flip` (layout "synthetic") the matrix is computed in
+// Returns the same for DiffSoup, as in its native_model.py. With `flip` (layout "synthetic") the matrix is computed in
 // double precision and rounded once.
 function surfaceProjection(view, near, far, flip) {
   const f = Math.fround, g = flip ? (x) => x : f;

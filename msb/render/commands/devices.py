@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from msb.cli.command import command
 from msb.cli.output import JsonOutput, Output
 from msb.errors import DeviceError, MsbError
-from msb.render.options import Drawing
+from msb.render.options import RendererOptions
 
 if TYPE_CHECKING:
     from msb.cl.devices import Choice, Tried
@@ -18,7 +18,7 @@ _BYTES = ("global_memory", "max_allocation", "local_memory")
 
 
 @command("msb devices", "msb devices -v --device cpu", "msb devices --json -")
-def devices(drawing: Annotated[Drawing, ("device",)], output: JsonOutput) -> None:
+def devices(drawing: Annotated[RendererOptions, ("device",)], output: JsonOutput) -> None:
     """List the OpenCL devices, whether each builds kernels, the default device, and the renderers.
 
     Every device is tested again. -v shows all limits and capabilities, and the workarounds that a device
@@ -85,14 +85,14 @@ def _print(tried: list[Tried], choice: Choice | None, hints: list[str], output: 
 
 def _renderers(choice: Choice | None) -> list[dict[str, Any]]:
     """Return every renderer: its name, its module, and why it cannot draw here (None if it can)."""
-    from msb.render.backend import ON_OPENCL, renderers, what_is_missing
+    from msb.render.backend import ON_OPENCL, renderers, why_unavailable
 
     without = None if choice else "no OpenCL device builds kernels here"
     return [
         {
             "name": name,
             "from": where,
-            "missing": what_is_missing(name) or (without if name in ON_OPENCL else None),
+            "missing": why_unavailable(name) or (without if name in ON_OPENCL else None),
         }
         for name, where in renderers().items()
     ]
@@ -106,14 +106,14 @@ def _why(choice: Choice) -> str:
 
 
 def _details(device: Tried) -> Iterator[tuple[str, str]]:
-    from msb.cl.mend import MEND_VARIABLE
+    from msb.cl.pocl_fix import FIX_VARIABLE
 
     record, trial, _ = device
     builds = "yes" if trial.builds else f"no: {trial.why}"
     if trial.mended:
         builds += (
             f", with a workaround: its compiler does not know this processor and compiles for "
-            f"{trial.mended} instead (docs/opencl.md; {MEND_VARIABLE}=0 disables it)"
+            f"{trial.mended} instead (docs/opencl.md; {FIX_VARIABLE}=0 disables it)"
         )
     yield "builds kernels", builds
     for key, value in record.to_dict().items():

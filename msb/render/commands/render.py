@@ -13,7 +13,7 @@ from msb.base.option import Option
 from msb.cli.command import Typed, command, require
 from msb.cli.output import JsonOutput, Output, echo, file_option
 from msb.errors import UsageError, shorten
-from msb.render.options import Drawing, ImageFolder, Source, Tier, Up, Views
+from msb.render.options import ImageFolder, RendererOptions, Source, Tier, Up, ViewOptions
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -80,7 +80,7 @@ class RenderOptions:
         return ("dedicated", "standard") if self.tier == "both" else (self.tier,)
 
 
-def _check_options(options: RenderOptions, views: Views, typed: Typed) -> None:
+def _check_options(options: RenderOptions, views: ViewOptions, typed: Typed) -> None:
     """Raise an error for options that contradict each other."""
     require(options.out or options.film, "pass --out FOLDER for images, --film FILE for a film, or both")
     sources = views.cameras, options.scene, options.turntable
@@ -112,8 +112,8 @@ def _check_options(options: RenderOptions, views: Views, typed: Typed) -> None:
 def render(
     path: Source,
     options: RenderOptions,
-    views: Views,
-    drawing: Drawing,
+    views: ViewOptions,
+    drawing: RendererOptions,
     output: JsonOutput,
     typed: Typed,
 ) -> None:
@@ -125,7 +125,7 @@ def render(
     """
     from msb.api.command_files import open_asset
     from msb.render import Renderer
-    from msb.render.backend import check_supported, lean_options
+    from msb.render.backend import check_supported, minimal_options
     from msb.render.machine import machine
 
     _check_options(options, views, typed)
@@ -157,7 +157,7 @@ def render(
         # With --tier both, --order and --sampling apply to dedicated, --supersample to standard.
         alone = len(options.tiers) == 1
         modes = drawing.modes if alone or tier == "dedicated" else {}
-        more = lean_options(tier, drawing.renderer, ids=options.ids) | modes
+        more = minimal_options(tier, drawing.renderer, ids=options.ids) | modes
         if drawing.supersample > 1 and (alone or tier == "standard"):
             more["supersample"] = drawing.supersample
         with Renderer(asset, tier, drawing.device, settings, name=drawing.renderer, **more) as renderer:
@@ -181,10 +181,10 @@ def render(
     output.write_documents(documents)
 
 
-def _cameras(asset: Asset, options: RenderOptions, views: Views, output: Output) -> list[Camera]:
+def _cameras(asset: Asset, options: RenderOptions, views: ViewOptions, output: Output) -> list[Camera]:
     """Return the cameras of --cameras, of a flight through them, or of a turntable."""
-    from msb.scenes import interpolated
-    from msb.scenes.around import ELEVATION, around
+    from msb.scenes import interpolate_cameras
+    from msb.scenes.around import ELEVATION, make_turntable
     from msb.scenes.paths import MAX_FRAMES
 
     if options.turntable is not None:
@@ -198,40 +198,40 @@ def _cameras(asset: Asset, options: RenderOptions, views: Views, output: Output)
             text = f"1 to {MAX_FRAMES} cameras, at less than 90 degrees above or below the horizon"
             raise UsageError("USAGE", f"--turntable is {options.turntable}; allowed are {text}")
         width, height = views.pixels(960, 720)
-        return around(asset, count, width, height, options.up, degrees)
+        return make_turntable(asset, count, width, height, options.up, degrees)
     cameras = views.read(output.note)
     if options.flight is None:
         return cameras
     return [
         replace(camera, name=f"{index:05d}")
-        for index, camera in enumerate(interpolated(cameras, options.flight))
+        for index, camera in enumerate(interpolate_cameras(cameras, options.flight))
     ]
 
 
 def _scene(asset: Asset, path: Path, image_folder: str | None, output: Output) -> Scene:
     """Return a scene as `msb run` evaluates the asset on it, and print its warnings."""
-    from msb.scenes.datasets import scaled_note, scene_of
+    from msb.scenes.datasets import note_scaled_cameras, scene_of
 
     scene = scene_of(asset.manifest, path, image_folder=image_folder)
     for warning in scene.warnings:
         output.note(warning.to_line(warning.file or path))
-    if (note := scaled_note([scene])) is not None:
+    if (note := note_scaled_cameras([scene])) is not None:
         output.note(f"{path}: {note}")
     return scene
 
 
 def _note_training(asset: Asset, scene: Scene, path: Path, output: Output) -> None:
     """Print how the training differed from the scene, except for warnings that opening the asset printed."""
-    from msb.scenes.datasets import stated_background, trained_otherwise
+    from msb.scenes.datasets import compare_training, stated_background
 
     reported = {warning.message for warning in asset.warnings}
     manifest = asset.manifest
-    for finding in trained_otherwise(manifest.training, stated_background(manifest), scene):
+    for finding in compare_training(manifest.training, stated_background(manifest), scene):
         if finding.message not in reported:
             output.note(finding.to_line(path))
 
 
-def _views_of(scene: Scene, views: Views) -> tuple[Split, list[Camera]]:
+def _views_of(scene: Scene, views: ViewOptions) -> tuple[Split, list[Camera]]:
     """Return the requested cameras of a scene and their split; the default is the test views.
 
     ``train`` selects the training views, ``all`` the training and then the test views. Numbers count the test

@@ -1,6 +1,6 @@
 """The model that the splatting pipeline draws, and helper functions that build one from an asset.
 
-The module `look` of a method has a function ``splat_model(asset, settings)`` that returns a `Model`.
+The module `native` of a method has a function ``splat_model(asset, settings)`` that returns a `Model`.
 Beside it lies the method's one kernel file; the head of `splat_stages.cl` describes its contents.
 """
 
@@ -29,7 +29,7 @@ CLIPPED = Culling(nearest=ENGINE_NEAR, dilation=1.0, clipped=True)
 
 
 @dataclass(frozen=True)
-class Model:
+class SplatModel:
     """An asset in the form that the kernels read: activated parameters and the values of the settings.
 
     Attributes
@@ -48,7 +48,7 @@ class Model:
     box_mean : bool
         Whether a pixel is the mean of all its samples. Otherwise pixels are interpolated bilinearly from the
         samples around their centres.
-    own : mapping of str to numpy.float32, numpy.int32 or numpy.uint32
+    method_values : mapping of str to numpy.float32, numpy.int32 or numpy.uint32
         Values of the method's settings for its kernels: the members of ``view->own`` by name.
     positions : (V, 3) float32
     coverage : (n, c) float32
@@ -76,7 +76,7 @@ class Model:
     defines: Mapping[str, bool] = field(default_factory=dict)
     scale: int = 1
     box_mean: bool = False
-    own: Mapping[str, np.generic] = field(default_factory=dict)
+    method_values: Mapping[str, np.generic] = field(default_factory=dict)
     vertex_colors: bool = False
     engine_culling: Culling = CLIPPED
 
@@ -113,13 +113,13 @@ def contour(opacity: NDArray[np.float32], sigma: NDArray[np.float32] | np.float3
         return np.asarray(np.exp2(power, dtype=np.float64), np.float32)
 
 
-def make_model(asset: Asset, settings: Settings) -> Model:
-    """Return the model of an asset, built by ``splat_model`` of its method's module `look`."""
+def make_model(asset: Asset, settings: Settings) -> SplatModel:
+    """Return the model of an asset, built by ``splat_model`` of its method's module `native`."""
     method = asset.manifest.method
-    look: Any = role(method, "look")
+    native: Any = role(method, "native")
     require(asset, "compositing", "kind", "front_to_back")
     require(asset, "coverage", "kernel", METHODS[method].coverage)
-    model: Model = look.splat_model(asset, settings)
+    model: SplatModel = native.splat_model(asset, settings)
     return model
 
 

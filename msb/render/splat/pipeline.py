@@ -20,13 +20,13 @@ from msb.cl import Buffer, Device, Program
 from msb.cl.kernel_text import Define
 from msb.cl.programs import Kernel
 from msb.registry import Order, Sampling
-from msb.render.backend import SETTLED_AT, Drawn
+from msb.render.backend import SETTLED_AT, DrawTime
 from msb.render.device_scope import DeviceScope, OnDevice, in_turn
-from msb.render.frame import Frame, chosen_extras
+from msb.render.frame import Frame, parse_outputs
 from msb.render.splat.bins import LANES, SETTLED, WORK_GROUP, DepthSort, Projected, TileLists, bin_faces
 from msb.render.splat.model import ENGINE_NEAR, make_model, sh_buffers
 from msb.render.splat.order import FACE_GROUP, Arrays, keep_model, order_model
-from msb.render.splat.view import TILE, make_view, own_members
+from msb.render.splat.view import TILE, make_view, method_members
 from msb.scenes import Camera
 
 # Faces that a work-item projects. On a CPU, large enough to amortise its buffers, and small enough for many
@@ -111,7 +111,7 @@ class SplattingPipeline(OnDevice):
         check_modes(order, sampling)
         check_drawable(asset)
         self._model = model = make_model(asset, values)
-        self._outputs = chosen_extras(outputs) & {*model.outputs, "raw"}
+        self._outputs = parse_outputs(outputs) & {*model.outputs, "raw"}
         if outputs == "auto" and model.scale > 1:
             self._outputs -= {"raw"}
         self._count = asset.manifest.face_count
@@ -142,7 +142,7 @@ class SplattingPipeline(OnDevice):
             self._defines: dict[str, Define] = {
                 **_CONSTANTS,
                 **model.defines,
-                **own_members(model.own),
+                **method_members(model.method_values),
                 "LANES": LANES[self._device.style],
                 "ENGINE": engine,
                 "FACE_WORDS": self.record_words,
@@ -180,12 +180,12 @@ class SplattingPipeline(OnDevice):
         return replace(frame, timings=timing.milliseconds())
 
     @in_turn
-    def draw(self, camera: Camera, background: tuple[float, float, float]) -> Drawn:
+    def draw(self, camera: Camera, background: tuple[float, float, float]) -> DrawTime:
         """Draw like `render` and wait, reading back only the two counts of the tile lists."""
         self._order_faces()
         with self._device.timing() as timing:
             self._run(camera, background)
-        return Drawn(timing.milliseconds(), timing.span(), timing.since_queued())
+        return DrawTime(timing.milliseconds(), timing.span(), timing.since_queued())
 
     def _order_faces(self, at_frame: int = SETTLED_AT) -> None:
         """Sort the faces on the device before frame number `at_frame`.
@@ -271,7 +271,14 @@ class SplattingPipeline(OnDevice):
         """Project the faces and list them by tile; waits for the two counts of the lists."""
         model, device = self._model, self._device
         record = make_view(
-            camera, model.near, model.far, model.scale, self._fields, model.own, self._culling, self._extent
+            camera,
+            model.near,
+            model.far,
+            model.scale,
+            self._fields,
+            model.method_values,
+            self._culling,
+            self._extent,
         )
         with device.stage("project"):
             view = self._scratch("view", record.nbytes, np.uint8)

@@ -49,10 +49,10 @@ _C_TYPES: dict[np.dtype[Any], str] = {
 }
 
 
-def own_members(own: Mapping[str, np.generic]) -> dict[str, str]:
+def method_members(method_values: Mapping[str, np.generic]) -> dict[str, str]:
     """Return the kernel definition that adds a method's values to `View`, in their order."""
-    members = "".join(f"{_C_TYPES[value.dtype]} {name}; " for name, value in own.items())
-    return {"OWN_MEMBERS": members.rstrip()} if own else {}
+    members = "".join(f"{_C_TYPES[value.dtype]} {name}; " for name, value in method_values.items())
+    return {"OWN_MEMBERS": members.rstrip()} if method_values else {}
 
 
 @dataclass(frozen=True)
@@ -76,14 +76,14 @@ def make_view(
     far: float,
     scale: int,
     fields: Mapping[str, Any],
-    own: Mapping[str, np.generic],
+    method_values: Mapping[str, np.generic],
     culling: Culling,
     extent: NDArray[np.float32],
 ) -> NDArray[Any]:
     """Return the `View` record of a camera for a raster with `scale` samples per pixel and axis.
 
     `near` and `far` affect only the z row of the projection. `fields` are common members that do not depend
-    on the camera, `own` are the method's values.
+    on the camera, `method_values` are the method's values.
     `extent` (3,) is the largest magnitude of a coordinate along each axis.
 
     The 3DGS family projects with tan(fov / 2) and the float32 product P W, whose terms are added from first
@@ -93,7 +93,9 @@ def make_view(
     effect at distance 0. Sources: GaodeRender/triangle-splatting: src/diff_recon/utils/camera.py;
     trianglesplatting/triangle-splatting: utils/graphics_utils.py, scene/cameras.py.
     """
-    view = np.zeros((), [*VIEW.descr, ("own", [(name, value.dtype) for name, value in own.items()])])
+    view = np.zeros(
+        (), [*VIEW.descr, ("own", [(name, value.dtype) for name, value in method_values.items()])]
+    )
     tan_x, tan_y = math.tan(camera.fov_x / 2), math.tan(camera.fov_y / 2)
     projection = np.zeros((4, 4), np.float32)
     projection[0, 0] = 2 * near / (2 * (tan_x * near))
@@ -115,7 +117,7 @@ def make_view(
     for name, value in fields.items():
         view[name] = value
     view["limits"] = _limits(view, culling, extent)
-    for name, value in own.items():
+    for name, value in method_values.items():
         view["own"][name] = value
     return view
 

@@ -12,10 +12,10 @@ from msb.asset.drawable import check_drawable
 from msb.asset.settings import effective_settings
 from msb.base.version import __version__
 from msb.cl import Buffer, Device
-from msb.render.backend import Drawn
+from msb.render.backend import DrawTime
 from msb.render.device_scope import DeviceScope, OnDevice, in_turn
 from msb.render.frame import Frame
-from msb.render.standard.supersampling import box_filter, box_mean, checked_supersample, enlarged
+from msb.render.standard.supersampling import box_filter, box_mean, check_supersample, enlarge
 from msb.render.standard.triangles import BLOCK, CLUSTER, GROUP, SUBPIXEL_BITS, make_triangles
 from msb.scenes import Camera
 
@@ -62,7 +62,7 @@ class StandardRenderer(OnDevice):
         settings: Mapping[str, Any] | None = None,
         supersample: int = 1,
     ) -> None:
-        self._supersample = checked_supersample(supersample)
+        self._supersample = check_supersample(supersample)
         values = effective_settings(asset.manifest, settings)
         check_drawable(asset, ("positions", "color", "f_dc"))
         self._scope = DeviceScope(device, "standard")
@@ -118,11 +118,11 @@ class StandardRenderer(OnDevice):
         return image.read(out)
 
     @in_turn
-    def draw(self, camera: Camera, background: tuple[float, float, float]) -> Drawn:
+    def draw(self, camera: Camera, background: tuple[float, float, float]) -> DrawTime:
         """Draw and wait, without reading anything back."""
         with self._device.timing() as timing:
             self._run(camera, background, everything=True)
-        return Drawn(timing.milliseconds(), timing.span(), timing.since_queued())
+        return DrawTime(timing.milliseconds(), timing.span(), timing.since_queued())
 
     def _run(
         self,
@@ -140,7 +140,7 @@ class StandardRenderer(OnDevice):
         scale = self._supersample
         width, height = camera.width * scale, camera.height * scale
         if view is None:
-            record = view_record(enlarged(camera, scale))
+            record = view_record(enlarge(camera, scale))
             view = self._scratch("view", record.shape)
             view.write(record)
         size = (height, width) if everything else (1, 1)

@@ -14,7 +14,7 @@ from msb.scenes import Camera
 MAX_SUPERSAMPLE = 16
 
 
-def checked_supersample(value: int) -> int:
+def check_supersample(value: int) -> int:
     """Return the number of samples along each side of a pixel; an invalid one is SETTING_VALUE."""
     try:
         samples = 0 if isinstance(value, bool) else operator.index(value)
@@ -26,7 +26,7 @@ def checked_supersample(value: int) -> int:
     return samples
 
 
-def enlarged(camera: Camera, scale: int) -> Camera:
+def enlarge(camera: Camera, scale: int) -> Camera:
     """Return `camera` with `scale` times as many pixels along each axis."""
     return camera if scale == 1 else camera.resized(camera.width * scale, camera.height * scale)
 

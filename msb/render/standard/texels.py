@@ -76,7 +76,7 @@ def put_texels(device: Device, textured: Textured, slots: int, *, tinted: bool) 
         for level, texture in enumerate(levels):
             height, width = texture.shape[:2]
             numbers[4 + level] = first
-            texels.write(packed(_bordered(texture, sampler)), start=4 * first)
+            texels.write(pack(_bordered(texture, sampler)), start=4 * first)
             first += (height + 1) * (width + 1)
     buffers = (
         device.allocate(slots if several else 1, np.uint32, "standard texture numbers", "appearance"),
@@ -96,7 +96,7 @@ def _bordered(image: NDArray[np.uint8], sampler: Sampler) -> NDArray[np.uint8]:
     return image
 
 
-def packed(image: NDArray[np.uint8]) -> NDArray[np.uint16]:
+def pack(image: NDArray[np.uint8]) -> NDArray[np.uint16]:
     """Return texels (H, W, 3 | 4) as linear light and alpha, (H W, 4) uint16."""
     texels = np.full((*image.shape[:2], 4), 65535, np.uint16)
     texels[..., :3] = _LINEAR[image[..., :3]]

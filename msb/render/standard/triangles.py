@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msb.asset import Asset
-from msb.asset.look import StaticColors, corner_tint, drawn_colors, shown_faces, tint_of
+from msb.asset.look import StaticColors, corner_tint, drawn_colors, select_faces, tint_of
 from msb.asset.texture import textures_of
 from msb.cl import Buffer, Device, sort_pairs
 from msb.render.standard.texels import Texels, put_texels
@@ -96,7 +96,7 @@ def make_triangles(
     follows the first positions; this is always correct, and fast as long as triangles stay near them.
     """
     positions, indices = asset.buffers["positions"], asset.buffers["indices"]
-    listed = shown_faces(asset, settings.get("ste_threshold"))
+    listed = select_faces(asset, settings.get("ste_threshold"))
     count = len(indices) if listed is None else len(listed)
     slots = -(-count // BLOCK) * BLOCK
     texels, tint = None, None

@@ -264,7 +264,7 @@ def _draw_diagnostic(result: Result) -> bytes:
     import io
 
     from msb.topology import audit_arrays
-    from msb_viewers.figure import compose, panel_images
+    from msb_viewers.figure import compose, render_columns
     from msb_viewers.model import build_model
     from msb_viewers.viewed_mesh import read_viewed_mesh
 
@@ -277,5 +277,5 @@ def _draw_diagnostic(result: Result) -> bytes:
         raise InputError("RECORD_INVALID", "the mesh has changed since it was audited", file=path)
     model = build_model(source, audit, analysis)
     file = io.BytesIO()
-    compose(model, panel_images(model)).savefig(file, format="png", dpi=90, metadata={"Software": None})
+    compose(model, render_columns(model)).savefig(file, format="png", dpi=90, metadata={"Software": None})
     return file.getvalue()

@@ -9,17 +9,17 @@ from msb.scenes.datasets.describe import SceneReport, color_name, describe_scene
 from msb.scenes.datasets.layout import find_scenes
 from msb.scenes.datasets.neus import read_matrices
 from msb.scenes.datasets.notes import (
-    over_another,
-    photographs_beside,
-    recorded_note,
-    scaled_note,
-    trained_otherwise,
+    compare_training,
+    find_photographs,
+    note_recorded_size,
+    note_scaled_cameras,
+    warn_background,
 )
 from msb.scenes.datasets.read import SceneAt, dataset_of, read_scene, scene_at, scene_of
 from msb.scenes.datasets.rulebook import (
     RULES,
+    default_background,
     evaluation_background,
-    own_background,
     stated_background,
 )
 from msb.scenes.datasets.rules import Photographs, Rules
@@ -34,19 +34,19 @@ __all__ = [
     "SceneAt",
     "SceneReport",
     "color_name",
+    "compare_training",
     "dataset_of",
+    "default_background",
     "describe_scene",
     "evaluation_background",
+    "find_photographs",
     "find_scenes",
-    "over_another",
-    "own_background",
-    "photographs_beside",
+    "note_recorded_size",
+    "note_scaled_cameras",
     "read_matrices",
     "read_scene",
-    "recorded_note",
-    "scaled_note",
     "scene_at",
     "scene_of",
     "stated_background",
-    "trained_otherwise",
+    "warn_background",
 ]

@@ -23,7 +23,7 @@ from msb.scenes.image_size import image_size
 _FAR = 1.5
 
 
-def scaled_note(scenes: Iterable[Scene]) -> str | None:
+def note_scaled_cameras(scenes: Iterable[Scene]) -> str | None:
     """Return a sentence about scenes with cameras recorded far larger than their photographs, or None.
 
     It describes the first such scene and counts the others.
@@ -51,13 +51,13 @@ def _scaled(scene: Scene) -> str | None:
     )
 
 
-def recorded_note(path: str | os.PathLike[str], cameras: Sequence[Camera]) -> str | None:
+def note_recorded_size(path: str | os.PathLike[str], cameras: Sequence[Camera]) -> str | None:
     """Return a sentence about a COLMAP model with cameras far larger than photographs beside it, or None.
 
     `path` is the path that was passed to `read_cameras`, `cameras` its result.
     """
     view = cameras[0]
-    beside = photographs_beside(path, cameras)
+    beside = find_photographs(path, cameras)
     if beside is None or view.width < _FAR * beside[1][0]:
         return None
     folder, size = beside
@@ -68,10 +68,10 @@ def recorded_note(path: str | os.PathLike[str], cameras: Sequence[Camera]) -> st
     )
 
 
-def photographs_beside(path: str | os.PathLike[str], cameras: Sequence[Camera]) -> tuple[Path, Size] | None:
+def find_photographs(path: str | os.PathLike[str], cameras: Sequence[Camera]) -> tuple[Path, Size] | None:
     """Return the folder of the largest photographs of a COLMAP scene and their size; None without any.
 
-    Arguments as in `recorded_note`.
+    Arguments as in `note_recorded_size`.
     """
     place = given_path(path)
     model = find_model(place) if is_folder(place) else None
@@ -101,7 +101,7 @@ def _text(size: Size) -> str:
     return f"{size[0]} x {size[1]}"
 
 
-def trained_otherwise(
+def compare_training(
     training: Mapping[str, Any], background: Color | None, scene: Scene
 ) -> Iterator[Finding]:
     """Yield a warning for each difference between a model's training and the evaluation on `scene`.
@@ -110,9 +110,9 @@ def trained_otherwise(
     asset records it.
     """
     if training.get("eval") is False:
-        yield saw_test_views()
+        yield warn_test_views()
     if background is not None and background != scene.background:
-        yield over_another(background, scene.background)
+        yield warn_background(background, scene.background)
     evaluated = scene.test[0].width, scene.test[0].height
     size = _size(training, scene)
     if size is not None and max(abs(a - b) for a, b in zip(size, evaluated, strict=True)) > 1:
@@ -122,12 +122,12 @@ def trained_otherwise(
         )
 
 
-def saw_test_views() -> Finding:
+def warn_test_views() -> Finding:
     """Return the warning about a model that was trained on all views."""
     return _otherwise("it was trained on the test views (eval=False); results on these are not comparable")
 
 
-def over_another(background: Color, drawn: Color) -> Finding:
+def warn_background(background: Color, drawn: Color) -> Finding:
     """Return the warning about a model rendered over another background than in its training."""
     return _otherwise(
         f"it was trained over {color_name(background)} and is rendered over {color_name(drawn)}; "

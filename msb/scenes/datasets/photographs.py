@@ -141,7 +141,7 @@ def find_masks(
     return None, {}
 
 
-def mask_beside(root: Path, photograph: Path) -> Path:
+def find_mask(root: Path, photograph: Path) -> Path:
     """Return the mask of a photograph (also of a training view) in the mask folder of the scene at `root`.
 
     Raises

@@ -200,7 +200,7 @@ def scene_at(
     dataset: str,
     method: str,
     *,
-    own_background: Color | None = None,
+    official_background: Color | None = None,
     image_folder: str | None = None,
     resolution: int | None = None,
     background: Color | None = None,
@@ -208,7 +208,7 @@ def scene_at(
 ) -> SceneAt:
     """Return how a method is evaluated on a scene, without reading its folder.
 
-    `own_background` is the background of the method's official evaluation, if the model
+    `official_background` is the background of the method's official evaluation, if the model
     records it. The last four arguments override the rules, as in `read_scene`. By default the size follows
     our rules, the camera is the one the method is trained with, and the background is
     `evaluation_background`.
@@ -219,7 +219,7 @@ def scene_at(
         path=path,
         image_folder=image_folder,
         resolution=resolution,
-        background=background or evaluation_background(dataset, method, own_background),
+        background=background or evaluation_background(dataset, method, official_background),
         camera_convention=camera_convention or RULES.get(method, RULES[OURS]).convention,
     )
 
@@ -237,7 +237,7 @@ def scene_of(
         place,
         dataset_of(place),
         manifest.method,
-        own_background=stated_background(manifest),
+        official_background=stated_background(manifest),
         image_folder=image_folder,
         resolution=resolution,
     )

@@ -59,7 +59,7 @@ def stated_background(manifest: Manifest) -> Color | None:
     return parse_color("official", manifest.appearance.get("background"))
 
 
-def own_background(manifest: Manifest) -> Color:
+def default_background(manifest: Manifest) -> Color:
     """Return the default background of a model: the asset's, else its method's, else black.
 
     All commands and the Python interface use it if neither the user nor a dataset chooses a background.

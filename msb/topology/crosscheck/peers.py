@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from msb.base.children import run_each
+from msb.base.children import run_in_children
 from msb.base.limits import Limits
 
 # Number of peers that run at the same time: each uses one core and a multiple of the size of the mesh.
@@ -240,7 +240,7 @@ def ask_peers(
     Each peer has `timeout` seconds in a separate process, so a crash or hang affects only that peer.
     """
     mesh = {"vertices": vertices.astype(np.float64), "faces": faces.astype(np.int64)}
-    replies = run_each(ask, names, mesh, Limits(timeout, None), at_once=AT_ONCE)
+    replies = run_in_children(ask, names, mesh, Limits(timeout, None), at_once=AT_ONCE)
     return {name: reply.why or reply.data for name, reply in replies.items()}
 
 

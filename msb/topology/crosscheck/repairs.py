@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from msb.base.children import run_apart
+from msb.base.children import run_in_child
 from msb.base.extras import need_extra
 from msb.base.limits import Limits
 from msb.errors import Unsupported
@@ -77,7 +77,7 @@ def repair_by_peer(peer: str, step: str, points: NDArray[Any], faces: NDArray[An
     if len(proper) == 0:  # some peers abort on empty meshes
         return unchanged(faces, len(points))
     given = {"vertices": points.astype(np.float64), "faces": faces[proper].astype(np.int64)}
-    reply = run_apart(repair, name, given, limits)
+    reply = run_in_child(repair, name, given, limits)
     if reply.why:
         raise Unsupported("PEER_FAILED", f"{step} by {peer}: {reply.why}")
     new, vertex_map, face_map = (reply.arrays[key] for key in ("faces", "vertex_map", "face_map"))

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from msb.scenes import read_cameras
-from msb.scenes.datasets import read_scene, recorded_note, scaled_note, trained_otherwise
+from msb.scenes.datasets import compare_training, note_recorded_size, note_scaled_cameras, read_scene
 
 from .conftest import STUBS
 
@@ -26,7 +26,7 @@ ALIKE: list[dict[str, Any]] = [
 def test_equal_training_and_evaluation_give_no_warning(training: dict[str, Any]) -> None:
     scene = read_scene(CAPTURE)
     for background in (None, (0.0, 0.0, 0.0)):
-        assert list(trained_otherwise(training, background, scene)) == []
+        assert list(compare_training(training, background, scene)) == []
 
 
 @pytest.mark.parametrize(
@@ -41,13 +41,13 @@ def test_equal_training_and_evaluation_give_no_warning(training: dict[str, Any])
     ids=str,
 )
 def test_a_different_size_is_reported_with_both_sizes(training: dict[str, Any], size: str) -> None:
-    (warning,) = trained_otherwise(training, None, read_scene(CAPTURE))
+    (warning,) = compare_training(training, None, read_scene(CAPTURE))
     assert f"{size} pixels" in warning.message
     assert "64 x 48" in warning.message
 
 
 def test_split_and_background_are_reported() -> None:
-    first, second = trained_otherwise({"eval": False}, (1.0, 1.0, 1.0), read_scene(CAPTURE))
+    first, second = compare_training({"eval": False}, (1.0, 1.0, 1.0), read_scene(CAPTURE))
     assert "eval=False" in first.message
     assert "over white" in second.message
 
@@ -58,23 +58,23 @@ PEBBLE = STUBS / "mipnerf360/pebble"
 def test_scaled_cameras_are_noted_with_all_sizes() -> None:
     names = ("dtu/scan1", "mipnerf360/pebble", "tanksandtemples/pebble")
     masked, small, other = (read_scene(STUBS / name) for name in names)
-    note = scaled_note([masked, small, small])
+    note = note_scaled_cameras([masked, small, small])
     assert all(text in note for text in ("pebble", "256 x 192", "images_4", "64 x 48"))
-    more = scaled_note([masked, small, other])
+    more = note_scaled_cameras([masked, small, other])
     assert more.startswith(note)
     assert more != note
-    assert scaled_note([masked]) is None  # photographs have the recorded size; a rule resizes them
+    assert note_scaled_cameras([masked]) is None  # photographs have the recorded size; a rule resizes them
     halved = read_scene(PEBBLE, image_folder="images_2", dataset="custom", resolution=2)
-    assert "images_2 have 128 x 96" in scaled_note([halved])
+    assert "images_2 have 128 x 96" in note_scaled_cameras([halved])
 
 
 def test_the_note_on_recorded_size_names_the_scale_of_the_photographs(tmp_path: Path) -> None:
-    assert recorded_note(PEBBLE, read_cameras(PEBBLE)) is None  # images has their size
+    assert note_recorded_size(PEBBLE, read_cameras(PEBBLE)) is None  # images has their size
     for name in ("sparse", "images_2", "images_4"):
         shutil.copytree(PEBBLE / name, tmp_path / name)
     for place in (tmp_path, tmp_path / "sparse/0"):
-        note = recorded_note(place, read_cameras(place))
+        note = note_recorded_size(place, read_cameras(place))
         assert all(text in note for text in ("256 x 192", "128 x 96", "--scale 0.5"))
     shutil.rmtree(tmp_path / "images_2")
     shutil.rmtree(tmp_path / "images_4")
-    assert recorded_note(tmp_path, read_cameras(tmp_path)) is None
+    assert note_recorded_size(tmp_path, read_cameras(tmp_path)) is None

@@ -10,7 +10,7 @@ from msb.base.option import Option
 from msb.cli.command import Typed, command, require
 from msb.cli.output import Output, PlainOutput, echo
 from msb.errors import about
-from msb.render.options import NO_CAMERAS, Drawing, Source, Views, check_factor
+from msb.render.options import NO_CAMERAS, RendererOptions, Source, ViewOptions, check_factor
 from msb_viewers.commands.window import Window
 
 if TYPE_CHECKING:
@@ -65,8 +65,8 @@ class _Request:
     """All options of the command."""
 
     options: CompareOptions
-    views: Views
-    drawing: Drawing
+    views: ViewOptions
+    drawing: RendererOptions
     window: Window
 
 
@@ -79,9 +79,9 @@ class _Request:
 def compare(
     path: Source,
     window: Annotated[Window, ("screenshot", "html", "up", "size")],
-    views: Annotated[Views, ("cameras", "camera", "background")],
+    views: Annotated[ViewOptions, ("cameras", "camera", "background")],
     options: CompareOptions,
-    drawing: Annotated[Drawing, ("assignments", "supersample", "device")],
+    drawing: Annotated[RendererOptions, ("assignments", "supersample", "device")],
     output: PlainOutput,
     typed: Typed,
 ) -> None:
@@ -117,7 +117,7 @@ def _read(path: Path, request: _Request, output: Output) -> CompareState:
 def _comparison(asset: Asset, path: Path, views: list[View], request: _Request, output: Output) -> Comparison:
     from msb.api.command_files import open_baked
     from msb.asset.settings import effective_settings
-    from msb.scenes.datasets import over_another, stated_background
+    from msb.scenes.datasets import stated_background, warn_background
     from msb_viewers.deployment.shots import Comparison, choose_tiers
 
     cameras, drawing = request.views.cameras, request.drawing
@@ -136,28 +136,28 @@ def _comparison(asset: Asset, path: Path, views: list[View], request: _Request, 
     color = request.views.color(asset)
     stated = stated_background(asset.manifest)
     if stated not in (None, color) and photographs:
-        output.note(over_another(stated, color).to_line(path))
+        output.note(warn_background(stated, color).to_line(path))
     content = (path.name, asset, tiers, missing, tuple(views), settings, drawing.supersample, color)
     return Comparison(*content, drawing.device, baked)
 
 
 def _choose(asset: Asset, request: _Request) -> tuple[list[View], str]:
     """Return the default views of a model and their description; --up sets the axis of a turntable."""
-    from msb.scenes.around import around
+    from msb.scenes.around import make_turntable
     from msb.views import choose_views
     from msb_viewers.deployment.views import View, views_at
 
     chosen = choose_views(asset, device=request.drawing.device)
     if chosen.origin == "turntable":
-        cameras = around(asset, *TURNTABLE, up=request.window.up)
+        cameras = make_turntable(asset, *TURNTABLE, up=request.window.up)
         views = [View(f"view {index}", camera, why="") for index, camera in enumerate(cameras, 1)]
-        return views, chosen.said
+        return views, chosen.description
     views = views_at(chosen.cameras, chosen.place or Path(), None, None)
     # Large images of the training are scaled down.
     sizes = [min(1.0, max(TURNTABLE[1:]) / max(view.camera.width, view.camera.height)) for view in views]
     return [
         replace(view, camera=view.camera.scaled(size)) for view, size in zip(views, sizes, strict=True)
-    ], chosen.said
+    ], chosen.description
 
 
 def _read_cameras(request: _Request) -> list[View]:

@@ -7,7 +7,7 @@ from typing import Annotated
 from msb.base.option import Option
 from msb.cli.output import file_option
 from msb.errors import UsageError
-from msb.render.options import MOST_PIXELS, Up, not_a_size, pixels_of
+from msb.render.options import MOST_PIXELS, Up, not_a_size, parse_size
 from msb_viewers.gl import GlProbe
 
 
@@ -41,7 +41,7 @@ class Window:
     @property
     def pixels(self) -> tuple[int, int]:
         """Width and height in pixels."""
-        if (size := pixels_of(self.size)) is None:
+        if (size := parse_size(self.size)) is None:
             raise not_a_size(self.size)
         width, height = size
         if not (64 <= width <= MOST_PIXELS and 64 <= height <= MOST_PIXELS):

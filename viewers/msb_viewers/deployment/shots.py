@@ -188,14 +188,14 @@ class TierRenderers:
         if tier not in self._renderers:
             from msb.cl import shared_device
             from msb.render import Renderer
-            from msb.render.backend import lean_options
+            from msb.render.backend import minimal_options
 
             scene = self.comparison
             if tier != REFERENCE and self._device is None:
                 self._device = shared_device(scene.device)
             device = None if tier == REFERENCE else self._device
             drawn: Any = "standard" if tier == BAKED else tier
-            options = lean_options(drawn, None)
+            options = minimal_options(drawn, None)
             if drawn == "standard":
                 options["supersample"] = scene.supersample
             asset, settings = scene.asset, scene.settings

@@ -92,12 +92,12 @@ def read_photograph(view: View, background: tuple[float, float, float]) -> NDArr
 
 def views_at(cameras: list[Camera], place: Path, images: Path | None, scale: float | None) -> list[View]:
     """Return views of cameras that were read from `place`, with the photographs there or in `images`."""
-    from msb.scenes.datasets import photographs_beside
+    from msb.scenes.datasets import find_photographs
 
     beside = place if place.is_dir() else place.parent
     if images is not None:
         images = beside / images if (beside / images).is_dir() else images
     elif not any(camera.image_path and camera.image_path.is_file() for camera in cameras):
-        beside_them = photographs_beside(place, cameras)
+        beside_them = find_photographs(place, cameras)
         images = None if beside_them is None else beside_them[0]
     return dataset_views(cameras, images, scale, beside=beside)

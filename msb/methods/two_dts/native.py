@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from msb.asset import Asset
 from msb.asset.activation import sigmoid
 from msb.asset.drawable import require, required_buffer
-from msb.render.splat.model import CLIPPED, Model, soup_positions
+from msb.render.splat.model import CLIPPED, SplatModel, soup_positions
 from msb.render.splat.view import Culling
 
 # Triangles that are rescaled at a time, to limit temporary memory.
@@ -46,7 +46,7 @@ def reach(opacity: NDArray[np.float32], gamma: float) -> NDArray[np.float32]:
     return np.where(squared > 0, np.minimum(limit, 10), -1).astype(np.float32)
 
 
-def splat_model(asset: Asset, settings: Mapping[str, Any]) -> Model:
+def splat_model(asset: Asset, settings: Mapping[str, Any]) -> SplatModel:
     """Return `asset` in the form that the kernels read; errors as in `make_model`."""
     require(asset, "opacity", "encoding", "logit")
     positions = soup_positions(asset)
@@ -56,7 +56,7 @@ def splat_model(asset: Asset, settings: Mapping[str, Any]) -> Model:
     if settings["ste_threshold"] is not None:
         step = (opacity > np.float32(settings["ste_threshold"])).astype(np.float32)
         opacity = (step - opacity) + opacity  # the official expression; 1 may be off by one ulp
-    return Model(
+    return SplatModel(
         program="two_dts",
         package=__package__,
         face_words=24,
@@ -69,7 +69,7 @@ def splat_model(asset: Asset, settings: Mapping[str, Any]) -> Model:
         culling=Culling(nearest=1.0, dilation=3.0),
         engine_culling=replace(CLIPPED, dilation=10.0),
         scale=settings["render_up_scale"] or 1,
-        own={
+        method_values={
             "power": np.float32(2) * np.float32(settings["gamma"]),
             "back_culling": np.uint32(settings["back_culling"]),
         },

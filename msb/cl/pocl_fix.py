@@ -26,7 +26,7 @@ from pathlib import Path
 from typing import Any
 
 # Environment variable; the value 0 disables this module.
-MEND_VARIABLE = "MSB_MEND_POCL"
+FIX_VARIABLE = "MSB_MEND_POCL"
 # The replacement name: a processor with AVX2 and FMA. A name with AVX-512 gains nothing; the speed differs by
 # less than 10 %.
 NAME = b"haswell"
@@ -45,18 +45,18 @@ _NEEDS = frozenset(("avx2", "fma", "bmi1", "bmi2", "f16c", "movbe"))
 _LZCNT = frozenset(("abm", "lzcnt"))  # Linux calls it abm
 _LONGEST = 64
 # Addresses of device structures with a replaced name.
-_mended: set[int] = set()
+_fixed: set[int] = set()
 
 
 def is_off() -> bool:
     """Return whether the user disabled the fix."""
-    return os.environ.get(MEND_VARIABLE) == "0"
+    return os.environ.get(FIX_VARIABLE) == "0"
 
 
-def hindrance() -> str | None:
+def obstacle() -> str | None:
     """Return why the fix cannot be applied on this machine, or None; the compiler is not checked."""
     if is_off():
-        return f"{MEND_VARIABLE}=0 disables the fix"
+        return f"{FIX_VARIABLE}=0 disables the fix"
     if lacking := _lacking():
         return f"it cannot be treated as {NAME.decode()}, because it lacks {', '.join(lacking)}"
     return None
@@ -85,9 +85,9 @@ def compiler_cpu(device: Any) -> str | None:
     return text.decode("ascii") if text.isascii() and text.decode("ascii").isprintable() else None
 
 
-def can_mend(device: Any) -> bool:
+def can_apply(device: Any) -> bool:
     """Return whether the compiler of the wheel gets an unknown name and `NAME` suits this processor."""
-    if hindrance() or compiler_cpu(device) != UNKNOWN.decode():
+    if obstacle() or compiler_cpu(device) != UNKNOWN.decode():
         return False
     words = _read(device.int_ptr, _STRUCTURE)
     if words is None:
@@ -97,24 +97,24 @@ def can_mend(device: Any) -> bool:
     return [at for at, address in enumerate(pointers) if _read(address, len(name)) == name] == [_SLOT // 8]
 
 
-def mend(device: Any) -> bool:
-    """Replace the name if `can_mend`; return whether the name is ours now."""
-    if can_mend(device):
+def apply(device: Any) -> bool:
+    """Replace the name if `can_apply`; return whether the name is ours now."""
+    if can_apply(device):
         _write(device, UNKNOWN, NAME)
-        _mended.add(device.int_ptr)
-    return is_mended(device)
+        _fixed.add(device.int_ptr)
+    return is_applied(device)
 
 
-def is_mended(device: Any) -> bool:
+def is_applied(device: Any) -> bool:
     """Return whether the name of this device was replaced."""
-    return device.int_ptr in _mended and compiler_cpu(device) == NAME.decode()
+    return device.int_ptr in _fixed and compiler_cpu(device) == NAME.decode()
 
 
 def undo(device: Any) -> None:
     """Restore the original name of the device."""
-    if is_mended(device):
+    if is_applied(device):
         _write(device, NAME, UNKNOWN)
-    _mended.discard(device.int_ptr)
+    _fixed.discard(device.int_ptr)
 
 
 def _write(device: Any, old: bytes, new: bytes) -> None:

@@ -1,6 +1,6 @@
 """The checked arrays of an asset and the matrices of a camera, for native rendering of DiffSoup.
 
-`look` renders in OpenCL; `surface_model` describes the model for WebGPU (diffsoup.wgsl).
+`native` renders in OpenCL; `surface_model` describes the model for WebGPU (diffsoup.wgsl).
 """
 
 from collections.abc import Mapping
@@ -174,7 +174,7 @@ def surface_model(asset: Asset, settings: Mapping[str, Any]) -> Surface:
         coverage=model.opaque.astype(np.float32)[:, None],
         near=near,
         far=far,
-        own={"flip": np.uint32(layout == "synthetic")},
+        method_values={"flip": np.uint32(layout == "synthetic")},
         indices=model.indices,
         opacity=model.opacity,
         features=model.features,

@@ -6,14 +6,14 @@ DECIMALS = 2
 _MILLIONS_FROM = 1e5
 
 
-def structure_text(metric: str, value: float) -> str:
+def format_metric(metric: str, value: float) -> str:
     """Return the value of a metric of `msb.topology.audit.Metrics` as tables print it.
 
     Examples
     --------
-    >>> structure_text("vf_ratio", 0.516), structure_text("components", 17)
+    >>> format_metric("vf_ratio", 0.516), format_metric("components", 17)
     ('0.52', '17')
-    >>> structure_text("components", 12_345), structure_text("components", 715_000)
+    >>> format_metric("components", 12_345), format_metric("components", 715_000)
     ('12,345', '0.71 M')
     """
     if metric != "components":

@@ -17,11 +17,11 @@ from msb.base.version import __version__
 from msb.cl import Buffer, Device, Program
 from msb.cl.kernel_text import Define
 from msb.methods.diffsoup import FEATURES
-from msb.methods.diffsoup.look_model import diffsoup_matrices, diffsoup_model, pixel_centers, surface_model
+from msb.methods.diffsoup.native_model import diffsoup_matrices, diffsoup_model, pixel_centers, surface_model
 from msb.registry import Order, Sampling
-from msb.render.backend import Drawn
+from msb.render.backend import DrawTime
 from msb.render.device_scope import DeviceScope, OnDevice, in_turn
-from msb.render.frame import Frame, chosen_extras
+from msb.render.frame import Frame, parse_outputs
 from msb.scenes import Camera
 
 __all__ = ["Pipeline", "surface_model"]
@@ -104,7 +104,7 @@ class Pipeline(OnDevice):
         check_modes(order, sampling)
         self._settings = effective_settings(asset.manifest, settings)
         model = diffsoup_model(asset, quantise=viewer)
-        self._viewer, self._raw = viewer, "raw" in chosen_extras(outputs)
+        self._viewer, self._raw = viewer, "raw" in parse_outputs(outputs)
         self._faces, self._side = len(model.indices), np.int32(2**model.level)
         self._padded = -(-self._faces // _LANES) * _LANES
         self._scope = DeviceScope(device, "diffsoup")
@@ -179,11 +179,11 @@ class Pipeline(OnDevice):
         )
 
     @in_turn
-    def draw(self, camera: Camera, background: tuple[float, float, float]) -> Drawn:
+    def draw(self, camera: Camera, background: tuple[float, float, float]) -> DrawTime:
         """Draw like `render` and wait, without reading anything back."""
         with self._device.timing() as timing:
             self._queue(camera, background)
-        return Drawn(timing.milliseconds(), timing.span(), timing.since_queued())
+        return DrawTime(timing.milliseconds(), timing.span(), timing.since_queued())
 
     def _queue(self, camera: Camera, background: tuple[float, float, float]) -> _Queued:
         """Queue all commands of a frame except reading back."""

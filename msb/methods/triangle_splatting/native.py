@@ -8,11 +8,11 @@ import numpy as np
 from msb.asset import Asset
 from msb.asset.activation import exponential, sigmoid
 from msb.asset.drawable import require, required_buffer
-from msb.render.splat.model import Model, contour, rim, soup_positions
+from msb.render.splat.model import SplatModel, contour, rim, soup_positions
 from msb.render.splat.view import Culling
 
 
-def splat_model(asset: Asset, settings: Mapping[str, Any]) -> Model:
+def splat_model(asset: Asset, settings: Mapping[str, Any]) -> SplatModel:
     """Return `asset` in the form that the kernels read; errors as in `make_model`."""
     require(asset, "opacity", "encoding", "logit")
     require(asset, "coverage", "sigma_encoding", "exp")
@@ -20,7 +20,7 @@ def splat_model(asset: Asset, settings: Mapping[str, Any]) -> Model:
     offset = np.float32(asset.manifest.coverage.get("sigma_offset", 0))
     opacity = sigmoid(required_buffer(asset, "opacity", count))
     sigma = offset + exponential(required_buffer(asset, "sigma", count))
-    return Model(
+    return SplatModel(
         program="triangle_splatting",
         package=__package__,
         face_words=24,
@@ -33,7 +33,7 @@ def splat_model(asset: Asset, settings: Mapping[str, Any]) -> Model:
         # 0.1 % of its distance from the first sample. That distance is at most one side of the raster, which
         # `Culling` adds, plus the 1600 samples that a face may reach beyond it.
         culling=Culling(nearest=0.2, dilation=1.0, margin=8.0),
-        own={"broadcast_z": np.uint32(settings["view_dir"] == "broadcast_z")},
+        method_values={"broadcast_z": np.uint32(settings["view_dir"] == "broadcast_z")},
         outputs=("normal", "depth_median"),
         raw={
             "alpha": "alpha",

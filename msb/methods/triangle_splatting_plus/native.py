@@ -7,13 +7,13 @@ from typing import Any
 import numpy as np
 
 from msb.asset import Asset
-from msb.methods.mesh_splatting import look
-from msb.render.splat.model import Model, contour
+from msb.methods.mesh_splatting import native
+from msb.render.splat.model import SplatModel, contour
 
 
-def splat_model(asset: Asset, settings: Mapping[str, Any]) -> Model:
+def splat_model(asset: Asset, settings: Mapping[str, Any]) -> SplatModel:
     """Return `asset` in the form that the kernels read; errors as in `make_model`."""
-    model = look.splat_model(asset, settings)
+    model = native.splat_model(asset, settings)
     shrunk = contour(model.coverage[:, 0], np.float32(settings["sigma"]))
     # Tiles and margin as in Triangle-Splatting.
     return replace(

@@ -8,18 +8,18 @@ import numpy as np
 from msb.asset import Asset
 from msb.asset.activation import sigmoid
 from msb.asset.drawable import require, required_buffer
-from msb.render.splat.model import Model, rim
+from msb.render.splat.model import SplatModel, rim
 from msb.render.splat.view import Culling
 
 
-def splat_model(asset: Asset, settings: Mapping[str, Any]) -> Model:
+def splat_model(asset: Asset, settings: Mapping[str, Any]) -> SplatModel:
     """Return `asset` in the form that the kernels read; errors as in `make_model`."""
     require(asset, "opacity", "encoding", "logit")
     floor, scale = settings["opacity_floor"], settings["supersample"]
     logits = required_buffer(asset, "opacity", asset.manifest.vertex_count)
     opacity = np.float32(floor) + np.float32(1 - floor) * sigmoid(logits)
     prefix = f"ss{scale}_"
-    return Model(
+    return SplatModel(
         program="mesh_splatting",
         package=__package__,
         face_words=40,
@@ -31,7 +31,7 @@ def splat_model(asset: Asset, settings: Mapping[str, Any]) -> Model:
         culling=Culling(nearest=0.2, dilation=1.0, margin=7.0),
         scale=scale,
         box_mean=True,
-        own={"sigma": np.float32(settings["sigma"])},
+        method_values={"sigma": np.float32(settings["sigma"])},
         vertex_colors=True,
         outputs=("normal", "depth_median", "face_id"),
         raw={
