@@ -128,6 +128,6 @@ def test_refuses_what_has_no_texel(cpu: Device) -> None:
     asset = textured_asset(scene("large", 26), 27, **CASES["several"])
     uvs, shown = asset.buffers["uv"].copy(), asset.buffers["face_texture"].copy()
     uvs[5, 1], shown[7] = np.nan, 3
-    for name, wrong, where in (("uv", uvs, "row 5"), ("face_texture", shown, "face 7 shows texture 3")):
+    for name, wrong, where in (("uv", uvs, "row 5"), ("face_texture", shown, "face 7 uses texture 3")):
         with pytest.raises(AssetError, match=where):
             StandardRenderer(Asset(asset.manifest, {**asset.buffers, name: wrong}), device=cpu)
