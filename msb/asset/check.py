@@ -254,7 +254,8 @@ def _check_textures(data: Json) -> Iterator[Finding]:
     for name in names:
         yield from _check_texture(name, buffers[name])
     if (len(names) > 1) != ("face_texture" in buffers):
-        text = f"the buffer face_texture is for several textures, and required then; there are {len(names)}"
+        need = "required" if len(names) > 1 else "not allowed"
+        text = f"the buffer face_texture is {need} for {len(names)} texture{'s'[: len(names) != 1]}"
         yield finding("TRIASSET_BUFFER", text, pointer="/buffers/face_texture")
 
 

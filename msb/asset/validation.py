@@ -129,7 +129,7 @@ def _check_positions(asset: Asset) -> Iterator[Finding]:
         stated = np.array(getattr(manifest.bounds, key))
         if np.abs(stated - measured).max() > slack:
             values = stated.tolist(), measured.tolist()
-            text = f"bounds.{key} is {values[0]}, but {values[1]} for the positions"
+            text = f"bounds.{key} is {values[0]}, but the positions give {values[1]}"
             where: dict[str, Any] = {"pointer": f"/bounds/{key}", "value": values[0], "limit": values[1]}
             yield finding("TRIASSET_BOUNDS", text, **where)
     # The bounding sphere must contain all vertices, and should not be much larger than necessary.
@@ -146,7 +146,7 @@ def _check_positions(asset: Asset) -> Iterator[Finding]:
         yield finding("TRIASSET_BOUNDS", text, pointer="/bounding_sphere", value=count, limit=0)
     enough = sphere.radius + math.dist(manifest.bounding_sphere.center, sphere.center)
     if radius > 2 * enough + slack:
-        text = f"the bounding sphere has radius {radius:g}, but {enough:g} contains all vertices"
+        text = f"the bounding sphere has radius {radius:g}, but {enough:g} is enough for all vertices"
         where = {"pointer": "/bounding_sphere/radius", "value": radius, "limit": enough}
         yield finding("TRIASSET_BOUNDS", text, severity="warning", **where)
     largest = max(abs(value) for value in (*bounds.min, *bounds.max))

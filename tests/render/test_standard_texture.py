@@ -128,6 +128,6 @@ def test_invalid_texture_coordinates_and_numbers_are_rejected(cpu: Device) -> No
     asset = textured_asset(scene("large", 26), 27, **CASES["several"])
     uvs, numbers = asset.buffers["uv"].copy(), asset.buffers["face_texture"].copy()
     uvs[5, 1], numbers[7] = np.nan, 3
-    for name, wrong, where in (("uv", uvs, "row 5"), ("face_texture", numbers, "face 7 shows texture 3")):
+    for name, wrong, where in (("uv", uvs, "row 5"), ("face_texture", numbers, "face 7 uses texture 3")):
         with pytest.raises(AssetError, match=where):
             StandardRenderer(Asset(asset.manifest, {**asset.buffers, name: wrong}), device=cpu)

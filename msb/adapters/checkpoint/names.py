@@ -125,7 +125,7 @@ NAMES: dict[tuple[str, str], Function | StorageType] = {
 
 # Names in `torch._utils` -> unsupported kinds of tensors, for a clear message.
 OTHER_TENSORS = {
-    "_rebuild_tensor": "written before torch 0.4",
+    "_rebuild_tensor": "in the format before torch 0.4",
     "_rebuild_tensor_v3": "of a type with untyped storage (uint16, float8, ...)",
     "_rebuild_parameter_with_state": "with additional attributes",
     "_rebuild_sparse_tensor": "sparse",

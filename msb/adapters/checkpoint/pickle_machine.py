@@ -62,7 +62,7 @@ class _Machine:
             self.position += 1
             follow = INSTRUCTIONS.get(code)
             if follow is None:
-                text = f"instruction {code:#04x} is not needed for plain data and tensors"
+                text = f"instruction {code:#04x} is not supported: plain data and tensors do not need it"
                 raise Refusal("CHECKPOINT_HOSTILE", text)
             if _SINCE.get(code, PROTOCOLS.start) > self.protocol and code != 0x80:
                 text = f"instruction {code:#04x} does not belong to protocol {self.protocol}"
