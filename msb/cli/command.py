@@ -289,8 +289,9 @@ def _check_paths(declared: Sequence[_Declared], values: dict[str, Any], output: 
 
 
 _EXIT_TABLE = (
-    "Exit status: 0 success, 1 a gate or validation failed, 2 wrong usage, 3 invalid\n"
-    "or missing input, 4 not supported, 5 no OpenCL device, 130 interrupted."
+    "Exit status: 0 success, 1 a gate or validation failed, 2 wrong usage,\n"
+    "3 invalid or missing input, 4 not supported, 5 no OpenCL device,\n"
+    "130 interrupted."
 )
 
 _DEMO_DATA = "Create the files of the examples with: msb demo-data data_stubs"

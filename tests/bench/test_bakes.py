@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from msb.bench.bakes import hash_bake_inputs
-from msb.bench.models import Model
+from msb.bench.models import ModelAsset
 from msb.bench.photographs import describe_views
 from msb.bench.protocol import ProtocolFile, parse_protocol
 from msb.bench.records import File, Result
@@ -58,10 +58,10 @@ def test_the_key_of_a_bake_does_not_depend_on_its_path() -> None:
     scene = read_scene(STUBS / "scenes" / "nerf_synthetic" / "pebble", dataset="nerf_synthetic")
     views, asset = describe_views(scene), File(path="a.triasset", bytes=1, sha256="0" * 64)
     facts: dict[str, Any] = {"method": "two_dts", "checkpoint": None, "background": None}
-    model = Model(**facts, asset=asset, training={}, stamps=(), key="")
+    model = ModelAsset(**facts, asset=asset, training={}, stamps=(), key="")
     options = {"supervision": "native", "seconds": 60.0}
 
-    def moved(**changes: str) -> Model:
+    def moved(**changes: str) -> ModelAsset:
         return model.model_copy(update={"asset": asset.model_copy(update=changes)})
 
     keys = [
