@@ -153,7 +153,7 @@ def as_held(mesh: Mesh, suffix: str) -> Mesh:
 
 
 def with_faces(mesh: Mesh, keep: NDArray[np.bool_]) -> Mesh:
-    """Return `mesh` with only the faces selected by the mask `keep` (F,) and the vertices that they use."""
+    """Return `mesh` with only the faces selected by the mask `keep` (F,) and their vertices, in order."""
     faces = mesh.faces[keep]
     used = np.zeros(len(mesh.vertices), bool)
     used[faces] = True

@@ -25,8 +25,8 @@ from msb.meshes.writing import as_float32
 
 _MESHOPT, _QUANTIZATION = "EXT_meshopt_compression", "KHR_mesh_quantization"
 # Finest precision of positions, in quarters of a bit. Mantissas of 24 bits cannot represent the coordinates
-# of a finer grid. The limit is lower for a grid that varies by distance, because its step differs by up to 8
-# bits.
+# of a finer grid. The limit of a grid that varies by distance is 3 bits lower, because its finest step is 3
+# bits finer.
 _FINEST, _FINEST_BY_DISTANCE = 88, 76
 # Range of the grid step by distance, in bits relative to the step at the median distance: from 8 times finer
 # (-3) to 32 times coarser (5).

@@ -104,9 +104,9 @@ def _carry_corners(name: str, array: NDArray[Any], change: Change, faces: NDArra
 def build_lattice_permutation(sides: int) -> NDArray[np.intp]:
     """Return the permutation of lattice samples when the second and third corner of a face are swapped.
 
-    Sample ``s (s + 1) / 2 + y`` has the barycentric coordinates b0 = (s - y) / n, b1 = y / n and b2 = (n - s)
-    / n, where n is `sides`. After the swap, it has the value of the old sample at (b0, b2, b1), whose s is n
-    - y and whose y is n - s.
+    Sample ``s (s + 1) / 2 + y`` has the barycentric coordinates b0 = (s - y) / n, b1 = y / n and
+    b2 = (n - s) / n, where n is `sides`. After the swap, it has the value of the old sample at (b0, b2, b1),
+    whose numbers are y' = n - s and s' = n - y.
     """
     s, y = np.tril_indices(sides + 1)
     s, y = sides - y, sides - s

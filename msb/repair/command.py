@@ -56,7 +56,7 @@ class RepairOptions:
     tasks: Annotated[
         tuple[str, ...],
         Option(
-            "With --compare: try this task of msb trial on every result, or none. May be repeated. "
+            "With --compare: try this task of msb trial on every result (none: no task). May be repeated. "
             "Default: uv, decimate_50, subdivide, boolean, solid.",
             ("--task",),
             metavar="TASK",

@@ -20,7 +20,7 @@ RED, GREEN, CUT = (0.85, 0.1, 0.1), (0.1, 0.7, 0.2), (0.0, 0.0, 0.55)
 # Grey levels for black and for white faces. They are light, to contrast with the other colours.
 _DARKEST, _LIGHTEST = 0.55, 0.9
 # Depth tolerance of cut edges, as a fraction of the depth of the visible surface. The edges lie on the
-# surface, and rounding may move them behind it.
+# surface, so their depth is nearly equal to it.
 _TOLERANCE = 0.004
 
 

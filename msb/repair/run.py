@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 # Step -> the steps after which it need not be repeated, because their changes never create new work for it: a
 # turned face keeps its place, debris is removed as whole components, and no step changes its own result.
-# Debris must be repeated after `orient`: it cuts one-sided surfaces, and their component may fall apart.
+# `debris` must be repeated after `orient`, which cuts one-sided surfaces: a component may fall apart.
 _UNTOUCHED_BY = {
     "orient": ("orient", "debris"),
     **dict.fromkeys(("pair", "cut"), ("pair", "cut", "orient", "debris")),
@@ -305,7 +305,7 @@ def reject_nonfinite(points: NDArray[Any]) -> None:
 def list_defects(after: Audit, split: str | None = None) -> list[str]:
     """Return a description of each kind of defect that is left.
 
-    `split` is a reason: the file stores separate vertices although faces of the repaired mesh share them.
+    If a file stores separate vertices although faces of the repaired mesh share them, `split` is the reason.
     """
     after = after.judged
     counts, left = after.counts, []
