@@ -16,7 +16,7 @@ from msb.errors import AssetError, Unsupported
 from msb.meshes.charts import with_sampled_colors, with_vertex_uvs, without_textures
 from msb.meshes.formats import FORMATS
 from msb.meshes.mesh import Mesh
-from msb.meshes.transform import rotate_upright
+from msb.meshes.transform import turned_upright
 from msb.meshes.writing import as_float32, check_indices, check_writable
 
 
@@ -74,9 +74,9 @@ def _check_uvs(mesh: Mesh) -> None:
 def mesh_from_asset(asset: Asset) -> Mesh:
     """Return the standard-tier mesh of `asset`: opaque, with static colours.
 
-    `msb.asset.look` defines the colours, but a mesh without colours stays without colours. Face colours of a
-    triangle soup and corner colours become vertex colours; vertices whose corners differ are split. Textures
-    are kept. Faces below the asset's STE threshold are removed.
+    The colours are those of `msb.asset.look`; an asset without colours gives a mesh without colours. Corner
+    colours, and the face colours of a triangle soup, become vertex colours. A vertex is split if its corners
+    have different colours. Textures are kept. Faces below the asset's STE threshold are removed.
 
     Raises
     ------
@@ -120,19 +120,20 @@ def _with_textures(mesh: Mesh, asset: Asset) -> Mesh:
 def with_vertex_colors(mesh: Mesh) -> Mesh:
     """Return `mesh` with vertex colours instead of face colours, for formats without face colours.
 
-    Vertices are split where the colours of their faces differ.
+    A vertex is split if its faces have different colours.
     """
     if mesh.face_colors is None or mesh.vertex_colors is not None:
         return mesh
     return with_corner_colors(mesh, np.repeat(mesh.face_colors, 3, axis=0))
 
 
-def fit_to_format(mesh: Mesh, suffix: str) -> Mesh:
-    """Return `mesh` as the format of `suffix` can store it. This is the mesh that the audit of the file sees.
+def as_held(mesh: Mesh, suffix: str) -> Mesh:
+    """Return `mesh` reduced to the data that files of `suffix` can store. The audit of a file sees this mesh.
 
     Colours and UVs are moved to where the format stores them, usually to vertices. Textures become vertex
     colours if the format has no textures. The mesh is rotated upright if the format defines an up axis and
-    that of the mesh is known. Faces get separate vertices if the format shares none.
+    the up axis of the mesh is known. If the format cannot share vertices between faces, every face gets three
+    separate vertices.
     """
     form = FORMATS[suffix]
     check_writable(mesh)
@@ -145,14 +146,14 @@ def fit_to_format(mesh: Mesh, suffix: str) -> Mesh:
     if "vertex_uvs" in form.keeps:
         mesh = with_vertex_uvs(mesh)
     if form.up and mesh.up:
-        mesh = rotate_upright(mesh, mesh.up)
+        mesh = turned_upright(mesh, mesh.up)
     if form.is_soup and len(mesh.vertices) != 3 * len(mesh.faces):
-        mesh = _unshared(mesh)
+        mesh = _separate_faces(mesh)
     return replace(mesh, vertices=as_float32(mesh.vertices, form.title)) if form.is_single else mesh
 
 
 def with_faces(mesh: Mesh, keep: NDArray[np.bool_]) -> Mesh:
-    """Return the faces of `mesh` selected by the mask `keep` (F,), and the vertices they use, in order."""
+    """Return `mesh` with only the faces selected by the mask `keep` (F,) and their vertices, in order."""
     faces = mesh.faces[keep]
     used = np.zeros(len(mesh.vertices), bool)
     used[faces] = True
@@ -163,7 +164,7 @@ def with_faces(mesh: Mesh, keep: NDArray[np.bool_]) -> Mesh:
 def with_corner_colors(mesh: Mesh, colors: NDArray[Any]) -> Mesh:
     """Return `mesh` with the corner colours `colors` (3F, 3 | 4) as vertex colours.
 
-    Vertices are split where the colours of their corners differ. They keep their order; unused vertices are
+    A vertex is split if its corners have different colours. The order of vertices stays; unused ones are
     removed.
     """
     # Sort the 3F corners by vertex and by the bits of their colour. A new vertex begins at every corner that
@@ -181,7 +182,7 @@ def with_corner_colors(mesh: Mesh, colors: NDArray[Any]) -> Mesh:
     return replace(mesh, vertex_colors=colors[first], face_colors=None)
 
 
-def _unshared(mesh: Mesh) -> Mesh:
+def _separate_faces(mesh: Mesh) -> Mesh:
     """Return the triangle soup of `mesh`: three vertices per face, without colours and textures."""
     corners = mesh.faces.reshape(-1)
     faces = np.arange(len(corners), dtype=np.int64).reshape(-1, 3)

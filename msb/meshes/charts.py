@@ -9,20 +9,20 @@ from msb.asset.texture import Sampler, linear_to_srgb, mip_levels, sample
 from msb.meshes.colors import linear_light, with_alpha
 from msb.meshes.mesh import Mesh
 
-# Mip level offset for sampling a texture at a corner: -1 is one level finer than the size of the face. It
-# gave the best result on a textured sphere.
+# Offset in mip levels for sampling a texture at a corner: -1 samples one level finer than the level that
+# matches the size of the face. It gave the best result on a textured sphere.
 _MIP_BIAS = -1.0
-# Corners are sampled this fraction of the way towards the centre of the face. At the border of a chart,
-# filtered texels are mixed with other charts.
+# A corner is sampled at a point this fraction of the way towards the centre of the face. At the corner
+# itself, filtering would mix in texels of neighbouring charts.
 _INWARDS = 0.25
 
 
 def with_vertex_uvs(mesh: Mesh) -> Mesh:
     """Return `mesh` with texture coordinates per vertex, and faces and vertices grouped by texture.
 
-    A vertex is split where its corners have different coordinates (compared bit by bit) or textures. Its
-    first copy keeps its place in the order of vertices; the other copies follow after all vertices of the
-    group, in the order of the corners that need them. Faces keep their order within a group.
+    A vertex is split if its corners have different coordinates (compared bit by bit) or different textures.
+    The first copy keeps the place of the vertex in the order. The other copies come after all kept vertices
+    with the same texture, in the order of the corners that use them. Faces keep their order within a group.
     """
     if mesh.corner_uvs is None and mesh.face_textures is None:
         return mesh
@@ -38,12 +38,12 @@ def with_vertex_uvs(mesh: Mesh) -> Mesh:
         uvs = mesh.vertex_uvs[corners]
     else:
         uvs = mesh.corner_uvs.reshape(-1, 3, 2)[order].reshape(-1, 2)
-    vertices, rows, numbers = _rows(corners, np.repeat(textures, 3), uvs, len(mesh.vertices))
+    vertices, rows, numbers = _split_vertices(corners, np.repeat(textures, 3), uvs, len(mesh.vertices))
     mesh = mesh.select(vertices, order, numbers.reshape(-1, 3))
     return replace(mesh, vertex_uvs=rows, corner_uvs=None)
 
 
-def _rows(
+def _split_vertices(
     corners: NDArray[np.int64], textures: NDArray[np.int64], uvs: NDArray[np.float32], count: int
 ) -> tuple[NDArray[np.int64], NDArray[np.float32], NDArray[np.int64]]:
     """Return the old vertex (N,) and UVs (N, 2) of each new vertex, and the new vertex of each corner (C,).
@@ -62,7 +62,7 @@ def _rows(
     numbers = np.zeros(len(by), np.int64)
     numbers[by] = np.cumsum(differs) - 1
 
-    # The group with the earliest corner of each old vertex keeps the vertex's place (`stays`).
+    # An old vertex has a group for each of its copies. The group with its earliest corner keeps its place.
     vertices = corners[first]
     begins = np.flatnonzero(np.diff(vertices, prepend=-1))
     stays = np.zeros(len(first), bool)
@@ -72,7 +72,7 @@ def _rows(
     used[vertices] = True
     unused = np.flatnonzero(~used)
 
-    # Append the unused vertices. Sort by texture; in each group, kept vertices come before copies.
+    # Append the unused vertices. Sort by texture; for each texture, kept vertices come before copies.
     vertices = np.concatenate((vertices, unused))
     stays = np.concatenate((stays, np.ones(len(unused), bool)))
     place = np.where(stays, vertices, np.concatenate((first, unused)))

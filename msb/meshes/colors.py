@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 
 from msb.asset.texture import LINEAR, linear_to_srgb, srgb_to_linear
 
-# Floats in [0, 1] are considered equal below this difference: decimals of other programs are rounded.
+# Floats in [0, 1] with a smaller difference count as equal, because other programs round the decimals they
+# write.
 _SAME = 1e-6
 
 
@@ -16,8 +17,8 @@ def stored_colors(values: NDArray[Any]) -> NDArray[Any]:
     """Return colours (N, 3 | 4) of any number type as uint8 or as float32 in [0, 1], in native byte order.
 
     uint8 is kept. uint16 is divided by 65535. Other integers are clamped to 0..255. Floats are clamped to
-    [0, 1], as glTF prescribes, unless they are whole numbers from 0 to 255 with at least one above 1, which
-    some programs write; these become uint8. NaN becomes 0.
+    0..1, as glTF prescribes. The exception is bytes that a program wrote as floats: if all floats are whole
+    numbers from 0 to 255 and at least one is above 1, they become uint8. NaN becomes 0.
     """
     if values.dtype.kind == "f":
         values = np.nan_to_num(values, nan=0.0)
@@ -62,10 +63,10 @@ def srgb_colors(linear: NDArray[Any], most: int = 0) -> NDArray[Any]:
     if linear.dtype == np.uint8:
         stored, most = linear, 255
     elif most == 65535:
-        stored = _rounded(linear, most).astype(np.uint16)
+        stored = _quantize(linear, most).astype(np.uint16)
     else:
-        return _of_floats(linear)
-    values, levels, exact = _table(most)
+        return _convert_floats(linear)
+    values, levels, exact = _build_table(most)
     color, alpha = stored[:, :3], stored[:, 3:]
     step = most // 255
     if exact[color].all() and not (alpha % step).any():
@@ -73,23 +74,23 @@ def srgb_colors(linear: NDArray[Any], most: int = 0) -> NDArray[Any]:
     return np.concatenate((values[color], alpha / np.float32(most)), axis=1)
 
 
-def _of_floats(linear: NDArray[Any]) -> NDArray[Any]:
+def _convert_floats(linear: NDArray[Any]) -> NDArray[Any]:
     """Return linear float32 colours as sRGB: uint8 if they convert back to the same values, else float32."""
-    levels = _rounded(linear, 255)
-    levels[:, :3] = _table(65535)[1][_rounded(linear[:, :3], 65535)]
+    levels = _quantize(linear, 255)
+    levels[:, :3] = _build_table(65535)[1][_quantize(linear[:, :3], 65535)]
     back: NDArray[Any] = np.concatenate((LINEAR[levels[:, :3]], levels[:, 3:] / np.float32(255)), axis=1)
     if (np.abs(back - linear) < _SAME).all():
         return levels.astype(np.uint8)
     return np.concatenate((linear_to_srgb(linear[:, :3]), linear[:, 3:]), axis=1)
 
 
-def _rounded(values: NDArray[Any], most: int) -> NDArray[np.intp]:
+def _quantize(values: NDArray[Any], most: int) -> NDArray[np.intp]:
     """Return values in [0, 1] as the nearest whole numbers from 0 to `most`."""
     return np.asarray(np.rint(values * np.float32(most)).astype(np.intp))
 
 
 @cache
-def _table(most: int) -> tuple[NDArray[np.float32], NDArray[np.uint8], NDArray[np.bool_]]:
+def _build_table(most: int) -> tuple[NDArray[np.float32], NDArray[np.uint8], NDArray[np.bool_]]:
     """Return, for each linear level 0..`most`: its sRGB value, the nearest byte, and whether it is exact.
 
     A byte is exact if it converts back to the same linear level.

@@ -48,7 +48,8 @@ def read_mesh(path: str | os.PathLike[str], *, images: bool = True) -> Mesh:
     MeshFileError
         The content is invalid: one of the MESH_FILE_ codes.
     MeshError
-        MESH_INDEX_OUT_OF_RANGE, for USD files with per-corner colours only: their vertices must be split.
+        MESH_INDEX_OUT_OF_RANGE: a USD file with colours per corner has an invalid vertex index. Meshes of
+        other files are returned with their invalid indices.
 
     Notes
     -----
@@ -60,7 +61,7 @@ def read_mesh(path: str | os.PathLike[str], *, images: bool = True) -> Mesh:
     name = os.fspath(path)
     try:
         source = Source(name, read_file(name), images=images)
-        chosen = _known(name, Path(name).suffix)
+        chosen = _find_format(name, Path(name).suffix)
         if not source.data:
             raise source.error("MESH_FILE_INVALID", "the file is empty")
         return _shorten_left_out(chosen.read(source))
@@ -70,7 +71,7 @@ def read_mesh(path: str | os.PathLike[str], *, images: bool = True) -> Mesh:
 
 
 def _shorten_left_out(mesh: Mesh) -> Mesh:
-    """Return `mesh` with the first entries of `left_out`, and the number of the others as the last entry."""
+    """Return `mesh` with a shorter `left_out`: its first entries, then the number of the remaining ones."""
     first, more = mesh.left_out[:_MAX_LEFT_OUT], len(mesh.left_out) - _MAX_LEFT_OUT
     return mesh if more <= 0 else replace(mesh, left_out=(*first, f"{more:,} more properties"))
 
@@ -102,7 +103,7 @@ def write_mesh(
         MESH_INDEX_OUT_OF_RANGE: a face uses a vertex that does not exist.
     """
     name = os.fspath(target) if isinstance(target, str | os.PathLike) else getattr(target, "name", suffix)
-    chosen = _known(str(name), suffix)
+    chosen = _find_format(str(name), suffix)
     if chosen.write is None:
         message = f"{chosen.title} files cannot be written; use one of {' '.join(written_suffixes())}"
         raise InputError("FILE_NOT_RECOGNISED", message, file=str(name))
@@ -123,7 +124,7 @@ def write_mesh(
 
 def companion_files(mesh: Mesh, path: Path, style: Style) -> dict[Path, bytes]:
     """Return the companion files that `write_whole` writes next to `path`, as path -> content."""
-    form = _known(str(path), path.suffix)
+    form = _find_format(str(path), path.suffix)
     files = form.companions(mesh, replace(style, stem=path.stem)) if form.companions else {}
     return {path.with_name(name): content for name, content in files.items()}
 
@@ -141,7 +142,7 @@ def write_whole(mesh: Mesh, path: Path, style: Style | None = None, *, overwrite
         write_mesh(mesh, files[-1], suffix=path.suffix, style=style)
 
 
-def _known(name: str, suffix: str) -> Format:
+def _find_format(name: str, suffix: str) -> Format:
     """Return the format of `suffix`."""
     format_ = FORMATS.get(suffix.lower())
     if format_ is None:

@@ -24,10 +24,11 @@ class Web:
     ----------
     quarters : int
         Position precision in quarters of a bit: the grid has about 2 ** (quarters / 4) steps along the
-        longest side of the bounding box. 88 is about float32.
+        longest side of the bounding box. 88 is about the precision of float32.
     levels : float, optional
-        Largest colour error in levels of 8-bit sRGB. Colours are stored as 8-bit linear light, and as 16-bit
-        where 8 bits would exceed this error. None: always 8 bits, with errors of up to 6 levels in the dark.
+        Largest colour error in levels of 8-bit sRGB. Colours are stored as 16-bit linear light, rounded to as
+        few significant bits as this error allows. None: 8-bit linear light, with errors of up to 6 levels in
+        dark colours.
     by_distance : bool
         For triangle soups: use a finer grid for faces near the centre of the scene and a coarser grid far
         away, instead of one grid.
@@ -49,7 +50,8 @@ class Style:
     texture : {"png", "jpeg", "webp"}
         The image format of textures.
     web : Web, optional
-        For GLB: compress the arrays and reorder the rows; None: uncompressed, for every program.
+        For GLB: the precision of a compressed file, whose rows are reordered. None: an uncompressed file,
+        which every program can read.
     stem : str, optional
         The file name, without suffix, of companion files (materials, images); None: write no companions.
     extras : mapping, optional

@@ -1,7 +1,8 @@
 """Write GLB files for the web: positions on a grid, and arrays compressed with EXT_meshopt_compression.
 
-Positions are stored as integer grid coordinates, which the node scales. They are uint16 if that is sufficient
-(KHR_mesh_quantization), else floats that the extension's filter EXPONENTIAL stores as mantissa and exponent.
+Positions are stored as integer grid coordinates, which the node scales. They are uint16 if they fit
+(KHR_mesh_quantization). Otherwise they are floats, which the filter EXPONENTIAL of EXT_meshopt_compression
+stores as mantissa and exponent.
 """
 
 from __future__ import annotations
@@ -18,22 +19,23 @@ from msb.base.extras import need_extra
 from msb.base.soup import is_unindexed
 from msb.meshes.colors import as_floats, with_alpha
 from msb.meshes.formats import Style, Web
-from msb.meshes.glb_write import INDICES, VERTICES, GlbBuilder, Primitive, add_mesh, finish, root_of, split
+from msb.meshes.glb_write import INDICES, VERTICES, GlbBuilder, Primitive, add_mesh, finish, split, start_root
 from msb.meshes.mesh import Mesh
 from msb.meshes.writing import as_float32
 
 _MESHOPT, _QUANTIZATION = "EXT_meshopt_compression", "KHR_mesh_quantization"
-# Finest precision of positions, in quarters of a bit. Beyond it, mantissas of 24 bits could not represent all
-# grid coordinates; a grid that varies by distance needs some bits for its exponents.
+# Finest precision of positions, in quarters of a bit. Mantissas of 24 bits cannot represent the coordinates
+# of a finer grid. The limit of a grid that varies by distance is 3 bits lower, because its finest step is 3
+# bits finer.
 _FINEST, _FINEST_BY_DISTANCE = 88, 76
-# Smallest and largest change of the grid step by distance, in bits: 8 times finer to 32 times coarser than at
-# the median distance.
+# Range of the grid step by distance, in bits relative to the step at the median distance: from 8 times finer
+# (-3) to 32 times coarser (5).
 _FINER, _COARSER = -3, 5
-# Bits by which the step is coarser at twice the distance.
+# Increase of the grid step at twice the distance, in bits: the step is 2.8 times coarser.
 _BITS_PER_DOUBLING = 1.5
-# Texture coordinates have a precision of 2 ** -4 texel or better.
+# Precision of texture coordinates, in bits below one texel: the step is 1/16 texel.
 _TEXEL_BITS = 4
-# Bits of the mantissa without its sign. They limit the precision of coordinates that are tiled very often.
+# Bits of a mantissa without its sign. They limit the precision of texture coordinates far outside [0, 1].
 _MANTISSA = 23
 
 
@@ -59,7 +61,7 @@ class Grid:
         positions = as_float32(mesh.vertices, "GLB").astype(np.float64)
         coarser = np.zeros(len(positions), np.int64)
         if web.by_distance and is_unindexed(mesh.faces, len(mesh.vertices)):
-            coarser = _by_distance(mesh, positions)
+            coarser = _coarsen_by_distance(mesh, positions)
         # Choose the step from the extent of the longest side and the number of bits.
         bits, rest = divmod(min(web.quarters, _FINEST_BY_DISTANCE if coarser.any() else _FINEST), 4)
         low = positions.min(axis=0)
@@ -85,11 +87,11 @@ class Grid:
         return self.whole.astype(np.uint16 if short else np.float32)
 
 
-def _by_distance(mesh: Mesh, positions: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Return by how many bits the grid step is coarser than the default, for each vertex (V,) of a soup.
+def _coarsen_by_distance(mesh: Mesh, positions: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Return the coarsening of the grid step for each vertex (V,) of a soup, in bits (negative: finer).
 
-    It grows with the distance of the face from the centre of the scene. Cameras are near the centre, so that
-    distant faces are larger and seen from far away.
+    The step grows with the distance of the face from the centre of the scene. Cameras are near the centre, so
+    distant faces are larger, and cameras see them from far away.
     """
     offset = positions[mesh.faces].mean(axis=1) - np.median(positions, axis=0)
     distance = np.linalg.norm(offset, axis=1)
@@ -101,13 +103,13 @@ def _by_distance(mesh: Mesh, positions: NDArray[np.float64]) -> NDArray[np.int64
 
 
 def write_web(mesh: Mesh, stream: BinaryIO, style: Style) -> None:
-    """Write `mesh`, which has texture coordinates per vertex. Faces and vertices are reordered."""
+    """Write `mesh` as a compressed GLB. Its UVs must be per vertex. Faces and vertices are reordered."""
     need_extra("compressed", "meshopt", what="a GLB for the web")
     web = style.web
     assert web is not None
-    builder = _CompressedBuilder(root_of(mesh, style))
+    builder = _CompressedBuilder(start_root(mesh, style))
     if web.by_distance and mesh.face_textures is not None:
-        web = replace(web, by_distance=False)  # exponents are not split by primitive
+        web = replace(web, by_distance=False)  # `Grid.exponents` is not split by primitive
     # Positions: grid coordinates, and a node transform that maps them back.
     grid = Grid.of(mesh, web)
     builder.root["nodes"][0] |= {"translation": grid.corner.tolist(), "scale": [grid.step] * 3}
@@ -128,12 +130,12 @@ def write_web(mesh: Mesh, stream: BinaryIO, style: Style) -> None:
     for part in split(mesh, attributes):
         assert part.faces is not None
         if is_unindexed(mesh.faces, len(mesh.vertices)):
-            order = _soup_order(part, grid.exponents)
-            parts.append(_select(part, order, None))
+            order = _order_soup(part, grid.exponents)
+            parts.append(_select_rows(part, order, None))
             if grid.exponents.any():
                 builder.exponents["POSITION"] = grid.exponents[order]
         else:
-            parts.append(_reordered(part))
+            parts.append(_reorder_mesh(part))
     add_mesh(builder, parts, mesh, style)
     builder.require(_MESHOPT)
     if attributes["POSITION"].dtype == np.uint16:
@@ -146,8 +148,8 @@ def write_web(mesh: Mesh, stream: BinaryIO, style: Style) -> None:
 def stored_light(colors: NDArray[Any], levels: float | None) -> NDArray[Any]:
     """Return sRGB colours (V, 3 | 4) as linear light with an error of at most `levels` of 8-bit sRGB.
 
-    They are uint16, or uint8 if `levels` is None. Every value is rounded to as few bits as the error allows,
-    because low bytes of zero compress to almost nothing.
+    They are uint8 if `levels` is None, else uint16. Every uint16 value is rounded to as few significant bits
+    as the error allows, because low bytes of zero compress to almost nothing.
     """
     values = as_floats(colors)
     light = values.astype(np.float64)
@@ -171,7 +173,7 @@ def srgb_of(light: NDArray[Any]) -> NDArray[np.float32]:
     return np.asarray(values, np.float32)
 
 
-def _soup_order(part: Primitive, exponents: NDArray[np.int64]) -> NDArray[np.int64]:
+def _order_soup(part: Primitive, exponents: NDArray[np.int64]) -> NDArray[np.int64]:
     """Return an order of vertices (V,) that compresses well, in which every three vertices are a face.
 
     Faces are sorted by grid step, then along a space-filling curve. Each face is rotated to begin with the
@@ -194,13 +196,13 @@ def _soup_order(part: Primitive, exponents: NDArray[np.int64]) -> NDArray[np.int
     return np.take_along_axis(faces, rotated, axis=1).reshape(-1)
 
 
-def _select(part: Primitive, order: NDArray[np.int64], faces: NDArray[np.int64] | None) -> Primitive:
+def _select_rows(part: Primitive, order: NDArray[np.int64], faces: NDArray[np.int64] | None) -> Primitive:
     """Return the vertices `order` (V,) of `part` with `faces` (F, 3), which are indices into them."""
     rows = {name: np.ascontiguousarray(values[order]) for name, values in part.attributes.items()}
     return Primitive(rows, faces, part.texture)
 
 
-def _reordered(part: Primitive) -> Primitive:
+def _reorder_mesh(part: Primitive) -> Primitive:
     """Return `part` with the faces in meshopt's order and the vertices in the order of their first use.
 
     Unused vertices come last.
@@ -221,15 +223,15 @@ def _reordered(part: Primitive) -> Primitive:
     order = np.zeros(count, np.int64)
     order[place[is_used]] = np.flatnonzero(is_used)
     order[used:] = np.flatnonzero(~is_used)
-    return _select(part, order, faces.reshape(-1, 3).astype(np.int64))
+    return _select_rows(part, order, faces.reshape(-1, 3).astype(np.int64))
 
 
 @dataclass
 class _CompressedBuilder(GlbBuilder):
     """A file whose arrays are compressed. `plain` is the size of the uncompressed arrays in bytes.
 
-    `exponents` holds for each float attribute the exponents (V,) or (1,) of the powers of two that its values
-    are multiples of.
+    The values of a float attribute are multiples of powers of two. `exponents` maps the name of the attribute
+    to the exponents of these powers, (V,) or (1,).
     """
 
     plain: int = 0

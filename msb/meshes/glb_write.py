@@ -14,7 +14,7 @@ from msb.meshes.charts import with_vertex_uvs
 from msb.meshes.colors import linear_colors, with_alpha
 from msb.meshes.formats import Style
 from msb.meshes.gltf import CHUNK, COMPONENTS, HEADER
-from msb.meshes.image_files import encode_image
+from msb.meshes.image_files import packed
 from msb.meshes.mesh import Mesh
 from msb.meshes.writing import as_float32
 
@@ -25,7 +25,7 @@ _COMPONENTS = {kind[1:]: number for number, kind in COMPONENTS.items()}
 VERTICES, INDICES = 34962, 34963
 # From this number of vertices on, indices are uint32: index 65535 is reserved for restarting strips.
 _MAX_SHORT = 1 << 16
-# Errors of texture coordinates of this size are visible, in texels.
+# Smallest visible error of texture coordinates, in texels.
 _VISIBLE = 1 / 8
 _FILTERS = {
     ("linear", True): 9987,
@@ -90,8 +90,8 @@ def write(mesh: Mesh, stream: BinaryIO, style: Style) -> None:
     """Write an unlit, two-sided mesh with one primitive per texture. Face colours are not written.
 
     Positions are float32. Colours are linear light as uint8 or uint16, or sRGB as stored if the style
-    requests it. Texture coordinates are uint16 if that is exact. If colours are wider than a byte, they are
-    uint16 also with an invisible error, so that a vertex has 24 bytes.
+    requests it. Texture coordinates are uint16 if that changes no value. If colours take more than a byte per
+    channel, invisible changes are accepted, too: a vertex then has 24 bytes instead of 28.
     """
     if not len(mesh.faces):
         raise OutputError("OUTPUT_FORMAT_LIMIT", "GLB cannot store a mesh without faces; use PLY")
@@ -101,20 +101,20 @@ def write(mesh: Mesh, stream: BinaryIO, style: Style) -> None:
 
         write_web(mesh, stream, style)
         return
-    builder = GlbBuilder(root_of(mesh, style))
+    builder = GlbBuilder(start_root(mesh, style))
     attributes: dict[str, NDArray[Any]] = {"POSITION": as_float32(mesh.vertices, "GLB")}
     if mesh.vertex_colors is not None:
-        attributes["COLOR_0"] = _colors(mesh.vertex_colors, style)
+        attributes["COLOR_0"] = _encode_colors(mesh.vertex_colors, style)
     if mesh.vertex_uvs is not None:
         wide = "COLOR_0" in attributes and attributes["COLOR_0"].itemsize > 1
-        short = _short_uvs(mesh, only_exact=not wide)
+        short = _quantize_uvs(mesh, only_exact=not wide)
         attributes["TEXCOORD_0"] = mesh.vertex_uvs if short is None else short
     add_mesh(builder, list(split(mesh, attributes)), mesh, style)
     finish(builder, stream)
 
 
-def root_of(mesh: Mesh, style: Style) -> dict[str, Any]:
-    """Return the JSON that all files have in common."""
+def start_root(mesh: Mesh, style: Style) -> dict[str, Any]:
+    """Return the JSON of a new file: a scene with a node for one mesh, which is added later."""
     asset: dict[str, Any] = {"version": "2.0", "generator": "MeshSplatBench"}
     extras = dict(style.extras or {})
     if style.color == "srgb" and mesh.vertex_colors is not None:
@@ -129,14 +129,14 @@ def root_of(mesh: Mesh, style: Style) -> dict[str, Any]:
     }
 
 
-def _colors(colors: NDArray[Any], style: Style) -> NDArray[Any]:
-    """Return colours (V, 3 | 4) as stored. Integers get alpha, so that elements are aligned to four bytes."""
+def _encode_colors(colors: NDArray[Any], style: Style) -> NDArray[Any]:
+    """Return colours (V, 3 | 4) as stored. Integers get an alpha channel, which aligns rows to four bytes."""
     if style.color != "srgb":
         colors = linear_colors(colors)
     return with_alpha(colors) if colors.dtype.kind == "u" else colors
 
 
-def _short_uvs(mesh: Mesh, *, only_exact: bool) -> NDArray[np.uint16] | None:
+def _quantize_uvs(mesh: Mesh, *, only_exact: bool) -> NDArray[np.uint16] | None:
     """Return the texture coordinates (V, 2) as uint16, or None if the difference would be visible.
 
     It is visible if coordinates are outside [0, 1], if the error reaches 1/8 texel, or if different
@@ -180,7 +180,7 @@ def add_mesh(builder: GlbBuilder, parts: list[Primitive], mesh: Mesh, style: Sty
         entry = {}
         for name, rows in part.attributes.items():
             rows = rows.astype(rows.dtype.newbyteorder("<"), copy=False)
-            accessor = _accessor(rows, builder.rows(name, rows))
+            accessor = _describe_array(rows, builder.rows(name, rows))
             if name == "POSITION":
                 accessor.pop("normalized", None)
                 accessor |= {"min": rows.min(axis=0).tolist(), "max": rows.max(axis=0).tolist()}
@@ -188,13 +188,13 @@ def add_mesh(builder: GlbBuilder, parts: list[Primitive], mesh: Mesh, style: Sty
         primitives.append({"attributes": entry, "material": number})
         if part.faces is not None:
             faces = part.faces.astype("<u2" if len(part.attributes["POSITION"]) < _MAX_SHORT else "<u4")
-            indices = builder.add("accessors", _accessor(faces.reshape(-1), builder.indices(faces)))
+            indices = builder.add("accessors", _describe_array(faces.reshape(-1), builder.indices(faces)))
             primitives[-1]["indices"] = indices
         _add_material(builder, part.texture, mesh, style)
     builder.root["meshes"] = [{"primitives": primitives}]
 
 
-def _accessor(rows: NDArray[Any], view: int) -> dict[str, Any]:
+def _describe_array(rows: NDArray[Any], view: int) -> dict[str, Any]:
     """Return the accessor of an array (N, K) or (N,) that fills the buffer view `view`."""
     accessor: dict[str, Any] = {"bufferView": view, "componentType": _COMPONENTS[rows.dtype.str[1:]]}
     accessor |= {"count": len(rows), "type": "SCALAR" if rows.ndim == 1 else f"VEC{rows.shape[1]}"}
@@ -202,7 +202,7 @@ def _accessor(rows: NDArray[Any], view: int) -> dict[str, Any]:
 
 
 def _add_material(builder: GlbBuilder, texture: int | None, mesh: Mesh, style: Style) -> None:
-    """Add the unlit, two-sided material of a primitive. Viewers that light it anyway see a rough surface."""
+    """Add the unlit, two-sided material of a primitive. Viewers that light it anyway show it rough."""
     surface: dict[str, Any] = {"metallicFactor": 0, "roughnessFactor": 1}
     material: dict[str, Any] = {"pbrMetallicRoughness": surface}
     material |= {"extensions": {_UNLIT: {}}, "doubleSided": True}
@@ -216,8 +216,8 @@ def _add_material(builder: GlbBuilder, texture: int | None, mesh: Mesh, style: S
 def _add_texture(builder: GlbBuilder, mesh: Mesh, number: int, style: Style) -> int:
     """Add texture `number` of `mesh` with its image and sampler; return its index in the file."""
     if "samplers" not in builder.root:
-        builder.add("samplers", _sampler(mesh.sampler))
-    content, kind = encode_image(mesh.textures[number], style.texture, mesh.sampler)
+        builder.add("samplers", _describe_sampler(mesh.sampler))
+    content, kind = packed(mesh.textures[number], style.texture, mesh.sampler)
     view = builder.add("bufferViews", builder.put(content))
     image = builder.add("images", {"bufferView": view, "mimeType": f"image/{kind}"})
     if kind != "webp":
@@ -226,7 +226,7 @@ def _add_texture(builder: GlbBuilder, mesh: Mesh, number: int, style: Style) -> 
     return builder.add("textures", {"sampler": 0, "extensions": {_WEBP: {"source": image}}})
 
 
-def _sampler(sampler: Sampler) -> dict[str, int]:
+def _describe_sampler(sampler: Sampler) -> dict[str, int]:
     """Return the JSON of a sampler."""
     return {
         "magFilter": _FILTERS[sampler.filter, False],

@@ -42,8 +42,8 @@ IDENTITY = np.eye(4)
 # Maximum number of nodes. Real scenes have some thousands; a million take a few seconds.
 MAX_NODES = 1 << 20
 
-# Memory limit for the arrays of a file: 64 bytes per byte of the file, plus 256 MiB. One byte of indices
-# needs at most 24 bytes, so that only nodes and primitives that share arrays can reach the limit.
+# Memory limit for the arrays of a file: 64 bytes per byte of the file, plus 256 MiB. A byte of the file needs
+# at most 24 bytes (as an index), so a file reaches the limit only if nodes or primitives share arrays.
 MAX_BYTES_PER_BYTE = 64
 MAX_EXTRA_BYTES = 1 << 28
 
@@ -94,7 +94,7 @@ class Document:
             raise self.source.error("MESH_FILE_TOO_LARGE", text)
 
     def error(self, code: str, pointer: str, message: str) -> MeshFileError:
-        """Return an error about the place at the JSON pointer `pointer`."""
+        """Return an error about the JSON value at the JSON pointer `pointer`."""
         return self.source.error(code, message, pointer=pointer)
 
     def integer(
@@ -162,7 +162,7 @@ class Document:
         return self.buffers[index]
 
     def resource(self, owner: dict[str, Any], pointer: str, most: int | None) -> bytes:
-        """Return the bytes that `owner["uri"]` refers to. `most` limits the bytes as in `read_beside`."""
+        """Return the bytes that `owner["uri"]` refers to; `most` is as in `read_linked_file`."""
         uri, where = owner.get("uri"), f"{pointer}/uri"
         if not isinstance(uri, str):
             raise self.error("MESH_FILE_INVALID", where, "'uri' must be a string")
@@ -189,9 +189,9 @@ class Document:
 class Accessor:
     """A validated description of an array (count, width). All its bytes are known to exist.
 
-    `data` are the bytes of its buffer view, None for zeros. The array begins at byte `start`, and `stride` is
-    the distance of its elements in bytes. `sparse` are the accessors of the indices and values of elements
-    that are replaced.
+    `data` has the bytes of the buffer view; it is None if the array is all zeros. The first element begins at
+    byte `start` of `data`, and every further one begins `stride` bytes later. `sparse` has two accessors: the
+    indices of elements to replace, and their new values.
     """
 
     document: Document
@@ -240,18 +240,18 @@ def open_document(source: Source) -> Document:
     if length < len(data):
         text = f"{len(data) - length} bytes follow after the {length} bytes that the header declares"
         raise source.error("MESH_FILE_INVALID", text, pointer=f"byte {length}")
-    chunks = _chunks(source)
+    chunks = _split_chunks(source)
     if not chunks or chunks[0][0] != b"JSON":
         raise source.error("MESH_FILE_INVALID", "the first chunk is not JSON", pointer="byte 16")
     binary = chunks[1][1] if len(chunks) > 1 and chunks[1][0] == b"BIN\0" else memoryview(b"")
-    document = document_of(source, bytes(chunks[0][1]))
+    document = parse_document(source, bytes(chunks[0][1]))
     buffers = document.root.get("buffers")
     if isinstance(buffers, list) and buffers and isinstance(buffers[0], dict) and "uri" not in buffers[0]:
         document.buffers[0] = binary
     return document
 
 
-def document_of(source: Source, text: bytes) -> Document:
+def parse_document(source: Source, text: bytes) -> Document:
     """Return the document of a JSON text.
 
     Long data URIs are replaced before parsing, so that they do not count for the limit of the JSON.
@@ -266,7 +266,7 @@ def document_of(source: Source, text: bytes) -> Document:
     return Document(source, _parse_json(source, _DATA_URI.sub(replace_uri, text)), embedded)
 
 
-def accessor(
+def parse_accessor(
     document: Document, index: int, *, kinds: str, components: str, unpacked: NDArray[Any] | None = None
 ) -> Accessor:
     """Return accessor `index` after checking that its bytes exist.
@@ -281,7 +281,7 @@ def accessor(
         raise document.error("MESH_FILE_INVALID", f"{pointer}/type", text)
     width = WIDTHS[kind]
     count = document.integer(entry, "count", pointer)
-    dtype = _component(document, entry, pointer, components)
+    dtype = _parse_component(document, entry, pointer, components)
     normalized = entry.get("normalized") is True
     if unpacked is not None:
         # Encoders may store integers wider than the accessor declares: convert them, and compare.
@@ -301,17 +301,21 @@ def accessor(
         text = "the accessor has neither 'bufferView' nor 'sparse'"
         raise document.error("MESH_FILE_INVALID", pointer, text)
     plain = Accessor(document, pointer, count, width, dtype, normalized, *place)
-    return replace(plain, sparse=_sparse(document, sparse, f"{pointer}/sparse", plain)) if sparse else plain
+    return (
+        replace(plain, sparse=_parse_sparse(document, sparse, f"{pointer}/sparse", plain))
+        if sparse
+        else plain
+    )
 
 
-def _sparse(
+def _parse_sparse(
     document: Document, entry: dict[str, Any], pointer: str, base: Accessor
 ) -> tuple[Accessor, Accessor]:
     """Return the accessors of the indices and values that the sparse `entry` replaces in `base`."""
     count = document.integer(entry, "count", pointer, below=base.count + 1)
     indices = document.object(entry, "indices", pointer)
     values = document.object(entry, "values", pointer)
-    kind = _component(document, indices, f"{pointer}/indices", "u1 u2 u4")
+    kind = _parse_component(document, indices, f"{pointer}/indices", "u1 u2 u4")
     place = _locate(document, indices, f"{pointer}/indices", count, kind.itemsize)
     first = Accessor(document, f"{pointer}/indices", count, 1, kind, False, *place)
     size = base.dtype.itemsize * base.width
@@ -319,7 +323,7 @@ def _sparse(
     return first, Accessor(document, f"{pointer}/values", count, base.width, base.dtype, False, *place)
 
 
-def _component(document: Document, owner: dict[str, Any], pointer: str, allowed: str) -> np.dtype[Any]:
+def _parse_component(document: Document, owner: dict[str, Any], pointer: str, allowed: str) -> np.dtype[Any]:
     """Return the NumPy type of `owner["componentType"]`, which must be one of `allowed`, such as "u1 u2"."""
     number = document.integer(owner, "componentType", pointer)
     name = COMPONENTS.get(number, "")
@@ -346,7 +350,7 @@ def _locate(
     return data, start, stride
 
 
-def _chunks(source: Source) -> list[tuple[bytes, memoryview]]:
+def _split_chunks(source: Source) -> list[tuple[bytes, memoryview]]:
     """Return type and content of the first two chunks; only extensions use more."""
     chunks: list[tuple[bytes, memoryview]] = []
     at = HEADER.size
@@ -369,12 +373,12 @@ def _parse_json(source: Source, text: bytes) -> dict[str, Any]:
     if len(text) > MAX_JSON_BYTES:
         message = f"the JSON has {len(text)} bytes; at most {MAX_JSON_BYTES} are supported"
         raise source.error("MESH_FILE_TOO_LARGE", message)
-    depth = _nesting(text)
+    depth = _measure_nesting(text)
     if depth > MAX_JSON_DEPTH:
         message = f"the JSON has {depth} nested levels; at most {MAX_JSON_DEPTH} are supported"
         raise source.error("MESH_FILE_TOO_LARGE", message)
     try:
-        root = json.loads(text.decode("utf-8"), parse_constant=_refuse_constant)
+        root = json.loads(text.decode("utf-8"), parse_constant=_reject_constant)
     except ValueError as error:
         message = f"the JSON cannot be read: {shorten(str(error))}"
         raise source.error("MESH_FILE_INVALID", message) from None
@@ -383,7 +387,7 @@ def _parse_json(source: Source, text: bytes) -> dict[str, Any]:
     return root
 
 
-def _nesting(text: bytes) -> int:
+def _measure_nesting(text: bytes) -> int:
     """Return the nesting depth of objects and arrays in JSON; brackets in strings do not count.
 
     This is vectorised: `msb.base.bounded_parsing` would need ten seconds for `MAX_JSON_BYTES`.
@@ -394,7 +398,7 @@ def _nesting(text: bytes) -> int:
     return int(np.cumsum(_NESTING[marks] * outside, dtype=np.int32).max(initial=0))
 
 
-def _refuse_constant(name: str) -> NoReturn:
+def _reject_constant(name: str) -> NoReturn:
     """Reject NaN and Infinity, which Python's parser accepts."""
     message = f"{name} is not valid in JSON"
     raise ValueError(message)
@@ -408,21 +412,21 @@ def _is_finite(value: float) -> bool:
         return False
 
 
-def placed_meshes(document: Document) -> Iterator[tuple[int, NDArray[np.float64]]]:
+def list_placed_meshes(document: Document) -> Iterator[tuple[int, NDArray[np.float64]]]:
     """Yield the number and the world transform (4, 4) of each mesh in the scene, in the order of nodes.
 
     The scene is the default scene of the file, else the first one. Without scenes, all nodes are used.
     """
-    worlds = _world_transforms(document)
+    worlds = _compute_world_transforms(document)
     for index in sorted(worlds):
         node, pointer = document.entry("nodes", index)
         if "mesh" in node:
             yield document.integer(node, "mesh", pointer), worlds[index]
 
 
-def _world_transforms(document: Document) -> dict[int, NDArray[np.float64]]:
+def _compute_world_transforms(document: Document) -> dict[int, NDArray[np.float64]]:
     """Return node number -> world transform (4, 4) for every node of the scene."""
-    roots, nodes = _roots(document)
+    roots, nodes = _find_roots(document)
     worlds: dict[int, NDArray[np.float64]] = {}
     waiting = [(roots, IDENTITY)]
     while waiting:
@@ -432,18 +436,18 @@ def _world_transforms(document: Document) -> dict[int, NDArray[np.float64]]:
             if index in worlds:
                 text = "the node has two parents or is in a cycle; nodes must form trees"
                 raise document.error("MESH_FILE_INVALID", pointer, text)
-            local = _local_transform(document, node, pointer)
+            local = _parse_local_transform(document, node, pointer)
             with np.errstate(over="ignore", invalid="ignore"):
                 worlds[index] = parent if local is IDENTITY else parent @ local
-            waiting.append((_node_numbers(document, node, "children", pointer), worlds[index]))
+            waiting.append((_parse_node_numbers(document, node, "children", pointer), worlds[index]))
     if nodes is not None and len(worlds) < nodes:
         text = "some nodes are in a cycle; nodes must form trees"
         raise document.error("MESH_FILE_INVALID", "/nodes", text)
     return worlds
 
 
-def _roots(document: Document) -> tuple[list[int], int | None]:
-    """Return the root nodes, and the number of nodes in their trees (None if a scene selects the roots)."""
+def _find_roots(document: Document) -> tuple[list[int], int | None]:
+    """Return the root nodes, and the number of nodes to reach from them (None if a scene lists roots)."""
     count = len(document.array(document.root, "nodes", ""))
     if count > MAX_NODES:
         text = f"there are {count} nodes; at most {MAX_NODES} are supported"
@@ -451,13 +455,15 @@ def _roots(document: Document) -> tuple[list[int], int | None]:
     if document.array(document.root, "scenes", ""):
         number = document.integer(document.root, "scene", "", default=0)
         scene, pointer = document.entry("scenes", number)
-        return _node_numbers(document, scene, "nodes", pointer), None
+        return _parse_node_numbers(document, scene, "nodes", pointer), None
     entries = (document.entry("nodes", index) for index in range(count))
-    children = {child for node in entries for child in _node_numbers(document, node[0], "children", node[1])}
+    children = {
+        child for node in entries for child in _parse_node_numbers(document, node[0], "children", node[1])
+    }
     return [index for index in range(count) if index not in children], count
 
 
-def _node_numbers(document: Document, owner: dict[str, Any], key: str, pointer: str) -> list[int]:
+def _parse_node_numbers(document: Document, owner: dict[str, Any], key: str, pointer: str) -> list[int]:
     """Return the array of node numbers `owner[key]`."""
     numbers = document.array(owner, key, pointer)
     count = len(document.array(document.root, "nodes", ""))
@@ -468,7 +474,7 @@ def _node_numbers(document: Document, owner: dict[str, Any], key: str, pointer: 
     return numbers
 
 
-def _local_transform(document: Document, node: dict[str, Any], pointer: str) -> NDArray[np.float64]:
+def _parse_local_transform(document: Document, node: dict[str, Any], pointer: str) -> NDArray[np.float64]:
     """Return the local transform (4, 4) of a node: its matrix, or translation times rotation times scale."""
     if "matrix" in node:
         return document.numbers(node, "matrix", pointer, tuple(IDENTITY.ravel())).reshape(4, 4).T

@@ -71,12 +71,12 @@ def read_base_color(document: Document, primitive: dict[str, Any], pointer: str)
     texture = None
     if "baseColorTexture" in surface:
         entry = document.object(surface, "baseColorTexture", where_surface)
-        texture = _texture_use(document, entry, f"{where_surface}/baseColorTexture")
+        texture = _parse_texture_use(document, entry, f"{where_surface}/baseColorTexture")
     is_lost = "baseColorTexture" in surface and texture is None
     return BaseColor(tuple(factor.tolist()), cutoff, texture, is_lost)
 
 
-def _texture_use(document: Document, entry: dict[str, Any], pointer: str) -> TextureUse | None:
+def _parse_texture_use(document: Document, entry: dict[str, Any], pointer: str) -> TextureUse | None:
     """Return the use of the texture in a `textureInfo`; None if its image format is unsupported (KTX2)."""
     texture, where = document.entry("textures", document.integer(entry, "index", pointer))
     extensions = document.object(texture, "extensions", where)
@@ -88,7 +88,9 @@ def _texture_use(document: Document, entry: dict[str, Any], pointer: str) -> Tex
     document.entry("images", image)
     sampler = Sampler()
     if "sampler" in texture:
-        sampler = _sampler(*document.entry("samplers", document.integer(texture, "sampler", where)), document)
+        sampler = _parse_sampler(
+            *document.entry("samplers", document.integer(texture, "sampler", where)), document
+        )
     uv_set = document.integer(entry, "texCoord", pointer, default=0)
     extensions = document.object(entry, "extensions", pointer)
     if _TRANSFORM not in extensions:
@@ -105,8 +107,8 @@ def _texture_use(document: Document, entry: dict[str, Any], pointer: str) -> Tex
     return TextureUse(image, sampler, uv_set, transform)
 
 
-def _sampler(entry: dict[str, Any], pointer: str, document: Document) -> Sampler:
-    """Return a sampler; undefined numbers mean the defaults."""
+def _parse_sampler(entry: dict[str, Any], pointer: str, document: Document) -> Sampler:
+    """Return a sampler. Missing or unknown filters and wrap modes become the defaults."""
     least = entry.get("minFilter")
     nearest = entry.get("magFilter", least) in _NEAREST_FILTERS
     filter_: Filter = "nearest" if nearest else "linear"
@@ -124,7 +126,7 @@ def transform_uvs(uvs: NDArray[np.float32], texture: TextureUse) -> NDArray[np.f
         return np.asarray(uvs.astype(np.float64) @ matrix[:, :2].T + matrix[:, 2], np.float32)
 
 
-def stored_image(document: Document, index: int) -> tuple[bytes | memoryview, str]:
+def read_image_bytes(document: Document, index: int) -> tuple[bytes | memoryview, str]:
     """Return the bytes of image `index`, from a buffer view or a file, and its JSON pointer."""
     entry, pointer = document.entry("images", index)
     if "bufferView" in entry:
@@ -132,13 +134,13 @@ def stored_image(document: Document, index: int) -> tuple[bytes | memoryview, st
     return document.resource(entry, pointer, MAX_FILE), pointer
 
 
-def image_key(document: Document, index: int) -> Any:
-    """Return the storage place of image `index`. Entries with the same key are the same image."""
+def identify_image(document: Document, index: int) -> Any:
+    """Return a key for the stored data of image `index`. Images with equal keys have the same data."""
     entry, _ = document.entry("images", index)
     return str(entry["bufferView"]) if "bufferView" in entry else ("uri", str(entry.get("uri")))
 
 
-def other_properties(document: Document, primitives: Iterable[dict[str, Any]]) -> Iterator[str]:
+def list_other_properties(document: Document, primitives: Iterable[dict[str, Any]]) -> Iterator[str]:
     """Yield the names of material properties other than the base colour; malformed materials are skipped."""
     materials = document.root.get("materials")
     for primitive in primitives:

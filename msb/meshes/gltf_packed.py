@@ -1,7 +1,7 @@
 """Decompress glTF arrays: meshopt compresses buffer views, and Draco compresses primitives.
 
-The decoders are foreign C++ code. They run in a child process, so that a crash becomes an error message, and
-the child is ended if it needs more memory than the declared sizes of the arrays justify.
+The decoders are C++ code of other projects. They run in a child process, so that a crash becomes an error
+message. The memory limit of the child is proportional to the declared sizes of the arrays.
 """
 
 import json
@@ -27,7 +27,7 @@ _READ = ("POSITION", "COLOR_0", "TEXCOORD_")
 _SECONDS = 300
 # Memory limit of the child process: 1 GiB, plus 16 times the size of the decoded arrays.
 _BASE_GIB, _GIB_PER_GIB = 1.0, 16.0
-# JSON data that describes an array to decode.
+# The description of a buffer view or Draco primitive to decode, as JSON data.
 Job = dict[str, Any]
 
 
@@ -37,7 +37,7 @@ def unpack(document: Document, meshes: list[int]) -> None:
     Decoded buffer views are stored in `document.views`, and attributes and indices of Draco primitives in
     `document.packed`. Their total size is limited by `document.limit`.
     """
-    jobs = list(_jobs(document, meshes))
+    jobs = list(_list_jobs(document, meshes))
     if not jobs:
         return
     # Check the declared sizes. The buffers have been read by now, so that linked files count for the limit.
@@ -60,19 +60,19 @@ def unpack(document: Document, meshes: list[int]) -> None:
         )
     for number, job in enumerate(jobs):
         if job["mode"] == "DRACO":
-            _keep_primitive(document, job, number, reply.arrays)
+            _store_primitive(document, job, number, reply.arrays)
         else:
             document.views[job["view"]] = memoryview(reply.arrays[f"{number}"].tobytes())
 
 
 def unpack_here(word: str, arrays: Arrays) -> tuple[Any, Arrays]:
-    """Decode all jobs in `arrays`; the function for the child process (a `Work` of `msb.base.children`)."""
+    """Decode all jobs in `arrays`. This runs in the child process; it is a `Work` of `msb.base.children`."""
     decoded: dict[str, NDArray[Any]] = {}
     for number, job in enumerate(json.loads(arrays["plan"].tobytes())):
         data = arrays["data"][slice(*job["place"])].tobytes()
         try:
             if job["mode"] == "DRACO":
-                decoded |= {f"{number}.{name}": array for name, array in _draco(job, data)}
+                decoded |= {f"{number}.{name}": array for name, array in _decode_draco(job, data)}
             else:
                 import meshopt
 
@@ -87,7 +87,7 @@ def unpack_here(word: str, arrays: Arrays) -> tuple[Any, Arrays]:
     return None, decoded
 
 
-def _draco(job: Job, data: bytes) -> Iterator[tuple[str, NDArray[Any]]]:
+def _decode_draco(job: Job, data: bytes) -> Iterator[tuple[str, NDArray[Any]]]:
     """Yield the names and values of the decoded indices and attributes of a primitive."""
     import DracoPy
 
@@ -101,7 +101,7 @@ def _draco(job: Job, data: bytes) -> Iterator[tuple[str, NDArray[Any]]]:
         yield name, np.ascontiguousarray(attribute["data"])
 
 
-def _jobs(document: Document, meshes: list[int]) -> Iterator[Job]:
+def _list_jobs(document: Document, meshes: list[int]) -> Iterator[Job]:
     """Yield a job for each compressed primitive, and for each compressed view that other primitives use."""
     views: set[int] = set()
     for mesh in meshes:
@@ -109,29 +109,29 @@ def _jobs(document: Document, meshes: list[int]) -> Iterator[Job]:
         for number, primitive in enumerate(document.array(owner, "primitives", where)):
             pointer = f"{where}/primitives/{number}"
             if not isinstance(primitive, dict):
-                continue  # `primitives_of` reports it
+                continue  # `parse_primitives` reports it
             attributes = document.object(primitive, "attributes", pointer)
             used = {name: index for name, index in attributes.items() if name.startswith(_READ)}
             packed = document.object(document.object(primitive, "extensions", pointer), DRACO, pointer)
-            if packed and "bufferView" not in _accessor(document, used.get("POSITION")):
-                yield _draco_job(document, primitive, packed, pointer)
+            if packed and "bufferView" not in _find_accessor(document, used.get("POSITION")):
+                yield _make_draco_job(document, primitive, packed, pointer)
                 continue
             for index in (*used.values(), primitive.get("indices")):
-                views |= _views_of(document, index)
+                views |= _list_views(document, index)
     for view in sorted(views):
-        yield from _meshopt_jobs(document, view)
+        yield from _list_meshopt_jobs(document, view)
 
 
-def _accessor(document: Document, number: Any) -> dict[str, Any]:
+def _find_accessor(document: Document, number: Any) -> dict[str, Any]:
     """Return the JSON of accessor `number`; empty if it does not exist, which is reported later."""
     entries = document.array(document.root, "accessors", "")
     exists = type(number) is int and 0 <= number < len(entries) and isinstance(entries[number], dict)
     return entries[number] if exists else {}
 
 
-def _views_of(document: Document, number: Any) -> set[int]:
+def _list_views(document: Document, number: Any) -> set[int]:
     """Return the numbers of the buffer views that accessor `number` uses."""
-    entry = _accessor(document, number)
+    entry = _find_accessor(document, number)
     sparse = entry.get("sparse")
     parts = [sparse.get("indices"), sparse.get("values")] if isinstance(sparse, dict) else []
     views = [part.get("bufferView") for part in (entry, *parts) if isinstance(part, dict)]
@@ -139,7 +139,7 @@ def _views_of(document: Document, number: Any) -> set[int]:
     return {view for view in views if type(view) is int and 0 <= view < count}
 
 
-def _meshopt_jobs(document: Document, index: int) -> Iterator[Job]:
+def _list_meshopt_jobs(document: Document, index: int) -> Iterator[Job]:
     """Yield the job for view `index` if it is compressed and has no uncompressed copy."""
     view, pointer = document.entry("bufferViews", index)
     extensions = document.object(view, "extensions", pointer)
@@ -175,7 +175,9 @@ def _meshopt_jobs(document: Document, index: int) -> Iterator[Job]:
         document.views[index] = memoryview(b"")
 
 
-def _draco_job(document: Document, primitive: dict[str, Any], packed: dict[str, Any], pointer: str) -> Job:
+def _make_draco_job(
+    document: Document, primitive: dict[str, Any], packed: dict[str, Any], pointer: str
+) -> Job:
     """Return the job for a primitive; `packed` is its extension object."""
     where = f"{pointer}/extensions/{DRACO}"
     data, _, _ = document.view(document.integer(packed, "bufferView", where))
@@ -186,8 +188,8 @@ def _draco_job(document: Document, primitive: dict[str, Any], packed: dict[str, 
         raise document.error("MESH_FILE_INVALID", where, "the attributes have no POSITION")
     # The decoded arrays must have the lengths that their accessors declare.
     accessors = document.object(primitive, "attributes", pointer)
-    counts = {name: _accessor(document, accessors.get(name)).get("count") for name in attributes}
-    counts["indices"] = _accessor(document, primitive.get("indices")).get("count")
+    counts = {name: _find_accessor(document, accessors.get(name)).get("count") for name in attributes}
+    counts["indices"] = _find_accessor(document, primitive.get("indices")).get("count")
     for name, count in counts.items():
         if type(count) is not int or count < 0:
             text = f"{name} has no accessor with a 'count'"
@@ -202,7 +204,7 @@ def _draco_job(document: Document, primitive: dict[str, Any], packed: dict[str, 
     }
 
 
-def _keep_primitive(document: Document, job: Job, number: int, arrays: Arrays) -> None:
+def _store_primitive(document: Document, job: Job, number: int, arrays: Arrays) -> None:
     """Store the decoded arrays of a primitive after checking their lengths."""
     stored = {}
     for name, count in job["counts"].items():

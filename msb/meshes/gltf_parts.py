@@ -7,14 +7,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msb.meshes.colors import stored_colors
-from msb.meshes.gltf import IDENTITY, Accessor, Document, accessor
+from msb.meshes.gltf import IDENTITY, Accessor, Document, parse_accessor
 from msb.meshes.gltf_materials import BaseColor, read_base_color, transform_uvs
 from msb.meshes.polygons import fan_triangulate
 
 TRIANGLES, _STRIP, _FAN = 4, 5, 6
 _MODES = 7
-# Bytes that every primitive counts in addition to its arrays, so that the memory limit also bounds the number
-# of primitives.
+# Bytes that every primitive adds to the estimated size of its arrays. So the memory limit also bounds the
+# number of primitives.
 _PRIMITIVE_BYTES = 1 << 10
 
 
@@ -70,7 +70,7 @@ class PrimitiveArrays:
     base: BaseColor
 
 
-def primitives_of(document: Document, mesh: int) -> list[Primitive]:
+def parse_primitives(document: Document, mesh: int) -> list[Primitive]:
     """Return the primitives of mesh number `mesh` that have triangles."""
     owner, pointer = document.entry("meshes", mesh)
     primitives = []
@@ -79,11 +79,11 @@ def primitives_of(document: Document, mesh: int) -> list[Primitive]:
         if not isinstance(entry, dict):
             raise document.error("MESH_FILE_INVALID", where, "a primitive must be an object")
         if document.integer(entry, "mode", where, default=TRIANGLES, below=_MODES) >= TRIANGLES:
-            primitives.append(_primitive(document, entry, where))
+            primitives.append(_parse_primitive(document, entry, where))
     return primitives
 
 
-def _primitive(document: Document, entry: dict[str, Any], pointer: str) -> Primitive:
+def _parse_primitive(document: Document, entry: dict[str, Any], pointer: str) -> Primitive:
     """Return the validated description of a primitive."""
     attributes = document.object(entry, "attributes", pointer)
     where = f"{pointer}/attributes"
@@ -92,22 +92,24 @@ def _primitive(document: Document, entry: dict[str, Any], pointer: str) -> Primi
     mode = document.integer(entry, "mode", pointer, default=TRIANGLES)
     if unpacked:
         mode = TRIANGLES  # Draco decodes triangle strips to triangles
-    positions = accessor(
+    positions = parse_accessor(
         document, number, kinds="VEC3", components="i1 u1 i2 u2 f4", unpacked=unpacked.get("POSITION")
     )
     indices = None
     if "indices" in entry:
         number = document.integer(entry, "indices", pointer)
         decoded = unpacked.get("indices")
-        indices = accessor(document, number, kinds="SCALAR", components="u1 u2 u4", unpacked=decoded)
-    # Read the UV set that the texture uses. A texture without UVs cannot be used.
+        indices = parse_accessor(document, number, kinds="SCALAR", components="u1 u2 u4", unpacked=decoded)
+    # Read the UV set that the texture uses. If the set is missing, drop the texture.
     base = read_base_color(document, entry, pointer)
     uv_set = 0 if base.texture is None else base.texture.uv_set
     name = f"TEXCOORD_{uv_set}"
-    uvs = _attribute(document, attributes, where, name, positions.count, unpacked.get(name))
+    uvs = _parse_attribute(document, attributes, where, name, positions.count, unpacked.get(name))
     if base.texture is not None and uvs is None:
         base = replace(base, texture=None, is_lost=True)
-    colors = _attribute(document, attributes, where, "COLOR_0", positions.count, unpacked.get("COLOR_0"))
+    colors = _parse_attribute(
+        document, attributes, where, "COLOR_0", positions.count, unpacked.get("COLOR_0")
+    )
     primitive = Primitive(pointer, mode, positions, indices, colors, uvs, base)
     if mode == TRIANGLES and primitive.corners % 3:
         text = f"the number of corners, {primitive.corners}, is not a multiple of 3"
@@ -115,7 +117,7 @@ def _primitive(document: Document, entry: dict[str, Any], pointer: str) -> Primi
     return primitive
 
 
-def _attribute(
+def _parse_attribute(
     document: Document,
     attributes: dict[str, Any],
     pointer: str,
@@ -129,7 +131,7 @@ def _attribute(
     is_color = name.startswith("COLOR")
     kinds, components = ("VEC3 VEC4", "u1 u2 f4") if is_color else ("VEC2", "i1 u1 i2 u2 f4")
     number = document.integer(attributes, name, pointer)
-    values = accessor(document, number, kinds=kinds, components=components, unpacked=unpacked)
+    values = parse_accessor(document, number, kinds=kinds, components=components, unpacked=unpacked)
     if values.count != count:
         what = "colours" if is_color else "texture coordinates"
         text = f"there are {values.count} {what} for {count} vertices"
@@ -148,14 +150,14 @@ def read_arrays(primitive: Primitive) -> PrimitiveArrays:
         colors = stored_colors(primitive.colors.read())
         most = 65535 if primitive.colors.dtype.itemsize == 2 else 0
     if primitive.uvs is not None:
-        uvs = _numbers(primitive.uvs).astype(np.float32)
+        uvs = _read_numbers(primitive.uvs).astype(np.float32)
         if primitive.base.texture is not None:
             uvs = transform_uvs(uvs, primitive.base.texture)
-    faces = _triangles(corners, primitive.mode)
-    return PrimitiveArrays(_numbers(primitive.positions), faces, colors, most, uvs, primitive.base)
+    faces = _assemble_triangles(corners, primitive.mode)
+    return PrimitiveArrays(_read_numbers(primitive.positions), faces, colors, most, uvs, primitive.base)
 
 
-def _numbers(stored: Accessor) -> NDArray[Any]:
+def _read_numbers(stored: Accessor) -> NDArray[Any]:
     """Return floats as float32, and integers as float64, scaled to [-1, 1] if they are normalized."""
     values = stored.read()
     if values.dtype.kind == "f":
@@ -165,7 +167,7 @@ def _numbers(stored: Accessor) -> NDArray[Any]:
     return values.astype(np.float64)
 
 
-def _triangles(corners: NDArray[np.int64], mode: int) -> NDArray[np.int64]:
+def _assemble_triangles(corners: NDArray[np.int64], mode: int) -> NDArray[np.int64]:
     """Return the triangles (F, 3) of the vertex indices `corners` (C,) in the drawing mode `mode`."""
     if mode == TRIANGLES:
         return corners.reshape(-1, 3)
@@ -180,7 +182,7 @@ def _triangles(corners: NDArray[np.int64], mode: int) -> NDArray[np.int64]:
 def transform_arrays(part: PrimitiveArrays, matrix: NDArray[np.float64]) -> PrimitiveArrays:
     """Return `part` transformed by `matrix` (4, 4). The identity changes nothing, not even the type.
 
-    Mirroring transforms would reverse the front sides, so the winding of the faces is reversed, too.
+    A mirroring transform turns faces inside out; reversing their winding restores the front sides.
     """
     if np.array_equal(matrix, IDENTITY):
         return part

@@ -17,10 +17,16 @@ from msb.errors import MeshFileError, shorten
 from msb.meshes.colors import as_floats, srgb_colors, with_alpha
 from msb.meshes.formats import Format
 from msb.meshes.glb_write import write
-from msb.meshes.gltf import Document, document_of, open_document, placed_meshes
-from msb.meshes.gltf_materials import BaseColor, TextureUse, image_key, other_properties, stored_image
+from msb.meshes.gltf import Document, list_placed_meshes, open_document, parse_document
+from msb.meshes.gltf_materials import (
+    BaseColor,
+    TextureUse,
+    identify_image,
+    list_other_properties,
+    read_image_bytes,
+)
 from msb.meshes.gltf_packed import DRACO, MESHOPT, unpack
-from msb.meshes.gltf_parts import PrimitiveArrays, primitives_of, read_arrays, transform_arrays
+from msb.meshes.gltf_parts import PrimitiveArrays, parse_primitives, read_arrays, transform_arrays
 from msb.meshes.images import Decoder
 from msb.meshes.mesh import Mesh
 from msb.meshes.polygons import join_faces
@@ -38,7 +44,7 @@ _HARMLESS = (
     "MSFT_texture_",
 )
 
-# Attribute that is not read, without its number -> its name.
+# Attribute that is not read, without its number -> its name in messages.
 _ATTRIBUTES = {
     "NORMAL": "normals",
     "TANGENT": "tangents",
@@ -58,15 +64,15 @@ def read_scene(document: Document) -> Mesh:
     """Return the triangles of the default scene: the primitives one after the other, in the order of nodes.
 
     Vertices are float32, or float64 if a node has a transform. Primitives do not share vertices. If only some
-    have colours, the others are white, as the format defines. Indices outside their primitive stay invalid
-    for the mesh.
+    have colours, the others are white, as the format defines. An index outside its primitive is also out of
+    range in the returned mesh.
     """
-    _refuse_extensions(document)
-    placed = list(placed_meshes(document))
+    _check_extensions(document)
+    placed = list(list_placed_meshes(document))
     used = list(dict.fromkeys(mesh for mesh, _ in placed))
     unpack(document, used)
     # Check all descriptions and the total size before any array is read.
-    primitives = {mesh: primitives_of(document, mesh) for mesh in used}
+    primitives = {mesh: parse_primitives(document, mesh) for mesh in used}
     sizes = {mesh: sum(primitive.bytes for primitive in primitives[mesh]) for mesh in primitives}
     document.check_total("the arrays of all nodes", sum(sizes[mesh] for mesh, _ in placed))
     if not any(primitives.values()) and document.root.get("meshes"):
@@ -77,12 +83,12 @@ def read_scene(document: Document) -> Mesh:
     if not parts:
         joined = Mesh(np.zeros((0, 3), dtype=np.float32), np.zeros((0, 3), dtype=np.int64))
     else:
-        joined = _join(document, parts)
+        joined = _join_parts(document, parts)
     colors = [part.base for part in parts]
-    return replace(joined, left_out=tuple(_left_out(document, used, colors)), up="+y")
+    return replace(joined, left_out=tuple(_list_left_out(document, used, colors)), up="+y")
 
 
-def _refuse_extensions(document: Document) -> None:
+def _check_extensions(document: Document) -> None:
     """Reject files that require an unsupported extension: their accessors may be meaningless without it."""
     for name in document.array(document.root, "extensionsRequired", ""):
         if not str(name).startswith(_HARMLESS):
@@ -90,7 +96,7 @@ def _refuse_extensions(document: Document) -> None:
             raise document.error("MESH_FILE_UNSUPPORTED", "/extensionsRequired", text)
 
 
-def _join(document: Document, parts: list[PrimitiveArrays]) -> Mesh:
+def _join_parts(document: Document, parts: list[PrimitiveArrays]) -> Mesh:
     """Return the concatenation of all parts as a mesh."""
     uvs = None
     if any(part.uvs is not None for part in parts):
@@ -98,14 +104,14 @@ def _join(document: Document, parts: list[PrimitiveArrays]) -> Mesh:
             np.zeros((len(part.vertices), 2), np.float32) if part.uvs is None else part.uvs for part in parts
         ]
         uvs = np.concatenate(blank)
-    # The mesh has one alpha cut-off: the smallest of all materials. `_colors` scales alpha accordingly.
+    # The alpha cut-off of the mesh is the smallest of all materials; `_combine_colors` scales alpha to it.
     cutoffs = [part.base.cutoff for part in parts if part.base.cutoff is not None]
     is_textured = any(part.base.texture for part in parts)
     cutoff = min([1.0, *cutoffs]) if cutoffs and is_textured else None
     mesh = Mesh(
         np.concatenate([part.vertices for part in parts]),
         join_faces((part.faces for part in parts), [len(part.vertices) for part in parts]),
-        _join_colors([_colors(part, cutoff, _says_srgb(document)) for part in parts], parts),
+        _join_colors([_combine_colors(part, cutoff, _has_srgb_colors(document)) for part in parts], parts),
         vertex_uvs=uvs,
     )
     return _with_textures(mesh, document, parts, cutoff) if is_textured else mesh
@@ -125,7 +131,7 @@ def _with_textures(
     of_parts = []
     for part in parts:
         texture, masked = part.base.texture, cutoff is not None and part.base.cutoff is not None
-        key = None if texture is None else (image_key(document, texture.image), masked)
+        key = None if texture is None else (identify_image(document, texture.image), masked)
         if key not in numbers:
             numbers[key] = len(images)
             images.append((texture, masked))
@@ -138,32 +144,32 @@ def _with_textures(
         text = f"the scene has {len(images)} textures; at most {MAX_TEXTURES} are supported"
         raise document.error("MESH_FILE_TOO_LARGE", "/images", text)
     decoder = Decoder()
-    textures = tuple(_texture(document, decoder, texture, masked) for texture, masked in images)
+    textures = tuple(_decode_texture(document, decoder, texture, masked) for texture, masked in images)
     samplers = [texture.sampler for texture, _ in images if texture is not None]
     return replace(mesh, textures=textures, sampler=replace(samplers[0], alpha_cutoff=cutoff))
 
 
-def _texture(
+def _decode_texture(
     document: Document, decoder: Decoder, texture: TextureUse | None, masked: bool
 ) -> NDArray[np.uint8]:
     """Return the texels of a texture, with alpha only if `masked`; white for None."""
     if texture is None:
         return _PLAIN
-    data, pointer = stored_image(document, texture.image)
+    data, pointer = read_image_bytes(document, texture.image)
     try:
         return decoder.decode(data, alpha=masked)
     except MeshFileError as error:
         raise document.error(error.code, pointer, error.message) from None
 
 
-def _says_srgb(document: Document) -> bool:
+def _has_srgb_colors(document: Document) -> bool:
     """Return whether vertex colours are marked as sRGB, as in files written with `--color srgb`."""
     asset = document.root.get("asset")
     extras = asset.get("extras") if isinstance(asset, dict) else None
     return isinstance(extras, dict) and extras.get("color_space") == "srgb"
 
 
-def _colors(part: PrimitiveArrays, cutoff: float | None, is_srgb: bool) -> NDArray[Any] | None:
+def _combine_colors(part: PrimitiveArrays, cutoff: float | None, is_srgb: bool) -> NDArray[Any] | None:
     """Return the sRGB colours (V, 3 | 4) of a part: vertex colours times the base factor; None for white.
 
     `cutoff` is the alpha cut-off of the mesh. If the part's cut-off differs, alpha is scaled by their ratio;
@@ -203,7 +209,7 @@ def _join_colors(colors: list[NDArray[Any] | None], parts: list[PrimitiveArrays]
     return np.concatenate(joined)
 
 
-def _left_out(document: Document, meshes: Iterable[int], colors: list[BaseColor]) -> Iterable[str]:
+def _list_left_out(document: Document, meshes: Iterable[int], colors: list[BaseColor]) -> Iterable[str]:
     """Return the names of everything in the `meshes` of the scene, and in the file, that is not read.
 
     Malformed entries are skipped, because they are not read anyway.
@@ -214,11 +220,11 @@ def _left_out(document: Document, meshes: Iterable[int], colors: list[BaseColor]
     primitives = [
         primitive
         for mesh in meshes
-        for primitive in _objects(document.entry("meshes", mesh)[0].get("primitives"))
+        for primitive in _filter_objects(document.entry("meshes", mesh)[0].get("primitives"))
     ]
     # Attributes and morph targets of the primitives.
     for primitive in primitives:
-        for name in _keys(primitive.get("attributes")):
+        for name in _list_keys(primitive.get("attributes")):
             word = str(name).partition("_")[0]
             if name not in ("POSITION", "COLOR_0", *read):
                 title = "further UVs" if read and word == "TEXCOORD" else _ATTRIBUTES.get(word)
@@ -232,10 +238,10 @@ def _left_out(document: Document, meshes: Iterable[int], colors: list[BaseColor]
         parts["an alpha cut-off"] = None
     if len({texture.sampler for texture in textures}) > 1:
         parts["further samplers"] = None
-    parts.update(dict.fromkeys(other_properties(document, primitives)))
+    parts.update(dict.fromkeys(list_other_properties(document, primitives)))
     # Instances and animations.
-    nodes = _objects(document.root.get("nodes"))
-    if any(_INSTANCES in _keys(node.get("extensions")) for node in nodes):
+    nodes = _filter_objects(document.root.get("nodes"))
+    if any(_INSTANCES in _list_keys(node.get("extensions")) for node in nodes):
         parts[f"instances of meshes ({_INSTANCES})"] = None
     animations = document.root.get("animations")
     if isinstance(animations, list) and animations:
@@ -243,13 +249,13 @@ def _left_out(document: Document, meshes: Iterable[int], colors: list[BaseColor]
     return parts
 
 
-def _objects(entries: Any) -> list[dict[str, Any]]:
-    """Return the objects in a JSON array; nothing for other values."""
+def _filter_objects(entries: Any) -> list[dict[str, Any]]:
+    """Return the objects in the JSON array `entries`; an empty list for other values."""
     return [entry for entry in entries if isinstance(entry, dict)] if isinstance(entries, list) else []
 
 
-def _keys(entry: Any) -> list[Any]:
-    """Return the keys of a JSON object; nothing for other values."""
+def _list_keys(entry: Any) -> list[Any]:
+    """Return the keys of the JSON object `entry`; an empty list for other values."""
     return list(entry) if isinstance(entry, dict) else []
 
 
@@ -262,7 +268,7 @@ def _read_gltf(source: Source) -> Mesh:
     """Read the default scene of a glTF file in JSON."""
     if _BEGINS.match(source.data) is None:
         raise source.not_a("glTF", "the content does not begin with '{'")
-    document = document_of(source, source.data)
+    document = parse_document(source, source.data)
     version = str(document.object(document.root, "asset", "").get("version", "2.0"))
     if not version.startswith("2."):
         text = f"glTF version {shorten(version)} is not supported; export version 2.0"

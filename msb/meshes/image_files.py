@@ -11,8 +11,8 @@ from msb.asset.texture import Sampler
 from msb.meshes.formats import Picture, Style
 from msb.meshes.mesh import Mesh
 
-# Pillow's encoder options. The qualities are high: lower ones lose more dB through block artefacts and colour
-# bleeding than their smaller files are worth.
+# Pillow's encoder options. The qualities are high, because block artefacts and colour bleeding of lower ones
+# outweigh the smaller files.
 _OPTIONS: dict[Picture, dict[str, Any]] = {
     "png": {},
     "jpeg": {"quality": 95, "subsampling": 0},
@@ -21,33 +21,33 @@ _OPTIONS: dict[Picture, dict[str, Any]] = {
 ENDINGS: dict[Picture, str] = {"png": ".png", "jpeg": ".jpg", "webp": ".webp"}
 
 
-def image_names(mesh: Mesh, style: Style) -> list[str]:
+def name_images(mesh: Mesh, style: Style) -> list[str]:
     """Return the file names of a mesh's images: the style's stem, numbered if there are several."""
-    several, stem = len(mesh.textures) > 1, plain_stem(style)
-    kinds = [_kind(image, style.texture, mesh.sampler) for image in mesh.textures]
+    several, stem = len(mesh.textures) > 1, simplify_stem(style)
+    kinds = [_choose_kind(image, style.texture, mesh.sampler) for image in mesh.textures]
     numbers = [f"_{number}" if several else "" for number in range(len(kinds))]
     return [f"{stem}{number}{ENDINGS[kind]}" for number, kind in zip(numbers, kinds, strict=True)]
 
 
-def images_of(mesh: Mesh, style: Style) -> dict[str, bytes]:
+def encode_images(mesh: Mesh, style: Style) -> dict[str, bytes]:
     """Return the encoded images of a mesh, as file name -> content."""
-    contents = (encode_image(image, style.texture, mesh.sampler)[0] for image in mesh.textures)
-    return dict(zip(image_names(mesh, style), contents, strict=True))
+    contents = (packed(image, style.texture, mesh.sampler)[0] for image in mesh.textures)
+    return dict(zip(name_images(mesh, style), contents, strict=True))
 
 
-def plain_stem(style: Style) -> str:
+def simplify_stem(style: Style) -> str:
     """Return the style's stem with "_" for characters that OBJ and MTL files cannot hold, such as spaces."""
     return re.sub(r"[^\w.()+-]", "_", style.stem or "texture")
 
 
-def encode_image(image: NDArray[np.uint8], kind: Picture, sampler: Sampler) -> tuple[bytes, Picture]:
+def packed(image: NDArray[np.uint8], kind: Picture, sampler: Sampler) -> tuple[bytes, Picture]:
     """Return `image` (H, W, 3 | 4) as an image file, and the format used: PNG if JPEG would lose alpha.
 
     PNG keeps all channels. JPEG and WebP drop alpha if the sampler has no alpha cut-off.
     """
     from PIL import Image
 
-    kind = _kind(image, kind, sampler)
+    kind = _choose_kind(image, kind, sampler)
     if kind != "png" and not _is_cut_out(image, sampler):
         image = image[..., :3]
     file = BytesIO()
@@ -55,7 +55,7 @@ def encode_image(image: NDArray[np.uint8], kind: Picture, sampler: Sampler) -> t
     return file.getvalue(), kind
 
 
-def _kind(image: NDArray[np.uint8], kind: Picture, sampler: Sampler) -> Picture:
+def _choose_kind(image: NDArray[np.uint8], kind: Picture, sampler: Sampler) -> Picture:
     return "png" if kind == "jpeg" and _is_cut_out(image, sampler) else kind
 
 

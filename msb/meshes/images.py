@@ -47,13 +47,13 @@ class Decoder:
         """
         from PIL import Image, JpegImagePlugin, PngImagePlugin, UnidentifiedImageError, WebPImagePlugin
 
-        # Importing these three keeps Pillow from importing all its plugins.
+        # If these three are imported, Pillow does not import all its plugins.
         plugins = PngImagePlugin.PngImageFile, JpegImagePlugin.JpegImageFile, WebPImagePlugin.WebPImageFile
         limit, Image.MAX_IMAGE_PIXELS = Image.MAX_IMAGE_PIXELS, None  # `_take` checks the size
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # about unusual metadata
-                if canvas := _webp_canvas(data):
+                if canvas := _read_webp_size(data):
                     self._take(canvas, 8, len(data))  # Pillow allocates two canvases when it opens a WebP
                 elif bytes(data[:2]) == b"\xff\xd8" and bytes(data).count(b"\xff\xda") > _MAX_SCANS:
                     text = f"the JPEG has more than {_MAX_SCANS} scans; save it as a baseline JPEG"
@@ -61,7 +61,7 @@ class Decoder:
                 with Image.open(io.BytesIO(data), formats=[plugin.format for plugin in plugins]) as image:
                     if not canvas:
                         self._take(image.size, 4, len(data))
-                    return _texels(image, alpha=alpha)
+                    return _read_texels(image, alpha=alpha)
         except MeshFileError:
             raise
         except MemoryError:
@@ -93,7 +93,7 @@ class Decoder:
         self._total -= needed
 
 
-def _texels(image: Image.Image, *, alpha: bool) -> NDArray[np.uint8]:
+def _read_texels(image: Image.Image, *, alpha: bool) -> NDArray[np.uint8]:
     """Return the texels (H, W, 3 | 4) of an opened image as uint8."""
     if image.mode.startswith("I"):  # 16-bit grey; Pillow would clip it at 255 instead of scaling
         grey = (np.asarray(image, np.uint32) * 255 + 32767) // 65535
@@ -103,10 +103,10 @@ def _texels(image: Image.Image, *, alpha: bool) -> NDArray[np.uint8]:
     return np.array(image if image.mode == mode else image.convert(mode))
 
 
-def _webp_canvas(data: bytes | memoryview) -> tuple[int, int] | None:
+def _read_webp_size(data: bytes | memoryview) -> tuple[int, int] | None:
     """Return width and height of a WebP file (RFC 9649), or None for other files.
 
-    They must be known before Pillow opens the file, because it then allocates the canvas.
+    The size must be checked before Pillow opens the file, because opening it allocates the canvas.
     """
     head = bytes(data[:30]).ljust(30, b"\0")
     if head[:4] != b"RIFF" or head[8:12] != b"WEBP":

@@ -13,14 +13,14 @@ from msb.meshes.source import Source
 
 _SCHEME = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*:")
 _EMBEDDED = re.compile(r"data:[^,]{0,200},", re.IGNORECASE)
-# Path of a file, and the limit of bytes that was requested -> the bytes read.
+# Path of a file and the largest requested number of bytes -> the bytes read.
 Files = dict[tuple[Path, int | None], bytes]
 
 
 def read_uri(source: Source, uri: str, pointer: str, most: int | None, files: Files) -> bytes:
     """Return the bytes that a glTF `uri` refers to: embedded data (RFC 2397), or a linked file.
 
-    `most` limits the bytes as in `read_beside`. `files` caches the linked files that were read.
+    `most` limits the bytes as in `read_linked_file`. `files` caches the linked files that were read.
     """
     embedded = _EMBEDDED.match(uri)
     if embedded is not None:
@@ -31,18 +31,18 @@ def read_uri(source: Source, uri: str, pointer: str, most: int | None, files: Fi
         except ValueError:  # also raised for lone surrogates
             raise source.error("MESH_FILE_INVALID", "the data is not valid base64", pointer=pointer) from None
     name = unquote(uri)
-    key = place_beside(source, name, pointer), most
+    key = resolve_linked_path(source, name, pointer), most
     if key not in files:
-        files[key] = read_beside(source, name, pointer, most)
+        files[key] = read_linked_file(source, name, pointer, most)
     return files[key]
 
 
-def read_beside(source: Source, name: str, pointer: str, most: int | None) -> bytes:
+def read_linked_file(source: Source, name: str, pointer: str, most: int | None) -> bytes:
     """Return the content of the file `name` in the folder of a mesh file.
 
     If the file is longer than `most` bytes, its first `most` + 1 bytes are returned; None means no limit.
     """
-    place = place_beside(source, name, pointer)
+    place = resolve_linked_path(source, name, pointer)
     try:
         return read_file(place, most)
     except InputError as error:
@@ -50,14 +50,14 @@ def read_beside(source: Source, name: str, pointer: str, most: int | None) -> by
         raise source.error("MESH_FILE_INVALID", text, pointer=pointer) from None
 
 
-def place_beside(source: Source, name: str, pointer: str) -> Path:
+def resolve_linked_path(source: Source, name: str, pointer: str) -> Path:
     """Return the resolved path of the file `name` in the folder of a mesh file. The file need not exist.
 
     Names that leave the folder are rejected: absolute paths, URLs, "..", and links to other folders.
     """
     short = shorten(name, 80)
     folder = Path(os.path.realpath(Path(source.path).parent))
-    if why := _why_not(name):
+    if why := _explain_invalid_name(name):
         text = f"{short!r} {why}; only files in the folder of the mesh, or below it, are read"
         raise source.error("MESH_FILE_UNSUPPORTED", text, pointer=pointer)
     place = Path(os.path.realpath(folder / name))
@@ -67,7 +67,7 @@ def place_beside(source: Source, name: str, pointer: str) -> Path:
     return place
 
 
-def _why_not(name: str) -> str | None:
+def _explain_invalid_name(name: str) -> str | None:
     """Return why `name` cannot be a file in the folder or below it, or None if it can."""
     if not name or "\0" in name or has_lone_surrogate(name):
         return "is not a file name"

@@ -30,10 +30,10 @@ def explain_split(suffix: str) -> str:
     """Return why files of `suffix` split merged vertices, and which formats do not."""
     soup = FORMATS[suffix].is_soup
     reason = "stores separate vertices for every face" if soup else "cannot store face colours"
-    return f"{suffix} {reason}; use {_keeping_face_colors()} to keep vertices merged"
+    return f"{suffix} {reason}; use {_list_face_color_formats()} to keep vertices merged"
 
 
-def _keeping_face_colors() -> str:
+def _list_face_color_formats() -> str:
     """Return the suffixes of formats with face colours, as a list in words."""
     names = [name for name, form in FORMATS.items() if "face_colors" in form.keeps and form.write]
     return f"{', '.join(names)} or .triasset"
@@ -51,7 +51,7 @@ def list_losses(mesh: Mesh, written: Mesh, suffix: str, left_out: Sequence[str])
     elif is_split and mesh.face_colors is not None and written.face_colors is None:
         yield (
             f"{suffix} cannot store face colours: vertices are split where colours differ; "
-            f"use {_keeping_face_colors()} to keep face colours"
+            f"use {_list_face_color_formats()} to keep face colours"
         )
     if suffix == ".obj" and mesh.textures and mesh.sampler != Sampler(alpha_cutoff=mesh.sampler.alpha_cutoff):
         yield f"{suffix} cannot store texture filtering and wrapping"

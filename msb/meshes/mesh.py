@@ -19,7 +19,7 @@ class Mesh:
     Parameters
     ----------
     vertices : (V, 3) float32 or float64
-        Positions in the file's units and precision; unreferenced and non-finite rows included.
+        Positions in the file's units and precision. Unused vertices and non-finite coordinates are included.
     faces : (F, 3) int64
         Vertex indices as stored. They may be out of range (negative, or V and more); the audit reports that.
     vertex_colors : (V, 3) or (V, 4) uint8 or float32 in [0, 1], optional
@@ -42,7 +42,7 @@ class Mesh:
     up : str, optional
         The axis that points up, such as "+y"; None if unknown.
     wrong_face : str, optional
-        For text files: the line and the index of the first face with a vertex index out of range.
+        For text files: a text about the first face with an invalid vertex index, with its line number.
 
     Raises
     ------
@@ -88,7 +88,7 @@ class Mesh:
 
     @property
     def attributes(self) -> dict[str, NDArray[Any]]:
-        """The arrays that may split vertices at seams, under an asset's buffer names."""
+        """The arrays whose differences split vertices at seams, by the buffer names of assets."""
         stored = {"uv": self.vertex_uvs, "corner_uv": self.corner_uvs, "color": self.vertex_colors}
         stored["face_texture"] = self.face_textures
         return {name: values for name, values in stored.items() if values is not None}

@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 
 from msb.meshes.colors import stored_colors
 from msb.meshes.formats import Format, Style
-from msb.meshes.image_files import images_of, plain_stem
+from msb.meshes.image_files import encode_images, simplify_stem
 from msb.meshes.mesh import Mesh
-from msb.meshes.obj_materials import face_lines, names_materials, with_coordinates, with_materials
-from msb.meshes.polygons import fan_triangulate, wrong_polygon
+from msb.meshes.obj_materials import names_materials, select_face_lines, with_coordinates, with_materials
+from msb.meshes.polygons import fan_triangulate, find_wrong_polygon
 from msb.meshes.source import Source
 from msb.meshes.text import Words, word_blocks
 from msb.meshes.writing import write_rows
@@ -28,7 +28,7 @@ _UNSUPPORTED = (b"surf", b"call", b"csh")
 
 @dataclass
 class _Parts:
-    """The arrays read from the blocks of a file up to now."""
+    """The arrays of the blocks that have been read so far."""
 
     vertex_count: int = 0
     vertices: list[NDArray[np.float64]] = field(default_factory=list)
@@ -51,7 +51,7 @@ def read(source: Source) -> Mesh:
         text = replace(text, data=joined, lines=text.data)
     parts = _Parts()
     for words in word_blocks(text, comments=True):
-        _refuse_unsupported(words)
+        _reject_unsupported(words)
         is_vertex = words.lines_beginning(b"v")
         _add_faces(parts, words, is_vertex)
         _add_vertices(parts, words, is_vertex)
@@ -61,8 +61,8 @@ def read(source: Source) -> Mesh:
     if not parts.vertex_count:
         raise source.not_a("OBJ", "there is no 'v x y z' line")
     faces, polygon = fan_triangulate(np.concatenate(parts.corners), np.concatenate(parts.counts))
-    wrong = wrong_polygon(faces, polygon, parts.vertex_count)
-    wrong_face = None if wrong is None else _wrong_face(text, *wrong, parts.vertex_count)
+    wrong = find_wrong_polygon(faces, polygon, parts.vertex_count)
+    wrong_face = None if wrong is None else _describe_wrong_face(text, *wrong, parts.vertex_count)
     colors = None
     if parts.color_widths in ({3}, {4}):
         colors = stored_colors(np.concatenate(parts.colors))
@@ -78,7 +78,7 @@ def read(source: Source) -> Mesh:
     return replace(mesh, left_out=(*left_out, *more))
 
 
-def _refuse_unsupported(words: Words) -> None:
+def _reject_unsupported(words: Words) -> None:
     """Raise MESH_FILE_UNSUPPORTED for the first line that begins with a word of `_UNSUPPORTED`."""
     for keyword in _UNSUPPORTED:
         lines = np.flatnonzero(words.lines_beginning(keyword))
@@ -100,7 +100,8 @@ def _add_vertices(parts: _Parts, words: Words, is_vertex: NDArray[np.bool_]) -> 
     first = np.cumsum(widths) - widths
     parts.vertices.append(values[first[:, None] + np.arange(3)])
     parts.vertex_count += len(widths)
-    # Colours are kept for blocks with one line width; `read` uses them if all blocks agree.
+    # Keep the colours of a block if all its lines have the same width. `read` uses them if this width is the
+    # same in all blocks.
     widths_here = {_COLOR_WIDTHS.get(width, 0) for width in np.unique(widths).tolist()}
     parts.color_widths |= widths_here
     if widths_here in ({3}, {4}):
@@ -110,19 +111,19 @@ def _add_vertices(parts: _Parts, words: Words, is_vertex: NDArray[np.bool_]) -> 
 def _add_faces(parts: _Parts, words: Words, is_vertex: NDArray[np.bool_]) -> None:
     """Append the polygons of the `f` and `fo` lines.
 
-    `is_vertex` (L,) selects the `v` lines, which are counted because negative indices are relative to them.
+    `is_vertex` (L,) selects the `v` lines. Negative indices count backwards from the last `v` line above.
     """
-    is_face = face_lines(words)
+    is_face = select_face_lines(words)
     chosen = words.arguments(is_face)
     above = parts.vertex_count + np.cumsum(is_vertex)
     parts.corners.append(words.without_suffix(b"/").indices(chosen, above, "vertex"))
     parts.counts.append(words.count[is_face] - 1)
 
 
-def _wrong_face(text: Source, polygon: int, index: int, vertices: int) -> str:
-    """Return the text of `Mesh.wrong_face` for a polygon with an invalid index; the file is parsed again."""
+def _describe_wrong_face(text: Source, polygon: int, index: int, vertices: int) -> str:
+    """Parse the file again, and return the text of `Mesh.wrong_face` for a polygon with an invalid index."""
     for words in word_blocks(text, comments=True):
-        lines = np.flatnonzero(face_lines(words))
+        lines = np.flatnonzero(select_face_lines(words))
         if polygon < len(lines):
             byte = words.base + int(words.start[words.first[lines[polygon]]])
             return text.wrong_index(byte, index, vertices, first=1)
@@ -145,11 +146,11 @@ def write(mesh: Mesh, stream: BinaryIO, style: Style) -> None:
         form += " %.9g" * colors.shape[1]
     has_materials = bool(mesh.textures) and style.stem is not None
     if has_materials:
-        stream.write(f"mtllib {plain_stem(style)}.mtl\n".encode())
+        stream.write(f"mtllib {simplify_stem(style)}.mtl\n".encode())
     write_rows(stream, form, columns)
     faces, form = mesh.faces + 1, "f %d %d %d"
     if mesh.vertex_uvs is not None or mesh.corner_uvs is not None:
-        rows, numbers = _written_coordinates(mesh)
+        rows, numbers = _index_coordinates(mesh)
         write_rows(stream, "vt %r %r", np.column_stack((rows[:, 0], 1 - rows[:, 1].astype(np.float64))))
         faces = np.stack((faces, numbers + 1), axis=2).reshape(-1, 6)
         form = "f %d/%d %d/%d %d/%d"
@@ -164,7 +165,7 @@ def write(mesh: Mesh, stream: BinaryIO, style: Style) -> None:
         write_rows(stream, form, faces[start:end])
 
 
-def _written_coordinates(mesh: Mesh) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
+def _index_coordinates(mesh: Mesh) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
     """Return the distinct texture coordinates (N, 2), and their index for each corner (F, 3)."""
     if mesh.corner_uvs is None:
         assert mesh.vertex_uvs is not None
@@ -178,12 +179,12 @@ def companions(mesh: Mesh, style: Style) -> dict[str, bytes]:
     """Return the companion files of an OBJ file as name -> content: the MTL file and its images."""
     if not mesh.textures:
         return {}
-    images, materials = images_of(mesh, style), []
+    images, materials = encode_images(mesh, style), []
     for number, name in enumerate(images):
         cut_off = f"map_d {name}\n" if mesh.sampler.alpha_cutoff is not None else ""
         # illum 0: constant colour without lighting.
         materials.append(f"newmtl texture_{number}\nKd 1 1 1\nKs 0 0 0\nillum 0\nmap_Kd {name}\n{cut_off}")
-    return images | {f"{plain_stem(style)}.mtl": "\n".join(materials).encode()}
+    return images | {f"{simplify_stem(style)}.mtl": "\n".join(materials).encode()}
 
 
 FORMAT = Format("OBJ", (".obj",), read, write, companions=companions, keeps=("vertex_colors", "textures"))

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from msb.asset.texture import MAX_TEXTURES
 from msb.errors import MeshFileError, shorten
 from msb.meshes.images import MAX_FILE, Decoder
-from msb.meshes.linked_files import place_beside, read_beside
+from msb.meshes.linked_files import read_linked_file, resolve_linked_path
 from msb.meshes.mesh import Mesh
 from msb.meshes.polygons import fan_triangulate
 from msb.meshes.source import Source
@@ -22,20 +22,20 @@ _STATEMENT = re.compile(rb"^[ \t]*(mtllib|usemtl)[ \t]+([^\n]*)", re.MULTILINE)
 # The separator of library names, which may contain spaces.
 _BETWEEN = re.compile(r"(?<=\.mtl)\s+", re.IGNORECASE)
 # Limits for hostile files. Total size of all libraries: 16 MiB.
-_MAX_LIBRARIES = 1 << 24
+_MAX_LIBRARY_BYTES = 1 << 24
 # Number of libraries, and of images.
 _MAX_FILES = 1 << 10
-# Length of a map_Kd line in characters: the longest path that Linux accepts.
-_MAX_WORDS = 1 << 12
+# Length of a `map_Kd` line in characters: the longest path that Linux accepts.
+_MAX_LINE = 1 << 12
 _WHITE = (255, 255, 255)
-# Map options with more than one argument -> most arguments; `-o`, `-s` and `-t` may have fewer.
+# Map option with several arguments -> their largest number; `-o`, `-s` and `-t` may have fewer.
 _OPTIONS = {"-o": 3, "-s": 3, "-t": 3, "-mm": 2}
 # Map option -> the value that leaves the image unchanged.
 _NEUTRAL = {"-o": 0.0, "-t": 0.0, "-s": 1.0, "-clamp": "off", "-blendu": "on", "-blendv": "on"}
 _NUMBER = re.compile(r"[+-]?(\d++\.?\d*+|\.\d++)(e[+-]?\d++)?", re.IGNORECASE)
 _FURTHER_MAP = re.compile(r"map_\w+|bump|disp|decal|refl|norm")
 
-# The name of an image as in the file, or an sRGB colour in bytes.
+# The name of an image as written in the MTL file, or an sRGB colour in bytes.
 Texture = str | tuple[int, ...]
 LeftOut = dict[str, None]
 
@@ -48,7 +48,7 @@ class _Material:
     image: str | None = None
 
 
-def face_lines(words: Words) -> NDArray[np.bool_]:
+def select_face_lines(words: Words) -> NDArray[np.bool_]:
     """Return a mask (L,) of the lines that are polygons."""
     return words.lines_beginning(b"f") | words.lines_beginning(b"fo")
 
@@ -62,8 +62,8 @@ def with_materials(mesh: Mesh, text: Source) -> tuple[Mesh, LeftOut]:
     """Return `mesh`, read from `text`, with the textures of its materials, and the parts not read.
 
     A material becomes its image, or a single texel of its colour. Libraries and images that cannot be read
-    are skipped. If no material has an image, colours are skipped where vertices have colours, or if there are
-    too many.
+    are skipped. If no material has an image, their colours are skipped if vertices have colours, or if there
+    are more than `MAX_TEXTURES` colours.
     """
     # Collect the `usemtl` statements with their byte offsets, and the names of the libraries.
     known: dict[str, _Material] = {}
@@ -71,7 +71,7 @@ def with_materials(mesh: Mesh, text: Source) -> tuple[Mesh, LeftOut]:
     uses: list[tuple[int, str]] = [(-1, "")]
     libraries: dict[str, None] = {}
     for statement in _STATEMENT.finditer(text.data):
-        words = _decoded(statement[2])
+        words = _decode_line(statement[2])
         if statement[1] == b"usemtl":
             uses.append((statement.start(), words))
         else:
@@ -83,7 +83,7 @@ def with_materials(mesh: Mesh, text: Source) -> tuple[Mesh, LeftOut]:
         left_out[f"material {shorten(unknown, 60)} (not defined in any library)"] = None
     # Replace every used material by its image or its colour.
     used = {name: known.get(name, _Material()) for _, name in uses}
-    images = _images(text, used, left_out)
+    images = _decode_images(text, used, left_out)
     textures = {
         name: material.image if material.image in images else material.color
         for name, material in used.items()
@@ -103,7 +103,7 @@ def with_materials(mesh: Mesh, text: Source) -> tuple[Mesh, LeftOut]:
 
 def with_coordinates(mesh: Mesh, text: Source) -> Mesh:
     """Return `mesh`, read from `text`, with the texture coordinates of its corners."""
-    uvs, corners, counts, _ = _coordinates(text)
+    uvs, corners, counts, _ = _read_coordinates(text)
     triangles, _ = fan_triangulate(corners, counts)
     return replace(mesh, corner_uvs=uvs[triangles.reshape(-1)])
 
@@ -111,8 +111,8 @@ def with_coordinates(mesh: Mesh, text: Source) -> Mesh:
 def _with_textures(
     mesh: Mesh, text: Source, uses: list[tuple[int, Texture]], images: dict[str, NDArray[np.uint8]]
 ) -> Mesh:
-    """Return `mesh` with textures. Each of `uses` is a texture and the byte offset of its `usemtl` line."""
-    uvs, corners, counts, lines = _coordinates(text)
+    """Return `mesh` with textures. `uses` lists the byte offsets of `usemtl` lines and their textures."""
+    uvs, corners, counts, lines = _read_coordinates(text)
     triangles, polygon = fan_triangulate(corners, counts)
     # The last use before a polygon's line is its texture. Number the textures that polygons use.
     used = np.searchsorted([at for at, _ in uses], lines, side="right") - 1
@@ -133,18 +133,19 @@ def _with_textures(
     )
 
 
-def _coordinates(
+def _read_coordinates(
     text: Source,
 ) -> tuple[NDArray[np.float32], NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
     """Return the texture coordinates of an OBJ file and the polygons that use them.
 
-    These are the coordinates (T + 1, 2), with v downwards and a last row for corners without coordinates; the
-    row of each corner (C,); the number of corners of each polygon (P,); and its byte offset (P,).
+    The first array has the coordinates (T + 1, 2), with v downwards. Its last row is for corners without
+    coordinates. The second array (C,) has the row of each corner. The other two have the number of corners
+    (P,) and the byte offset (P,) of each polygon.
     """
     uvs, corners, counts, lines, above = [], [], [], [], 0
     for words in word_blocks(text, comments=True):
-        is_uv, is_face = words.lines_beginning(b"vt"), face_lines(words)
-        uvs.append(_uvs(words, is_uv))
+        is_uv, is_face = words.lines_beginning(b"vt"), select_face_lines(words)
+        uvs.append(_read_uvs(words, is_uv))
         chosen = words.arguments(is_face)
         # A corner is "v", "v/vt", "v//vn" or "v/vt/vn": `named` is the second part, -1 if it is empty.
         named = words.after(b"/").without_suffix(b"/")
@@ -164,7 +165,7 @@ def _coordinates(
         return stored.astype(np.float32), joined, np.concatenate(counts), np.concatenate(lines)
 
 
-def _uvs(words: Words, is_uv: NDArray[np.bool_]) -> NDArray[np.float64]:
+def _read_uvs(words: Words, is_uv: NDArray[np.bool_]) -> NDArray[np.float64]:
     """Return the texture coordinates (N, 2) of the lines selected by `is_uv` (L,), with v downwards."""
     widths = words.count[is_uv] - 1
     wrong = np.flatnonzero((widths < 1) | (widths > 3))
@@ -180,8 +181,10 @@ def _uvs(words: Words, is_uv: NDArray[np.bool_]) -> NDArray[np.float64]:
     return uvs
 
 
-def _images(text: Source, used: dict[str, _Material], left_out: LeftOut) -> dict[str, NDArray[np.uint8]]:
-    """Return the decoded images of materials by name. Of several names of a file, only the first is used."""
+def _decode_images(
+    text: Source, used: dict[str, _Material], left_out: LeftOut
+) -> dict[str, NDArray[np.uint8]]:
+    """Return the decoded images of materials by name. If a file has several names, all use the first."""
     decoder, images = Decoder(), {}
     firsts: dict[Path, str] = {}
     first_of: dict[str, str] = {}
@@ -191,10 +194,10 @@ def _images(text: Source, used: dict[str, _Material], left_out: LeftOut) -> dict
             break
         path = name.replace("\\", "/")
         try:
-            place = place_beside(text, path, "map_Kd")
+            place = resolve_linked_path(text, path, "map_Kd")
             first_of[name] = firsts.setdefault(place, name)
             if first_of[name] == name:
-                images[name] = decoder.decode(read_beside(text, path, "map_Kd", MAX_FILE), alpha=False)
+                images[name] = decoder.decode(read_linked_file(text, path, "map_Kd", MAX_FILE), alpha=False)
         except MeshFileError as error:
             left_out[f"image {shorten(name, 60)} ({shorten(error.message, 200)})"] = None
     for material in used.values():
@@ -206,19 +209,19 @@ def _read_libraries(
     text: Source, names: Iterable[str], known: dict[str, _Material], left_out: LeftOut
 ) -> None:
     """Add the materials of the libraries `names` to `known`; the first definition of a name counts."""
-    room = _MAX_LIBRARIES
+    room = _MAX_LIBRARY_BYTES
     for number, name in enumerate(names):
         if number == _MAX_FILES:
             left_out[f"materials after the first {_MAX_FILES:,} files"] = None
             return
         try:
-            data = read_beside(text, name.replace("\\", "/"), "mtllib", room)
+            data = read_linked_file(text, name.replace("\\", "/"), "mtllib", room)
         except MeshFileError as error:
             left_out[f"materials ({shorten(error.message, 200)})"] = None
             continue
         _read_library(data[:room], known, left_out)
         if len(data) > room:
-            left_out[f"materials after the first {_MAX_LIBRARIES >> 20} MiB"] = None
+            left_out[f"materials after the first {_MAX_LIBRARY_BYTES >> 20} MiB"] = None
             return
         room -= len(data)
 
@@ -227,24 +230,24 @@ def _read_library(data: bytes, known: dict[str, _Material], left_out: LeftOut) -
     """Add the materials of an MTL file to `known`."""
     material = _Material()
     for line in data.removeprefix(codecs.BOM_UTF8).splitlines():
-        word, _, rest = _decoded(line).partition(" ")
+        word, _, rest = _decode_line(line).partition(" ")
         rest = rest.strip()
         if word == "newmtl":
             material = _Material()
             known.setdefault(rest, material)
         elif word == "Kd":
-            material.color = _color(rest)
-        elif word.lower() == "map_kd" and len(rest) > _MAX_WORDS:
-            left_out[f"an image with a name of more than {_MAX_WORDS:,} characters"] = None
+            material.color = _parse_color(rest)
+        elif word.lower() == "map_kd" and len(rest) > _MAX_LINE:
+            left_out[f"an image with a name of more than {_MAX_LINE:,} characters"] = None
         elif word.lower() == "map_kd":
-            material.image, is_plain = _without_options(rest)
+            material.image, is_plain = _strip_options(rest)
             if not is_plain:
                 left_out["options of maps"] = None
         elif _FURTHER_MAP.fullmatch(word.lower()):
             left_out["further maps of materials"] = None
 
 
-def _color(words: str) -> tuple[int, ...]:
+def _parse_color(words: str) -> tuple[int, ...]:
     """Return the colour of a Kd line in bytes, or white for anything but three numbers (a spectral curve)."""
     values = words.split()[:3]
     if len(values) < 3 or not all(_NUMBER.fullmatch(value) for value in values):
@@ -252,7 +255,7 @@ def _color(words: str) -> tuple[int, ...]:
     return tuple(round(255 * min(max(float(value), 0), 1)) for value in values)
 
 
-def _without_options(words: str) -> tuple[str, bool]:
+def _strip_options(words: str) -> tuple[str, bool]:
     """Return the image name in a map_Kd line, and whether its options leave the image unchanged."""
     is_plain = True
     while words.startswith("-"):
@@ -269,7 +272,7 @@ def _without_options(words: str) -> tuple[str, bool]:
     return words, is_plain
 
 
-def _decoded(line: bytes) -> str:
+def _decode_line(line: bytes) -> str:
     """Return a line as text: UTF-8, or Latin-1 if it is not valid UTF-8."""
     try:
         text = line.decode()

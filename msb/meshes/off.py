@@ -12,7 +12,7 @@ from msb.errors import shorten
 from msb.meshes.colors import stored_colors
 from msb.meshes.formats import Format, Style
 from msb.meshes.mesh import Mesh
-from msb.meshes.polygons import fan_triangulate, ranges, wrong_polygon
+from msb.meshes.polygons import concatenate_ranges, fan_triangulate, find_wrong_polygon
 from msb.meshes.source import Source
 from msb.meshes.text import Table, read_table
 from msb.meshes.writing import write_rows
@@ -59,9 +59,9 @@ def read(source: Source) -> Mesh:
         raise source.error("MESH_FILE_TRUNCATED", missing + "lines follow")
     if rows > declared_rows:
         raise table.row_error("MESH_FILE_INVALID", declared_rows, "lines follow after the last face")
-    vertices, vertex_colors = _vertices(table, header)
-    faces, polygon, face_colors = _faces(table, header)
-    wrong = wrong_polygon(faces, polygon, header.vertices)
+    vertices, vertex_colors = _read_vertices(table, header)
+    faces, polygon, face_colors = _read_faces(table, header)
+    wrong = find_wrong_polygon(faces, polygon, header.vertices)
     wrong_face = None
     if wrong is not None:
         byte = int(table.byte[header.vertices + wrong[0]])
@@ -77,11 +77,11 @@ def write(mesh: Mesh, stream: BinaryIO, _style: Style) -> None:
     """
     keyword = "OFF" if mesh.vertex_colors is None else "COFF"
     stream.write(f"{keyword}\n{len(mesh.vertices)} {len(mesh.faces)} 0\n".encode("ascii"))
-    write_rows(stream, *_with_colors("%r %r %r", mesh.vertices, mesh.vertex_colors))
-    write_rows(stream, *_with_colors("3 %d %d %d", mesh.faces, mesh.face_colors))
+    write_rows(stream, *_append_colors("%r %r %r", mesh.vertices, mesh.vertex_colors))
+    write_rows(stream, *_append_colors("3 %d %d %d", mesh.faces, mesh.face_colors))
 
 
-def _with_colors(form: str, columns: NDArray[Any], colors: NDArray[Any] | None) -> tuple[str, NDArray[Any]]:
+def _append_colors(form: str, columns: NDArray[Any], colors: NDArray[Any] | None) -> tuple[str, NDArray[Any]]:
     """Return the line format and the columns (N, K), with `colors` (N, 3 | 4) appended to both."""
     if colors is None:
         return form, columns
@@ -89,7 +89,7 @@ def _with_colors(form: str, columns: NDArray[Any], colors: NDArray[Any] | None) 
     return form + conversion * colors.shape[1], np.column_stack((columns, colors))
 
 
-def _lines(data: bytes) -> Iterator[tuple[bytes, int]]:
+def _split_lines(data: bytes) -> Iterator[tuple[bytes, int]]:
     """Yield each non-blank line without its comment, and the byte offset after the line."""
     for line in _LINE.finditer(data):
         content = line[0].partition(b"#")[0].strip()
@@ -99,7 +99,7 @@ def _lines(data: bytes) -> Iterator[tuple[bytes, int]]:
 
 def _read_header(text: Source) -> _Header:
     """Read the keyword and the counts, which are on the same line or on the next one."""
-    lines = _lines(text.data)
+    lines = _split_lines(text.data)
     content, end = next(lines, (b"", 0))
     prefixes, words = _read_keyword(text, content)
     if not words:
@@ -109,7 +109,7 @@ def _read_header(text: Source) -> _Header:
     counts = _COUNTS.fullmatch(words)
     if counts is None:
         message = f"the counts are '{shorten(words.decode('latin-1'))}'; "
-        message += "they must be 'VERTICES FACES EDGES', not negative"
+        message += "they must be 'VERTICES FACES EDGES', as non-negative whole numbers"
         raise text.line_error("MESH_FILE_INVALID", end - 1, message)
     return _Header(prefixes, int(counts[1]), int(counts[2]), end)
 
@@ -122,12 +122,12 @@ def _read_keyword(text: Source, content: bytes) -> tuple[frozenset[str], bytes]:
     prefixes = frozenset(_PREFIXES.findall(keyword[1].decode("ascii")))
     if prefixes & {"4", "n"}:
         name = keyword[1].decode("ascii") + "OFF"
-        message = f"{name} has vertices of other than three dimensions, which are not supported"
+        message = f"{name} files have vertices that are not 3-dimensional, which is not supported"
         raise text.error("MESH_FILE_UNSUPPORTED", message)
     return prefixes, keyword[2].strip()
 
 
-def _vertices(table: Table, header: _Header) -> tuple[NDArray[np.float64], NDArray[Any] | None]:
+def _read_vertices(table: Table, header: _Header) -> tuple[NDArray[np.float64], NDArray[Any] | None]:
     """Return the vertices (V, 3) and their colours, or None if there are no colours.
 
     A line has the position, then the optional normal, colour and texture coordinates.
@@ -148,10 +148,12 @@ def _vertices(table: Table, header: _Header) -> tuple[NDArray[np.float64], NDArr
     if width == plain:
         return vertices, None
     color_begin = begin + 3 + 3 * ("N" in header.prefixes)
-    return vertices, _colors(table, color_begin[:, None] + np.arange(width - plain))
+    return vertices, _read_colors(table, color_begin[:, None] + np.arange(width - plain))
 
 
-def _faces(table: Table, header: _Header) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[Any] | None]:
+def _read_faces(
+    table: Table, header: _Header
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[Any] | None]:
     """Return the triangles (F, 3), the face line of each (F,), and their colours (F, 3 | 4) or None.
 
     A face line has the number of corners, their vertex indices, and an optional colour.
@@ -167,7 +169,7 @@ def _faces(table: Table, header: _Header) -> tuple[NDArray[np.int64], NDArray[np
         )
         message += "after the corners, only a colour of 1, 3 or 4 values may follow"
         raise table.row_error("MESH_FILE_INVALID", header.vertices + face, message)
-    corners = table.integers(np.repeat(begin + 1, counts) + ranges(counts), "an index")
+    corners = table.integers(np.repeat(begin + 1, counts) + concatenate_ranges(counts), "an index")
     faces, polygon = fan_triangulate(corners, counts)
     # Colours are read if all faces with triangles have the same number of channels, 3 or 4.
     drawn = counts >= 3
@@ -175,10 +177,10 @@ def _faces(table: Table, header: _Header) -> tuple[NDArray[np.int64], NDArray[np
     if width < 3 or (extra[drawn] != width).any():
         return faces, polygon, None
     places = (begin + 1 + counts)[polygon]
-    return faces, polygon, _colors(table, places[:, None] + np.arange(width))
+    return faces, polygon, _read_colors(table, places[:, None] + np.arange(width))
 
 
-def _colors(table: Table, places: NDArray[np.int64]) -> NDArray[Any]:
+def _read_colors(table: Table, places: NDArray[np.int64]) -> NDArray[Any]:
     """Return the colours at `places` (N, 3 | 4). As in Geomview, integers are 0..255 and decimals 0..1."""
     values = table.values[places]
     if table.has_fraction[places].any():

@@ -12,7 +12,7 @@ from msb.meshes.formats import Format, Style
 from msb.meshes.mesh import Mesh
 from msb.meshes.ply_body import Body, Rows, open_body
 from msb.meshes.ply_header import TYPES, Element, Header, read_header
-from msb.meshes.polygons import fan_triangulate, wrong_polygon
+from msb.meshes.polygons import fan_triangulate, find_wrong_polygon
 from msb.meshes.source import Source
 from msb.meshes.writing import ROWS_AT_A_TIME
 
@@ -39,20 +39,20 @@ def read(source: Source) -> Mesh:
     rows = {element.name: body.next_rows(element) for element in header.elements}
     body.finish()
     vertices = rows["vertex"]
-    vertex_colors = _colors(vertices, body)
-    left_out = _left_out(header)
+    vertex_colors = _read_colors(vertices, body)
+    left_out = _list_left_out(header)
     if "face" not in rows or not rows["face"].element.count:
         no_faces = np.zeros((0, 3), dtype=np.int64)
-        return Mesh(_positions(vertices, body), no_faces, vertex_colors, left_out=left_out)
+        return Mesh(_read_positions(vertices, body), no_faces, vertex_colors, left_out=left_out)
     faces = rows["face"]
-    counts, corners = body.indices(faces, _index_name(faces.element))
+    counts, corners = body.indices(faces, _find_index_list(faces.element))
     triangles, polygon = fan_triangulate(corners, counts)
-    wrong = wrong_polygon(triangles, polygon, vertices.element.count)
+    wrong = find_wrong_polygon(triangles, polygon, vertices.element.count)
     wrong_face = None if wrong is None else body.wrong_face(faces, *wrong, vertices.element.count)
-    face_colors = _colors(faces, body)
+    face_colors = _read_colors(faces, body)
     if face_colors is not None:
         face_colors = face_colors[polygon]
-    positions = _positions(vertices, body)
+    positions = _read_positions(vertices, body)
     return Mesh(positions, triangles, vertex_colors, face_colors, left_out=left_out, wrong_face=wrong_face)
 
 
@@ -66,16 +66,16 @@ def write(mesh: Mesh, stream: BinaryIO, _style: Style) -> None:
     lines = ["ply", "format binary_little_endian 1.0", "comment written by MeshSplatBench"]
     lines += [f"element vertex {len(mesh.vertices)}"]
     lines += [f"property {coordinate} {axis}" for axis in "xyz"]
-    lines += _color_lines(mesh.vertex_colors)
+    lines += _declare_colors(mesh.vertex_colors)
     lines += [f"element face {len(mesh.faces)}", f"property list uchar {index} vertex_indices"]
-    lines += _color_lines(mesh.face_colors)
+    lines += _declare_colors(mesh.face_colors)
     lines += ["end_header\n"]
     stream.write("\n".join(lines).encode("ascii"))
     _write_records(stream, None, mesh.vertices, "<" + TYPES[coordinate], mesh.vertex_colors)
     _write_records(stream, 3, mesh.faces, "<" + TYPES[index], mesh.face_colors)
 
 
-def _color_lines(colors: NDArray[Any] | None) -> list[str]:
+def _declare_colors(colors: NDArray[Any] | None) -> list[str]:
     """Return the header lines for colours (N, 3 | 4)."""
     if colors is None:
         return []
@@ -103,7 +103,7 @@ def _write_records(
         stream.write(records.tobytes())
 
 
-def _left_out(header: Header) -> tuple[str, ...]:
+def _list_left_out(header: Header) -> tuple[str, ...]:
     """Return the names of skipped vertex and face properties and of skipped elements."""
     read = {"x", "y", "z", *_INDEX_NAMES, *(name for names in _COLOR_NAMES for name in names)}
     parts: dict[str, None] = {}
@@ -131,12 +131,12 @@ def _check_elements(source: Source, header: Header) -> None:
             text = f"element 'vertex' has no scalar property '{axis}'"
             raise source.error("MESH_FILE_INVALID", text)
     face = elements.get("face")
-    if face is not None and face.count and not _index_name(face):
+    if face is not None and face.count and not _find_index_list(face):
         text = "element 'face' has no integer list 'vertex_indices' or 'vertex_index'"
         raise source.error("MESH_FILE_INVALID", text)
 
 
-def _index_name(face: Element) -> str:
+def _find_index_list(face: Element) -> str:
     """Return the name of the list of vertex indices, or "" if there is none."""
     for name in _INDEX_NAMES:
         property_ = face.find(name)
@@ -145,14 +145,14 @@ def _index_name(face: Element) -> str:
     return ""
 
 
-def _positions(rows: Rows, body: Body) -> NDArray[Any]:
+def _read_positions(rows: Rows, body: Body) -> NDArray[Any]:
     """Return the coordinates (V, 3) in the precision of the file."""
     columns = [body.column(rows, axis) for axis in "xyz"]
     single = all(column.dtype == np.float32 for column in columns)
     return np.stack(columns, axis=1, dtype=np.float32 if single else np.float64)
 
 
-def _colors(rows: Rows, body: Body) -> NDArray[Any] | None:
+def _read_colors(rows: Rows, body: Body) -> NDArray[Any] | None:
     """Return the colours (N, 3 | 4) of the rows, or None if the element has no colours."""
     for names in _COLOR_NAMES:
         channels = [rows.element.find(name) for name in names]

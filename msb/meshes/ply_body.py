@@ -1,4 +1,4 @@
-"""The body of a PLY file: find the rows of each element, and read one property over all rows at a time.
+"""The body of a PLY file: find the rows of each element, and read a property for all rows at once.
 
 Offsets count bytes in a binary body and numbers in a text body. The properties of a row follow each other
 without gaps. So the offsets of a property are the offsets of the rows plus the widths of the properties
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from msb.errors import MeshFileError
 from msb.meshes.ply_header import Element, Header, Property
-from msb.meshes.polygons import ranges
+from msb.meshes.polygons import concatenate_ranges
 from msb.meshes.source import Source
 from msb.meshes.text import Table, read_table
 
@@ -43,7 +43,8 @@ class Body(Protocol):
     def _after(self, place: NDArray[np.int64], wanted: Property) -> NDArray[np.int64]:
         """Return the offset (N,) after a property at offset `place` (N,).
 
-        In a text body, an offset beyond the table stays beyond it, so that damaged rows are detected.
+        An invalid list length in a text body gives an offset beyond the table, so that `next_rows` rejects
+        the row.
         """
 
     def next_rows(self, element: Element) -> Rows:
@@ -61,7 +62,7 @@ class Body(Protocol):
     def wrong_face(self, rows: Rows, row: int, index: int, vertices: int) -> str | None:
         """Return the text of `Mesh.wrong_face` for a row with the invalid vertex `index`.
 
-        Binary files have no lines, and thus no text.
+        The result is None for binary files, because they have no line numbers.
         """
         return None
 
@@ -116,7 +117,7 @@ class _BinaryBody(Body):
         if counts.size and (counts == counts[0]).all():
             corners = (place[:, None] + width * np.arange(counts[0])).ravel()
         else:
-            corners = np.repeat(place, counts) + width * ranges(counts)
+            corners = np.repeat(place, counts) + width * concatenate_ranges(counts)
         return counts, self._take(corners, wanted.type).astype(np.int64)
 
     def _after(self, place: NDArray[np.int64], wanted: Property) -> NDArray[np.int64]:
@@ -161,7 +162,7 @@ class _BinaryBody(Body):
 
     def _walk(self, element: Element) -> NDArray[np.int64]:
         """Return the byte offset of each row, found row by row because their sizes differ."""
-        lists, tail = _list_layout(element, self._order)
+        lists, tail = _describe_rows(element, self._order)
         data, at = self._source.data, self._at
         places = array("q")
         for row in range(element.count):
@@ -233,7 +234,9 @@ class _TextBody(Body):
     def indices(self, rows: Rows, name: str) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         _, place = self._find(rows, name)
         counts = self._table.integers(place, "the length of a list")
-        return counts, self._table.integers(np.repeat(place + 1, counts) + ranges(counts), "an index")
+        return counts, self._table.integers(
+            np.repeat(place + 1, counts) + concatenate_ranges(counts), "an index"
+        )
 
     def wrong_face(self, rows: Rows, row: int, index: int, vertices: int) -> str:
         line = int(np.searchsorted(self._table.row, rows.place[row], side="right")) - 1
@@ -242,7 +245,7 @@ class _TextBody(Body):
     def _after(self, place: NDArray[np.int64], wanted: Property) -> NDArray[np.int64]:
         if not wanted.count_type:
             return place + 1
-        # An impossible list length leads beyond the table.
+        # An invalid list length gives an offset beyond the table, which `next_rows` rejects.
         size = len(self._table.values)
         length = self._table.values[np.minimum(place, size - 1)]
         possible = (place < size) & (length >= 0) & (length <= size) & (length == np.floor(length))
@@ -254,10 +257,10 @@ def _width(kind: str) -> int:
     return int(kind[1])
 
 
-def _list_layout(element: Element, order: str) -> tuple[list[tuple[int, struct.Struct, int]], int]:
+def _describe_rows(element: Element, order: str) -> tuple[list[tuple[int, struct.Struct, int]], int]:
     """Return the layout of a row: its lists, and the bytes after the last list.
 
-    A list has the bytes before it, the struct of its count, and the bytes of an item.
+    A list is described by the number of bytes before it, the struct of its count, and the bytes per item.
     """
     lists, gap = [], 0
     for entry in element.properties:

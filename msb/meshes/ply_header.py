@@ -18,13 +18,14 @@ _NAMES = {
     "f4": "float float32",
     "f8": "double float64",
 }
-# Both styles of type names -> NumPy type without byte order.
+# Type name in either style ("uchar" or "uint8") -> NumPy type without byte order.
 TYPES = {name: kind for kind, names in _NAMES.items() for name in names.split()}
 
 # Format names -> NumPy byte order; text has none.
 FORMATS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 
-# Largest header in bytes. Real headers have a few thousand; the limit bounds the work for endless ones.
+# Largest header in bytes. Real headers have a few thousand bytes; the limit bounds the search if the end is
+# missing.
 MAX_HEADER_BYTES = 1 << 20
 
 _COUNT = re.compile(r"\d{1,18}")
@@ -32,7 +33,7 @@ _COUNT = re.compile(r"\d{1,18}")
 
 @dataclass(frozen=True)
 class Property:
-    """A property. `type` is a value of `TYPES`, and so is `count_type` for a list; else it is empty."""
+    """A property. `type` is a value of `TYPES`. So is `count_type` of a list; of a scalar, it is empty."""
 
     name: str
     type: str
@@ -91,10 +92,10 @@ def read_header(source: Source) -> Header:
     if order is None:
         text = "the header has no line 'format ascii 1.0' or 'format binary_little_endian 1.0'"
         raise source.error("MESH_FILE_INVALID", text)
-    for twice in _repeated(element.name for element in elements):
+    for twice in _find_repeated(element.name for element in elements):
         raise source.error("MESH_FILE_INVALID", f"{Element(twice, 0)} is declared twice")
     for element in elements:
-        for twice in _repeated(entry.name for entry in element.properties):
+        for twice in _find_repeated(entry.name for entry in element.properties):
             text = f"property '{shorten(twice)}' of {element} is declared twice"
             raise source.error("MESH_FILE_INVALID", text)
     return Header(order, elements, body)
@@ -157,6 +158,6 @@ def _read_property(source: Source, where: str, words: list[str]) -> Property:
     return Property(name, TYPES[names[-1]], TYPES[names[0]] if len(names) == 2 else "")
 
 
-def _repeated(names: Iterable[str]) -> list[str]:
+def _find_repeated(names: Iterable[str]) -> list[str]:
     """Return the names that occur more than once."""
     return [name for name, count in Counter(names).items() if count > 1]

@@ -52,7 +52,8 @@ def read_ply_table(path: Path) -> PlyTable:
     rows = [element for element in header.elements if element.count]
     if len(rows) != 1 or rows[0].name != "vertex" or any(entry.count_type for entry in rows[0].properties):
         raise source.error(
-            "MESH_FILE_INVALID", "the file is not a table: only element 'vertex' may have rows, and no lists"
+            "MESH_FILE_INVALID",
+            "the file is not a table; only element 'vertex' may have rows, and they must not have lists",
         )
     element = rows[0]
     names = tuple(entry.name for entry in element.properties)

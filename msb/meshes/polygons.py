@@ -21,14 +21,14 @@ def fan_triangulate(
     polygon = np.repeat(np.arange(len(counts)), triangles)
     # For each triangle, the places in `corners` of its first and second corner.
     first = (np.cumsum(counts) - counts)[polygon]
-    second = first + 1 + ranges(triangles)
+    second = first + 1 + concatenate_ranges(triangles)
     faces = np.zeros((len(polygon), 3), dtype=np.int64)
     for column, place in enumerate((first, second, second + 1)):
         faces[:, column] = corners[place]
     return faces, polygon
 
 
-def wrong_polygon(
+def find_wrong_polygon(
     faces: NDArray[np.int64], polygon: NDArray[np.int64], vertices: int
 ) -> tuple[int, int] | None:
     """Return the first polygon with a vertex index outside 0..`vertices` - 1, and that index, or None.
@@ -56,7 +56,7 @@ def join_faces(parts: Iterable[NDArray[np.int64]], counts: Sequence[int]) -> NDA
     return np.concatenate(joined)
 
 
-def ranges(counts: NDArray[np.int64]) -> NDArray[np.int64]:
+def concatenate_ranges(counts: NDArray[np.int64]) -> NDArray[np.int64]:
     """Return the concatenated ranges 0, 1, ..., n - 1 for each n of `counts` (N,)."""
     total = int(counts.sum())
     return np.arange(total) - np.repeat(np.cumsum(counts) - counts, counts)

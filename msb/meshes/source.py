@@ -18,11 +18,11 @@ class Source:
     Parameters
     ----------
     path : str
-        The file's path. Files that it names are searched in the same folder (`msb.meshes.linked_files`).
+        The file's path. Linked files are searched in the same folder (`msb.meshes.linked_files`).
     data : bytes
         The content.
     lines : bytes, optional
-        The text in which line ends are counted, if it differs from `data`. It has the same length.
+        The text for counting lines, if `data` is a modified copy of it. Both have the same length.
     images : bool
         Whether texture images are decoded.
     """
@@ -62,7 +62,7 @@ class Source:
     def not_a(self, name: str, why: str) -> MeshFileError:
         """Return the error that the file is not of format `name`.
 
-        The reason is the format that the content looks like, if it is another one, else `why`.
+        If the content looks like another format, the error names that format, else the reason `why`.
         """
         other = self.looks_like()
         if other is not None and other.title != name:

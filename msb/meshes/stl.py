@@ -28,17 +28,17 @@ _FACE_CODES = [_CODES[keyword] for keyword in _LINES]
 def read(source: Source) -> Mesh:
     """Read a binary or text STL file. Several solids are concatenated; normals and attributes are ignored.
 
-    Vertices are float32, also in text: with float64, the areas of published files are off by 2e-8. There are
-    3F vertices, and the faces are (0, 1, 2), (3, 4, 5), and so on.
+    Vertices are float32 also for text files: float64 would change the areas of published files by 2e-8. There
+    are 3F vertices, and the faces are (0, 1, 2), (3, 4, 5), and so on.
     """
     data = source.data
     declared = struct.unpack_from("<I", data, 80)[0] if len(data) >= _HEADER_BYTES else 0
     size = _HEADER_BYTES + _FACE.itemsize * declared
     if len(data) == size:
-        return _soup(np.frombuffer(data, _FACE, declared, _HEADER_BYTES)["corners"])
+        return _make_soup(np.frombuffer(data, _FACE, declared, _HEADER_BYTES)["corners"])
     like = source.looks_like()
     if like is FORMAT and b"\0" not in data:
-        return _soup(_read_text(source.as_text("STL")))
+        return _make_soup(_read_text(source.as_text("STL")))
     if len(data) < _HEADER_BYTES or like not in (FORMAT, None):
         text = f"it has {len(data)} bytes and does not begin with 'solid'; binary files have at least "
         text += f"{_HEADER_BYTES} bytes"
@@ -66,7 +66,7 @@ def write(mesh: Mesh, stream: BinaryIO, _style: Style) -> None:
         stream.write(records.tobytes())
 
 
-def _soup(corners: NDArray[np.float32]) -> Mesh:
+def _make_soup(corners: NDArray[np.float32]) -> Mesh:
     """Return the mesh of consecutive `corners` (3F, 3) or (F, 3, 3), three per face."""
     rows = np.ascontiguousarray(corners, np.float32).reshape(-1, 3)
     return Mesh(rows, np.arange(len(rows)).reshape(-1, 3))
@@ -76,8 +76,8 @@ def _read_text(text: Source) -> NDArray[np.float32]:
     """Return the corners (3F, 3) of a text file."""
     corners, codes, places = [np.zeros((0, 3))], [], []
     for words in word_blocks(Source(text.path, text.data.lower())):
-        code = _codes(words)
-        corners.append(_vertices(words, code == _CODES[b"vertex"]))
+        code = _classify_lines(words)
+        corners.append(_read_vertices(words, code == _CODES[b"vertex"]))
         codes.append(code)
         places.append(words.base + words.start[words.first])
     _check_order(text, np.concatenate(codes), np.concatenate(places))
@@ -85,7 +85,7 @@ def _read_text(text: Source) -> NDArray[np.float32]:
         return np.concatenate(corners).astype(np.float32)
 
 
-def _codes(words: Words) -> NDArray[np.uint8]:
+def _classify_lines(words: Words) -> NDArray[np.uint8]:
     """Return the code of the first word of each line (L,), or 0 if it is not a keyword."""
     codes = np.zeros(len(words.first), dtype=np.uint8)
     for keyword, code in _CODES.items():
@@ -93,7 +93,7 @@ def _codes(words: Words) -> NDArray[np.uint8]:
     return codes
 
 
-def _vertices(words: Words, is_vertex: NDArray[np.bool_]) -> NDArray[np.float64]:
+def _read_vertices(words: Words, is_vertex: NDArray[np.bool_]) -> NDArray[np.float64]:
     """Return the coordinates (N, 3) of the lines selected by `is_vertex` (L,)."""
     wrong = np.flatnonzero(is_vertex & (words.count != 4))
     if wrong.size:
@@ -109,11 +109,11 @@ def _check_order(text: Source, codes: NDArray[np.uint8], places: NDArray[np.int6
     `codes` (L,) are the codes of the lines' first words, `places` (L,) the byte offsets of the lines.
     """
     between = codes >= _CODES[b"solid"]
-    # All other lines must repeat the lines of a face in order, ...
+    # The other lines must repeat the lines of a face in order.
     in_faces = np.flatnonzero(~between)
     expected = np.resize(_FACE_CODES, len(in_faces))
     wrong = in_faces[codes[in_faces] != expected]
-    # ... and "solid" or "endsolid" must not interrupt one.
+    # A line "solid" or "endsolid" must not interrupt a face.
     inside = np.flatnonzero(between & (np.cumsum(~between) % len(_LINES) != 0))
     if wrong.size or inside.size:
         line = int(min(wrong[:1].tolist() + inside[:1].tolist()))

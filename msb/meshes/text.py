@@ -109,7 +109,7 @@ class Words:
         is the number of elements above each line, and `of` their name for messages.
         """
         values = self.numbers(chosen)
-        at = first_not_whole(values)
+        at = find_not_whole(values)
         why = "is not a whole number of at most 2**53"
         if at is None:
             indices = values.astype(np.int64) - 1
@@ -123,7 +123,7 @@ class Words:
         raise self.source.line_error("MESH_FILE_INVALID", byte, f"index {values[at]:.15g} {why}")
 
     def has_fraction(self) -> NDArray[np.bool_]:
-        """Return a mask (T,) of the words that are not written as plain integers."""
+        """Return a mask (T,) of the words that are not plain integers, such as 1.0, 1e3 or nan."""
         marks = np.append(0, np.cumsum(_IS_FRACTION[self.text]))
         return marks[self.end] > marks[self.start]
 
@@ -151,7 +151,7 @@ def word_blocks(source: Source, start: int = 0, *, comments: bool = False) -> It
     while start < size:
         line_end = source.data.find(b"\n", start + BLOCK_BYTES)
         end = size if line_end < 0 else line_end + 1
-        yield _split(source, start, end, comments)
+        yield _split_words(source, start, end, comments)
         start = end
 
 
@@ -170,7 +170,7 @@ class Table:
     byte : (R,) int64
         Offset in the file of each line's first word, in bytes.
     has_fraction : (T,) bool
-        Whether each number is not written as a plain integer.
+        Whether each number is written as 1.0, 1e3 or nan, and not as a plain integer.
     """
 
     source: Source
@@ -189,7 +189,7 @@ class Table:
         `what` names the values in the error that is raised if one is not an integer.
         """
         values = self.values[places]
-        bad = first_not_whole(values.ravel())
+        bad = find_not_whole(values.ravel())
         if bad is not None:
             row = int(np.searchsorted(self.row, places.ravel()[bad], side="right")) - 1
             text = f"{what} is {values.ravel()[bad]!s}, not a whole number of at most 2**53"
@@ -214,18 +214,18 @@ def read_table(source: Source, start: int, *, comments: bool = False) -> Table:
     )
 
 
-def first_not_whole(values: NDArray[np.float64]) -> int | None:
+def find_not_whole(values: NDArray[np.float64]) -> int | None:
     """Return the index of the first of `values` (T,) that is not an exact integer, or None."""
     bad = np.flatnonzero(~((values == np.floor(values)) & (np.abs(values) <= EXACT_INTEGER)))
     return int(bad[0]) if bad.size else None
 
 
-def _split(source: Source, start: int, end: int, comments: bool) -> Words:
+def _split_words(source: Source, start: int, end: int, comments: bool) -> Words:
     """Return the words between the offsets `start` and `end`, which contain whole lines."""
     text = np.frombuffer(source.data, dtype=np.uint8, count=end - start, offset=start)
     line_end = text == ord("\n")
     if comments:
-        text = _without_comments(text, line_end)
+        text = _blank_comments(text, line_end)
     # Words begin and end where the mask of white space changes.
     space = np.ones(len(text) + 2, dtype=np.bool_)
     space[1:-1] = _IS_SPACE[text]
@@ -238,7 +238,7 @@ def _split(source: Source, start: int, end: int, comments: bool) -> Words:
     return Words(source, start, text, begins, edges[1::2], first, count)
 
 
-def _without_comments(text: NDArray[np.uint8], line_end: NDArray[np.bool_]) -> NDArray[np.uint8]:
+def _blank_comments(text: NDArray[np.uint8], line_end: NDArray[np.bool_]) -> NDArray[np.uint8]:
     """Return `text` (B,) with everything from "#" to the end of the line replaced by spaces."""
     marks = np.cumsum(text == ord("#"), dtype=np.int32)
     if not marks.size or not marks[-1]:

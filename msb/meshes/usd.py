@@ -17,18 +17,18 @@ from numpy.typing import NDArray
 
 from msb.asset.texture import Sampler
 from msb.asset.writer import stored_member
-from msb.base.children import run_in_child
+from msb.base.children import run_apart
 from msb.base.extras import need_extra
 from msb.base.limits import Limits
 from msb.errors import MeshFileError, about, shorten
 from msb.meshes.colors import linear_light, srgb_colors
 from msb.meshes.formats import Format, Style
-from msb.meshes.image_files import image_names, images_of
+from msb.meshes.image_files import encode_images, name_images
 from msb.meshes.images import MAX_FILE, Decoder
-from msb.meshes.linked_files import read_beside
+from msb.meshes.linked_files import read_linked_file
 from msb.meshes.mesh import Mesh
 from msb.meshes.source import Source
-from msb.meshes.usd_stage import stage_parts
+from msb.meshes.usd_stage import read_stage
 from msb.meshes.writing import as_float32, check_indices
 
 Kind = Literal["usda", "usdc", "usdz"]
@@ -50,7 +50,7 @@ def read(source: Source) -> Mesh:
     _check_whole(source)
     memory = _EXTRA_MEMORY + _MEMORY_PER_BYTE * len(source.data) / 2**30
     # The path is absolute, because the child process has another working directory.
-    reply = run_in_child(stage_parts, str(Path(source.path).absolute()), {}, Limits(_SECONDS, memory))
+    reply = run_apart(read_stage, str(Path(source.path).absolute()), {}, Limits(_SECONDS, memory))
     if reply.why:
         code = "MESH_FILE_TOO_LARGE" if reply.ended_by in ("time", "memory") else "MESH_FILE_INVALID"
         raise source.error(code, f"usd-core cannot read the file: {reply.why}")
@@ -83,7 +83,7 @@ def read(source: Source) -> Mesh:
 
 
 def _check_whole(source: Source) -> None:
-    """Reject truncated packages. usd-core would read them without the end record of the ZIP archive."""
+    """Reject truncated packages. usd-core reads them even if the end record of the archive is missing."""
     is_package = _PACKAGE.startswith(source.data[: len(_PACKAGE)])
     if is_package and not zipfile.is_zipfile(io.BytesIO(source.data)):
         raise source.error("MESH_FILE_TRUNCATED", "the file is truncated: the package has no end record")
@@ -93,7 +93,7 @@ def _with_textures(mesh: Mesh, source: Source, data: dict[str, Any]) -> Mesh:
     """Return `mesh` with its images, from the package or from separate files."""
     decoder, images = Decoder(), []
     for name in data["textures"]:
-        content = _image(source, name) if name else b""
+        content = _read_image(source, name) if name else b""
         try:
             images.append(decoder.decode(content, alpha=data["cutoff"] is not None) if name else _PLAIN)
         except MeshFileError as error:
@@ -102,11 +102,11 @@ def _with_textures(mesh: Mesh, source: Source, data: dict[str, Any]) -> Mesh:
     return replace(mesh, textures=tuple(images), sampler=sampler)
 
 
-def _image(source: Source, name: str) -> bytes:
+def _read_image(source: Source, name: str) -> bytes:
     """Return the image called `name`, from the package or from the folder of the file."""
     name = name.removeprefix("./")
     if not source.data.startswith(_PACKAGE):
-        return read_beside(source, name, "a texture", MAX_FILE)
+        return read_linked_file(source, name, "a texture", MAX_FILE)
     try:
         with zipfile.ZipFile(io.BytesIO(source.data)) as archive:
             about = archive.getinfo(name)
@@ -120,7 +120,7 @@ def _image(source: Source, name: str) -> bytes:
 
 
 def write(kind: Kind, mesh: Mesh, stream: BinaryIO, style: Style) -> None:
-    """Write a stage as text, as binary, or as a package with its textures; y is up, and the unit is metres.
+    """Write a stage as text, as binary, or as a package with its textures. The unit is metres; y is up.
 
     The default prim contains the mesh, its materials and its collision shapes. Materials are unlit: they use
     the emissive colour of UsdPreviewSurface. Vertex and face colours become `displayColor`, in linear light;
@@ -129,7 +129,7 @@ def write(kind: Kind, mesh: Mesh, stream: BinaryIO, style: Style) -> None:
     """
     need_extra("usd", "pxr", what="a USD file")
     has_images = kind == "usdz" or style.stem is not None
-    layer = _stage(mesh, image_names(mesh, style) if has_images else [], style)
+    layer = _build_stage(mesh, name_images(mesh, style) if has_images else [], style)
     if kind == "usda":
         stream.write(layer.ExportToString().encode())
         return
@@ -142,12 +142,12 @@ def write(kind: Kind, mesh: Mesh, stream: BinaryIO, style: Style) -> None:
         return
     # The first member of a USDZ package is its root layer.
     with zipfile.ZipFile(stream, "w", zipfile.ZIP_STORED) as archive:
-        for name, data in {"asset.usdc": content, **images_of(mesh, style)}.items():
+        for name, data in {"asset.usdc": content, **encode_images(mesh, style)}.items():
             with stored_member(archive, stream, name, len(data)) as member:
                 member.write(data)
 
 
-def _stage(mesh: Mesh, images: list[str], style: Style) -> Any:
+def _build_stage(mesh: Mesh, images: list[str], style: Style) -> Any:
     """Return the layer of the complete stage."""
     from pxr import Kind as Kinds
     from pxr import Sdf, Usd, UsdGeom, UsdPhysics
@@ -180,7 +180,7 @@ def _add_mesh(stage: Any, path: str, mesh: Mesh) -> Any:
     prim.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(mesh.faces.astype(np.int32).reshape(-1)))
     prim.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
     # Readers expect normals for surfaces without subdivision. Face normals do not smooth the surface.
-    prim.CreateNormalsAttr(Vt.Vec3fArray.FromNumpy(_normals(mesh)))
+    prim.CreateNormalsAttr(Vt.Vec3fArray.FromNumpy(_compute_normals(mesh)))
     prim.SetNormalsInterpolation(UsdGeom.Tokens.uniform)
     prim.CreateDoubleSidedAttr(True)
     if len(mesh.vertices):
@@ -188,7 +188,7 @@ def _add_mesh(stage: Any, path: str, mesh: Mesh) -> Any:
     return prim
 
 
-def _normals(mesh: Mesh) -> NDArray[np.float32]:
+def _compute_normals(mesh: Mesh) -> NDArray[np.float32]:
     """Return the unit normals (F, 3) of the faces; +y for faces without area."""
     corners = mesh.vertices[mesh.faces].astype(np.float64)
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -207,7 +207,7 @@ def _add_colors(prim: Any, mesh: Mesh, images: list[str]) -> None:
             return
         light = np.ascontiguousarray(linear_light(colors)[:, :3])
         domain = UsdGeom.Tokens.uniform if mesh.vertex_colors is None else UsdGeom.Tokens.vertex
-        _set(prim.CreateDisplayColorPrimvar(domain), light, Vt.Vec3fArray)
+        _set_primvar(prim.CreateDisplayColorPrimvar(domain), light, Vt.Vec3fArray)
         surface = _add_material(stage, "/asset/materials/colors")
         name = Sdf.ValueTypeNames.String, "displayColor"
         reader = _add_shader(stage, "/asset/materials/colors/read", "UsdPrimvarReader_float3", varname=name)
@@ -219,7 +219,9 @@ def _add_colors(prim: Any, mesh: Mesh, images: list[str]) -> None:
     assert uvs is not None
     domain = UsdGeom.Tokens.vertex if mesh.corner_uvs is None else UsdGeom.Tokens.faceVarying
     upward = np.column_stack((uvs[:, 0], 1 - uvs[:, 1])).astype(np.float32)
-    _set(primvars.CreatePrimvar("st", Sdf.ValueTypeNames.TexCoord2fArray, domain), upward, Vt.Vec2fArray)
+    _set_primvar(
+        primvars.CreatePrimvar("st", Sdf.ValueTypeNames.TexCoord2fArray, domain), upward, Vt.Vec2fArray
+    )
     for number, image in enumerate(images):
         _add_texture(stage, f"/asset/materials/texture_{number}", image, mesh)
         if mesh.face_textures is None:
@@ -237,7 +239,7 @@ def _add_colors(prim: Any, mesh: Mesh, images: list[str]) -> None:
         _bind(part, f"/asset/materials/texture_{number}")
 
 
-def _set(primvar: Any, values: NDArray[np.float32], kind: Any) -> None:
+def _set_primvar(primvar: Any, values: NDArray[np.float32], kind: Any) -> None:
     """Set the values of a primvar; repeated values are stored once, with indices."""
     from pxr import Vt
 
@@ -316,7 +318,7 @@ def _bind(thing: Any, path: str) -> None:
     UsdShade.MaterialBindingAPI.Apply(prim).Bind(material)
 
 
-def _format(title: str, suffixes: tuple[str, ...], kind: Kind, begins: bytes | None) -> Format:
+def _declare_format(title: str, suffixes: tuple[str, ...], kind: Kind, begins: bytes | None) -> Format:
     """Return the format for one kind of USD file."""
     return Format(
         title,
@@ -324,7 +326,7 @@ def _format(title: str, suffixes: tuple[str, ...], kind: Kind, begins: bytes | N
         read,
         partial(write, kind),
         begins=None if begins is None else re.compile(begins),
-        companions=None if kind == "usdz" else images_of,
+        companions=None if kind == "usdz" else encode_images,
         keeps=("vertex_colors", "face_colors", "textures", "collision"),
         is_single=True,
         is_linear=True,
@@ -333,7 +335,7 @@ def _format(title: str, suffixes: tuple[str, ...], kind: Kind, begins: bytes | N
 
 
 FORMATS = (
-    _format("USD", (".usda",), "usda", rb"#usda"),
-    _format("USD", (".usdc", ".usd"), "usdc", rb"PXR-USDC"),
-    _format("USDZ", (".usdz",), "usdz", None),
+    _declare_format("USD", (".usda",), "usda", rb"#usda"),
+    _declare_format("USD", (".usdc", ".usd"), "usdc", rb"PXR-USDC"),
+    _declare_format("USDZ", (".usdz",), "usdz", None),
 )

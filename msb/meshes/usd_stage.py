@@ -43,8 +43,8 @@ class _Material:
     color: tuple[float, ...] | None = None
 
 
-def stage_parts(word: str, _: Arrays) -> tuple[Any, Arrays]:
-    """Read the file `word`; the function for the child process (a `Work` of `msb.base.children`)."""
+def read_stage(word: str, _: Arrays) -> tuple[Any, Arrays]:
+    """Read the file `word`. This runs in the child process; it is a `Work` of `msb.base.children`."""
     from pxr import Sdf, Tf, Usd, UsdGeom
 
     try:
@@ -120,15 +120,16 @@ class _Reader:
         from pxr import UsdGeom
 
         prim = mesh.GetPrim()
-        points = self._array(mesh.GetPointsAttr(), np.float32, (-1, 3))
-        counts = self._array(mesh.GetFaceVertexCountsAttr(), np.int64, (-1,))
-        corners = self._array(mesh.GetFaceVertexIndicesAttr(), np.int64, (-1,))
+        points = self._read_array(mesh.GetPointsAttr(), np.float32, (-1, 3))
+        counts = self._read_array(mesh.GetFaceVertexCountsAttr(), np.int64, (-1,))
+        corners = self._read_array(mesh.GetFaceVertexIndicesAttr(), np.int64, (-1,))
         if (counts < 0).any() or counts.sum() != len(corners):
             text = f"{prim.GetPath()}: the faces need {counts.sum()} corners, but there are {len(corners)}"
             raise _Refused(text)
         # order (F, 3) are places in `corners`, polygon (F,) the polygon of each triangle.
         order, polygon = fan_triangulate(np.arange(len(corners)), counts)
-        # Transform to world coordinates. A mirroring transform turns the faces over, like left-handedness.
+        # Transform to world coordinates. A mirroring transform reverses the winding, like left-handed
+        # orientation.
         matrix = np.array(self._places.GetLocalToWorldTransform(prim))
         is_left = mesh.GetOrientationAttr().Get(self._time) == UsdGeom.Tokens.leftHanded
         if not np.array_equal(matrix, np.eye(4)):
@@ -150,26 +151,26 @@ class _Reader:
         shape = len(points), len(counts), len(corners)
         varname = next((material.varname for material, _ in materials if material.image), None)
         if varname is not None:
-            arrays.uvs = self._primvar(mesh, varname, 2, shape, order, polygon)
+            arrays.uvs = self._read_primvar(mesh, varname, 2, shape, order, polygon)
             if arrays.uvs is None:
                 self.left_out["textures without UVs"] = None
                 arrays.textures[:] = self.images.setdefault("", len(self.images))
             else:
                 arrays.uvs[1][:, 1] = 1 - arrays.uvs[1][:, 1]
         if varname is None or arrays.uvs is None:
-            arrays.colors = self._primvar(mesh, "displayColor", 3, shape, order, polygon)
+            arrays.colors = self._read_primvar(mesh, "displayColor", 3, shape, order, polygon)
             if arrays.colors is None:
-                arrays.colors = _material_colors(materials, len(points), polygon, len(counts))
+                arrays.colors = _collect_material_colors(materials, len(points), polygon, len(counts))
         elif any(material.color is not None for material, _ in materials):
             self.left_out["colours of materials"] = None
         return arrays
 
-    def _array(self, attribute: Any, dtype: Any, shape: tuple[int, ...]) -> NDArray[Any]:
+    def _read_array(self, attribute: Any, dtype: Any, shape: tuple[int, ...]) -> NDArray[Any]:
         """Return the values of an attribute; an empty array if it is not set."""
         stored = attribute.Get(self._time)
         return np.array([] if stored is None else stored, dtype).reshape(shape)
 
-    def _primvar(
+    def _read_primvar(
         self,
         mesh: Any,
         name: str,
@@ -203,19 +204,19 @@ class _Reader:
         return domain, values[order.reshape(-1)] if domain == "corner" else values
 
     def _read_materials(self, mesh: Any, count: int) -> list[tuple[_Material, Any]]:
-        """Return the materials of a mesh with `count` polygons, each with an index of its polygons."""
+        """Return the materials of a mesh with `count` polygons, each with the numbers of its polygons."""
         from pxr import UsdGeom, UsdShade
 
-        materials: list[tuple[_Material, Any]] = [(self._material(mesh.GetPrim()), slice(None))]
+        materials: list[tuple[_Material, Any]] = [(self._find_material(mesh.GetPrim()), slice(None))]
         kind = UsdShade.Tokens.materialBind
         for part in UsdGeom.Subset.GetGeomSubsets(mesh, UsdGeom.Tokens.face, kind):
-            faces = self._array(part.GetIndicesAttr(), np.int64, (-1,))
+            faces = self._read_array(part.GetIndicesAttr(), np.int64, (-1,))
             if faces.size and not 0 <= faces.min() <= faces.max() < count:
                 raise _Refused(f"{part.GetPrim().GetPath()}: it selects faces that do not exist")
-            materials.append((self._material(part.GetPrim()), faces))
+            materials.append((self._find_material(part.GetPrim()), faces))
         return materials
 
-    def _material(self, prim: Any) -> _Material:
+    def _find_material(self, prim: Any) -> _Material:
         """Return the material of a prim; each material is read once."""
         from pxr import UsdShade
 
@@ -237,38 +238,38 @@ class _Reader:
             given = surface.GetInput(name)
             source = given.GetConnectedSources()[0] if given else []
             if source:
-                reader = _shader(source[0])
+                reader = _get_shader(source[0])
                 if reader and reader.GetShaderId() == "UsdUVTexture":
                     return self._read_texture(surface, reader)
                 return _Material()  # the primvar displayColor, which is read from the mesh
-        color = self._value(surface, "diffuseColor")
+        color = self._read_value(surface, "diffuseColor")
         return _Material() if color is None else _Material(color=tuple(color))
 
     def _read_texture(self, surface: Any, reader: Any) -> _Material:
         """Return the material of a texture reader that is connected to `surface`."""
-        file = self._value(reader, "file")
+        file = self._read_value(reader, "file")
         if file is None or not file.path or "<UDIM>" in file.path:
             self.left_out["textures in several images (UDIM)"] = None
             return _Material()
         varname = "st"
         given = reader.GetInput("st")
         for source in given.GetConnectedSources()[0] if given else []:
-            placed = _shader(source)
+            placed = _get_shader(source)
             if placed and placed.GetShaderId() == "UsdTransform2d":
                 self.left_out["transforms of textures"] = None
             elif placed and placed.GetInput("varname"):
-                varname = str(self._value(placed, "varname"))
-        u, v = (_WRAPS.get(str(self._value(reader, name)), "repeat") for name in ("wrapS", "wrapT"))
-        cutoff = float(self._value(surface, "opacityThreshold") or 0)
+                varname = str(self._read_value(placed, "varname"))
+        u, v = (_WRAPS.get(str(self._read_value(reader, name)), "repeat") for name in ("wrapS", "wrapT"))
+        cutoff = float(self._read_value(surface, "opacityThreshold") or 0)
         return _Material(file.path, varname, (u, v), cutoff or None)
 
-    def _value(self, shader: Any, name: str) -> Any:
+    def _read_value(self, shader: Any, name: str) -> Any:
         """Return the value of a shader's input, or None if the input does not exist."""
         given = shader.GetInput(name)
         return given.Get(self._time) if given else None
 
     def _note_ignored(self, mesh: Any) -> None:
-        """Add the data of a mesh prim that is not read to `left_out`."""
+        """Add the names of the data in a mesh prim that is not read to `left_out`."""
         from pxr import UsdGeom
 
         if mesh.GetNormalsAttr().HasAuthoredValue():
@@ -282,7 +283,7 @@ class _Reader:
             self.left_out["animation"] = None
 
 
-def _material_colors(
+def _collect_material_colors(
     materials: list[tuple[_Material, Any]], vertices: int, polygon: NDArray[np.int64], polygons: int
 ) -> tuple[str, Floats] | None:
     """Return the materials' uniform colours: per vertex for one material, else per face, or None.
@@ -300,7 +301,7 @@ def _material_colors(
     return "face", colors[polygon]
 
 
-def _shader(source: Any) -> Any:
+def _get_shader(source: Any) -> Any:
     """Return the shader of a connected source."""
     from pxr import UsdShade
 
@@ -316,7 +317,7 @@ def _join_parts(parts: list[_PrimArrays], textures: list[str]) -> dict[str, NDAr
     if len(textures) > 1:
         arrays["face_textures"] = np.concatenate([part.textures for part in parts])
     for name, width, blank in (("colors", 3, 1.0), ("uvs", 2, 0.0)):
-        # Use the domain of all parts if they agree, else corners.
+        # Keep the domain if it is the same for all parts; otherwise convert the values to corners.
         values = [getattr(part, name) for part in parts]
         domains = {value[0] for value in values if value is not None}
         if not domains:
@@ -324,15 +325,15 @@ def _join_parts(parts: list[_PrimArrays], textures: list[str]) -> dict[str, NDAr
         domain = domains.pop() if len(domains) == 1 else "corner"
         if (name, domain) == ("uvs", "face"):
             domain = "corner"
-        rows = [_to_domain(domain, *pair, width, blank) for pair in zip(parts, values, strict=True)]
+        rows = [_convert_domain(domain, *pair, width, blank) for pair in zip(parts, values, strict=True)]
         arrays[f"{domain}_{name}"] = np.concatenate(rows)
     return arrays
 
 
-def _to_domain(
+def _convert_domain(
     domain: str, part: _PrimArrays, values: tuple[str, Floats] | None, width: int, blank: float
 ) -> Floats:
-    """Return the values (n, `width`) of a part for its own domain or for corners; `blank` without values."""
+    """Return the values (n, `width`) of a part, converted to `domain`; `blank` if it has no values."""
     count = {"vertex": len(part.points), "face": len(part.faces), "corner": part.faces.size}[domain]
     if values is None:
         return np.full((count, width), blank, np.float32)

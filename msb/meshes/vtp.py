@@ -59,8 +59,8 @@ def write_vtp(
 ) -> None:
     """Write PolyData with points (V, 3), and cells: verts (n, 1), lines (n, 2) and polys (n, 3).
 
-    `cell_data` has uint8 or int64 arrays over all cells in VTK's order (verts, lines, polys). `names` is the
-    name of a field array, and its values, which are ASCII strings.
+    `cell_data` has uint8 or int64 arrays over all cells in VTK's order (verts, lines, polys). `names` has the
+    name of a field array and its values (ASCII strings).
     """
     appended = _Appended()
     data = "".join(appended.array(name, values) for name, values in cell_data.items())
@@ -75,7 +75,7 @@ def write_vtp(
         '<?xml version="1.0"?>',
         '<VTKFile type="PolyData" version="1.0" byte_order="LittleEndian" header_type="UInt64">',
         "<PolyData>",
-        f"<FieldData>{_texts(*names)}</FieldData>",
+        f"<FieldData>{_encode_texts(*names)}</FieldData>",
         f'<Piece NumberOfPoints="{len(points)}" NumberOfVerts="{len(verts)}" '
         f'NumberOfLines="{len(lines)}" NumberOfStrips="0" NumberOfPolys="{len(polys)}">',
         *elements,
@@ -87,7 +87,7 @@ def write_vtp(
     file.write(b"</AppendedData>\n</VTKFile>\n")
 
 
-def _texts(name: str, texts: Sequence[str]) -> str:
+def _encode_texts(name: str, texts: Sequence[str]) -> str:
     """Return the XML element of a string array: character codes, with a 0 after each string."""
     codes = " ".join(" ".join(map(str, (*text.encode("ascii"), 0))) for text in texts)
     size = f'NumberOfTuples="{len(texts)}"'

@@ -1,4 +1,4 @@
-"""Repair assets and meshes. The manifest of an asset is kept, and its buffers follow the new mesh."""
+"""Repair assets and meshes. An asset keeps its manifest; its buffers are adapted to the repaired mesh."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class Repaired(Outcome):
     turned : (F',) bool
         Whether the second and third corner of each face were swapped.
     cut_edges : (n, 2) int64
-        The original edges that were cut into several, as pairs of original vertices.
+        The original edges that became several edges, as pairs of original vertices.
     plan, steps : tuple of str, tuple of Step
         The requested steps, and the steps done. The plan is repeated until nothing changes.
     before, after : Audit
@@ -82,7 +82,8 @@ def repair(
         "debris", "close". They are repeated until nothing changes. A step may have numbers:
         "weld:0.01,orient,pair".
     weights : (F,) non-negative numbers, optional
-        The importance of each face for `debris` and `drop`, such as its pixels in images. Default: its area.
+        The importance of each face for `debris` and `drop`, such as the number of pixels that it covers in
+        images. Default: its area.
     **options
         Other fields of `msb.repair.Options`, such as ``debris_faces=20``.
 
@@ -97,7 +98,7 @@ def repair(
     MeshError
         `MESH_NONFINITE`: a coordinate is not finite; `MESH_INDEX_OUT_OF_RANGE`, `WELD_DISTANCE`.
     Unsupported
-        `UNSUPPORTED_REPAIR`: a buffer cannot follow the changes of a step; `UNSUPPORTED_TIER`: a triangle
+        `UNSUPPORTED_REPAIR`: a step would leave values of a buffer undefined; `UNSUPPORTED_TIER`: a triangle
         soup without static colours cannot be welded; `PEER_FAILED`: the other library failed.
     AssetError
         `TRIASSET_EMPTY`: no face is left.
@@ -118,8 +119,8 @@ def repair_asset(asset: Asset, options: Options, weights: NDArray[Any] | None = 
     """Repair an asset with validated options; see `repair`."""
     plan = options.plan
     with about(asset.path):
-        # A soup that is to be welded becomes a standard-tier mesh first.
-        base, first = _as_mesh(asset) if _is_joined(asset, plan) else (asset, None)
+        # If the plan welds a triangle soup, convert it to a standard-tier mesh first.
+        base, first = _convert_to_mesh(asset) if _welds_soup(asset, plan) else (asset, None)
         manifest = base.manifest
         domains = {name: spec.domain for name, spec in manifest.buffers.items()}
         level = manifest.appearance.get("level")
@@ -147,9 +148,9 @@ def repair_asset(asset: Asset, options: Options, weights: NDArray[Any] | None = 
 
 
 def repair_mesh(mesh: Mesh, options: Options) -> tuple[Mesh, Outcome]:
-    """Return a repaired mesh in its own precision, and the outcome of the repair."""
+    """Return the repaired mesh, in the precision of `mesh`, and the outcome of the repair."""
     check_indices(mesh)
-    # Use buffer names that `carry` knows. Vertex and face colours need different ones: "f_dc" is any colour.
+    # `carry` treats buffers by name. Face colours use the name "f_dc", because vertex colours use "color".
     by_corner = mesh.corner_uvs is not None
     arrays: tuple[tuple[str, NDArray[Any] | None, Domain], ...] = (
         ("color", mesh.vertex_colors, "vertex"),
@@ -177,12 +178,12 @@ def repair_mesh(mesh: Mesh, options: Options) -> tuple[Mesh, Outcome]:
     return repaired if colors is None else with_corner_colors(repaired, colors), done
 
 
-def _is_joined(asset: Asset, plan: tuple[str, ...]) -> bool:
+def _welds_soup(asset: Asset, plan: tuple[str, ...]) -> bool:
     """Return whether the plan welds a soup whose method can only render soups."""
     return "weld" in plan and asset.manifest.topology == "triangle_soup" and asset.manifest.method != "mesh"
 
 
-def _as_mesh(asset: Asset) -> tuple[Asset, Change | None]:
+def _convert_to_mesh(asset: Asset) -> tuple[Asset, Change | None]:
     """Return a soup as an asset of method "mesh" with its standard-tier colours.
 
     The second value is the change that removes the faces below its STE threshold, or None.

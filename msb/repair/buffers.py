@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 # Face buffers whose values do not depend on the order of the corners.
 _ORDER_FREE = {"color", "f_dc", "f_rest", "opacity", "sigma", "face_texture"}
-# Corner buffers that can be interpolated along an edge, so that added faces can continue them.
+# Corner buffers that can be interpolated along an edge to get values for added faces.
 _INTERPOLATED = {"uv", "color"}
 # DiffSoup's samples on a barycentric lattice, which are permuted when a face is turned.
 _LATTICES = {"features.lattice", "features.opacity"}
@@ -29,8 +29,9 @@ def carry(
 ) -> dict[str, NDArray[Any]]:
     """Return the buffers of the changed mesh.
 
-    Values are copied bit by bit. A new vertex gets the average of its rim. An added face gets the values of
-    the adjacent face; its third corner gets the average of the two corners that both faces share.
+    Values are copied bit by bit. A new vertex gets the average over its rim (`Rims`: the vertices around it).
+    An added face gets the values of an adjacent face. Two of its corners are shared with that face and get
+    the same values; the third one gets their average.
 
     `domains` are "vertex", "face", "corner" or "global" by buffer name. `level` is the level of DiffSoup's
     lattice, if there is one.
@@ -39,53 +40,56 @@ def carry(
     return {
         name: change.faces.astype(array.dtype)
         if name == "indices"
-        else _of_corners(name, array, change, buffers["indices"])
+        else _carry_corners(name, array, change, buffers["indices"])
         if known[name] == "corner"
-        else _carried(name, array, known[name], change, level)
+        else _carry_rows(name, array, known[name], change, level)
         for name, array in buffers.items()
     }
 
 
-def _carried(name: str, array: NDArray[Any], domain: str, change: Change, level: int | None) -> NDArray[Any]:
+def _carry_rows(
+    name: str, array: NDArray[Any], domain: str, change: Change, level: int | None
+) -> NDArray[Any]:
     """Return a vertex, face or global buffer of the changed mesh."""
     if domain == "vertex":
         kept = array[change.vertex_map[: len(change.vertex_map) - change.rims.count]]
         if change.rims.count == 0:
             return np.asarray(kept)
-        return np.concatenate([kept, _means(name, array, change.rims)])
+        return np.concatenate([kept, _average_rims(name, array, change.rims)])
     if domain == "face":
-        return _of_faces(name, array, change, level)
+        return _carry_faces(name, array, change, level)
     return array
 
 
-def _of_faces(name: str, array: NDArray[Any], change: Change, level: int | None) -> NDArray[Any]:
+def _carry_faces(name: str, array: NDArray[Any], change: Change, level: int | None) -> NDArray[Any]:
     """Return a face buffer of the changed mesh. Values that depend on the order of corners are permuted."""
     is_order_free = name in _ORDER_FREE
     if len(change.added_from) and not is_order_free:
-        _refuse(name, "method-specific face values", "added")
+        _reject(name, "method-specific face values", "added")
     values = array[np.concatenate([change.face_map[change.face_map != NONE], change.added_from])]
     if is_order_free or not change.turned.any():
         return np.asarray(values)
     # Only lattices with the expected number of samples can be turned.
     samples = None if level is None else (2**level + 1) * (2**level + 2) // 2
     if name not in _LATTICES or level is None or values.ndim < 2 or values.shape[1] != samples:
-        _refuse(name, "method-specific face values", "turned")
-    values[change.turned] = values[change.turned][:, turned_lattice(2**level)]
+        _reject(name, "method-specific face values", "turned")
+    values[change.turned] = values[change.turned][:, build_lattice_permutation(2**level)]
     return np.asarray(values)
 
 
-def _of_corners(name: str, array: NDArray[Any], change: Change, faces: NDArray[Any]) -> NDArray[Any]:
+def _carry_corners(name: str, array: NDArray[Any], change: Change, faces: NDArray[Any]) -> NDArray[Any]:
     """Return a corner buffer of the changed mesh; `faces` (F, 3) are the faces before the change.
 
-    The values of an added face lie on the edge that it shares with the adjacent face: the vertex opposite the
-    edge may belong to another chart, and textures are undefined between charts.
+    The values of an added face are interpolated on the edge that it shares with the adjacent face. Those of
+    its third vertex cannot be used: they may belong to another chart, and textures are undefined between
+    charts.
     """
     added = len(change.added_from)
     kept = array[change.corner_map[: 3 * (len(change.faces) - added)]]
     if not added:
         return np.asarray(kept)
     if name not in _INTERPOLATED:
-        _refuse(name, "corner values that cannot be interpolated", "added")
+        _reject(name, "corner values that cannot be interpolated", "added")
     # same (n, 3, 3): whether corner i of the added face is corner j of the adjacent face.
     old_vertices = change.vertex_map[change.faces[-added:]]
     same = old_vertices[:, :, None] == faces[change.added_from].astype(np.int64)[:, None]
@@ -94,39 +98,40 @@ def _of_corners(name: str, array: NDArray[Any], change: Change, faces: NDArray[A
     values = np.take_along_axis(values, same.argmax(axis=2)[:, :, None], axis=1)
     shared = same.any(axis=2, keepdims=True)
     values = np.where(shared, values, (values * shared).sum(axis=1, keepdims=True) / shared.sum(1)[:, None])
-    return np.concatenate([kept, _typed(values, array.dtype).reshape(-1, *array.shape[1:])])
+    return np.concatenate([kept, _convert_type(values, array.dtype).reshape(-1, *array.shape[1:])])
 
 
-def turned_lattice(sides: int) -> NDArray[np.intp]:
+def build_lattice_permutation(sides: int) -> NDArray[np.intp]:
     """Return the permutation of lattice samples when the second and third corner of a face are swapped.
 
     Sample ``s (s + 1) / 2 + y`` has the barycentric coordinates b0 = (s - y) / n, b1 = y / n and
-    b2 = (n - s) / n, where n is `sides`. Its value comes from (b0, b2, b1), which is y = n - s and s = n - y.
+    b2 = (n - s) / n, where n is `sides`. After the swap, it has the value of the old sample at (b0, b2, b1),
+    whose numbers are y' = n - s and s' = n - y.
     """
     s, y = np.tril_indices(sides + 1)
     s, y = sides - y, sides - s
     return np.asarray(s * (s + 1) // 2 + y)
 
 
-def _means(name: str, array: NDArray[Any], rims: Rims) -> NDArray[Any]:
+def _average_rims(name: str, array: NDArray[Any], rims: Rims) -> NDArray[Any]:
     """Return the average over each rim, or its first value if that is not finite (infinite opacities)."""
     if array.dtype.kind != "f" and array.dtype != np.uint8:
-        _refuse(name, f"{array.dtype} vertex values that cannot be averaged", "added")
+        _reject(name, f"{array.dtype} vertex values that cannot be averaged", "added")
     values = array[rims.vertices].astype(np.float64)
     starts = rims.offsets[:-1]
     sizes = np.diff(rims.offsets).reshape(-1, *(1,) * (array.ndim - 1))
     with np.errstate(invalid="ignore", over="ignore"):
         means = np.add.reduceat(values, starts, axis=0) / sizes
-    return _typed(np.where(np.isfinite(means), means, values[starts]), array.dtype)
+    return _convert_type(np.where(np.isfinite(means), means, values[starts]), array.dtype)
 
 
-def _typed(means: NDArray[np.float64], dtype: np.dtype[Any]) -> NDArray[Any]:
+def _convert_type(means: NDArray[np.float64], dtype: np.dtype[Any]) -> NDArray[Any]:
     """Return averages in the type of their buffer, rounded for integers."""
     return np.asarray(means.astype(dtype) if dtype.kind == "f" else np.rint(means).astype(dtype))
 
 
-def _refuse(name: str, content: str, change: str) -> NoReturn:
-    """Raise UNSUPPORTED_REPAIR for a buffer that cannot follow faces that are "turned" or "added"."""
+def _reject(name: str, content: str, change: str) -> NoReturn:
+    """Raise UNSUPPORTED_REPAIR: the values of a buffer are undefined for "turned" or "added" faces."""
     step = "orient" if change == "turned" else "close"
     text = f"buffer {name} has {content}, which are undefined for {change} faces; omit {step} from the plan"
     raise Unsupported("UNSUPPORTED_REPAIR", text, pointer=name)

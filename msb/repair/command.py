@@ -56,7 +56,7 @@ class RepairOptions:
     tasks: Annotated[
         tuple[str, ...],
         Option(
-            "With --compare: try this task of msb trial on every result, or none. May be repeated. "
+            "With --compare: try this task of msb trial on every result (none: no task). May be repeated. "
             "Default: uv, decimate_50, subdivide, boolean, solid.",
             ("--task",),
             metavar="TASK",
@@ -178,7 +178,7 @@ class _Repair:
                 arrays = {"vertex": done.vertex_map, "face": done.face_map, "turned": done.turned}
                 write_npz(file, arrays)
                 file.flush()  # a full disk is detected here
-                if is_stream(maps):  # a stream is written when it is closed, which must not fail after OUT
+                if is_stream(maps):  # closing a stream writes it; if that fails, OUT must not exist yet
                     stack.close()
             yield
 
@@ -267,7 +267,8 @@ class _Repair:
     def show(self, done: Repaired | Outcome, after: Audit, left: list[str], *, splits: bool) -> None:
         """Print the verdict and, unless --quiet, the steps, the remaining defects and the next command.
 
-        `splits` tells whether the file stores vertices separately that the repaired mesh shares.
+        `splits` tells whether the file stores separate vertices although faces of the repaired mesh share
+        them.
         """
         from msb.api.auditing import advice
         from msb.topology.verdict import judge
@@ -332,10 +333,10 @@ def compare_strategies(
     """Compare plans with `msb.trial.repairs`: print a table, and write JSON and an image of each result."""
     from msb.api.command_files import open_asset
     from msb.base.own_folder import own_folder
-    from msb.trial.repairs import compare, document, strategies
+    from msb.trial.repairs import compare, document, list_strategies
     from msb.views import choose_views
 
-    selected = _tasks(tasks)
+    selected = _select_tasks(tasks)
     if folder is not None:
         output.check_folder(folder)
     asset = open_asset(source, output)
@@ -348,18 +349,18 @@ def compare_strategies(
     rows = None
     try:
         with (
-            output.counted("comparing plans", len(strategies(options)) + 1) as step,
+            output.counted("comparing plans", len(list_strategies(options)) + 1) as step,
             nullcontext() if folder is None else own_folder(folder, overwrite=output.force) as keep,
         ):
             rows = compare(asset, chosen, options, tasks=selected, device=device, keep=keep, step=step)
     finally:  # print the results of minutes of work even if images cannot be written
         if rows is not None:
             if output.prints_text:
-                _print(rows, description, output)
+                _print_comparison(rows, description, output)
             output.write_json(document(str(source), description, rows))
 
 
-def _tasks(given: Sequence[str]) -> list[str]:
+def _select_tasks(given: Sequence[str]) -> list[str]:
     """Return the names of the selected tasks; the default tasks if none are given."""
     from msb.trial.registry import select_tasks
     from msb.trial.repairs import TASKS
@@ -369,12 +370,12 @@ def _tasks(given: Sequence[str]) -> list[str]:
     return [task.name for task in select_tasks(given or TASKS)]
 
 
-def _print(rows: list[StrategyResult], views: str, output: Output) -> None:
+def _print_comparison(rows: list[StrategyResult], views: str, output: Output) -> None:
     """Print the comparison; `views` describes the views of the PSNR, such as "8 test views"."""
     console = output.console()
     if not console.is_terminal:
         console.width = 10_000  # wider than any table
-    print_table([_cells(row) for row in rows], console)
+    print_table([_format_cells(row) for row in rows], console)
     if output.quiet:
         return
     stored = rows[0]
@@ -385,7 +386,7 @@ def _print(rows: list[StrategyResult], views: str, output: Output) -> None:
             echo(f"{row.strategy}: {row.why}")
     tried = [trial.task for trial in stored.trials if trial.outcome != "not_run"]
     if tried:
-        echo(f"Tasks: how many of {', '.join(tried)} work, possibly with limitations (details: msb trial)")
+        echo(f"Tasks: number of {', '.join(tried)} that work, some with limitations (details: msb trial)")
     for trial in stored.trials:
         if trial.outcome == "not_run":
             echo(f"{trial.task}: not run: {trial.why}")
@@ -396,7 +397,7 @@ def _print(rows: list[StrategyResult], views: str, output: Output) -> None:
         echo(f"Standard, Dedicated: PSNR in dB against the asset as stored, averaged over {views}.")
 
 
-def _cells(row: StrategyResult) -> list[str]:
+def _format_cells(row: StrategyResult) -> list[str]:
     """Return the cells of a row of the table."""
     from msb.topology.metric_text import format_metric
     from msb.topology.verdict import judge
@@ -412,8 +413,8 @@ def _cells(row: StrategyResult) -> list[str]:
         f"{row.after.judged.counts.components:,}",
         "-" if ratio is None else format_metric("boundary_edge_ratio", ratio),
         judge(row.after).word,
-        _passed_text(row.trials),
-        *(_look_text(look) for look in row.looks.values()),
+        _format_passed(row.trials),
+        *(_format_likeness(look) for look in row.looks.values()),
         f"{row.size / 1e6:.2f}",
         f"{row.seconds:.1f}",
     ]
@@ -437,7 +438,7 @@ def print_table(rows: list[list[str]], console: Console) -> None:
         console.print(f"[dim]Omitted columns (use a wider terminal or --json): {', '.join(omitted)}[/dim]")
 
 
-def _passed_text(trials: tuple[Trial, ...]) -> str:
+def _format_passed(trials: tuple[Trial, ...]) -> str:
     """Return how many of the tasks that were run work, such as "2 of 5"."""
     from msb.trial.repairs import count_passed
 
@@ -445,7 +446,7 @@ def _passed_text(trials: tuple[Trial, ...]) -> str:
     return f"{count_passed(done)} of {len(done)}" if done else "-"
 
 
-def _look_text(look: TierLikeness) -> str:
+def _format_likeness(look: TierLikeness) -> str:
     """Return the PSNR of a tier, "same" for equal images, or "-" without images."""
     if look.same:
         return "same"

@@ -17,27 +17,27 @@ from msb.scenes import Camera
 from msb.topology.halfedge import NONE
 
 RED, GREEN, CUT = (0.85, 0.1, 0.1), (0.1, 0.7, 0.2), (0.0, 0.0, 0.55)
-# Grey of black and of white faces; light enough to contrast with the other colours.
+# Grey levels for black and for white faces. They are light, to contrast with the other colours.
 _DARKEST, _LIGHTEST = 0.55, 0.9
-# Cut edges are drawn if they are at most this fraction of the depth behind the visible surface, because they
-# lie on it.
+# Depth tolerance of cut edges, as a fraction of the depth of the visible surface. The edges lie on the
+# surface, so their depth is nearly equal to it.
 _TOLERANCE = 0.004
 
 
-def keep_picture(
+def save_picture(
     folder: Path, name: str, original: Asset, done: Repaired, camera: Camera, device: str | None = None
 ) -> str:
-    """Write the image of a repair into `folder`; return its file name, which is made from `name`."""
+    """Write the image of a repair into `folder`; return its file name, which is derived from `name`."""
     file = f"{re.sub('[^a-z]+', '-', name)}.png"
-    write_image(folder / file, picture(original, done, camera, device), "png")
+    write_image(folder / file, draw_picture(original, done, camera, device), "png")
     return file
 
 
-def picture(
+def draw_picture(
     original: Asset, done: Repaired, camera: Camera, device: str | None = None
 ) -> NDArray[np.float32]:
     """Return an image (H, W, 3) with kept faces in grey, removed ones in red, added ones in green."""
-    with Renderer(_colored(original, done), tier="standard", device=device) as renderer:
+    with Renderer(_color_faces(original, done), tier="standard", device=device) as renderer:
         frame = renderer.render(camera, background=(1.0, 1.0, 1.0))
     image = frame.image.copy()
     edges = done.cut_edges
@@ -46,13 +46,13 @@ def picture(
     return image
 
 
-def _colored(original: Asset, done: Repaired) -> Asset:
+def _color_faces(original: Asset, done: Repaired) -> Asset:
     """Return an asset with all faces before and after the repair, coloured as kept, removed or added."""
     faces, points = original.buffers["indices"], original.buffers["positions"]
     # The original faces (F, 3), red if no face of the result comes from them.
     is_removed = np.ones(len(faces), bool)
     is_removed[done.face_map[done.face_map != NONE]] = False
-    colors = np.repeat(_grey(original)[:, None], 3, axis=1)
+    colors = np.repeat(_compute_grey(original)[:, None], 3, axis=1)
     colors[is_removed] = RED
     # The added faces, with their indices moved behind the original vertices.
     new = done.asset.buffers["indices"][done.face_map == NONE]
@@ -67,7 +67,7 @@ def _colored(original: Asset, done: Repaired) -> Asset:
     )
 
 
-def _grey(asset: Asset) -> NDArray[np.float32]:
+def _compute_grey(asset: Asset) -> NDArray[np.float32]:
     """Return the brightness (F,) of each face's static colour, mapped to the light greys."""
     colors = drawn_colors(asset)
     light = as_floats(colors.values[:, :3]).mean(axis=1)

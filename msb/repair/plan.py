@@ -15,7 +15,7 @@ from msb.topology.weld import Weld, parse_weld
 # orient: turn faces so that the winding is consistent.
 # pair: at edges of more than two faces, join the flattest pairs and cut the rest.
 # cut: cut edges of more than two faces, and vertices where surfaces only touch.
-# drop: remove few faces until no edge has more than two.
+# drop: remove a small number of faces, so that no edge has more than two.
 # weld: merge coincident vertices.
 # debris: remove small components.
 # close: close small holes.
@@ -23,9 +23,9 @@ STEPS = ("orient", "pair", "cut", "drop", "weld", "debris", "close")
 # The plan that changes nothing visible.
 DEFAULT = ("orient", "pair")
 Peer = Literal["igl", "pymeshlab"]
-# Library -> the steps that it can do instead of MeshSplatBench.
+# Library -> the steps that it can run in place of MeshSplatBench's implementation.
 BY_PEER: dict[str, tuple[str, ...]] = {"igl": ("cut",), "pymeshlab": ("drop",)}
-# Step -> the options that may follow it in a plan: ``debris:20:0.001``.
+# Step -> the options whose values may follow it in a plan, as in ``debris:20:0.001``.
 NUMBERS = {
     "pair": ("pair_color",),
     "weld": ("weld",),
@@ -59,7 +59,7 @@ class Options:
     close_share : float
         `close` keeps holes open whose cap would exceed this share of the area of their component.
     peer : {"igl", "pymeshlab"}, optional
-        The library that does `cut` (igl) or `drop` (pymeshlab), in a child process.
+        The library that runs `cut` (igl) or `drop` (pymeshlab) in a child process; None: MeshSplatBench.
     limits : Limits
         Time and memory limits of that process.
     """
@@ -110,7 +110,7 @@ def parse_plan(plan: Sequence[str] | str | None = None, **options: Any) -> Optio
         if len(numbers) > len(known):
             takes = ":".join((step, *(name.upper() for name in known)))
             raise UsageError("USAGE", f'"{shorten(str(word), 40)}" has too many numbers; use {takes}')
-        values = {name: _number(name, text) for name, text in zip(known, numbers, strict=False)}
+        values = {name: _parse_number(name, text) for name, text in zip(known, numbers, strict=False)}
         if any(given.get(name, value) != value for name, value in values.items()):
             text = f'"{shorten(str(word), 40)}" contradicts the numbers of an earlier {step}'
             raise UsageError("USAGE", text)
@@ -121,8 +121,8 @@ def parse_plan(plan: Sequence[str] | str | None = None, **options: Any) -> Optio
     return Options(tuple(steps), **(options | given)).check()
 
 
-def _number(name: str, text: str) -> float | str:
-    """Return the value of option `name` in a plan: a number, or the text for weld, which may be a word."""
+def _parse_number(name: str, text: str) -> float | str:
+    """Return the value of option `name` in a plan: a number, or the text for weld (a number or "exact")."""
     if name == "weld":
         return text
     try:

@@ -32,9 +32,9 @@ if TYPE_CHECKING:
 
     Buffers = Mapping[str, NDArray[Any]]
 
-# Step -> steps after which it need not run again: their changes never create new work for it. A turned face
-# keeps its place, debris is removed as whole components, and no step changes its own result. `orient` is not
-# listed for debris: it cuts one-sided surfaces, and the component may fall apart.
+# Step -> the steps after which it need not be repeated, because their changes never create new work for it: a
+# turned face keeps its place, debris is removed as whole components, and no step changes its own result.
+# `debris` must be repeated after `orient`, which cuts one-sided surfaces: a component may fall apart.
 _UNTOUCHED_BY = {
     "orient": ("orient", "debris"),
     **dict.fromkeys(("pair", "cut"), ("pair", "cut", "orient", "debris")),
@@ -50,7 +50,7 @@ _MAX_ROUNDS = 16
 
 @dataclass(frozen=True)
 class Step:
-    """One step that was done, with the numbers of changed rows. `notes` are sentences without a full stop."""
+    """A finished step: the numbers of changed faces and vertices, and `notes` without a full stop."""
 
     step: str
     faces_removed: int
@@ -83,7 +83,7 @@ class Outcome:
 
     `vertex_map` (V',) and `face_map` (F',) have the original row of each vertex and face, -1 for added ones.
     `turned` (F',) tells whether the second and third corner of each face were swapped. `domains` are the
-    domains of the buffers: UVs are per corner if anything was changed.
+    domains of the buffers. If the repair changed anything, UVs are per corner.
     """
 
     buffers: Buffers
@@ -97,15 +97,16 @@ class Outcome:
 
     @cached_property
     def cut_edges(self) -> NDArray[Any]:
-        """The original edges (n, 2) that were cut into several, as pairs of original vertices."""
+        """The original edges (n, 2) that became several edges, as pairs of original vertices."""
         return cut_edges(mesh_arrays(self.buffers["positions"], self.buffers["indices"])[1], self.vertex_map)
 
 
 @dataclass
 class _State:
-    """The mesh after the steps that were done up to now.
+    """The mesh after the steps that have run so far.
 
-    Buffers are carried only when a step adds rows; until then, changes are accumulated in `pending`.
+    `buffers` are updated only when a step adds rows. Other changes are accumulated in `pending`, and `flush`
+    applies them.
     """
 
     buffers: Buffers
@@ -163,7 +164,7 @@ class _State:
         self.pending = unchanged(self.pending.faces, len(self.pending.vertex_map))
 
     def colors(self) -> dict[str, NDArray[Any]]:
-        """Return vertex or face colours as keyword arguments of `pair`; it cannot use corner colours."""
+        """Return vertex or face colours as keyword arguments of `pair`, which cannot use corner colours."""
         static = static_colors(self.buffers, self.domains)
         if static is None or static.domain == "corner":
             return {}
@@ -204,7 +205,7 @@ def run_plan(
     """
     plan = options.plan
     points, faces = mesh_arrays(buffers["positions"], buffers["indices"])
-    refuse_nonfinite(points)
+    reject_nonfinite(points)
     if weights is not None:
         weights = np.asarray(weights)
         if weights.shape != (len(faces),) or not (np.isfinite(weights) & (weights >= 0)).all():
@@ -214,7 +215,7 @@ def run_plan(
     attributes = seam_attributes(buffers, domains)
     before, _ = audit_arrays(points, faces, attributes=attributes)
     seams = find_seams(points, faces, attributes) if first is None else None
-    carried, new_domains = _at_corners(buffers, domains, seams)
+    carried, new_domains = _move_to_corners(buffers, domains, seams)
     state = _State(
         carried,
         new_domains,
@@ -231,7 +232,7 @@ def run_plan(
     state.apply(first or unchanged(faces, len(points)))
     # Run the steps. Repetitions that change nothing are not reported.
     for name in _order_steps(plan, state, options.peer):
-        state.run_step(name, lambda name=name: _compute(name, state, options))  # type: ignore[misc]
+        state.run_step(name, lambda name=name: _compute_change(name, state, options))  # type: ignore[misc]
     if len(faces) and not len(state.face_map):
         raise AssetError("TRIASSET_EMPTY", f"the plan {','.join(plan)} would remove all faces")
     steps = [step for turn, step in enumerate(state.steps) if turn < len(plan) or step.changed]
@@ -250,7 +251,7 @@ def run_plan(
     return Outcome(state.buffers, new_domains, *maps, tuple(steps), before, after)
 
 
-def _at_corners(
+def _move_to_corners(
     buffers: Buffers, domains: Mapping[str, Domain], seams: Seams | None
 ) -> tuple[Buffers, Mapping[str, Domain]]:
     """Return the buffers and their domains, with vertex values moved to corners where vertices are merged.
@@ -292,7 +293,7 @@ def _order_steps(plan: Sequence[str], state: _State, peer: str | None) -> Iterat
             return
 
 
-def refuse_nonfinite(points: NDArray[Any]) -> None:
+def reject_nonfinite(points: NDArray[Any]) -> None:
     """Raise MESH_NONFINITE for the first vertex of `points` (V, 3) that is not finite."""
     finite = np.isfinite(points)
     if not finite.all():
@@ -304,7 +305,7 @@ def refuse_nonfinite(points: NDArray[Any]) -> None:
 def list_defects(after: Audit, split: str | None = None) -> list[str]:
     """Return a description of each kind of defect that is left.
 
-    `split` is the reason why a file stores the vertices of the repaired mesh separately, if it does.
+    If a file stores separate vertices although faces of the repaired mesh share them, `split` is the reason.
     """
     after = after.judged
     counts, left = after.counts, []
@@ -328,7 +329,7 @@ def list_defects(after: Audit, split: str | None = None) -> list[str]:
     return left
 
 
-def _compute(name: str, state: _State, options: Options) -> Change:
+def _compute_change(name: str, state: _State, options: Options) -> Change:
     """Return the change of the step `name` for the current mesh."""
     points, faces = state.points, state.pending.faces
     if options.peer is not None and name in BY_PEER[options.peer]:

@@ -1,8 +1,9 @@
 """Run the attempts of a task in child processes, so that a hang or a crash affects only that attempt.
 
-Libraries have absolute limits: xatlas drops faces smaller than 1e-7, and fast-simplification cannot resolve
-errors below 1e-6. So a mesh is centred, and scaled until the median face has an area of 1. Scaling the whole
-mesh to size 1 would make most faces too small if one face is far away.
+Libraries have absolute limits, in the unit of the coordinates: xatlas drops faces smaller than 1e-7, and
+fast-simplification cannot resolve errors below 1e-6. So a mesh is centred, and scaled so that the median face
+has an area of 1. Scaling the bounding box to size 1 does not work: with a single distant face, most faces
+would be too small.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from msb.trial.task import Attempt, AttemptResult, Output, Task
 def run_attempt(
     task: Task, attempt: Attempt, mesh: TrialMesh, arrays: Mapping[str, NDArray[Any]], limits: Limits
 ) -> AttemptResult:
-    """Run an attempt at a task and return its result; `arrays` are made by `Task.prepare`."""
+    """Run an attempt at a task and return its result; `arrays` are the result of `Task.prepare`."""
     unit = Unit(1.0, np.zeros(3)) if attempt.any_unit else Unit.of(mesh)
     inputs = _pack({"mesh": unit.to_unit(mesh)}, unit.arrays_to_unit(arrays))
     reply = run_in_child(work, f"{task.name} {attempt.library}", inputs, limits)
@@ -44,7 +45,7 @@ def run_attempt(
 
 
 def work(word: str, arrays: Mapping[str, NDArray[Any]]) -> tuple[Any, dict[str, NDArray[Any]]]:
-    """Run the attempt "TASK LIBRARY"; the function for the child process."""
+    """Run the attempt "TASK LIBRARY". This runs in the child process."""
     name, library = word.split()
     task = TASKS[name]
     attempt = next(entry for entry in (*task.attempts, *task.fallbacks) if entry.library == library)

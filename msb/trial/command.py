@@ -173,7 +173,7 @@ class _Run:
 
     def show(self, result: Trials, name: str, *, saved: bool) -> None:
         """Print the results as a table, or as one line with --quiet; note missing renderings."""
-        from msb.trial.run import summary
+        from msb.trial.run import summarize_trials
 
         seen_by = result.cameras
         if "no_pictures" in seen_by:
@@ -184,7 +184,7 @@ class _Run:
         if not self.output.prints_text:
             return
         if self.output.quiet:
-            echo(f"{name}: {summary(result.trials)}")
+            echo(f"{name}: {summarize_trials(result.trials)}")
             return
         if self.printed:
             echo()

@@ -100,7 +100,7 @@ class TrialMesh:
 
 
 def prepare_mesh(asset: Asset, weld: Weld | None = None) -> TrialMesh:
-    """Return the mesh of `asset` for trials, without seams and faces below its STE threshold.
+    """Return the mesh of `asset` for trials: seams are merged, and faces below the STE threshold removed.
 
     Face and corner colours are averaged at each vertex, so that no vertex needs to be split. A mesh without
     colours is white. Vertices that are merged, at seams or by `weld`, get the average of their colours.
@@ -108,7 +108,7 @@ def prepare_mesh(asset: Asset, weld: Weld | None = None) -> TrialMesh:
     check_drawable(asset, ("positions", "color", "f_dc"))
     vertices = np.asarray(asset.buffers["positions"], np.float32)
     faces = asset.buffers["indices"].astype(np.int64)
-    colors = _vertex_colors(asset, faces)
+    colors = _average_colors(asset, faces)
     visible = visible_faces(asset, stored_threshold(asset))
     seams = find_seams(vertices, faces, stored_mesh(asset).attributes)
     # Merge vertices at seams, then coincident ones.
@@ -121,11 +121,11 @@ def prepare_mesh(asset: Asset, weld: Weld | None = None) -> TrialMesh:
             merged, faces = weld_vertices(merged, faces, weld)
     if merged is not vertices:
         # Average the colours over the corners of each merged vertex. Unused vertices do not matter.
-        colors = _averages(faces.reshape(-1), colors[corners.reshape(-1)], len(merged))
+        colors = _average_groups(faces.reshape(-1), colors[corners.reshape(-1)], len(merged))
     return TrialMesh(merged, faces, colors)
 
 
-def _vertex_colors(asset: Asset, faces: NDArray[np.int64]) -> NDArray[np.float32]:
+def _average_colors(asset: Asset, faces: NDArray[np.int64]) -> NDArray[np.float32]:
     """Return the colours (V, 3) of the vertices; face and corner colours are averaged."""
     stored = colors_of(asset)
     if stored is None:
@@ -134,10 +134,10 @@ def _vertex_colors(asset: Asset, faces: NDArray[np.int64]) -> NDArray[np.float32
     if stored.domain == "vertex":
         return values
     corners = np.repeat(values, 3, axis=0) if stored.domain == "face" else values
-    return _averages(faces.reshape(-1), corners, asset.manifest.vertex_count)
+    return _average_groups(faces.reshape(-1), corners, asset.manifest.vertex_count)
 
 
-def _averages(group: NDArray[np.int64], values: NDArray[np.float32], count: int) -> NDArray[np.float32]:
+def _average_groups(group: NDArray[np.int64], values: NDArray[np.float32], count: int) -> NDArray[np.float32]:
     """Return the average (`count`, 3) of the values (n, 3) of each group (n,); white for empty groups."""
     size = np.bincount(group, minlength=count)
     sums = np.stack([np.bincount(group, values[:, k], count) for k in range(3)], axis=1)

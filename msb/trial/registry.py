@@ -24,7 +24,8 @@ TASKS: dict[str, Task] = {
 def select_tasks(names: Iterable[str] | str) -> list[Task]:
     """Return the tasks with these names; all tasks by default.
 
-    A word of a name selects all tasks with that word. A name may be a list separated by commas.
+    The first or last word of a name selects all tasks with that word: "decimate" selects "decimate_50" and
+    others. An entry of `names` may list several names, separated by commas.
     """
     selected: dict[str, Task] = {}
     if not isinstance(names, Iterable):
@@ -45,7 +46,7 @@ def select_installed(attempts: Iterable[Attempt]) -> list[Attempt]:
 
 
 def check_libraries(tasks: Sequence[Task]) -> None:
-    """Raise EXTRA_MISSING if tasks lack libraries, and no library of the extra is installed for any task."""
+    """Raise EXTRA_MISSING if a task has no library, and no task has a library of the extra installed."""
     libraries = {task.name: {entry.library for entry in select_installed(task.attempts)} for task in tasks}
     without_the_extra = {"numpy"}
     if all(libraries.values()) or set().union(*libraries.values()) - without_the_extra:

@@ -54,7 +54,7 @@ class Renderings:
         if not original:
             return {"psnr": None, "same_pictures": None}
         if not len(mesh.faces):
-            mesh = _invisible_mesh(mesh)
+            mesh = _make_invisible_mesh(mesh)
         return compare_images(original, (to_bytes(frame.image) for frame in self._frames(mesh, self.cameras)))
 
     def visible_points(self, count: int) -> NDArray[np.float64] | None:
@@ -62,7 +62,8 @@ class Renderings:
         depths = [depth for _, depth in self._originals]
         if not depths:
             return None
-        # Take every `step`-th covered pixel, counted over all images; `skip` is the rest of the last image.
+        # Take every `step`-th covered pixel, counted over all images. `skip` is the number of covered pixels
+        # before the first sample of an image.
         step = max(1, sum(int(np.count_nonzero(depth)) for depth in depths) // count)
         parts: list[NDArray[np.float64]] = []
         skip = 0
@@ -79,10 +80,11 @@ class Renderings:
         return np.concatenate(parts)
 
     def empty_share(self, points: NDArray[np.float64], tolerance: float) -> float | None:
-        """Return the fraction of `points` (n, 3) in space that some camera sees to be empty.
+        """Return the fraction of `points` (n, 3) that at least one camera sees to be in empty space.
 
-        A point is in empty space if it is in an image more than `tolerance` in front of the visible surface,
-        or at a pixel of the background. Points outside all images are ignored; None if all are.
+        A camera sees that a point is in empty space if the pixel of the point is background, or if the point
+        is more than `tolerance` in front of the visible surface. Points outside all images are ignored. The
+        result is None if all points are.
         """
         depths = [depth for _, depth in self._originals]
         if not depths:
@@ -105,14 +107,14 @@ class Renderings:
     def picture(self, mesh: TrialMesh, camera: Camera | None = None) -> NDArray[np.uint8] | None:
         """Return a small image (H, W, 3) of `mesh`; None without a device or faces.
 
-        It is rendered from `camera`, or else with shading from the first camera.
+        It is rendered from `camera`. The default is the first camera, with faces shaded by their angle to it.
         """
         if not len(mesh.faces) or (camera is None and not self.cameras):
             return None
         if camera is None:
             first = self.cameras[0]
             camera = first.scaled(min(1.0, PICTURE_WIDTH / first.width))
-            mesh = _shaded(mesh, camera)
+            mesh = _shade_faces(mesh, camera)
         for frame in self._frames(mesh, [camera]):
             return to_bytes(frame.image)
         return None
@@ -159,7 +161,7 @@ def compare_images(
     return {"psnr": mean_of(values), "same_pictures": bool(np.isinf(values).all())}
 
 
-def facing(size: int = PICTURE_WIDTH) -> Camera:
+def make_facing_camera(size: int = PICTURE_WIDTH) -> Camera:
     """Return a camera whose image (`size` x `size` pixels) is the unit square of the plane z = 0."""
     return Camera.look_at(
         (0.5, 0.5, -10.0), (0.5, 0.5, 0.0), up=(0, -1, 0), width=size, height=size, fov_y=0.104
@@ -174,7 +176,7 @@ def random_colors(labels: NDArray[np.int64]) -> NDArray[np.float32]:
     return palette[labels].astype(np.float32)
 
 
-def _shaded(mesh: TrialMesh, camera: Camera) -> TrialMesh:
+def _shade_faces(mesh: TrialMesh, camera: Camera) -> TrialMesh:
     """Return the triangle soup of the mesh, with faces darkened by their angle to the camera."""
     # Cosine (F,) of the angle between the face normal and the direction to the camera.
     corners = mesh.vertices[mesh.faces].astype(np.float64)
@@ -187,7 +189,7 @@ def _shaded(mesh: TrialMesh, camera: Camera) -> TrialMesh:
     return mesh.unshared(colors.astype(np.float32))
 
 
-def _invisible_mesh(mesh: TrialMesh) -> TrialMesh:
+def _make_invisible_mesh(mesh: TrialMesh) -> TrialMesh:
     """Return a mesh of one face without area, because an asset must have a face."""
     point = mesh.vertices[:1] if len(mesh.vertices) else np.zeros((1, 3), np.float32)
     return TrialMesh(point, np.zeros((1, 3), np.int64), np.ones((1, 3), np.float32))

@@ -1,4 +1,4 @@
-"""Compare repair plans: the mesh that each plan keeps, its cost in image quality, and its tasks that work."""
+"""Compare repair plans: the faces that a plan keeps, its cost in image quality, and the tasks that work."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from msb.render import Renderer
 from msb.render.backend import minimal_options
 from msb.render.images import to_bytes
 from msb.repair.assets import repair_asset
-from msb.repair.pictures import keep_picture
+from msb.repair.pictures import save_picture
 from msb.topology.halfedge import NONE
 from msb.trial.renderings import BACKGROUND, compare_images
 from msb.trial.run import try_asset
@@ -43,7 +43,7 @@ SCHEMA = "msb.repair_compare/1"
 TIERS: tuple[Tier, ...] = ("standard", "dedicated")
 # The name of the row for the asset without repair.
 STORED = "as stored"
-# Name of the strategy -> its plan, and the library that does the step instead of MeshSplatBench.
+# Name of the strategy -> its plan, and the library that runs the step (None: MeshSplatBench).
 STRATEGIES: dict[str, tuple[tuple[str, ...], Peer | None]] = {
     "orient,pair": (("orient", "pair"), None),
     "orient,cut": (("orient", "cut"), None),
@@ -135,7 +135,7 @@ def count_passed(trials: Iterable[Trial]) -> int:
     return sum(trial.outcome in ("works", "care") for trial in trials)
 
 
-def strategies(options: Options) -> dict[str, tuple[tuple[str, ...], Peer | None]]:
+def list_strategies(options: Options) -> dict[str, tuple[tuple[str, ...], Peer | None]]:
     """Return `STRATEGIES`, and also the plan of `options` if it is a different one."""
     name = ",".join(options.plan)
     return STRATEGIES if name in STRATEGIES else {**STRATEGIES, name: (options.plan, None)}
@@ -164,7 +164,7 @@ def compare(
     keep : Path, optional
         A folder for an image of each result, from the first camera.
     step : callable
-        Called after each row. There is one row more than `strategies` has entries.
+        Called after each row: once for the asset as stored, and once per strategy.
     """
     check_room({name: asset.buffers[name] for name in ("positions", "indices")})
     views = choose_views(asset, cameras).without_blind(asset, device)
@@ -180,16 +180,16 @@ def compare(
         looks=looks,
         trials=before,
         trials_before=before,
-        size=_size(asset),
+        size=_sum_bytes(asset),
     )
     step()
     # The strategies. One that fails gets a row with the reason.
     rows = [stored]
-    for name, (steps, peer) in strategies(options).items():
+    for name, (steps, peer) in list_strategies(options).items():
         start = time.perf_counter()
         try:
             done = repair_asset(asset, replace(options, plan=steps, peer=peer))
-        except OutputError:  # temporary files cannot be written: not the strategy's fault
+        except OutputError:  # temporary files cannot be written, which is no result of the strategy
             raise
         except MsbError as error:
             rows.append(StrategyResult(name, steps, peer, why=f"{error.code}: {error.message}"))
@@ -211,11 +211,11 @@ def compare(
                 looks,
                 trials,
                 before,
-                _size(done.asset),
+                _sum_bytes(done.asset),
                 seconds,
                 picture=None
                 if keep is None or not views.cameras
-                else _picture(keep, name, asset, done, views.cameras[0], device),
+                else _save_picture(keep, name, asset, done, views.cameras[0], device),
             )
         )
         step()
@@ -240,7 +240,7 @@ class _Evaluator:
                 tier: self.why or _render(asset, tier, self.views.cameras, self.device) for tier in TIERS
             }
             self.originals = self.originals or images
-            looks = {tier: _likeness(self.originals[tier], result) for tier, result in images.items()}
+            looks = {tier: _compare_tier(self.originals[tier], result) for tier, result in images.items()}
             self.known[key] = looks, self.try_tasks(asset)
         return self.known[key]
 
@@ -263,19 +263,19 @@ def _render(asset: Asset, tier: Tier, cameras: Sequence[Camera], device: str | N
         return f"{error.code}: {error.message}"
 
 
-def _picture(
+def _save_picture(
     keep: Path, name: str, asset: Asset, done: Repaired, camera: Camera, device: str | None
 ) -> str | None:
     """Write the image of a result and return its file name; None if it cannot be rendered."""
     try:
-        return keep_picture(keep, name, asset, done, camera, device)
+        return save_picture(keep, name, asset, done, camera, device)
     except OutputError:  # the folder cannot be written
         raise
-    except MsbError:  # reported with the likeness
+    except MsbError:  # `TierLikeness.why` has the reason
         return None
 
 
-def _likeness(original: Images | str, repaired: Images | str) -> TierLikeness:
+def _compare_tier(original: Images | str, repaired: Images | str) -> TierLikeness:
     """Compare the images of a tier; texts are reasons for missing images."""
     if isinstance(original, str) or isinstance(repaired, str):
         return TierLikeness(why=original if isinstance(original, str) else str(repaired))
@@ -283,6 +283,6 @@ def _likeness(original: Images | str, repaired: Images | str) -> TierLikeness:
     return TierLikeness(same=True) if result["same_pictures"] else TierLikeness(result["psnr"])
 
 
-def _size(asset: Asset) -> int:
+def _sum_bytes(asset: Asset) -> int:
     """Return the size of all buffers in bytes."""
     return sum(spec.byte_length for spec in asset.manifest.buffers.values())

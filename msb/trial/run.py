@@ -29,8 +29,8 @@ from msb.trial.task import Attempt, AttemptResult, Judgement, Numbers, Outcome, 
 from msb.views import ChosenViews, choose_views
 
 SCHEMA = "msb.trial/1"
-# Shortest time limit of a fallback in seconds, imports included: even with a short --seconds, there should be
-# a result.
+# Minimum time limit of a fallback in seconds, including its imports. A fallback should give a result even if
+# --seconds is short.
 FALLBACK_SECONDS = 20.0
 
 
@@ -45,13 +45,13 @@ class Trial:
     why : str or None
         The reason why the outcome is not better.
     seconds : float
-        The time of the libraries. For a library that was ended, this is its time limit.
+        The total time of the libraries. A library that exceeded its time limit counts with that limit.
     numbers : dict
         The measurements, as JSON data.
     libraries : dict of str to str
         Library -> version, for libraries that returned a result.
     says : str
-        The numbers in a few words.
+        A short text with the most important numbers.
     files, picture : tuple of str, str or None
         The names of the saved files, and of the image among them.
     """
@@ -78,8 +78,8 @@ class Trials:
 
     `mesh` has the numbers of vertices and faces, the weld, the repair plan, and the SHA-256 of the mesh.
     `cameras` has the "count" of cameras, their origin "from" ("given", "training", "turntable", "inside"),
-    and their description "views". If that applies, it also has "see_nothing", the number of cameras that do
-    not see the mesh, and "no_pictures", the reason why nothing was rendered.
+    and their description "views". It may also have "see_nothing", the number of cameras that do not see the
+    mesh, and "no_pictures", the reason why nothing was rendered.
     """
 
     path: str | None
@@ -359,7 +359,7 @@ def _write_picture(path: Path, image: NDArray[Any]) -> None:
         Image.fromarray(image).save(stream, "PNG", optimize=True)
 
 
-def summary(trials: Iterable[Trial]) -> str:
+def summarize_trials(trials: Iterable[Trial]) -> str:
     """Return the number of tasks by outcome, worst first: "3 fail: uv, boolean, solid; 2 work: ..."."""
     verbs = {"fails": "fail", "care": "work with limitations", "not_run": "not run", "works": "work"}
     parts = []

@@ -59,8 +59,8 @@ class Attempt:
 class AttemptResult:
     """The result of an attempt: its output, or the reason why it failed.
 
-    `ended_by` tells what ended the process early. `seconds` is the time of the library, None if it did not
-    run.
+    `ended_by` is the reason why the process was ended early, if it was. `seconds` is the time of the library,
+    or None if it did not run.
     """
 
     output: Output | None
@@ -93,7 +93,8 @@ class Task:
     name, title : str
         The name in JSON and on the command line, and the title in tables and pages.
     attempts, fallbacks : tuple of Attempt
-        The libraries to try, each with at most one output mesh, and those to try if all of these fail.
+        The libraries to try, and the libraries to try if all of these fail. Each attempt returns at most one
+        mesh.
     judge : callable
         A function of the mesh, the outputs by library, and the renderings. It is only called with at least
         one output; without any, the task fails. If there are several outputs, its number "best" names the
@@ -129,7 +130,7 @@ def file_outcome(original: TrialMesh, result: TrialMesh) -> Outcome:
     return "care" if is_worse or result.verdict.level == "bad" else "works"
 
 
-def count_text(number: int, singular: str, plural: str | None = None) -> str:
+def format_count(number: int, singular: str, plural: str | None = None) -> str:
     """Return a number with its noun, such as "1 face" or "1,200 faces"."""
     return f"{number:,} {singular if number == 1 else plural or f'{singular}s'}"
 
@@ -137,10 +138,10 @@ def count_text(number: int, singular: str, plural: str | None = None) -> str:
 def combine(numbers: Numbers, *grades: tuple[Outcome, str]) -> Judgement:
     """Return the worst of several outcomes, with the reasons of all that are not "works"."""
     reasons = [reason for outcome, reason in grades if outcome != "works"]
-    return Judgement(worst(outcome for outcome, _ in grades), "; ".join(reasons) or None, numbers)
+    return Judgement(pick_worst(outcome for outcome, _ in grades), "; ".join(reasons) or None, numbers)
 
 
-def worst(outcomes: Iterable[Outcome]) -> Outcome:
+def pick_worst(outcomes: Iterable[Outcome]) -> Outcome:
     """Return the worst of several outcomes."""
     return max(outcomes, key=OUTCOMES.index)
 

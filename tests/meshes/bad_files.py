@@ -49,7 +49,7 @@ def with_primitive(**more: Any) -> bytes:
 
 
 def sparse(replaced: list[int], base: dict[str, Any] | None = None, **more: Any) -> bytes:
-    """Return the square with sparse positions, which replace the stored ones or the accessor `base`."""
+    """Return the square with sparse positions. They replace rows of the stored ones or of `base`."""
     glb = glb_square()
     glb.root["accessors"][0] = base or glb.root["accessors"][0]
     places = {"bufferView": glb.view(np.array(replaced, "<u2").tobytes()), "componentType": 5123}
@@ -64,7 +64,7 @@ def sparse(replaced: list[int], base: dict[str, Any] | None = None, **more: Any)
 
 
 def colors(count: int, dtype: str = "u1", kind: str = "VEC4") -> bytes:
-    """Return the square with colours of this count and type."""
+    """Return the square with `count` colours of the given number type and element type."""
     glb = glb_square()
     width = int(kind[-1])
     number = glb.accessor(np.zeros((count, width)), dtype, kind)
@@ -197,7 +197,7 @@ BAD_GLTFS: dict[str, tuple[bytes, str]] = {
 
 
 def packed(**more: Any) -> bytes:
-    """Return the square with vertices that are marked as compressed by meshopt."""
+    """Return the square with invalid vertex data that is marked as compressed by meshopt."""
     glb = glb_square()
     view = glb.root["bufferViews"][0]
     entry = {"buffer": 0, "byteLength": 12, "byteStride": 12, "count": 4, "mode": "ATTRIBUTES"}
@@ -210,7 +210,7 @@ def packed(**more: Any) -> bytes:
 
 
 def draco(attributes: dict[str, Any], **accessor: Any) -> bytes:
-    """Return the square as a primitive that is marked as compressed by Draco."""
+    """Return the square with invalid data that is marked as compressed by Draco."""
     glb = glb_square()
     for entry in glb.root["accessors"]:
         entry.pop("bufferView")
@@ -249,7 +249,7 @@ def row(old: bytes, new: bytes) -> bytes:
 
 
 def wide_list(body: bytes) -> bytes:
-    """Return a binary PLY of one face with an int as number of corners."""
+    """Return a binary PLY of one face whose number of corners is stored as an int."""
     return ply(LITTLE, [*VERTICES, "element face 1", "property list int int vertex_index"], body)
 
 

@@ -13,7 +13,7 @@ from PIL import Image
 from msb.meshes import MESH_SUFFIXES, Mesh
 
 Read = Callable[[bytes, str], Mesh]
-"""The fixture `read`: content and suffix -> mesh."""
+"""The type of the fixture `read`: a function of content and suffix that returns the mesh."""
 
 SQUARE = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]]
 """The vertices of a square; `SQUARE_FACES` are its two triangles."""
@@ -218,6 +218,6 @@ SMALL = {
     ".GLB": glb_textured().bytes(),
     ".gltf": glb_textured().text(),
 }
-"""A small valid file for each reader. Suffixes in capitals are variants: text, or with a texture."""
+"""A small valid file for each reader. Suffixes in capitals are variants: as text, or with a texture."""
 SUFFIXES = [suffix for suffix in MESH_SUFFIXES if not suffix.startswith(".usd")]
 """The formats with a reader in Python. USD formats are tested in `test_usd.py`."""

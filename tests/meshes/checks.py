@@ -21,7 +21,7 @@ from msb.meshes import Mesh, read_mesh, write_mesh
 from msb.meshes.formats import Format
 
 BYTES = np.random.default_rng(1).integers(0, 2, (9, 4), dtype=np.uint8)
-"""Only zeros and ones, which are the hardest bytes to distinguish from decimals in text files."""
+"""Only zeros and ones: in text files, a reader may mistake these bytes for decimals in [0, 1]."""
 FLOATS = np.random.default_rng(2).random((9, 4), dtype=np.float32)
 COLORS = {
     "none": None,
@@ -33,7 +33,7 @@ COLORS = {
 
 
 def make(dtype: type, colors: str = "none", face_colors: str = "none") -> Mesh:
-    """Return nine vertices, with an unused one and two equal ones, and faces in irregular order."""
+    """Return a mesh with an unused vertex, two equal vertices, and faces in irregular order."""
     vertices = np.random.default_rng(0).normal(size=(9, 3)).astype(dtype)
     vertices[3] = vertices[1]
     vertices[4] = [0, 1e-30, -1e30]

@@ -1,4 +1,4 @@
-"""Check all formats. The example of CONTRIBUTING.md works everywhere as soon as it is registered."""
+"""Check all formats. Every command supports the example format of CONTRIBUTING.md once it is registered."""
 
 import json
 import re

@@ -22,7 +22,7 @@ SIDE = 40
 
 def wavy() -> Mesh:
     """Return a sheet with a hole, a flipped face, a duplicate face, an unused vertex and dark colours."""
-    x, y = (each.ravel() for each in np.mgrid[:SIDE, :SIDE])
+    x, y = (axis.ravel() for axis in np.mgrid[:SIDE, :SIDE])
     corner = (x * SIDE + y).reshape(SIDE, SIDE)
     low, right, up = corner[:-1, :-1].ravel(), corner[1:, :-1].ravel(), corner[:-1, 1:].ravel()
     faces = np.stack((low, right, up), 1)

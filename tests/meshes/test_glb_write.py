@@ -21,7 +21,7 @@ from .checks import equal
 
 CORNERS = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0], [5, 5, 5], [2, 0, 0]], np.float32)
 FACES = np.array([[0, 1, 2], [2, 1, 3], [1, 5, 3]])
-"""Two triangles of one chart, and a third one that meets it at vertices 1 and 3. Vertex 4 is unused."""
+"""Two triangles of a chart, and a third triangle that meets them at vertices 1 and 3. Vertex 4 is unused."""
 UVS = np.array([[0, 1], [1, 1], [0, 0], [0, 0], [1, 1], [1, 0], [0, 0.5], [1, 0.5], [1, 0]], np.float32)
 IMAGES = tuple(
     np.random.default_rng(channels).integers(0, 256, (4, 8, channels), np.uint8) for channels in (3, 4)

@@ -1,4 +1,4 @@
-"""Read compressed glTF: the same mesh as without compression, and clear errors for damaged data."""
+"""Read compressed glTF: it gives the same mesh as uncompressed glTF, and damaged data gives clear errors."""
 
 from typing import Any
 
@@ -111,14 +111,14 @@ def by_draco() -> Glb:
     return glb
 
 
-def turned(faces: np.ndarray) -> np.ndarray:
+def rotate_to_smallest(faces: np.ndarray) -> np.ndarray:
     """Return the faces rotated to begin with their smallest index; meshopt may rotate faces."""
     first = faces.argmin(axis=1)
     return np.take_along_axis(faces, (first[:, None] + [0, 1, 2]) % 3, axis=1)
 
 
 def assert_same(mesh: Mesh, expected: Mesh) -> None:
-    assert turned(mesh.faces).tolist() == turned(expected.faces).tolist()
+    assert rotate_to_smallest(mesh.faces).tolist() == rotate_to_smallest(expected.faces).tolist()
     np.testing.assert_allclose(mesh.vertices, expected.vertices, atol=2e-4)
     np.testing.assert_allclose(mesh.vertex_uvs, expected.vertex_uvs, atol=1e-6)
     assert mesh.vertex_colors is not None
@@ -143,7 +143,7 @@ def test_compressed_files_hold_the_same_mesh_and_have_the_same_counts(read: Read
         mesh = read(glb.bytes(), ".glb")
         assert_same(mesh, wanted)
         counts[name] = msb.audit(mesh.vertices, mesh.faces).counts
-    assert all(each == counts["plain"] for each in counts.values()), counts
+    assert all(count == counts["plain"] for count in counts.values()), counts
     assert counts["plain"].boundary_edges
 
 

@@ -12,7 +12,7 @@ from msb.meshes import Mesh, obj_materials, read_mesh, text
 from .builders import OBJ_SQUARE, OBJ_TEXTURED, SQUARE, SQUARE_FACES, TEXELS, picture
 
 UVS = b"vt 0 0\nvt 1 0 0\n"
-ONE = b"newmtl one\nKd 0.5 0.5 0.5\nmap_Kd map.png\n"
+LIBRARY = b"newmtl one\nKd 0.5 0.5 0.5\nmap_Kd map.png\n"
 
 
 @pytest.fixture
@@ -21,7 +21,7 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def read(folder: Path, obj: bytes, mtl: bytes | None = ONE) -> Mesh:
+def read(folder: Path, obj: bytes, mtl: bytes | None = LIBRARY) -> Mesh:
     (folder / "a.obj").write_bytes(obj)
     if mtl is not None:
         (folder / "a.mtl").write_bytes(mtl)
@@ -33,7 +33,7 @@ def read(folder: Path, obj: bytes, mtl: bytes | None = ONE) -> Mesh:
 def test_uvs_are_read_per_corner_with_v_downwards(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for block in (1, text.BLOCK_BYTES):
         monkeypatch.setattr(text, "BLOCK_BYTES", block)
-        mesh = read(folder, OBJ_TEXTURED, codecs.BOM_UTF8 + ONE)
+        mesh = read(folder, OBJ_TEXTURED, codecs.BOM_UTF8 + LIBRARY)
         assert np.array_equal(mesh.textures[0], TEXELS)
         assert mesh.face_textures is None
         assert mesh.corner_uvs is not None
@@ -43,27 +43,27 @@ def test_uvs_are_read_per_corner_with_v_downwards(folder: Path, monkeypatch: pyt
 
 def test_a_material_becomes_its_image_or_a_texel_of_its_colour(folder: Path) -> None:
     obj = b"mtllib a.mtl\n" + OBJ_SQUARE + UVS + b"f 1 2 3\nusemtl red\nf 1/1 3/2 4//\n"
-    mesh = read(folder, obj, b"newmtl red\nKd 1 0.2 0\n" + ONE)
+    mesh = read(folder, obj, b"newmtl red\nKd 1 0.2 0\n" + LIBRARY)
     assert [image.tolist() for image in mesh.textures] == [[[[255] * 3]], [[[255, 51, 0]]]]
     assert mesh.face_textures is not None
     assert mesh.face_textures.tolist() == [0, 1]
     assert mesh.corner_uvs is not None
     assert mesh.corner_uvs.tolist() == [[0, 0]] * 3 + [[0, 1], [1, 1], [0, 0]]
     both = obj.replace(b"f 1 2 3", b"usemtl one\nf 1 2 3")
-    mesh = read(folder, both, b"newmtl red\nKd 1 0.2 0\n" + ONE)
+    mesh = read(folder, both, b"newmtl red\nKd 1 0.2 0\n" + LIBRARY)
     assert [image.shape for image in mesh.textures] == [(2, 2, 3), (1, 1, 3)]
 
 
 @pytest.mark.parametrize(
     ("mtl", "left_out"),
     [
-        (ONE.replace(b"map.png", b"-s 1 1 1 -o 0 0 -clamp off map.png"), ()),
-        (ONE.replace(b"map.png", b"-s 2 2 map.png"), ("options of maps",)),
+        (LIBRARY.replace(b"map.png", b"-s 1 1 1 -o 0 0 -clamp off map.png"), ()),
+        (LIBRARY.replace(b"map.png", b"-s 2 2 map.png"), ("options of maps",)),
         (
-            ONE.replace(b"map.png", b"-bm 0.3 map.png") + b"map_Bump b.png\n",
+            LIBRARY.replace(b"map.png", b"-bm 0.3 map.png") + b"map_Bump b.png\n",
             ("options of maps", "further maps of materials"),
         ),
-        (b"\r\n# x\r\n" + ONE.replace(b"\n", b"\r\n").replace(b"map.png", b".\\map.png"), ()),
+        (b"\r\n# x\r\n" + LIBRARY.replace(b"\n", b"\r\n").replace(b"map.png", b".\\map.png"), ()),
     ],
 )
 def test_options_of_maps(folder: Path, mtl: bytes, left_out: tuple[str, ...]) -> None:
@@ -76,11 +76,11 @@ def test_options_of_maps(folder: Path, mtl: bytes, left_out: tuple[str, ...]) ->
     ("mtl", "words"),
     [
         (None, "a.mtl"),
-        (ONE.replace(b"map", b"../map", 2).replace(b"../map_", b"map_"), "../map.png"),
-        (ONE.replace(b"map.png", b"C:\\maps\\a.png"), "C:"),
-        (ONE.replace(b"map.png", b"/etc/passwd"), "/etc/passwd"),
-        (ONE.replace(b"map.png", b"a.mtl"), "image a.mtl"),
-        (ONE.replace(b"one", b"One"), "material one"),
+        (LIBRARY.replace(b"map", b"../map", 2).replace(b"../map_", b"map_"), "../map.png"),
+        (LIBRARY.replace(b"map.png", b"C:\\maps\\a.png"), "C:"),
+        (LIBRARY.replace(b"map.png", b"/etc/passwd"), "/etc/passwd"),
+        (LIBRARY.replace(b"map.png", b"a.mtl"), "image a.mtl"),
+        (LIBRARY.replace(b"one", b"One"), "material one"),
     ],
 )
 def test_unreadable_materials_are_listed_and_the_mesh_is_read(
@@ -100,18 +100,18 @@ def test_unreadable_materials_are_listed_and_the_mesh_is_read(
     ],
 )
 def test_long_lines_are_read_in_linear_time(line: bytes, folder: Path) -> None:
-    mtl = ONE + line.replace(b"%s", b"1" * 10**6) + b"\n"
+    mtl = LIBRARY + line.replace(b"%s", b"1" * 10**6) + b"\n"
     assert read(folder, OBJ_TEXTURED, mtl).textures
 
 
 def test_libraries_are_read_once_and_limited_in_size(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert len(read(folder, b"mtllib a.mtl\n" * 10**5 + OBJ_TEXTURED).textures) == 1
     assert len(read(folder, b"mtllib " + b"a" * 10**6 + b"\n" + OBJ_TEXTURED).textures) == 1
-    (folder / "b c.mtl").write_bytes(ONE)
-    (folder / "d.MTL").write_bytes(ONE + b"newmtl two\n")
+    (folder / "b c.mtl").write_bytes(LIBRARY)
+    (folder / "d.MTL").write_bytes(LIBRARY + b"newmtl two\n")
     two = OBJ_TEXTURED.replace(b"a.mtl", b"b c.mtl  d.MTL").replace(b"usemtl one", b"usemtl two")
     assert read(folder, two).left_out == ("UVs",)
-    monkeypatch.setattr(obj_materials, "_MAX_LIBRARIES", len(ONE))
+    monkeypatch.setattr(obj_materials, "_MAX_LIBRARY_BYTES", len(LIBRARY))
     left_out = read(folder, two).left_out
     assert [text for text in left_out if "material two" in text]
 
@@ -135,7 +135,7 @@ def test_no_library_is_opened_without_images(folder: Path) -> None:
     ],
 )
 def test_bad_coordinates(folder: Path, old: bytes, new: bytes) -> None:
-    (folder / "a.mtl").write_bytes(ONE)
+    (folder / "a.mtl").write_bytes(LIBRARY)
     (folder / "a.obj").write_bytes(OBJ_TEXTURED.replace(old, new))
     with pytest.raises(MeshFileError, match="MESH_FILE_INVALID"):
         read_mesh(folder / "a.obj")

@@ -1,4 +1,4 @@
-"""Polygons, indices and numbers in all text formats."""
+"""Read polygons, indices and numbers of all text formats."""
 
 from collections.abc import Callable, Sequence
 
@@ -35,11 +35,11 @@ def as_obj(vertices: Rows, faces: Sequence[Sequence[int]]) -> bytes:
 
 
 WRITERS = {".off": as_off, ".ply": as_ply, ".obj": as_obj}
-each_format = pytest.mark.parametrize(("suffix", "write"), WRITERS.items(), ids=WRITERS)
+for_every_format = pytest.mark.parametrize(("suffix", "write"), WRITERS.items(), ids=WRITERS)
 Write = Callable[[Rows, Sequence[Sequence[int]]], bytes]
 
 
-@each_format
+@for_every_format
 def test_polygons_of_any_size_become_fans_in_order(read: Read, suffix: str, write: Write) -> None:
     mesh = read(write(("0 0 0",) * 4, MIXED), suffix)
     assert mesh.faces.tolist() == MIXED_FACES
@@ -50,13 +50,13 @@ def test_polygons_of_any_size_in_bytes(read: Read, order: str) -> None:
     assert read(ply_square(MIXED, order), ".ply").faces.tolist() == MIXED_FACES
 
 
-@each_format
+@for_every_format
 @pytest.mark.parametrize("face", [[0, 1, 9], [10**15, 0, 1]])
 def test_indices_outside_the_mesh_are_kept(read: Read, suffix: str, write: Write, face: list[int]) -> None:
     assert read(write(("0 0 0",) * 4, [face]), suffix).faces.tolist() == [face]
 
 
-@each_format
+@for_every_format
 def test_text_keeps_all_digits_and_special_numbers(read: Read, suffix: str, write: Write) -> None:
     mesh = read(write(NUMBERS, []), suffix)
     assert mesh.vertices.dtype == np.float64

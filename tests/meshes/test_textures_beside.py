@@ -104,7 +104,7 @@ def test_textures_are_filtered_to_the_size_of_the_faces() -> None:
     colors = fit_to_format(mesh, ".ply").vertex_colors[[0, 1, 2, 3, 5]]
     assert (
         np.abs(colors.astype(int) - 188).max() <= 2
-    )  # half the light in sRGB: the average of black and white
+    )  # sRGB 188 is half the light: the average of black and white
 
 
 @pytest.mark.parametrize("size", [1e-30, 1e78, 1e99, 1e200])

@@ -192,7 +192,9 @@ def test_columns_are_omitted_on_narrow_terminals(width: int, lost: set[str]) -> 
     assert lost.isdisjoint(names)
 
 
-@pytest.mark.skipif(not Path("/dev/full").exists(), reason="a full disk is played by Linux")
+@pytest.mark.skipif(
+    not Path("/dev/full").exists(), reason="only Linux has /dev/full, which simulates a full disk"
+)
 @pytest.mark.parametrize("suffix", [".ply", ".triasset"])
 def test_out_and_maps_are_written_together_or_not_at_all(here: Here, book: Path, suffix: str) -> None:
     target, maps = book.with_name(f"out{suffix}"), book.with_name("maps.npz")

@@ -15,7 +15,7 @@ from msb.meshes import Mesh
 from msb.meshes.assets import asset_from_mesh, fit_to_format
 from msb.repair import Repaired
 from msb.repair.assets import repair_asset, repair_mesh
-from msb.repair.buffers import carry, turned_lattice
+from msb.repair.buffers import build_lattice_permutation, carry
 from msb.repair.plan import Options, parse_plan
 from msb.repair.run import run_plan
 from msb.topology import audit_arrays
@@ -132,14 +132,14 @@ def test_weld_turns_a_soup_into_a_mesh_with_static_colours() -> None:
     assert done.asset.manifest.method == "mesh"
     assert done.after.verdict == "ok"
     assert done.asset.manifest.vertex_count == 4
-    reduced = build_asset(arrays, {"f_dc": "face", "opacity": "face"}, hidden(about))
+    reduced = build_asset(arrays, {"f_dc": "face", "opacity": "face"}, add_threshold(about))
     less = msb.repair(reduced, "weld,orient,pair")
     assert less.face_map.tolist() == [0, 1, 2]
     assert np.array_equal(less.asset.buffers["color"], done.asset.buffers["color"][:3])
     assert msb.repair(soup).asset is soup  # nothing to do without a weld
 
 
-def hidden(about: Description) -> Description:
+def add_threshold(about: Description) -> Description:
     from msb.asset.manifest import StoredSetting
 
     return replace(about, settings={"ste_threshold": StoredSetting(0.5, "flag")})
@@ -167,7 +167,7 @@ def test_nothing_visible_changes(splat: Asset, fixed: Repaired, tier: Any) -> No
 def test_a_turned_lattice_renders_as_before() -> None:
     original = msb.open(MODELS / "diffsoup")
     faces = original.buffers["indices"].copy()
-    faces[::7] = faces[::7, ::-1]  # changes the look and reverses the winding
+    faces[::7] = faces[::7, ::-1]  # this changes the rendering and reverses the winding
     specs = original.manifest.buffers
     kept = {name: getattr(original.manifest, name) for name in Description.__dataclass_fields__}
     domains = {name: spec.domain for name, spec in specs.items()}
@@ -304,9 +304,8 @@ def test_split_vertices_do_not_change_a_repair(plan: str) -> None:
     faces = np.concatenate([np.delete(faces, 20, axis=0), [[0, 1, 36], [37, 38, 39]]])
     faces[5] = faces[5, ::-1]
     uvs = np.random.default_rng(3).integers(0, 3, (faces.size, 2)).astype(np.float32)
-    uvs[np.isin(faces.reshape(-1), [0, 1])] = (
-        0  # with three split edges, it would be ambiguous which belong together
-    )
+    # Do not split the edge of three faces: its copies could be paired in several ways.
+    uvs[np.isin(faces.reshape(-1), [0, 1])] = 0
     texture = {"textures": (TEXTURE,)}
     stored, rows, values = doubled(points, faces, uvs)
     merged, done = repair_mesh(Mesh(points, faces, corner_uvs=uvs, **texture), parse_plan(plan))
@@ -351,14 +350,14 @@ RNG = np.random.default_rng(0)
 BASE = {"positions": POINTS, "indices": FACES}
 
 
-def turned() -> Change:
+def turn_second_face() -> Change:
     change = orient(FACES.astype(np.int32), 4)
     assert change.turned.tolist() == [False, True]
     return change
 
 
 def with_cap() -> Change:
-    """Return a change that adds a vertex in the middle of three, and a face next to the second face."""
+    """Return a change that adds a vertex between the first three, and a face next to the second face."""
     faces = np.array([[0, 1, 2], [1, 2, 3], [1, 0, 4]])
     rims = Rims(np.array([0, 3]), np.array([0, 1, 2]))
     return Change(
@@ -368,7 +367,7 @@ def with_cap() -> Change:
 
 def test_corner_values_are_swapped_when_a_face_is_turned() -> None:
     color = RNG.random((6, 3), np.float32)
-    done = carry({**BASE, "color": color}, {"color": "corner"}, turned())
+    done = carry({**BASE, "color": color}, {"color": "corner"}, turn_second_face())
     assert np.array_equal(done["color"], color[[0, 1, 2, 3, 5, 4]])
     assert done["indices"].dtype == np.uint32
     assert np.array_equal(done["positions"][done["indices"][1]], POINTS[[1, 3, 2]])
@@ -382,10 +381,14 @@ def test_a_lattice_is_permuted_when_a_face_is_turned(level: int) -> None:
     value = np.float32([3.0, 5.0, 11.0])
     # A linear function of the position: after the turn, it has the same values at the swapped corners.
     before = np.stack([weights @ value, weights @ value]).astype(np.float32)
-    done = carry({**BASE, "features.opacity": before}, {"features.opacity": "face"}, turned(), level)
+    done = carry(
+        {**BASE, "features.opacity": before}, {"features.opacity": "face"}, turn_second_face(), level
+    )
     assert np.array_equal(done["features.opacity"][0], before[0])
     np.testing.assert_allclose(done["features.opacity"][1], weights @ value[[0, 2, 1]], rtol=1e-6)
-    assert np.array_equal(turned_lattice(sides)[turned_lattice(sides)], np.arange(len(s)))
+    assert np.array_equal(
+        build_lattice_permutation(sides)[build_lattice_permutation(sides)], np.arange(len(s))
+    )
 
 
 def test_added_vertices_and_faces_get_values_of_their_neighbours() -> None:
@@ -405,13 +408,9 @@ def test_added_vertices_and_faces_get_values_of_their_neighbours() -> None:
 @pytest.mark.parametrize(
     ("name", "domain", "values", "change"),
     [
-        ("of_the_method", "face", np.zeros((2, 4), np.float32), turned()),
-        (
-            "features.lattice",
-            "face",
-            np.zeros((2, 4, 7), np.float32),
-            turned(),
-        ),  # a lattice cannot have 4 samples
+        ("of_the_method", "face", np.zeros((2, 4), np.float32), turn_second_face()),
+        # A lattice of level 1 has 6 samples, not 4.
+        ("features.lattice", "face", np.zeros((2, 4, 7), np.float32), turn_second_face()),
         ("of_the_method", "face", np.zeros((2, 4), np.float32), with_cap()),
         ("of_the_method", "corner", np.zeros((6, 3), np.float32), with_cap()),
         ("of_the_method", "vertex", np.zeros(4, np.uint32), with_cap()),

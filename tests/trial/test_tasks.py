@@ -14,12 +14,12 @@ from msb.trial.registry import TASKS
 from msb.trial.task import Output
 from msb.trial.tasks.boolean import TASKS as BOOLEAN
 from msb.trial.tasks.collision import TASKS as COLLISION
-from msb.trial.tasks.collision import points_inside
-from msb.trial.tasks.self_intersections import slivers
-from msb.trial.tasks.solid import section
+from msb.trial.tasks.collision import sample_inside
+from msb.trial.tasks.self_intersections import find_slivers
+from msb.trial.tasks.solid import cut_section
 from msb.trial.tasks.subdivide import cut_apart
 from msb.trial.tasks.uv import TASKS as UV
-from msb.trial.tasks.uv import l2_stretch
+from msb.trial.tasks.uv import measure_stretch
 from tests.trial.conftest import (
     MESHES,
     NoRenderings,
@@ -247,16 +247,18 @@ def test_faces_of_opposite_winding_are_cut() -> None:
 def test_stretch_is_one_for_a_scaled_map_and_larger_for_a_squeezed_one() -> None:
     flat = grid(3)
     uv = flat.vertices[:, :2] * 7
-    assert l2_stretch(flat.vertices, flat.faces, uv) == pytest.approx(1.0)
+    assert measure_stretch(flat.vertices, flat.faces, uv) == pytest.approx(1.0)
     # Scaled by a and 1/a, the singular values are a and 1/a, and the stretch is sqrt((a^2 + 1/a^2) / 2).
-    assert l2_stretch(flat.vertices, flat.faces, uv * (2.0, 0.5)) == pytest.approx(math.sqrt((4 + 0.25) / 2))
-    assert l2_stretch(flat.vertices, flat.faces, uv * 0) is None
+    assert measure_stretch(flat.vertices, flat.faces, uv * (2.0, 0.5)) == pytest.approx(
+        math.sqrt((4 + 0.25) / 2)
+    )
+    assert measure_stretch(flat.vertices, flat.faces, uv * 0) is None
 
 
 def test_points_are_uniform_over_the_volume_of_all_parts() -> None:
     small, large = box(), box(5.0, 2.0)
     parts: list[Any] = [(mesh.vertices, mesh.faces) for mesh in (small, large)]
-    points = points_inside(parts, np.array([1.0, 8.0]), 9000)
+    points = sample_inside(parts, np.array([1.0, 8.0]), 9000)
     first = (points < 2).all(axis=1)
     assert first.mean() == pytest.approx(1 / 9, abs=0.02)
     np.testing.assert_allclose(points[first].mean(axis=0), 0.5, atol=0.05)
@@ -264,14 +266,14 @@ def test_points_are_uniform_over_the_volume_of_all_parts() -> None:
 
 
 def test_the_cross_section_of_a_box_is_a_square() -> None:
-    lines = section(box())
+    lines = cut_section(box())
     assert len(lines) == 8
     assert np.linalg.norm(lines[:, 1] - lines[:, 0], axis=1).sum() == pytest.approx(4.0)
 
 
 def test_slivers_are_thin_or_have_no_area() -> None:
     rows = [[[0, 0, 0], [1, 0, 0], [0.5, h, 0]] for h in (0.5, 0.02, 0.009, 0.0)] + [[[1, 1, 1]] * 3]
-    assert slivers(np.array(rows, np.float64)).tolist() == [False, False, True, True, True]
+    assert find_slivers(np.array(rows, np.float64)).tolist() == [False, False, True, True, True]
 
 
 BOXES = concatenate(*(box(3.0 * k, 1 + 0.1 * k) for k in range(3)))

@@ -1,1 +1,1 @@
-"""The tasks. Each module has a tuple `TASKS`, and a line in `msb.trial.registry`."""
+"""The tasks. Each module defines a tuple `TASKS`, and is listed in `msb.trial.registry`."""

@@ -9,7 +9,7 @@ from msb.trial.mesh import TrialMesh
 from msb.trial.renderings import Renderings
 from msb.trial.task import Attempt, Judgement, Numbers, Output, Outputs, Task
 from msb.trial.tasks.decimate import draw_side_by_side
-from msb.trial.tasks.solid import INWARDS, offer
+from msb.trial.tasks.solid import INWARDS, build_solid
 
 # Largest relative difference between the volume of the mesh and the sum of its parts. Correct booleans differ
 # by rounding only.
@@ -20,7 +20,7 @@ def _work(mesh: TrialMesh, _: Arrays) -> Output:
     """Subtract the box, and measure the volumes of both parts."""
     import manifold3d
 
-    solid, numbers = offer(mesh)
+    solid, numbers = build_solid(mesh)
     if solid is None:
         return Output(numbers)
     # The box covers half of the longest side, and the whole mesh with a margin along the other sides.

@@ -1,6 +1,6 @@
 """Collision shape by CoACD: its convex parts, its distance from the visible surface, and its protrusion.
 
-If CoACD fails, a convex hull (for moving objects) and a decimated mesh (for static objects) are made instead.
+If CoACD fails, the task tries a convex hull (for moving objects) and a decimated mesh (for static objects).
 """
 
 from typing import Any
@@ -13,19 +13,19 @@ from msb.topology.faces import face_areas, signed_volume
 from msb.topology.hulls import HULL_CORNERS, hull_directions
 from msb.trial.mesh import TrialMesh
 from msb.trial.renderings import Renderings, random_colors
-from msb.trial.task import Attempt, Judgement, Numbers, Output, Outputs, Task, combine, count_text, grade
+from msb.trial.task import Attempt, Judgement, Numbers, Output, Outputs, Task, combine, format_count, grade
 from msb.trial.tasks.decimate import decimate_with_pymeshlab, draw_side_by_side
 
-# Distances from the visible surface to the shape that work, and that work with limitations. They are the 95 %
-# quantile, relative to the bounding-box diagonal.
+# Largest distances from the visible surface to the shape for "works" and for "works with limitations". The
+# distance is the 95 % quantile over the surface, as a fraction of the bounding-box diagonal.
 NEAR, FAR = 0.02, 0.05
-# Protruding fractions of the shape that work, and that work with limitations: parts that cameras see to be
-# empty space.
+# Largest protruding fractions of the shape for "works" and for "works with limitations". A part of the shape
+# protrudes if cameras see empty space at its place.
 LITTLE, MUCH = 0.1, 0.3
-# A point protrudes from this distance in front of the surface on, relative to the diagonal.
+# A point protrudes if it is farther than this in front of the surface, as a fraction of the diagonal.
 TOLERANCE = 0.01
-# Sample points on the visible surface, and in the volume of the shape. Fractions have a standard error below
-# 0.4 %.
+# Number of sample points on the visible surface, and in the volume of the shape. With 20,000 points,
+# fractions have a standard error below 0.4 %.
 _POINTS = 20_000
 # Faces of the decimated mesh, in percent of the original.
 _PERCENT = 10
@@ -37,7 +37,7 @@ def _prepare(_: TrialMesh, renderings: Renderings) -> dict[str, NDArray[Any]]:
     return {} if points is None else {"visible": points}
 
 
-def _coacd(mesh: TrialMesh, given: Arrays) -> Output:
+def _decompose(mesh: TrialMesh, given: Arrays) -> Output:
     """Decompose the mesh into convex parts with CoACD."""
     import coacd
 
@@ -56,11 +56,11 @@ def _coacd(mesh: TrialMesh, given: Arrays) -> Output:
     numbers: Numbers = {"parts": len(parts), "faces": len(faces), "volume": float(sum(volumes))}
     label = np.repeat(np.arange(len(parts)), sizes)
     shape = TrialMesh(points, faces, random_colors(label))
-    inside = points_inside(parts, np.asarray(volumes), _POINTS)
-    return Output(numbers | _distances(shape, given), {"shape": shape}, {"inside": inside})
+    inside = sample_inside(parts, np.asarray(volumes), _POINTS)
+    return Output(numbers | _measure_distances(shape, given), {"shape": shape}, {"inside": inside})
 
 
-def _hull(mesh: TrialMesh, given: Arrays) -> Output:
+def _make_hull(mesh: TrialMesh, given: Arrays) -> Output:
     """Make the convex hull of the mesh with manifold3d."""
     import manifold3d
 
@@ -77,11 +77,11 @@ def _hull(mesh: TrialMesh, given: Arrays) -> Output:
         raise ValueError("the hull of a flat mesh has no volume")
     numbers: Numbers = {"parts": 1, "faces": len(faces), "volume": volume}
     shape = TrialMesh(points, faces, random_colors(np.zeros(len(points), np.int64)))
-    inside = points_inside([(points, faces)], np.array([volume]), _POINTS)
-    return Output(numbers | _distances(shape, given), {"hull": shape}, {"inside": inside})
+    inside = sample_inside([(points, faces)], np.array([volume]), _POINTS)
+    return Output(numbers | _measure_distances(shape, given), {"hull": shape}, {"inside": inside})
 
 
-def _fewer_faces(mesh: TrialMesh, given: Arrays) -> Output:
+def _decimate(mesh: TrialMesh, given: Arrays) -> Output:
     """Decimate the mesh with PyMeshLab, and measure how much of the result is far from the mesh."""
     import igl
 
@@ -93,7 +93,7 @@ def _fewer_faces(mesh: TrialMesh, given: Arrays) -> Output:
     rng = np.random.default_rng(0)
     corners = shape.vertices[
         shape.faces[
-            rng.choice(len(shape.faces), _POINTS, p=_shares(face_areas(shape.vertices, shape.faces)[0]))
+            rng.choice(len(shape.faces), _POINTS, p=_normalize(face_areas(shape.vertices, shape.faces)[0]))
         ]
     ]
     weights = rng.exponential(size=(_POINTS, 3))
@@ -101,10 +101,10 @@ def _fewer_faces(mesh: TrialMesh, given: Arrays) -> Output:
     away = np.sqrt(igl.point_mesh_squared_distance(samples, mesh.vertices.astype(np.float64), mesh.faces)[0])
     empty = float(np.count_nonzero(away > TOLERANCE * mesh.diagonal) / _POINTS)
     numbers: Numbers = {"faces": len(shape.faces), "empty_share": empty}
-    return Output(numbers | _distances(shape, given), {"mesh": shape})
+    return Output(numbers | _measure_distances(shape, given), {"mesh": shape})
 
 
-def _distances(shape: TrialMesh, given: Arrays) -> Numbers:
+def _measure_distances(shape: TrialMesh, given: Arrays) -> Numbers:
     """Return the average and the 95 % quantile of the distances from the visible surface to a shape.
 
     Without points of the visible surface, the result is empty.
@@ -120,7 +120,7 @@ def _distances(shape: TrialMesh, given: Arrays) -> Numbers:
     return {"distance_mean": float(distances.mean()), "distance_95": float(np.quantile(distances, 0.95))}
 
 
-def points_inside(
+def sample_inside(
     parts: list[tuple[Any, Any]], volumes: NDArray[np.float64], count: int
 ) -> NDArray[np.float64]:
     """Return `count` reproducible points (count, 3), distributed uniformly over the volume of convex parts.
@@ -130,7 +130,7 @@ def points_inside(
     """
     rng = np.random.default_rng(0)
     sampled = []
-    for number, (points, faces) in zip(rng.multinomial(count, _shares(volumes)), parts, strict=True):
+    for number, (points, faces) in zip(rng.multinomial(count, _normalize(volumes)), parts, strict=True):
         if not number:
             continue
         points, faces = np.asarray(points, np.float64), np.asarray(faces, np.int64)
@@ -140,14 +140,14 @@ def points_inside(
         sizes = np.abs(
             np.einsum("fi,fi->f", corners[:, 0] - centre, np.cross(*(corners[:, k] - centre for k in (1, 2))))
         )
-        chosen = corners[rng.choice(len(faces), number, p=_shares(sizes))]
+        chosen = corners[rng.choice(len(faces), number, p=_normalize(sizes))]
         weights = rng.exponential(size=(number, 4))
         weights /= weights.sum(axis=1, keepdims=True)
         sampled.append(np.einsum("nk,nki->ni", weights[:, :3], chosen) + weights[:, 3:] * centre)
     return np.concatenate(sampled) if sampled else np.zeros((0, 3))
 
 
-def _shares(sizes: NDArray[np.float64]) -> NDArray[np.float64]:
+def _normalize(sizes: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return sizes (n,) divided by their sum; equal shares if all are zero."""
     total = float(sizes.sum())
     return sizes / total if total > 0 else np.full(len(sizes), 1 / len(sizes))
@@ -162,7 +162,8 @@ def _judge(mesh: TrialMesh, outputs: Outputs, renderings: Renderings) -> Judgeme
         return judgement
     kinds = {"manifold3d": "convex hull of {}{}", "pymeshlab": "decimated mesh of {} for static objects{}"}
     parts = [
-        "a " + kinds[library].format(count_text(shape.numbers["faces"], "face"), _in_brackets(shape.numbers))
+        "a "
+        + kinds[library].format(format_count(shape.numbers["faces"], "face"), _format_brackets(shape.numbers))
         for library, shape in shapes.items()
     ]
     why = f"instead: {' and '.join(parts)}"
@@ -187,13 +188,13 @@ def _judge_shape(mesh: TrialMesh, output: Output, renderings: Renderings) -> Jud
     return combine(numbers, (grade(relative, NEAR, FAR), far), (grade(empty, LITTLE, MUCH), protrudes))
 
 
-def _in_brackets(numbers: Numbers) -> str:
+def _format_brackets(numbers: Numbers) -> str:
     """Return the distance and the protrusion in brackets, or an empty text."""
-    parts = _near_and_empty(numbers)
+    parts = _list_measures(numbers)
     return f" ({', '.join(parts)})" if parts else ""
 
 
-def _near_and_empty(numbers: Numbers) -> list[str]:
+def _list_measures(numbers: Numbers) -> list[str]:
     """Return the distance and the protrusion in words, as far as they are known."""
     relative, empty = numbers["distance_95_of_diagonal"], numbers["empty_share"]
     parts = []
@@ -209,20 +210,20 @@ def _summarize(numbers: Numbers) -> str:
     """Return the numbers of CoACD's shape. Fallbacks are described by the reason for the outcome."""
     if "instead" in numbers:
         return ""
-    return ", ".join((count_text(numbers["parts"], "part"), *_near_and_empty(numbers)))
+    return ", ".join((format_count(numbers["parts"], "part"), *_list_measures(numbers)))
 
 
 TASKS = (
     Task(
         "collision",
         "Collision shape",
-        (Attempt("coacd", ("coacd", "igl"), _coacd),),
+        (Attempt("coacd", ("coacd", "igl"), _decompose),),
         _judge,
         _summarize,
         powers={"volume": 3, "distance_mean": 1, "distance_95": 1},
         fallbacks=(
-            Attempt("manifold3d", ("manifold3d", "igl"), _hull),
-            Attempt("pymeshlab", ("pymeshlab", "igl"), _fewer_faces),
+            Attempt("manifold3d", ("manifold3d", "igl"), _make_hull),
+            Attempt("pymeshlab", ("pymeshlab", "igl"), _decimate),
         ),
         prepare=_prepare,
         picture=draw_side_by_side,

@@ -10,24 +10,34 @@ from msb.base.children import Arrays
 from msb.metrics.likeness import ALIKE, NEARLY, decibels
 from msb.trial.mesh import TrialMesh
 from msb.trial.renderings import Renderings
-from msb.trial.task import Attempt, Judgement, Numbers, Outcome, Output, Outputs, Task, file_outcome, worst
+from msb.trial.task import (
+    Attempt,
+    Judgement,
+    Numbers,
+    Outcome,
+    Output,
+    Outputs,
+    Task,
+    file_outcome,
+    pick_worst,
+)
 
 # A result may have up to this multiple of the requested faces.
 SLACK = 1.05
 
 
-def _target(mesh: TrialMesh, percent: int) -> int:
+def _count_target_faces(mesh: TrialMesh, percent: int) -> int:
     """Return the requested number of faces."""
     return max(1, len(mesh.faces) * percent // 100)
 
 
-def _fast_simplification(mesh: TrialMesh, _: Arrays, *, percent: int) -> Output:
+def _decimate_with_fast_simplification(mesh: TrialMesh, _: Arrays, *, percent: int) -> Output:
     """Decimate the mesh with fast-simplification."""
     import fast_simplification
 
     faces = mesh.faces.astype(np.int32)
     *_mesh, collapses = fast_simplification.simplify(
-        mesh.vertices, faces, target_count=_target(mesh, percent), return_collapses=True
+        mesh.vertices, faces, target_count=_count_target_faces(mesh, percent), return_collapses=True
     )
     # The library drops colours. Replay the collapses to find the new vertex of each old one (-1 if its faces
     # are gone), and average the colours of the used vertices that were merged into each new vertex.
@@ -49,7 +59,7 @@ def decimate_with_pymeshlab(mesh: TrialMesh, _: Arrays, *, percent: int) -> Outp
     colors = np.concatenate([mesh.colors.astype(np.float64), opaque], axis=1)
     meshes = pymeshlab.MeshSet(verbose=False)
     meshes.add_mesh(pymeshlab.Mesh(mesh.vertices.astype(np.float64), mesh.faces, v_color_matrix=colors))
-    meshes.meshing_decimation_quadric_edge_collapse(targetfacenum=_target(mesh, percent))
+    meshes.meshing_decimation_quadric_edge_collapse(targetfacenum=_count_target_faces(mesh, percent))
     simplified = meshes.current_mesh()
     result = TrialMesh(
         simplified.vertex_matrix(),
@@ -60,7 +70,7 @@ def decimate_with_pymeshlab(mesh: TrialMesh, _: Arrays, *, percent: int) -> Outp
 
 
 def _judge(mesh: TrialMesh, outputs: Outputs, renderings: Renderings, *, percent: int) -> Judgement:
-    target = _target(mesh, percent)
+    target = _count_target_faces(mesh, percent)
     numbers: Numbers = {"target_faces": target}
     best: tuple[int, bool, float] | None = None
     outcome: Outcome = "fails"
@@ -70,14 +80,14 @@ def _judge(mesh: TrialMesh, outputs: Outputs, renderings: Renderings, *, percent
         simplified = output.meshes["mesh"]
         reached = 0 < len(simplified.faces) <= SLACK * target
         likeness = renderings.psnr(simplified)
-        numbers[_key(library)] = entry = {
+        numbers[_make_key(library)] = entry = {
             "faces": len(simplified.faces),
             "reached": reached,
             **likeness,
             **output.numbers,
         }
         library_outcome, reason = _grade(entry, target)
-        with_file = Judgement(worst((library_outcome, file_outcome(mesh, simplified))))
+        with_file = Judgement(pick_worst((library_outcome, file_outcome(mesh, simplified))))
         rank = (with_file.rank, not reached, -(likeness["psnr"] or 0.0))
         if best is None or rank < best:
             best, outcome, why = rank, library_outcome, reason
@@ -97,18 +107,18 @@ def _grade(entry: Numbers, target: int) -> tuple[Outcome, str | None]:
     return "fails", f"it looks different ({decibels(likeness)})"
 
 
-def _key(library: str) -> str:
+def _make_key(library: str) -> str:
     """Return the key of a library in the numbers."""
     return library.replace("-", "_")
 
 
 def _summarize(numbers: Numbers) -> str:
     """Return the results of the libraries, the best one first."""
-    libraries = [library for library, _, _ in _LIBRARIES if _key(library) in numbers]
+    libraries = [library for library, _, _ in _LIBRARIES if _make_key(library) in numbers]
     libraries.sort(key=lambda library: library != numbers["best"])
     parts = []
     for library in libraries:
-        entry = numbers[_key(library)]
+        entry = numbers[_make_key(library)]
         likeness = "" if entry["psnr"] is None else f"{decibels(entry['psnr'])} with "
         parts.append(f"{likeness}{entry['faces']:,} faces by {library}")
     return ", ".join(parts)
@@ -122,7 +132,7 @@ def draw_side_by_side(_: TrialMesh, outputs: Outputs, renderings: Renderings) ->
 
 
 _LIBRARIES = (
-    ("fast-simplification", "fast_simplification", _fast_simplification),
+    ("fast-simplification", "fast_simplification", _decimate_with_fast_simplification),
     ("pymeshlab", "pymeshlab", decimate_with_pymeshlab),
 )
 TASKS = tuple(

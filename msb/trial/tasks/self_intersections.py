@@ -10,11 +10,11 @@ from msb.topology.crossings import crossing_pairs
 from msb.topology.verdict import percent
 from msb.trial.mesh import TrialMesh
 from msb.trial.renderings import Renderings
-from msb.trial.task import Attempt, Judgement, Numbers, Output, Outputs, Task, combine, count_text, grade
+from msb.trial.task import Attempt, Judgement, Numbers, Output, Outputs, Task, combine, format_count, grade
 
-# Largest fraction of crossing faces that works with limitations: one in a hundred can be repaired by hand.
+# Largest fraction of crossing faces for "works with limitations": 1 % can be repaired by hand.
 FEW = 0.01
-# Largest fractions of slivers that work, and that work with limitations.
+# Largest fractions of slivers for "works" and for "works with limitations".
 FEW_SLIVERS, MANY_SLIVERS = 0.01, 0.1
 # Colours of faces in the image: red, yellow and grey.
 _CROSSING, _SLIVER, _PLAIN = (0.85, 0.1, 0.1), (0.9, 0.7, 0.1), (0.75, 0.75, 0.75)
@@ -27,7 +27,7 @@ def _work(mesh: TrialMesh, _: Arrays) -> Output:
     """Count crossing faces and slivers, and mark them in the arrays (F,)."""
     corners = mesh.vertices[mesh.faces].astype(np.float64)
     pairs = crossing_pairs(corners)
-    thin = slivers(corners)
+    thin = find_slivers(corners)
     crossing = np.zeros(len(corners), bool)
     crossing[pairs.reshape(-1)] = True
     count = max(1, len(corners))
@@ -53,11 +53,11 @@ def _judge(mesh: TrialMesh, outputs: Outputs, __: Renderings) -> Judgement:
 
 
 def _summarize(numbers: Numbers) -> str:
-    crossing = count_text(numbers["faces"], "face crosses", "faces cross")
-    return f"{crossing}, {count_text(numbers['slivers'], 'sliver')}"
+    crossing = format_count(numbers["faces"], "face crosses", "faces cross")
+    return f"{crossing}, {format_count(numbers['slivers'], 'sliver')}"
 
 
-def _picture(mesh: TrialMesh, outputs: Outputs, renderings: Renderings) -> NDArray[Any] | None:
+def _draw_picture(mesh: TrialMesh, outputs: Outputs, renderings: Renderings) -> NDArray[Any] | None:
     """Draw the mesh with crossing faces in red and slivers in yellow."""
     marks = outputs["numpy"].arrays
     colors = np.full((len(mesh.faces), 3), _PLAIN, np.float32)
@@ -66,7 +66,7 @@ def _picture(mesh: TrialMesh, outputs: Outputs, renderings: Renderings) -> NDArr
     return renderings.picture(mesh.unshared(np.repeat(colors, 3, axis=0)))
 
 
-def slivers(corners: NDArray[np.float64]) -> NDArray[np.bool_]:
+def find_slivers(corners: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Return a mask (F,) of slivers among the faces with corners (F, 3, 3), including faces without area."""
     # Compare the height, which is twice the area over the longest side, with the longest side.
     sides = np.roll(corners, -1, axis=1) - corners
@@ -82,6 +82,6 @@ TASKS = (
         (Attempt("numpy", ("numpy",), _work, any_unit=True),),
         _judge,
         _summarize,
-        picture=_picture,
+        picture=_draw_picture,
     ),
 )

@@ -16,11 +16,11 @@ _PIXELS = 360
 INWARDS = "the winding is inside out: the volume is negative"
 
 
-def offer(mesh: TrialMesh) -> tuple[Any, Numbers]:
+def build_solid(mesh: TrialMesh) -> tuple[Any, Numbers]:
     """Return manifold3d's solid of the mesh, and its status as numbers. Call this in a child process only.
 
-    The solid is None if manifold3d rejects the mesh, also after merging vertices. It crashes on some meshes
-    with unpaired half-edges.
+    The solid is None if manifold3d rejects the mesh even after merging vertices. The library crashes on some
+    meshes with unpaired half-edges.
     """
     import manifold3d
 
@@ -41,15 +41,15 @@ def offer(mesh: TrialMesh) -> tuple[Any, Numbers]:
     return (solid if accepted or merged else None), numbers
 
 
-def _manifold(mesh: TrialMesh, _: Arrays) -> Output:
+def _measure_with_manifold3d(mesh: TrialMesh, _: Arrays) -> Output:
     """Measure the volume and the genus of manifold3d's solid."""
-    solid, numbers = offer(mesh)
+    solid, numbers = build_solid(mesh)
     if solid is not None:
         numbers |= {"volume": float(solid.volume()), "genus": int(solid.genus())}
     return Output(numbers)
 
 
-def _trimesh(mesh: TrialMesh, _: Arrays) -> Output:
+def _check_with_trimesh(mesh: TrialMesh, _: Arrays) -> Output:
     """Check with trimesh whether the mesh is watertight and consistently wound."""
     import trimesh
 
@@ -89,11 +89,11 @@ def _summarize(numbers: Numbers) -> str:
     return f"volume {numbers['volume']:.4g}"
 
 
-def _picture(mesh: TrialMesh, _: Outputs, __: Renderings) -> NDArray[Any] | None:
+def _draw_picture(mesh: TrialMesh, _: Outputs, __: Renderings) -> NDArray[Any] | None:
     """Draw a cross-section through the middle, perpendicular to the longest side, like a slicer."""
     from PIL import Image, ImageDraw
 
-    lines = section(mesh)
+    lines = cut_section(mesh)
     image = Image.new("RGB", (_PIXELS, _PIXELS), "white")
     if len(lines):
         low, high = lines.min(axis=(0, 1)), lines.max(axis=(0, 1))
@@ -105,7 +105,7 @@ def _picture(mesh: TrialMesh, _: Outputs, __: Renderings) -> NDArray[Any] | None
     return np.asarray(image)
 
 
-def section(mesh: TrialMesh) -> NDArray[np.float64]:
+def cut_section(mesh: TrialMesh) -> NDArray[np.float64]:
     """Return the segments (n, 2, 2) of a cross-section: the faces cut by a plane.
 
     The plane goes through the centre of the bounding box, perpendicular to its longest side.
@@ -135,10 +135,13 @@ TASKS = (
     Task(
         "solid",
         "Solid: volume, printing",
-        (Attempt("manifold3d", ("manifold3d",), _manifold), Attempt("trimesh", ("trimesh",), _trimesh)),
+        (
+            Attempt("manifold3d", ("manifold3d",), _measure_with_manifold3d),
+            Attempt("trimesh", ("trimesh",), _check_with_trimesh),
+        ),
         _judge,
         _summarize,
         powers={"volume": 3},
-        picture=_picture,
+        picture=_draw_picture,
     ),
 )

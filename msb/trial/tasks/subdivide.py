@@ -22,9 +22,11 @@ from msb.trial.renderings import Renderings
 from msb.trial.task import Attempt, Judgement, Numbers, Output, Outputs, Task, combine, grade
 from msb.trial.tasks.decimate import draw_side_by_side
 
-# Fractions of faces without a neighbour that work, and that work with limitations. They only shrink.
+# Largest fractions of faces without a neighbour for "works" and for "works with limitations". Subdivision
+# only shrinks such faces.
 FEW_LONE, MANY_LONE = 0.01, 0.1
-# Largest area of cracks, relative to the surface, that works with limitations: images mostly hide it.
+# Largest area of cracks for "works with limitations", as a fraction of the surface. Such cracks are mostly
+# invisible in images.
 SMALL_GAPS = 0.001
 
 
@@ -41,7 +43,7 @@ def _work(mesh: TrialMesh, _: Arrays) -> Output:
     vertices = mesh.vertices[used].astype(np.float64)
     given = build_half_edges(stored, len(used))
     crowded = int(np.count_nonzero(given.multiplicity > 2))
-    clashes = len(given.two_face_halfedges[0]) - len(agreeing_halfedges(given)[0])
+    clashes = len(given.two_face_halfedges[0]) - len(find_agreeing_halfedges(given)[0])
     # Turn faces, cut the mesh (origin (W,) is the old vertex of each new one), and subdivide it.
     turned = turn_faces(stored, len(used)).faces
     cut, origin = cut_apart(turned, len(used))
@@ -49,14 +51,14 @@ def _work(mesh: TrialMesh, _: Arrays) -> Output:
     points = matrix @ vertices[origin]
     colors = np.clip(matrix @ mesh.colors[used][origin].astype(np.float64), 0, 1)
     result = TrialMesh(points.astype(np.float32), faces.astype(np.int64), colors.astype(np.float32))
-    gaps = gap_area(vertices[origin], cut, points, faces)
+    gaps = measure_gap_area(vertices[origin], cut, points, faces)
     surface = float(face_areas(vertices, stored)[0].sum())
     numbers = {
         "defined": not (crowded or clashes or len(origin) > len(used)),
         "edges_of_three_faces": crowded,
         "edges_of_clashing_winding": clashes,
         "vertices_cut": len(origin) - len(used),
-        "lone_share": _lone_share(build_half_edges(turned, len(used))),
+        "lone_share": _measure_lone_share(build_half_edges(turned, len(used))),
         "faces": len(faces),
         "gap_area": gaps,
         "gap_share": gaps / surface if surface else None,
@@ -64,31 +66,32 @@ def _work(mesh: TrialMesh, _: Arrays) -> Output:
     return Output(numbers, {"mesh": result})
 
 
-def agreeing_halfedges(mesh: HalfEdgeMesh) -> tuple[NDArray[Any], NDArray[Any]]:
+def find_agreeing_halfedges(mesh: HalfEdgeMesh) -> tuple[NDArray[Any], NDArray[Any]]:
     """Return the two half-edges (n,), (n,) of each edge of two faces with consistent winding."""
     first, second = mesh.two_face_halfedges
     agree = mesh.origin[first] != mesh.origin[second]
     return first[agree], second[agree]
 
 
-def _lone_share(mesh: HalfEdgeMesh) -> float:
+def _measure_lone_share(mesh: HalfEdgeMesh) -> float:
     """Return the fraction of faces that are not connected to any other face."""
     joined = np.zeros(mesh.face_count, bool)
-    joined[face_of(np.concatenate(agreeing_halfedges(mesh)))] = True
+    joined[face_of(np.concatenate(find_agreeing_halfedges(mesh)))] = True
     return float(1 - joined.mean())
 
 
 def cut_apart(faces: NDArray[Any], vertex_count: int) -> tuple[NDArray[np.int64], NDArray[Any]]:
-    """Return the faces (F, 3), cut at all edges except edges of two faces with consistent winding.
+    """Cut the faces (F, 3) at all edges except those of two faces with consistent winding; return them.
 
-    Then every vertex has a single fan of faces. The second array (W,) is the old vertex of each new one.
+    Every vertex of the result has a single fan of faces. The second array (W,) has the old vertex of each new
+    vertex.
     """
     mesh = build_half_edges(faces, vertex_count)
-    change = split_vertices(mesh, *agreeing_halfedges(mesh))
+    change = split_vertices(mesh, *find_agreeing_halfedges(mesh))
     return change.faces.astype(np.int64), change.vertex_map
 
 
-def gap_area(
+def measure_gap_area(
     vertices: NDArray[np.float64],
     cut: NDArray[np.int64],
     points: NDArray[np.float64],
@@ -96,9 +99,9 @@ def gap_area(
 ) -> float:
     """Return the area of the cracks that a subdivision opens between edges that coincided before.
 
-    Edges coincide if their ends have equal coordinates, whether they share vertices or not. Each of several
-    coincident edges is compared with the first one: the crack consists of four triangles between their
-    halves.
+    Edges coincide if their ends have equal coordinates, whether they share vertices or not. If several edges
+    coincide, each is compared with the first one. The crack between two edges consists of four triangles
+    between the halves of the edges.
 
     `vertices` (V, 3) and `cut` (F, 3) are the cut mesh before the subdivision. `points` (W, 3), which begin
     with the same vertices, and `fine` (4F, 3) are the mesh after it.
@@ -109,7 +112,7 @@ def gap_area(
     turned = place[start] > place[stop]
     start, stop = np.where(turned, stop, start), np.where(turned, start, stop)
     here, there = place[start], place[stop]
-    middle = _middles(start, stop, fine)
+    middle = _find_middles(start, stop, fine)
     # Group coincident edges. lead (E,) is the first edge of each edge's group.
     _, group, count = np.unique(
         np.stack([here, there], axis=1), axis=0, return_inverse=True, return_counts=True
@@ -130,7 +133,9 @@ def gap_area(
     return total
 
 
-def _middles(start: NDArray[np.int64], stop: NDArray[np.int64], fine: NDArray[np.int64]) -> NDArray[np.int64]:
+def _find_middles(
+    start: NDArray[np.int64], stop: NDArray[np.int64], fine: NDArray[np.int64]
+) -> NDArray[np.int64]:
     """Return the new vertex (E,) in the middle of each edge from `start` (E,) to `stop` (E,).
 
     A face abc becomes four faces. Three of them have one old corner, and the middles of the two edges there.

@@ -7,14 +7,15 @@ from numpy.typing import NDArray
 
 from msb.base.children import Arrays
 from msb.trial.mesh import TrialMesh
-from msb.trial.renderings import Renderings, facing, random_colors
-from msb.trial.task import Attempt, Judgement, Numbers, Output, Outputs, Task, combine, count_text, grade
+from msb.trial.renderings import Renderings, make_facing_camera, random_colors
+from msb.trial.task import Attempt, Judgement, Numbers, Output, Outputs, Task, combine, format_count, grade
 
-# Charts per 1,000 faces that work, and that work with limitations. Charts of ten faces can be painted and
-# filtered. With fewer than 2.5 faces, nearly every edge is a seam, and padding fills the texture.
+# Largest numbers of charts per 1,000 faces for "works" and for "works with limitations". Charts of ten faces
+# can be painted and filtered. With fewer than 2.5 faces per chart, nearly every edge is a seam, and padding
+# fills the texture.
 FEW_CHARTS, MANY_CHARTS = 100.0, 400.0
-# L2 stretch that works, and that works with limitations: average size of texels on the surface, relative to a
-# map without distortion.
+# Largest L2 stretch for "works" and for "works with limitations": the average size of texels on the surface,
+# relative to a map without distortion.
 LITTLE_STRETCH, MUCH_STRETCH = 1.5, 3.0
 
 
@@ -39,7 +40,7 @@ def _work(mesh: TrialMesh, _: Arrays) -> Output:
         "charts_per_1000_faces": 1000 * atlas.chart_count / len(faces),
         "packing": float(atlas.utilization),
         "faces_left_out": int(np.count_nonzero(left_out)),
-        "stretch_l2": l2_stretch(points, faces[~left_out], uv * (atlas.width, atlas.height)),
+        "stretch_l2": measure_stretch(points, faces[~left_out], uv * (atlas.width, atlas.height)),
     }
     unwrapped = TrialMesh(points, faces, mesh.colors[original], uv)
     return Output(numbers, {"uv": unwrapped}, {"chart": chart.astype(np.int64)})
@@ -49,7 +50,7 @@ def _work(mesh: TrialMesh, _: Arrays) -> Output:
 _NONE = np.uint32(0xFFFFFFFF)
 
 
-def l2_stretch(vertices: NDArray[Any], faces: NDArray[np.int64], uv: NDArray[Any]) -> float | None:
+def measure_stretch(vertices: NDArray[Any], faces: NDArray[np.int64], uv: NDArray[Any]) -> float | None:
     """Return the L2 stretch of the UV map `uv` (V, 2), or None if it has no area. Without distortion it is 1.
 
     This is defined by Sander et al., "Texture Mapping Progressive Meshes", 2001, section 3: the root mean
@@ -85,7 +86,7 @@ def _judge(mesh: TrialMesh, outputs: Outputs, _: Renderings) -> Judgement:
         (pieces, "every chart is a single face" if charts > 999 else few),
         (
             grade(left_out / max(1, len(mesh.faces)), 0.0, 0.01),
-            f"{count_text(left_out, 'face is', 'faces are')} missing in the map",
+            f"{format_count(left_out, 'face is', 'faces are')} missing in the map",
         ),
         (
             grade(stretch, LITTLE_STRETCH, MUCH_STRETCH),
@@ -96,20 +97,25 @@ def _judge(mesh: TrialMesh, outputs: Outputs, _: Renderings) -> Judgement:
 
 def _summarize(numbers: Numbers) -> str:
     stretch = "" if numbers["stretch_l2"] is None else f", stretch {numbers['stretch_l2']:.2f}"
-    charts = count_text(numbers["charts"], "chart")
+    charts = format_count(numbers["charts"], "chart")
     return f"{charts}, packing {100 * numbers['packing']:.0f} %{stretch}"
 
 
-def _picture(_: TrialMesh, outputs: Outputs, renderings: Renderings) -> NDArray[Any] | None:
+def _draw_picture(_: TrialMesh, outputs: Outputs, renderings: Renderings) -> NDArray[Any] | None:
     """Draw the charts in texture space, each in its own colour."""
     unwrapped, chart = outputs["xatlas"].meshes["uv"], outputs["xatlas"].arrays["chart"]
     assert unwrapped.uv is not None
     flat = np.concatenate([unwrapped.uv, np.zeros((len(unwrapped.uv), 1), np.float32)], axis=1)
-    return renderings.picture(TrialMesh(flat, unwrapped.faces, random_colors(chart)), facing())
+    return renderings.picture(TrialMesh(flat, unwrapped.faces, random_colors(chart)), make_facing_camera())
 
 
 TASKS = (
     Task(
-        "uv", "UV unwrapping", (Attempt("xatlas", ("xatlas",), _work),), _judge, _summarize, picture=_picture
+        "uv",
+        "UV unwrapping",
+        (Attempt("xatlas", ("xatlas",), _work),),
+        _judge,
+        _summarize,
+        picture=_draw_picture,
     ),
 )
