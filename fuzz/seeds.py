@@ -19,7 +19,7 @@ import numpy as np
 from data_stubs.torch_file import write_torch
 from data_stubs.training.state import write_state
 from msb.meshes import Mesh, write_mesh
-from msb.meshes.formats import written_suffixes
+from msb.meshes.formats import list_written_suffixes
 from tests.adapters import assemble, models
 from tests.adapters.bad_checkpoints import CASES as BAD_CHECKPOINTS
 from tests.adapters.bad_pickles import CASES as BAD_PICKLES
@@ -102,7 +102,7 @@ def web_export() -> dict[str, bytes]:
 
 def meshes(suffix: str) -> Iterator[bytes]:
     """Return small meshes of a format, valid and broken; one written by us, if we write the format."""
-    if suffix in written_suffixes():
+    if suffix in list_written_suffixes():
         stream = io.BytesIO()
         write_mesh(Mesh(np.array(SQUARE), np.array(SQUARE_FACES)), stream, suffix=suffix)
         yield stream.getvalue()

@@ -16,7 +16,7 @@ from msb.base.files import is_file, is_folder, open_error
 from msb.base.paths import given_path
 from msb.errors import CheckpointError, InputError, MsbError
 from msb.meshes import MESH_SUFFIXES
-from msb.meshes.ply_table import ply_names
+from msb.meshes.ply_table import read_ply_names
 from msb.registry import METHODS, Method
 
 Kind = Literal["torch", "ply", "mesh", "bundle", "other"]
@@ -250,7 +250,7 @@ def _is_primitive_table(path: Path) -> bool:
     if path.suffix.lower() != ".ply":
         return False
     try:
-        names, has_faces = ply_names(path)
+        names, has_faces = read_ply_names(path)
     except MsbError:  # the mesh reader will report the error
         return False
     return not has_faces and bool({"x1", "rot_0"} & set(names))

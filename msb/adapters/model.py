@@ -16,8 +16,8 @@ from msb.asset import Description
 from msb.asset.manifest import Domain, StoredSetting
 from msb.asset.settings import check_overrides
 from msb.errors import CheckpointError, Finding, UsageError, shorten
-from msb.meshes.files import unknown_suffix
-from msb.meshes.ply_table import PlyTable, ply_names, read_ply_table
+from msb.meshes.files import make_suffix_error
+from msb.meshes.ply_table import PlyTable, read_ply_names, read_ply_table
 from msb.registry import METHODS, SettingSource
 
 
@@ -50,14 +50,14 @@ class Content:
         except CheckpointError as error:
             if error.message != STRANGE or file.suffix.lower() in TORCH_SUFFIXES:
                 raise
-        raise unknown_suffix(str(file), file.suffix)  # neither its name nor its content is known
+        raise make_suffix_error(str(file), file.suffix)  # neither its name nor its content is known
 
     @cached_property
     def ply_names(self) -> tuple[str, ...]:
         """The vertex properties of a PLY without faces; empty for other files."""
         if self.place.kind != "ply":
             return ()
-        names, has_faces = ply_names(self.place.file)
+        names, has_faces = read_ply_names(self.place.file)
         return () if has_faces else names
 
     def table(self) -> PlyTable:

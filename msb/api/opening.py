@@ -140,7 +140,7 @@ def read_stored(path: str | os.PathLike[str], *, images: bool = False) -> Stored
 
 def _stored_file(path: Path, *, images: bool) -> StoredMesh:
     from msb.meshes import read_mesh
-    from msb.meshes.mesh import left_out_finding
+    from msb.meshes.mesh import report_left_out
     from msb.meshes.writing import check_indices
 
     mesh = read_mesh(path, images=images)
@@ -161,7 +161,7 @@ def _stored_file(path: Path, *, images: bool) -> StoredMesh:
         if values is not None and name not in buffers:
             buffers[name], domains[name] = values, domain
     sampler = mesh.sampler if mesh.textures else None
-    warnings = left_out_finding(mesh)
+    warnings = report_left_out(mesh)
     return StoredMesh(path, buffers, domains, up=mesh.up or "unknown", warnings=warnings, sampler=sampler)
 
 

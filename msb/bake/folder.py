@@ -16,7 +16,7 @@ from msb.bake.report import SCHEMA
 from msb.base.own_folder import own_folder
 from msb.base.version import __version__
 from msb.errors import UsageError
-from msb.meshes.formats import written_suffixes
+from msb.meshes.formats import list_written_suffixes
 from msb.render.images import write_image
 
 if TYPE_CHECKING:
@@ -37,7 +37,7 @@ def is_folder(path: Path) -> bool:
 
     The suffix of a format always names a file.
     """
-    is_file = path.suffix.lower() in (ASSET_SUFFIX, *written_suffixes())
+    is_file = path.suffix.lower() in (ASSET_SUFFIX, *list_written_suffixes())
     return not is_file and (not path.suffix or os.path.isdir(path))  # noqa: PTH112 - long names raise there
 
 

@@ -16,7 +16,7 @@ from msb.errors import UsageError, about, shorten
 from msb.meshes import Mesh
 from msb.meshes.assets import fit_to_format, mesh_from_asset
 from msb.meshes.files import write_whole
-from msb.meshes.formats import Color, Picture, Style, written_suffixes
+from msb.meshes.formats import Color, Picture, Style, list_written_suffixes
 
 
 def save(
@@ -150,7 +150,7 @@ def output_suffix(path: Path, name: str = "the output") -> str:
 
     `name` names the path in the message, which also hints at the command for other formats.
     """
-    suffix, known = path.suffix.lower(), (ASSET_SUFFIX, *written_suffixes())
+    suffix, known = path.suffix.lower(), (ASSET_SUFFIX, *list_written_suffixes())
     if suffix in known:
         return suffix
     hint = next((f"; for {what}: {by}" for what, (by, endings) in _MAKERS.items() if suffix in endings), "")

@@ -96,7 +96,7 @@ def web_style(images: ImageLoss) -> tuple[Style, str]:
 
 def _find_coarsest(images: ImageLoss) -> tuple[Style, str]:
     """Search as the head of this module describes; an "error" is a mean squared error of images."""
-    from msb.meshes.glb_web import Grid, srgb_of, stored_light
+    from msb.meshes.glb_web import Grid, convert_to_srgb, quantize_light
 
     mesh = as_glb(images.mesh)
     colors = mesh.vertex_colors
@@ -127,7 +127,7 @@ def _find_coarsest(images: ImageLoss) -> tuple[Style, str]:
     for levels in _LEVELS if colors is not None else _LEVELS[:1]:
         room = _squared_error(MIN_PSNR) - texture_error
         if colors is not None:
-            rounded = srgb_of(stored_light(colors, levels))
+            rounded = convert_to_srgb(quantize_light(colors, levels))
             room -= _squared_error(images.loss(replace(mesh, vertex_colors=rounded)))
         # A triangle soup may also be quantised by distance to its centre, which suits captures.
         for by_distance in (False, True) if is_unindexed(mesh.faces, len(mesh.vertices)) else (False,):

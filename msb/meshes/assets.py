@@ -16,20 +16,20 @@ from msb.errors import AssetError, Unsupported
 from msb.meshes.charts import with_sampled_colors, with_vertex_uvs, without_textures
 from msb.meshes.formats import FORMATS
 from msb.meshes.mesh import Mesh
-from msb.meshes.transform import turned_upright
+from msb.meshes.transform import rotate_upright
 from msb.meshes.writing import as_float32, check_indices, check_writable
 
 
 def asset_from_mesh(mesh: Mesh) -> Asset:
     """Return `mesh` as an asset of method "mesh", with float32 positions and the colours as stored."""
-    buffers, domains, appearance = mesh_buffers(mesh)
+    buffers, domains, appearance = make_mesh_buffers(mesh)
     description = Description(
         appearance=appearance, coordinate_frame=CoordinateFrame(up=mesh.up or "unknown")
     )
     return build_asset(buffers, domains, description)
 
 
-def mesh_buffers(mesh: Mesh) -> tuple[dict[str, NDArray[Any]], dict[str, Domain], Parameters]:
+def make_mesh_buffers(mesh: Mesh) -> tuple[dict[str, NDArray[Any]], dict[str, Domain], Parameters]:
     """Return the asset buffers of `mesh`, their domains, and the appearance for the manifest.
 
     Vertex colours take precedence over face colours. Textures are kept with their coordinates.
@@ -127,7 +127,7 @@ def with_vertex_colors(mesh: Mesh) -> Mesh:
     return with_corner_colors(mesh, np.repeat(mesh.face_colors, 3, axis=0))
 
 
-def as_held(mesh: Mesh, suffix: str) -> Mesh:
+def fit_to_format(mesh: Mesh, suffix: str) -> Mesh:
     """Return `mesh` reduced to the data that files of `suffix` can store. The audit of a file sees this mesh.
 
     Colours and UVs are moved to where the format stores them, usually to vertices. Textures become vertex
@@ -146,7 +146,7 @@ def as_held(mesh: Mesh, suffix: str) -> Mesh:
     if "vertex_uvs" in form.keeps:
         mesh = with_vertex_uvs(mesh)
     if form.up and mesh.up:
-        mesh = turned_upright(mesh, mesh.up)
+        mesh = rotate_upright(mesh, mesh.up)
     if form.is_soup and len(mesh.vertices) != 3 * len(mesh.faces):
         mesh = _separate_faces(mesh)
     return replace(mesh, vertices=as_float32(mesh.vertices, form.title)) if form.is_single else mesh

@@ -9,7 +9,7 @@ from msb.base.atomic import new_files
 from msb.base.files import read_file
 from msb.errors import InputError, MeshFileError, OutputError
 from msb.meshes import gltf_scene, obj, off, ply, stl, usd
-from msb.meshes.formats import FORMATS, Format, Style, written_suffixes
+from msb.meshes.formats import FORMATS, Format, Style, list_written_suffixes
 from msb.meshes.mesh import Mesh
 from msb.meshes.source import Source
 from msb.meshes.transform import with_linear_colors
@@ -105,7 +105,7 @@ def write_mesh(
     name = os.fspath(target) if isinstance(target, str | os.PathLike) else getattr(target, "name", suffix)
     chosen = _find_format(str(name), suffix)
     if chosen.write is None:
-        message = f"{chosen.title} files cannot be written; use one of {' '.join(written_suffixes())}"
+        message = f"{chosen.title} files cannot be written; use one of {' '.join(list_written_suffixes())}"
         raise InputError("FILE_NOT_RECOGNISED", message, file=str(name))
     check_writable(mesh)
     style = style or Style()
@@ -146,11 +146,11 @@ def _find_format(name: str, suffix: str) -> Format:
     """Return the format of `suffix`."""
     format_ = FORMATS.get(suffix.lower())
     if format_ is None:
-        raise unknown_suffix(name, suffix)
+        raise make_suffix_error(name, suffix)
     return format_
 
 
-def unknown_suffix(name: str, suffix: str) -> InputError:
+def make_suffix_error(name: str, suffix: str) -> InputError:
     """Return the error for the file `name`, whose suffix is unknown."""
     what = f"'{suffix}' is not a mesh file suffix" if suffix else "the file has no suffix"
     return InputError("FILE_NOT_RECOGNISED", f"{what}; use one of {' '.join(MESH_SUFFIXES)}", file=name)

@@ -121,6 +121,6 @@ class Format:
 FORMATS: dict[str, Format] = {}
 
 
-def written_suffixes() -> list[str]:
+def list_written_suffixes() -> list[str]:
     """Return the suffixes of the formats that can be written."""
     return [suffix for suffix, form in FORMATS.items() if form.write is not None]

@@ -115,7 +115,7 @@ def write_web(mesh: Mesh, stream: BinaryIO, style: Style) -> None:
     builder.root["nodes"][0] |= {"translation": grid.corner.tolist(), "scale": [grid.step] * 3}
     attributes: dict[str, NDArray[Any]] = {"POSITION": grid.stored}
     if mesh.vertex_colors is not None:
-        attributes["COLOR_0"] = with_alpha(stored_light(mesh.vertex_colors, web.levels))
+        attributes["COLOR_0"] = with_alpha(quantize_light(mesh.vertex_colors, web.levels))
     if mesh.vertex_uvs is not None and mesh.textures:
         # Texture coordinates: multiples of 2 ** -bits, as fine as the mantissa allows for the largest one.
         side = max(max(image.shape[:2]) for image in mesh.textures)
@@ -145,7 +145,7 @@ def write_web(mesh: Mesh, stream: BinaryIO, style: Style) -> None:
     finish(builder, stream)
 
 
-def stored_light(colors: NDArray[Any], levels: float | None) -> NDArray[Any]:
+def quantize_light(colors: NDArray[Any], levels: float | None) -> NDArray[Any]:
     """Return sRGB colours (V, 3 | 4) as linear light with an error of at most `levels` of 8-bit sRGB.
 
     They are uint8 if `levels` is None, else uint16. Every uint16 value is rounded to as few significant bits
@@ -166,7 +166,7 @@ def stored_light(colors: NDArray[Any], levels: float | None) -> NDArray[Any]:
     return np.asarray(stored.astype(np.uint16))
 
 
-def srgb_of(light: NDArray[Any]) -> NDArray[np.float32]:
+def convert_to_srgb(light: NDArray[Any]) -> NDArray[np.float32]:
     """Return the sRGB values (V, 3 | 4) of stored linear colours, as float32 in [0, 1]."""
     values = light / np.float32(np.iinfo(light.dtype).max)
     values[:, :3] = linear_to_srgb(values[:, :3])

@@ -14,7 +14,7 @@ from msb.meshes.charts import with_vertex_uvs
 from msb.meshes.colors import linear_colors, with_alpha
 from msb.meshes.formats import Style
 from msb.meshes.gltf import CHUNK, COMPONENTS, HEADER
-from msb.meshes.image_files import packed
+from msb.meshes.image_files import encode_image
 from msb.meshes.mesh import Mesh
 from msb.meshes.writing import as_float32
 
@@ -217,7 +217,7 @@ def _add_texture(builder: GlbBuilder, mesh: Mesh, number: int, style: Style) -> 
     """Add texture `number` of `mesh` with its image and sampler; return its index in the file."""
     if "samplers" not in builder.root:
         builder.add("samplers", _describe_sampler(mesh.sampler))
-    content, kind = packed(mesh.textures[number], style.texture, mesh.sampler)
+    content, kind = encode_image(mesh.textures[number], style.texture, mesh.sampler)
     view = builder.add("bufferViews", builder.put(content))
     image = builder.add("images", {"bufferView": view, "mimeType": f"image/{kind}"})
     if kind != "webp":

@@ -31,7 +31,7 @@ def name_images(mesh: Mesh, style: Style) -> list[str]:
 
 def encode_images(mesh: Mesh, style: Style) -> dict[str, bytes]:
     """Return the encoded images of a mesh, as file name -> content."""
-    contents = (packed(image, style.texture, mesh.sampler)[0] for image in mesh.textures)
+    contents = (encode_image(image, style.texture, mesh.sampler)[0] for image in mesh.textures)
     return dict(zip(name_images(mesh, style), contents, strict=True))
 
 
@@ -40,7 +40,7 @@ def simplify_stem(style: Style) -> str:
     return re.sub(r"[^\w.()+-]", "_", style.stem or "texture")
 
 
-def packed(image: NDArray[np.uint8], kind: Picture, sampler: Sampler) -> tuple[bytes, Picture]:
+def encode_image(image: NDArray[np.uint8], kind: Picture, sampler: Sampler) -> tuple[bytes, Picture]:
     """Return `image` (H, W, 3 | 4) as an image file, and the format used: PNG if JPEG would lose alpha.
 
     PNG keeps all channels. JPEG and WebP drop alpha if the sampler has no alpha cut-off.

@@ -94,7 +94,7 @@ class Mesh:
         return {name: values for name, values in stored.items() if values is not None}
 
 
-def left_out_finding(mesh: Mesh) -> tuple[Finding, ...]:
+def report_left_out(mesh: Mesh) -> tuple[Finding, ...]:
     """Return the finding that lists the parts of the file that were not read, if there are any."""
     if not mesh.left_out:
         return ()

@@ -32,7 +32,7 @@ class PlyTable:
         return values
 
 
-def ply_names(path: Path) -> tuple[tuple[str, ...], bool]:
+def read_ply_names(path: Path) -> tuple[tuple[str, ...], bool]:
     """Return the property names of element "vertex" of the file at `path`, and whether the file has faces.
 
     Only the header is read.

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from msb.asset.texture import Sampler
 from msb.asset.writer import stored_member
-from msb.base.children import run_apart
+from msb.base.children import run_in_child
 from msb.base.extras import need_extra
 from msb.base.limits import Limits
 from msb.errors import MeshFileError, about, shorten
@@ -50,7 +50,7 @@ def read(source: Source) -> Mesh:
     _check_whole(source)
     memory = _EXTRA_MEMORY + _MEMORY_PER_BYTE * len(source.data) / 2**30
     # The path is absolute, because the child process has another working directory.
-    reply = run_apart(read_stage, str(Path(source.path).absolute()), {}, Limits(_SECONDS, memory))
+    reply = run_in_child(read_stage, str(Path(source.path).absolute()), {}, Limits(_SECONDS, memory))
     if reply.why:
         code = "MESH_FILE_TOO_LARGE" if reply.ended_by in ("time", "memory") else "MESH_FILE_INVALID"
         raise source.error(code, f"usd-core cannot read the file: {reply.why}")

@@ -16,7 +16,7 @@ from msb.asset.settings import effective_settings
 from msb.asset.tiers import why_not
 from msb.errors import Unsupported
 from msb.meshes import read_mesh
-from msb.meshes.formats import written_suffixes
+from msb.meshes.formats import list_written_suffixes
 from msb.registry import lookup
 from msb.render.frame import Frame
 from msb.why.views import CauseViews, DoesNotApplyError, Image
@@ -149,7 +149,7 @@ def _draw_exporter(views: CauseViews) -> _Pair:
         exporter = official_exporter(views.asset.manifest.method)
     except Unsupported as error:
         raise DoesNotApplyError(error.message) from error
-    suffix = next((suffix for suffix in exporter.SUFFIXES if suffix in written_suffixes()), None)
+    suffix = next((suffix for suffix in exporter.SUFFIXES if suffix in list_written_suffixes()), None)
     if suffix is None:
         raise DoesNotApplyError("its official exporter writes no mesh file that engines can open")
     with tempfile.TemporaryDirectory(prefix="msb-why-", ignore_cleanup_errors=True) as folder:

@@ -15,7 +15,7 @@ import msb
 from msb.asset import write_asset
 from msb.errors import CheckpointError, InputError, MeshError, MsbError, OutputError, Unsupported, UsageError
 from msb.meshes import read_mesh
-from msb.meshes.formats import written_suffixes
+from msb.meshes.formats import list_written_suffixes
 from tests.cli.forks import run_msb
 from tests.conftest import ROOT, of_the_whole
 
@@ -123,7 +123,7 @@ def test_a_mesh_with_nan_is_audited_but_not_opened(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("suffix", [".triasset", *written_suffixes(), ".GLB"])
+@pytest.mark.parametrize("suffix", [".triasset", *list_written_suffixes(), ".GLB"])
 def test_an_asset_is_saved_in_the_format_of_its_suffix(demo_asset: Path, tmp_path: Path, suffix: str) -> None:
     asset, path = msb.load(demo_asset), tmp_path / f"a{suffix}"
     msb.save(asset, path)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from msb.errors import InputError, MeshFileError
-from msb.meshes.ply_table import ply_names, read_ply_table
+from msb.meshes.ply_table import read_ply_names, read_ply_table
 
 from .builders import (
     CORNERS,
@@ -191,7 +191,7 @@ TEXT = HEAD.format("ascii").encode() + b"".join(b"%r %r %d\n" % row for row in R
 @pytest.mark.parametrize("data", [binary("<"), binary(">"), TEXT], ids=["little", "big", "text"])
 def test_columns_of_every_encoding(data: bytes, tmp_path: Path) -> None:
     (tmp_path / "t.ply").write_bytes(data)
-    assert ply_names(tmp_path / "t.ply") == (("a", "b", "c"), False)
+    assert read_ply_names(tmp_path / "t.ply") == (("a", "b", "c"), False)
     table = read_ply_table(tmp_path / "t.ply")
     assert (table.count, table.names) == (3, ("a", "b", "c"))
     columns = table.columns(["c", "a"])

@@ -14,7 +14,7 @@ from msb.adapters.model import Content, Model, Options, Settings
 from msb.asset.strict_json import MAX_BYTES, parse_strict_json
 from msb.base.files import read_file
 from msb.errors import CheckpointError, Finding, InputError, finding
-from msb.meshes.assets import mesh_buffers
+from msb.meshes.assets import make_mesh_buffers
 from msb.meshes.files import read_mesh
 from msb.methods.diffsoup import MAX_LEVEL, METHOD, samples
 from msb.methods.diffsoup.adapter import DECODER, describe, direction, domains
@@ -35,7 +35,7 @@ def read(place: Place, content: Content, options: Options) -> Model:
         if not (folder / name).is_file():
             text = f"{name} is missing; the web export of DiffSoup contains it beside mesh.ply"
             raise CheckpointError("CHECKPOINT_FILE_MISSING", text, file=folder, pointer=name)
-    buffers, _, _ = mesh_buffers(read_mesh(place.file))
+    buffers, _, _ = make_mesh_buffers(read_mesh(place.file))
     buffers.pop("color", None)
     faces = len(buffers["indices"])
     if not faces:

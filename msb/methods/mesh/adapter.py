@@ -8,9 +8,9 @@ from msb.adapters.training_config import read_cfg_args, trained_up, training_of
 from msb.asset import Description
 from msb.asset.manifest import CoordinateFrame
 from msb.errors import about
-from msb.meshes.assets import mesh_buffers
+from msb.meshes.assets import make_mesh_buffers
 from msb.meshes.files import read_mesh
-from msb.meshes.mesh import left_out_finding
+from msb.meshes.mesh import report_left_out
 from msb.registry import METHODS
 
 
@@ -26,11 +26,11 @@ def read(place: Place, content: Content, options: Options) -> Model:
     Settings("mesh", options.settings)  # a mesh has no settings, so any name is an error
     mesh = read_mesh(place.file)
     with about(place.file):
-        buffers, domains, appearance = mesh_buffers(mesh)
+        buffers, domains, appearance = make_mesh_buffers(mesh)
     description = Description(
         appearance=appearance, coordinate_frame=CoordinateFrame(up=mesh.up or "unknown")
     )
-    return Model(buffers, domains, description, place.root, (place.file,), left_out_finding(mesh))
+    return Model(buffers, domains, description, place.root, (place.file,), report_left_out(mesh))
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ from msb.asset import Description
 from msb.asset.manifest import CoordinateFrame
 from msb.asset.sh import SH_C0
 from msb.errors import CheckpointError, about
-from msb.meshes.assets import mesh_buffers
+from msb.meshes.assets import make_mesh_buffers
 from msb.meshes.files import read_mesh
 
 KEYS = ("triangles_points", "_triangle_indices", "vertex_weight", "features_dc", "sigma")
@@ -82,7 +82,7 @@ def _read_mesh(method: str, place: Place, options: Options) -> Model:
     settings = Settings(method, options.settings)
     mesh = read_mesh(place.file)
     with about(place.file):
-        buffers, _, _ = mesh_buffers(mesh)
+        buffers, _, _ = make_mesh_buffers(mesh)
     if mesh.vertex_colors is None:
         text = "vertex colours are missing; the PLY of the official exporter has red, green, blue, alpha"
         raise CheckpointError("CHECKPOINT_LAYOUT", text, file=place.file, pointer="red")
