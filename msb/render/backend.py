@@ -179,9 +179,9 @@ def check_supported(asset: Asset, tier: str) -> None:
     if tier not in TIERS:
         text = f'tier "{shorten(str(tier), 40)}" does not exist; choose one of {", ".join(TIERS)}'
         raise UsageError("USAGE", text)
-    refused = refusal(asset.manifest, tier)
-    if refused is not None:
-        raise Unsupported("UNSUPPORTED_TIER", refused, file=asset.opened_from)
+    reason = refusal(asset.manifest, tier)
+    if reason is not None:
+        raise Unsupported("UNSUPPORTED_TIER", reason, file=asset.opened_from)
 
 
 def class_for(asset: Asset, tier: str, name: str | None, options: Mapping[str, Any]) -> Factory:

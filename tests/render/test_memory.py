@@ -65,7 +65,7 @@ def rejection(asset: Asset, device: Device) -> tuple[DeviceError | None, str]:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
-def test_whatever_does_not_fit_is_named(method: str, device: Device) -> None:
+def test_buffers_that_do_not_fit_are_named(method: str, device: Device) -> None:
     """With growing memory, the model, projected faces, lists, samples and pixels fail in turn."""
     asset, whole = model(method), device.record.global_memory
     _, frame = draw(asset, device)

@@ -139,8 +139,8 @@ def test_turntable_of_a_checkpoint_and_other_tiers(here: Here, tmp_path: Path) -
             assert image.getpixel((0, 0)) == (255, 128, 0)
             assert len(set(np.asarray(image).reshape(-1, 3).sum(axis=1).tolist())) > 50
     soup = GOLDEN / "diffsoup" / "ico_l2_white" / "checkpoint"
-    refused = here("render", *size, "-o", tmp_path / "no", soup)
-    refused.ends(4, f"UNSUPPORTED_TIER: {soup}: diffsoup on tier standard: ")
+    rejected = here("render", *size, "-o", tmp_path / "no", soup)
+    rejected.ends(4, f"UNSUPPORTED_TIER: {soup}: diffsoup on tier standard: ")
     assert not (tmp_path / "no").exists()
 
 

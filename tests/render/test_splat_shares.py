@@ -31,7 +31,7 @@ def picture_for(camera: Camera) -> np.ndarray:
 
 
 @pytest.mark.parametrize("view", GOLDEN)
-def test_weights_are_those_of_the_reference(view: View, device: Device) -> None:
+def test_weights_match_the_reference(view: View, device: Device) -> None:
     pipeline = SplattingPipeline(
         exported(view.folder / "checkpoint"), device=device, settings=view.settings, outputs=()
     )
@@ -83,7 +83,7 @@ SETTINGS = {"mesh_splatting": {"supersample": 2}, "diffsoup": {}}
 
 
 @pytest.mark.parametrize("method", SETTINGS)
-def test_the_heaviest_faces_are_those_of_the_reference(method: str, cpu: Device) -> None:
+def test_the_heaviest_faces_match_the_reference(method: str, cpu: Device) -> None:
     view = golden_views(method)[0]
     asset, settings = exported(view.folder / "checkpoint"), SETTINGS[method]
     cameras = [view.camera.scaled(size) for size in (0.5, 0.25)]

@@ -35,7 +35,7 @@ FEW = scattered(11, 40, 1.2, 1, 4), scattered(12, 60, 0.08, 1, 3), scattered(13,
 
 @pytest.mark.parametrize("every", [False, pytest.param(True, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("case", CASES)
-def test_draws_as_its_twin(styled: Device, case: str, every: bool) -> None:
+def test_textured_meshes_match_the_twin(styled: Device, case: str, every: bool) -> None:
     mesh = scene("everything", 15) if every else unshared(np.concatenate(FEW))
     asset = textured_asset(mesh, 14, **CASES[case])
     frame, expected = draw(styled, asset, camera()), textured_twin(asset, camera())

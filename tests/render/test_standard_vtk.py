@@ -37,7 +37,7 @@ np.save(f"{folder}/image.npy", np.asarray(plotter.screenshot(None, return_img=Tr
 """
 
 
-def test_images_are_those_of_vtk(cpu: Device, tmp_path: Path) -> None:
+def test_images_match_vtk(cpu: Device, tmp_path: Path) -> None:
     pytest.importorskip("pyvista")
     triangles = np.concatenate([scene(kind, 31)[0].reshape(-1, 3, 3) for kind in ("small", "large")])
     # One depth for each face: where faces cross, the precision of the depths would decide which is visible.

@@ -1,4 +1,4 @@
-"""Cameras that must be refused: name -> files, the path to read and the code."""
+"""Invalid cameras: name -> files, the path to read, and the error code."""
 
 import math
 from pathlib import Path

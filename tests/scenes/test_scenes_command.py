@@ -36,7 +36,7 @@ def test_one_scene_is_described_in_full(msb: Msb) -> None:
         assert text in both
 
 
-def test_json_has_it_all(msb: Msb) -> None:
+def test_json_contains_the_scene(msb: Msb) -> None:
     data = msb("scenes", "--json", "-", "--rules", "two_dts", STUBS / "mipnerf360/pebble").json
     assert data["schema"] == "msb.scenes/1"
     (scene,) = data["scenes"]
@@ -78,8 +78,8 @@ def test_an_invalid_scene_is_one_line_and_others_are_described(msb: Msb, tmp_pat
 @pytest.mark.slow
 def test_a_real_capture(msb: Msb, shared: Path) -> None:
     garden = shared / "golden" / "garden"
-    refused = msb("scenes", garden, status=3)
-    assert "images_8" in refused.err
+    rejected = msb("scenes", garden, status=3)
+    assert "images_8" in rejected.err
     result = msb("scenes", "--image-folder", "images_8", garden, status=0)
     assert "28 training, 4 test" in result.out
     assert "138,766" in result.out
