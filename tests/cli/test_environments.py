@@ -194,7 +194,6 @@ def test_a_pocl_cache_that_cannot_be_written_is_named(msb: Msb, nowhere: str) ->
         pytest.skip("PoCL is not installed")
     assert result.status == 5
     assert "POCL_CACHE_DIR=" in result.err
-    assert "cannot be written" in result.err
 
 
 @pytest.mark.slow

@@ -43,8 +43,8 @@ REJECTED = """
     convert --texture jpeg data_stubs/checkpoint a.ply           --texture
     convert --color srgb data_stubs/checkpoint a.stl             --color
     convert --to ply data_stubs/checkpoint a.ply                 --to
-    render y                                                     give
-    render -o o y                                                give
+    render y                                                     Missing
+    render -o o y                                                Missing
     render --film a.gif --turntable 2 --depth y                  --depth
     render --film a.gif --turntable 2 --ids y                    --ids
     render --film a.gif --turntable 2 --format npy y             --format
@@ -68,7 +68,7 @@ REJECTED = """
     repair --compare y --fail-on-verdict bad                     --fail-on-verdict
     repair --compare y --with pymeshlab                          --with
     repair --task uv y z.ply                                     --task
-    report                                                       give
+    report                                                       Missing
     report --paper tests                                         --paper
     report --paper --view 2                                      --view
     report --paper --published f                                 --published

@@ -42,7 +42,7 @@ def test_uniform_renderings_have_no_numbers(here: Here, tmp_path: Path) -> None:
 def test_a_page_has_the_cameras_of_the_training(msb: Msb, tmp_path: Path, tier: str) -> None:
     page = tmp_path / "page.html"
     result = msb("web -o", page, "--tier", tier, *(["--no-verify"] if tier == "dedicated" else []), CAPTURE)
-    assert "12 of 57 cameras" in result.err
+    assert "12 of 57" in result.err
     assert page.read_text("utf-8").count('"world_to_camera"') >= 12
 
 

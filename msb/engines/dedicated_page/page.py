@@ -336,7 +336,7 @@ def _differ_in_record_only(model: SplatModel | Surface, other: SplatModel | Surf
         second = getattr(other, name)
         if name == "projection":
             continue  # the page computes the projection from the camera and `own`
-        if name == "own":
+        if name == "method_values":
             value, second = set(value), set(second)
         if not (np.array_equal(value, second) if isinstance(value, np.ndarray) else value == second):
             return False

@@ -120,7 +120,7 @@ def report(
     from msb.bench.submission import is_submission
     from msb.report.pages import report_files
 
-    require(folders or options.paper, "name results folders, or pass --paper")
+    require(folders or options.paper, "Missing RESULTS. Pass results folders, or --paper")
     if folders and options.paper:
         typed.reject(["paper"], "cannot be combined with results folders")
     if options.paper:
@@ -135,7 +135,7 @@ def report(
             text = "it is not a submission (.zip of msb submit); report folders and submissions separately"
             raise UsageError("USAGE", text, file=others[0])
         typed.reject(_RESULTS_OPTIONS, "cannot be combined with submissions")
-        require(options.out is not None or options.table is not None, "name the board's folder with -o")
+        require(options.out is not None or options.table is not None, "Missing output. Pass -o with the folder of the board")
     target = options.out if options.out is not None or not folders else folders[0] / _FOLDER
     # Print tables without writing files.
     if options.table is not None or target is None:
