@@ -82,7 +82,8 @@ class RenderOptions:
 
 def _check_options(options: RenderOptions, views: ViewOptions, typed: Typed) -> None:
     """Raise an error for options that contradict each other."""
-    require(options.out or options.film, "Missing output. Pass --out FOLDER for images, --film FILE for a film, or both")
+    missing = "Missing output. Pass --out FOLDER for images, --film FILE for a film, or both"
+    require(options.out or options.film, missing)
     sources = views.cameras, options.scene, options.turntable
     require(any(sources), "Missing views. Pass --cameras PATH, --scene DIR or --turntable N")
     if options.out is None:

@@ -135,7 +135,8 @@ def report(
             text = "it is not a submission (.zip of msb submit); report folders and submissions separately"
             raise UsageError("USAGE", text, file=others[0])
         typed.reject(_RESULTS_OPTIONS, "cannot be combined with submissions")
-        require(options.out is not None or options.table is not None, "Missing output. Pass -o with the folder of the board")
+        has_output = options.out is not None or options.table is not None
+        require(has_output, "Missing output. Pass -o with the folder of the board")
     target = options.out if options.out is not None or not folders else folders[0] / _FOLDER
     # Print tables without writing files.
     if options.table is not None or target is None:
