@@ -183,8 +183,8 @@ def test_environment_variable_disables_the_pocl_fix(child: Child, unknown: dict[
 def test_processor_name_is_kept_if_the_fixed_trial_fails(child: Child, unknown: dict[str, str]) -> None:
     failing = """
 from msb.cl import trial
-why_not = trial._why_not
-trial._why_not = lambda record, *, mended: ("no", True) if mended else why_not(record, mended=False)
+find_failure = trial._find_failure
+trial._find_failure = lambda record, *, mended: ("no", True) if mended else find_failure(record, mended=False)
 """
     lines = answer(child(failing + SHOW, **unknown)).splitlines()
     assert lines[0] == lines[2] == "generic"

@@ -1,4 +1,4 @@
-"""Half-edges, areas, loops and synthetic meshes: details that the twins of the audit do not cover."""
+"""Half-edges, areas, loops and synthetic meshes: details that comparisons with brute_force.py miss."""
 
 import numpy as np
 import pytest
