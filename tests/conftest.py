@@ -167,9 +167,9 @@ def in_browser(browser: Browser) -> Callable[..., Any]:
 def unknown(tmp_path: Path) -> dict[str, str]:
     """Return environment variables with which the PoCL wheel does not know the processor."""
     from msb.cl import loader, pocl_fix
-    from msb.cl.devices import found_devices
+    from msb.cl.devices import find_devices
 
-    if not any(pocl_fix.is_wheel(handle) for _, handle in found_devices(loader.opencl())):
+    if not any(pocl_fix.is_wheel(handle) for _, handle in find_devices(loader.opencl())):
         pytest.skip("the PoCL wheel is not installed")
     if pocl_fix.obstacle():
         pytest.skip(f"the wheel cannot be repaired on this machine: {pocl_fix.obstacle()}")

@@ -73,7 +73,7 @@ def _degenerate(positions: Any, indices: Any) -> Iterator[Finding]:
     import numpy as np
 
     from msb.topology.arrays import mesh_arrays
-    from msb.topology.faces import extra_duplicates, face_areas, has_no_area, names_vertex_twice
+    from msb.topology.faces import face_areas, find_duplicate_faces, has_no_area, names_vertex_twice
 
     # Masks of the faces (F,) and vertices (V,) with each problem.
     points, faces = mesh_arrays(positions, indices)
@@ -83,7 +83,7 @@ def _degenerate(positions: Any, indices: Any) -> Iterator[Finding]:
     unused[faces[~repeated]] = False
     for code, where, what in (
         ("TRIASSET_FACE_REPEATED_INDEX", repeated, "faces list a vertex twice"),
-        ("TRIASSET_FACE_DUPLICATE", extra_duplicates(faces), "faces repeat an earlier one"),
+        ("TRIASSET_FACE_DUPLICATE", find_duplicate_faces(faces), "faces repeat an earlier one"),
         ("TRIASSET_FACE_ZERO_AREA", has_no_area(area, finite, repeated), "faces have no area"),
         ("TRIASSET_VERTEX_UNREFERENCED", unused, "vertices are not used by a valid face"),
     ):

@@ -14,7 +14,7 @@ from msb.bake.color_fit import edge_laplacian
 from msb.bake.options import MIN_CLOSED_FACES
 from msb.meshes.mesh import Mesh
 from msb.topology.components import label_components
-from msb.topology.crossings import crossing_pairs
+from msb.topology.crossings import find_crossing_pairs
 from msb.topology.steps import close, pair, turn_faces
 
 if TYPE_CHECKING:
@@ -316,13 +316,13 @@ def find_crossing_faces(points: Floats, faces: Ints, space: Space, moved: Mask |
     tested = None if moved is None or moved.all() else np.asarray(moved[faces].any(axis=1))
     corners = space.to_world(points).astype(np.float32).astype(np.float64)[faces]
     if not space.contracted:
-        return np.unique(crossing_pairs(corners, of=tested))
+        return np.unique(find_crossing_pairs(corners, of=tested))
     # Pairs are found by boxes in the contracted space. A face of the world is bent there, so the box must
     # hold its corners, the middles of its sides, and its centre: (F, 7, 3).
     more = [(corners + np.roll(corners, 1, axis=1)) / 2, corners.mean(axis=1, keepdims=True)]
     bent = np.concatenate([corners, *more], axis=1)
     places = space.from_world(bent.reshape(-1, 3)).reshape(bent.shape)
-    return np.unique(crossing_pairs(corners, places, tested))
+    return np.unique(find_crossing_pairs(corners, places, tested))
 
 
 def neighbour_average(faces: Ints, count: int) -> csr_matrix:

@@ -11,7 +11,7 @@ from typing import Annotated, Literal
 from pydantic import ConfigDict, Field, field_validator
 
 from msb.bench.validation import Amount, Count, Record
-from msb.metrics.images import most_psnr
+from msb.metrics.images import find_max_psnr
 from msb.scenes.checks import MAX_PIXELS
 from msb.topology.audit import Metrics
 from msb.topology.findings import Counts
@@ -19,7 +19,7 @@ from msb.topology.verdict import Level
 
 # The first strategy in a comparison of repairs: the mesh without any repair.
 STORED = "as stored"
-Decibels = Annotated[float, Field(ge=0, le=most_psnr(MAX_PIXELS))]
+Decibels = Annotated[float, Field(ge=0, le=find_max_psnr(MAX_PIXELS))]
 # Sums of areas are rounded, so a share of 100 % may be slightly larger than 1.
 _MAX_SHARE = 1 + 1e-9
 Share = Annotated[float, Field(ge=0, le=_MAX_SHARE)]

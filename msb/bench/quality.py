@@ -22,7 +22,7 @@ from msb.bench.records import ImageQuality, Quality, RendererInfo, average_image
 from msb.bench.renders import check_size, find_renders
 from msb.errors import MetricError, UsageError
 from msb.metrics.identity import defined
-from msb.metrics.images import checked_image, is_plain
+from msb.metrics.images import check_image, is_plain
 from msb.render.images import Writers, image_names, to_bytes, write_image
 from msb.render.machine import machine
 
@@ -99,7 +99,7 @@ class _OfficialImages:
             image = metrics.read_image(path, background=self.scene.background)
             check_size(path, (image.shape[1], image.shape[0]), camera)
             try:  # before the conversion to bytes hides NaN and values out of range
-                checked_image(image, "the rendering")
+                check_image(image, "the rendering")
             except MetricError as error:
                 raise error.at(path) from None
             scale = np.float32(255 if image.dtype == np.uint8 else 1)

@@ -25,7 +25,7 @@ from msb.bench.documents import (
 )
 from msb.bench.validation import Amount, Count, Name, Record, Sha256, read_json, validate
 from msb.errors import InputError, shorten
-from msb.metrics.images import most_psnr
+from msb.metrics.images import find_max_psnr
 from msb.metrics.registry import IMAGE_METRICS, mean_of
 from msb.metrics.vgg import MOST_LPIPS, is_weights_record
 from msb.registry import Tier
@@ -427,7 +427,7 @@ def _get_bounds(image: ImageQuality) -> dict[str, tuple[float, float]]:
     """Return metric -> (minimum, maximum) of its finite values for an image of this size."""
     # Colour values are between 0 and 1, so the mean squared error is at most 1.
     return {
-        "psnr": (0.0, most_psnr(image.width * image.height)),
+        "psnr": (0.0, find_max_psnr(image.width * image.height)),
         "ssim": (-1.0, 1.0),
         "lpips": (0.0, MOST_LPIPS),
     }

@@ -21,8 +21,8 @@ Shape = int | tuple[int, ...]
 
 # The default group: temporary results.
 SCRATCH = "scratch"
-# Alignment in bytes that allows sharing: a cache line. Kernels use types of at most 32 bytes (float8),
-# because 64-byte types crash in the PoCL wheel.
+# Minimum alignment in bytes of an array that is shared instead of copied: a cache line. Kernels use types of
+# at most 32 bytes (float8), because 64-byte types crash in the PoCL wheel.
 _SAFE_ALIGNMENT = 64
 
 
@@ -95,9 +95,9 @@ class Buffer:
     def read(self, out: NDArray[Any] | None = None, *, start: int = 0) -> NDArray[Any]:
         """Copy the elements from `start` on to the host, after all queued commands.
 
-        `out`, a C-contiguous array of the same dtype, is filled. Without it a new array is returned, with the
-        shape of the buffer if `start` is 0. Reuse one array for repeated reads: the first touch of new memory
-        costs more than the copy.
+        `out` is filled and returned; it must be C-contiguous and have the same dtype. Without it the result
+        is a new array, with the shape of the buffer if `start` is 0. Pass the same `out` to repeated reads,
+        because the first access to new memory takes longer than the copy.
         """
         if out is None:
             shape = self.shape if start == 0 else (self.size - start,)
@@ -187,7 +187,10 @@ class Buffer:
 
 
 class Memory:
-    """The buffers of one user of a device: limits, bytes by use, and a pool of scratch buffers."""
+    """The buffers of one user of a device.
+
+    It checks limits, counts bytes by use, and reuses scratch buffers.
+    """
 
     def __init__(self, queue: Queue) -> None:
         self.queue = queue
@@ -237,12 +240,12 @@ class Memory:
         The memory is reused from call to call while it is large enough. If it must grow, it is released, and
         buffers returned earlier under this name become invalid.
         """
-        nbytes = _nbytes(shape, dtype)
+        nbytes = _count_bytes(shape, dtype)
         pooled = self._pool.get(name)
         if pooled is None or pooled.nbytes < nbytes:
             if pooled is not None:
                 self._pool.pop(name).release()  # released first, so that both need not fit at once
-            size = _rounded(nbytes)
+            size = _round_up(nbytes)
             size = size if size <= self._limit() else nbytes
             pooled = self._pool[name] = self.allocate(size, np.uint8, name, group)
         return pooled.view(shape, dtype)
@@ -260,9 +263,9 @@ class Memory:
 
     def _limit(self) -> int:
         record = self.queue.record
-        return min(record.max_allocation, record.global_memory - self._held())
+        return min(record.max_allocation, record.global_memory - self._count_held())
 
-    def _held(self) -> int:
+    def _count_held(self) -> int:
         """Return the bytes allocated by all users of the device."""
         return sum(bytes_by_use(self.queue.allocations).values())
 
@@ -283,7 +286,7 @@ class Memory:
     def _register(
         self, shape: Shape, dtype: DTypeLike, use: str, group: str, flags: int, host: Any = None
     ) -> Buffer:
-        context, nbytes = self.queue.context, _nbytes(shape, dtype)
+        context, nbytes = self.queue.context, _count_bytes(shape, dtype)
         if nbytes > self._limit():
             raise self._too_large(use, nbytes)
         # An OpenCL buffer cannot be empty. A shared buffer takes its size from the array.
@@ -298,10 +301,11 @@ class Memory:
         return Buffer(self, allocation, shape, dtype)
 
     def _too_large(self, use: str, nbytes: int) -> DeviceError:
-        record, held = self.queue.record, self._held()
+        record, held = self.queue.record, self._count_held()
+        total, most = _format_mib(record.global_memory), _format_mib(record.max_allocation)
         text = (
-            f"{_mib(nbytes)} MiB for {use} do not fit: {record.selector} has {_mib(record.global_memory)} "
-            f"MiB, {_mib(held)} MiB in use, and allows at most {_mib(record.max_allocation)} MiB per buffer"
+            f"{_format_mib(nbytes)} MiB for {use} do not fit: {record.selector} has {total} MiB, "
+            f"{_format_mib(held)} MiB in use, and allows at most {most} MiB per buffer"
         )
         return DeviceError("DEVICE_MEMORY", text)
 
@@ -327,19 +331,19 @@ def _is_constant(array: NDArray[Any]) -> bool:
     return base is None or isinstance(base, mmap.mmap | bytes)
 
 
-def _nbytes(shape: Shape, dtype: DTypeLike) -> int:
+def _count_bytes(shape: Shape, dtype: DTypeLike) -> int:
     count = math.prod(shape) if isinstance(shape, tuple) else shape
     return count * np.dtype(dtype).itemsize
 
 
-def _mib(nbytes: int) -> str:
+def _format_mib(nbytes: int) -> str:
     return f"{nbytes / 2**20:,.1f}"
 
 
-def _rounded(nbytes: int) -> int:
+def _round_up(nbytes: int) -> int:
     """Return `nbytes` rounded up to an eighth of a power of two, so that growth reallocates rarely.
 
-    >>> _rounded(1000), _rounded(1025)
+    >>> _round_up(1000), _round_up(1025)
     (1024, 1152)
     """
     step = 1 << max(0, nbytes.bit_length() - 4)

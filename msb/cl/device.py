@@ -56,10 +56,10 @@ class Device:
         """Return a buffer on the memory of `array` if PoCL runs on a CPU, otherwise a buffer with a copy.
 
         Kernels may write to the buffer if the array is writable. Read results from the buffer, because only
-        PoCL writes them to the array. Until `finish` was called and the buffer released, the array must stay
-        alive and unchanged. Kernels must not assume more alignment than the dtype has. Large NumPy
-        arrays use huge pages if the system has them; their first touch takes a fifth of the time of
-        `allocate`.
+        PoCL writes them to the array. Keep the array alive and unchanged until `finish` was called and the
+        buffer released. Kernels must not assume more alignment than the dtype has. The first access to the
+        memory of a large NumPy array takes a fifth of the time that `allocate` needs, if the system has huge
+        pages.
         """
         return self._memory.share(array, use, group)
 

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 from msb.cl import pocl_fix
 from msb.cl.device import Device
-from msb.cl.loader import how_to_get_a_device, how_to_get_another, looked_for, opencl
+from msb.cl.loader import describe_search, how_to_get_a_device, how_to_get_another, opencl
 from msb.cl.programs import UNKNOWN_CPU
 from msb.cl.records import DeviceRecord, Style, describe, short_name
 from msb.cl.trial import Trial, try_device
@@ -39,36 +39,35 @@ class Tried(NamedTuple):
 
 def list_devices() -> list[DeviceRecord]:
     """Return every OpenCL device with a compiler, in the order of the platforms; the list may be empty."""
-    return [record for record, _ in found_devices(opencl())]
+    return [record for record, _ in find_devices(opencl())]
 
 
 def try_devices() -> list[Tried]:
     """Build and run a small kernel on every device, even if it was tried before."""
     tried = []
-    for record, handle in found_devices(opencl()):
+    for record, handle in find_devices(opencl()):
         trial = try_device(handle, record, again=True)
-        tried.append(Tried(record, trial, None if trial.builds else _advice(record, handle, trial.why or "")))
+        tried.append(Tried(record, trial, None if trial.builds else _advise(record, handle, trial.why or "")))
     return tried
 
 
 def choose_device(selector: str | None = None) -> Choice:
     """Return the device that `open_device` would open."""
-    return _choose(found_devices(opencl()), selector)[0]
+    return _choose(find_devices(opencl()), selector)[0]
 
 
 def open_device(selector: str | None = None, *, style: Style | None = None) -> Device:
     """Open the device named by `selector`; by default MSB_DEVICE, then PYOPENCL_CTX, then PoCL.
 
-    Devices that do not build kernels (`msb.cl.trial`) are skipped in favour of the next match. Closing a
-    device does not release the megabyte that PoCL keeps for each of its programs; `shared_device` avoids
-    opening further devices.
+    If several devices match, the first that builds kernels is opened (`msb.cl.trial`). PoCL keeps about 1 MB
+    for each program even after the device is closed. Use `shared_device` to avoid opening several devices.
 
     Parameters
     ----------
     selector : str, optional
         ``cpu``, ``gpu``, ``PLATFORM`` or ``PLATFORM:INDEX``. PLATFORM is the number of a platform or part of
-        its name (``pocl``, ``intel``, ``nvidia``), INDEX counts the devices of that platform from 0. Without
-        a selector, CPUs are preferred to GPUs, and PoCL to other CPU platforms.
+        its name (``pocl``, ``intel``, ``nvidia``). INDEX is the number of a device on that platform, from 0.
+        Without a selector, CPUs are preferred to GPUs, and PoCL to other CPU platforms.
     style : "cpu" | "gpu", optional
         The style of kernels, whatever the device is; for tests.
 
@@ -81,18 +80,18 @@ def open_device(selector: str | None = None, *, style: Style | None = None) -> D
         `DEVICE_SELECTOR`: the selector is malformed.
     """
     cl = opencl()
-    choice, handle = _choose(found_devices(cl), selector)
+    choice, handle = _choose(find_devices(cl), selector)
     return Device(cl, handle, choice.record, style)
 
 
 def shared_device(selector: str | None = None, *, style: Style | None = None) -> Device:
-    """Return the device that everything in this process shares; it is opened once and stays open.
+    """Return the shared device of this process, which is opened on first use and stays open.
 
     Parameters and errors: see `open_device`. Threads take turns on the device (`Device.using`). A
     failed device is opened again.
     """
     cl = opencl()
-    choice, handle = _choose(found_devices(cl), selector)
+    choice, handle = _choose(find_devices(cl), selector)
     with _sharing:
         device, process = _shared.get((handle.int_ptr, style), (None, os.getpid()))
         if process != os.getpid():
@@ -108,7 +107,7 @@ _sharing = threading.Lock()
 _shared: dict[tuple[int, Style | None], tuple[Device, int]] = {}
 
 
-def found_devices(cl: Any) -> list[tuple[DeviceRecord, Any]]:
+def find_devices(cl: Any) -> list[tuple[DeviceRecord, Any]]:
     """Return all devices, each as a record and as a pyopencl device."""
     try:
         platforms = cl.get_platforms()
@@ -139,16 +138,16 @@ def _choose(known: Sequence[tuple[DeviceRecord, Any]], selector: str | None) -> 
         selector = os.environ.get(source) if source != "default" else None
     records = [record for record, _ in known]
     if not records:
-        target = f" for {_quoted(selector, source)}" if selector else ""
-        text = f"no OpenCL device{target} ({looked_for()}): {how_to_get_a_device()}"
+        target = f" for {_quote(selector, source)}" if selector else ""
+        text = f"no OpenCL device{target} ({describe_search()}): {how_to_get_a_device()}"
         raise DeviceError("DEVICE_NOT_FOUND", text)
-    matches = records if selector is None else _matching(records, selector, source)
+    matches = records if selector is None else _match(records, selector, source)
     by_platform = selector is not None and selector.strip().lower() not in KINDS
     if not matches:
-        text = f"{_quoted(selector, source)} matches no OpenCL device; available: "
+        text = f"{_quote(selector, source)} matches no OpenCL device; available: "
         raise DeviceError("DEVICE_NOT_FOUND", text + ", ".join(record.selector for record in records))
     handles = {record.selector: handle for record, handle in known}
-    matches = sorted(matches, key=_age if by_platform else _preference)
+    matches = sorted(matches, key=_is_old_wheel if by_platform else _rank)
     for record in matches:
         if try_device(handles[record.selector], record).builds:
             return Choice(record, selector, source), handles[record.selector]
@@ -156,11 +155,11 @@ def _choose(known: Sequence[tuple[DeviceRecord, Any]], selector: str | None) -> 
     text = "; ".join(
         f"{record} does not build kernels: {why}" for record, why in zip(matches, reasons, strict=True)
     )
-    advice = _advice(matches[0], handles[matches[0].selector], reasons[0])
+    advice = _advise(matches[0], handles[matches[0].selector], reasons[0])
     raise DeviceError("DEVICE_BUILD", f"{text}. {advice}")
 
 
-def _advice(record: DeviceRecord, handle: Any, why: str) -> str:
+def _advise(record: DeviceRecord, handle: Any, why: str) -> str:
     """Return advice for a device that does not build kernels."""
     if UNKNOWN_CPU not in why:
         return f"Choose another device (msb devices), or repair its platform. {how_to_get_another()}"
@@ -172,14 +171,14 @@ def _advice(record: DeviceRecord, handle: Any, why: str) -> str:
     return f"{text} {how_to_get_another()}"
 
 
-def _matching(records: Sequence[DeviceRecord], selector: str, source: str) -> list[DeviceRecord]:
+def _match(records: Sequence[DeviceRecord], selector: str, source: str) -> list[DeviceRecord]:
     text = selector.strip().lower()
     if text in KINDS:
         return [record for record in records if record.kind == text]
     # PYOPENCL_CTX may list several devices, separated by commas; only the first is used.
     platform, colon, index = text.partition(",")[0].partition(":")
     if not platform or (colon and not index) or ":" in index:
-        text = f"{_quoted(selector, source)} is not cpu, gpu or PLATFORM:INDEX (see msb devices)"
+        text = f"{_quote(selector, source)} is not cpu, gpu or PLATFORM:INDEX (see msb devices)"
         raise UsageError("DEVICE_SELECTOR", text)
     on_platform = [record for record in records if _is_on(record, platform)]
     if not colon:
@@ -198,18 +197,18 @@ def _is_on(record: DeviceRecord, platform: str) -> bool:
 _PREFERRED_PLATFORMS = ("pocl", "intel")
 
 
-def _preference(record: DeviceRecord) -> tuple[bool, int, bool]:
+def _rank(record: DeviceRecord) -> tuple[bool, int, bool]:
     """Return a sort key: CPUs first, then PoCL, then the Intel runtime."""
     name = short_name(record.platform)
     rank = _PREFERRED_PLATFORMS.index(name) if name in _PREFERRED_PLATFORMS else len(_PREFERRED_PLATFORMS)
-    return record.kind != "cpu", rank, _age(record)
+    return record.kind != "cpu", rank, _is_old_wheel(record)
 
 
-def _age(record: DeviceRecord) -> bool:
-    """Return a sort key: the system's PoCL before the older wheel."""
+def _is_old_wheel(record: DeviceRecord) -> bool:
+    """Return whether the device belongs to the PoCL wheel, which is older than the system's PoCL."""
     return record.driver == pocl_fix.DRIVER
 
 
-def _quoted(selector: str | None, source: str) -> str:
+def _quote(selector: str | None, source: str) -> str:
     name = "device" if source == "argument" else source
     return f"{name} '{shorten(selector or '', 60)}'"

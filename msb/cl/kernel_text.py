@@ -1,4 +1,4 @@
-"""Source text of kernels, with includes resolved so that a package in a ZIP file works too."""
+"""Source text of kernels. Includes are resolved here, so that kernels of a package in a ZIP file work."""
 
 import functools
 import hashlib
@@ -18,14 +18,14 @@ _ANY_INCLUDE = re.compile(r"^[ \t]*#[ \t]*include\b")
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*(\([A-Za-z0-9_, ]*\))?")
 
 
-def define_lines(defines: Mapping[str, Define]) -> str:
+def write_defines(defines: Mapping[str, Define]) -> str:
     """Return ``#define`` lines for `defines`, sorted by name.
 
     Booleans become 1 and 0. Floats become the nearest single-precision number, written exactly as a
     hexadecimal constant. Strings are inserted unchanged. Defines are part of the source, not build options,
     so no command line needs quoting.
 
-    >>> print(define_lines({"WIDTH": 8, "FAST": True, "SCALE": 0.1}), end="")
+    >>> print(write_defines({"WIDTH": 8, "FAST": True, "SCALE": 0.1}), end="")
     #define FAST 1
     #define SCALE 0x1.99999a0000000p-4f
     #define WIDTH 8
@@ -34,11 +34,11 @@ def define_lines(defines: Mapping[str, Define]) -> str:
     for name, value in sorted(defines.items()):
         if not _NAME.fullmatch(name) or (isinstance(value, str) and "\n" in value):
             raise ValueError(f"invalid macro: {name} = {value!r}")
-        lines.append(f"#define {name} {_literal(value)}\n")
+        lines.append(f"#define {name} {_format_literal(value)}\n")
     return "".join(lines)
 
 
-def _literal(value: Define) -> str:
+def _format_literal(value: Define) -> str:
     if isinstance(value, bool):
         return str(int(value))
     if isinstance(value, float):

@@ -1,11 +1,11 @@
-"""Make the OpenCL loader find every platform of this environment without settings by the user.
+"""Make the OpenCL loader find every installed platform without settings by the user.
 
-A loader finds platforms through one-line ``*.icd`` files that name a library (cl_khr_icd). The loader of the
-pyopencl wheel reads files of the system and files beside itself, where the PoCL wheel installs its own
-(`inducer/pyopencl`: scripts/build-wheels.sh). Two installations lack such a file: the Intel CPU runtime from
-PyPI, whose files name a folder that does not exist, and NVIDIA drivers in containers. For these, a temporary
-folder of entries, including the system entries, is created while the loader starts. Afterwards the
-environment is restored.
+A loader finds platforms through ``*.icd`` files, each with the name of a library (cl_khr_icd). The loader of
+the pyopencl wheel reads the system's files and the files in its folder, where the PoCL wheel installs one
+(`inducer/pyopencl`: scripts/build-wheels.sh). Two installations lack a valid file: the Intel CPU runtime from
+PyPI, whose files name a missing folder, and NVIDIA drivers in containers. If one of them is present, this
+module creates a temporary folder with files for it and for the system's platforms, and sets OCL_ICD_VENDORS
+to that folder while the loader starts.
 """
 
 import contextlib
@@ -34,7 +34,7 @@ _INTEL_NEEDS = ("libtbb.so.12", "libintlc.so.5", "libimf.so", "libirng.so", "lib
 NVIDIA_LIBRARY = "libnvidia-opencl.so.1"
 _POCL_CACHE = "POCL_CACHE_DIR"
 _POCL_DEVICES = "POCL_DEVICES"
-# Free bytes that a cache needs: several times the size of all kernels for one device.
+# Minimum free disk space for a cache in bytes: several times the size of all kernels of one device.
 _CACHE_BYTES = 1 << 24
 _SYSTEM_VENDORS = (Path("/etc/OpenCL/vendors"), Path(sys.prefix, "etc/OpenCL/vendors"))
 
@@ -66,7 +66,7 @@ def notes() -> list[str]:
     return list(_notes)
 
 
-def looked_for() -> str:
+def describe_search() -> str:
     """Return in a few words where platforms were searched and which were found."""
     user = os.environ.get(VENDOR_VARIABLE)
     place = f"{VENDOR_VARIABLE}={shorten(user)}" if user else "the system's entries and Python packages"
@@ -113,10 +113,10 @@ def _start(cl: Any, early: bool) -> None:
     with contextlib.ExitStack() as stack:
         registered: dict[str, str] = {}
         if sys.platform == "linux":
-            registered = _missing_entries()
+            registered = _find_missing_entries()
             try:
                 if registered:
-                    stack.enter_context(_visible({**_system_entries(), **registered}))
+                    stack.enter_context(_visible({**_read_system_entries(), **registered}))
                 stack.enter_context(_writable_cache())
             except OSError as error:
                 _notes.append(f"no temporary folder for the OpenCL loader: {shorten(str(error), 200)}")
@@ -131,12 +131,12 @@ def _start(cl: Any, early: bool) -> None:
         _notes.append(f"{INTEL_PACKAGE} is installed, but its platform is missing: {cause}")
 
 
-def _missing_entries() -> dict[str, str]:
+def _find_missing_entries() -> dict[str, str]:
     """Return name -> library of installed platforms without an entry; load their dependencies."""
     user = os.environ.get(VENDOR_VARIABLE)
-    known = " ".join(_system_entries().values())
+    known = " ".join(_read_system_entries().values())
     entries: dict[str, str] = {}
-    intel = _intel_library()
+    intel = _find_intel_library()
     if intel and INTEL_LIBRARY not in known:
         missing = _preload(intel.parent)
         if user:
@@ -152,7 +152,7 @@ def _missing_entries() -> dict[str, str]:
     return entries
 
 
-def _system_entries() -> dict[str, str]:
+def _read_system_entries() -> dict[str, str]:
     """Return name -> library of the system entries whose library may exist."""
     entries: dict[str, str] = {}
     for folder in _SYSTEM_VENDORS:
@@ -164,7 +164,7 @@ def _system_entries() -> dict[str, str]:
     return entries
 
 
-def _intel_library() -> Path | None:
+def _find_intel_library() -> Path | None:
     try:
         files = metadata.distribution(INTEL_PACKAGE).files or []
     except metadata.PackageNotFoundError:
@@ -185,7 +185,7 @@ def _preload(folder: Path) -> str | None:
 
 @contextlib.contextmanager
 def _visible(entries: dict[str, str]) -> Iterator[None]:
-    """Show these entries to the loader, in addition to those beside it, during the block."""
+    """Make the loader read these entries, and those in its folder, during the block."""
     with tempfile.TemporaryDirectory(prefix="msb-opencl-") as folder:
         for name, library in entries.items():
             Path(folder, f"{name}.icd").write_text(f"{library}\n", "utf-8")
@@ -201,14 +201,14 @@ def _writable_cache() -> Iterator[None]:
         yield
         return
     folder = tempfile.TemporaryDirectory(prefix="msb-cache-", ignore_cleanup_errors=True)
-    _keep.append(folder)
+    _temporary_folders.append(folder)
     _notes.append(f"{cache or '~'} is not writable, so every process compiles its kernels again")
     with _environment("XDG_CACHE_HOME", folder.name):
         yield
 
 
 # Folders to remove when the process ends.
-_keep: list[tempfile.TemporaryDirectory[str]] = []
+_temporary_folders: list[tempfile.TemporaryDirectory[str]] = []
 
 
 def user_cache() -> Path | None:

@@ -27,8 +27,8 @@ from typing import Any
 
 # Environment variable; the value 0 disables this module.
 FIX_VARIABLE = "MSB_MEND_POCL"
-# The replacement name: a processor with AVX2 and FMA. A name with AVX-512 gains nothing; the speed differs by
-# less than 10 %.
+# The replacement name: a processor with AVX2 and FMA. A processor with AVX-512 changes the speed by less than
+# 10 %.
 NAME = b"haswell"
 UNKNOWN = b"generic"
 _WHEEL = "pocl-binary-distribution"
@@ -39,7 +39,7 @@ DRIVER = "3.0-rc2"
 _LIBRARY = "libpocl-21062cec.so"
 # Byte offset of the pointer to the name in the device structure, in this build of the library.
 _SLOT = 640
-# Bytes of the structure that are checked: no other pointer in them may point to the same name.
+# Number of bytes of the device structure to check. The pointer at _SLOT must be the only one to that name.
 _STRUCTURE = 1024
 _NEEDS = frozenset(("avx2", "fma", "bmi1", "bmi2", "f16c", "movbe"))
 _LZCNT = frozenset(("abm", "lzcnt"))  # Linux calls it abm
@@ -54,10 +54,10 @@ def is_off() -> bool:
 
 
 def obstacle() -> str | None:
-    """Return why the fix cannot be applied on this machine, or None; the compiler is not checked."""
+    """Return why the fix cannot be applied on this machine, or None. This does not check the compiler."""
     if is_off():
         return f"{FIX_VARIABLE}=0 disables the fix"
-    if lacking := _lacking():
+    if lacking := _find_lacking():
         return f"it cannot be treated as {NAME.decode()}, because it lacks {', '.join(lacking)}"
     return None
 
@@ -69,7 +69,7 @@ def is_wheel(device: Any) -> bool:
         and platform.machine() == "x86_64"
         and device.platform.name.strip() == "Portable Computing Language"
         and device.driver_version.strip() == DRIVER
-        and _the_wheel_is_loaded()
+        and _is_wheel_loaded()
     )
 
 
@@ -77,7 +77,7 @@ def compiler_cpu(device: Any) -> str | None:
     """Return the processor name that the wheel passes to its compiler; None for other platforms."""
     if not is_wheel(device):
         return None
-    place = _pointer(device)
+    place = _read_pointer(device)
     name = place and _read(place, _LONGEST)
     if not name or b"\0" not in name:
         return None
@@ -121,12 +121,12 @@ def _write(device: Any, old: bytes, new: bytes) -> None:
     """Replace the characters of the name by a name of the same length, if it is still the expected one."""
     import ctypes
 
-    place = _pointer(device)
+    place = _read_pointer(device)
     if place and len(old) == len(new) and _read(place, len(old) + 1) == old + b"\0":
         ctypes.memmove(place, new, len(new))
 
 
-def _pointer(device: Any) -> int | None:
+def _read_pointer(device: Any) -> int | None:
     pointer = _read(device.int_ptr + _SLOT, 8)
     return None if pointer is None else int.from_bytes(pointer, "little")
 
@@ -144,7 +144,7 @@ def _read(address: int, size: int) -> bytes | None:
 
 
 @cache
-def _the_wheel_is_loaded() -> bool:
+def _is_wheel_loaded() -> bool:
     try:
         wheel = metadata.distribution(_WHEEL)
     except metadata.PackageNotFoundError:
@@ -160,7 +160,7 @@ def _is_mapped(file: Path) -> bool:
         return file.exists() and any(line.rstrip().endswith(str(file.resolve())) for line in maps)
 
 
-def _lacking() -> list[str]:
+def _find_lacking() -> list[str]:
     """Return the features of `NAME` that the processor of this machine lacks."""
     lines = []
     with contextlib.suppress(OSError):

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from msb.cl.buffers import Buffer
-from msb.cl.kernel_text import Define, define_lines, place_of, resolve
+from msb.cl.kernel_text import Define, place_of, resolve, write_defines
 from msb.cl.queue import Queue
 from msb.cl.records import DeviceRecord
 from msb.errors import DeviceError, shorten
@@ -46,8 +46,9 @@ _NAMELESS = "<kernel>"
 # Message of clang if the LLVM of PoCL is older than the processor.
 UNKNOWN_CPU = "unknown target CPU"
 
-# A build that fails without an error in the source is repeated: PoCL processes that build the same program at
-# the same time on an empty cache disturb each other (1 of 200 starts with 8 processes).
+# Maximum number of builds, repeated only if a build fails without an error in the source. PoCL processes that
+# build the same program at the same time on an empty cache disturb each other: 1 of 200 builds fails with 8
+# processes.
 _ATTEMPTS = 5
 _PAUSE = 0.2  # seconds
 
@@ -84,15 +85,14 @@ class Program:
 class Kernel:
     """A kernel; ``kernel(global_size, local_size, *arguments)`` queues a launch and returns its event.
 
-    It returns None if there is nothing to do. Sizes are an integer or a tuple of up to three integers.
-    `global_size` is rounded up to a multiple of `local_size`, so a kernel must compare its global id with a
-    count. The local size is always given, because PoCL compiles a kernel again for each local size that it
-    meets.
+    The event is None if a size is 0. Sizes are an integer or a tuple of up to three integers. `global_size`
+    is rounded up to a multiple of `local_size`, so a kernel must compare its global id with a count. The
+    local size is required, because PoCL compiles a kernel again for each new local size.
 
     Arguments are `Buffer`, `LocalMemory`, NumPy scalars of exactly the type of the kernel (``np.uint32(n)``)
     or, for vector types, NumPy arrays with as many elements. Anything else raises a TypeError. A work-group
-    that exceeds the limit of the device raises a DeviceError `DEVICE_COMMAND`, and so does one that the
-    platform refuses to launch because it exceeds the limit of the kernel.
+    that exceeds the limit of the device raises a DeviceError `DEVICE_COMMAND`. If it exceeds only the limit
+    of the kernel, the error is raised when the platform rejects the launch.
 
     Attributes
     ----------
@@ -113,7 +113,7 @@ class Kernel:
         self._queue = queue
         self._handle = handle
         self._lock = threading.Lock()
-        self._kinds = [_argument_kind(queue.cl, handle, number) for number in range(handle.num_args)]
+        self._kinds = [_find_kind(queue.cl, handle, number) for number in range(handle.num_args)]
         self._marks: list[Any] = [None] * handle.num_args  # the current arguments
 
     def __call__(self, global_size: Size, local_size: Size, *arguments: Any) -> Any:
@@ -122,7 +122,7 @@ class Kernel:
         sizes = global_size if isinstance(global_size, tuple) else (global_size,)
         if len(arguments) != len(self._kinds):
             raise TypeError(f"{self.name} takes {len(self._kinds)} arguments, not {len(arguments)}")
-        values = [self._checked(number, argument) for number, argument in enumerate(arguments)]
+        values = [self._check(number, argument) for number, argument in enumerate(arguments)]
         if 0 in sizes:
             return None
         most = self._queue.record.max_work_group
@@ -133,7 +133,7 @@ class Kernel:
         def launch(queue: Any) -> Any:
             with self._lock:  # arguments belong to the kernel, not to the launch
                 for number, (value, argument) in enumerate(zip(values, arguments, strict=True)):
-                    self._set(number, value, _mark(argument))
+                    self._set(number, value, _identify(argument))
                 return self._queue.cl.enqueue_nd_range_kernel(queue, self._handle, rounded, local)
 
         try:
@@ -150,12 +150,12 @@ class Kernel:
             self._handle.set_arg(number, value)
             self._marks[number] = mark
 
-    def _checked(self, number: int, argument: Any) -> Any:
+    def _check(self, number: int, argument: Any) -> Any:
         kind = self._kinds[number]
         value = _convert(kind, argument)
         if value is None:
             given = getattr(argument, "dtype", type(argument).__name__)
-            text = f"{self.name}: argument {number} must be {_in_words(kind)}, not {given}"
+            text = f"{self.name}: argument {number} must be {_describe_kind(kind)}, not {given}"
             raise TypeError(text)
         return value
 
@@ -187,7 +187,7 @@ def build_options(record: DeviceRecord) -> tuple[str, ...]:
 def build(queue: Queue, package: str, name: str, defines: Mapping[str, Define]) -> Program:
     """Compile `name`.cl of `package` for the device of `queue`."""
     options = build_options(queue.record)
-    source = define_lines(defines) + resolve(package, f"{name}.cl")
+    source = write_defines(defines) + resolve(package, f"{name}.cl")
     for attempt in range(_ATTEMPTS):
         try:
             handles = _compile(queue, source, options)
@@ -217,7 +217,7 @@ def _build_error(
     file: str, source: str, record: DeviceRecord, log: str, complaint: re.Match[str] | None
 ) -> DeviceError:
     """Return an error with file, line and text of the first complaint in the log."""
-    line, text = None, shorten(complaint["text"] if complaint else _first_complaint(log), 200)
+    line, text = None, shorten(complaint["text"] if complaint else _find_first_complaint(log), 200)
     if complaint:
         file, number = complaint["file"], int(complaint["line"])
         if file == _NAMELESS:
@@ -228,7 +228,7 @@ def _build_error(
     return error
 
 
-def _first_complaint(log: str) -> str:
+def _find_first_complaint(log: str) -> str:
     """Return the first line of the log that is an error, or else the first line of the compiler."""
     lines = [line.strip() for line in log.splitlines() if line.strip()]
     errors = (match["text"] for match in map(_COMPLAINT.match, lines) if match)
@@ -236,7 +236,7 @@ def _first_complaint(log: str) -> str:
     return next(errors, None) or next(others, None) or lines[0]
 
 
-def _argument_kind(cl: Any, handle: Any, number: int) -> Any:
+def _find_kind(cl: Any, handle: Any, number: int) -> Any:
     """Return the kind of argument `number`: Buffer, LocalMemory, (dtype, width), or None if unknown."""
     info, qualifiers = cl.kernel_arg_info, cl.kernel_arg_address_qualifier
     try:
@@ -271,17 +271,17 @@ def _convert(kind: Any, value: Any) -> Any:
     return np.pad(value, (0, width == 3)) if value.shape == (width,) else None
 
 
-def _mark(argument: Any) -> Any:
+def _identify(argument: Any) -> Any:
     """Return a value that identifies an argument, or None if it must be set at every launch.
 
-    It does not keep the memory of a buffer alive, and the mark of a released buffer equals no other mark.
+    The value does not keep the memory of a buffer alive. That of a released buffer equals no other value.
     """
     if isinstance(argument, Buffer):
         return weakref.ref(argument.allocation)
     return (type(argument), int(argument)) if isinstance(argument, np.integer) else None
 
 
-def _in_words(kind: Any) -> str:
+def _describe_kind(kind: Any) -> str:
     if not isinstance(kind, tuple):
         return f"a {kind.__name__}"
     dtype, width = kind

@@ -27,7 +27,7 @@ class Queue:
         self.record = record
         self.timing: Timing | None = None
         self.allocations: weakref.WeakSet[Allocation] = weakref.WeakSet()
-        # a command failed for another reason than memory; some platforms then reject all later commands
+        # Whether a command failed for another reason than memory. Some platforms then reject later commands.
         self.failed = False
         self._queue: Any = None
         try:

@@ -25,8 +25,8 @@ class DeviceRecord:
     """A device of a platform: names, limits and capabilities.
 
     Sizes are in bytes, `clock_mhz` in MHz, `timer_resolution_ns` in nanoseconds. The fields repeat
-    clGetDeviceInfo and clGetPlatformInfo (OpenCL 1.2 specification, sections 4.1 and 4.2), with these
-    exceptions and notes:
+    clGetDeviceInfo and clGetPlatformInfo (OpenCL 1.2 specification, sections 4.1 and 4.2), except for the
+    following.
 
     Attributes
     ----------
@@ -73,9 +73,9 @@ class DeviceRecord:
     def style(self) -> Style:
         """The style of kernels that suits the device; no other code decides it.
 
-        "cpu" means few work-items with long private loops and no local memory, "gpu" means work-groups that
-        share local memory. Any OpenCL compiler accepts the style "gpu". The style "cpu" also uses extensions
-        of clang, so only compilers on which it was tested get it.
+        Kernels of style "cpu" have few work-items with long private loops and no local memory. Kernels of
+        style "gpu" have work-groups that share local memory. Any OpenCL compiler accepts the style "gpu". The
+        style "cpu" uses extensions of clang, so only tested compilers get it.
         """
         known = self.kind == "cpu" and short_name(self.platform) in _CPU_STYLE_PLATFORMS
         return "cpu" if known else "gpu"

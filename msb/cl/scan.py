@@ -17,7 +17,8 @@ _SMALLEST_CHUNK = 4096
 _CHUNKS_PER_UNIT = 4
 # Consecutive elements per work-item on a GPU.
 _ITEMS = 8
-# Maximum number of tile sums that each work-group of a GPU adds itself: 16 per work-item.
+# Maximum number of tile sums, 16 per work-item, that each work-group of a GPU adds up. More sums are scanned
+# by another launch.
 _MOST_SUMS = 4096
 # Maximum size of a work-group on a GPU.
 _LARGEST_GROUP = 256
@@ -42,7 +43,7 @@ def exclusive_scan(device: Device, values: Buffer, offsets: Buffer, count: int |
     DeviceError
         `DEVICE_MEMORY`, `DEVICE_BUILD`, `DEVICE_COMMAND`.
     """
-    count = checked_count(count, values)
+    count = check_count(count, values)
     if values.dtype != np.uint32 or offsets.dtype not in _OPENCL_NAMES or offsets.size < count + 1:
         raise TypeError(f"a scan of {count} uint32 values needs count + 1 offsets of uint32 or uint64")
     if count == 0:
@@ -66,7 +67,7 @@ def _scan_cpu(device: Device, values: Buffer, offsets: Buffer, count: int) -> No
 
 
 def _scan_gpu(device: Device, values: Buffer, offsets: Buffer, count: int, level: int) -> None:
-    program, group = grouped_program(
+    program, group = build_grouped_program(
         device,
         "scan_gpu",
         {"VALUE": _OPENCL_NAMES[values.dtype], "SUM": _OPENCL_NAMES[offsets.dtype], "ITEMS": _ITEMS},
@@ -82,7 +83,7 @@ def _scan_gpu(device: Device, values: Buffer, offsets: Buffer, count: int, level
     program.scan_tiles(tiles * group, group, values, sums, offsets, *sizes)
 
 
-def checked_count(count: int | None, array: Buffer) -> int:
+def check_count(count: int | None, array: Buffer) -> int:
     """Return the number of elements after checking it; by default all of `array`."""
     count = array.size if count is None else count
     if not 0 <= count <= min(array.size, MOST):
@@ -97,7 +98,7 @@ def chunks_of(device: Device, count: int) -> tuple[int, int]:
     return chunk, -(-count // max(chunk, 1))
 
 
-def grouped_program(device: Device, name: str, defines: Mapping[str, Define]) -> tuple[Program, int]:
+def build_grouped_program(device: Device, name: str, defines: Mapping[str, Define]) -> tuple[Program, int]:
     """Return a program in GPU style and the size of its work-groups, which is its define GROUP.
 
     The size is the largest power of two, up to 256, that the device and every built kernel allow.

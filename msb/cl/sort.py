@@ -9,7 +9,7 @@ from msb.cl.buffers import Buffer
 from msb.cl.device import Device
 from msb.cl.kernel_text import Define
 from msb.cl.programs import Program
-from msb.cl.scan import checked_count, chunks_of, exclusive_scan, grouped_program
+from msb.cl.scan import build_grouped_program, check_count, chunks_of, exclusive_scan
 
 # Consecutive elements per work-item on a GPU.
 _ITEMS = 8
@@ -67,7 +67,7 @@ def sort_pairs(
     DeviceError
         `DEVICE_MEMORY`, `DEVICE_BUILD`, `DEVICE_COMMAND`.
     """
-    count = checked_count(count, keys)
+    count = check_count(count, keys)
     if keys.dtype not in _KEYS or (values and (values.dtype != np.uint32 or values.size < count)):
         raise TypeError(f"keys must be uint32 or uint64, and values {count} uint32")
     width = keys.dtype.itemsize * 8
@@ -79,9 +79,9 @@ def sort_pairs(
     digit = max(1, -(-bits // passes))
     key = _KEYS[keys.dtype]
     if device.style == "cpu":
-        layout = _cpu_pass(device, key, count)
+        layout = _plan_cpu_pass(device, key, count)
     else:
-        layout = _gpu_pass(device, key, count, 1 << digit)
+        layout = _plan_gpu_pass(device, key, count, 1 << digit)
     places = device.scratch(f"{name} places", (layout.parts << digit) + 1, np.uint32)
     source = keys, values if values is not None else keys
     # Each pass counts the digits of every part, scans the counts to positions, and moves the pairs.
@@ -103,14 +103,14 @@ def sort_pairs(
     return source
 
 
-def _cpu_pass(device: Device, key: str, count: int) -> _Pass:
+def _plan_cpu_pass(device: Device, key: str, count: int) -> _Pass:
     chunk, chunks = chunks_of(device, count)
     program = device.program("radix_cpu", {"KEY": key, "DIGITS": 1 << _DIGIT_BITS})
     return _Pass(program, chunks, 1, (np.uint32(count), np.uint32(chunk), np.uint32(chunks)), chunks)
 
 
-def _gpu_pass(device: Device, key: str, count: int, digits: int) -> _Pass:
+def _plan_gpu_pass(device: Device, key: str, count: int, digits: int) -> _Pass:
     defines: dict[str, Define] = {"KEY": key, "DIGITS": digits, "ITEMS": _ITEMS}
-    program, group = grouped_program(device, "radix_gpu", defines)
+    program, group = build_grouped_program(device, "radix_gpu", defines)
     tiles = -(-count // (group * _ITEMS))
     return _Pass(program, tiles * group, group, (np.uint32(count), np.uint32(tiles)), tiles)

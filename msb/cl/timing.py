@@ -39,28 +39,28 @@ class Timing:
         Time between commands is excluded; `span` includes it.
         """
         total: dict[str, float] = {}
-        for (stage, _), (start, end) in zip(self._events, self._ran, strict=True):
+        for (stage, _), (start, end) in zip(self._events, self._intervals, strict=True):
             total[stage] = total.get(stage, 0.0) + (end - start) * _MS
         return total
 
     def span(self) -> float:
         """Return the milliseconds from the start of the first command to the end of the last one."""
-        return self._until_end(min((start for start, _ in self._ran), default=0))
+        return self._measure_until_end(min((start for start, _ in self._intervals), default=0))
 
     def since_queued(self) -> float:
         """Return the milliseconds from queueing the first command to the end of the last one.
 
         This includes compilation at a first launch and any delay before the device starts.
         """
-        return self._until_end(min((event.profile.queued for _, event in self._events), default=0))
+        return self._measure_until_end(min((event.profile.queued for _, event in self._events), default=0))
 
     @cached_property
-    def _ran(self) -> list[tuple[int, int]]:
+    def _intervals(self) -> list[tuple[int, int]]:
         """Start and end of each command in nanoseconds; the platform is asked once."""
         return [(event.profile.start, event.profile.end) for _, event in self._events]
 
-    def _until_end(self, start: int) -> float:
-        return float(max((end for _, end in self._ran), default=0) - start) * _MS
+    def _measure_until_end(self, start: int) -> float:
+        return float(max((end for _, end in self._intervals), default=0) - start) * _MS
 
     def __len__(self) -> int:
         return len(self._events)

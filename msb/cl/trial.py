@@ -1,8 +1,8 @@
-"""Try once, in a separate process, whether a device builds and runs kernels, and cache the result.
+"""Test in a child process whether a device builds and runs kernels, and cache the result.
 
-A platform that is listed may not work: its compiler may not know the processor, or may crash. The trial
-builds and runs trial.cl in a child process. The user's cache stores the result under everything that can
-change it: platform, driver, processor, and the text of the trial.
+A listed platform may not work: its compiler may not know the processor, or may crash. The trial builds and
+runs trial.cl in a child process. Its result is stored in the user's cache. The key of the cache covers
+everything that can change the result: platform, driver, processor, program version and trial.cl.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ from msb.cl.loader import opencl, user_cache
 from msb.cl.records import DeviceRecord
 from msb.errors import DeviceError, OutputError, one_line, shorten
 
-# Time limit of a trial in seconds on a busy machine, including the start of the compiler; typical trials take
-# a tenth.
+# Time limit of a trial in seconds, including the start of the compiler. It allows for a busy machine; a
+# typical trial takes 12 seconds.
 _SECONDS = 120.0
 # Number of work-items in the trial.
 _COUNT = 64
@@ -74,12 +74,12 @@ def try_device(handle: Any, record: DeviceRecord, *, again: bool = False) -> Tri
         known = None if again else _known.get(handle.int_ptr)
         if known is None:
             pocl_fix.undo(handle)
-            key = _key(handle, record)
-            known = None if again else _remembered().get(key)
+            key = _compute_key(handle, record)
+            known = None if again else _read_results().get(key)
             if known is None:
                 known, lasting = _try(handle, record)
                 if lasting:
-                    _remember(key, known)
+                    _store_result(key, known)
             if known.mended and not pocl_fix.apply(handle):
                 known = Trial(False, "the processor name of its compiler could not be replaced")
             _known[handle.int_ptr] = known
@@ -94,19 +94,19 @@ def forget() -> None:
 
 def _try(handle: Any, record: DeviceRecord) -> tuple[Trial, bool]:
     """Return the result of a trial, and whether it should be cached."""
-    why, lasting = _why_not(record, mended=False)
+    why, lasting = _find_failure(record, mended=False)
     if why is None:
         return Trial(True), True
-    if pocl_fix.can_apply(handle) and _why_not(record, mended=True)[0] is None:
+    if pocl_fix.can_apply(handle) and _find_failure(record, mended=True)[0] is None:
         return Trial(True, mended=pocl_fix.NAME.decode()), True
     return Trial(False, why), lasting
 
 
-def _why_not(record: DeviceRecord, *, mended: bool) -> tuple[str | None, bool]:
+def _find_failure(record: DeviceRecord, *, mended: bool) -> tuple[str | None, bool]:
     """Run the trial in a child process; return its failure or None, and whether the result is permanent."""
     request = f"{record.selector} {'mended' if mended else 'as it is'}"
     try:
-        reply = run_in_child(try_here, request, {}, Limits(_SECONDS, None))
+        reply = run_in_child(run_trial, request, {}, Limits(_SECONDS, None))
     except (OSError, OutputError) as error:
         return f"no child process could be started for the trial: {shorten(str(error), 100)}", False
     if reply.why:
@@ -114,30 +114,30 @@ def _why_not(record: DeviceRecord, *, mended: bool) -> tuple[str | None, bool]:
     return reply.data, True
 
 
-def try_here(word: str, arrays: Arrays) -> tuple[str | None, Arrays]:
+def run_trial(word: str, arrays: Arrays) -> tuple[str | None, Arrays]:
     """Build and run trial.cl in this child process; return why the device does not work, or None.
 
     `word` is the selector of the device and whether its compiler is fixed first; `arrays` is empty.
     """
     os.environ["POCL_KERNEL_CACHE"] = "0"  # a cached kernel would not test the compiler
-    from msb.cl.devices import found_devices
+    from msb.cl.devices import find_devices
 
     cl = opencl()
     selector, _, state = word.partition(" ")
-    for record, handle in found_devices(cl):
+    for record, handle in find_devices(cl):
         if record.selector != selector:
             continue
         if state == "mended" and not pocl_fix.apply(handle):
             return "the processor name of its compiler could not be replaced", {}
         try:
             with Device(cl, handle, record) as device:
-                return (None if _is_right(device) else "it computes a small kernel incorrectly"), {}
+                return (None if _computes_correctly(device) else "it computes a small kernel incorrectly"), {}
         except DeviceError as error:
             return error.message, {}
     return f"{selector} does not exist in a child process", {}
 
 
-def _is_right(device: Device) -> bool:
+def _computes_correctly(device: Device) -> bool:
     values = (np.arange(8 * _COUNT, dtype=np.float32) / 16).reshape(_COUNT, 8)
     halves = device.allocate(values.shape, np.float32)
     rounded = device.allocate(values.shape, np.int32)
@@ -150,13 +150,13 @@ def _is_right(device: Device) -> bool:
     )
 
 
-def _key(handle: Any, record: DeviceRecord) -> str:
+def _compute_key(handle: Any, record: DeviceRecord) -> str:
     facts = (
         *(record.platform, record.platform_version, record.driver, record.name, record.version),
         *(
             pocl_fix.compiler_cpu(handle),
             pocl_fix.is_off(),
-            _processor(),
+            _describe_processor(),
             __version__,
             resolve(OWN, "trial.cl"),
         ),
@@ -165,7 +165,7 @@ def _key(handle: Any, record: DeviceRecord) -> str:
 
 
 @cache
-def _processor() -> str:
+def _describe_processor() -> str:
     """Return the properties of the processor that distinguish it from others."""
     with contextlib.suppress(OSError):
         first = Path("/proc/cpuinfo").read_text("utf-8", "replace").partition("\n\n")[0]
@@ -174,14 +174,14 @@ def _processor() -> str:
     return f"{platform.machine()} {platform.processor()}"
 
 
-def _file() -> Path | None:
+def _find_cache_file() -> Path | None:
     folder = user_cache()
     return None if folder is None else folder / "meshsplatbench" / "devices.txt"
 
 
-def _remembered() -> dict[str, Trial]:
+def _read_results() -> dict[str, Trial]:
     """Return the cached results, one line per device: KEY builds MENDED or KEY fails WHY."""
-    file, text = _file(), ""
+    file, text = _find_cache_file(), ""
     with contextlib.suppress(OSError):
         if file is not None and file.stat().st_size <= _MOST_BYTES:
             text = file.read_text("utf-8", "replace")
@@ -196,11 +196,11 @@ def _remembered() -> dict[str, Trial]:
     return trials
 
 
-def _remember(key: str, result: Trial) -> None:
-    file = _file()
+def _store_result(key: str, result: Trial) -> None:
+    file = _find_cache_file()
     if file is None:
         return
-    results = {**_remembered(), key: result}
+    results = {**_read_results(), key: result}
     lines = [
         f"{name} builds {trial.mended or ''}" if trial.builds else f"{name} fails {one_line(trial.why or '')}"
         for name, trial in list(results.items())[-_MOST_REMEMBERED:]

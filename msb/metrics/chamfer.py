@@ -14,8 +14,8 @@ from msb.metrics.sampling import mesh_arrays, sample_surface, thin
 
 # Spacing of the samples and radius of the thinning in mm, as in the benchmark.
 DENSITY = 0.2
-# Margin in mm below the bounding box within which points count; above the box it is twice as large, as in
-# upstream.
+# Margin in mm around the bounding box within which points count: this much below its lower corner, and twice
+# as much above its upper corner, as in upstream.
 PATCH = 60.0
 # Distances from here on, in mm, are excluded from the averages, not clipped.
 MAX_DISTANCE = 20.0
@@ -50,9 +50,9 @@ def chamfer_dtu(
     Returns
     -------
     dict
-        "mean_d2s" (mesh to scan: accuracy), "mean_s2d" (scan to mesh: completeness) and their average
-        "overall" in mm, None without points, with the "reason"; "scan", "seed"; counts of each stage,
-        "n_..."; "identity".
+        In mm: "mean_d2s" (mesh to scan: accuracy), "mean_s2d" (scan to mesh: completeness) and their average
+        "overall". A value without points is None, and "reason" explains it. Further keys: "scan", "seed",
+        "identity", and the number of points at each stage ("n_...").
 
     Raises
     ------
@@ -102,22 +102,25 @@ def chamfer_points(points: ArrayLike, data: DtuScan, *, max_distance: float = MA
     """
     cloud, _ = mesh_arrays(points, ())
     low, high = data.box[:1] - np.float32(PATCH), data.box[1:] + np.float32(2 * PATCH)
-    # Points within the margins of the box, then those in observed voxels, and scan points above the table.
+    # inside: points within the margins of the box; seen: those in observed voxels; above: scan points above
+    # the table.
     inside = cloud[((cloud >= low) & (cloud < high)).all(axis=1)]
     voxel = np.around((inside - data.box[:1]) / data.resolution)
     in_grid = ((voxel >= 0) & (voxel < data.observed.shape)).all(axis=1)
     seen = inside[in_grid][data.observed[tuple(voxel[in_grid].astype(np.int64).T)]]
     above = data.points[data.points @ data.plane[:3] + data.plane[3] > 0]
 
-    to_scan = _near_distances(seen, data.points, max_distance)
-    to_mesh = _near_distances(above, inside, max_distance)
-    accuracy, completeness = _mean(to_scan), _mean(to_mesh)
+    to_scan = _measure_distances(seen, data.points, max_distance)
+    to_mesh = _measure_distances(above, inside, max_distance)
+    accuracy, completeness = _average(to_scan), _average(to_mesh)
     overall = None if accuracy is None or completeness is None else (accuracy + completeness) / 2
     return {
         "mean_d2s": accuracy,
         "mean_s2d": completeness,
         "overall": overall,
-        "reason": None if overall is not None else _reason(len(seen), len(above), len(inside), max_distance),
+        "reason": None
+        if overall is not None
+        else _explain_missing(len(seen), len(above), len(inside), max_distance),
         "n_down": len(cloud),
         "n_inbound": len(inside),
         "n_grid_in": int(np.count_nonzero(in_grid)),
@@ -130,7 +133,7 @@ def chamfer_points(points: ArrayLike, data: DtuScan, *, max_distance: float = MA
     }
 
 
-def _near_distances(
+def _measure_distances(
     queries: NDArray[np.float64], targets: NDArray[np.float64], limit: float
 ) -> NDArray[np.float64]:
     """Return the distance of each query to its nearest target, omitting distances of `limit` or more."""
@@ -147,11 +150,11 @@ def _near_distances(
     return np.concatenate(parts)
 
 
-def _mean(distances: NDArray[np.float64]) -> float | None:
+def _average(distances: NDArray[np.float64]) -> float | None:
     return float(distances.mean()) if len(distances) else None
 
 
-def _reason(seen: int, above: int, inside: int, limit: float) -> str:
+def _explain_missing(seen: int, above: int, inside: int, limit: float) -> str:
     if not inside:
         return "no point of the mesh lies within the bounds of the scan"
     if not seen:

@@ -40,33 +40,35 @@ def cull_dtu(
     vertex projects outside the image. A vertex stays if all views keep it. Depth is not tested: a vertex
     behind a camera is judged by its mirrored projection, as in upstream.
 
-    The vertices (V, 3) are in the normalised frame of cameras.npz, which the COLMAP model and the trained
-    asset use too; the result is scale_mat_0[0, 0] x + scale_mat_0[:3, 3]. `world_mats` and `scale_mats` are
-    the matrices world_mat_i and scale_mat_i (4, 4) of cameras.npz, one per view; world @ scale projects to
-    pixels. Masks (H, W) or (H, W, C) have full size, 1600 x 1200. The first channel counts, and any value
-    above 0 is object. A generator that reads one file at a time saves memory.
+    The vertices (V, 3) are in the normalised frame of cameras.npz, like the COLMAP model and the trained
+    asset. A kept vertex x becomes scale_mat_0[0, 0] x + scale_mat_0[:3, 3], in millimetres. `world_mats` and
+    `scale_mats` are the matrices world_mat_i and scale_mat_i (4, 4) of cameras.npz, one per view; world @
+    scale projects to pixels. Masks (H, W) or (H, W, C) have full size, 1600 x 1200. Values above 0 in the
+    first channel mark the object. Pass a generator that reads one mask at a time to save memory.
 
     Source: `hbb1/2d-gaussian-splatting`: scripts/eval_dtu/evaluate_single_scene.py (`cull_scan`).
     """
     points, corners = mesh_arrays(vertices, faces)
     kept = np.ones(len(points), bool)
-    world = [_matrix(matrix, "world_mat") for matrix in world_mats]
-    scale = [_matrix(matrix, "scale_mat") for matrix in scale_mats]
+    world = [_check_matrix(matrix, "world_mat") for matrix in world_mats]
+    scale = [_check_matrix(matrix, "scale_mat") for matrix in scale_mats]
     if not world or len(world) != len(scale):
-        raise _bad(f"{len(world)} world_mat and {len(scale)} scale_mat were given; each view needs both")
+        raise _input_error(
+            f"{len(world)} world_mat and {len(scale)} scale_mat were given; each view needs both"
+        )
     views = 0
     for mask in masks:
         if views < len(world):
-            kept &= _kept_by(points, world[views] @ scale[views], _mask(mask, views), dilation)
+            kept &= _test_view(points, world[views] @ scale[views], _check_mask(mask, views), dilation)
         views += 1
     if views != len(world):
-        raise _bad(f"{views} masks were given for {len(world)} views; each view needs one")
+        raise _input_error(f"{views} masks were given for {len(world)} views; each view needs one")
     number = np.cumsum(kept) - 1
     whole = corners[kept[corners].all(axis=1)]
     return CulledMesh(points[kept] * scale[0][0, 0] + scale[0][:3, 3], number[whole], kept)
 
 
-def _kept_by(
+def _test_view(
     points: NDArray[np.float64], matrix: NDArray[np.float64], mask: NDArray[np.bool_], dilation: float
 ) -> NDArray[np.bool_]:
     from scipy.ndimage import distance_transform_edt
@@ -76,7 +78,7 @@ def _kept_by(
     norm = np.linalg.norm(matrix[2, :3])
     sign = np.linalg.det(matrix[:3, :3])
     if not norm > 0 or sign == 0:
-        raise _bad("world_mat @ scale_mat is not a camera projection: it is singular")
+        raise _input_error("world_mat @ scale_mat is not a camera projection: it is singular")
     projection = matrix[:3] / (norm * np.sign(sign))
     image = points @ projection[:, :3].T + projection[:, 3]
     with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
@@ -91,21 +93,21 @@ def _kept_by(
     return kept
 
 
-def _matrix(matrix: ArrayLike, name: str) -> NDArray[np.float64]:
+def _check_matrix(matrix: ArrayLike, name: str) -> NDArray[np.float64]:
     array = np.asarray(matrix)
     if array.shape != (4, 4) or array.dtype.kind not in "fiu" or not np.isfinite(array).all():
-        raise _bad(f"a {name} has shape {array.shape}; each must be 4 x 4 finite numbers")
+        raise _input_error(f"a {name} has shape {array.shape}; each must be 4 x 4 finite numbers")
     return array.astype(np.float64)
 
 
-def _mask(mask: ArrayLike, view: int) -> NDArray[np.bool_]:
+def _check_mask(mask: ArrayLike, view: int) -> NDArray[np.bool_]:
     array = np.asarray(mask)
     if array.ndim == 3 and array.shape[2]:
         array = array[..., 0]
     if array.ndim != 2 or min(array.shape) < 2:
-        raise _bad(f"mask {view} has shape {array.shape}; it must be height x width")
+        raise _input_error(f"mask {view} has shape {array.shape}; it must be height x width")
     return np.asarray(array > 0)
 
 
-def _bad(message: str) -> MetricError:
+def _input_error(message: str) -> MetricError:
     return MetricError("METRIC_DTU", message)

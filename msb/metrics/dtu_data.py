@@ -14,8 +14,8 @@ from msb.errors import InputError, MetricError
 from msb.meshes import read_mesh
 from msb.metrics.matlab import find_variables
 
-# Maximum number of voxels, more than any scan has. Compressed zeros take a thousandth of the memory that they
-# expand to.
+# Maximum number of voxels, more than any scan has. It limits memory, because compressed zeros expand to a
+# thousand times their size.
 _MAX_VOXELS = 1 << 29
 # Largest absolute value in a file, far beyond any scan, so that no computation overflows.
 _LARGEST = 1e30
@@ -32,7 +32,7 @@ class DtuScan:
     observed: NDArray[np.bool_]
     # (2, 3), opposite corners of the grid; voxel (i, j, k) is centred at box[0] + resolution (i, j, k).
     box: NDArray[np.float32]
-    # Side length of a voxel.
+    # Side length of a voxel in mm.
     resolution: float
     # (4,), points with plane . (x, y, z, 1) > 0 are above the table.
     plane: NDArray[np.float64]
@@ -55,7 +55,7 @@ def read_dtu_scan(dataset_dir: str | os.PathLike[str], scan: int) -> DtuScan:
     resolution = float(grid["Res"][0, 0])
     if not resolution >= 1 / _LARGEST:
         text = f"the side of a voxel (Res) is {resolution}; it must be at least {1 / _LARGEST}"
-        raise _bad(grid_file, text)
+        raise _file_error(grid_file, text)
     cloud = folder / "Points" / "stl" / f"stl{scan:03d}_total.ply"
     points = read_mesh(cloud, images=False).vertices.astype(np.float64, copy=False)
     _check_numbers(cloud, "a coordinate", points)
@@ -76,7 +76,7 @@ def _read_mat(path: Path, names: tuple[str, ...]) -> dict[str, NDArray[Any]]:
         raise
     except Exception as error:  # damaged files raise any exception
         text = f"it cannot be read as a MATLAB 5 file: {library_reason(error)}"
-        raise _bad(place, text) from error
+        raise _file_error(place, text) from error
     for name, array in arrays.items():
         if name != "ObsMask":
             _check_numbers(place, name, array)
@@ -85,12 +85,12 @@ def _read_mat(path: Path, names: tuple[str, ...]) -> dict[str, NDArray[Any]]:
 
 def _check_numbers(path: Path, what: str, array: NDArray[Any]) -> None:
     if not (np.isfinite(array).all() and np.abs(array).max(initial=0) <= _LARGEST):
-        raise _bad(path, f"{what} is not a finite number between {-_LARGEST} and {_LARGEST}")
+        raise _file_error(path, f"{what} is not a finite number between {-_LARGEST} and {_LARGEST}")
 
 
 def _check_shape(path: Path, name: str, shape: tuple[int, ...] | None) -> None:
     if shape is None:
-        raise _bad(path, f"the variable {name} is missing")
+        raise _file_error(path, f"the variable {name} is missing")
     if name == "ObsMask":
         valid = len(shape) == 3 and min(shape) > 0 and np.prod(shape, dtype=float) <= _MAX_VOXELS
         required = f"three axes and at most {_MAX_VOXELS} voxels"
@@ -98,8 +98,8 @@ def _check_shape(path: Path, name: str, shape: tuple[int, ...] | None) -> None:
         valid = shape == _SHAPES[name]
         required = " x ".join(map(str, _SHAPES[name]))
     if not valid:
-        raise _bad(path, f"{name} has shape {' x '.join(map(str, shape))}; it must have {required}")
+        raise _file_error(path, f"{name} has shape {' x '.join(map(str, shape))}; it must have {required}")
 
 
-def _bad(path: Path, message: str) -> MetricError:
+def _file_error(path: Path, message: str) -> MetricError:
     return MetricError("METRIC_DTU", message, file=path)

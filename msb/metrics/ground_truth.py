@@ -14,7 +14,7 @@ from msb.scenes.datasets.photographs import find_mask
 
 
 def ground_truth(scene: Scene, camera: Camera) -> NDArray[np.float32]:
-    """Return the photograph of `camera` as it is compared.
+    """Return the photograph of `camera`, prepared for comparison with a rendering.
 
     Parameters
     ----------
@@ -52,32 +52,32 @@ def ground_truth(scene: Scene, camera: Camera) -> NDArray[np.float32]:
     pixels = read_pixels(camera.image_path)
     color, alpha = pixels[..., :3], pixels[..., 3:]
     if scene.mask_source == "mask_folder":
-        alpha = _mask(scene, camera, color.shape)
+        alpha = _read_mask(scene, camera, color.shape)
     elif scene.mask_source is None:
         alpha = alpha[..., :0]
     if alpha.shape[2] == 0:
-        image = _resized(color, size, scene.resampling) / 255.0
+        image = _resize(color, size, scene.resampling) / 255.0
     elif scene.compositing == "after_resize":
-        color, alpha = (_resized(part, size, scene.resampling) for part in (color, alpha))
-        image = _over(color, alpha, scene.background)
+        color, alpha = (_resize(part, size, scene.resampling) for part in (color, alpha))
+        image = _composite(color, alpha, scene.background)
     else:
-        image = _resized(_over(color, alpha, scene.background), size, scene.resampling)
+        image = _resize(_composite(color, alpha, scene.background), size, scene.resampling)
     image = np.clip(image, 0, 1)
     if scene.quantized:
         image = np.floor(image * 255 + 0.5) / 255
     return image.astype(np.float32)
 
 
-def mask_path(scene: Scene, camera: Camera) -> Path:
+def find_mask_file(scene: Scene, camera: Camera) -> Path:
     """Return the mask file of a camera in a scene with a mask folder."""
     assert camera.image_path is not None
     # The scene stores only the masks of its test views, which a run evaluates.
     return scene.masks.get(str(camera.name)) or find_mask(scene.root, camera.image_path)
 
 
-def _mask(scene: Scene, camera: Camera, shape: tuple[int, ...]) -> NDArray[np.uint8]:
+def _read_mask(scene: Scene, camera: Camera, shape: tuple[int, ...]) -> NDArray[np.uint8]:
     """Return the mask (H, W, 1) of a camera: the first channel, as for culling."""
-    path = mask_path(scene, camera)
+    path = find_mask_file(scene, camera)
     mask = read_mask(path)
     if mask.shape != shape[:2]:
         text = f"it has {mask.shape[1]} x {mask.shape[0]} pixels, its photograph {shape[1]} x {shape[0]}"
@@ -85,12 +85,12 @@ def _mask(scene: Scene, camera: Camera, shape: tuple[int, ...]) -> NDArray[np.ui
     return mask[..., None]
 
 
-def _over(color: NDArray[np.uint8], alpha: NDArray[np.uint8], background: Any) -> NDArray[np.float64]:
+def _composite(color: NDArray[np.uint8], alpha: NDArray[np.uint8], background: Any) -> NDArray[np.float64]:
     weight = alpha / 255.0
     return np.asarray(color / 255.0 * weight + np.asarray(background, np.float64) * (1 - weight))
 
 
-def _resized(image: NDArray[Any], size: tuple[int, int], resampling: str) -> NDArray[Any]:
+def _resize(image: NDArray[Any], size: tuple[int, int], resampling: str) -> NDArray[Any]:
     """Return the image at `size`, resized by Pillow: bytes as bytes, floats as float32 planes."""
     from PIL import Image
 

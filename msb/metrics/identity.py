@@ -1,4 +1,4 @@
-"""The definition of a metric, and the identity of its values: version, libraries, parameters, weights."""
+"""Definitions of metrics, and identities of values: definition, library versions and weight hashes."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
@@ -57,9 +57,9 @@ class Definition:
     unit: str
     # All parameters of the definition.
     parameters: Mapping[str, Any]
-    # Packages with arithmetic that affects the value.
+    # Packages whose arithmetic affects the value; their versions are recorded.
     libraries: tuple[str, ...]
-    # Increased when the same input would give a different value.
+    # Increase this number when a change of the code changes values.
     version: int = 1
 
     def identity(

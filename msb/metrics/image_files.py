@@ -38,7 +38,7 @@ def read_image(path: str | os.PathLike[str], *, background: Color | None = None)
     place = regular_file(path)
     suffix = place.suffix.lower()
     if suffix not in IMAGE_SUFFIXES:
-        raise _bad(place, f"unsupported suffix; use one of {', '.join(IMAGE_SUFFIXES)}")
+        raise _file_error(place, f"unsupported suffix; use one of {', '.join(IMAGE_SUFFIXES)}")
     if suffix == ".exr":
         need_extra("bench", "OpenEXR", what="an EXR image")
     with _decoding(place):
@@ -46,7 +46,7 @@ def read_image(path: str | os.PathLike[str], *, background: Color | None = None)
             return _read_npy(place)
         if suffix == ".exr":
             return _read_exr(place)
-        return _composited(place, read_pixels(place), background)
+        return _composite(place, read_pixels(place), background)
 
 
 @contextlib.contextmanager
@@ -56,17 +56,17 @@ def _decoding(path: Path) -> Iterator[None]:
     except MetricError:
         raise
     except Exception as error:  # decoders raise all kinds of exceptions for damaged files
-        raise _bad(path, f"it cannot be decoded: {library_reason(error)}") from error
+        raise _file_error(path, f"it cannot be decoded: {library_reason(error)}") from error
 
 
-def _bad(path: Path, message: str) -> MetricError:
+def _file_error(path: Path, message: str) -> MetricError:
     return MetricError("METRIC_IMAGE", message, file=path)
 
 
 def _check_size(path: Path, width: int, height: int) -> None:
     if not (0 < width <= MAX_SIDE and 0 < height <= MAX_SIDE and width * height <= MAX_PIXELS):
         text = f"{width} x {height} pixels are too many; limits: {MAX_SIDE} per side, {MAX_PIXELS} in all"
-        raise _bad(path, text)
+        raise _file_error(path, text)
 
 
 def read_pixels(path: Path, modes: tuple[str, ...] = ("RGB", "RGBA")) -> NDArray[np.uint8]:
@@ -95,15 +95,15 @@ def _decode(path: Path, modes: tuple[str, ...]) -> NDArray[np.uint8]:
     with image:
         _check_size(path, *image.size)
         if "transparency" in image.info:
-            raise _bad(path, "unsupported transparent colour; use an alpha channel or no transparency")
+            raise _file_error(path, "unsupported transparent colour; use an alpha channel or no transparency")
         if image.mode not in modes:
-            raise _bad(path, f"unsupported pixel format {image.mode}; use 8-bit RGB or RGBA")
+            raise _file_error(path, f"unsupported pixel format {image.mode}; use 8-bit RGB or RGBA")
         image.load()
         pixels: NDArray[np.uint8] = np.array(image)
     return pixels
 
 
-def _composited(path: Path, pixels: NDArray[np.uint8], background: Color | None) -> NDArray[Any]:
+def _composite(path: Path, pixels: NDArray[np.uint8], background: Color | None) -> NDArray[Any]:
     if pixels.shape[2] == 3:
         return pixels
     color, alpha = pixels[..., :3], pixels[..., 3]
@@ -130,12 +130,12 @@ def _check_png_kind(path: Path) -> None:
     if not head.startswith(b"\x89PNG\r\n\x1a\n"):
         return
     if len(head) < _PNG_HEAD:
-        raise _bad(path, "the file ends within its header")
+        raise _file_error(path, "the file ends within its header")
     depth, kind = head[24], head[25]
     if kind == 3:
-        raise _bad(path, "unsupported palette colours; use 8-bit RGB or RGBA")
+        raise _file_error(path, "unsupported palette colours; use 8-bit RGB or RGBA")
     if depth != 8:
-        raise _bad(path, f"unsupported {depth} bits per channel; use 8")
+        raise _file_error(path, f"unsupported {depth} bits per channel; use 8")
 
 
 def _read_npy(path: Path) -> NDArray[Any]:
@@ -143,13 +143,13 @@ def _read_npy(path: Path) -> NDArray[Any]:
     # loaded.
     with path.open("rb") as file:
         if file.read(len(_NPY)) != _NPY:
-            raise _bad(path, "the file is not an array written by numpy.save")
+            raise _file_error(path, "the file is not an array written by numpy.save")
     array = np.load(path, mmap_mode="r", allow_pickle=False)
     if array.ndim != 3 or array.shape[2] != 3:
         shape = " x ".join(map(str, array.shape))
-        raise _bad(path, f"the array has shape {shape}; it must be height x width x 3")
+        raise _file_error(path, f"the array has shape {shape}; it must be height x width x 3")
     if array.dtype != np.uint8 and array.dtype.kind != "f":
-        raise _bad(path, f"unsupported dtype {shorten(str(array.dtype), 40)}; use uint8 or floats")
+        raise _file_error(path, f"unsupported dtype {shorten(str(array.dtype), 40)}; use uint8 or floats")
     _check_size(path, array.shape[1], array.shape[0])
     return np.array(array)
 
@@ -167,7 +167,7 @@ def _read_exr(path: Path) -> NDArray[Any]:
         names = ", ".join(sorted(channels)) or "none"
         pixels = channels["RGB"].pixels if "RGB" in channels else None
     if printed.getvalue():
-        raise _bad(path, f"it cannot be decoded: {shorten(printed.getvalue().strip())}")
+        raise _file_error(path, f"it cannot be decoded: {shorten(printed.getvalue().strip())}")
     if pixels is None or pixels.ndim != 3:
-        raise _bad(path, f"unsupported channels {shorten(names)}; use R, G and B of equal size")
+        raise _file_error(path, f"unsupported channels {shorten(names)}; use R, G and B of equal size")
     return np.array(pixels, np.float32)

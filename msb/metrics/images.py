@@ -11,13 +11,14 @@ from msb.base.extras import need_extra
 from msb.errors import MetricError
 from msb.metrics.identity import ImageMetric
 
-# Value in dB that replaces an infinite PSNR in averages; the number of such images is reported beside it.
+# Value in dB that replaces an infinite PSNR in averages. The number of images with infinite PSNR is also
+# reported.
 PSNR_CAP = 100.0
 # Radius of the 11 x 11 window in pixels.
 _WINDOW_RADIUS = 5
 
 
-def most_psnr(pixels: int) -> float:
+def find_max_psnr(pixels: int) -> float:
     """Return the maximum PSNR in dB between different 8-bit images with this number of pixels."""
     # Values are bytes over 255, so the mean squared error is at least one step of one value.
     return 10 * math.log10(255**2 * 3 * pixels)
@@ -57,7 +58,7 @@ def psnr(pred: ArrayLike, gt: ArrayLike, *, quantize: bool = True) -> float:
     >>> round(psnr(grey, black), 6)
     13.9794
     """
-    return _psnr(*image_pair(pred, gt, quantize=quantize))
+    return _psnr(*check_pair(pred, gt, quantize=quantize))
 
 
 def psnr_of_mse(mse: float) -> float:
@@ -104,7 +105,7 @@ def ssim(pred: ArrayLike, gt: ArrayLike, *, quantize: bool = True) -> float:
     Definition: Wang et al., Image Quality Assessment: From Error Visibility to Structural Similarity, 2004.
     Border rule: `graphdeco-inria/gaussian-splatting`: utils/loss_utils.py.
     """
-    return _ssim(*image_pair(pred, gt, quantize=quantize))
+    return _ssim(*check_pair(pred, gt, quantize=quantize))
 
 
 def _ssim(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
@@ -139,19 +140,19 @@ def is_plain(image: NDArray[Any]) -> bool:
     return bool((image == image[:1, :1]).all())
 
 
-def image_pair(
+def check_pair(
     pred: ArrayLike, gt: ArrayLike, *, quantize: bool = True
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return both images as (H, W, 3) float64 in [0, 1], checked and rounded by the input rule."""
-    a, b = checked_image(pred, "pred"), checked_image(gt, "gt")
+    a, b = check_image(pred, "pred"), check_image(gt, "gt")
     if a.shape != b.shape:
         sizes = [f"{image.shape[1]} x {image.shape[0]}" for image in (a, b)]
         text = f"pred has {sizes[0]} pixels and gt {sizes[1]}; sizes must be equal"
         raise MetricError("METRIC_SIZES_DIFFER", text)
-    return _unit(a, quantize), _unit(b, quantize)
+    return _to_unit_range(a, quantize), _to_unit_range(b, quantize)
 
 
-def checked_image(image: ArrayLike, name: str) -> NDArray[Any]:
+def check_image(image: ArrayLike, name: str) -> NDArray[Any]:
     """Return an image that metrics accept, or raise METRIC_IMAGE with the fault of the image `name`."""
     array = np.asarray(image)
     if array.ndim != 3 or array.shape[2] != 3 or array.size == 0:
@@ -168,15 +169,15 @@ def checked_image(image: ArrayLike, name: str) -> NDArray[Any]:
         y, x, channel = (int(i) for i in np.argwhere(~finite)[0])
         text = f"{name}[{y}, {x}, {channel}] is {array[y, x, channel]}; every value must be a finite number"
         raise MetricError("METRIC_IMAGE", text, pointer=f"{name}[{y}, {x}, {channel}]")
-    # A few bright pixels may come from the renderer and are clamped; most values above 2 indicate bytes that
-    # were not divided by 255.
+    # A few bright pixels may come from the renderer and are clamped. If most values are above 2, they are
+    # probably bytes that were not divided by 255.
     if 2 * np.count_nonzero(array > 2) > array.size:
         text = f"most values of {name} are above 2, the largest is {array.max():g}; floats must be in [0, 1]"
         raise MetricError("METRIC_IMAGE", text)
     return array
 
 
-def _unit(array: NDArray[Any], quantize: bool) -> NDArray[np.float64]:
+def _to_unit_range(array: NDArray[Any], quantize: bool) -> NDArray[np.float64]:
     """Return checked values in [0, 1]; floats are rounded in their precision, like a PNG."""
     if array.dtype != np.uint8:
         kind = array.dtype if array.dtype.itemsize >= 4 else np.dtype(np.float32)

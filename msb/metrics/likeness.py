@@ -1,10 +1,10 @@
-"""Similarity of two renderings of one object: two PSNR limits in dB that all judgements share."""
+"""Similarity of two renderings of one object: the PSNR limits in dB that all verdicts share."""
 
 import math
 
-# From here on, differences are visible only when flipping between the images.
+# At this PSNR or above, differences are visible only when flipping between the images.
 ALIKE = 35.0
-# Below this limit, the difference is obvious side by side.
+# Below this PSNR, the difference is obvious side by side.
 NEARLY = 25.0
 
 

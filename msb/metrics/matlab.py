@@ -46,7 +46,7 @@ class Variable:
             raise ValueError(f"{self.name} does not hold real numbers")
         count = math.prod(self.shape)
         head = _unpack(self._body, self._compressed, self._start + 8)
-        kind, start, size, _ = _element(head, self._start, self._order)
+        kind, start, size, _ = _read_element(head, self._start, self._order)
         if kind not in _TYPES:
             raise ValueError(f"{self.name} has the unknown type {kind}")
         dtype = np.dtype(self._order + _TYPES[kind])
@@ -68,7 +68,7 @@ def find_variables(data: bytes) -> dict[str, Variable]:
     variables: dict[str, Variable] = {}
     view, at = memoryview(data), _HEADER
     while at < len(data):
-        kind, start, size, _ = _element(view, at, order)
+        kind, start, size, _ = _read_element(view, at, order)
         at = start + size
         if at > len(data):
             raise ValueError(_ENDS)
@@ -81,26 +81,28 @@ def find_variables(data: bytes) -> dict[str, Variable]:
 def _describe(body: memoryview, compressed: bool, order: str) -> Variable:
     head = _unpack(body, compressed, _HEAD)
     at = 8 if compressed else 0  # the tag of the matrix is part of the compressed data
-    _, start, _, at = _element(head, at, order)
-    flags = _numbers(head, start, 1, order)[0]
-    _, start, size, at = _element(head, at, order)
-    shape = _numbers(head, start, size // 4, order)
-    _, start, size, at = _element(head, at, order)
+    _, start, _, at = _read_element(head, at, order)
+    flags = _read_numbers(head, start, 1, order)[0]
+    _, start, size, at = _read_element(head, at, order)
+    shape = _read_numbers(head, start, size // 4, order)
+    _, start, size, at = _read_element(head, at, order)
     name = bytes(head[start : start + size]).decode("latin-1")
     numeric = flags & 0xFF in _NUMERIC and not flags & _COMPLEX and len(shape) > 0
     return Variable(name, shape, body, compressed, order, numeric, at)
 
 
-def _element(data: bytes | memoryview, at: int, order: str) -> tuple[int, int, int, int]:
+def _read_element(data: bytes | memoryview, at: int, order: str) -> tuple[int, int, int, int]:
     """Return type, start and length of the element at `at`, and the position of the next element."""
-    word = _numbers(data, at, 1, order, "I")[0]
+    word = _read_numbers(data, at, 1, order, "I")[0]
     if word >> 16:  # small format: length in the upper half, data in place of the length
         return word & 0xFFFF, at + 4, word >> 16, at + 8
-    size = _numbers(data, at + 4, 1, order, "I")[0]
+    size = _read_numbers(data, at + 4, 1, order, "I")[0]
     return word, at + 8, size, at + 8 + size + -size % 8
 
 
-def _numbers(data: bytes | memoryview, at: int, count: int, order: str, kind: str = "i") -> tuple[int, ...]:
+def _read_numbers(
+    data: bytes | memoryview, at: int, count: int, order: str, kind: str = "i"
+) -> tuple[int, ...]:
     if at + 4 * count > len(data):
         raise ValueError(_ENDS)
     return struct.unpack_from(f"{order}{count}{kind}", data, at)

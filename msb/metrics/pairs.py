@@ -44,11 +44,11 @@ def pair_images(
     files, expected = images_below(pred), images_below(gt)
     missing = sorted(set(files) - set(expected))
     if missing:
-        text = f"{_listed(missing, pred)} missing here; names must be equal except for the suffix"
+        text = f"{_list_names(missing, pred)} missing here; names must be equal except for the suffix"
         raise MetricError("METRIC_IMAGE_NAMES", text, file=gt)
     extra = sorted(set(expected) - set(files))
     if extra and not subset:
-        text = f"{_listed(extra, gt)} missing here; use --subset to compare only the existing ones"
+        text = f"{_list_names(extra, gt)} missing here; use --subset to compare only the existing ones"
         raise MetricError("METRIC_IMAGE_NAMES", text, file=pred)
     return [ImagePair(name, files[name], expected[name]) for name in sorted(files)]
 
@@ -71,7 +71,7 @@ def images_below(folder: Path) -> dict[str, Path]:
     images: dict[str, Path] = {}
     for root, folders, names in os.walk(folder, onerror=reject):
         folders[:] = [name for name in folders if not name.startswith(".")]
-        for path in _pictures(Path(root), names):
+        for path in _select_images(Path(root), names):
             name = normal_form(path.relative_to(folder).with_suffix("").as_posix())
             if name in images:
                 alike = normal_form(images[name].name) == normal_form(path.name)
@@ -85,7 +85,7 @@ def images_below(folder: Path) -> dict[str, Path]:
     return images
 
 
-def _pictures(folder: Path, names: Iterable[str]) -> list[Path]:
+def _select_images(folder: Path, names: Iterable[str]) -> list[Path]:
     paths = [folder / name for name in sorted(names) if not name.startswith(".")]
     paths = [path for path in paths if path.suffix.lower() in IMAGE_SUFFIXES]
     stems = {path.stem for path in paths}
@@ -94,7 +94,7 @@ def _pictures(folder: Path, names: Iterable[str]) -> list[Path]:
     ]
 
 
-def _listed(names: list[str], folder: Path) -> str:
+def _list_names(names: list[str], folder: Path) -> str:
     listed = ", ".join(shorten(name, 60) for name in names[:_NAMED])
     more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
     return f"{listed}{more} of {shorten(str(folder))} {'is' if len(names) == 1 else 'are'}"

@@ -19,10 +19,10 @@ from numpy.typing import ArrayLike, NDArray
 from msb.base.files import regular_file
 from msb.errors import Finding, MetricError, finding
 from msb.metrics.identity import Identity, ImageMetric
-from msb.metrics.images import image_pair
+from msb.metrics.images import check_pair
 from msb.metrics.vgg import HEADS_SHA256, LAYERS, TAPS, check_extra, read_heads, read_vgg
 
-# Minimum side of an image in pixels; halved four times it leaves one pixel.
+# Minimum side of an image in pixels: the network halves it four times.
 MIN_SIDE = 16
 _SHIFT = (-0.030, -0.088, -0.188)
 _SCALE = (0.458, 0.448, 0.450)
@@ -37,9 +37,10 @@ class MetricWarning(UserWarning):
 def lpips_vgg(
     pred: ArrayLike, gt: ArrayLike, vgg_weights: str | os.PathLike[str], *, quantize: bool = True
 ) -> float:
-    """Return LPIPS (version 0.1, VGG16, inputs mapped to [-1, 1]) of two images; 0 for equal ones.
+    """Return LPIPS (version 0.1, VGG16, inputs mapped to [-1, 1]) of two images; 0 for equal images.
 
-    The network stays loaded between calls with the same file; `LpipsVgg` gives control over that.
+    The network stays loaded between calls with the same file. Use `LpipsVgg` to load and release it
+    explicitly.
 
     Parameters
     ----------
@@ -77,14 +78,14 @@ def lpips_vgg(
     check_extra()
     place = regular_file(vgg_weights)
     status = place.stat()
-    network = _cached(str(place.resolve()), status.st_mtime_ns, status.st_size)
+    network = _load_cached(str(place.resolve()), status.st_mtime_ns, status.st_size)
     for warning in network.warnings:
         warnings.warn(f"{warning.code}: {place}: {warning.message}", MetricWarning, stacklevel=2)
     return network(pred, gt, quantize=quantize)
 
 
 @lru_cache(maxsize=1)
-def _cached(path: str, _changed: int, _size: int) -> LpipsVgg:
+def _load_cached(path: str, _changed: int, _size: int) -> LpipsVgg:
     return LpipsVgg(path)
 
 
@@ -126,14 +127,14 @@ class LpipsVgg:
         import torch
         from torch.nn import functional
 
-        a, b = image_pair(pred, gt, quantize=quantize)
+        a, b = check_pair(pred, gt, quantize=quantize)
         if min(a.shape[:2]) < MIN_SIDE:
             text = f"LPIPS needs at least {MIN_SIDE} pixels per side, not {a.shape[1]} x {a.shape[0]}"
             raise MetricError("METRIC_IMAGE", text)
         terms = []
         with torch.inference_mode():
-            # Both images pass through each layer in turn, so two sets of features are alive, not ten.
-            x, y = (torch.from_numpy(_network_input(image)) for image in (a, b))
+            # Pass both images through one layer at a time, so that two feature maps are in memory, not ten.
+            x, y = (torch.from_numpy(_prepare_input(image)) for image in (a, b))
             heads = iter(self._heads)
             for number, weight, bias in self._layers:
                 if number in _POOLED:
@@ -141,18 +142,18 @@ class LpipsVgg:
                 x = functional.conv2d(x, weight, bias, padding=1).relu_()
                 y = functional.conv2d(y, weight, bias, padding=1).relu_()
                 if number in TAPS:
-                    terms.append(_distance(x, y, next(heads)))
+                    terms.append(_measure_distance(x, y, next(heads)))
         return terms
 
 
-def _network_input(image: NDArray[np.float64]) -> NDArray[np.float32]:
+def _prepare_input(image: NDArray[np.float64]) -> NDArray[np.float32]:
     """Return an image in [0, 1] as (1, 3, H, W), mapped to [-1, 1], then shifted and scaled."""
     centred = image.astype(np.float32) * np.float32(2) - np.float32(1)
     scaled = (centred - np.array(_SHIFT, np.float32)) / np.array(_SCALE, np.float32)
     return np.ascontiguousarray(np.moveaxis(scaled, 2, 0)[None], np.float32)
 
 
-def _distance(x: Any, y: Any, head: Any) -> float:
+def _measure_distance(x: Any, y: Any, head: Any) -> float:
     """Return the average over pixels of the weighted squared difference of unit feature vectors."""
     x, y = (f / (f.square().sum(1, keepdim=True).sqrt_() + 1e-10) for f in (x, y))
     difference = (x - y).square_()

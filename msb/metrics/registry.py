@@ -1,6 +1,6 @@
-"""The image metrics: ours, one line each, and metrics of other packages (entry points `msb.metrics`).
+"""Registry of the image metrics: built-in ones and those of other packages (entry points `msb.metrics`).
 
-Records, commands, gaps and tables read them here.
+Benchmark records, commands and tables read it.
 """
 
 import math
@@ -17,7 +17,7 @@ from msb.base.packages import Lazy, PackageError, contain_errors, describe_entry
 from msb.errors import Finding, MetricError, shorten
 from msb.metrics.chamfer import CHAMFER
 from msb.metrics.identity import Definition, Identity, ImageMetric, Pixels
-from msb.metrics.images import PSNR_CAP, image_pair
+from msb.metrics.images import PSNR_CAP, check_pair
 
 # Module and name of every built-in image metric, in the order of tables.
 BUILT_IN = (
@@ -54,11 +54,11 @@ def _installed() -> Mapping[str, ImageMetric]:
     metrics = (getattr(import_module(f"msb.metrics.{module}"), name) for module, name in places)
     ours: dict[str, ImageMetric] = {metric.key: metric for metric in metrics}
     taken = dict.fromkeys([*ours, ours["lpips"].name, CHAMFER.name], "msb.metrics")
-    theirs = find_installed("metric", taken, _accepted)
+    theirs = find_installed("metric", taken, _load_package_metric)
     return ours | {key: metric for key, (metric, _) in theirs.items()}
 
 
-def _accepted(key: str, entry: str) -> ImageMetric:
+def _load_package_metric(key: str, entry: str) -> ImageMetric:
     metric = load(entry)
     if not isinstance(metric, ImageMetric):
         raise PackageError(f"it must be an ImageMetric, not of type {type(metric).__name__}")
@@ -71,9 +71,8 @@ def _accepted(key: str, entry: str) -> ImageMetric:
             raise PackageError(f"its {name} has the invalid type {type(value).__name__}")
     if metric.better not in ("higher", "lower"):
         raise PackageError(f'its better is {shorten(repr(metric.better))}; it must be "higher" or "lower"')
-    return replace(
-        metric, measure=_PackageMeasure(describe_entry("metric", key, entry), metric.measure), modules=()
-    )
+    measure = _PackageMeasure(describe_entry("metric", key, entry), metric.measure)
+    return replace(metric, measure=measure, modules=())
 
 
 @dataclass(frozen=True)
@@ -100,12 +99,12 @@ class _PackageMeasure:
 IMAGE_METRICS: Mapping[str, ImageMetric] = Lazy(_installed)
 
 
-def _by_name() -> dict[str, Definition]:
+def _list_by_name() -> dict[str, Definition]:
     return {metric.name: metric for metric in (*IMAGE_METRICS.values(), CHAMFER)}
 
 
 # Name of every metric -> whether "higher" or "lower" is better.
-METRICS: Mapping[str, str] = Lazy(lambda: {name: metric.better for name, metric in _by_name().items()})
+METRICS: Mapping[str, str] = Lazy(lambda: {name: metric.better for name, metric in _list_by_name().items()})
 
 
 def identity(
@@ -127,7 +126,7 @@ def identity(
     MetricError
         METRIC_ARGUMENT: unknown metric.
     """
-    known = _by_name()
+    known = _list_by_name()
     if name not in tuple(known):
         raise MetricError("METRIC_ARGUMENT", f"unknown metric '{name}'; use one of {', '.join(known)}")
     return known[name].identity(weights=weights, **parameters)
@@ -169,7 +168,7 @@ class Measures:
 
         A value is None if weights are missing or the metric of a package failed.
         """
-        a, b = image_pair(pred, gt)
+        a, b = check_pair(pred, gt)
         results: dict[str, float | None] = dict.fromkeys(self._functions)
         for key, function in self._functions.items():
             try:

@@ -12,14 +12,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from msb.errors import MetricError
 
-# Maximum number of points on a mesh; a culled DTU scan has about ten million. Twice as many candidates are
-# tried.
+# Maximum number of samples of a mesh; a culled DTU scan has about ten million. The limit for candidates is
+# twice this number.
 MAX_SAMPLES = 1 << 28
 # Number of candidates per batch.
 _CANDIDATES = 1 << 20
 # Size of the first window of `thin`.
 _FIRST_WINDOW = 64
-# Maximum number of points per window of `thin`, and of their neighbours in all, unless one point has more.
+# Maximum number of points per window of `thin`, and of neighbours of all its points together. A single point
+# may have more neighbours.
 _WINDOW = 1 << 16
 _NEIGHBORS = 1 << 22
 
@@ -62,7 +63,7 @@ def sample_surface(
     with np.errstate(over="ignore", invalid="ignore"):
         double_area = np.linalg.norm(np.cross(first, second), axis=1)
     if not np.isfinite(double_area).all():
-        raise _too_many(np.inf, spacing)
+        raise _limit_error(np.inf, spacing)
     proper = double_area > 0
     origin, first, second, double_area = (array[proper] for array in (origin, first, second, double_area))
     # Number of steps along both edges of each face, and of grid candidates.
@@ -72,16 +73,16 @@ def sample_surface(
     candidates = np.where((steps[0] > 0) & (steps[1] > 0), (steps[0] + 1) * (steps[1] + 1), 0.0)
     total = float(candidates.sum())
     if not total <= 2 * MAX_SAMPLES:
-        raise _too_many(total / 2, spacing)
+        raise _limit_error(total / 2, spacing)
     counts = np.stack(steps, axis=1).astype(np.int64)
     parts = [
         first[face] * along[:, :1] + second[face] * along[:, 1:] + origin[face]
-        for face, along in _grid_points(counts, candidates.astype(np.int64))
+        for face, along in _place_grid_points(counts, candidates.astype(np.int64))
     ]
     return np.concatenate([np.zeros((0, 3)), *parts]), int(np.count_nonzero(proper))
 
 
-def _too_many(points: float, spacing: float) -> MetricError:
+def _limit_error(points: float, spacing: float) -> MetricError:
     text = (
         f"sampling every {spacing:g} needs about {points:.3g} points; the limit is {MAX_SAMPLES:.3g};"
         " cull the mesh and scale it to millimetres"
@@ -89,7 +90,7 @@ def _too_many(points: float, spacing: float) -> MetricError:
     return MetricError("METRIC_MESH", text)
 
 
-def _grid_points(
+def _place_grid_points(
     counts: NDArray[np.int64], candidates: NDArray[np.int64]
 ) -> Iterator[tuple[NDArray[np.int64], NDArray[np.float64]]]:
     """Yield the face (n,) and position (c1, c2), (n, 2), of the points to keep, in batches of candidates.
@@ -109,12 +110,11 @@ def _grid_points(
 
 
 def thin(points: NDArray[np.float64], spacing: float) -> NDArray[np.float64]:
-    """Return the points (N, 3) that remain when each, in order, removes all others within `spacing` of it.
+    """Thin points (N, 3): keep each remaining point, in order, and remove all others within `spacing` of it.
 
-    The order decides which points remain, so shuffle them first. A point at exactly this distance is removed
-    too. Neighbours are searched for a window of points at a time, only for remaining points, and for no more
-    than fit into memory. Windows start small and grow: in dense regions the first few points remove most
-    others.
+    The order decides which points remain, so shuffle them first. Points at exactly this distance are removed
+    too. Neighbours are searched for one window of remaining points at a time, so that they fit into memory.
+    Windows start small and grow, because in dense regions the first few points remove most others.
     """
     from scipy.spatial import cKDTree
 

@@ -15,12 +15,12 @@ from msb.scenes import Camera
 Floats = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
-# Standard deviation in pixels of the Gaussian that smooths images before comparison. With it, cubic splines
-# between pixels are exact to a fraction of a level.
+# Standard deviation in pixels of the Gaussian that smooths images before comparison. It makes cubic splines
+# between pixels accurate to a fraction of a level of 255.
 BLUR = 1.5
 # Radius in pixels within which another surface may affect a smoothed pixel.
 REACH = 3
-# Depths of the same surface in two frames differ by at most this share.
+# Maximum relative difference of the depths of one surface point in two frames.
 SAME = 0.02
 # Maximum relative difference of depths within `REACH` for a surface away from borders.
 _FLAT = 0.05
@@ -78,9 +78,10 @@ def unexplained_change(before: PreparedFrame, here: PreparedFrame, after: Prepar
 
     Notes
     -----
-    Steady change, such as a view-dependent colour, equals the average of both sides and so counts as no
-    change. A pixel near a border shows two surfaces that move differently. It is followed as itself, as the
-    nearest and as the farthest surface within `REACH`, and the smallest difference counts.
+    A steady change, such as a view-dependent colour, is not counted, because a frame then equals the average
+    of its neighbours. A pixel near a border shows two surfaces that move differently. It is therefore
+    followed with its own depth, with the nearest and with the farthest depth within `REACH`, and the smallest
+    difference is used.
     """
     inverse, nearest, farthest = here.inverse_depths
     # The N pixels within `REACH` of the model, and whether each is near a border between surfaces.
@@ -94,13 +95,14 @@ def unexplained_change(before: PreparedFrame, here: PreparedFrame, after: Prepar
         same = np.ones(len(rows), bool)
         places = []
         for other in (before, after):
-            place, expected = _seen_from(here, other.camera, rows, columns, inverse_depths[rows, columns])
-            same &= _shows(other.inverse_depths[layer], place, expected)
+            place, expected = _project_into(here, other.camera, rows, columns, inverse_depths[rows, columns])
+            same &= _test_depths(other.inverse_depths[layer], place, expected)
             places.append(place)
         counted &= same | (layer == 0)
         followed = np.flatnonzero(same & (border | (layer == 0)))  # other pixels show a single surface
         both = [
-            _sampled(other, place[:, followed]) for other, place in zip((before, after), places, strict=True)
+            _sample_colors(other, place[:, followed])
+            for other, place in zip((before, after), places, strict=True)
         ]
         # Compare with the average of both frames, and keep the smallest difference.
         squares = np.square(colors[:, followed] - (both[0] + both[1]) / 2).mean(axis=0)
@@ -110,7 +112,7 @@ def unexplained_change(before: PreparedFrame, here: PreparedFrame, after: Prepar
     return change
 
 
-def _sampled(frame: PreparedFrame, place: NDArray[np.float64]) -> Floats:
+def _sample_colors(frame: PreparedFrame, place: NDArray[np.float64]) -> Floats:
     """Return the smoothed colours (3, N) at positions (2, N)."""
     from scipy.ndimage import map_coordinates
 
@@ -120,7 +122,7 @@ def _sampled(frame: PreparedFrame, place: NDArray[np.float64]) -> Floats:
     return np.stack(list(channels))
 
 
-def _seen_from(
+def _project_into(
     here: PreparedFrame, camera: Camera, rows: NDArray[np.int_], columns: NDArray[np.int_], inverse: Floats
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the positions (2, N) of the surface points of N pixels in another camera, and inverse depths.
@@ -128,7 +130,10 @@ def _seen_from(
     Positions are rows and columns, with integers at pixel centres. Points behind the camera are far outside
     the image, so NaN does not occur.
     """
-    rays, move = _rays(here.camera, rows, columns), camera.world_to_camera @ here.camera.camera_to_world
+    rays, move = (
+        _compute_rays(here.camera, rows, columns),
+        camera.world_to_camera @ here.camera.camera_to_world,
+    )
     # Dividing by the depth makes the background a point at infinity.
     x, y, z = move[:3, :3] @ rays + move[:3, 3:] * inverse
     ahead = np.where(z > 1e-6, z, 1e-6)
@@ -136,13 +141,13 @@ def _seen_from(
     return place, np.where(z > 1e-6, inverse / ahead, np.inf)
 
 
-def _rays(camera: Camera, rows: NDArray[np.int_], columns: NDArray[np.int_]) -> NDArray[np.float64]:
+def _compute_rays(camera: Camera, rows: NDArray[np.int_], columns: NDArray[np.int_]) -> NDArray[np.float64]:
     """Return rays (3, N) through the centres of N pixels, with z = 1 in camera space."""
     x, y = (columns + 0.5 - camera.cx) / camera.fx, (rows + 0.5 - camera.cy) / camera.fy
     return np.stack([x, y, np.ones(len(rows))])
 
 
-def _shows(
+def _test_depths(
     inverse_depths: Floats, place: NDArray[np.float64], expected: NDArray[np.float64]
 ) -> NDArray[np.bool_]:
     """Return at which of N positions (2, N), well inside the image, a frame has the expected depth (N,)."""
@@ -160,17 +165,18 @@ def find_surface_points(frame: PreparedFrame) -> NDArray[np.float64]:
     inverse, nearest, farthest = frame.inverse_depths
     inner = (farthest > 0) & (nearest - farthest <= _FLAT * nearest)
     rows, columns = 2 * np.array(np.nonzero(inner[::2, ::2]))
-    local, pose = _rays(frame.camera, rows, columns), frame.camera.camera_to_world
+    local, pose = _compute_rays(frame.camera, rows, columns), frame.camera.camera_to_world
     return np.asarray((pose[:3, :3] @ (local / inverse[rows, columns]) + pose[:3, 3:]).T)
 
 
 def find_holes(frame: PreparedFrame, points: NDArray[np.float64]) -> Mask:
     """Return the pixels (H, W) that show background although the model should cover them.
 
-    They are pixels with alpha below 1/2 of two kinds. For the first kind, each pixel of the surrounding 5 x 5
-    square shows the model, or has a projected surface point of other frames, one of `points` (N, 3), on it or
-    next to it. The second kind are specks: regions that the model encloses, not larger than a square of 2
-    `REACH` + 1 pixels.
+    `points` (N, 3) are surface points of other frames. Two kinds of pixels with alpha below 1/2 count:
+
+    - Gaps: every pixel of the surrounding 5 x 5 square is within one pixel of a covered pixel or of a
+      projected surface point.
+    - Specks: background regions that the model encloses, with at most (2 `REACH` + 1)^2 pixels.
     """
     from scipy.ndimage import label, maximum_filter, minimum_filter
 

@@ -28,7 +28,7 @@ VGG_SHA256 = "397923af8e79cdbb6a7127f12361acd7a2f83e06b05044ddf496e83de57a5bf0"
 HEADS_SHA256 = "a78928a0af1e5f0fcb1f3b9e8f8c3a2a5a3de244d830ad5c1feddc79b8432868"
 # Sums of the weights of version 0.1; the faulty version 0.0 has 3.64, 1.96, ...
 _HEAD_SUMS = (6.9260, 8.8583, 17.5150, 51.5213, 47.0349)
-# Upper bound of LPIPS: features are non-negative with length 1, so each differs by at most 1.
+# Upper bound of LPIPS: features are non-negative vectors of length 1, so each component differs by at most 1.
 MOST_LPIPS = math.fsum(_HEAD_SUMS) + 0.01
 # Maximum size of the header of a .npy in bytes.
 _MAX_HEAD = 1 << 10
@@ -82,7 +82,7 @@ def read_vgg(path: str | os.PathLike[str]) -> tuple[Weights, dict[str, Any]]:
     try:
         read = _read_npz if place.suffix.lower() == ".npz" else _read_torch
         tensors = read(place, shapes)
-        weights = {key: _tensor(place, tensors, key, shape) for key, shape in shapes.items()}
+        weights = {key: _check_tensor(place, tensors, key, shape) for key, shape in shapes.items()}
     except MetricError:
         raise
     except Exception as error:  # readers raise all kinds of exceptions for foreign files
@@ -126,7 +126,7 @@ def read_heads() -> tuple[list[NDArray[np.float32]], str]:
     return [head.reshape(-1).astype(np.float32) for head in heads], file_sha256(place)
 
 
-def _tensor(path: Path, tensors: Weights, key: str, shape: tuple[int, ...]) -> NDArray[np.float32]:
+def _check_tensor(path: Path, tensors: Weights, key: str, shape: tuple[int, ...]) -> NDArray[np.float32]:
     if key not in tensors:
         text = f"{key} is missing; the file must be a state dict of the torchvision VGG16"
         raise MetricError("METRIC_WEIGHTS", text, file=path, pointer=key)

@@ -1,4 +1,4 @@
-"""Everything that the audit derives from a mesh, by element: the audit counts it and viewers draw it."""
+"""Analysis of a mesh by vertex, edge and face. The audit counts the results and viewers draw them."""
 
 import time
 from collections.abc import Callable
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from msb.base.soup import is_soup
 from msb.topology.components import label_components
-from msb.topology.faces import added_areas, extra_duplicates, face_areas, has_no_area
+from msb.topology.faces import face_areas, find_duplicate_faces, has_no_area, sum_areas
 from msb.topology.fans import Boundary, Fans, find_boundary, find_fans
 from msb.topology.halfedge import NONE, HalfEdgeMesh, build_half_edges, face_of
 
@@ -23,8 +23,8 @@ T = TypeVar("T")
 class Components:
     """Edge-connected components of the faces without a repeated index.
 
-    `face_component` (F,) is NONE for repeated-index rows. `sizes` (n,) are numbers of faces, `areas` (n,)
-    float64 in squared length units.
+    `face_component` (F,) is the component of each face, or NONE for repeated-index rows. `sizes` (n,) holds
+    the number of faces of each component, `areas` (n,) its area in squared length units.
     """
 
     face_component: NDArray[Any]
@@ -49,7 +49,7 @@ class Components:
 
 @dataclass(frozen=True)
 class Offending:
-    """Key of the JSON -> ascending numbers (n,) of the elements that the audit counts under it."""
+    """Element numbers (n,), ascending, by the JSON key under which the audit counts these elements."""
 
     edges: dict[str, NDArray[Any]]
     vertices: dict[str, NDArray[Any]]
@@ -59,8 +59,8 @@ class Offending:
 class Analysis:
     """A mesh with its half-edges, fans, boundary, components and properties of faces.
 
-    The arrays must have been checked by `mesh_arrays`. NumPy and SciPy compute each part on first use;
-    `timings_ms` then holds its time.
+    Pass arrays from `mesh_arrays`, which checks them. Each part is computed on first use with NumPy and
+    SciPy, and its time in milliseconds is added to `timings_ms`.
     """
 
     def __init__(self, vertices: NDArray[Any], faces: NDArray[Any]) -> None:
@@ -106,7 +106,7 @@ class Analysis:
     @cached_property
     def duplicate(self) -> NDArray[np.bool_]:
         """(F,) whether each face repeats an earlier face."""
-        return self._timed("duplicates", extra_duplicates, self.faces)
+        return self._timed("duplicates", find_duplicate_faces, self.faces)
 
     @cached_property
     def soup(self) -> bool:
@@ -164,7 +164,9 @@ class Analysis:
 
 
 def find_components(mesh: HalfEdgeMesh, area: NDArray[np.float64]) -> tuple[Components, int]:
-    """Return the components across shared edges, and their number across two-face edges only."""
+    """Return the components joined across all edges, and the number of components joined across two-face
+    edges only.
+    """
     # compact (F,): consecutive numbers for the faces without a repeated index.
     proper = np.flatnonzero(~mesh.repeated_index)
     compact = np.full(mesh.face_count, NONE, mesh.faces.dtype)
@@ -178,5 +180,5 @@ def find_components(mesh: HalfEdgeMesh, area: NDArray[np.float64]) -> tuple[Comp
     face_component = np.full(mesh.face_count, NONE, mesh.faces.dtype)
     face_component[proper] = label
     sizes = np.bincount(label, minlength=count)
-    areas = added_areas(area[proper], label, count)
+    areas = sum_areas(area[proper], label, count)
     return Components(face_component, sizes, areas), two_face

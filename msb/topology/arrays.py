@@ -20,8 +20,8 @@ def mesh_arrays(vertices: ArrayLike, faces: ArrayLike) -> tuple[NDArray[Any], ND
     Coordinates keep their precision and may be NaN or infinite. Faces are int32, or int64 if vertex indices
     need it.
     """
-    points = _numbers(vertices, "vertices", "fiu")
-    triangles = _numbers(faces, "faces", "iu")
+    points = _check_array(vertices, "vertices", "fiu")
+    triangles = _check_array(faces, "faces", "iu")
     if points.dtype.kind != "f":
         points = points.astype(np.float64)
     for array, name, limit in ((points, "vertices", MAX_VERTICES), (triangles, "faces", MAX_FACES)):
@@ -35,7 +35,7 @@ def mesh_arrays(vertices: ArrayLike, faces: ArrayLike) -> tuple[NDArray[Any], ND
     return points, np.ascontiguousarray(triangles, np.int32 if len(points) < 2**31 else np.int64)
 
 
-def _numbers(values: ArrayLike, name: str, kinds: str) -> NDArray[Any]:
+def _check_array(values: ArrayLike, name: str, kinds: str) -> NDArray[Any]:
     if np.ma.is_masked(values):
         text = f"{name} is a masked array; drop or fill its masked rows first"
         raise MeshError("MESH_ARRAY", text)

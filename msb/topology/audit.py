@@ -1,4 +1,4 @@
-"""The audit: every count and metric of the structure of a mesh, and the report of them."""
+"""The audit of a mesh: all counts and metrics of its structure, and their report."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from msb.errors import one_line
 from msb.topology.analysis import Analysis
 from msb.topology.arrays import mesh_arrays
-from msb.topology.dispatch import find
+from msb.topology.dispatch import find_findings
 from msb.topology.faces import names_vertex_twice
 from msb.topology.findings import Counts, Findings
 from msb.topology.seams import Attributes, SeamKind, closes_once_merged, find_seams, is_closed
@@ -24,7 +24,10 @@ SCHEMA = "msb.audit/1"
 
 @dataclass(frozen=True)
 class Metrics:
-    """The columns of the paper and related numbers. A ratio with a zero denominator is None."""
+    """The metrics of the paper's table "Per-scene mesh diagnostics", and related numbers.
+
+    A ratio with a zero denominator is None. Areas are in squared length units of the mesh.
+    """
 
     vf_ratio: float | None
     mean_valence: float | None
@@ -71,7 +74,8 @@ class Audit:
         Whether every vertex is used by exactly one face, so that V = 3F.
     counts, metrics : Counts, Metrics
     valence_histogram : dict of int to int
-        Number of edges at a vertex -> number of such vertices, including unreferenced ones.
+        Number of edges at a vertex -> number of vertices with as many edges. Unreferenced vertices count as 0
+        edges.
     winding_consistent : bool
         Whether the two faces of every two-face edge run along it in opposite directions.
     samples : dict of str to tuple of Sample
@@ -79,12 +83,12 @@ class Audit:
     welded : Welded or None
         The result of the requested weld.
     seams : {"texture", "color"} or None
-        The attribute that duplicates `counts.seam_vertices` vertices at seams; None without seams.
+        The cause of the seams: texture coordinates or colours. None without seams.
     without_seams : Audit or None
         The audit of the mesh with merged seams; None without seams.
     closed_once_merged : bool
         Whether the mesh is open as stored, but closed, manifold and consistently wound after an exact weld.
-        Also False if that was not tried, which is so for more than 200,000 faces unless the exact weld was
+        False if this was not tested: a mesh with more than 200,000 faces is tested only if the exact weld is
         requested.
     corners_coincide : bool or None
         For a triangle soup, whether an exact weld would join any two faces; otherwise None.
@@ -177,8 +181,8 @@ class Audit:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the audit as JSON data (schema msb.audit/1), without NaN or infinity."""
-        welded = self.welded and {"weld": self.welded.weld, **_numbers(self.welded)}
-        without_seams = self.without_seams and {"kind": self.seams, **_numbers(self.without_seams)}
+        welded = self.welded and {"weld": self.welded.weld, **_numbers_to_dict(self.welded)}
+        without_seams = self.without_seams and {"kind": self.seams, **_numbers_to_dict(self.without_seams)}
         return {
             "schema": SCHEMA,
             "path": self.path,
@@ -186,7 +190,7 @@ class Audit:
             "topology": self.topology,
             "is_soup": self.is_soup,
             "verdict": {"level": self.verdict, "sentence": self.sentence},
-            **_numbers(self),
+            **_numbers_to_dict(self),
             "variants": self.variants(),
             "winding_consistent": self.winding_consistent,
             "valence_histogram": {str(k): n for k, n in self.valence_histogram.items()},
@@ -195,7 +199,7 @@ class Audit:
                     {
                         "element": sample.element,
                         "vertices": list(sample.vertices),
-                        "coordinates": [[_finite(x) for x in point] for point in sample.coordinates],
+                        "coordinates": [[_finite_or_none(x) for x in point] for point in sample.coordinates],
                     }
                     for sample in samples
                 ]
@@ -232,19 +236,19 @@ def audit_arrays(
     weld: Weld | None = None,
     attributes: Attributes | None = None,
 ) -> tuple[Audit, Analysis]:
-    """Return the audit of plain arrays and their analysis, which viewers and exports use.
+    """Return the audit of plain arrays, and the analysis for viewers and exports.
 
     `attributes` are the UVs and colours that may duplicate vertices at seams
-    (`msb.topology.seams.seam_attributes`). For a large mesh, each part of the analysis is computed on first
-    use.
+    (`msb.topology.seams.seam_attributes`). The analysis of a large mesh is computed on first use, part by
+    part, because kernels compute its audit.
     """
     points, triangles = mesh_arrays(vertices, faces)
-    findings, analysis = find(points, triangles)
-    report = _report(findings, points)
+    findings, analysis = find_findings(points, triangles)
+    report = _build_report(findings, points)
     chosen = None if weld is None else parse_weld(weld)
     if chosen is not None:
-        merged = find(*weld_vertices(points, triangles, chosen))[0]
-        report = replace(report, welded=Welded(chosen, merged.counts, _metrics(merged)))
+        merged = find_findings(*weld_vertices(points, triangles, chosen))[0]
+        report = replace(report, welded=Welded(chosen, merged.counts, _compute_metrics(merged)))
     seams = find_seams(points, triangles, attributes or {}) if report.counts.boundary_edges else None
     if seams is not None:
         counts = replace(report.counts, seam_vertices=seams.doubles)
@@ -266,17 +270,17 @@ def audit_arrays(
     return replace(report, closed_once_merged=closes, corners_coincide=coincide), analysis
 
 
-def _report(findings: Findings, points: NDArray[Any]) -> Audit:
+def _build_report(findings: Findings, points: NDArray[Any]) -> Audit:
     counts = findings.counts
     return Audit(
         topology="indexed_mesh" if findings.shares_vertices else "triangle_soup",
         is_soup=counts.vertices == counts.referenced_vertices == 3 * counts.faces > 0,
         counts=counts,
-        metrics=_metrics(findings),
+        metrics=_compute_metrics(findings),
         valence_histogram=findings.valence_histogram,
         winding_consistent=counts.inconsistent_winding_edges == 0,
         samples={
-            kind: tuple(_sample(points, element, vertices) for element, vertices in first)
+            kind: tuple(_locate_sample(points, element, vertices) for element, vertices in first)
             for kind, first in findings.first.items()
         },
         timings_ms=dict(findings.timings_ms),
@@ -284,17 +288,17 @@ def _report(findings: Findings, points: NDArray[Any]) -> Audit:
     )
 
 
-def _metrics(findings: Findings) -> Metrics:
+def _compute_metrics(findings: Findings) -> Metrics:
     counts, area = findings.counts, findings.largest_component_area
     empty = counts.components == 0
     return Metrics(
-        vf_ratio=_ratio(counts.vertices, counts.faces),
-        mean_valence=_ratio(2 * counts.edges, counts.vertices),
-        boundary_edge_ratio=_ratio(counts.boundary_edges, counts.edges),
-        nonmanifold_edge_ratio=_ratio(counts.nonmanifold_edges, counts.edges),
-        nonmanifold_vertex_ratio=_ratio(counts.nonmanifold_vertices, counts.vertices),
-        lcc_face_ratio=None if empty else _ratio(counts.largest_component_faces, counts.faces),
-        lcc_area_ratio=None if empty else _ratio(area, findings.total_area),
+        vf_ratio=_divide(counts.vertices, counts.faces),
+        mean_valence=_divide(2 * counts.edges, counts.vertices),
+        boundary_edge_ratio=_divide(counts.boundary_edges, counts.edges),
+        nonmanifold_edge_ratio=_divide(counts.nonmanifold_edges, counts.edges),
+        nonmanifold_vertex_ratio=_divide(counts.nonmanifold_vertices, counts.vertices),
+        lcc_face_ratio=None if empty else _divide(counts.largest_component_faces, counts.faces),
+        lcc_area_ratio=None if empty else _divide(area, findings.total_area),
         components=counts.components,
         euler_characteristic=counts.vertices - counts.edges + counts.faces,
         total_area=findings.total_area,
@@ -302,18 +306,18 @@ def _metrics(findings: Findings) -> Metrics:
     )
 
 
-def _numbers(audited: Audit | Welded) -> dict[str, Any]:
+def _numbers_to_dict(audited: Audit | Welded) -> dict[str, Any]:
     return {"counts": asdict(audited.counts), "metrics": asdict(audited.metrics)}
 
 
-def _ratio(part: float, whole: float) -> float | None:
+def _divide(part: float, whole: float) -> float | None:
     return part / whole if whole else None
 
 
-def _sample(points: NDArray[Any], element: int, vertices: tuple[int, ...]) -> Sample:
+def _locate_sample(points: NDArray[Any], element: int, vertices: tuple[int, ...]) -> Sample:
     places = tuple((float(x), float(y), float(z)) for x, y, z in points[list(vertices)])
     return Sample(element, vertices, places)
 
 
-def _finite(value: float) -> float | None:
+def _finite_or_none(value: float) -> float | None:
     return value if math.isfinite(value) else None

@@ -23,7 +23,7 @@ _PAIRS_AT_ONCE = 1 << 16
 _CELLS_PER_FACE = 64
 
 
-def crossing_pairs(
+def find_crossing_pairs(
     corners: NDArray[np.float64],
     places: NDArray[np.float64] | None = None,
     of: NDArray[np.bool_] | None = None,
@@ -35,18 +35,20 @@ def crossing_pairs(
     corners : (F, 3, 3) float64
         The corners of the faces, all finite.
     places : (F, n, 3) float64, optional
-        Points that replace `corners` when bounding boxes are compared: the same faces in a space in
-        which they have similar sizes.
+        Points that define the bounding boxes instead of `corners`. Pass the faces mapped to a space in which
+        they have similar sizes, because the search is slow if sizes differ widely.
     of : (F,) bool, optional
         Return only pairs with at least one of these faces.
     """
-    near = _near(corners if places is None else places, of)
-    crossing = [pairs[_cross(corners[pairs[:, 0]], corners[pairs[:, 1]])] for pairs in near]
+    near = _find_near_pairs(corners if places is None else places, of)
+    crossing = [pairs[_test_pairs(corners[pairs[:, 0]], corners[pairs[:, 1]])] for pairs in near]
     pairs = np.concatenate([np.zeros((0, 2), np.int64), *crossing])
     return np.asarray(pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))])
 
 
-def _near(corners: NDArray[np.float64], of: NDArray[np.bool_] | None) -> Iterator[NDArray[np.int64]]:
+def _find_near_pairs(
+    corners: NDArray[np.float64], of: NDArray[np.bool_] | None
+) -> Iterator[NDArray[np.int64]]:
     """Yield batches (n, 2) of face pairs whose bounding boxes overlap, each pair once.
 
     If `of` is given, each pair has at least one of these faces.
@@ -60,7 +62,7 @@ def _near(corners: NDArray[np.float64], of: NDArray[np.bool_] | None) -> Iterato
     # Cell size: the 75 % quantile of the face sizes, but no less than 1/1024 of the extent.
     cell = max(float(np.quantile(sizes, 0.75)), float(extent) / 1024, np.finfo(np.float64).tiny)
     while True:
-        # At most 1025 cells along each axis, so that numbers of cells fit 32 bits.
+        # At most 1025 cells along each axis, so that cell numbers fit into 32 bits.
         first, last = (np.floor((edge - origin[:, None]) / cell).astype(np.int32) for edge in (low, high))
         spans = last - first + 1
         cells = spans.prod(axis=0, dtype=np.int64)
@@ -75,7 +77,7 @@ def _near(corners: NDArray[np.float64], of: NDArray[np.bool_] | None) -> Iterato
     for axis in (2, 1):
         offset, column = np.divmod(offset, spans[axis][face])
         columns.append(first[axis][face] + column)
-    key = _cell_number((first[0][face] + offset, *reversed(columns)), count)
+    key = _number_cells((first[0][face] + offset, *reversed(columns)), count)
     del offset, column, columns
     order = np.argsort(key, kind="stable")
     key, face = key[order], face[order]
@@ -110,48 +112,48 @@ def _near(corners: NDArray[np.float64], of: NDArray[np.bool_] | None) -> Iterato
         # Two boxes may share several cells: keep the pair only in the lowest of them.
         pairs = np.stack([faces[left], faces[right]])
         shared = np.maximum(first[:, pairs[0]], first[:, pairs[1]])
-        keep = key[start + left] == _cell_number(shared, count)
+        keep = key[start + left] == _number_cells(shared, count)
         yield np.sort(pairs[:, keep].T.astype(np.int64), axis=1)
         start = end
 
 
-def _cell_number(cell: Sequence[NDArray[np.int32]], count: NDArray[np.int32]) -> NDArray[np.int32]:
+def _number_cells(cell: Sequence[NDArray[np.int32]], count: NDArray[np.int32]) -> NDArray[np.int32]:
     x, y, z = cell
     return np.asarray((x * count[1] + y) * count[2] + z)
 
 
-def _cross(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.bool_]:
+def _test_pairs(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Return which pairs of triangles, each (n, 3, 3), cross, as (n,)."""
     first, second = (np.ascontiguousarray(corners.transpose(1, 2, 0)) for corners in (first, second))
     result = np.zeros(first.shape[2], bool)
-    # Signs (3, n) of the corners of `first` relative to the planes of `second`. Most pairs end here, with all
-    # three corners on one side.
-    signs_1 = np.stack([_orient(second[0], second[1], second[2], first[k]) for k in range(3)])
+    # signs_1 (3, n): sides of the corners of `first` relative to the planes of `second`. This excludes most
+    # pairs, because all three corners are on one side.
+    signs_1 = np.stack([_find_sides(second[0], second[1], second[2], first[k]) for k in range(3)])
     rows = np.flatnonzero(np.abs(signs_1.sum(axis=0)) < 3)
     first, second, signs_1 = first[..., rows], second[..., rows], signs_1[:, rows]
-    signs_2 = np.stack([_orient(first[0], first[1], first[2], second[k]) for k in range(3)])
+    signs_2 = np.stack([_find_sides(first[0], first[1], first[2], second[k]) for k in range(3)])
     # Remove pairs if all corners of `second` are on one side, or if no edge changes sides.
-    apart = (np.abs(signs_2.sum(axis=0)) == 3) | (_one_sided(signs_1) & _one_sided(signs_2))
+    apart = (np.abs(signs_2.sum(axis=0)) == 3) | (_are_on_one_side(signs_1) & _are_on_one_side(signs_2))
     rest = np.flatnonzero(~apart)
     rows, first, second = rows[rest], first[..., rest], second[..., rest]
     crossed = np.zeros(len(rows), bool)
-    # An edge crosses if its ends are on different sides and it passes all three edges of the face on the same
-    # side.
+    # An edge crosses a face if its ends are on different sides of the plane, and if it passes the three edges
+    # of the face in the same sense of rotation.
     for edges, face, signs in ((first, second, signs_1[:, rest]), (second, first, signs_2[:, rest])):
         for k in range(3):
             start, stop = edges[k], edges[(k + 1) % 3]
             through = signs[k] * signs[(k + 1) % 3] < 0
-            turns = np.stack([_orient(start, stop, face[j], face[(j + 1) % 3]) for j in range(3)])
-            crossed |= through & _one_sided(turns)
+            turns = np.stack([_find_sides(start, stop, face[j], face[(j + 1) % 3]) for j in range(3)])
+            crossed |= through & _are_on_one_side(turns)
     result[rows] = crossed
     return result
 
 
-def _one_sided(signs: NDArray[np.int8]) -> NDArray[np.bool_]:
+def _are_on_one_side(signs: NDArray[np.int8]) -> NDArray[np.bool_]:
     return np.asarray((signs >= 0).all(axis=0) | (signs <= 0).all(axis=0))
 
 
-def _orient(a: NDArray[Any], b: NDArray[Any], c: NDArray[Any], d: NDArray[Any]) -> NDArray[np.int8]:
+def _find_sides(a: NDArray[Any], b: NDArray[Any], c: NDArray[Any], d: NDArray[Any]) -> NDArray[np.int8]:
     """Return the side (n,) of the points d (3, n) relative to the planes a, b, c (3, n each): -1, 0 or 1."""
     (x, y, z), (u, v, w), (p, q, r) = (corner - d for corner in (a, b, c))
     value = x * (v * r - w * q) + y * (w * p - u * r) + z * (u * q - v * p)

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msb.topology.halfedge import build_half_edges
-from msb.topology.weld import merged_vertices
+from msb.topology.weld import merge_coincident
 
 
 @dataclass(frozen=True)
@@ -35,38 +35,41 @@ def find_difference(
     """Return the faces that were deleted or added and the edges that were cut.
 
     `before` and `after` are vertices and faces as `mesh_arrays` returns them. Corners are equal if their
-    float32 coordinates are equal, so the numbers, order and copies of vertices do not matter, nor does the
-    winding of faces. If several faces lie in one place, the last of them count as deleted or added. Takes
+    float32 coordinates are equal. Vertex numbers, vertex order, duplicated vertices and the winding of faces
+    are ignored. If k of n coincident faces were deleted or added, the last k of them are returned. Takes
     O((V + F) log (V + F)) time.
     """
     # Number the positions of both meshes together; describe each face by its sorted positions.
-    _, place = merged_vertices(
+    _, place = merge_coincident(
         np.concatenate([np.asarray(points, np.float64) for points, _ in (before, after)]), "exact"
     )
     places = np.split(place, [len(before[0])])
     rows = [np.sort(where[faces], axis=1) for where, (_, faces) in zip(places, (before, after), strict=True)]
-    surplus = _surplus(*rows), _surplus(*rows[::-1])
-    # A cut edge has more edges in its place afterwards; the first edge there stands for all of them.
+    surplus = _find_surplus(*rows), _find_surplus(*rows[::-1])
+    # A cut edge became several coincident edges. Return the first old edge at each such place.
     edges = [build_half_edges(faces, len(points)).edge_vertices for points, faces in (before, after)]
     old, new = (np.sort(where[ends], axis=1) for where, ends in zip(places, edges, strict=True))
-    more = new[_surplus(new, old)]
-    return Difference(surplus[0], surplus[1], _first_of(old, more))
+    more = new[_find_surplus(new, old)]
+    return Difference(surplus[0], surplus[1], _find_first(old, more))
 
 
-def _surplus(rows: NDArray[Any], other: NDArray[Any]) -> NDArray[np.int64]:
-    """Return the numbers of the `rows` (n, k) that occur more often than in `other`: the last ones."""
+def _find_surplus(rows: NDArray[Any], other: NDArray[Any]) -> NDArray[np.int64]:
+    """Return the numbers of the surplus rows: of a row that `rows` (n, k) holds more often than `other`, the
+    last occurrences.
+    """
     _, group = np.unique(np.concatenate([rows, other]), axis=0, return_inverse=True)
     group_of_row, group_of_other = np.split(group.reshape(-1), [len(rows)])
     order = np.argsort(group_of_row, kind="stable")
     group_of_row = group_of_row[order]
-    # Rank of each row among the equal rows before it. As many rows as `other` has are matched; the rest are
-    # surplus.
+    # rank: number of equal rows before each row. Rows are surplus if `other` has at most `rank` equal rows.
     rank = np.arange(len(group_of_row)) - np.searchsorted(group_of_row, group_of_row)
     return np.sort(order[rank >= np.bincount(group_of_other, minlength=len(group))[group_of_row]])
 
 
-def _first_of(rows: NDArray[Any], wanted: NDArray[Any]) -> NDArray[np.int64]:
-    """Return the number of the first of `rows` (n, k) that equals each row of `wanted`, if one does."""
+def _find_first(rows: NDArray[Any], wanted: NDArray[Any]) -> NDArray[np.int64]:
+    """Return the number of the first row in `rows` (n, k) that equals each row of `wanted`; rows of `wanted`
+    without a match are skipped.
+    """
     _, group = np.unique(np.concatenate([rows, wanted]), axis=0, return_inverse=True)
     group_of_row, group_of_wanted = np.split(group.reshape(-1), [len(rows)])
     groups, first = np.unique(group_of_row, return_index=True)

@@ -1,4 +1,4 @@
-"""Choose the implementation of an audit: NumPy for small meshes, OpenCL kernels for large ones."""
+"""Run an audit with NumPy for small meshes and with OpenCL kernels for large ones."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 FEWEST_FACES = 1 << 16
 
 
-def find(points: NDArray[Any], faces: NDArray[Any]) -> tuple[Findings, Analysis]:
-    """Return the findings and the analysis of a mesh whose arrays `mesh_arrays` has checked.
+def find_findings(points: NDArray[Any], faces: NDArray[Any]) -> tuple[Findings, Analysis]:
+    """Return the findings and the analysis of a mesh; pass arrays from `mesh_arrays`.
 
     Both implementations give bit-identical results. If no device can run the kernels, or the device fails,
     NumPy is used and `computed_by` gives the reason.

@@ -41,10 +41,10 @@ def find_elements(analysis: Analysis) -> Elements:
         *(ElementGroup(kind, ids, mesh.edge_vertices[ids]) for kind, ids in offending.edges.items()),
         *(ElementGroup(kind, ids, mesh.faces[ids]) for kind, ids in offending.faces.items()),
     ]
-    return Elements(analysis.vertices, mesh.faces, tuple(groups), _by_size(analysis))
+    return Elements(analysis.vertices, mesh.faces, tuple(groups), _rank_by_size(analysis))
 
 
-def _by_size(analysis: Analysis) -> NDArray[Any]:
+def _rank_by_size(analysis: Analysis) -> NDArray[Any]:
     """Return the component (F,) of each face, renumbered so that 0 is the largest component of the audit."""
     components = analysis.components
     if components.count == 0:

@@ -118,8 +118,8 @@ def explain(name: str) -> Explanation:
         for known in (entry.name, entry.symbol, *entry.aliases)
         if known
     }
-    # LCC_area and lcc_area are different symbols. In any other case the first one wins, the column of the
-    # paper.
+    # LCC_area and lcc_area are different symbols. In any other spelling the first one is used: the column of
+    # the paper.
     folded: dict[str, Explanation] = {}
     for known, entry in exact.items():
         folded.setdefault(known.casefold(), entry)

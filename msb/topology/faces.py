@@ -19,8 +19,7 @@ def face_areas(vertices: NDArray[Any], faces: NDArray[Any]) -> tuple[NDArray[np.
         for start in range(0, len(faces), _CHUNK):
             corners = vertices[faces[start : start + _CHUNK]].astype(np.float64)
             first = corners[:, 0]
-            # The sum is written out because NumPy does not define an order; the kernels give bit-identical
-            # areas.
+            # Written out to fix the order of the sum, so that the kernels give bit-identical areas.
             x, y, z = np.cross(corners[:, 1] - first, corners[:, 2] - first).T
             area[start : start + _CHUNK] = 0.5 * np.sqrt(x * x + y * y + z * z)
     finite = np.isfinite(area)
@@ -29,10 +28,10 @@ def face_areas(vertices: NDArray[Any], faces: NDArray[Any]) -> tuple[NDArray[np.
 
 
 def signed_volume(vertices: NDArray[Any], faces: NDArray[np.int64]) -> float:
-    """Return the volume enclosed by a closed mesh; it is negative if the mesh is wound inwards.
+    """Return the volume of a closed mesh in cubed length units; it is negative if the mesh is wound inwards.
 
-    It is the sum of the tetrahedra between the faces and the first corner of the mesh, which keeps rounding
-    small.
+    Adds the signed volumes of the tetrahedra between each face and the first corner of the mesh. A point of
+    the mesh as apex keeps rounding errors small.
     """
     if not len(faces):
         return 0.0
@@ -40,12 +39,12 @@ def signed_volume(vertices: NDArray[Any], faces: NDArray[np.int64]) -> float:
     return float(np.einsum("fi,fi->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6)
 
 
-def added_areas(area: NDArray[np.float64], group: NDArray[Any], groups: int) -> NDArray[np.float64]:
+def sum_areas(area: NDArray[np.float64], group: NDArray[Any], groups: int) -> NDArray[np.float64]:
     """Return the area (groups,) of each group of faces, added in the order of the faces.
 
-    `area` (F,) is not negative and `group` (F,) is the group of each face. Because rounding is monotone and
-    the order is the same, the area of some faces is never larger than the area of all faces, and equals it if
-    the other faces have no area.
+    `area` (F,) is non-negative and `group` (F,) is the group of each face. Adding in face order guarantees
+    that the area of a group never exceeds the area of all faces: rounding is monotone. Both are equal if all
+    other faces have zero area.
     """
     return np.bincount(group, weights=area, minlength=groups).astype(np.float64)
 
@@ -63,7 +62,7 @@ def names_vertex_twice(faces: NDArray[Any]) -> NDArray[np.bool_]:
     return np.asarray((a == b) | (b == c) | (a == c))
 
 
-def extra_duplicates(faces: NDArray[Any]) -> NDArray[np.bool_]:
+def find_duplicate_faces(faces: NDArray[Any]) -> NDArray[np.bool_]:
     """Return which faces (F,) repeat an earlier face: the same three indices in any order or winding.
 
     The first face of each set of duplicates is not marked. Takes O(F log F) time.

@@ -29,7 +29,7 @@ class Fans:
     fans_per_vertex : (V,) integers
         0 for a vertex without proper faces, 1 for a manifold vertex.
     groups_per_vertex : (V,) integers
-        The same if corners are joined across every shared edge, including non-manifold edges.
+        Number of groups if corners are joined across every shared edge, including non-manifold edges.
     """
 
     corner_fan: NDArray[Any]
@@ -38,7 +38,7 @@ class Fans:
     groups_per_vertex: NDArray[Any]
 
 
-def corners_at_ends(mesh: HalfEdgeMesh, halfedges: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
+def find_end_corners(mesh: HalfEdgeMesh, halfedges: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
     """Return for each half-edge the corners of its face at the low and at the high vertex of the edge."""
     after = next_in_face(halfedges)
     origin = mesh.origin
@@ -47,8 +47,7 @@ def corners_at_ends(mesh: HalfEdgeMesh, halfedges: NDArray[Any]) -> tuple[NDArra
 
 
 def group_corners(mesh: HalfEdgeMesh, first: NDArray[Any], second: NDArray[Any]) -> tuple[int, NDArray[Any]]:
-    """Join the corners at each vertex across the given pairs of half-edges; both of a pair belong to one
-    edge.
+    """Join the corners at each vertex across the given pairs of half-edges; each pair lies on one edge.
 
     Return the number of groups and the group (3F,) of each corner. Groups are numbered by their first corner;
     repeated-index rows have NONE.
@@ -88,8 +87,8 @@ def _join(
     """Join the nodes at both ends of each pair of half-edges that share an edge; return as
     `label_components`.
     """
-    first_low, first_high = corners_at_ends(mesh, first)
-    second_low, second_high = corners_at_ends(mesh, second)
+    first_low, first_high = find_end_corners(mesh, first)
+    second_low, second_high = find_end_corners(mesh, second)
     corners_a = node_of_corner[np.concatenate([first_low, first_high])]
     corners_b = node_of_corner[np.concatenate([second_low, second_high])]
     return label_components(count, corners_a, corners_b)

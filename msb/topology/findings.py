@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from msb.topology.analysis import Analysis
-from msb.topology.faces import added_areas
+from msb.topology.faces import sum_areas
 
 # Offending elements listed for each kind: enough to locate a fault, few enough to read.
 SAMPLES = 3
@@ -94,7 +94,7 @@ def find_by_numpy(analysis: Analysis) -> Findings:
     return Findings(
         counts=counts,
         shares_vertices=not analysis.soup,
-        total_area=float(added_areas(analysis.area, np.zeros(mesh.face_count, np.intp), 1)[0]),
+        total_area=float(sum_areas(analysis.area, np.zeros(mesh.face_count, np.intp), 1)[0]),
         largest_component_area=0.0 if largest is None else float(components.areas[largest]),
         valence_histogram={int(k): int(valences[k]) for k in np.flatnonzero(valences)},
         first={

@@ -1,8 +1,8 @@
 """Half-edge structure: 3F half-edges grouped by undirected vertex pair, any number of them per edge.
 
-A classic half-edge mesh allows two faces per edge. It would have to split or drop further faces, and so
-change the mesh that is audited. Here an edge is a *group* of half-edges of any size, and nothing is merged,
-dropped, reoriented or repaired.
+A classic half-edge mesh allows at most two faces per edge, so it would change a non-manifold mesh before the
+audit. Here an edge is a *group* of any number of half-edges, and no face or vertex is merged, dropped,
+reoriented or repaired.
 
 Half-edge ``h = 3 f + k`` belongs to face f and runs from corner k to corner k + 1 (mod 3) of that face; the
 corner it starts from has the same number. Definitions: docs/definitions.md; paper, "Topology-Metric
@@ -92,9 +92,9 @@ class HalfEdgeMesh:
 
     @property
     def chained_halfedges(self) -> tuple[NDArray[Any], NDArray[Any]]:
-        """Each half-edge of an edge with three or more faces, and the next half-edge of its group.
+        """Pairs of consecutive half-edges in the group of each edge with three or more faces.
 
-        Joining these pairs joins the whole group, without its quadratic number of pairs.
+        Joining these pairs joins the whole group; its number of pairs grows linearly, not quadratically.
         """
         crowded = np.repeat(self.multiplicity > 2, self.multiplicity)
         last = np.zeros(len(crowded), bool)
@@ -129,7 +129,7 @@ def build_half_edges(faces: NDArray[Any], vertex_count: int) -> HalfEdgeMesh:
     origin, target = rows.reshape(-1), rows[:, (1, 2, 0)].reshape(-1)
     low, high = np.minimum(origin, target), np.maximum(origin, target)
     # One 64-bit key for each vertex pair; equal keys are one edge.
-    key, order = _sorted(low.astype(np.uint64) * np.uint64(max(vertex_count, 1)) + high.astype(np.uint64))
+    key, order = _sort_keys(low.astype(np.uint64) * np.uint64(max(vertex_count, 1)) + high.astype(np.uint64))
     is_first = np.ones(len(key), bool)
     np.not_equal(key[1:], key[:-1], out=is_first[1:])
     first = np.flatnonzero(is_first)
@@ -145,7 +145,7 @@ def build_half_edges(faces: NDArray[Any], vertex_count: int) -> HalfEdgeMesh:
     )
 
 
-def _sorted(key: NDArray[np.uint64]) -> tuple[NDArray[np.uint64], NDArray[Any]]:
+def _sort_keys(key: NDArray[np.uint64]) -> tuple[NDArray[np.uint64], NDArray[Any]]:
     """Return the keys in ascending order and their original positions; equal keys keep their order.
 
     If a key and its position fit into 64 bits together (up to about two million faces), the packed numbers

@@ -1,10 +1,14 @@
 """The audit by OpenCL kernels for a CPU; `findings.find_by_numpy` is the readable twin.
 
-Corners are sorted into blocks of vertices that fit into the cache of a core, each with the rest of its face.
-Within a block, each vertex is visited with all its faces at once. The neighbours that these faces share
-determine edges, fans, duplicates and the boundary without a sort (audit_small.cl); vertices with many faces
-need a sort (audit_large.cl). Pairs of faces in one component are listed and united, with the lowest face as
-root (audit_pairs.cl). docs/audit_speed.md gives reasons and measurements.
+1. Corners are sorted into blocks of vertices. A block fits into the cache of a core, and each corner carries
+   the other two vertices of its face.
+2. Each vertex of a block is visited with all its faces. Their shared neighbours determine edges, fans,
+   duplicates and the boundary, by comparing all pairs (audit_small.cl) or, for a vertex with many faces, by
+   sorting (audit_large.cl).
+3. The visits list pairs of connected faces. Uniting them gives the components, with the lowest face as root
+   (audit_pairs.cl).
+
+docs/audit_speed.md gives reasons and measurements.
 """
 
 import time
@@ -25,24 +29,27 @@ TWO_FACE, CROWDED, RIM = range(3)
 
 @dataclass(frozen=True)
 class Sizes:
-    """Sizes that change time and memory of the kernels but not the results; tests make all of them small.
+    """Sizes that affect the time and memory of the kernels, but not the results.
 
     Attributes
     ----------
     block_corners : int
-        Average number of corners in a block of vertices: 200 KB; a second-level cache holds two such blocks.
+        Average number of corners in a block of vertices. The default takes 200 KB, so that a second-level
+        cache holds two blocks.
     most_blocks : int
         Maximum number of blocks; each block is a separate write stream.
     large_block : int
-        Minimum number of corners of a block that is sorted in place, unless 1/16 of a worker's share is more.
+        Maximum number of corners of a block that a work-item copies to sort it; larger blocks are sorted in
+        place. The limit is at least 1/16 of the corners per worker.
     rounds : int
-        Number of times that the memory for corners is reused; blocks larger than `large_block` add a round.
+        Number of rounds in which the blocks are processed, reusing the same memory. One more round is added
+        if a block exceeds `large_block`.
     most_compared : int
         Maximum number of faces of a vertex that are compared pairwise; a multiple of 8, up to 32.
     chunk_pairs : int
         Number of face pairs in a chunk of the list, more than four times `most_compared`.
     valences : int
-        Length of the valence table; the valences of vertices with more edges are listed.
+        Length of the valence table. Larger valences are listed one by one.
     """
 
     block_corners: int = 12288
@@ -64,9 +71,9 @@ def find_by_kernels(
 ) -> Findings:
     """Return the findings of the audit of floating `points` (V, 3) and int32 `faces` (F, 3).
 
-    The device must support double precision; all memory allocated on it is released. `workers` work-items run
-    at a time, by default one per compute unit. Takes O(V + F) time for meshes with few faces per vertex, O(V
-    + F log F) for any mesh, and about 45 bytes of memory per face.
+    The device must support double precision. `workers` is the number of work-items, by default one per
+    compute unit. Takes O(V + F) time if vertices have few faces, O(V + F log F) for any mesh, and about 45
+    bytes of device memory per face, which are released at the end.
     """
     run = _Run(points, faces, device, workers or device.record.compute_units, sizes or Sizes())
     try:
@@ -85,8 +92,7 @@ class _Run:
             points = points.astype(np.float64)
         self.points, self.faces = np.ascontiguousarray(points), faces
         self.device, self.workers, self.sizes = device, workers, sizes
-        # Contiguous parts of the faces: twice as many as workers, so that a delayed worker delays the rest
-        # less.
+        # Divide the faces into twice as many chunks as workers, to balance the load if a worker is delayed.
         self.chunks = 2 * workers
         self.chunk = -(-len(faces) // self.chunks)
         self.tally = tally_dtype(sizes.valences)
@@ -96,17 +102,17 @@ class _Run:
 
     def findings(self) -> Findings:
         """Run all stages and return the findings."""
-        self.program = self._program()
+        self.program = self._build_program()
         self.on_device = self._share(self.faces.view(np.uint32), "faces")
-        self._lap("open")
+        self._record_stage("open")
         self._count_corners()
-        self._lap("blocks")
+        self._record_stage("blocks")
         self._visit_vertices()
-        self._lap("vertices")
-        components, two_face_components = self._unite()
-        self._lap("components")
+        self._record_stage("vertices")
+        components, two_face_components = self._count_components()
+        self._record_stage("components")
         area, largest_area, largest, loops, strange = self._measure_faces()
-        self._lap("faces")
+        self._record_stage("faces")
         totals = Totals(
             vertex_count=len(self.points),
             faces=self.faces,
@@ -138,10 +144,10 @@ class _Run:
         count = min(max(3 * face_count // sizes.block_corners, 1), sizes.most_blocks)
         self.shift = max((vertex_count // count).bit_length() - 1, 0)
         self.blocks = -(-vertex_count >> self.shift)
-        counts = self._new((self.chunks, self.blocks), np.uint32, "corner counts")
-        improper = self._new((self.chunks, 1 + SAMPLES), np.uint32, "improper faces")
-        self.parents = self._large(face_count, np.uint32, "components")
-        scalars = _uints(face_count, self.chunk, self.blocks, self.shift)
+        counts = self._allocate((self.chunks, self.blocks), np.uint32, "corner counts")
+        improper = self._allocate((self.chunks, 1 + SAMPLES), np.uint32, "improper faces")
+        self.parents = self._allocate_large(face_count, np.uint32, "components")
+        scalars = _to_uints(face_count, self.chunk, self.blocks, self.shift)
         self.program.count_corners(self.chunks, 1, self.on_device, counts, self.parents, improper, *scalars)
         self.counts, self.improper = counts.read(), improper.read()
         self.starts = np.concatenate([[0], np.cumsum(self.counts.sum(axis=0, dtype=np.int64))])
@@ -153,19 +159,25 @@ class _Run:
         self.large = max(self.sizes.large_block, share)
         largest = int(block_sizes.max(initial=0))
         rounds = self.sizes.rounds + (largest > self.large)
-        # 1/32 more than an equal share, because blocks do not divide evenly; at least the largest block.
+        # room: corners per round. 1/32 more than an equal share, because blocks do not divide evenly, and at
+        # least the largest block.
         room = max(int(self.starts[-1]) // rounds * 33 // 32, largest)
-        self.memory = _empty(max(room + 1, -(-3 * face_count // 2)) * 16)
+        self.memory = _allocate_pages(max(room + 1, -(-3 * face_count // 2)) * 16)
         records = self._share(self.memory, "corners")
         words = (self.workers + 1) * self.tally.itemsize // 8
-        self.tallies = self._zeros(words, np.uint64, "tallies")
-        self.block_edges = self._zeros(self.blocks, np.uint64, "block edges")
-        self.valences = self._new(6 * face_count // self.sizes.valences + 1, np.uint32, "valences")
-        self.used = self._zeros(1, np.uint32, "valences used"), self._zeros(1, np.uint32, "chunks used")
+        self.tallies = self._allocate_zeros(words, np.uint64, "tallies")
+        self.block_edges = self._allocate_zeros(self.blocks, np.uint64, "block edges")
+        self.valences = self._allocate(6 * face_count // self.sizes.valences + 1, np.uint32, "valences")
+        self.used = (
+            self._allocate_zeros(1, np.uint32, "valences used"),
+            self._allocate_zeros(1, np.uint32, "chunks used"),
+        )
         self._make_lists(rounds)
-        small = self._scratch(self.workers, self.large)
-        large = self._scratch(1, min(largest, face_count), large=True) if largest > self.large else None
-        for first, end in self._rounds(room):
+        small = self._allocate_scratch(self.workers, self.large)
+        large = (
+            self._allocate_scratch(1, min(largest, face_count), large=True) if largest > self.large else None
+        )
+        for first, end in self._plan_rounds(room):
             self._place_corners(records, first, end, room)
             self._visit_blocks(records, first, end, small, large=False)
             if large and block_sizes[first:end].max() > self.large:
@@ -174,7 +186,7 @@ class _Run:
         for buffer in (records, small[0], *(large or ())[:1]):
             buffer.release()
 
-    def _rounds(self, room: int) -> Iterator[tuple[int, int]]:
+    def _plan_rounds(self, room: int) -> Iterator[tuple[int, int]]:
         """Yield the first and the end block of each round: as many blocks as fit into `room` corners."""
         first = 0
         while first < self.blocks:
@@ -192,74 +204,74 @@ class _Run:
         cursors = np.full((self.chunks, end - first + 1), spare, np.uint32)
         cursors[:, :-1] = self.starts[first:end] - self.starts[first] + np.cumsum(counts, axis=0) - counts
         buffer = self._share(cursors, "cursors")
-        scalars = _uints(len(self.faces), self.chunk, first, end - first, self.shift)
+        scalars = _to_uints(len(self.faces), self.chunk, first, end - first, self.shift)
         self.program.place_corners(self.chunks, 1, self.on_device, records, buffer, *scalars)
 
     def _visit_blocks(
         self, records: Buffer, first: int, end: int, scratch: tuple[Buffer, int], *, large: bool
     ) -> None:
         starts = (self.starts[first : end + 1] - self.starts[first]).astype(np.uint32)
-        following = self._zeros(1, np.uint32, "next block")
+        following = self._allocate_zeros(1, np.uint32, "next block")
         valences_used, chunks_used = self.used
         self.program.visit_blocks(
             1 if large else self.workers, 1,
             records, self._share(starts, "block starts"), self.block_edges, following, self.tallies,
             self.valences, valences_used, self.pairs, self.fills, chunks_used,
             scratch[0], np.uint64(scratch[1]),
-            *_uints(self.large, large, first, end - first, self.shift, len(self.points)),
+            *_to_uints(self.large, large, first, end - first, self.shift, len(self.points)),
         )  # fmt: skip
 
     def _make_lists(self, rounds: int) -> None:
-        """Allocate the lists of face pairs: at most one pair for each half-edge, in partly filled chunks."""
+        """Allocate the chunks for at most one face pair per half-edge; some chunks stay partly filled."""
         sizes, kinds = self.sizes, 3
         full = 3 * len(self.faces) // (sizes.chunk_pairs - 2 * sizes.most_compared) + 1
         begun = kinds * (self.workers + 1) * (2 * rounds + 2)
-        self.pairs = self._large((full + begun + 1) * sizes.chunk_pairs, np.uint64, "pairs")
-        self.fills = self._new(full + begun + 1, np.uint32, "chunks of pairs")
+        self.pairs = self._allocate_large((full + begun + 1) * sizes.chunk_pairs, np.uint64, "pairs")
+        self.fills = self._allocate(full + begun + 1, np.uint32, "chunks of pairs")
 
-    def _scratch(self, workers: int, corners: int, *, large: bool = False) -> tuple[Buffer, int]:
+    def _allocate_scratch(self, workers: int, corners: int, *, large: bool = False) -> tuple[Buffer, int]:
         """Return the scratch buffer of visit_blocks and its words per work-item."""
         starts = (1 << self.shift) + 1  # two tables of 32-bit numbers
         words = starts + 1 + (4 if large else 6) * corners
         words += words % 2
-        return self._large(words * workers, np.uint64, "scratch"), words
+        return self._allocate_large(words * workers, np.uint64, "scratch"), words
 
-    def _unite(self) -> tuple[int, int]:
+    def _count_components(self) -> tuple[int, int]:
         """Return the number of components across all shared edges and across two-face edges only."""
         self.chunks_used = int(self.used[1].read()[0])
         # Every union that joins two sets reduces the number of components by one.
         proper = len(self.faces) - int(self.improper[:, 0].sum())
-        two_face = proper - self._joined(TWO_FACE, self.parents)
-        return two_face - self._joined(CROWDED, self.parents), two_face
+        two_face = proper - self._unite_pairs(TWO_FACE, self.parents)
+        return two_face - self._unite_pairs(CROWDED, self.parents), two_face
 
-    def _joined(self, kind: int, parents: Buffer) -> int:
+    def _unite_pairs(self, kind: int, parents: Buffer) -> int:
         """Unite the face pairs of a kind; return the number of unions that joined two sets."""
-        joined = self._zeros(self.workers, np.uint32, "joined")
-        chunk = self._zeros(1, np.uint32, "next chunk")
-        scalars = _uints(self.chunks_used, kind)
+        joined = self._allocate_zeros(self.workers, np.uint32, "joined")
+        chunk = self._allocate_zeros(1, np.uint32, "next chunk")
+        scalars = _to_uints(self.chunks_used, kind)
         self.program.unite_pairs(self.workers, 1, self.pairs, self.fills, parents, chunk, joined, *scalars)
         return int(joined.read().sum(dtype=np.int64))
 
     def _measure_faces(self) -> tuple[float, float, int, int, NDArray[np.uint32]]:
         """Return total area, area and faces of the largest component, boundary loops, degenerate faces."""
         count = len(self.faces)
-        # Reuse the memory of the corners, which is large enough and already touched: 24 bytes per face.
+        # Reuse the memory of the corners for 24 bytes per face; its pages are already mapped.
         cuts = np.split(self.memory[: 24 * count], [8 * count, 16 * count, 20 * count])
         areas = self._share(cuts[0].view(np.float64), "areas")
         sums = self._share(cuts[1].view(np.float64), "sums of areas")
         sizes = self._share(cuts[2].view(np.uint32), "component sizes")
         rims = self._share(cuts[3].view(np.uint32), "rims")
         sizes.fill(0)
-        strange = self._new((self.chunks, 2, 1 + SAMPLES), np.uint32, "strange areas")
+        strange = self._allocate((self.chunks, 2, 1 + SAMPLES), np.uint32, "strange areas")
         self.program.measure_faces(
             self.chunks, 1, self._share(self.points, "points"), self.on_device,
-            areas, self.parents, sizes, rims, strange, *_uints(count, self.chunk),
+            areas, self.parents, sizes, rims, strange, *_to_uints(count, self.chunk),
         )  # fmt: skip
-        # Unite faces that follow each other along the boundary; a pair that closes a loop joins nothing.
-        joined = self._joined(RIM, rims)
-        counts = self._new(2, np.uint32, "largest component")
-        area_sums = self._new(2, np.float64, "area of the largest component and of all")
-        self.program.sum_largest(1, 1, areas, self.parents, sizes, sums, counts, area_sums, *_uints(count))
+        # Unite faces that follow each other along the boundary. Each loop has one pair that joins no face.
+        joined = self._unite_pairs(RIM, rims)
+        counts = self._allocate(2, np.uint32, "largest component")
+        area_sums = self._allocate(2, np.float64, "area of the largest component and of all")
+        self.program.sum_largest(1, 1, areas, self.parents, sizes, sums, counts, area_sums, *_to_uints(count))
         chunk_fills = self.fills.read()[1 : self.chunks_used + 1]
         pairs = int((chunk_fills[chunk_fills % 4 == RIM] // 4).sum(dtype=np.int64))
         largest, single_faces = (int(n) for n in counts.read())
@@ -269,7 +281,7 @@ class _Run:
 
     # ---- buffers
 
-    def _program(self) -> Program:
+    def _build_program(self) -> Program:
         sizes = self.sizes
         coordinate = "float" if self.points.dtype == np.float32 else "double"
         return self.device.program(
@@ -283,37 +295,37 @@ class _Run:
             },
         )
 
-    def _new(self, shape: int | tuple[int, ...], dtype: DTypeLike, use: str) -> Buffer:
+    def _allocate(self, shape: int | tuple[int, ...], dtype: DTypeLike, use: str) -> Buffer:
         return self._hold(self.device.allocate(shape, dtype, f"audit: {use}"))
 
-    def _zeros(self, count: int, dtype: DTypeLike, use: str) -> Buffer:
-        buffer = self._new(count, dtype, use)
+    def _allocate_zeros(self, count: int, dtype: DTypeLike, use: str) -> Buffer:
+        buffer = self._allocate(count, dtype, use)
         buffer.fill(0)
         return buffer
 
     def _share(self, array: NDArray[Any], use: str) -> Buffer:
         return self._hold(self.device.share(array, f"audit: {use}"))
 
-    def _large(self, count: int, dtype: DTypeLike, use: str) -> Buffer:
-        return self._share(_empty(count * np.dtype(dtype).itemsize).view(dtype), use)
+    def _allocate_large(self, count: int, dtype: DTypeLike, use: str) -> Buffer:
+        return self._share(_allocate_pages(count * np.dtype(dtype).itemsize).view(dtype), use)
 
     def _hold(self, buffer: Buffer) -> Buffer:
         self._held.append(buffer)
         return buffer
 
-    def _lap(self, stage: str) -> None:
+    def _record_stage(self, stage: str) -> None:
         self.device.finish()
         now = time.perf_counter()
         self.timings[stage] = (now - self._clock) * 1e3
         self._clock = now
 
 
-def _uints(*values: int) -> list[np.uint32]:
+def _to_uints(*values: int) -> list[np.uint32]:
     return [np.uint32(value) for value in values]
 
 
-def _empty(nbytes: int) -> NDArray[np.uint8]:
-    """Return uninitialised memory that starts on a page; NumPy uses huge pages if the system has them."""
+def _allocate_pages(nbytes: int) -> NDArray[np.uint8]:
+    """Return uninitialised memory aligned to a page; large NumPy arrays use huge pages where available."""
     page = 4096
     memory = np.empty(nbytes + page, np.uint8)  # noqa: TID251 - kernels write before anything is read
     start = -memory.ctypes.data % page

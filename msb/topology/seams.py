@@ -1,9 +1,9 @@
 """Seams: vertices that a file stores more than once because each vertex row has a single UV coordinate or
 colour.
 
-docs/definitions.md ("Seams") has the definition. Vertices duplicated for other reasons, such as normals or a
-format without shared vertices, are not seams. For those this module tells whether an exact weld would close
-the mesh.
+docs/definitions.md ("Seams") has the definition. Vertices duplicated for another reason, such as normals or
+a format without shared vertices, are not seams. For a mesh with such vertices, `closes_once_merged` tells
+whether an exact weld would close it.
 """
 
 from collections.abc import Mapping
@@ -15,18 +15,18 @@ from numpy.typing import NDArray
 
 from msb.base.soup import is_soup
 from msb.topology.components import label_components
-from msb.topology.dispatch import find
+from msb.topology.dispatch import find_findings
 from msb.topology.faces import names_vertex_twice
 from msb.topology.findings import Counts, Findings
-from msb.topology.weld import coincident_vertices, weld_vertices
+from msb.topology.weld import find_coincident_vertices, weld_vertices
 
 # Attributes that make a file duplicate vertices. By vertex: "uv" (V, 2) and "color" (V, n). By corner:
 # "corner_uv" (3F, 2) and "corner_color" (3F, n). By face: "face_texture" (F,).
 Attributes = Mapping[str, NDArray[Any]]
 SeamKind = Literal["texture", "color"]
 
-# Maximum number of faces of a mesh that is welded without a request, because welding and auditing the result
-# takes about as long as the audit.
+# Maximum number of faces for testing the exact weld without a request. The test takes about as long as the
+# audit itself.
 MOST_FACES = 200_000
 
 
@@ -74,17 +74,17 @@ def seam_attributes(buffers: Mapping[str, NDArray[Any]], domains: Mapping[str, s
 def find_seams(points: NDArray[Any], faces: NDArray[Any], attributes: Attributes) -> Seams | None:
     """Return the seams of a mesh, or None if it has none.
 
-    Two boundary edges in one place are one torn edge if UVs or colours differ at an end, or if their faces
-    have different textures. Their end vertices are merged. Three or more boundary edges in one place are left
-    alone, because it is unknown which of them belong together.
+    A torn edge is a pair of coincident boundary edges with different UVs or colours at an end, or with
+    different textures on their faces. Its end vertices are merged. Three or more coincident boundary edges
+    are not merged, because their pairing is ambiguous.
 
-    In a triangle soup (triangles that share no vertices) corners may meet by chance. A soup is taken for a
-    mesh with seams only if more than half of its faces have a torn edge and no boundary edges in one place
-    have equal attributes. Takes O(V log V) time, and hardly any if no two vertices coincide.
+    In a triangle soup (triangles that share no vertices) corners may coincide by chance. A soup counts as a
+    mesh with seams only if more than half of its faces have a torn edge, and if no coincident boundary edges
+    have equal attributes. Takes O(V log V) time, and much less if no two vertices coincide.
     """
     if not attributes or not len(faces):
         return None
-    rows, set_of = coincident_vertices(points)
+    rows, set_of = find_coincident_vertices(points)
     if not len(rows):
         return None
     # place (V,): the first vertex with the same coordinates. double (V,): whether another vertex has them.
@@ -98,8 +98,10 @@ def find_seams(points: NDArray[Any], faces: NDArray[Any], attributes: Attributes
     near = near[~names_vertex_twice(faces[near])]
     if not len(near):
         return None
-    corner_values = [_by_corner(name, values, faces, near) for name, values in attributes.items()]
-    edges, torn_faces, equal_edges = _torn_edges(faces[near].astype(np.int64), place, double, corner_values)
+    corner_values = [_spread_to_corners(name, values, faces, near) for name, values in attributes.items()]
+    edges, torn_faces, equal_edges = _find_torn_edges(
+        faces[near].astype(np.int64), place, double, corner_values
+    )
     if not len(edges):
         return None
     may_be_chance = (equal_edges or 2 * torn_faces <= len(faces)) and is_soup(faces[near])
@@ -118,7 +120,9 @@ def find_seams(points: NDArray[Any], faces: NDArray[Any], attributes: Attributes
     return Seams(np.flatnonzero(is_first), number, kind)
 
 
-def _by_corner(name: str, values: NDArray[Any], faces: NDArray[Any], rows: NDArray[Any]) -> NDArray[Any]:
+def _spread_to_corners(
+    name: str, values: NDArray[Any], faces: NDArray[Any], rows: NDArray[Any]
+) -> NDArray[Any]:
     """Return the attribute values at the corners of the faces `rows` (n,), as (3 n, k)."""
     if name == "face_texture":
         return np.repeat(values[rows], 3)[:, None]
@@ -126,7 +130,7 @@ def _by_corner(name: str, values: NDArray[Any], faces: NDArray[Any], rows: NDArr
     return np.asarray(corners.reshape(3 * len(rows), -1))
 
 
-def _torn_edges(
+def _find_torn_edges(
     faces: NDArray[np.int64],
     place: NDArray[Any],
     double: NDArray[np.bool_],
@@ -134,9 +138,9 @@ def _torn_edges(
 ) -> tuple[NDArray[np.int64], int, bool]:
     """Find the boundary edges that seams have torn.
 
-    `faces` (F, 3) are all faces without a repeated index that have a duplicated vertex, so every face at an
-    edge with such an end is included. `find_seams` explains `place` (V,) and `double` (V,); each array of
-    `corner_values` holds the values (3F, k) at the corners of `faces`.
+    `faces` (F, 3) must be all faces with a duplicated vertex and without a repeated index. `place` (V,) is
+    the first vertex with the same coordinates, `double` (V,) whether another vertex has them. Each array of
+    `corner_values` holds an attribute (3F, k) at the corners of `faces`.
 
     Returns
     -------
@@ -145,7 +149,7 @@ def _torn_edges(
     torn_faces : int
         Number of faces with a torn edge.
     equal_edges : bool
-        Whether some boundary edges in one place have equal values at both ends.
+        Whether any coincident boundary edges have equal attributes at both ends.
     """
     corners = np.arange(faces.size).reshape(-1, 3)
     ends, ends_at = (
@@ -175,7 +179,7 @@ def _torn_edges(
     for values in corner_values:
         differs |= (values[corner] != values[corner[other]]).any(axis=(1, 2))
     differs = np.bincount(group, differs, len(size))[group] > 0
-    # Two edges of one sliver face: merging them would fold the face onto itself.
+    # Exclude two edges of the same sliver face, because merging them would fold the face onto itself.
     same_face = corner[:, 0] // 3 == corner[other, 0] // 3
     torn = differs & (size[group] == 2) & (np.bincount(group, same_face)[group] < 2)
     equal_edges = bool(((size[group] > 1) & ~differs).any())
@@ -196,7 +200,7 @@ def is_closed(counts: Counts) -> bool:
 def closes_once_merged(findings: Findings, points: NDArray[Any], faces: NDArray[Any]) -> bool:
     """Return whether an exact weld would close an open mesh of at most `MOST_FACES` faces.
 
-    `findings` describe the mesh as stored. Larger meshes are not tried and give False.
+    `findings` describe the mesh as stored. Larger meshes are not tested; the result is then False.
     """
     counts = findings.counts
     if not counts.boundary_edges or counts.faces > MOST_FACES:
@@ -206,7 +210,7 @@ def closes_once_merged(findings: Findings, points: NDArray[Any], faces: NDArray[
         return False
     if not _all_coincide([edge for _, edge in findings.first["boundary_edges"]], points):
         return False
-    return is_closed(find(*weld_vertices(points, faces, "exact"))[0].counts)
+    return is_closed(find_findings(*weld_vertices(points, faces, "exact"))[0].counts)
 
 
 def _all_coincide(edges: list[tuple[int, ...]], points: NDArray[Any]) -> bool:

@@ -75,7 +75,7 @@ class Totals:
 
 
 def add_up(totals: Totals, timings_ms: dict[str, float], computed_by: str) -> Findings:
-    """Return the findings. `timings_ms` is stored without a copy, so the caller may still add stages."""
+    """Return the findings. They refer to `timings_ms` itself, so that the caller can add further stages."""
     tallies = totals.tallies
     kinds = (*EDGE_KINDS, *VERTEX_KINDS)
     sums = [*tallies["edge_counts"].sum(axis=0), *tallies["vertex_counts"].sum(axis=0)]
@@ -106,45 +106,45 @@ def add_up(totals: Totals, timings_ms: dict[str, float], computed_by: str) -> Fi
         shares_vertices=bool(tallies["shared_vertices"].any()),
         total_area=totals.area,
         largest_component_area=totals.largest_area,
-        valence_histogram=_histogram(tallies["valences"].sum(axis=0), totals.valences),
-        first=_first(totals),
+        valence_histogram=_build_histogram(tallies["valences"].sum(axis=0), totals.valences),
+        first=_collect_first(totals),
         timings_ms=timings_ms,
         computed_by=computed_by,
     )
 
 
-def _histogram(table: NDArray[Any], others: NDArray[Any]) -> dict[int, int]:
+def _build_histogram(table: NDArray[Any], others: NDArray[Any]) -> dict[int, int]:
     """Return valence -> number of vertices, from the table and from the list of larger valences."""
     valences, counts = np.unique(others, return_counts=True)
     low = {int(k): int(table[k]) for k in np.flatnonzero(table)}
     return low | {int(k): int(n) for k, n in zip(valences, counts, strict=True)}
 
 
-def _first(totals: Totals) -> First:
+def _collect_first(totals: Totals) -> First:
     """Return the lowest elements of each kind among the samples of all work-items."""
     tallies, improper, strange = totals.tallies, totals.improper, totals.strange
     first: First = {}
     for kind, name in enumerate(EDGE_KINDS):
         # Number of an edge = edges of all earlier blocks + its rank in the block.
-        edges = _filled(tallies["edges"][:, kind], tallies["edge_counts"][:, kind])
+        edges = _collect_filled(tallies["edges"][:, kind], tallies["edge_counts"][:, kind])
         before = np.cumsum(totals.block_edges) - totals.block_edges
         numbers = before[edges["block"].astype(np.int64)] + edges["rank"]
         lowest = np.argsort(numbers)[:SAMPLES]
         first[name] = tuple((int(numbers[i]), (int(edges["low"][i]), int(edges["high"][i]))) for i in lowest)
     for kind, name in enumerate(VERTEX_KINDS):
-        vertices = _filled(tallies["vertices"][:, kind], tallies["vertex_counts"][:, kind])
+        vertices = _collect_filled(tallies["vertices"][:, kind], tallies["vertex_counts"][:, kind])
         first[name] = first_of(np.sort(vertices))
     faces = {
-        "repeated_index_faces": _filled(improper[:, 1:], improper[:, 0]),
-        "zero_area_faces": _filled(strange[:, 0, 1:], strange[:, 0, 0]),
-        "nonfinite_faces": _filled(strange[:, 1, 1:], strange[:, 1, 0]),
-        "duplicate_faces": _filled(tallies["duplicates"], tallies["duplicate_faces"]),
+        "repeated_index_faces": _collect_filled(improper[:, 1:], improper[:, 0]),
+        "zero_area_faces": _collect_filled(strange[:, 0, 1:], strange[:, 0, 0]),
+        "nonfinite_faces": _collect_filled(strange[:, 1, 1:], strange[:, 1, 0]),
+        "duplicate_faces": _collect_filled(tallies["duplicates"], tallies["duplicate_faces"]),
     }
     for name, numbers in faces.items():
         first[name] = first_of(np.sort(numbers).astype(np.int64), totals.faces)
     return first
 
 
-def _filled(rows: NDArray[Any], counts: NDArray[Any]) -> NDArray[Any]:
-    """Return the valid entries of sample rows, concatenated: row i has counts[i] of them, or is full."""
+def _collect_filled(rows: NDArray[Any], counts: NDArray[Any]) -> NDArray[Any]:
+    """Return the valid entries of all sample rows: the first counts[i] entries of row i, at most all."""
     return np.concatenate([row[: int(n)] for row, n in zip(rows, counts, strict=True)])

@@ -11,24 +11,24 @@ if TYPE_CHECKING:
 
 Level = Literal["ok", "limited", "bad"]
 
-# Tasks that reject or crack a mesh that is not a manifold surface. UV unwrapping and collision, which the
-# paper names too ("Mesh Structural Results": Local structure), cut and join the mesh themselves;
-# docs/trial.md tries them.
+# Tasks that need a manifold surface: without one, tools reject the mesh or open cracks. The paper also names
+# UV unwrapping and collision ("Mesh Structural Results": Local structure), but their tools cut and join the
+# mesh themselves; docs/trial.md reports how well this works.
 SOLID_TOOLS = "subdivision, booleans or printing"
-# Tools that cut a mesh at non-manifold edges usually succeed up to this share of them. Above it the sentence
-# says "not usable" instead of "unreliable"; the level is "bad" either way.
+# Maximum share of non-manifold edges, of all edges, up to which tools that cut a mesh there usually succeed.
+# Above it the sentence says "not usable" instead of "unreliable"; the level is "bad" in both cases.
 MANY = 0.01
-# A mesh is called fragmented if it has more than FEW_PIECES pieces with fewer than SMALL_PIECE faces on
-# average. Only the sentence depends on this.
+# The sentence calls pieces too small if a mesh has more than FEW_PIECES pieces with fewer than SMALL_PIECE
+# faces on average. The level does not depend on this.
 SMALL_PIECE, FEW_PIECES = 10, 10
 
-# Text for a mesh that is open only at duplicated vertices that neither UVs nor colours explain.
+# Clause for a mesh that is open only because of duplicated vertices that are not seams.
 MERGED = "closed once coincident vertices are merged"
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """A grade with its explanation, so that no reader depends on the colour of the grade.
+    """A level with its explanation in words.
 
     Attributes
     ----------
@@ -69,25 +69,25 @@ def judge(audit: Audit) -> Verdict:
         kind = "texture" if audit.seams == "texture" else "colour"
         text = f"{verdict.sentence}; {counts.seam_vertices:,} {duplicated} duplicated at {kind} seams"
         return replace(verdict, sentence=text)
-    if reason := _invisible(audit):
+    if reason := _describe_invisible(audit):
         return Verdict("bad", f"{reason}; nothing to display", reason, renders=False)
     merged = f"; {MERGED}" if audit.closed_once_merged else ""
     if counts.all_apart:
-        return Verdict("bad", f"displays correctly, but {_soup(audit)}", f"triangle soup{merged}")
+        return Verdict("bad", f"displays correctly, but {_describe_soup(audit)}", f"triangle soup{merged}")
     faults = [(fault, text) for fault in _FAULTS if (text := fault.describe(audit))]
     if not faults:
-        return Verdict("ok", f"usable for all tasks: {_sound(audit)}")
+        return Verdict("ok", f"usable for all tasks: {_describe_sound(audit)}")
     gravest, first = faults[0]
     *most, last = [text for _, text in faults]
     reasons = f"{', '.join(most)}, and {last}" if most else last
     # The tasks of an open mesh already include the advice to merge vertices.
-    advice = "" if gravest.tasks is _tasks_of_open else merged
+    advice = "" if gravest.tasks is _list_tasks_if_open else merged
     sentence = f"displays correctly, but {reasons}; {gravest.tasks(audit)}{advice}"
     return Verdict(gravest.level, sentence, first.removeprefix("it is ").removeprefix("it ") + merged)
 
 
-def _invisible(audit: Audit) -> str:
-    """Return why the mesh cannot be displayed, or ""; single faces without area do not matter."""
+def _describe_invisible(audit: Audit) -> str:
+    """Return why the mesh cannot be displayed, or "". Some zero-area faces beside others are no reason."""
     counts = audit.counts
     if counts.faces == counts.repeated_index_faces:
         return "no valid triangles"
@@ -99,17 +99,17 @@ def _invisible(audit: Audit) -> str:
     return ""
 
 
-def _soup(audit: Audit) -> str:
+def _describe_soup(audit: Audit) -> str:
     soup = "it is a triangle soup (its triangles share no vertices)"
     if audit.corners_coincide is False and (audit.welded is None or audit.welded.weld == "exact"):
         alone = "no two corners coincide, so neither merging vertices nor a repair can make it a surface"
         tasks = "not usable for subdivision, booleans, printing, collision or UV unwrapping"
         return f"{soup}, and {alone}; {tasks}"
     joined = "collision and UV unwrapping work only where corners coincide"
-    return f"{soup}; not usable for {SOLID_TOOLS}; {joined}{_welded(audit)}"
+    return f"{soup}; not usable for {SOLID_TOOLS}; {joined}{_describe_welded(audit)}"
 
 
-def _nonmanifold(audit: Audit) -> str:
+def _describe_nonmanifold(audit: Audit) -> str:
     counts = audit.counts
     if not counts.nonmanifold_vertices:
         return ""
@@ -118,13 +118,13 @@ def _nonmanifold(audit: Audit) -> str:
     return f"{edges if counts.nonmanifold_edges else ''}{vertices}"
 
 
-def _tasks_of_nonmanifold(audit: Audit) -> str:
+def _list_tasks_if_nonmanifold(audit: Audit) -> str:
     if audit.counts.nonmanifold_edges > MANY * audit.counts.edges:
         return f"not usable for {SOLID_TOOLS}; unreliable for collision and UV unwrapping"
     return "unreliable for subdivision, booleans, printing, collision and UV unwrapping"
 
 
-def _open(audit: Audit) -> str:
+def _describe_open(audit: Audit) -> str:
     counts = audit.counts
     if not counts.boundary_edges:
         return ""
@@ -135,7 +135,7 @@ def _open(audit: Audit) -> str:
     return f"it is open ({edges} in {loops})"
 
 
-def _tasks_of_open(audit: Audit) -> str:
+def _list_tasks_if_open(audit: Audit) -> str:
     if audit.closed_once_merged:
         merge = f"merge coincident vertices before {SOLID_TOOLS}, which closes it"
         return f"usable for UV unwrapping; {merge}"
@@ -149,7 +149,7 @@ def _tasks_of_open(audit: Audit) -> str:
     return f"usable for subdivision and UV unwrapping; {solid}"
 
 
-def _pieces(audit: Audit) -> str:
+def _describe_pieces(audit: Audit) -> str:
     """Return the number of pieces as a fault; the bodies of a closed mesh are not a fault."""
     counts = audit.counts
     if counts.components < 2 or not (counts.boundary_edges or counts.nonmanifold_vertices):
@@ -158,14 +158,14 @@ def _pieces(audit: Audit) -> str:
     return f"it consists of {counts.components:,} pieces (the largest holds {largest} of the faces)"
 
 
-def _duplicates(audit: Audit) -> str:
+def _describe_duplicates(audit: Audit) -> str:
     counts = audit.counts
     if not counts.duplicate_faces:
         return ""
     return f"{percent(counts.duplicate_faces, counts.faces)} of the faces are duplicates"
 
 
-def _flips(audit: Audit) -> str:
+def _describe_flips(audit: Audit) -> str:
     flips = audit.counts.inconsistent_winding_edges
     return f"the winding is inconsistent across {flips:,} edge{'' if flips == 1 else 's'}" if flips else ""
 
@@ -174,8 +174,8 @@ def _flips(audit: Audit) -> str:
 class _Fault:
     """A kind of fault.
 
-    `describe` returns it with its number, or "" if the mesh does not have it. `tasks` returns the tasks that
-    the mesh is usable for if this is its gravest fault.
+    `describe` returns a clause with the extent of the fault, or "" for a mesh without it. `tasks` returns a
+    clause with the tasks that the mesh is usable for if this is its gravest fault.
     """
 
     level: Level
@@ -185,19 +185,21 @@ class _Fault:
 
 # The gravest fault comes first.
 _FAULTS = (
-    _Fault("bad", _nonmanifold, _tasks_of_nonmanifold),
-    _Fault("limited", _open, _tasks_of_open),
-    _Fault("limited", _pieces, _tasks_of_open),
-    _Fault("limited", _duplicates, lambda _: f"duplicates may flicker; not usable for {SOLID_TOOLS}"),
+    _Fault("bad", _describe_nonmanifold, _list_tasks_if_nonmanifold),
+    _Fault("limited", _describe_open, _list_tasks_if_open),
+    _Fault("limited", _describe_pieces, _list_tasks_if_open),
+    _Fault(
+        "limited", _describe_duplicates, lambda _: f"duplicates may flicker; not usable for {SOLID_TOOLS}"
+    ),
     _Fault(
         "limited",
-        _flips,
+        _describe_flips,
         lambda _: "make the winding consistent before computing normals, booleans or printing",
     ),
 )
 
 
-def _sound(audit: Audit) -> str:
+def _describe_sound(audit: Audit) -> str:
     bodies = f", in {audit.counts.components:,} separate bodies" if audit.counts.components > 1 else ""
     unused = audit.counts.unreferenced_vertices
     apart = (
@@ -222,7 +224,7 @@ def percent(part: int, whole: int) -> str:
     return f"{share:.1f} %" if share < 10 else f"{share:.0f} %"
 
 
-def _welded(audit: Audit) -> str:
+def _describe_welded(audit: Audit) -> str:
     """Return the result of the requested weld, or of the exact weld if it closes the mesh."""
     if audit.welded is None:
         return f"; {MERGED}" if audit.closed_once_merged else ""

@@ -1,4 +1,4 @@
-"""Merge coincident vertices. This option of the audit is reported beside the mesh as stored."""
+"""Merge coincident vertices: the optional weld of the audit, which reports its result separately."""
 
 import math
 from typing import Any, Literal
@@ -11,8 +11,8 @@ from msb.topology.components import label_components
 
 Weld = Literal["exact"] | float
 
-# Maximum number of vertex pairs within the weld distance: 1 GiB of indices. Typical welds have one pair per
-# vertex.
+# Maximum number of vertex pairs within the weld distance; their indices take 1 GiB. A typical weld has one
+# pair per vertex.
 MAX_PAIRS = 1 << 26
 
 
@@ -35,22 +35,23 @@ def weld_vertices(
 ) -> tuple[NDArray[Any], NDArray[Any]]:
     """Return vertices (W, 3) and faces (F, 3) after merging coincident vertices; all face rows are kept.
 
-    "exact" merges rows with equal float32 coordinates (-0 equals +0, NaN equals nothing). A length merges the
-    transitive closure of all pairs at most that far apart, so the order does not matter. The first vertex of
-    each merged set is kept, in the old order. Faces that collapse become repeated-index rows.
+    "exact" merges vertices with equal float32 coordinates (-0 equals +0, NaN equals nothing). A length merges
+    vertices that a chain of steps of at most this length connects, so the result does not depend on their
+    order. The first vertex of each merged set is kept, in the old order. Faces that collapse become
+    repeated-index rows.
     """
-    first, number = merged_vertices(vertices, weld)
+    first, number = merge_coincident(vertices, weld)
     return vertices[first], number.astype(faces.dtype)[faces]
 
 
-def merged_vertices(vertices: NDArray[Any], weld: Weld) -> tuple[NDArray[Any], NDArray[Any]]:
+def merge_coincident(vertices: NDArray[Any], weld: Weld) -> tuple[NDArray[Any], NDArray[Any]]:
     """Return the first vertex (W,) of each merged set, and the number (V,) of the set of each vertex.
 
     Sets are ordered by their first vertices.
     """
     if len(vertices) == 0:
         return np.zeros(0, np.int64), np.zeros(0, np.int64)
-    labels = _exact_labels(vertices) if weld == "exact" else _near_labels(vertices, float(weld))
+    labels = _label_exact(vertices) if weld == "exact" else _label_near(vertices, float(weld))
     _, first, number = np.unique(labels, return_index=True, return_inverse=True)
     return first, number.reshape(-1)
 
@@ -58,10 +59,10 @@ def merged_vertices(vertices: NDArray[Any], weld: Weld) -> tuple[NDArray[Any], N
 def corners_coincide(vertices: NDArray[Any], faces: NDArray[Any]) -> bool:
     """Return whether an exact weld would join any two faces of a triangle soup.
 
-    Positions are hashed to 32 bits and sorted. Only positions with a repeated hash are compared.
+    Hashes positions to 32 bits, sorts the hashes, and compares only positions with a repeated hash.
     """
-    bits, corners = _as_stored(vertices).view(np.uint32), faces.reshape(-1)
-    hashes, repeated = _hashed(bits, corners)
+    bits, corners = _to_stored(vertices).view(np.uint32), faces.reshape(-1)
+    hashes, repeated = _hash_rows(bits, corners)
     start, count = 0, 64  # the first few hashes usually suffice if corners coincide
     while start < len(repeated):
         bucket = np.zeros(1 << 20, bool)
@@ -77,22 +78,22 @@ def corners_coincide(vertices: NDArray[Any], faces: NDArray[Any]) -> bool:
     return False
 
 
-def coincident_vertices(vertices: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Return the vertices (n,), ascending, that an exact weld would merge, and the target (n,) of each.
+def find_coincident_vertices(vertices: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Return the vertices (n,), ascending, that share their coordinates with others, and their groups (n,).
 
-    Targets are positions in the first array: the lowest vertex with the same coordinates.
+    The group is the position, within the first array, of the lowest vertex with the same coordinates.
     """
-    hashes, repeated = _hashed(_as_stored(vertices).view(np.uint32))
+    hashes, repeated = _hash_rows(_to_stored(vertices).view(np.uint32))
     bucket = np.zeros(1 << 20, bool)  # rejects most rows of typical meshes
     bucket[repeated >> 12] = True
     rows = np.flatnonzero(bucket[hashes >> 12])
     rows = rows[np.isin(hashes[rows], repeated)]
-    labels = _exact_labels(vertices[rows])
+    labels = _label_exact(vertices[rows])
     several = np.bincount(labels, minlength=len(rows))[labels] > 1
     return rows[several], (np.cumsum(several) - 1)[labels[several]]
 
 
-def _hashed(
+def _hash_rows(
     bits: NDArray[np.uint32], order: NDArray[Any] | None = None
 ) -> tuple[NDArray[np.uint32], NDArray[np.uint32]]:
     """Return a hash of each row of `bits` (V, 3), or of the rows `order`, and the hashes that occur
@@ -108,13 +109,13 @@ def _hashed(
     return hashes, ordered[1:][ordered[1:] == ordered[:-1]]
 
 
-def _exact_labels(vertices: NDArray[Any]) -> NDArray[Any]:
+def _label_exact(vertices: NDArray[Any]) -> NDArray[Any]:
     """Return for each vertex (V,) the lowest vertex with the same float32 coordinates.
 
-    Double-precision meshes are compared in float32 too, because an asset stores float32 and both must weld
-    alike.
+    Double-precision coordinates are rounded to float32 first, so that a mesh gives the same result as its
+    asset, which stores float32.
     """
-    points = _as_stored(vertices)
+    points = _to_stored(vertices)
     bits = points.view(np.uint32)
     order = np.lexsort(bits.T[::-1])
     rows = bits[order]
@@ -127,13 +128,15 @@ def _exact_labels(vertices: NDArray[Any]) -> NDArray[Any]:
     return labels
 
 
-def _as_stored(vertices: NDArray[Any]) -> NDArray[np.float32]:
-    """Return the vertices (V, 3) as an asset stores them, so that equal numbers have equal bits."""
+def _to_stored(vertices: NDArray[Any]) -> NDArray[np.float32]:
+    """Return the vertices (V, 3) as float32, like an asset, with +0 for -0, so that equal values have equal
+    bits.
+    """
     with np.errstate(over="ignore"):
         return np.ascontiguousarray(vertices.astype(np.float32) + np.float32(0.0))  # -0 becomes +0
 
 
-def _near_labels(vertices: NDArray[Any], distance: float) -> NDArray[Any]:
+def _label_near(vertices: NDArray[Any], distance: float) -> NDArray[Any]:
     """Return for each vertex (V,) the lowest vertex that steps of at most `distance` connect it to."""
     from scipy.spatial import cKDTree
 
@@ -143,7 +146,7 @@ def _near_labels(vertices: NDArray[Any], distance: float) -> NDArray[Any]:
     labels = np.arange(len(vertices))
     if len(finite) == 0:
         return labels
-    # Merge coincident vertices first; on their own they could make the number of pairs quadratic.
+    # Merge coincident vertices first, because n of them would add n^2 / 2 pairs.
     points, group = np.unique(places[finite], axis=0, return_inverse=True)
     # The tree squares distances. Scale coordinates to at most 2, by a power of two, which causes no rounding.
     scale = 2.0 ** (math.frexp(float(np.abs(points).max()))[1] - 1)

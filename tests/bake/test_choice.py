@@ -14,7 +14,7 @@ from msb.errors import AssetError
 from msb.meshes.assets import asset_from_mesh, mesh_from_asset
 from msb.meshes.mesh import Mesh
 from msb.topology import audit_arrays
-from msb.topology.crossings import crossing_pairs
+from msb.topology.crossings import find_crossing_pairs
 from tests.bake.conftest import COLORS, solid
 from tests.bake.soups import MODELS, all_round, ball, ring, soup_of, sparse
 from tests.conftest import TETRAHEDRON
@@ -125,7 +125,7 @@ def test_other_libraries_accept_a_surface_as_closed_and_manifold(model: str, sce
     buffers = baked.asset.buffers
     vertices, faces = np.array(buffers["positions"]), np.array(buffers["indices"], np.int64)
     assert audit_arrays(vertices, faces)[0].verdict == "ok"
-    assert len(crossing_pairs(vertices[faces].astype(np.float64))) == 0
+    assert len(find_crossing_pairs(vertices[faces].astype(np.float64))) == 0
     assert igl.is_edge_manifold(faces)[0]
     assert np.all(igl.is_vertex_manifold(faces))
     assert len(igl.boundary_facets(faces)[0]) == 0

@@ -23,7 +23,7 @@ from msb.render import Renderer
 from msb.scenes import Camera
 from msb.scenes.paths import unit_at
 from msb.topology import audit_arrays
-from msb.topology.crossings import crossing_pairs
+from msb.topology.crossings import find_crossing_pairs
 from msb.topology.faces import signed_volume
 from tests.bake.depth_fusion_twin import vote
 from tests.bake.soups import (
@@ -79,7 +79,7 @@ def check_solid(mesh: Mesh, *, inward: bool = False) -> None:
     audit, *_ = audit_arrays(mesh.vertices, mesh.faces)
     assert audit.verdict == "ok"
     assert audit.counts.boundary_edges == audit.counts.inconsistent_winding_edges == 0
-    assert len(crossing_pairs(mesh.vertices[mesh.faces].astype(np.float64))) == 0
+    assert len(find_crossing_pairs(mesh.vertices[mesh.faces].astype(np.float64))) == 0
     assert (signed_volume(mesh.vertices, mesh.faces) < 0) == inward
     assert mesh.vertex_colors.shape == mesh.vertices.shape
 

@@ -58,7 +58,7 @@ def machine(monkeypatch: pytest.MonkeyPatch) -> list[DeviceRecord]:
     records = list(ALL)
     monkeypatch.delenv(DEVICE_VARIABLE, raising=False)
     monkeypatch.delenv(PYOPENCL_VARIABLE, raising=False)
-    monkeypatch.setattr(devices, "found_devices", lambda cl: [(record, None) for record in records])
+    monkeypatch.setattr(devices, "find_devices", lambda cl: [(record, None) for record in records])
     monkeypatch.setattr(devices, "try_device", lambda handle, record: Trial(True))
     return records
 

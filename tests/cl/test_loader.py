@@ -97,12 +97,12 @@ def test_device_list_is_empty_without_platforms(monkeypatch: pytest.MonkeyPatch)
 
 def test_driver_without_icd_file_is_registered(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(loader, "_SYSTEM_VENDORS", (tmp_path,))
-    monkeypatch.setattr(loader, "_intel_library", lambda: None)
+    monkeypatch.setattr(loader, "_find_intel_library", lambda: None)
     monkeypatch.setattr(loader.ctypes, "CDLL", Mock())  # as if the library of the driver existed
     monkeypatch.delenv(loader.VENDOR_VARIABLE, raising=False)
-    assert loader._missing_entries() == {"nvidia": loader.NVIDIA_LIBRARY}
+    assert loader._find_missing_entries() == {"nvidia": loader.NVIDIA_LIBRARY}
     (tmp_path / "nvidia.icd").write_text(f"{loader.NVIDIA_LIBRARY}\n")
-    assert loader._missing_entries() == {}
+    assert loader._find_missing_entries() == {}
 
 
 @pytest.mark.slow
@@ -186,7 +186,7 @@ def test_system_entries_stay_visible(tmp_path: Path, monkeypatch: pytest.MonkeyP
     (tmp_path / "libtwo.so").touch()
     monkeypatch.setattr(loader, "_SYSTEM_VENDORS", (tmp_path / "absent", tmp_path))
     monkeypatch.delenv("OCL_ICD_VENDORS", raising=False)
-    system = loader._system_entries()
+    system = loader._read_system_entries()
     assert system == {"one": "libone.so", "two": f"{tmp_path}/libtwo.so"}
     with loader._visible({**system, "nvidia": "libnvidia-opencl.so.1"}):
         folder = Path(os.environ["OCL_ICD_VENDORS"])

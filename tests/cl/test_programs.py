@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from msb.cl import Buffer, Device, Kernel, LocalMemory
-from msb.cl.kernel_text import define_lines, resolve
+from msb.cl.kernel_text import resolve, write_defines
 from msb.cl.programs import _ERROR_LINE
 from msb.errors import DeviceError
 from tests.cl.conftest import KERNELS
@@ -58,7 +58,7 @@ def test_program_is_built_once_per_set_of_defines(device: Device) -> None:
 )
 def test_invalid_macros_are_rejected(defines: dict[str, Any]) -> None:
     with pytest.raises(ValueError, match=r"macro|constant"):
-        define_lines(defines)
+        write_defines(defines)
 
 
 def test_our_kernels_can_be_included_from_another_package() -> None:

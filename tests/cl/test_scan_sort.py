@@ -106,7 +106,9 @@ def test_sort_of_edge_sizes(styled: Device, count: int, dtype: type) -> None:
 def test_sort_is_stable_for_any_bits(
     styled: Device, count: int, dtype: type, bits: int, filled: int, with_values: bool, seed: int
 ) -> None:
-    """`filled` bits of the keys are random: few make many equal keys, more than `bits` some to ignore."""
+    """Only the lowest `filled` bits of the keys are random. A few bits give many equal keys; more than `bits`
+    test that the sort ignores the upper ones.
+    """
     width = np.dtype(dtype).itemsize * 8
     bits, filled = min(bits, width), min(filled, width)
     random = np.random.default_rng(seed)

@@ -12,7 +12,7 @@ import pytest
 
 from msb.base.children import Reply, run_in_child
 from msb.cl import DeviceRecord, devices, loader, pocl_fix, trial
-from msb.cl.devices import choose_device, found_devices, open_device, shared_device
+from msb.cl.devices import choose_device, find_devices, open_device, shared_device
 from msb.cl.trial import Trial, try_device
 from msb.errors import DeviceError
 from tests.cl.conftest import SELECTOR, Child, answer
@@ -30,7 +30,7 @@ def machine(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
         monkeypatch.delenv(name, raising=False)
 
     def make(*records: DeviceRecord, broken: tuple[DeviceRecord, ...] = ()) -> None:
-        monkeypatch.setattr(devices, "found_devices", lambda cl: [(record, record) for record in records])
+        monkeypatch.setattr(devices, "find_devices", lambda cl: [(record, record) for record in records])
         monkeypatch.setattr(devices.pocl_fix, "is_wheel", lambda handle: handle.driver == pocl_fix.DRIVER)
         failed = Trial(False, UNKNOWN)
         monkeypatch.setattr(
@@ -88,7 +88,7 @@ def real(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[Any,
     chosen = choose_device(SELECTOR).record
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     trial.forget()
-    pairs = found_devices(loader.opencl())
+    pairs = find_devices(loader.opencl())
     yield next((handle, record) for record, handle in pairs if record.selector == chosen.selector)
     trial.forget()
 
@@ -148,9 +148,9 @@ SHOW = """
 from msb.cl import loader, pocl_fix
 from msb.cl.devices import open_device
 from msb.cl.trial import try_device
-from msb.cl.devices import found_devices
+from msb.cl.devices import find_devices
 from msb.errors import DeviceError, OutputError
-wheel = next((r, h) for r, h in found_devices(loader.opencl()) if r.driver == pocl_fix.DRIVER)
+wheel = next((r, h) for r, h in find_devices(loader.opencl()) if r.driver == pocl_fix.DRIVER)
 print(pocl_fix.compiler_cpu(wheel[1]))
 try:
     with open_device(wheel[0].selector) as device:
@@ -183,8 +183,8 @@ def test_environment_variable_disables_the_pocl_fix(child: Child, unknown: dict[
 def test_processor_name_is_kept_if_the_fixed_trial_fails(child: Child, unknown: dict[str, str]) -> None:
     failing = """
 from msb.cl import trial
-why_not = trial._why_not
-trial._why_not = lambda record, *, mended: ("no", True) if mended else why_not(record, mended=False)
+find_failure = trial._find_failure
+trial._find_failure = lambda record, *, mended: ("no", True) if mended else find_failure(record, mended=False)
 """
     lines = answer(child(failing + SHOW, **unknown)).splitlines()
     assert lines[0] == lines[2] == "generic"

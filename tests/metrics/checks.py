@@ -1,10 +1,10 @@
-"""The test of any image metric: its module, its value for several kinds of images, and its identity.
+"""A test for any image metric: it checks values for several kinds of images, and the identity.
 
     def test_mae() -> None:
         check_metric(MAE, lambda a, b: sum(abs(a - b).ravel()) / a.size)
 
-is a complete test: the second argument computes the metric in another way, slow and simple or with another
-library.
+is a complete test. The second argument computes the metric independently: by a slow and simple formula, or
+with another library.
 """
 
 import json

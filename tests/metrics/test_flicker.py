@@ -44,7 +44,7 @@ def flicker(method: str, size: int, samples: int, tier: Any, **options: Any) -> 
 def test_shimmer_decreases_with_samples_to_none_at_64(method: str) -> None:
     single, sixteen, sixtyfour = (flicker(method, 100, side, "standard") for side in (1, 4, 8))
     assert single > 3 * sixteen > 3 * sixtyfour
-    if method != "two_dts":  # whose faces have gaps, through which its far side is visible
+    if method != "two_dts":  # its faces have gaps, and the far side of the model is visible through them
         assert sixtyfour < 0.3
 
 
@@ -52,7 +52,10 @@ def test_shimmer_decreases_with_samples_to_none_at_64(method: str) -> None:
 def test_sorting_by_face_depth_pops_more_than_exact_order(
     method: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """With 16 samples, so that shimmer does not hide it; "tile" and "global" sort by one depth per face."""
+    """Use 16 samples per pixel, so that shimmer does not hide the popping.
+
+    The orders "tile" and "global" sort by one depth per face.
+    """
     tile, image = (
         flicker(method, 100, 4, "dedicated", sampling="engine", order=o) for o in ("tile", "global")
     )

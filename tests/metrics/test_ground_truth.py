@@ -1,4 +1,4 @@
-"""Photographs as they are compared: against the loader of the 3DGS family, and against formulas."""
+"""Photographs prepared for comparison, tested against the loader of the 3DGS family and against formulas."""
 
 import json
 import shutil

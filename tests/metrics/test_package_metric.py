@@ -1,4 +1,4 @@
-"""An image metric in another package: the one of docs/extending.md, failing, invalid, and absent."""
+"""The image metric of docs/extending.md in a separate package: valid, failing, and with invalid fields."""
 
 import re
 import sys

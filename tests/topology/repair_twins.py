@@ -20,7 +20,10 @@ def winding_clashes(first: Face, second: Face, edge: tuple[int, int]) -> bool:
 
 
 def orient(faces: list[Face]) -> tuple[list[bool], bool]:
-    """Return which faces are turned, and whether some component is one-sided (then the rest is undefined)."""
+    """Return which faces are turned, and whether a component is one-sided.
+
+    The faces to turn are arbitrary in a one-sided component.
+    """
     proper = proper_faces(faces)
     at_edge = edge_faces(faces, proper)
     turned, strange = [False] * len(faces), False

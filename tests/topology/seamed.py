@@ -1,4 +1,4 @@
-"""Closed meshes with UVs by corner, and the same as stored in files with one UV per vertex."""
+"""Closed meshes with UVs by corner, and the same meshes with one UV per vertex, as files store them."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -61,7 +61,7 @@ def assert_explained(rows: Any) -> None:
 
 @pytest.fixture(scope="module")
 def forked() -> Iterator[Forked]:
-    """Replace `ask_peers` by processes forked from one that has imported the peers."""
+    """Return a faster `ask_peers`: its processes are forked from a server that has imported the peers."""
     context = get_context("forkserver")
     modules = [peer.module for peer in PEERS.values() if find_spec(peer.module)]
     context.set_forkserver_preload(["msb.topology.crosscheck", *modules])

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from msb.topology.crossings import crossing_pairs
+from msb.topology.crossings import find_crossing_pairs
 
 
 def side(a: Any, b: Any, c: Any, d: Any) -> int:
@@ -45,9 +45,9 @@ def test_crossings_equal_exact_arithmetic(seed: int, size: int, count: int) -> N
     rng = np.random.default_rng(seed)
     corners = rng.integers(0, size, (count, 3, 3)).astype(np.float64)
     pairs = every_pair(corners)
-    assert crossing_pairs(corners).tolist() == pairs
+    assert find_crossing_pairs(corners).tolist() == pairs
     some = rng.random(count) < 0.3
-    assert crossing_pairs(corners, of=some).tolist() == [pair for pair in pairs if some[pair].any()]
+    assert find_crossing_pairs(corners, of=some).tolist() == [pair for pair in pairs if some[pair].any()]
 
 
 @pytest.mark.slow
@@ -55,7 +55,7 @@ def test_crossings_of_small_and_large_faces_are_found() -> None:
     rng = np.random.default_rng(4)
     sizes = 10.0 ** rng.uniform(0, 3, (300, 1, 1))
     corners = np.round(rng.uniform(0, 2000, (300, 1, 3)) + sizes * rng.normal(size=(300, 3, 3)))
-    result = crossing_pairs(corners).tolist()
+    result = find_crossing_pairs(corners).tolist()
     assert result == every_pair(corners)
     assert len(result) > 100
 
@@ -66,7 +66,7 @@ def test_crossings_equal_cgal() -> None:
     cgal = pytest.importorskip("igl.copyleft.cgal")
     rng = np.random.default_rng(0)
     corners = rng.random((5000, 3, 3)) * 0.05 + rng.random((5000, 1, 3))
-    result = crossing_pairs(corners)
+    result = find_crossing_pairs(corners)
     theirs = cgal.remesh_self_intersections(
         corners.reshape(-1, 3), np.arange(15000).reshape(-1, 3), detect_only=True
     )[2]
@@ -75,6 +75,6 @@ def test_crossings_equal_cgal() -> None:
 
 
 def test_empty_and_single_face_meshes_have_no_crossings() -> None:
-    assert crossing_pairs(np.zeros((0, 3, 3))).shape == (0, 2)
-    assert crossing_pairs(np.zeros((1, 3, 3))).shape == (0, 2)
-    assert crossing_pairs(np.zeros((4, 3, 3))).shape == (0, 2)
+    assert find_crossing_pairs(np.zeros((0, 3, 3))).shape == (0, 2)
+    assert find_crossing_pairs(np.zeros((1, 3, 3))).shape == (0, 2)
+    assert find_crossing_pairs(np.zeros((4, 3, 3))).shape == (0, 2)

@@ -71,7 +71,7 @@ def test_numpy_replaces_a_missing_device_with_a_reason(
 @pytest.mark.usefixtures("kernels")
 def test_int64_faces_use_numpy() -> None:
     points, faces = MESH
-    findings, _ = dispatch.find(points, faces.astype(np.int64))
+    findings, _ = dispatch.find_findings(points, faces.astype(np.int64))
     assert findings.computed_by == "NumPy"
 
 

@@ -22,7 +22,7 @@ from tests.topology.meshes import CASES
 from tests.topology.test_properties import QUICK, Mesh, meshes, seeds
 
 DEFAULT = Sizes()
-# So small that a dozen faces have large vertices and blocks, several rounds, and lists of many chunks.
+# With these sizes, a dozen faces test large vertices, large blocks, several rounds and many chunks of pairs.
 TINY = Sizes(
     block_corners=6,
     most_blocks=64,

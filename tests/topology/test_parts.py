@@ -1,11 +1,11 @@
-"""Half-edges, areas, loops and synthetic meshes: details that the twins of the audit do not cover."""
+"""Half-edges, areas, loops and synthetic meshes: details that comparisons with brute_force.py miss."""
 
 import numpy as np
 import pytest
 
 from data_stubs.splat_like import Shape, splat_like
 from msb import audit
-from msb.topology.faces import extra_duplicates, face_areas
+from msb.topology.faces import face_areas, find_duplicate_faces
 from msb.topology.halfedge import NONE, HalfEdgeMesh, build_half_edges, face_of, next_in_face
 from tests.topology.meshes import CASES, random_mesh, sheet
 
@@ -90,7 +90,7 @@ def test_double_precision_matters_far_from_the_origin() -> None:
 def test_duplicates_are_found_despite_integer_overflow() -> None:
     top = 2**31 - 1  # the sum of a row wraps around
     faces = np.array([[top, top - 1, top - 2], [top - 2, top, top - 1], [top, top - 1, top - 3]], np.int32)
-    assert extra_duplicates(faces).tolist() == [False, True, False]
+    assert find_duplicate_faces(faces).tolist() == [False, True, False]
 
 
 def test_sheet_has_one_loop_plus_one_per_hole() -> None:

@@ -17,9 +17,9 @@ from tests.conftest import BOOK, TETRAHEDRON
 from tests.topology.seamed import CUBE, CUBE_UVS, TEXTURE, doubled, torus
 
 POINTS, FACES = TETRAHEDRON
-# The first face has separate vertices, as for hard normals or UV borders: open along its three edges.
+# A tetrahedron whose first face has separate vertices, as for hard normals. It is open along three edges.
 HARD = np.concatenate([POINTS, POINTS[FACES[0]]]), np.concatenate([[[4, 5, 6]], FACES[1:]])
-# A slit: only one end of the edge is stored twice.
+# A tetrahedron with a slit: one vertex is stored twice.
 SLIT = np.concatenate([POINTS, POINTS[FACES[0, :1]]]), np.concatenate([[[4, *FACES[0, 1:]]], FACES[1:]])
 
 

@@ -20,7 +20,7 @@ TWO_TETRAHEDRA = (
     np.concatenate([TETRAHEDRON[0], TETRAHEDRON[0] + 5]),
     np.concatenate([TETRAHEDRON[1], TETRAHEDRON[1] + 4]),
 )
-# Corners of the tetrahedron with one NaN, which affects three of the four faces.
+# Vertices of the tetrahedron, one of them NaN; three of the four faces then have no finite area.
 LOST = np.where(np.arange(4)[:, None] == 2, np.nan, TETRAHEDRON[0])
 # The tetrahedron with an edge split on one side only: a zero-area face closes the gap.
 FLAT_FACE = (

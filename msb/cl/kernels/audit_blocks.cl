@@ -10,13 +10,14 @@ void sort_block(__global const Record *restrict records, uint count, uint first,
         starts[records[i].x - first]++;
     for (uint i = 0, sum = 0; i <= vertices; i++)
         starts[i] = sum += starts[i];
-    // Each end moves down to its start. Going from the last record to the first keeps their order.
+    // starts[i] begins as the end of vertex i and moves down to its start. Reading from the last record to the
+    // first keeps the order of the records.
     for (uint i = count; i-- > 0;)
         sorted[--starts[records[i].x - first]] = records[i];
 }
 
-// The same in place, for a block whose copy would take too much memory: a record moves to its position, and the
-// record that it replaces is next. `next` has the size of `starts`.
+// The same in place, for a block whose copy would take too much memory: each record moves to its position and
+// displaces another record, which moves next. `next` has the size of `starts`.
 void sort_block_in_place(__global Record *records, uint count, uint first, uint vertices, __global uint *starts,
     __global uint *next)
 {
@@ -84,8 +85,8 @@ void visit_vertex(__global Record *records, uint count, Visit *visit, uint v, ui
         count_duplicates(records, count, visit, v, vertices);
 }
 
-// Visit the blocks `first` to `first` + `count` - 1. Each work-item takes the next block until none remain.
-// Without `large`, blocks of at most `limit` records; with `large`, only larger blocks, by a single work-item.
+// Visit the blocks `first` to `first` + `count` - 1. Each work-item takes the next block until none remain. Without
+// `large`, only blocks with at most `limit` records are visited. With `large`, a single work-item visits the others.
 __kernel void visit_blocks(__global Record *records, __global const uint *block_starts, __global ulong *block_edges,
     __global uint *next_block, __global Tally *tallies, __global uint *valences, __global uint *next_valence,
     __global uint2 *pairs, __global uint *fills, __global uint *next_chunk, __global ulong *scratch,

@@ -22,7 +22,7 @@ double face_area(__global const COORDINATE *p, __global const COORDINATE *q, __g
 // count to the shared `sizes` only when another component needs its slot.
 #define TABLE 64
 
-#define SOON 12 // faces to prefetch: their vertices and component are then cached when needed
+#define SOON 12 // number of faces to prefetch, so that their vertices and components are cached when needed
 
 // Write for each face its area (0 if it is not finite), its component in `parents` (the lowest face in it), and
 // the initial state for uniting rims. `sizes` starts as zeros. `samples` gets, for each work-item, the number of

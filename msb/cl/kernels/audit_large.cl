@@ -64,8 +64,8 @@ void count_duplicates(__global const Record *records, uint count, Visit *visit, 
     }
 }
 
-// Return the group of a corner at the vertex. The first words of the records, otherwise the vertex, are the
-// parents.
+// Return the group of a corner at the vertex. The parent of a corner replaces the vertex in the first word of its
+// record.
 uint find_group(__global Record *records, uint i)
 {
     while (records[i].x != i) {

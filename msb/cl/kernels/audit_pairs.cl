@@ -66,7 +66,7 @@ int unite(__global volatile uint *parents, uint first, uint second)
     }
 }
 
-#define AHEAD 32 // pairs to prefetch: a union with cached faces takes a fraction of the time
+#define AHEAD 32 // number of pairs to prefetch; uniting cached faces takes a fraction of the time
 
 // Unite all pairs of a kind; `joined` gets the number of successful joins of each work-item.
 __kernel void unite_pairs(__global const uint2 *restrict pairs, __global const uint *restrict fills,

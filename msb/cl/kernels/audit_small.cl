@@ -1,6 +1,6 @@
-// Visit a vertex with at most MOST faces (a multiple of 8, up to 32). A word of bits for each side of each face
-// marks the faces that share its neighbour, found by comparing all pairs, eight at a time. This is quadratic with
-// a small constant, and faster than sorting because no branch is unpredictable.
+// Visit a vertex with at most MOST faces (a multiple of 8, up to 32). All pairs of sides are compared, eight at a
+// time. The result is one word per side, whose bits mark the faces with the same neighbour. The time is quadratic,
+// but less than for sorting, because no branch is unpredictable.
 
 typedef uint8 __attribute__((aligned(4))) loose_uint8;
 #define LANES(words) (*(loose_uint8 *)(words))
@@ -153,8 +153,8 @@ uint most_sharing(const Star *s)
     return most;
 }
 
-// Pair the faces of sides that share a neighbour with the first of them. Both lists are written, and one position
-// advances.
+// Pair the first face with each other face that shares its neighbour. To avoid a branch, the pair is written to the
+// lists of both kinds, and only the position of the right list advances.
 void pair_faces(const Star *s, Visit *visit, uint paired_y, uint paired_z)
 {
     __global uint2 *pairs = visit->pairs;

@@ -25,11 +25,11 @@ __kernel void owners(__global const int *faces, __global uint *keys, uint none, 
 
 // Add to the sums of each face: products of corner weights, and weights times the colours of the training image.
 // With `moves`, also add the slopes of the squared error with respect to x, y, z of each corner. The border
-// between neighbouring pixels that show two faces is an edge of the nearer face. If it moves outward by a pixel,
-// the outer pixel takes its colour; if it moves inward, the inner pixel takes the other colour. The slope is the
-// average of both changes, and a corner moves the border by its weight there. Pixels of an image count `weight`
-// times. `positions` holds three corners per face. The faces of `pixels` are `sorted`; a work-item starts at the
-// first pixel of a face and continues to its last one, or does nothing.
+// between neighbouring pixels with different faces is an edge of the nearer face. If this edge moves outward by a
+// pixel, the outer pixel takes the colour of the nearer face. If it moves inward, the inner pixel takes the colour
+// of the other face. The slope is the average of both changes, times the weight of the corner at the border. All
+// sums are multiplied by `weight`, the weight of the image. `positions` holds three corners per face. Pixels are
+// `sorted` by face; the work-item of the first pixel of a face adds all its pixels, the others do nothing.
 __kernel void sums(__global const float *positions, __constant float *view, __global const uint *sorted,
     __global const uint *pixels, __global const ushort *target, __global const float *image,
     __global const float *depth, __global const int *owners, int width, int height, __global float *sums,
@@ -42,7 +42,7 @@ __kernel void sums(__global const float *positions, __constant float *view, __gl
     __global const float *c = positions + 9 * face;
     int reaches_far = is_long(c);
     float8 products = 0.0f;  // of corner weights: aa, ab, ac, bb, bc, cc
-    float3 shown[3] = {0.0f, 0.0f, 0.0f};
+    float3 color_sums[3] = {0.0f, 0.0f, 0.0f};
     float rise[9];
     for (int k = 0; k < 9; k++)
         rise[k] = 0.0f;
@@ -58,7 +58,7 @@ __kernel void sums(__global const float *positions, __constant float *view, __gl
         float8 left = (float8)(w[0], w[0], w[0], w[1], w[1], w[2], 0.0f, 0.0f);
         products += left * (float8)(w[0], w[1], w[2], w[1], w[2], w[2], 0.0f, 0.0f);
         for (int k = 0; k < 3; k++)
-            shown[k] += w[k] * color;
+            color_sums[k] += w[k] * color;
 
         if (!moves)
             continue;
@@ -97,7 +97,7 @@ __kernel void sums(__global const float *positions, __constant float *view, __gl
         sums[SUMS * face + k] += weight * all[k];
     for (int k = 0; k < 3; k++) {
         __global float *mine = sums + SUMS * face + 6 + 3 * k;
-        vstore3(vload3(0, mine) + weight * shown[k], 0, mine);
+        vstore3(vload3(0, mine) + weight * color_sums[k], 0, mine);
     }
     for (int k = 0; k < 9 && moves; k++)
         slopes[9 * face + k] += weight * rise[k];

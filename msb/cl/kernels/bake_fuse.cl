@@ -1,4 +1,5 @@
-// Views vote whether cells are solid: the average distance of each cell in front of the surface that they see.
+// Find solid cells by votes of the views. The vote of a view is the distance of a cell in front of the visible
+// surface; a cell gets the average vote.
 
 // Layout of a view: the rows of its pose (12), fx, fy, cx, cy, width and height of its image, and the unit of its
 // depths. RECORD is the number of values. UNKNOWN marks a cell without votes. msb/bake/depth_fusion.py defines both.

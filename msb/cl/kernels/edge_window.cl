@@ -84,7 +84,7 @@ mask project_window(__constant View *view, vec3 a, vec3 b, vec3 c, Window *w)
         w->edge_offset[k] = t * outward;
         w->inradius[k] = distance * outward;
     }
-    // Written so that NaN does not drop a face.
+    // The comparison keeps a face if a value is NaN.
     return !(dropped | (w->inradius[2] > -1.0f));
 }
 

@@ -18,7 +18,7 @@ typedef int8 __attribute__((aligned(4))) loose_int8;
 #define TO_LONG4(x) __builtin_convertvector(x, long4)
 #define LOWEST_BIT(x) __builtin_ctz(x)
 #define PREFETCH(p) __builtin_prefetch(p)
-// Prefetch into the second-level cache: this many lines in flight would block loads from the first level.
+// Prefetch into the second-level cache only. Prefetching so many lines into the first level would delay its loads.
 #define PREFETCH_FAR(p) __builtin_prefetch(p, 0, 2)
 #else
 #define TO_INT(x) convert_int8(x)

@@ -18,9 +18,8 @@ typedef struct {
 #endif
 } State;
 
-// Whether a sample can still change. After a sample has stopped, no face passes its transmittance: it is negated
-// if the face that crosses the threshold is rejected (the next face then fails the same test), otherwise it is at
-// most the threshold.
+// Whether a sample can still change. A stopped sample has a transmittance that rejects all further faces: negative
+// if the face that crosses the threshold is rejected, otherwise at most the threshold.
 #if BLENDS_CROSSING
 #define RUNNING(t) ((t) > MIN_TRANSMITTANCE)
 #else

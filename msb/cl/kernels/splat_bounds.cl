@@ -1,6 +1,6 @@
-// Find faces that are certainly neither kept nor visible in a view, from their bounding spheres. This reads a
-// fraction of the bytes of a face and takes a tenth of the arithmetic of its projection. Slack for rounding ensures
-// that the result never contradicts the official tests.
+// Find faces that are certainly culled and invisible in a view, from their bounding spheres. This reads fewer bytes
+// than the projection of a face and takes a tenth of the arithmetic. Margins for rounding errors ensure that the
+// result never contradicts the official tests.
 //
 // bounds: four rows of `stride` words: x, y and z of the centroid, then one word with the largest distance of a
 // corner from it and the inradius, both rounded up to the upper half of a float.

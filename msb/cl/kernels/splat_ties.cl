@@ -1,5 +1,5 @@
-// Faces of equal depth are blended in order of their numbers, but are stored in another order (splat_order.cl).
-// Equal depths are rare, so this is corrected after the sort.
+// Faces of equal depth must be blended in order of their numbers. They are stored in another order (splat_order.cl),
+// which the sort by depth keeps. Equal depths are rare, so their order is corrected after the sort.
 
 #define LONGEST_RUN 32
 // msb/render/splat/pipeline.py defines MOST_SETTLED, a multiple of LANES.

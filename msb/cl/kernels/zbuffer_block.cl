@@ -287,8 +287,8 @@ void draw_block(Tile *t, int block, __constant float *view)
         depth = mask ? depth : (float8)MASKED;
         int8 at = (base + y * t->stride + x) & mask;
         CUT(depth, slot + (int8)(0, 1, 2, 3, 4, 5, 6, 7), x0 + x, y0 + y, GATHER(float8, t->depth, at))
-        // Without branches, because the nearest triangle is unpredictable. Depths are non-negative, so their bits
-        // compare in the same order.
+        // No branches, because it is unpredictable which triangle is nearest. The bits of depths are compared as
+        // integers, which gives the same order, because depths are non-negative.
 #define KEEP(l)                                                                                                 \
     {                                                                                                           \
         int p = at.s##l, z = as_int(depth.s##l), old = ((__global int *)t->depth)[p], old_slot = t->slot[p];    \

@@ -2,7 +2,7 @@
 #if COLORS == TEXTURES
 #include "zbuffer_texture.cl"
 #undef TEXTURE_ARGUMENTS
-#define TEXTURE_ARGUMENTS , __global const float *tint, int is_tinted, __global const uint *shown, int several, __global uint *numbers
+#define TEXTURE_ARGUMENTS , __global const float *tint, int is_tinted, __global const uint *face_textures, int several, __global uint *numbers
 #else
 #define TEXTURE_ARGUMENTS
 #endif
@@ -53,8 +53,8 @@ int before(const float *a, const float *b)
 
 // Write the records. Corners are sorted by position, so that faces in the same place have bit-identical depths,
 // whichever corner each starts with. Slots from `count` on, up to a whole block, get zero-area triangles. With
-// textures, `colors` has u, v of each corner, `tint` linear light and alpha if `is_tinted`, and `shown`, if there
-// are `several` textures, the texture of each face.
+// textures, `colors` has u, v of each corner. `tint` has linear light and alpha, read only if `is_tinted`.
+// `face_textures` has the texture of each face, read only if there are `several`.
 __kernel void records(__global const float *positions, __global const uint *indices, __global const uint *listed,
     int all, __global const uint *order, int ordered, COLOR_TYPE colors, int domain, __global float *triangles,
     __global float *corner_colors, uint count, uint slots TEXTURE_ARGUMENTS)
@@ -112,7 +112,7 @@ __kernel void records(__global const float *positions, __global const uint *indi
     INTEGERS(record)[FACE_WORD] = (int)face;
 #if COLORS == TEXTURES
     if (several)
-        numbers[slot] = shown[face];
+        numbers[slot] = face_textures[face];
 #else
     INTEGERS(record)[LONG_WORD] = is_long(record);
     for (int k = LONG_WORD + 1; k < WORDS; k++)
@@ -120,17 +120,17 @@ __kernel void records(__global const float *positions, __global const uint *indi
 #endif
 }
 
-// Copy the records; faces that are not shown get zero area, and so no pixels.
-__kernel void some_records(__global const float *triangles, __global const uchar *shown, __global float *copies,
+// Copy the records. Faces that are not selected get zero area, so they cover no pixels.
+__kernel void copy_selected_records(__global const float *triangles, __global const uchar *selected, __global float *copies,
     uint slots)
 {
     size_t slot = get_global_id(0);
     if (slot >= slots)
         return;
     __global int *from = INTEGERS(triangles + slot * WORDS), *to = INTEGERS(copies + slot * WORDS);
-    int is_shown = shown[from[FACE_WORD]];
+    int is_selected = selected[from[FACE_WORD]];
     for (int k = 0; k < WORDS; k++)
-        to[k] = from[k < 9 && !is_shown ? k % 3 : k];
+        to[k] = from[k < 9 && !is_selected ? k % 3 : k];
 }
 
 // Centre and half extent of clusters of `size` triangles, in six rows of `stride`.

@@ -145,7 +145,7 @@ def make_triangles(
         program.bound(clusters, _GROUP_SIZE, records, boxes, *sizes)
 
     def copy_some(selected: Buffer, copies: Buffer) -> None:
-        program.some_records(slots, _GROUP_SIZE, records, selected, copies, np.uint32(slots))
+        program.copy_selected_records(slots, _GROUP_SIZE, records, selected, copies, np.uint32(slots))
 
     fill()
     device.finish()

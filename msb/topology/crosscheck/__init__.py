@@ -23,7 +23,7 @@ __all__ = ["PEERS", "Comparison", "CrossCheck", "compare", "cross_check"]
 Verdict = Literal["agrees", "differs_by_definition", "disagrees"]
 # Time limit of a peer in seconds, plus the same again per million faces; libigl needs 12 s per million.
 PATIENCE = 60.0
-# Peers that may be installed without the extra: NetworkX is a dependency of scikit-image (extra bench).
+# Peers that other extras install too: NetworkX is a dependency of scikit-image (extra bench).
 ANYWAY = {"NetworkX"}
 
 
@@ -64,7 +64,7 @@ def cross_check(
     """Ask every installed peer about a mesh and compare the answers with our audit.
 
     `report` and `analysis` are the results of `audit_arrays` for the same arrays. Each peer has `timeout`
-    seconds; the default is a minute, plus one per million faces.
+    seconds; the default is 60 seconds plus 60 per million faces.
     """
     points, triangles = mesh_arrays(vertices, faces)
     installed = [peer for peer in PEERS if is_installed(PEERS[peer].module)]
@@ -116,15 +116,15 @@ def compare(peer: str, answers: Answers, facts: Facts) -> tuple[list[Comparison]
 
 def _judge(expected: Expected, theirs: Answer) -> tuple[Verdict, str]:
     """Return the verdict on a peer's number and the reason."""
-    if _near(theirs, expected.ours, 0 if expected.why else expected.slack):
+    if _are_close(theirs, expected.ours, 0 if expected.why else expected.slack):
         return "agrees", ""
-    if expected.why and _near(theirs, expected.theirs, expected.slack):
+    if expected.why and _are_close(theirs, expected.theirs, expected.slack):
         return "differs_by_definition", expected.why
     reason = f" ({expected.why})" if expected.why else ""
     return "disagrees", f"{expected.call} returned {theirs} instead of {expected.theirs}{reason}"
 
 
-def _near(first: Answer, second: Answer, slack: float) -> bool:
+def _are_close(first: Answer, second: Answer, slack: float) -> bool:
     if first is None or second is None:
         return first is second
     return abs(first - second) <= slack

@@ -1,8 +1,8 @@
 """Predict the answers of each peer about a mesh from the differences between its definitions and ours.
 
-A prediction is our number plus a shift computed from the mesh, so a wrong number of ours causes a
-disagreement even if definitions differ. Almost every shift comes from repeated-index rows, which have no
-edges in our definitions and three vertex pairs for most peers. docs/definitions.md has the table in words.
+A prediction is our number plus a shift that is computed from the mesh. An error of our audit therefore causes
+a disagreement even if definitions differ. Almost every shift comes from repeated-index rows: they have no
+edges in our definitions, and three vertex pairs for most peers. docs/definitions.md lists the differences.
 """
 
 from collections import defaultdict
@@ -14,7 +14,7 @@ import numpy as np
 from msb.topology.analysis import Analysis
 from msb.topology.audit import Audit
 from msb.topology.components import label_components
-from msb.topology.crosscheck.pairs import pair_numbers
+from msb.topology.crosscheck.pairs import count_pairs
 from msb.topology.crosscheck.peers import Answer
 from msb.topology.findings import Counts
 
@@ -36,8 +36,8 @@ class Expected:
     plus : int
         A number added to the peer's answer before comparing (in derived rows).
     slack : float
-        The largest accepted difference between the answer and `theirs`: rounding of areas, or the bound of a
-        documented quirk.
+        Maximum accepted difference between the answer and `theirs`. It allows for the rounding of areas or
+        for a documented quirk of the peer.
     unfit : str
         Why the peer's answer is meaningless on this mesh; empty if it is meaningful.
     """
@@ -65,8 +65,8 @@ class Facts:
         self.shift: Mapping[str, int] = defaultdict(int)
         self.with_all_rows: Mapping[str, int] = {}
         if self.repeated:
-            proper = pair_numbers(mesh.faces[~mesh.repeated_index])
-            self.with_all_rows = pair_numbers(mesh.faces)
+            proper = count_pairs(mesh.faces[~mesh.repeated_index])
+            self.with_all_rows = count_pairs(mesh.faces)
             self.shift = {key: n - proper[key] for key, n in self.with_all_rows.items()}
 
     def same(self, quantity: str, call: str, shift: str | None = None) -> Expected:
@@ -84,25 +84,25 @@ class Facts:
     @property
     def rows(self) -> str:
         """The number of repeated-index rows in words."""
-        return some(self.repeated, "repeated-index row")
+        return format_count(self.repeated, "repeated-index row")
 
     def area(self, call: str) -> Expected:
-        """Expect our area, or None if a corner is not finite, which makes the sum of a peer NaN."""
+        """Expect our area, or None if a corner is not finite, because the sum of the peer is then NaN."""
         ours = self.report.metrics.total_area
         if self.counts.nonfinite_faces:
-            faces = some(self.counts.nonfinite_faces, "face")
+            faces = format_count(self.counts.nonfinite_faces, "face")
             why = f"its sum is not finite because of {faces} with an area that we count as 0"
             return Expected("total_area", call, "total_area", ours, None, why)
         points = self.analysis.vertices[np.unique(self.analysis.mesh.faces)].astype(np.float64)
         with np.errstate(over="ignore"):
             extent = float(np.ptp(points, axis=0).max())
-        # Sums in a different order agree to 1e-9. The area of a sliver may cancel down to the rounding of its
-        # sides.
+        # Sums in another order agree to 1e-9 of the area. The area of a sliver may be only the rounding error
+        # of its sides, hence the second term.
         slack = 1e-9 * ours + 1e-14 * extent * extent * self.counts.faces
         return Expected("total_area", call, "total_area", ours, ours, "", slack=slack)
 
     def loops(self, call: str, unfit: str = "") -> Expected:
-        """Expect our boundary loops, only on meshes for which the peer defines them."""
+        """Expect our boundary loops on meshes for which the peer defines them; skip others."""
         if self.repeated:
             unfit = "not defined for meshes with repeated-index rows"
         elif self.counts.nonmanifold_vertices:
@@ -113,7 +113,7 @@ class Facts:
         """Expect a peer to find a mesh with seams open, because it gets the mesh as stored."""
         if flag.ours or flag.theirs or not holds(self.report.judged.counts):
             return flag
-        rows = some(self.counts.seam_vertices, "row")
+        rows = format_count(self.counts.seam_vertices, "row")
         return replace(flag, ours=True, why=f"it treats the {rows} duplicated at seams as a border")
 
     def euler(self, call: str, vertices: int, which: str, edges: str) -> Expected:
@@ -158,7 +158,7 @@ def expect_pymeshlab(facts: Facts) -> list[Expected]:
     quirk = f"; its result is arbitrary for the {vague} vertices of {facts.rows}" if vague else ""
     crowded = facts.same("nonmanifold_edges", "non_two_manifold_edges (first call)", "crowded_by_rows")
     again = "it may count an edge again for each such row at it" if facts.repeated else ""
-    skips = f"it skips {some(endpoints, 'endpoint')} of non-manifold edges" if endpoints else ""
+    skips = f"it skips {format_count(endpoints, 'endpoint')} of non-manifold edges" if endpoints else ""
     rows = [
         facts.same("vertices", "vertices_number"),
         facts.same("faces", "faces_number"),
@@ -208,12 +208,12 @@ def expect_trimesh(facts: Facts) -> list[Expected]:
         ),
         facts.euler("euler_number", used, "that a face uses", "pairs"),
         facts.area("area"),
-        _flag("winding_consistent", "is_winding_consistent", consistent, sees_consistent, facts),
-        facts.without_seams(_flag("closed", "is_watertight", closed, sees_closed, facts), _is_closed),
+        _expect_flag("winding_consistent", "is_winding_consistent", consistent, sees_consistent, facts),
+        facts.without_seams(_expect_flag("closed", "is_watertight", closed, sees_closed, facts), _is_closed),
     ]  # fmt: skip
 
 
-def _flag(quantity: str, call: str, ours: bool, theirs: bool, facts: Facts) -> Expected:
+def _expect_flag(quantity: str, call: str, ours: bool, theirs: bool, facts: Facts) -> Expected:
     """Expect a flag that only repeated-index rows can change."""
     why = "" if ours == theirs else f"it counts the vertex pairs of {facts.rows}"
     return Expected(quantity, call, quantity, ours, theirs, why)
@@ -274,7 +274,11 @@ def expect_nvidia(facts: Facts) -> list[Expected]:
     unused = counts.unreferenced_vertices - facts.shift["used"]
     vertices = facts.same("nonmanifold_vertices", "ManifoldChecker", "double_fans")
     theirs = counts.nonmanifold_vertices + facts.shift["double_fans"] + unused
-    idle = f"it counts {some(unused, 'vertex', 'vertices')} without faces as non-manifold" if unused else ""
+    idle = (
+        f"it counts {format_count(unused, 'vertex', 'vertices')} without faces as non-manifold"
+        if unused
+        else ""
+    )
     consistent = sees_consistent = counts.inconsistent_winding_edges == 0
     if facts.repeated:
         pair_counts = facts.with_all_rows
@@ -282,12 +286,12 @@ def expect_nvidia(facts: Facts) -> list[Expected]:
     return [
         facts.same("nonmanifold_edges", "ManifoldChecker", "crowded"),
         replace(vertices, theirs=theirs, why="; ".join(filter(None, [vertices.why, idle]))),
-        _flag("winding_consistent", "ManifoldChecker", consistent, sees_consistent, facts),
+        _expect_flag("winding_consistent", "ManifoldChecker", consistent, sees_consistent, facts),
     ]
 
 
-def some(count: int, noun: str, several: str = "") -> str:
-    """Return a number of things in words, such as "1 row" or "2 rows"."""
+def format_count(count: int, noun: str, several: str = "") -> str:
+    """Return a count with its noun, such as "1 row" or "2 rows"."""
     return f"{count:,} {noun}" if count == 1 else f"{count:,} {several or noun + 's'}"
 
 

@@ -1,4 +1,4 @@
-"""Counts as most peers define them: every row has three vertex pairs, even with repeated indices."""
+"""Counts of vertex pairs as most peers define them: a row with a repeated index also has three pairs."""
 
 from typing import Any
 
@@ -9,7 +9,7 @@ from msb.topology.components import label_components
 from msb.topology.halfedge import next_in_face
 
 
-def pair_numbers(faces: NDArray[Any]) -> dict[str, int]:
+def count_pairs(faces: NDArray[Any]) -> dict[str, int]:
     """Return counts over the unordered vertex pairs of all rows of `faces` (F, 3), including loops {v, v}.
 
     For rows without a repeated index these numbers follow our definitions. The keys are:
@@ -37,7 +37,7 @@ def pair_numbers(faces: NDArray[Any]) -> dict[str, int]:
     two_face, _ = label_components(len(faces), first[double] // 3, second[double] // 3)
     crowded = np.flatnonzero(count > 2)
     endpoints = np.unique(np.stack([pair[crowded] // span, pair[crowded] % span]))
-    multifan = _multifan(start, end, span, first, second)
+    multifan = _find_multifan(start, end, span, first, second)
     used = len(np.unique(start))
     between_rows = np.unique(member[first[first // 3 != second // 3]])
     return {
@@ -58,12 +58,12 @@ def pair_numbers(faces: NDArray[Any]) -> dict[str, int]:
         "largest": int(np.bincount(component).max(initial=0)),
         "two_face_components": two_face,
         "double_loops": int(np.count_nonzero(loop & (count == 2))),
-        "double_fans": len(_multifan(start, end, span, first[double], second[double])),
+        "double_fans": len(_find_multifan(start, end, span, first[double], second[double])),
         "inconsistent": int(np.count_nonzero(end[first[double]] != start[second[double]])),
     }
 
 
-def _multifan(
+def _find_multifan(
     start: NDArray[np.uint64],
     end: NDArray[np.uint64],
     span: np.uint64,

@@ -61,7 +61,7 @@ def ask_libigl(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Answe
         "components": int(components),
         "largest_component_faces": int(np.bincount(component).max()),
         "euler_characteristic": int(igl.euler_characteristic(faces)),
-        "total_area": _number(igl.doublearea(vertices, faces).sum() / 2),
+        "total_area": _finite_or_none(igl.doublearea(vertices, faces).sum() / 2),
     }
     if len(multifan) == len(endpoints) == 0:
         answers["boundary_loops"] = len(igl.boundary_loop_all(faces))
@@ -131,7 +131,7 @@ def ask_trimesh(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Answ
         "components_manifold_edges": int(label.max()) + 1,
         "bodies": int(mesh.body_count),
         "euler_characteristic": int(mesh.euler_number),
-        "total_area": _number(mesh.area),
+        "total_area": _finite_or_none(mesh.area),
         "winding_consistent": bool(mesh.is_winding_consistent),
         "closed": bool(mesh.is_watertight),
     }
@@ -157,7 +157,7 @@ def ask_networkx(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Ans
     through_two.add_edges_from(group for group in faces_of.values() if len(group) == 2)
     sizes = [len(part) for part in networkx.connected_components(through_all)]
     crowded = networkx.Graph(edge for edge, group in faces_of.items() if len(group) > 2)
-    multifan = _split_links(rows, len(vertices))
+    multifan = _find_split_links(rows, len(vertices))
     return {
         "edges": networkx.Graph(faces_of.keys()).number_of_edges(),
         "nonmanifold_edges": crowded.number_of_edges(),
@@ -170,7 +170,7 @@ def ask_networkx(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Ans
     }
 
 
-def _split_links(rows: Iterable[list[int]], vertex_count: int) -> set[int]:
+def _find_split_links(rows: Iterable[list[int]], vertex_count: int) -> set[int]:
     """Return the vertices with a link in several pieces."""
     import networkx
 
@@ -186,9 +186,9 @@ def _split_links(rows: Iterable[list[int]], vertex_count: int) -> set[int]:
 
 
 def ask_nvidia(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Answers:
-    """Return the result of the ManifoldChecker of NVIDIA's validator for a stage with the mesh.
+    """Return the counts that NVIDIA's ManifoldChecker reports for a USD stage with the mesh.
 
-    It reports faults as sentences and nothing otherwise.
+    The checker reports each fault as a sentence, and nothing for a mesh without faults.
     """
     from pxr import Usd, UsdGeom, Vt
     from usd_validation_nvidia import ManifoldChecker, ValidationEngine
@@ -213,7 +213,7 @@ def ask_nvidia(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Answe
     return answers
 
 
-def _number(value: Any) -> float | None:
+def _finite_or_none(value: Any) -> float | None:
     """Return a finite float, or None: JSON has no NaN."""
     number = float(value)
     return number if math.isfinite(number) else None

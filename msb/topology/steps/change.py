@@ -93,7 +93,9 @@ def with_faces(faces: NDArray[Any], keep: NDArray[np.bool_], vertex_count: int) 
 
 
 def followed_by(first: Change, second: Change) -> Change:
-    """Return two successive changes as one; neither may add vertices or faces."""
+    """Return two successive changes as one. Their maps must not contain NONE: copies of vertices are allowed,
+    added vertices and faces are not.
+    """
     return Change(
         second.faces,
         first.vertex_map[second.vertex_map],

@@ -12,8 +12,8 @@ from msb.topology.steps.change import Change, Rims, unchanged
 
 # Default maximum number of edges of a rim that is closed.
 MOST_EDGES = 8
-# Default maximum area of a cap, as a share of the area of its component. A larger cap would close the outline
-# of a piece instead of a hole.
+# Default maximum ratio of the area of a cap to the area of its component. A larger cap would close the
+# outline of a piece instead of a hole.
 MOST_SHARE = 0.25
 
 
@@ -26,8 +26,8 @@ def close(
 ) -> Change:
     """Close the holes with at most `most_edges` edges; added faces and vertices come last.
 
-    A rim of three edges gets one face. A rim of four edges gets two faces along its shorter diagonal that is
-    not yet an edge. A longer rim gets a vertex in its middle. Rims stay open if
+    A rim of three edges gets one face. A rim of four edges gets two faces that share a diagonal: the shorter
+    one, unless it is already an edge. A longer rim gets a vertex in its middle. Rims stay open if
 
     - their cap exceeds the share `most_share` of the area of their component, because they are the outline of
       a piece (the cap of a single triangle has the share 1, the cap of a hemisphere 1/2);
@@ -40,7 +40,7 @@ def close(
     rim = _find_rims(analysis)
     small = rim.whole & (rim.sizes <= most_edges)
     # Compare the area of each cap with the area of the component around it.
-    cap = np.bincount(rim.loop, weights=_wedges(points, rim), minlength=len(rim.sizes))
+    cap = np.bincount(rim.loop, weights=_measure_wedges(points, rim), minlength=len(rim.sizes))
     parts = analysis.components
     around = np.zeros(len(rim.sizes))
     around[rim.loop] = parts.areas[parts.face_component[face_of(rim.halfedge)]]
@@ -50,11 +50,11 @@ def close(
     # first: a rim edge of each loop, where the construction of its cap starts.
     first = np.zeros(len(rim.sizes), np.intp)
     first[rim.loop[::-1]] = np.arange(len(rim.loop))[::-1]
-    caps = [_triangles(rim, first[small & (rim.sizes == 3)])]
-    quads, cannot = _quadrangles(analysis, rim, first[small & (rim.sizes == 4)])
+    caps = [_cap_triangles(rim, first[small & (rim.sizes == 3)])]
+    quads, cannot = _cap_quadrangles(analysis, rim, first[small & (rim.sizes == 4)])
     middle = small & (rim.sizes > 4)
     middle[cannot] = True
-    middles, rims = _middles(rim, middle, len(points))
+    middles, rims = _cap_with_middles(rim, middle, len(points))
     added = [np.concatenate(parts) for parts in zip(*caps, *quads, middles, strict=True)]
     new = np.concatenate([faces, added[0].astype(faces.dtype)])
     return Change(
@@ -119,7 +119,7 @@ def _find_rims(analysis: Analysis) -> _RimEdges:
     return _RimEdges(halfedge, start, mesh.origin[after], follows, loop, sizes, whole)
 
 
-def _wedges(points: NDArray[Any], rim: _RimEdges) -> NDArray[np.float64]:
+def _measure_wedges(points: NDArray[Any], rim: _RimEdges) -> NDArray[np.float64]:
     """Return the area (B,) of the triangle between each rim edge and the average of its rim."""
     places = points[rim.start].astype(np.float64)
     middle = np.stack([np.bincount(rim.loop, axis, len(rim.sizes)) for axis in places.T], axis=1)
@@ -128,16 +128,18 @@ def _wedges(points: NDArray[Any], rim: _RimEdges) -> NDArray[np.float64]:
     return np.asarray(np.linalg.norm(np.cross(to_start, to_end), axis=1) / 2)
 
 
-def _triangles(rim: _RimEdges, first: NDArray[Any]) -> Cap:
-    a, b, c = (rim.start[place] for place in _around(rim, first, 3))
+def _cap_triangles(rim: _RimEdges, first: NDArray[Any]) -> Cap:
+    a, b, c = (rim.start[place] for place in _walk_around(rim, first, 3))
     return np.stack([a, c, b], axis=1), face_of(rim.halfedge[first])
 
 
-def _quadrangles(analysis: Analysis, rim: _RimEdges, first: NDArray[Any]) -> tuple[list[Cap], NDArray[Any]]:
-    """Return the caps of two faces each, and the loops with both diagonals taken by edges."""
+def _cap_quadrangles(
+    analysis: Analysis, rim: _RimEdges, first: NDArray[Any]
+) -> tuple[list[Cap], NDArray[Any]]:
+    """Return the caps of two faces each, and the loops whose two diagonals are both edges already."""
     count = len(analysis.vertices)
     # corner, beside (n, 4): vertices of each loop in order, and the face at each rim edge.
-    places = _around(rim, first, 4)
+    places = _walk_around(rim, first, 4)
     corner = np.stack([rim.start[place] for place in places], axis=1)
     beside = np.stack([face_of(rim.halfedge[place]) for place in places], axis=1)
     where = analysis.vertices[corner].astype(np.float64)
@@ -168,7 +170,7 @@ def _quadrangles(analysis: Analysis, rim: _RimEdges, first: NDArray[Any]) -> tup
     return caps, rim.loop[first[left]]
 
 
-def _middles(rim: _RimEdges, wanted: NDArray[np.bool_], vertex_count: int) -> tuple[Cap, Rims]:
+def _cap_with_middles(rim: _RimEdges, wanted: NDArray[np.bool_], vertex_count: int) -> tuple[Cap, Rims]:
     """Return the faces between each rim edge and a new vertex, and the rims of the new vertices.
 
     `wanted` (n,) marks the loops; new vertices are numbered from `vertex_count` on.
@@ -182,7 +184,7 @@ def _middles(rim: _RimEdges, wanted: NDArray[np.bool_], vertex_count: int) -> tu
     return (cap, face_of(rim.halfedge[inside])), Rims(offsets, rim.start[inside])
 
 
-def _around(rim: _RimEdges, first: NDArray[Any], count: int) -> list[NDArray[Any]]:
+def _walk_around(rim: _RimEdges, first: NDArray[Any], count: int) -> list[NDArray[Any]]:
     """Return the positions `first` (n,) and the next count - 1 positions around each rim."""
     places = [first]
     for _ in range(count - 1):

@@ -13,11 +13,9 @@ from msb.topology.steps.change import Change, with_vertices
 def cut(faces: NDArray[Any], vertex_count: int) -> Change:
     """Give every fan its own vertex; copies come last, and edges with more than two faces are separated.
 
-    Two-face edges are kept, so `find_fans` walks around a vertex across exactly the edges that remain.
-    Afterwards, two fans of a vertex share no edge. At an edge with more than two faces at most two faces stay
-    together, namely if one fan begins and ends there at both of its vertices, because a fan that is a path
-    has two ends. The result is therefore manifold, and a manifold mesh does not change. Takes O(F log F)
-    time.
+    The result is manifold: two-face edges are kept, and every fan gets a separate vertex. At an edge with
+    more than two faces, at most two faces stay together. They do so if they are the two ends of one fan at
+    both vertices of the edge. A manifold mesh does not change. Takes O(F log F) time.
     """
     mesh = build_half_edges(faces, vertex_count)
     return split_vertices(mesh, *mesh.two_face_halfedges)
@@ -49,7 +47,7 @@ def split_vertices(mesh: HalfEdgeMesh, first: NDArray[Any], second: NDArray[Any]
 
 
 def cut_edges(faces: NDArray[Any], vertex_map: NDArray[Any]) -> NDArray[Any]:
-    """Return the (n, 2) old vertices of the edges that became several edges, for faces with new vertices.
+    """Return the old end vertices (n, 2) of the old edges that became several edges in `faces`.
 
     `vertex_map` gives the old vertex of each new vertex; edges with an added vertex (NONE) are ignored.
     """

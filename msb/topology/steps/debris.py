@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msb.topology.components import label_components
-from msb.topology.faces import added_areas, face_areas
+from msb.topology.faces import face_areas, sum_areas
 from msb.topology.halfedge import build_half_edges, face_of
 from msb.topology.steps.change import Change, with_faces
 
@@ -35,7 +35,7 @@ def debris(
     small = np.bincount(label, minlength=count) < least_faces
     if least_share > 0:
         weight = face_areas(points, faces)[0] if weights is None else np.asarray(weights, np.float64)
-        weight = added_areas(np.where(mesh.repeated_index, 0, weight), label, count)
+        weight = sum_areas(np.where(mesh.repeated_index, 0, weight), label, count)
         small |= weight < least_share * weight.sum()
     keep = mesh.repeated_index | ~small[label]
     return with_faces(faces, keep, len(points))

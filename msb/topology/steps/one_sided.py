@@ -4,9 +4,9 @@ Walking along edges carries a sense of rotation from vertex to vertex. A loop th
 sense is one-sided, and a cut along it removes that loop. The whole rim of a hole counts as one vertex, so a
 cut from rim to rim is a loop too: a strip is cut across, not lengthwise.
 
-However faces are turned, every one-sided loop passes an edge whose two faces have clashing windings. Searches
-for the shortest loops therefore start at the ends of these edges. Many loops are found at once; a loop is cut
-only if the pieces on both sides of it cannot be wound consistently.
+Whichever faces are turned, every one-sided loop passes an edge whose two faces have clashing windings. The
+search for short loops therefore starts at the ends of these edges. It finds many loops at once, and only the
+loops whose two sides cannot be wound consistently are cut.
 """
 
 from __future__ import annotations
@@ -17,40 +17,40 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from msb.topology.fans import corners_at_ends
+from msb.topology.fans import find_end_corners
 from msb.topology.halfedge import HalfEdgeMesh, build_half_edges, face_of, next_in_face
 from msb.topology.steps.change import Change, followed_by, unchanged
 from msb.topology.steps.cut import split_vertices
-from msb.topology.steps.sides import Sides, find_sides, sides_of_faces
+from msb.topology.steps.sides import Sides, find_sides, find_sides_of_faces
 
-# Visited places after which the search continues from every second start only.
+# Number of visited places after which the search drops every second start, to limit time and memory.
 _VISITS = 500_000
 
 
 def cut_one_sided(
     faces: NDArray[Any], vertex_count: int, *, only_manifold: bool = False
 ) -> tuple[Change, int, int]:
-    """Return the change, the number of cuts and the number of cut edges; no component stays one-sided.
+    """Return the change, the number of cuts, and the number of cut edges; no component stays one-sided.
 
-    Components are joined across two-face edges. Vertices along a cut get copies at the end; faces keep their
-    positions. A mesh without one-sided components is not changed. With `only_manifold`, a mesh with edges of
-    more than two faces is not changed either, because a cut separates all of these.
+    Components are joined across two-face edges. Copies of the vertices along a cut come last; faces keep
+    their positions. A mesh without one-sided components is not changed. With `only_manifold`, a mesh that has
+    an edge with more than two faces is not changed either, because cutting would separate all such edges.
     """
     change, cuts, edges = unchanged(faces, vertex_count), 0, 0
     while True:
         mesh = build_half_edges(change.faces, len(change.vertex_map))
-        sides = sides_of_faces(mesh)
+        sides = find_sides_of_faces(mesh)
         if not sides.one_sided.any() or (only_manifold and (mesh.multiplicity > 2).any()):
             return change, cuts, edges
         first, second = mesh.two_face_halfedges
-        loops = _loops_to_cut(mesh, first, second, sides)
+        loops = _find_loops_to_cut(mesh, first, second, sides)
         keep = np.ones(len(first), bool)
         keep[np.concatenate(loops)] = False
         cuts, edges = cuts + len(loops), edges + int((~keep).sum())
         change = followed_by(change, split_vertices(mesh, first[keep], second[keep]))
 
 
-def _loops_to_cut(
+def _find_loops_to_cut(
     mesh: HalfEdgeMesh, first: NDArray[Any], second: NDArray[Any], sides: Sides
 ) -> list[NDArray[Any]]:
     """Return the shortest necessary loops of each one-sided component, as numbers of its two-face edges.
@@ -61,7 +61,7 @@ def _loops_to_cut(
     face, beyond = face_of(first), face_of(second)
     clash = differ ^ sides.other[face] ^ sides.other[beyond]
     # Nodes of the search: all corners around a vertex, or along a rim. Corners of one face have one sense.
-    (low, high), across = corners_at_ends(mesh, first), corners_at_ends(mesh, second)
+    (low, high), across = find_end_corners(mesh, first), find_end_corners(mesh, second)
     rim = mesh.edge_halfedges[np.repeat(mesh.multiplicity != 2, mesh.multiplicity)]
     pairs = np.concatenate([low, high, rim]), np.concatenate([*across, next_in_face(rim)])
     nodes = find_sides(mesh.faces.size, *pairs, np.r_[differ, differ, np.zeros(len(rim), bool)])
@@ -71,7 +71,7 @@ def _loops_to_cut(
     odd = nodes.other[low] != nodes.other[high]
     component, passed = sides.label[face[inside]], np.stack([mesh.origin[low], mesh.origin[high]], axis=1)
     steps = _Steps(nodes.label[low], nodes.label[high], odd, component, clash[inside], passed)
-    loops = [inside[loop] for loop in _shortest_odd_loops(steps)]
+    loops = [inside[loop] for loop in _find_shortest_odd_loops(steps)]
 
     # A loop is unnecessary if the pieces between all loops can be wound consistently across it.
     cut = np.concatenate(loops)
@@ -129,11 +129,12 @@ class _Level:
         return _Level(self.place[rows], self.before[rows], self.step[rows])
 
 
-def _shortest_odd_loops(steps: _Steps) -> list[NDArray[Any]]:
-    """Return the shortest loops of each component with an odd number of odd steps that share no vertex.
+def _find_shortest_odd_loops(steps: _Steps) -> list[NDArray[Any]]:
+    """Return short loops with an odd number of odd steps, as rows of `steps`; no two loops share a vertex.
 
-    Every odd loop takes a step marked as a start. A single breadth-first search runs from all starts; two
-    paths from one start to a node with different parity form a loop. Loops are rows of `steps`.
+    Every odd loop takes a step that is marked as a start. A single breadth-first search runs from all starts.
+    Two paths from one start to the same node form an odd loop if their parities differ. A component is done
+    after the search level with its first, shortest loops.
     """
     # Adjacency: the steps that leave each node, as ranges first[node] : first[node + 1].
     nodes, ends = np.unique(np.concatenate([steps.near, steps.far]), return_inverse=True)
@@ -171,7 +172,7 @@ def _shortest_odd_loops(steps: _Steps) -> list[NDArray[Any]]:
             closing = closing[~np.isin(component[there[closing] // size], component[start[~alive]])]
             closing = closing[np.unique(step_taken[closing], return_index=True)[1]]
             back = np.searchsorted(levels[mirror].place, there[closing] ^ 1)
-            both = [_steps_to([*levels[:-1], reached], closing), _steps_to(levels[: mirror + 1], back)]
+            both = [_trace_steps([*levels[:-1], reached], closing), _trace_steps(levels[: mirror + 1], back)]
             for loop in np.concatenate(both, axis=1):
                 passed = steps.passed[loop]
                 if not taken[passed].any():
@@ -188,7 +189,7 @@ def _shortest_odd_loops(steps: _Steps) -> list[NDArray[Any]]:
     return loops
 
 
-def _steps_to(levels: list[_Level], row: NDArray[Any]) -> NDArray[np.int32]:
+def _trace_steps(levels: list[_Level], row: NDArray[Any]) -> NDArray[np.int32]:
     """Return the steps (rows, levels - 1) that lead to the given rows of the last level."""
     steps = np.zeros((len(row), len(levels) - 1), np.int32)
     for number in range(len(levels) - 1, 0, -1):

@@ -9,16 +9,17 @@ from numpy.typing import NDArray
 from msb.topology.halfedge import build_half_edges
 from msb.topology.steps.change import Change, followed_by
 from msb.topology.steps.one_sided import cut_one_sided
-from msb.topology.steps.sides import sides_of_faces
+from msb.topology.steps.sides import find_sides_of_faces
 
 
 def orient(faces: NDArray[Any], vertex_count: int, *, only_turn: bool = False) -> Change:
     """Turn faces so that the two faces of every two-face edge run along it in opposite directions.
 
-    Faces are joined across edges with exactly two faces. In each component the minority is turned; in a tie
-    the first face stays. A one-sided component (a Moebius strip) is first cut, which copies vertices; a note
-    gives the number of cuts and edges. Cuts separate edges with more than two faces, so with `only_turn` a
-    mesh that has such edges is not cut. Takes O(F log F) time if nothing is one-sided.
+    Components are joined across two-face edges. In each of them the minority of faces is turned; in a tie the
+    first face stays. A one-sided component (a Moebius strip) is first cut, which copies vertices; a note
+    gives the number of cuts and cut edges. With `only_turn`, a mesh that has an edge with more than two faces
+    is not cut, because cutting would separate all such edges. Takes O(F log F) time without one-sided
+    components.
     """
     change, cuts, edges = cut_one_sided(faces, vertex_count, only_manifold=only_turn)
     turned = turn_faces(change.faces, len(change.vertex_map))
@@ -31,11 +32,11 @@ def orient(faces: NDArray[Any], vertex_count: int, *, only_turn: bool = False) -
 
 
 def turn_faces(faces: NDArray[Any], vertex_count: int) -> Change:
-    """Turn faces like `orient` without cutting, so some edges of a one-sided surface stay inconsistent.
+    """Turn faces like `orient`, but without cutting; some edges of a one-sided surface stay inconsistent.
 
-    They are kept few by preferring edges that are already consistent, so a second run turns nothing.
+    Edges that are already consistent are preferred. A second run therefore turns no face.
     """
-    sides = sides_of_faces(build_half_edges(faces, vertex_count))
+    sides = find_sides_of_faces(build_half_edges(faces, vertex_count))
     # All faces of a component end on the side that held the majority.
     count = int(sides.label.max(initial=-1)) + 1
     others = np.bincount(sides.label[sides.other], minlength=count)

@@ -6,13 +6,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from msb.topology.fans import corners_at_ends, group_corners
+from msb.topology.fans import find_end_corners, group_corners
 from msb.topology.halfedge import HalfEdgeMesh, build_half_edges, face_of, next_in_face
 from msb.topology.steps.change import Change
 from msb.topology.steps.cut import split_vertices
-from msb.topology.steps.sides import find_sides, sides_of_faces, spanning_tree
+from msb.topology.steps.sides import find_sides, find_sides_of_faces, find_spanning_tree
 
-# Weight of the colour difference between black and white; a fold by 180 degrees has the weight 1.
+# Cost of the colour difference between black and white; a fold by 180 degrees costs 1.
 COLOR_WEIGHT = 0.25
 # Maximum number of faces of an edge that are compared pairwise; with more, faces half a turn apart are
 # paired.
@@ -35,27 +35,27 @@ def pair(
     to an edge are compared. Copies of vertices come last.
 
     1. Two faces at an edge cost (1 + cos a) / 2 for the angle a between them (0 if flat, 1 if folded),
-       plus `color_weight` times the distance of their colours relative to that of black and white. At each
-       edge with more than two faces the cheapest two faces are joined, then the cheapest two of the rest, and
-       so on.
-    2. Joining must leave a consistent winding possible: a minimum spanning forest of the joints between parts
-       of the surface is kept, and all further joints that agree with it.
-    3. If walks around both ends of an edge connect two pairs, four faces would still share the edge, so these
-       pairs are cut. Cutting makes fans smaller, never larger, so no new such place arises.
+       plus `color_weight` times the distance of their colours; black and white have the distance 1. At each
+       edge with more than two faces the cheapest pair is joined, then the cheapest pair of the remaining
+       faces, and so on.
+    2. A consistent winding must remain possible. Therefore a minimum spanning forest of the pairs between
+       parts of the surface is kept, and all further pairs that agree with its winding.
+    3. Two pairs of one edge are separated if fans connect them at both ends of the edge, because four faces
+       would still share it. Separating only shrinks fans, so one pass suffices.
 
     Takes O(F log F) time. A manifold mesh does not change.
     """
     mesh = build_half_edges(faces, len(points))
     first, second = mesh.two_face_halfedges
     if (mesh.multiplicity > 2).any():
-        pairs, cost = _flattest_pairs(mesh, points, vertex_colors, face_colors, color_weight)
-        pairs = pairs[_windable(mesh, pairs, cost)]
-        pairs = pairs[_apart(mesh, pairs)]
+        pairs, cost = _choose_pairs(mesh, points, vertex_colors, face_colors, color_weight)
+        pairs = pairs[_keep_windable(mesh, pairs, cost)]
+        pairs = pairs[_keep_manifold(mesh, pairs)]
         first, second = np.concatenate([first, pairs[:, 0]]), np.concatenate([second, pairs[:, 1]])
     return split_vertices(mesh, first, second)
 
 
-def _flattest_pairs(
+def _choose_pairs(
     mesh: HalfEdgeMesh,
     points: NDArray[Any],
     vertex_colors: NDArray[Any] | None,
@@ -64,25 +64,25 @@ def _flattest_pairs(
 ) -> tuple[NDArray[Any], NDArray[np.float64]]:
     """Return the pairs (n, 2) of half-edges to join at crowded edges, and the cost (n,) of each pair."""
     pairs, costs = [], []
-    for group in _crowded_groups(mesh):
-        sides, along = _directions(mesh, points, group)
+    for group in _list_crowded_groups(mesh):
+        sides, along = _compute_directions(mesh, points, group)
         if group.shape[1] > MOST_COMPARED:
-            chosen = _half_way_round(sides, along)
+            chosen = _pair_opposite(sides, along)
             first, second = (np.take_along_axis(sides, chosen[..., end, None], axis=1) for end in (0, 1))
             cost = (1 + np.einsum("npx,npx->np", first, second)) / 2
         else:
             table = (1 + np.einsum("nix,njx->nij", sides, sides)) / 2
-            for colors, rows in ((vertex_colors, _apexes(mesh, group)), (face_colors, face_of(group))):
+            for colors, rows in ((vertex_colors, _find_apexes(mesh, group)), (face_colors, face_of(group))):
                 if colors is not None:
-                    table += color_weight * _distances(colors[rows])
-            chosen, cost = _cheapest(table)
+                    table += color_weight * _measure_color_distances(colors[rows])
+            chosen, cost = _choose_cheapest(table)
         row = np.arange(len(group))[:, None]
         pairs.append(np.stack([group[row, chosen[..., 0]], group[row, chosen[..., 1]]], -1).reshape(-1, 2))
         costs.append(cost.reshape(-1))
     return np.concatenate(pairs), np.concatenate(costs)
 
 
-def _crowded_groups(mesh: HalfEdgeMesh) -> Iterator[NDArray[Any]]:
+def _list_crowded_groups(mesh: HalfEdgeMesh) -> Iterator[NDArray[Any]]:
     """Yield the half-edges (n, k) of edges with k > 2 faces, in batches."""
     for size in np.unique(mesh.multiplicity[mesh.multiplicity > 2]):
         edges = np.flatnonzero(mesh.multiplicity == size)
@@ -92,12 +92,12 @@ def _crowded_groups(mesh: HalfEdgeMesh) -> Iterator[NDArray[Any]]:
             yield mesh.edge_halfedges[place]
 
 
-def _apexes(mesh: HalfEdgeMesh, group: NDArray[Any]) -> NDArray[Any]:
+def _find_apexes(mesh: HalfEdgeMesh, group: NDArray[Any]) -> NDArray[Any]:
     """Return the vertex opposite to each half-edge."""
     return np.asarray(mesh.origin[next_in_face(next_in_face(group))])
 
 
-def _directions(
+def _compute_directions(
     mesh: HalfEdgeMesh, points: NDArray[Any], group: NDArray[Any]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return unit vectors (n, k, 3) in each face at a right angle to its edge, and (n, 3) along the edge.
@@ -106,29 +106,32 @@ def _directions(
     """
     ends = np.sort(np.stack([mesh.origin[group[:, 0]], mesh.origin[next_in_face(group[:, 0])]]), axis=0)
     low, high = points[ends].astype(np.float64)
-    along = _unit(high - low)
-    out = points[_apexes(mesh, group)].astype(np.float64) - low[:, None]
+    along = _normalize(high - low)
+    out = points[_find_apexes(mesh, group)].astype(np.float64) - low[:, None]
     size = np.linalg.norm(out, axis=-1, keepdims=True)
     out -= np.einsum("nkx,nx->nk", out, along)[..., None] * along[:, None]
     out[np.linalg.norm(out, axis=-1) <= 1e-12 * size[..., 0]] = 0  # rounding error of a zero height
-    return _unit(out), along
+    return _normalize(out), along
 
 
-def _unit(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+def _normalize(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
     largest = np.abs(vectors).max(axis=-1, keepdims=True)
     vectors = np.divide(vectors, largest, out=np.zeros_like(vectors), where=largest > 0)
     norm = np.linalg.norm(vectors, axis=-1, keepdims=True)
     return np.asarray(np.divide(vectors, norm, out=np.zeros_like(vectors), where=norm > 0))
 
 
-def _distances(colors: NDArray[Any]) -> NDArray[np.float64]:
+def _measure_color_distances(colors: NDArray[Any]) -> NDArray[np.float64]:
     """Return distances (n, k, k) of colours (n, k, c), relative to the distance of black and white."""
     difference = colors[:, :, None].astype(np.float64) - colors[:, None]
     return np.asarray(np.linalg.norm(difference, axis=-1) / np.sqrt(colors.shape[-1]))
 
 
-def _cheapest(table: NDArray[np.float64]) -> tuple[NDArray[Any], NDArray[np.float64]]:
-    """Return greedily chosen pairs (n, k // 2, 2) for costs (n, k, k), and their costs; ties: the first."""
+def _choose_cheapest(table: NDArray[np.float64]) -> tuple[NDArray[Any], NDArray[np.float64]]:
+    """Return greedily chosen pairs (n, k // 2, 2) and their costs; ties go to the first pair.
+
+    `table` (n, k, k) holds the costs of all pairs of the k faces at each of n edges.
+    """
     count, size, _ = table.shape
     first, second = np.triu_indices(size, 1)
     left = table[:, first, second]
@@ -144,7 +147,7 @@ def _cheapest(table: NDArray[np.float64]) -> tuple[NDArray[Any], NDArray[np.floa
     return chosen, cost
 
 
-def _half_way_round(sides: NDArray[np.float64], along: NDArray[np.float64]) -> NDArray[Any]:
+def _pair_opposite(sides: NDArray[np.float64], along: NDArray[np.float64]) -> NDArray[Any]:
     """Return the pairs (n, k // 2, 2) of faces half a turn apart in the order around each edge."""
     count, size, _ = sides.shape
     axis = np.zeros_like(along)
@@ -157,10 +160,10 @@ def _half_way_round(sides: NDArray[np.float64], along: NDArray[np.float64]) -> N
     return np.stack([order[:, :half], order[:, half : 2 * half]], axis=-1)
 
 
-def _windable(mesh: HalfEdgeMesh, joined: NDArray[Any], cost: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return which pairs (n,) to keep so that all can be wound consistently, preferring cheap pairs."""
+def _keep_windable(mesh: HalfEdgeMesh, joined: NDArray[Any], cost: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return which pairs (n,) to keep so that a consistent winding stays possible; cheap pairs come first."""
     # Parts: components across two-face edges. A pair must agree with the winding inside its parts.
-    sides = sides_of_faces(mesh)
+    sides = find_sides_of_faces(mesh)
     _, part = np.unique(sides.label, return_inverse=True)
     count = int(part.max(initial=-1)) + 1
     first, second = face_of(joined).T
@@ -169,20 +172,20 @@ def _windable(mesh: HalfEdgeMesh, joined: NDArray[Any], cost: NDArray[np.float64
     first, second = part[first], part[second]
     between = np.flatnonzero(first != second)
     # Costs must be positive for the spanning tree.
-    tree = between[spanning_tree(count, first[between], second[between], 1.0 + cost[between])]
+    tree = between[find_spanning_tree(count, first[between], second[between], 1.0 + cost[between])]
     turned = find_sides(count, first[tree], second[tree], differ[tree]).other
     return np.asarray((turned[first] ^ turned[second]) == differ)
 
 
-def _apart(mesh: HalfEdgeMesh, joined: NDArray[Any]) -> NDArray[np.bool_]:
-    """Return which pairs (n,) leave no edge with more than two faces after vertices are split accordingly."""
+def _keep_manifold(mesh: HalfEdgeMesh, joined: NDArray[Any]) -> NDArray[np.bool_]:
+    """Return which pairs (n,) to keep so that splitting vertices leaves at most two faces at each edge."""
     first, second = mesh.two_face_halfedges
     first, second = np.concatenate([first, joined[:, 0]]), np.concatenate([second, joined[:, 1]])
     _, group = group_corners(mesh, first, second)
     # Sort the half-edges of crowded edges by edge and by the groups at both ends; runs of more than two would
     # stay crowded.
     crowded = mesh.edge_halfedges[np.repeat(mesh.multiplicity > 2, mesh.multiplicity)]
-    ends = np.stack([mesh.edge[crowded], *(group[corner] for corner in corners_at_ends(mesh, crowded))])
+    ends = np.stack([mesh.edge[crowded], *(group[corner] for corner in find_end_corners(mesh, crowded))])
     order = np.lexsort(ends)
     differs = np.ones(len(order) + 1, bool)
     differs[1:-1] = (ends[:, order[1:]] != ends[:, order[:-1]]).any(axis=0)

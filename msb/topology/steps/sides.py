@@ -29,7 +29,7 @@ class Sides:
     one_sided: NDArray[np.bool_]
 
 
-def sides_of_faces(mesh: HalfEdgeMesh) -> Sides:
+def find_sides_of_faces(mesh: HalfEdgeMesh) -> Sides:
     """Return which faces of each component, joined across two-face edges, are wound the other way."""
     first, second = mesh.two_face_halfedges
     clash = mesh.origin[first] == mesh.origin[second]
@@ -40,31 +40,32 @@ def find_sides(count: int, first: NDArray[Any], second: NDArray[Any], differ: ND
     """Return the sides of `count` nodes, given pairs of nodes (n,) on equal sides, or on opposite ones
     (`differ`).
 
-    In the double cover, each node stands for two, one on either side, and pairs connect these. A component
-    that splits into two halves has two sides. Any other component is one-sided; there a spanning tree of the
-    opposite pairs decides, after the equal pairs. Takes O(n log n) time, or O(n) if nothing is one-sided.
+    The double cover has two copies of each node, one per side, and every pair connects matching copies. A
+    component is two-sided if its cover has two parts. In a one-sided component not all pairs can be
+    satisfied: all equal pairs are, and of the opposite pairs those of a spanning tree. Takes O(n log n) time,
+    or O(n) without one-sided components.
     """
     # Nodes that must be on equal sides become one node.
     nodes, part = label_components(count, first[~differ], second[~differ])
-    sides = _sides_of_parts(nodes, part[first[differ]], part[second[differ]])
+    sides = _find_sides_of_parts(nodes, part[first[differ]], part[second[differ]])
     return Sides(sides.label[part], sides.other[part], sides.one_sided[part])
 
 
-def _sides_of_parts(count: int, first: NDArray[Any], second: NDArray[Any]) -> Sides:
+def _find_sides_of_parts(count: int, first: NDArray[Any], second: NDArray[Any]) -> Sides:
     """Return the sides of `count` nodes from pairs of nodes on opposite sides."""
-    labels = _double_cover(count, first, second)
+    labels = _label_double_cover(count, first, second)
     one_sided = labels[:count] == labels[count:]
     if one_sided.any():
         # Use only a spanning tree of the pairs inside one-sided components; others keep all pairs.
         inside = np.flatnonzero(one_sided[first])
         inside = inside[first[inside] != second[inside]]
-        tree = inside[spanning_tree(count, first[inside], second[inside], np.ones(len(inside)))]
+        tree = inside[find_spanning_tree(count, first[inside], second[inside], np.ones(len(inside)))]
         used = np.concatenate([tree, np.flatnonzero(~one_sided[first])])
-        labels = _double_cover(count, first[used], second[used])
+        labels = _label_double_cover(count, first[used], second[used])
     return Sides(np.minimum(labels[:count], labels[count:]), labels[:count] > labels[count:], one_sided)
 
 
-def spanning_tree(
+def find_spanning_tree(
     count: int, first: NDArray[Any], second: NDArray[Any], cost: NDArray[np.float64]
 ) -> NDArray[Any]:
     """Return the numbers of the pairs of a minimum spanning forest.
@@ -88,7 +89,7 @@ def spanning_tree(
     return np.asarray(by_rank[tree.data.astype(np.intp)])
 
 
-def _double_cover(count: int, ends: NDArray[Any], other_ends: NDArray[Any]) -> NDArray[np.int32]:
+def _label_double_cover(count: int, ends: NDArray[Any], other_ends: NDArray[Any]) -> NDArray[np.int32]:
     """Return the labels (2 count,) of all nodes on side 1, then on side 2; pairs connect opposite sides."""
     first, second = np.concatenate([ends, ends + count]), np.concatenate([other_ends + count, other_ends])
     return label_components(2 * count, first, second)[1]

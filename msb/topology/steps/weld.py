@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 
 from msb.topology.faces import names_vertex_twice
 from msb.topology.steps.change import Change, followed_by, with_faces, with_vertices
-from msb.topology.weld import Weld, merged_vertices
+from msb.topology.weld import Weld, merge_coincident
 
 
 def weld(points: NDArray[Any], faces: NDArray[Any], distance: Weld = "exact") -> Change:
@@ -14,7 +14,7 @@ def weld(points: NDArray[Any], faces: NDArray[Any], distance: Weld = "exact") ->
 
     The first vertex of each merged set is kept with its values.
     """
-    kept, number = merged_vertices(points, distance)
+    kept, number = merge_coincident(points, distance)
     new = number.astype(faces.dtype)[faces]
     collapsed = names_vertex_twice(new) & ~names_vertex_twice(faces)
     return followed_by(with_vertices(new, kept), with_faces(new, ~collapsed, len(kept)))

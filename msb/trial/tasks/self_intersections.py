@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msb.base.children import Arrays
-from msb.topology.crossings import crossing_pairs
+from msb.topology.crossings import find_crossing_pairs
 from msb.topology.verdict import percent
 from msb.trial.mesh import TrialMesh
 from msb.trial.renderings import Renderings
@@ -26,7 +26,7 @@ SLIVER = 0.01
 def _work(mesh: TrialMesh, _: Arrays) -> Output:
     """Count crossing faces and slivers, and mark them in the arrays (F,)."""
     corners = mesh.vertices[mesh.faces].astype(np.float64)
-    pairs = crossing_pairs(corners)
+    pairs = find_crossing_pairs(corners)
     thin = find_slivers(corners)
     crossing = np.zeros(len(corners), bool)
     crossing[pairs.reshape(-1)] = True

@@ -16,7 +16,7 @@ from msb.topology.faces import face_areas, names_vertex_twice
 from msb.topology.halfedge import HalfEdgeMesh, build_half_edges, face_of
 from msb.topology.steps import turn_faces
 from msb.topology.steps.cut import split_vertices
-from msb.topology.weld import merged_vertices
+from msb.topology.weld import merge_coincident
 from msb.trial.mesh import TrialMesh
 from msb.trial.renderings import Renderings
 from msb.trial.task import Attempt, Judgement, Numbers, Output, Outputs, Task, combine, grade
@@ -106,7 +106,7 @@ def measure_gap_area(
     `vertices` (V, 3) and `cut` (F, 3) are the cut mesh before the subdivision. `points` (W, 3), which begin
     with the same vertices, and `fine` (4F, 3) are the mesh after it.
     """
-    _, place = merged_vertices(vertices, "exact")
+    _, place = merge_coincident(vertices, "exact")
     # The edges (E,) of the cut mesh. `place` (V,) numbers the locations; edges start at the lower number.
     start, stop = build_half_edges(cut, len(vertices)).edge_vertices.astype(np.int64).T
     turned = place[start] > place[stop]
