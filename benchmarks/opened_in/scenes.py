@@ -1,4 +1,4 @@
-"""Scenes to compare: a texture seen close and far away, and vertex colours like those of a trained mesh."""
+"""Scenes to compare: a texture seen close and far away, and vertex colours like a trained mesh."""
 
 from __future__ import annotations
 

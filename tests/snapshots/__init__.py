@@ -97,7 +97,7 @@ def help_text(command: str) -> str:
 
 
 def usual_text(command: str, folder: Path) -> str:
-    """Return what the usual lines of a command print; they run in an empty folder."""
+    """Return the output of a command's usual lines, run in an empty folder."""
     link_demo(folder)
     (folder / "tests").symlink_to(ROOT / "tests")
     text = "".join(_shown(line, folder) for line in USUAL.get(command, ()))
@@ -107,7 +107,7 @@ def usual_text(command: str, folder: Path) -> str:
 
 
 def _shown(line: str, folder: Path) -> str:
-    """Return a command line, what it prints, and its exit status if that is not 0."""
+    """Return a command line with its output, and its exit status unless it is 0."""
     plain = {"NO_COLOR": "1", "FORCE_COLOR": None, "COLUMNS": "80"}
     done = run_msb(shlex.split(line), folder, plain)
     out, err = (stream.decode().replace(str(folder), "FOLDER") for stream in (done.stdout, done.stderr))

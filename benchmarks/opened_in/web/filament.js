@@ -23,7 +23,7 @@ obey(async (canvas, file) => {
     const aspect = canvas.width / canvas.height;
     camera.setProjectionFov(wanted.degrees, aspect, wanted.near, wanted.far, Filament.Camera$Fov.VERTICAL);
     camera.lookAt(wanted.eye, wanted.target, [0, 1, 0]);
-    // It skips frames; what is drawn is there until the browser shows it.
+    // It skips frames; the last image stays until the browser shows it.
     for (let frames = 0; frames < 3;) {
       await new Promise(requestAnimationFrame);
       const begun = renderer.beginFrame(chain);

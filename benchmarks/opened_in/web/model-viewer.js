@@ -3,7 +3,7 @@ obey(async (canvas, file) => async (view) => {
   customElements.get("model-viewer").minimumRenderScale = 1;  // however slow the machine is
   customElements.get("model-viewer").meshoptDecoderLocation = "meshopt_decoder.js";
   const viewer = document.createElement("model-viewer");
-  // It draws what is in the window.
+  // It draws only the part of the page inside the window.
   const place = { position: "absolute", top: 0, left: 0, background: "black" };
   Object.assign(viewer.style, place, { width: `${canvas.width}px`, height: `${canvas.height}px` });
   const [x, y, z] = view.eye.map((value, axis) => value - view.target[axis]);

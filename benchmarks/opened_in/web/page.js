@@ -1,6 +1,6 @@
-// The page of an engine: opens the file once, draws each view that it is asked for, answers with the canvas.
+// The page of an engine: opens the file once, draws each requested view, and answers with the pixels of the canvas.
 "use strict";
-const mended = new URLSearchParams(location.search).has("mended");  // with what a user can set for its colours
+const mended = new URLSearchParams(location.search).has("mended");  // use the corrected colour settings
 
 async function shown(canvas, draw, view) {
   await draw(view);
