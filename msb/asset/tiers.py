@@ -1,4 +1,4 @@
-"""Find out which tiers can draw an asset."""
+"""Check whether a tier can draw an asset."""
 
 from msb.asset.manifest import Manifest
 from msb.registry import METHODS, Tier, lookup
@@ -17,9 +17,7 @@ def why_not(manifest: Manifest, tier: Tier) -> str | None:
 
 
 def refusal(manifest: Manifest, tier: Tier) -> str | None:
-    """Return a message with the reason why `tier` cannot draw an asset, and an alternative; None if it
-    can.
-    """
+    """Return why `tier` cannot draw an asset, with an alternative if there is one; None if it can."""
     why = why_not(manifest, tier)
     if why is None:
         return None

@@ -48,18 +48,18 @@ def up_vector(axis: str) -> NDArray[np.float64]:
 
 
 def default_pose(axis: str, aspect: float) -> Pose:
-    """Return the first view. The unit sphere fills the free part of a window with this aspect."""
+    """Return the first view. The unit sphere fills an area with the `aspect` width / height."""
     up = up_vector(axis)
     # The two other axes, so that (first, second, up) is a right-handed frame.
     first = np.roll(np.abs(up), 1)
     second = np.cross(up, first)
     level = math.cos(AZIMUTH) * first + math.sin(AZIMUTH) * second
     direction = math.cos(ELEVATION) * level + math.sin(ELEVATION) * up
-    return Pose(_fitting(aspect) * direction, np.zeros(3), up)
+    return Pose(_fitting_distance(aspect) * direction, np.zeros(3), up)
 
 
 def element_pose(model: ViewModel, vertices: NDArray[Any], current: Pose) -> Pose | None:
-    """Return a view of an element with `vertices` (k,) that other faces do not hide, if there is one.
+    """Return a view of an element with `vertices` (k,). If possible, no other face hides the element.
 
     The result is None if the element has no finite position. The direction is chosen among about 100
     candidates. Directions with no faces between element and camera are preferred, then directions that see
@@ -105,11 +105,13 @@ def component_pose(model: ViewModel, component: int, current: Pose, aspect: floa
     corners = model.points[faces.reshape(-1)].astype(np.float64)
     middle = (corners.min(axis=0) + corners.max(axis=0)) / 2
     radius = float(np.linalg.norm(corners - middle, axis=1).max()) or 0.02
-    return Pose(middle + _fitting(aspect) * radius * _unit(current.eye - current.target), middle, current.up)
+    return Pose(
+        middle + _fitting_distance(aspect) * radius * _unit(current.eye - current.target), middle, current.up
+    )
 
 
-def _fitting(aspect: float) -> float:
-    """Return the distance, in radii, from a sphere that fills a window with this aspect."""
+def _fitting_distance(aspect: float) -> float:
+    """Return the distance from which a sphere fills a window with this aspect, in radii of the sphere."""
     narrow = min(FOV_Y, 2 * math.atan(math.tan(FOV_Y / 2) * max(aspect, 0.1)))
     return _MARGIN / math.sin(narrow / 2)
 

@@ -17,7 +17,7 @@ from msb_viewers.sheet import Panel, list_panel
 
 # Minimum displacement of a fan, in radii of the faces at the vertex.
 _APART = 0.6
-# Length of the circle for each fan, in the same radii.
+# Arc of the circle that each fan takes, in the same radii.
 _ROOM = 0.9
 # Maximum number of fans that are drawn. More would overlap; the text counts all of them.
 _MOST_FANS = 12
