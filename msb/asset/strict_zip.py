@@ -246,9 +246,9 @@ class _Parser:
     ) -> tuple[int, int]:
         """Return size and packed size of a local header that torch wrote.
 
-        Beyond 4 GiB the sizes in the header are 0, and its ZIP64 record repeats the central one: the size, a
-        packed size of 0, and the offset, although a local header has no field for it. All values must be
-        right.
+        Beyond 4 GiB the sizes in the header are 0, and its ZIP64 record repeats the record of the central
+        directory: the size, a packed size of 0, and the offset. (A local header has no field for the offset.)
+        All values must be right.
         """
         _, size, header = central
         wide = self.zip64(at, length, label)

@@ -103,7 +103,7 @@ def map_descriptor(descriptor: int, most: int | None = None) -> mmap.mmap | byte
 
 
 def open_error(error: OSError | ValueError, path: object, what: str = "file") -> InputError:
-    """Return our error for an `error` of the system about `path`, which should be a `what`."""
+    """Return the error of msb for a system error about `path`. `what` is the kind of path in the message."""
     if is_missing(error):
         return InputError("FILE_NOT_FOUND", f"this {what} does not exist", file=path)
     return InputError("FILE_UNREADABLE", f"it cannot be read: {system_reason(error)}", file=path)

@@ -62,8 +62,8 @@ def element_pose(model: ViewModel, vertices: NDArray[Any], current: Pose) -> Pos
     """Return a view of an element with `vertices` (k,). If possible, no other face hides the element.
 
     The result is None if the element has no finite position. The direction is chosen among about 100
-    candidates. Directions with no faces between element and camera are preferred, then directions that see
-    the faces at the element frontally, and that are close to the `current` view.
+    candidates. The first criterion is that no faces are between element and camera. Then directions are
+    preferred that see the faces at the element frontally, and that are close to the `current` view.
     """
     if not bool(model.finite(vertices[None])[0]):
         return None
@@ -120,7 +120,8 @@ def _may_reach(
     points: NDArray[np.float32], faces: NDArray[Any], target: NDArray[np.float64], reach: float
 ) -> NDArray[np.bool_]:
     """Return a mask (F,) of faces that can intersect the cube of half-width `reach` around `target`."""
-    # A bit per side of the cube for each vertex outside it. A face with a common bit is outside.
+    # A vertex has a bit for each side of the cube that it is beyond. If all vertices of a face have the same
+    # bit, the face is outside.
     code = np.zeros(len(points), np.uint8)
     for axis in range(3):
         away = points[:, axis] - np.float32(target[axis])

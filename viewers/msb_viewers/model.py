@@ -30,8 +30,8 @@ _WORST_FIRST = (
 _VISIBLE_AT_FIRST = 12_000
 # Number of vertices that are sampled for the first view.
 _FRAMING_SAMPLE = 100_000
-# The first view ignores distant vertices if the radius of the sphere of all vertices, divided by the radius
-# of the sphere of 95 % of them, is above this.
+# The first view ignores distant vertices if the sphere of all vertices is more than this many times as wide as
+# the sphere of 95 % of them.
 _FAR_OUT = 4.0
 
 
@@ -240,8 +240,8 @@ def frame_vertices(
     """Return centre and radius of the sphere of the first view, and a note if some vertices are outside.
 
     Only `vertices` (V, 3) with a true value in `use` (V,) count. Usually the sphere is centred in their
-    bounding box and contains all of them. If a few distant vertices, such as an outdoor background, make this
-    sphere much larger than a sphere of 95 % of the vertices, the latter is used.
+    bounding box and contains all of them. A few distant vertices, such as an outdoor background, can make it
+    very large. Then a sphere of 95 % of the vertices is used.
     """
     # The sphere of all vertices.
     rows = np.flatnonzero(use)

@@ -239,7 +239,7 @@ def face_budget(faces: int, seconds: float) -> int | None:
 def simplify(
     points: NDArray[np.float32], faces: NDArray[Any], target: int = _MOST_FACES
 ) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Return the faces (f, 3) of a simplified mesh, and the original face (f,) of each, for its colour.
+    """Return the faces (f, 3) of a simplified mesh, and the original faces (f,) that give their colours.
 
     The number of faces is `target` within a factor of two. Method: vertex clustering (J. Rossignac and P.
     Borrel, Multi-resolution 3D approximations for rendering complex scenes, 1993). O(V + F) time, with a sort

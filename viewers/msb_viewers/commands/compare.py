@@ -129,9 +129,7 @@ def _comparison(asset: Asset, path: Path, views: list[View], request: _Request, 
     baked = None if request.options.baked is None else open_baked(request.options.baked, asset, output)
     tiers, missing = choose_tiers(asset, views, request.options.tiers or None, baked=baked)
     if not request.options.tiers and "reference" not in tiers:
-        text = (
-            f"{asset.manifest.face_count:,} faces take minutes per view; name it with --tiers to include it"
-        )
+        text = f"{asset.manifest.face_count:,} faces take minutes per view; list it in --tiers to include it"
         output.note(f"{path.name}: the reference tier is omitted: {text}")
     settings = drawing.settings(asset)
     effective_settings(asset.manifest, settings)  # rejects invalid settings
