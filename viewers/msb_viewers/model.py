@@ -30,8 +30,8 @@ _WORST_FIRST = (
 _VISIBLE_AT_FIRST = 12_000
 # Number of vertices that are sampled for the first view.
 _FRAMING_SAMPLE = 100_000
-# The first view ignores distant vertices if the sphere of all vertices is more than this many times as wide as
-# the sphere of 95 % of them.
+# The first view ignores distant vertices if the sphere of all vertices is more than this many times as wide
+# as the sphere of 95 % of them.
 _FAR_OUT = 4.0
 
 
