@@ -307,7 +307,7 @@ def formula_safe(text: str) -> str:
     """Return `text` as a CSV cell that spreadsheets do not evaluate, with an apostrophe before a formula.
 
     A formula begins with = + - @, a tab or a line break. Numbers and "--" are not changed. Quotation marks
-    would not help. Source: OWASP, "CSV Injection".
+    would not help, because spreadsheets remove them first. Source: OWASP, "CSV Injection".
     """
     harmless = re.fullmatch(r"--|[+-]?[\d.]+", text)
     return text if harmless or not text.startswith(tuple("=+-@\t\r\n")) else f"'{text}"

@@ -100,8 +100,9 @@ class Setting:
 
 @dataclass(frozen=True)
 class Native:
-    """Features of a method's native representation (paper: "Native representation and Non-Engine
-    rendering").
+    """Features of a method's native representation.
+
+    Paper: "Native representation and Non-Engine rendering".
     """
 
     connectivity: bool = False
@@ -152,11 +153,9 @@ class Method:
     """The name in the paper's tables; None if the method is not in them."""
     paper_notes: tuple[PaperNote, ...] = ()
     native: Native | None = None
-    """The features of its native representation; None if only an extracted mesh is shown, or nothing."""
+    """The features of its native representation; None if the method has no native rendering."""
     retained: dict[Tier, Retained] = field(default_factory=dict)
-    """The features retained on the tiers `dedicated` and `standard`; a tier that is not supported is
-    absent.
-    """
+    """Tier (`dedicated`, `standard`) -> the features that it retains. Unsupported tiers are absent."""
     unsupported: dict[Tier, str] = field(default_factory=dict)
     """Tier -> why the method does not support it. All other tiers are supported."""
     settings: dict[str, Setting] = field(default_factory=dict)
@@ -243,10 +242,10 @@ def _installed() -> dict[str, tuple[Method, str]]:
     """Return name -> method and its package."""
     places = {name: f"msb.methods.{name}" for name in BUILT_IN}
     ours = {name: (import_module(place).METHOD, place) for name, place in places.items()}
-    return ours | find_installed("method", places, _declared)
+    return ours | find_installed("method", places, _load_declared)
 
 
-def _declared(_: str, value: str) -> Method:
+def _load_declared(_: str, value: str) -> Method:
     method = load(f"{value}:METHOD")
     if not isinstance(method, Method):
         raise PackageError("METHOD is not an msb.registry.Method")

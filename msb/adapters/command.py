@@ -22,8 +22,12 @@ class ExportOptions:
     method: Annotated[
         str | None, Option("Expected method. Default: detected from the files.", metavar="NAME")
     ] = None
-    config: Annotated[Path | None, Option("YAML config or log of a 2DTS training.", metavar="FILE")] = None
-    form: Annotated[Literal["packed", "folder"], Option("Form of the .triasset.")] = "packed"
+    config: Annotated[Path | None, Option("YAML config or text log of a 2DTS training.", metavar="FILE")] = (
+        None
+    )
+    form: Annotated[
+        Literal["packed", "folder"], Option("Write the .triasset as a single file (packed) or as a folder.")
+    ] = "packed"
 
 
 @command(

@@ -25,9 +25,7 @@ class Adapter(Protocol):
     """The functions of an adapter module. Its optional `KEYS` are the keys that all its state dicts have."""
 
     def recognises(self, content: Content) -> bool:
-        """Return whether the content is a model of this method, judged by features that no other method
-        has.
-        """
+        """Return whether the content has the features that only models of this method have."""
 
     def read(self, place: Place, content: Content, options: Options) -> Model:
         """Return the model, or raise an error."""
@@ -36,8 +34,8 @@ class Adapter(Protocol):
 def adapters() -> dict[str, Adapter]:
     """Return method -> adapter, in the order of detection: adapters of other packages first.
 
-    Other packages know the built-in methods and can distinguish their own files from them, but not vice
-    versa.
+    An adapter of another package can distinguish its files from those of the built-in methods. The built-in
+    adapters do not know the files of other packages.
     """
     by_name = {name: adapter for name in METHODS if (adapter := _by_name(name)) is not None}
     by_name |= dict(with_role("adapter"))
@@ -46,7 +44,10 @@ def adapters() -> dict[str, Adapter]:
 
 
 def _by_name(method: str) -> Adapter | None:
-    """Return the adapter of a method without native rendering, whose meshes have a recognisable name."""
+    """Return the adapter of a method whose meshes are only recognised by their names, or None.
+
+    These are the methods without native rendering.
+    """
     known, meshes = METHODS[method], cast("Any", role("mesh", "adapter"))
     return meshes.ByName(method) if known.reads_meshes and known.native is None and known.files else None
 
@@ -114,8 +115,8 @@ def read_model(
 ) -> Model:
     """Return the trained model at `path`, or at a place that `locate` returned. Errors are as in `export`.
 
-    `settings` can also be texts such as "gamma=20". Without `check_values` parameters can be NaN, which an
-    audit counts.
+    `settings` can also be texts such as "gamma=20". Without `check_values` NaN is accepted, because an audit
+    counts it.
     """
     if method is not None and method not in tuple(METHODS):
         text = f'the method "{shorten(str(method), 40)}" is unknown; use one of {", ".join(METHODS)}'
@@ -166,14 +167,12 @@ def _detect(content: Content) -> str:
         what = f"it holds a {type(value).__name__}"
     else:
         what = "its content does not match its name"
-    text = f"{what}; it is not a model of {', '.join(known)}{_nearest(value, known)}"
+    text = f"{what}; it is not a model of {', '.join(known)}{_describe_nearest(value, known)}"
     raise CheckpointError("CHECKPOINT_UNKNOWN", text, file=content.place.file)
 
 
-def _nearest(value: object, adapters_by_name: Mapping[str, Adapter]) -> str:
-    """Return the method with the keys most similar to `value`, and the keys that are missing; "" without
-    one.
-    """
+def _describe_nearest(value: object, adapters_by_name: Mapping[str, Adapter]) -> str:
+    """Return a text with the most similar method and the keys that `value` lacks; "" if none is similar."""
     parts = [value] if isinstance(value, dict) else value if isinstance(value, tuple) else []
     keys = {str(key) for part in parts[:1] if isinstance(part, dict) for key in part}
     keys_of = {name: set(getattr(adapter, "KEYS", ())) for name, adapter in adapters_by_name.items()}
@@ -219,11 +218,11 @@ def _source_files(model: Model, progress: Progress | None) -> list[SourceFile]:
     meter = Meter("hashing the source", sum(sizes), progress)
     files = []
     for path, size in zip(model.files, sizes, strict=True):
-        files.append(SourceFile(_relative(path, model.root), file_sha256(path, meter.advance), size))
+        files.append(SourceFile(_to_relative(path, model.root), file_sha256(path, meter.advance), size))
     return files
 
 
-def _relative(path: Path, root: Path) -> str:
+def _to_relative(path: Path, root: Path) -> str:
     """Return `path` relative to `root` with forward slashes, or only its name if it is outside.
 
     Bytes that are not UTF-8 become \\udcXX, because a manifest is text.

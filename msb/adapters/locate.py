@@ -35,10 +35,11 @@ class Place:
     file: Path
     # The output folder, which is searched for configs and logs.
     root: Path
-    # How to read it. A "bundle" has other files in the same folder; "other" is only read by its method.
+    # The kind of the file. A "bundle" has more files in the same folder. Only the adapter of its method can
+    # read a file of kind "other".
     kind: Kind
-    # The path from the user: the file, its folder or one above. If the folder of the user only contains the
-    # folder of a checkpoint, the latter.
+    # The path that the user gave: the file, its folder or a folder above. If exactly one subfolder of the
+    # given folder is a checkpoint, this subfolder.
     given: Path
 
     @property
@@ -57,7 +58,7 @@ def is_checkpoint(path: Path) -> bool:
 
 
 def locate(path: str | os.PathLike[str]) -> Place:
-    """Return the place of the model in `path`, which is the last of several iterations."""
+    """Return the place of the model in `path`. Of several iterations it is the last one."""
     given = given_path(path)
     if given.suffix.lower() == ASSET_SUFFIX and os.path.lexists(given):
         text = "it is already a .triasset; use msb convert to write another format"
@@ -73,7 +74,7 @@ def locate(path: str | os.PathLike[str]) -> Place:
 
 
 def _model_file(path: Path) -> tuple[Path, Path]:
-    """Return the file of the model, and `path` or the only checkpoint folder in it."""
+    """Return the file of the model, and the path that contains it: `path` or the only checkpoint in it."""
     try:
         folder = path.is_dir()
     except (OSError, ValueError) as error:
@@ -85,10 +86,10 @@ def _model_file(path: Path) -> tuple[Path, Path]:
     file = _pick(path)
     if file is None:
         # Look for a single checkpoint in the subfolders, then for a single file without the usual folders.
-        below = [sub for name in sorted(_names(path)) if (sub := path / name).is_dir() and _pick(sub)]
+        below = [sub for name in sorted(_list_names(path)) if (sub := path / name).is_dir() and _pick(sub)]
         if len(below) == 1:
             return _model_file(below[0])
-        bare = [] if below else bare_models(path) or _named_meshes(path)
+        bare = [] if below else bare_models(path) or _find_named_meshes(path)
         if len(bare) == 1:
             return bare[0], path
         text = "it is not the output folder of a known method; docs/export.md shows their layouts"
@@ -103,15 +104,16 @@ def _model_file(path: Path) -> tuple[Path, Path]:
 
 
 def bare_models(folder: Path) -> list[Path]:
-    """Return the torch files in a folder without the layout of a method. A single one is used as the
-    model.
+    """Return the torch files in a folder without the layout of a method.
+
+    If there is exactly one, it is used as the model.
     """
-    return [folder / name for name in sorted(_names(folder)) if name.lower().endswith(TORCH_SUFFIXES)]
+    return [folder / name for name in sorted(_list_names(folder)) if name.lower().endswith(TORCH_SUFFIXES)]
 
 
-def _named_meshes(folder: Path) -> list[Path]:
+def _find_named_meshes(folder: Path) -> list[Path]:
     """Return the mesh files in a folder whose names belong to a method."""
-    files = (folder / name for name in sorted(_names(folder)))
+    files = (folder / name for name in sorted(_list_names(folder)))
     return [file for file in files if any(is_named(method, file) for method in METHODS.values())]
 
 
@@ -123,7 +125,7 @@ def in_bundle(file: Path, names: tuple[str, ...]) -> bool:
 def is_named(method: Method, file: Path) -> bool:
     """Return whether `file` has a name that `method` declares for its models."""
     names = (pattern.rpartition("/")[2] for pattern in method.files)
-    return any(re.fullmatch(_expression(name), file.name) for name in names)
+    return any(re.fullmatch(_to_expression(name), file.name) for name in names)
 
 
 def _is_declared(file: Path) -> bool:
@@ -147,14 +149,14 @@ def _root(file: Path) -> Path:
 
 
 def _is_below(file: Path) -> bool:
-    """Return whether a method declares models in a folder of this name, such as ``ckpt/{n}.ckpt``."""
+    """Return whether a method declares this name of folder and file, such as ``ckpt/{n}.ckpt``."""
     name = f"{file.absolute().parent.name}/{file.name}"
     below = (pattern for method in METHODS.values() for pattern in method.files if "/" in pattern)
-    return any(re.fullmatch(_expression(pattern), name) for pattern in below)
+    return any(re.fullmatch(_to_expression(pattern), name) for pattern in below)
 
 
 def _pick(folder: Path) -> Path | None:
-    """Return the file of the model in `folder`, or None without the layout of a method.
+    """Return the file of the model in `folder`; None if the folder has the layout of no method.
 
     The file of the last iteration is returned even if it is missing.
     """
@@ -164,7 +166,7 @@ def _pick(folder: Path) -> Path | None:
         raise open_error(error, folder) from error
 
 
-def _declared(folder: Path) -> Path | None:
+def _find_declared(folder: Path) -> Path | None:
     """Return the file that a method declares, below the output folder or in `folder` itself."""
     for method in METHODS.values():
         if any((folder / name).exists() for name in method.bundle[1:]):
@@ -176,64 +178,66 @@ def _declared(folder: Path) -> Path | None:
                 places.append(folder)
             for place in places:
                 if "*" in name:
-                    matching = [entry for entry in _names(place) if re.fullmatch(_expression(name), entry)]
+                    matching = [
+                        entry for entry in _list_names(place) if re.fullmatch(_to_expression(name), entry)
+                    ]
                     file = place / matching[0] if len(matching) == 1 else None
                 else:
-                    file = _latest(place, _expression(name)) if "{n}" in name else place / name
+                    file = _find_latest(place, _to_expression(name)) if "{n}" in name else place / name
                 if file is not None and file.exists():
                     return file
     return None
 
 
-def _expression(name: str) -> str:
+def _to_expression(name: str) -> str:
     """Return the regular expression of a declared file name, with {n} for a number and * for any text."""
     return re.escape(name).replace(re.escape("{n}"), r"(\d+)").replace(re.escape("*"), "[^/]*")
 
 
-def _iteration(folder: Path) -> Path | None:
-    """Return the last model of the 3DGS family: a state dict, or the Gaussians of 3DGS and 2DGS."""
+def _find_iteration(folder: Path) -> Path | None:
+    """Return the last model of the 3DGS family: a state dict, a mesh of 2DGS, or Gaussians."""
     if re.match(r"iteration_\d+\Z", folder.name):
         latest: Path | None = folder
     else:
         inside = folder if folder.name == "point_cloud" else folder / "point_cloud"
-        latest = _latest(inside, r"iteration_(\d+)")
+        latest = _find_latest(inside, r"iteration_(\d+)")
     if latest is None:
         return None
     if (latest / STATE_DICT).exists():
         return latest / STATE_DICT
     if (latest / SPLATS).exists():
-        return _fused(latest.parent.parent) or latest / SPLATS
+        return _find_fused(latest.parent.parent) or latest / SPLATS
     return latest / STATE_DICT
 
 
-def _fused(folder: Path) -> Path | None:
+def _find_fused(folder: Path) -> Path | None:
     """Return the mesh that 2DGS extracted after its last iteration."""
-    latest = _latest(folder / "train", r"ours_(\d+)")
+    latest = _find_latest(folder / "train", r"ours_(\d+)")
     if latest is None:
         return None
     return next((latest / name for name in FUSED if (latest / name).exists()), None)
 
 
-# Rules that return the file of a model in a folder, in this order.
+# Rules that return the file of a model in a folder, or None. The first file is used.
 _RULES: tuple[Callable[[Path], Path | None], ...] = (
-    _declared,
-    _iteration,
+    _find_declared,
+    _find_iteration,
     lambda folder: folder / STATE_DICT if (folder / STATE_DICT).exists() else None,
-    _fused,
-    lambda folder: _latest(folder, r"chkpnt(\d+)\.pth"),
+    _find_fused,
+    lambda folder: _find_latest(folder, r"chkpnt(\d+)\.pth"),
 )
 
 
-def _latest(folder: Path, pattern: str) -> Path | None:
+def _find_latest(folder: Path, pattern: str) -> Path | None:
     """Return the entry of `folder` whose name matches `pattern` with the largest number."""
     numbered: dict[int, str] = {}
-    for name in _names(folder):
+    for name in _list_names(folder):
         if (match := re.fullmatch(pattern, name)) and len(match[1]) < 19:
             numbered[int(match[1])] = name
     return folder / numbered[max(numbered)] if numbered else None
 
 
-def _names(folder: Path) -> list[str]:
+def _list_names(folder: Path) -> list[str]:
     try:
         return [path.name for path in folder.iterdir()]
     except (OSError, ValueError):  # ValueError: the path contains a NUL

@@ -169,7 +169,7 @@ def domains_of(buffers: Mapping[str, NDArray[Any]], domain: Domain) -> dict[str,
 
 
 def sh_appearance(degree: int, white: object = None) -> dict[str, Any]:
-    """Return the `appearance` of SH colours, with the background if `white` is true or false."""
+    """Return the `appearance` of SH colours, with the background if `white` is a bool."""
     appearance: dict[str, Any] = {"kind": "spherical_harmonics"}
     if degree:
         appearance["f_rest_order"] = "coefficient_major"
@@ -177,7 +177,5 @@ def sh_appearance(degree: int, white: object = None) -> dict[str, Any]:
 
 
 def background_of(white: object) -> dict[str, str]:
-    """Return the background for `appearance`: white or black, or nothing if `white` is neither true nor
-    false.
-    """
+    """Return the key `background` for `appearance`: white or black, or no key if `white` is not a bool."""
     return {"background": "#ffffff" if white else "#000000"} if isinstance(white, bool) else {}

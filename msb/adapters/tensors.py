@@ -111,7 +111,7 @@ class Tensors:
         return int(shape[number]) if number < len(shape) else 0
 
     def length(self, letter: str) -> int:
-        """Return the length of `letter`, which a tensor that was read before has set."""
+        """Return the length of the axes with `letter`. A tensor with this letter must have been read."""
         return self._lengths[letter][0]
 
     def error(self, code: str, text: str, pointer: str) -> CheckpointError:

@@ -15,7 +15,7 @@ from msb.errors import CheckpointError, Finding, InputError, finding, shorten
 from msb.scenes.datasets.catalog import DATASETS
 from msb.scenes.datasets.notes import warn_test_views
 
-# Bytes that are read at most. A config has some kilobytes, and logs begin with one.
+# Maximum number of bytes that are read. A config has some kilobytes, and a log begins with its config.
 MAX_BYTES = 1 << 16
 
 
@@ -61,7 +61,7 @@ def training_of(arguments: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def named_up(path: Any) -> str:
-    """Return the up axis of the dataset in the name of `path`: +z for NeRF-Synthetic, -y for COLMAP datasets.
+    """Return the up axis of the dataset that `path` names: +z for NeRF-Synthetic, -y for COLMAP datasets.
 
     The result is "unknown" for other names. The path belongs to the training machine and is not opened.
     """
@@ -73,8 +73,9 @@ def named_up(path: Any) -> str:
 
 
 def trained_up(arguments: Mapping[str, Any]) -> str:
-    """Return the up axis of a training with these `cfg_args`, whose scene is from COLMAP or
-    NeRF-Synthetic.
+    """Return the up axis of a training with these `cfg_args`.
+
+    The scene is assumed to be from NeRF-Synthetic or COLMAP.
     """
     path = arguments.get("source_path")
     if not isinstance(path, str) or named_up(path) != "unknown":
@@ -85,7 +86,7 @@ def trained_up(arguments: Mapping[str, Any]) -> str:
 
 
 def read_text(path: Path) -> str:
-    """Return the beginning of a text file; the error is that of `unusable`."""
+    """Return the first `MAX_BYTES` of a text file. If it cannot be read, raise the error of `unusable`."""
     try:
         return read_file(path, MAX_BYTES)[:MAX_BYTES].decode("utf-8", "replace").replace("\r\n", "\n")
     except InputError as error:

@@ -117,7 +117,7 @@ def for_each(
 
 
 def _without_repeats(paths: Iterable[Path]) -> list[Path]:
-    """Return the first path of each place. Hard links count as different places."""
+    """Return `paths` without those that lead to the same file as an earlier one. Hard links are kept."""
     first: dict[str, Path] = {}
     for path in paths:
         first.setdefault(real_place(path), path)

@@ -15,7 +15,7 @@ from msb.topology.elements import Elements
 
 
 def write_elements(elements: Elements, path: Path, *, overwrite: bool = True) -> None:
-    """Write `elements` to `path`, in the format of its suffix. Kinds have the names of the audit's JSON.
+    """Write `elements` to `path`, in the format of its suffix. Kinds have the same names as in JSON.
 
     ``.vtp`` has points, edges and faces as cells with the arrays ``kind``, ``element`` and ``component``.
     ``kind`` is 0 for ordinary faces, otherwise the position (from 1) in the field array ``kinds`` of names.

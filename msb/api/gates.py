@@ -33,9 +33,9 @@ _FAILING: dict[FailingLevel, tuple[Level, ...]] = {"limited": ("limited", "bad")
 Profile = Literal["game", "print", "research"]
 # Purpose of a mesh -> conditions that make it unfit. The limits of `game` and `print` are our choice.
 PROFILES: dict[Profile, tuple[str, ...]] = {
-    # For engines: simplification, subdivision and UV unwrapping need connected faces. They duplicate vertices
-    # at non-manifold elements, and 1 % of these can be repaired by a tool or by hand. Open edges are
-    # harmless. V/F is 0.5 for a closed mesh and 3 for a triangle soup.
+    # For engines. Simplification, subdivision and UV unwrapping need connected faces: V/F is 0.5 for a closed
+    # mesh and 3 for a triangle soup. Engines duplicate vertices at non-manifold elements. Up to 1 % of these
+    # can be repaired by a tool or by hand. Open edges are harmless.
     "game": (
         "nonfinite_faces>0",
         "vf_ratio>2.5",
@@ -100,7 +100,7 @@ class Gate:
     def check(self, audit: Audit, path: Path) -> GateFailed | None:
         """Return the error if the condition is true for `audit`. The gates of a profile ignore seams.
 
-        A ratio without a denominator fails, too, because an empty mesh must not pass.
+        A ratio whose denominator is 0 fails, too, because an empty mesh must not pass.
         """
         judged = audit if self.profile is None else audit.judged
         value = {**asdict(judged.counts), **asdict(judged.metrics)}[self.key]
@@ -119,7 +119,7 @@ class VerdictGate:
     level: FailingLevel
 
     def check(self, audit: Audit, path: Path) -> GateFailed | None:
-        """Return the error, with the reason of the verdict, if the verdict is this bad."""
+        """Return the error, with the reason of the verdict, if the verdict is `level` or worse."""
         from msb.topology.verdict import judge
 
         verdict = judge(audit)

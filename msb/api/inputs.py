@@ -40,7 +40,7 @@ def inputs_at(path: Path) -> list[Path]:
     """Return an input itself, or the sorted assets, checkpoints and mesh files in a folder."""
     if not _is_folder(path) or is_asset(path) or is_checkpoint(path):
         return [path]
-    inputs = sorted(_below(path))
+    inputs = sorted(_find_below(path))
     # A folder whose name fits no method can still hold a single model file.
     if not inputs and bare_models(path):
         locate(path)  # raises an error if there are several
@@ -59,7 +59,7 @@ def _is_folder(path: Path) -> bool:
         raise open_error(error, path) from error
 
 
-def _below(folder: Path) -> Iterator[Path]:
+def _find_below(folder: Path) -> Iterator[Path]:
     """Yield the inputs in a folder and its subfolders, except hidden folders."""
     for root, folders, files in os.walk(folder):
         here = Path(root)

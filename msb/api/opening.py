@@ -1,7 +1,7 @@
 """Open a file of any kind as an asset, or read its mesh as stored, for the API, commands and viewers.
 
-An asset is recognised by its name or manifest, a checkpoint by the name of the file or folder, and a PLY
-table of primitives by its header. Everything else is treated as a mesh file.
+An asset is recognised by its name or manifest, and a checkpoint by the name of its file or folder. A PLY
+table of primitives is recognised by its header. Everything else is treated as a mesh file.
 """
 
 from __future__ import annotations

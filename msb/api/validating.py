@@ -26,8 +26,8 @@ def validate(path: str | os.PathLike[str]) -> Validation:
     Returns
     -------
     Validation
-        `valid` and `findings`, errors first. `msb validate --explain CODE` gives the remedy for a code. It
-        can be printed.
+        `valid` and `findings`, errors first. `print` shows it as a readable list. `msb validate --explain
+        CODE` gives the remedy for a code.
 
     Raises
     ------
@@ -39,8 +39,8 @@ def validate(path: str | os.PathLike[str]) -> Validation:
     Examples
     --------
     >>> import msb
-    >>> found = msb.validate("data_stubs/splat_like.triasset")
-    >>> found.valid
+    >>> report = msb.validate("data_stubs/splat_like.triasset")
+    >>> report.valid
     True
     """
     place = given_path(path)

@@ -42,9 +42,11 @@ class Asset:
         The `.triasset`, checkpoint or mesh file that was opened. The cameras of the training are searched for
         in the same folder. The manifest does not contain it.
 
-    Notes ----- `load` does not read the values, so check them before computing with them. The mapping exists
-    as long as an array refers to it. If another program truncates the file, access to the lost pages ends the
-    process, as with any memory mapping.
+    Notes
+    -----
+    `load` does not read the values, so check them before computing with them. The mapping exists as long as
+    an array refers to it. If another program truncates the file, access to the lost pages ends the process,
+    as with any memory mapping.
 
     `copy.copy` shares the arrays and the mapping. `copy.deepcopy` and `pickle` copy the values, so that the
     copy does not need the file. To pass an asset to another process on the same machine, send its path.
@@ -64,7 +66,7 @@ class Asset:
     warnings: tuple[Finding, ...] = ()
     opened_from: Path | None = None
     _known: dict[str, str] = field(default_factory=dict, init=False)
-    """Results that are shown by `repr`: the verdict of an audit."""
+    """Results that `repr` adds: the verdict of an audit."""
 
     def audit(self, **options: Any) -> msb.Audit:
         """Audit the mesh exactly as it is stored. See `msb.audit` for the options."""
@@ -79,9 +81,7 @@ class Asset:
         return msb.repair(self, plan, **options)
 
     def bake(self, **options: Any) -> msb.Baked:
-        """Return an ordinary mesh that looks like the model, and its quality. See `msb.bake` for the
-        options.
-        """
+        """Return an ordinary mesh that looks like the model, and its quality. See `msb.bake`."""
         import msb
 
         return msb.bake(self, **options)

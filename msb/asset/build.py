@@ -33,10 +33,10 @@ from msb.base.version import __version__
 from msb.errors import AssetError
 from msb.registry import TIERS, lookup
 
-# Rows of a buffer that are processed at a time. This bounds memory without a loss of speed.
+# Number of rows of a buffer that are processed at a time. This bounds the memory and is not slower.
 CHUNK_ROWS = 1 << 20
 
-# Bytes that are hashed or written at a time.
+# Number of bytes that are hashed or written at a time.
 CHUNK_BYTES = 1 << 24
 
 # The order of buffers in the manifest. Others follow by name.
@@ -93,7 +93,7 @@ def build_asset(
     description = description or Description()
     # Convert and sort the arrays, and check the mesh.
     names = sorted(buffers, key=lambda name: (_ORDER.index(name) if name in _ORDER else len(_ORDER), name))
-    arrays = {name: _canonical(name, buffers[name]) for name in names}
+    arrays = {name: _to_canonical(name, buffers[name]) for name in names}
     for name, dtype in (("positions", "float32"), ("indices", "uint32")):
         if name not in arrays or arrays[name].ndim != 2 or arrays[name].shape[1] != 3:
             raise AssetError("TRIASSET_BUFFER", f"the buffer {name} is required, with shape n x 3")
@@ -166,7 +166,7 @@ def _finite_chunks(positions: NDArray[np.float32]) -> Iterator[NDArray[np.float3
 
 
 def _columnwise(ufunc: np.ufunc, rows: NDArray[np.float32]) -> NDArray[np.float64]:
-    """Return `ufunc` reduced over the rows (N, 3), 1024 rows side by side, which vectorises well."""
+    """Return `ufunc` reduced over the rows (N, 3). 1024 rows are reduced side by side, which is faster."""
     whole = len(rows) - len(rows) % 1024
     rest = rows[whole:]
     if whole:
@@ -179,7 +179,7 @@ def _triple(vector: NDArray[np.float64]) -> tuple[float, float, float]:
     return x, y, z
 
 
-def _canonical(name: str, array: NDArray[Any]) -> NDArray[Any]:
+def _to_canonical(name: str, array: NDArray[Any]) -> NDArray[Any]:
     """Return `array` contiguous, little-endian and read-only."""
     dtype = array.dtype.newbyteorder("<")
     if dtype not in _DTYPE_NAMES:
@@ -197,7 +197,7 @@ def _topology(positions: NDArray[np.float32], indices: NDArray[np.uint32]) -> To
 
 
 def first_shared(indices: NDArray[np.uint32]) -> int | None:
-    """Return the first corner of the faces (F, 3) whose index differs from its number; None for a soup."""
+    """Return the first number i of a corner (0 to 3 F - 1) whose vertex index is not i; None for a soup."""
     for start in range(0, len(indices), CHUNK_ROWS):
         rows = indices[start : start + CHUNK_ROWS].ravel()
         wrong = rows != np.arange(3 * start, 3 * start + rows.size, dtype=np.uint64)

@@ -18,8 +18,8 @@ Json = dict[str, Any]
 # Names of devices on Windows, with any suffix.
 _RESERVED = {"con", "prn", "aux", "nul", *(f"{port}{i}" for port in ("com", "lpt") for i in range(10))}
 
-# Orders of the columns of f_rest: coefficient k = 1..K of channel c = 0..2 is in column 3 (k - 1) + c, or in
-# column c K + k - 1.
+# Orders of the columns of f_rest. Coefficient k = 1..K of channel c = 0..2 is in column 3 (k - 1) + c in the
+# first order, and in column c K + k - 1 in the second.
 F_REST_ORDERS = ("coefficient_major", "channel_major")
 # Standard buffer -> (dtypes, lengths of the second axis or None for a one-dimensional buffer, domains).
 _STANDARD: dict[str, tuple[tuple[str, ...], tuple[int, ...] | None, tuple[str, ...]]] = {
@@ -286,8 +286,9 @@ def _check_texture(name: str, spec: Json) -> Iterator[Finding]:
 
 
 def _check_layout(buffers: dict[str, Json]) -> Iterator[Finding]:
-    """Yield findings about buffers in the same file: they must fill it from byte 0, aligned and without
-    gaps.
+    """Yield findings about the places of the buffers in their files.
+
+    The buffers in a file must fill it from byte 0, aligned and without gaps.
     """
     # File -> (offset, length, name) of its buffers.
     files: dict[str, list[tuple[int, int, str]]] = {}

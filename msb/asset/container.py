@@ -28,12 +28,12 @@ from msb.base.files import (
 from msb.base.paths import given_path
 from msb.errors import AssetError, Finding, InputError, finding, shorten
 
-# Bytes that are read at a time for a CRC-32.
+# Number of bytes that are read at a time for a CRC-32.
 _CRC_CHUNK = 1 << 24
-# Entries of a folder that are listed at most.
+# Maximum number of entries of a folder that are listed.
 _MAX_LISTED = 1000
-# Maximum length of an extra field. Padding to 64 bytes and a ZIP64 record are shorter; a longer field could
-# hide data.
+# Maximum length of an extra field in bytes. Padding to 64 bytes and a ZIP64 record are shorter; a longer
+# field could hide data.
 _MAX_EXTRA = 128
 _DOS_FOLDER = 0x10
 _BUFFER_FILE = re.compile(r"buffers/[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}\.bin\Z")
@@ -162,7 +162,7 @@ class FolderContainer:
         return self._maps[file], 0
 
     def undeclared(self, declared: set[str]) -> list[Finding]:
-        """Return a warning for each other file. It is not an error, because file managers add files."""
+        """Return a warning for each undeclared file. It is no error, because file managers add files."""
         names: list[str] = []
         findings: list[Finding] = []
         for folder, prefix in ((self.path, ""), (self.path / "buffers", "buffers/")):

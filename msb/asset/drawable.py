@@ -34,7 +34,7 @@ def check_drawable(asset: Asset, names: Iterable[str] | None = None) -> None:
 
 
 def first_bad(array: NDArray[Any], *, infinite: bool = False) -> tuple[int, ...] | None:
-    """Return the index of the first value of `array` (N, ...) that is NaN or infinite; None without one.
+    """Return the index of the first value of `array` (N, ...) that is NaN or infinite, or None.
 
     `infinite` allows infinite values. The array is read once, in pieces.
     """

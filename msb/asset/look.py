@@ -40,7 +40,7 @@ class StaticColors:
 
 
 def static_colors(buffers: Mapping[str, NDArray[Any]], domains: Mapping[str, str]) -> StaticColors | None:
-    """Return the colours of the buffer `color`, or else clamp(C0 f_dc + 0.5, 0, 1); None without both.
+    """Return the colours of the buffer `color`, or else clamp(C0 f_dc + 0.5, 0, 1); None if both are missing.
 
     Colours are clamped before they are interpolated (paper, "Standard deployment"). `domains` maps buffers to
     their domains.
@@ -61,14 +61,14 @@ def colors_of(asset: Asset) -> StaticColors | None:
 
 
 def tint_of(asset: Asset) -> StaticColors | None:
-    """Return the `static_colors` of an asset without its textures, which are multiplied with them."""
+    """Return the `static_colors` of an asset, without its textures. Renderers multiply the two."""
     return static_colors(asset.buffers, {name: spec.domain for name, spec in asset.manifest.buffers.items()})
 
 
 def corner_colors(textured: Textured, tint: StaticColors | None, indices: NDArray[Any]) -> StaticColors:
     """Return the sRGB colours (3F, 3) float32 of textures at the corners of the faces, times `tint`.
 
-    They are for programs that cannot draw textures. `indices` are the faces (F, 3).
+    The result is for programs that cannot draw textures. `indices` are the faces (F, 3).
     """
     # Sample each texture at the corners of its faces, in linear light (3F, 4).
     light = np.zeros((textured.uvs.size // 2, 4), np.float32)
@@ -125,10 +125,10 @@ def daylight(vertices: NDArray[Any], faces: NDArray[Any], axis: str) -> NDArray[
 def normals_of(
     vertices: NDArray[Any], faces: NDArray[Any]
 ) -> Iterator[tuple[slice, NDArray[np.float64], NDArray[np.float64]]]:
-    """Yield chunks of faces: their slice, first corners (n, 3), and normals (n, 3) of twice the area as
-    length.
+    """Yield chunks of faces: their slice, first corners (n, 3), and normals (n, 3).
 
-    A chunk fits into the cache, because writing to new memory takes longer than the arithmetic.
+    The length of a normal is twice the area of its face. A chunk fits into the cache, because writing to new
+    memory takes longer than the arithmetic.
     """
     for start in range(0, len(faces), _AT_ONCE):
         here = slice(start, start + _AT_ONCE)
@@ -153,9 +153,7 @@ def up_axis(asset: Asset) -> str:
 
 
 def written_up(asset: Asset) -> str | None:
-    """Return the up axis for files written from `asset`; None if it is a mesh file with an unknown up
-    axis.
-    """
+    """Return the up axis for files written from `asset`; None for a mesh file that does not state it."""
     frame, method = asset.manifest.coordinate_frame, asset.manifest.method
     return frame.known_up if method == "mesh" else known_up(frame.up, method)
 
@@ -177,18 +175,19 @@ def baked_colors(f_dc: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def clamp_colors(colors: NDArray[Any]) -> NDArray[Any]:
-    """Return float colours clamped to [0, 1], and byte colours unchanged. NaN stays, and is reported
-    later.
+    """Return float colours clamped to [0, 1], and byte colours unchanged.
+
+    NaN is kept. `check_drawable` reports it.
     """
     return np.clip(colors, np.float32(0), np.float32(1)) if colors.dtype.kind == "f" else colors
 
 
 def visible_faces(asset: Asset, ste_threshold: float | None) -> NDArray[np.bool_] | None:
-    """Return the mask (F,) of faces with an opacity above the STE threshold; None without threshold or
-    opacity.
+    """Return the mask (F,) of faces with an opacity above the STE threshold (a setting of 2DTS).
 
-    Opacity and threshold are compared as float32, as in the official code (GaodeRender/triangle-splatting).
-    The standard tier uses opacity for nothing else. Opacity of another domain raises `TRIASSET_BUFFER`.
+    The result is None without a threshold, or if the asset has no opacity. Opacity and threshold are compared
+    as float32, as in the official code (GaodeRender/triangle-splatting). The standard tier uses opacity for
+    nothing else. Opacity of another domain raises `TRIASSET_BUFFER`.
     """
     if ste_threshold is None or "opacity" not in asset.buffers:
         return None

@@ -127,11 +127,11 @@ class Manifest:
     source: Source
     buffers: dict[str, BufferSpec]
     training: Parameters = field(default_factory=dict)
-    """Properties of the training from its config files. If it is empty, the key is not written."""
+    """Properties of the training from its config files. An empty dict is not written."""
     format: str = FORMAT
     version: str = PLAIN_VERSION
     extra: Parameters = field(default_factory=dict, repr=False)
-    """Keys of a newer minor version, which are written again."""
+    """Unknown keys of a newer minor version. They are kept when the asset is saved."""
 
     def to_dict(self) -> dict[str, Any]:
         """Return the manifest as JSON data, with keys in the order of the file."""

@@ -23,8 +23,8 @@ _NO_ASSET = ("FILE_NOT_RECOGNISED", "TRIASSET_MANIFEST_MISSING", "TRIASSET_FORM"
 def load(path: str | os.PathLike[str]) -> Asset:
     """Open the `.triasset` at `path`, packed or folder.
 
-    This takes milliseconds for any size, because the manifest, paths and sizes are checked, but not values
-    and hashes, which `validate` checks. docs/triasset.md describes the format.
+    This takes milliseconds for an asset of any size, because only the manifest, paths and sizes are checked.
+    `validate` also checks values and hashes. docs/triasset.md describes the format.
 
     Raises
     ------

@@ -98,7 +98,7 @@ def _has_type(value: Any, wanted: str | list[str] | None) -> bool:
 
 
 def _scalar_problems(value: Any, schema: Schema) -> Iterator[str]:
-    """Yield the rules that `value`, whose type is right, violates, as text that follows "must"."""
+    """Yield each rule that `value` violates, as text that follows "must". Its type is valid."""
     if "const" in schema and value != schema["const"]:
         yield f'be "{schema["const"]}"'
     if "enum" in schema and value not in schema["enum"]:

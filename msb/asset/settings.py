@@ -80,7 +80,7 @@ def parse_overrides(method: str, assignments: Iterable[str]) -> dict[str, Settin
 
 
 def _parse(kind: str, text: str) -> SettingValue:
-    """Return the value of `text`, or `text` itself if it is invalid, which `check_overrides` then reports."""
+    """Return the value of `text`, or an invalid `text` unchanged. `check_overrides` will report it."""
     if text.lower() in ("none", "null"):
         return None
     if kind == "bool":

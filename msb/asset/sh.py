@@ -23,11 +23,11 @@ _C3 = (
 
 
 def sh_basis(directions: Reals, degree: int) -> list[Reals]:
-    """Return the basis functions B_1 .. B_K, K = (degree + 1)^2 - 1, at unit vectors (..., 3), each of shape
-    (...).
+    """Return the basis functions B_1 .. B_K, K = (degree + 1)^2 - 1, at unit vectors (..., 3).
 
-    Source: GaodeRender/triangle-splatting: submodules/diff-triangle-rasterization-2D/src/forward.cu. The
-    other methods use the same formulas in the same order of operations.
+    Each of the K arrays has the shape (...). Source: GaodeRender/triangle-splatting:
+    submodules/diff-triangle-rasterization-2D/src/forward.cu. The other methods use the same formulas in the
+    same order of operations.
     """
     x, y, z = directions[..., 0], directions[..., 1], directions[..., 2]
     values: list[Reals] = []

@@ -43,11 +43,13 @@ def parse_strict_json(
     Errors have the class `error` and the code `code`. They name `file`, and in it the document `name`.
     """
     try:
-        text = _decoded(data, max_bytes)
+        text = _decode(data, max_bytes)
         if (depth := json_nesting(text)) > MAX_DEPTH:
             raise _RejectedError(f"has {depth} levels of nesting; {MAX_DEPTH} are allowed")
-        hooks: dict[str, Any] = {"parse_float": _finite, "parse_int": _bounded_integer}
-        value = json.loads(text, object_pairs_hook=_unique, parse_constant=_no_constant, **hooks)
+        hooks: dict[str, Any] = {"parse_float": _parse_finite, "parse_int": _parse_integer}
+        value = json.loads(
+            text, object_pairs_hook=_reject_repeated_keys, parse_constant=_reject_constant, **hooks
+        )
         if has_lone_surrogate(value):
             raise _RejectedError("contains half of a surrogate pair, which is not a character")
     except json.JSONDecodeError as wrong:
@@ -59,7 +61,7 @@ def parse_strict_json(
     return value
 
 
-def _decoded(data: bytes, max_bytes: int) -> str:
+def _decode(data: bytes, max_bytes: int) -> str:
     if not data:
         raise _RejectedError("is empty; it must hold one JSON document")
     if len(data) > max_bytes:
@@ -73,7 +75,7 @@ def _decoded(data: bytes, max_bytes: int) -> str:
         raise _RejectedError(f"is not UTF-8: byte {at} is 0x{data[at]:02x}", at) from None
 
 
-def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+def _reject_repeated_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     result: dict[str, Any] = {}
     for key, value in pairs:
         if key in result:
@@ -82,18 +84,18 @@ def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     return result
 
 
-def _no_constant(name: str) -> NoReturn:
+def _reject_constant(name: str) -> NoReturn:
     raise _RejectedError(f"contains {name}; JSON numbers are finite")
 
 
-def _finite(text: str) -> float:
+def _parse_finite(text: str) -> float:
     number = float(text)
     if abs(number) == float("inf"):
         raise _RejectedError(f"contains {shorten(text)}, which overflows")
     return number
 
 
-def _bounded_integer(text: str) -> int:
+def _parse_integer(text: str) -> int:
     if (digits := len(text.lstrip("-"))) > MAX_DIGITS:
         raise _RejectedError(f"contains an integer of {digits} digits; {MAX_DIGITS} are allowed")
     return int(text)

@@ -37,8 +37,9 @@ _EXTRA_NAME = 0x7075
 
 @dataclass(frozen=True)
 class Member:
-    """A stored member. Its data is `offset : offset + size` of the file, and the next member starts at
-    `end`.
+    """A stored member: its local header at byte `header`, its data at `offset`, and its `end`.
+
+    The next member starts at `end`.
     """
 
     name: str
@@ -66,7 +67,7 @@ class Policy:
         raise NotImplementedError
 
     def same_name(self, name: str) -> str:
-        """Return a normal form of a name. No two members may have the same."""
+        """Return the normal form of a name, which must differ between members."""
         return name
 
     def compressed(self, name: str, method: int, at: int) -> NoReturn:
@@ -98,7 +99,7 @@ class _Parser:
     def record(self, layout: struct.Struct, at: int, signature: bytes, what: str) -> tuple[Any, ...]:
         """Return the fields of the record at byte `at`, without the signature, which is checked."""
         if at < 0 or at + layout.size > self.size:
-            self.refuse("DAMAGED", f"{what} at byte {at} does not fit into the file", at)
+            self.refuse("DAMAGED", f"the {what} at byte {at} does not fit into the file", at)
         start, *fields = layout.unpack_from(self.data, at)
         if start != signature:
             self.refuse("DAMAGED", f"the {what} at byte {at} is missing", at)
@@ -159,8 +160,9 @@ class _Parser:
         return count, start, end
 
     def end64(self, locator: int, plain: tuple[int, int, int, int]) -> tuple[int, int, int, int, int]:
-        """Return the values of the ZIP64 end record, which must agree with the `plain` ones, and its
-        start.
+        """Return the values of the ZIP64 end record, and its start.
+
+        The values must agree with those of the `plain` end record.
         """
         _, at, disks = self.record(LOCATOR, locator, b"PK\x06\x07", "ZIP64 locator")
         if at != locator - END64.size or disks != 1:
@@ -244,9 +246,9 @@ class _Parser:
     ) -> tuple[int, int]:
         """Return size and packed size of a local header that torch wrote.
 
-        Beyond 4 GiB the sizes in the header are 0, and its ZIP64 record repeats the central one: the size, a
-        packed size of 0, and the offset, although a local header has no field for it. All values must be
-        right.
+        Beyond 4 GiB the sizes in the header are 0, and its ZIP64 record repeats the record of the central
+        directory: the size, a packed size of 0, and the offset. (A local header has no field for the offset.)
+        All values must be right.
         """
         _, size, header = central
         wide = self.zip64(at, length, label)

@@ -21,8 +21,8 @@ Wrap = Literal["repeat", "clamp", "mirror"]
 KIND = "texture"
 # The pass of the standard tier that draws textures.
 PASS = "opaque_unlit_texture"
-# Alpha may be this much below the cutoff and is still drawn. Interpolating equal values of alpha can lose as
-# much by rounding.
+# Tolerance of the alpha cutoff: alpha may be less than the cutoff by this much, and is still drawn. Rounding
+# during interpolation can reduce alpha by as much.
 ROUNDING = 1e-6
 NAME = re.compile(r"texture\.(0|[1-9][0-9]?)")
 # Maximum number of texels along a side of a texture.
@@ -184,12 +184,12 @@ def mip_levels(image: NDArray[np.uint8]) -> list[NDArray[np.uint8]]:
     """
     levels = [image]
     for size in level_sizes(*image.shape[:2])[1:]:
-        levels.append(_halved(levels[-1], size))
+        levels.append(_halve(levels[-1], size))
     return levels
 
 
 def levels_read(image: NDArray[np.uint8], sampler: Sampler) -> list[NDArray[np.uint8]]:
-    """Return the levels of `image` that a sampler uses: one, or with mip maps all `mip_levels`."""
+    """Return the levels of `image` that a sampler uses: all `mip_levels`, or without mip maps the first."""
     return mip_levels(image) if sampler.mipmaps else [image]
 
 
@@ -201,9 +201,10 @@ def level_sizes(height: int, width: int) -> list[tuple[int, int]]:
     return sizes
 
 
-def _halved(image: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np.uint8]:
-    """Return the next mip level of the given size. It is computed in chunks, because floats need 16 times the
-    memory of bytes.
+def _halve(image: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np.uint8]:
+    """Return the next mip level, which has the given size.
+
+    It is computed in chunks, because floats need 16 times the memory of bytes.
     """
     height, width, channels = image.shape
     level = np.zeros((*size, channels), np.uint8)
@@ -212,21 +213,22 @@ def _halved(image: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np.uint8
         rows = np.arange(start, min(start + step, len(level)))
         # Average along the columns, (rows, width, 4), then along the rows, (rows, width of the level, 4).
         down = np.zeros((len(rows), width, 4), np.float32)
-        for at, weight in _covered(height, len(level), rows):
+        for at, weight in _find_covered(height, len(level), rows):
             down += weight[:, None, None] * decode_texels(image[at])
         across = np.zeros((len(rows), level.shape[1], 4), np.float32)
-        for at, weight in _covered(width, level.shape[1], np.arange(level.shape[1])):
+        for at, weight in _find_covered(width, level.shape[1], np.arange(level.shape[1])):
             across += weight[:, None] * down[:, at]
         level[rows] = encode_texels(across, channels)
     return level
 
 
-def _covered(
+def _find_covered(
     size: int, half: int, rows: NDArray[np.intp]
 ) -> list[tuple[NDArray[np.intp], NDArray[np.float32]]]:
-    """Return the texels, out of `size`, that the texels `rows`, out of `half`, cover, and their weights.
+    """Return the texels along an axis that are averaged for the texels `rows` (n,) of the next mip level.
 
-    The result has 1, 2 or 3 pairs of indices (n,) and weights (n,).
+    The axis has `size` texels, and `half` in the next level. The result has 1, 2 or 3 pairs of texel indices
+    (n,) and their weights (n,).
     """
     if size == half:
         return [(rows, np.ones(len(rows), np.float32))]
@@ -246,7 +248,7 @@ def sample(
     is 0 or less. Two levels are blended by the fraction of `lod`.
     """
     if lod is None or not sampler.mipmaps or len(levels) == 1:
-        return _texels(levels[0], uvs, sampler)
+        return _sample_level(levels[0], uvs, sampler)
     lod = np.clip(lod, 0, len(levels) - 1).astype(np.float32)
     if sampler.filter == "nearest":
         lod = np.floor(lod + np.float32(0.5))
@@ -254,11 +256,11 @@ def sample(
     for number, image in enumerate(levels):
         weight = np.maximum(1 - np.abs(lod - number), 0)
         rows = np.flatnonzero(weight)
-        light[rows] += weight[rows, None] * _texels(image, uvs[rows], sampler)
+        light[rows] += weight[rows, None] * _sample_level(image, uvs[rows], sampler)
     return light
 
 
-def _texels(image: NDArray[np.uint8], uvs: NDArray[Any], sampler: Sampler) -> NDArray[np.float32]:
+def _sample_level(image: NDArray[np.uint8], uvs: NDArray[Any], sampler: Sampler) -> NDArray[np.float32]:
     """Return linear light and alpha (N, 4) of one level at `uvs` (N, 2)."""
     height, width = image.shape[:2]
     wraps = (sampler.wrap_u, width), (sampler.wrap_v, height)

@@ -1,4 +1,4 @@
-"""Find out which tiers can draw an asset."""
+"""Check whether a tier can draw an asset."""
 
 from msb.asset.manifest import Manifest
 from msb.registry import METHODS, Tier, lookup
@@ -7,8 +7,8 @@ from msb.registry import METHODS, Tier, lookup
 def why_not(manifest: Manifest, tier: Tier) -> str | None:
     """Return the reason why `tier` cannot draw an asset, None if it can.
 
-    If the method is not installed, the standard tier is supported unless the manifest lists passes for other
-    tiers only, because the asset then has no static colours.
+    If the method is not installed, only the standard tier is supported. If the manifest lists passes for
+    other tiers only, the asset has no static colours, and the standard tier is not supported either.
     """
     name, passes = manifest.method, manifest.required_passes
     if name not in METHODS and tier == "standard" and passes and tier not in passes:
@@ -17,9 +17,7 @@ def why_not(manifest: Manifest, tier: Tier) -> str | None:
 
 
 def refusal(manifest: Manifest, tier: Tier) -> str | None:
-    """Return a message with the reason why `tier` cannot draw an asset, and an alternative; None if it
-    can.
-    """
+    """Return why `tier` cannot draw an asset, with an alternative if there is one; None if it can."""
     why = why_not(manifest, tier)
     if why is None:
         return None

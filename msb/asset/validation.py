@@ -200,8 +200,9 @@ def _check_color(color: NDArray[np.float32]) -> Iterator[Finding]:
 
 
 def _count(array: NDArray[Any], test: Any) -> tuple[int, int]:
-    """Return how many elements, or rows if `test` returns one value per row, fail, and the index of the
-    first.
+    """Return the number of elements for which `test` is true, and the index of the first one or -1.
+
+    `test` takes a chunk of `array` and returns a mask. If the mask has one value per row, rows are counted.
     """
     total, first = 0, -1
     for start in range(0, len(array), CHUNK_ROWS):

@@ -91,9 +91,7 @@ def write_packed(asset: Asset, file: IO[bytes]) -> None:
 
 
 def _check_readable(asset: Asset, path: object) -> None:
-    """Raise the error that `load` would raise for this manifest, or an error about buffers that do not
-    match it.
-    """
+    """Raise an error if `load` would reject the manifest, or if the buffers do not match it."""
     raise_first_error(check_manifest(asset.manifest.to_dict()), path)
     size = len(asset.manifest.to_bytes())
     if size > MAX_BYTES:
@@ -108,8 +106,9 @@ def _check_readable(asset: Asset, path: object) -> None:
 
 
 def _members(asset: Asset) -> Iterator[tuple[str, list[Any]]]:
-    """Yield the name of each file and its bytes in chunks: first the manifest, then the buffers in its
-    order.
+    """Yield the name of each file and its bytes in chunks.
+
+    The manifest is first. The files of the buffers follow in the order of the manifest.
     """
     yield MANIFEST_NAME, [asset.manifest.to_bytes()]
     files: dict[str, list[Any]] = {}

@@ -28,8 +28,8 @@ def new_file(
     """Yield a binary file that replaces `path` when the block ends without an error.
 
     Missing parent folders are created. After an error `path` is unchanged, and the temporary file and the
-    created folders are removed. A symbolic link at `path` is replaced itself, its target is kept; a link to a
-    device or pipe is followed (`is_stream`).
+    created folders are removed. If `path` is a symbolic link, the link is replaced and its target is kept. A
+    link to a device or pipe is followed (`is_stream`).
 
     Parameters
     ----------
@@ -119,7 +119,7 @@ def new_files(paths: Sequence[Path], *, overwrite: bool = True) -> Iterator[Sequ
 
 @contextlib.contextmanager
 def room_for_temporaries() -> Iterator[None]:
-    """Turn a full disk into an error that names the folder of temporary files, which the block writes."""
+    """Name the folder of temporary files in the error if the disk is full when the block writes to it."""
     try:
         yield
     except OSError as error:
@@ -135,8 +135,8 @@ def new_folder(
 ) -> Iterator[Path]:
     """Yield a new folder that replaces `path` when the block ends without an error.
 
-    The old folder or file is renamed, the new folder takes its name, then the old one is deleted. `size` and
-    `overwrite` have the meaning as in `new_file`, except that an empty folder is always replaced.
+    The old folder or file is renamed, the new folder gets its name, and the old one is deleted. `size` and
+    `overwrite` have the same meaning as in `new_file`, except that an empty folder is always replaced.
     """
     target = _target(path)
     temporary, aside = _temporary_name(target), _temporary_name(target)
@@ -239,7 +239,7 @@ _LEFTOVER = re.compile(r"\..{1,50}\.[0-9a-f]{12}\.part", re.DOTALL)
 
 
 def is_leftover(name: str) -> bool:
-    """Return whether `name` is one that this module gives to temporary files and folders."""
+    """Return whether `name` has the form of the temporary names of this module."""
     return _LEFTOVER.fullmatch(name) is not None
 
 
@@ -268,7 +268,7 @@ def _target(path: str | os.PathLike[str]) -> Path:
 
 
 def _descriptor(path: str | os.PathLike[str]) -> int | None:
-    """Return the file descriptor that `path` is a name of, such as 63 of ``/dev/fd/63``; else None."""
+    """Return the file descriptor that `path` names, such as 63 for ``/dev/fd/63``, or None."""
     place = Path(os.path.abspath(path))  # noqa: PTH100 - resolve must not follow a link at `path`
     if str(place.parent) == "/dev" and place.name in _STANDARD:
         return _STANDARD.index(place.name)
@@ -308,7 +308,7 @@ def _exists(target: Path) -> UsageError:
 
 
 def _move_to_new(temporary: Path, target: Path) -> None:
-    """Rename a file or folder, unless the new name exists by now: then the error OUTPUT_EXISTS is raised."""
+    """Rename a file or folder. Raise OUTPUT_EXISTS if another program has created the new name."""
     try:
         if not temporary.is_dir():
             target.hardlink_to(temporary)

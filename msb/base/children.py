@@ -32,11 +32,11 @@ from msb.errors import shorten
 Arrays = Mapping[str, NDArray[Any]]
 # A module-level function: it takes a word and named arrays, and returns JSON data and named arrays.
 Work = Callable[[str, Arrays], tuple[Any, Arrays]]
-# Seconds between two looks at the running processes. A call takes at least 0.3 s, for the start of Python.
+# Seconds between two checks of the running processes. Starting Python alone takes at least 0.3 s.
 _POLL = 0.02
 # Names of the files that a child writes: its result, and its standard error.
 _REPLY, _ERRORS = "reply.json", "errors"
-# Bytes that are read of these files at most.
+# Maximum number of bytes that are read from these files.
 _MOST_REPLY, _MOST_ERRORS = 1 << 26, 1 << 16
 # Exit status of a child that could not write its result: EX_IOERR of sysexits.h.
 _UNWRITTEN = 74
@@ -148,7 +148,7 @@ def _read_reply(folder: Path, status: int, limits: Limits) -> Reply:
     """Return the result in the folder of a child, or the reason why the call failed."""
     if status == _UNWRITTEN:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-    printed = _printed(folder)
+    printed = _read_errors(folder)
     try:
         reply = json.loads(read_file(folder / _REPLY, _MOST_REPLY))
         why, seconds = str(reply["why"]), float(reply["seconds"])
@@ -168,7 +168,7 @@ def _read_reply(folder: Path, status: int, limits: Limits) -> Reply:
     return Reply(why=why, ended_by="crash" if seconds is None else None, seconds=seconds)
 
 
-def _printed(folder: Path) -> str:
+def _read_errors(folder: Path) -> str:
     """Return the end of a child's standard error as text."""
     with (folder / _ERRORS).open("rb") as file:
         file.seek(max(0, file.seek(0, os.SEEK_END) - _MOST_ERRORS))

@@ -15,26 +15,26 @@ from msb.errors import InputError, shorten
 READ_ONLY = (
     os.O_RDONLY | getattr(os, "O_BINARY", 0) | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0)
 )
-# Bytes that are read and hashed at a time. Larger pieces are not faster.
+# Number of bytes that are read and hashed at a time. Larger pieces are not faster.
 _CHUNK = 1 << 22
 
 
 def regular_file(path: str | os.PathLike[str]) -> Path:
     """Return `path` if it is a readable regular file. A folder, pipe or device is not opened."""
     place = given_path(path)
-    with _opened(place):
+    with _open_regular(place):
         return place
 
 
 def read_file(path: str | os.PathLike[str], most: int | None = None) -> bytes:
     """Return the bytes of a regular file, at most the first `most` + 1."""
-    with _opened(given_path(path)) as descriptor, open(descriptor, "rb", closefd=False) as file:
+    with _open_regular(given_path(path)) as descriptor, open(descriptor, "rb", closefd=False) as file:
         return file.read() if most is None else file.read(most + 1)
 
 
 def map_file(path: Path, most: int | None = None) -> mmap.mmap | bytes:
     """Return a read-only mapping of a regular file, or of its first `most` bytes."""
-    with _opened(path) as descriptor:
+    with _open_regular(path) as descriptor:
         return map_descriptor(descriptor, most)
 
 
@@ -44,7 +44,7 @@ def file_sha256(path: Path, advance: Callable[[int], None] | None = None) -> str
     `advance` is called with the size of each piece that was hashed.
     """
     digest = hashlib.sha256()
-    with _opened(path) as descriptor:
+    with _open_regular(path) as descriptor:
         while chunk := os.read(descriptor, _CHUNK):
             digest.update(chunk)
             if advance is not None:
@@ -67,13 +67,13 @@ def is_folder(path: Path) -> bool:
 
 
 @contextlib.contextmanager
-def _opened(path: Path) -> Iterator[int]:
+def _open_regular(path: Path) -> Iterator[int]:
     """Yield a descriptor of the regular file at `path`, whose kind is checked before and after opening it."""
     try:
-        _refuse_special(path.stat(), path)
+        _reject_special(path.stat(), path)
         descriptor = os.open(path, READ_ONLY)
         try:
-            _refuse_special(os.fstat(descriptor), path)
+            _reject_special(os.fstat(descriptor), path)
             yield descriptor
         finally:
             os.close(descriptor)
@@ -81,7 +81,7 @@ def _opened(path: Path) -> Iterator[int]:
         raise open_error(error, path) from error
 
 
-def _refuse_special(status: os.stat_result, path: Path) -> None:
+def _reject_special(status: os.stat_result, path: Path) -> None:
     if kind := special_kind(status):
         raise InputError("FILE_UNREADABLE", f"it is {kind}; name a regular file", file=path)
 
@@ -103,7 +103,7 @@ def map_descriptor(descriptor: int, most: int | None = None) -> mmap.mmap | byte
 
 
 def open_error(error: OSError | ValueError, path: object, what: str = "file") -> InputError:
-    """Return our error for an `error` of the system about `path`, which should be a `what`."""
+    """Return the error of msb for a system error about `path`. `what` is the kind of path in the message."""
     if is_missing(error):
         return InputError("FILE_NOT_FOUND", f"this {what} does not exist", file=path)
     return InputError("FILE_UNREADABLE", f"it cannot be read: {system_reason(error)}", file=path)
@@ -133,7 +133,8 @@ def system_reason(error: OSError | ValueError) -> str:
 def library_reason(error: Exception) -> str:
     """Return the reason why a library could not read a file, from the exception that it raised.
 
-    A damaged file can cause any exception. Lack of memory is one, because a few bytes can declare gigabytes.
+    A damaged file can cause any exception. This includes a lack of memory,
+    because a few bytes can declare gigabytes.
     """
     if isinstance(error, MemoryError):
         return "this machine does not have enough memory for the size that the file declares"

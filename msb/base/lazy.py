@@ -38,10 +38,10 @@ class _LazyPackage(ModuleType):
 def make_lazy(package: str, homes: Mapping[str, str]) -> None:
     """Import the public names of a package at their first use.
 
-    A command is a module of the package that does its work. Printing its help does not import NumPy, because
-    the package does not import its other modules. A package with a public function of the same name can be
-    called: ``msb.render(asset, camera)`` is ``msb.render.render(asset, camera)``, and ``msb.render.images``
-    is still a module.
+    A command is a module of the package that does its work. Importing the package does not import its other
+    modules, so that the help of a command is printed without importing NumPy. A package with a public
+    function of the same name can be called: ``msb.render(asset, camera)`` is ``msb.render.render(asset,
+    camera)``, and ``msb.render.images`` is still a module.
 
     Parameters
     ----------

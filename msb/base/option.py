@@ -46,7 +46,7 @@ class Option:
 
 
 class Argument(Option):
-    """The same for a positional argument. Its name is `metavar`."""
+    """A positional argument, with the attributes of an `Option`. `metavar` is its name."""
 
 
 def label_of(options: Any, name: str) -> str:

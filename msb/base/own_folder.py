@@ -63,8 +63,9 @@ def own_folder(path: str | os.PathLike[str], *, overwrite: bool = True) -> Itera
 
 
 def _keep_others(old: Path, new: Path) -> None:
-    """Add the files of the old folder that are not in its list to the new folder, as hard links if
-    possible.
+    """Add the files of the old folder that are not in its list to the new folder.
+
+    They are added as hard links if possible, and otherwise copied.
     """
     listed = {*(listed_files(old) or ()), LIST}
     for root, folders, files in os.walk(old):
@@ -76,7 +77,7 @@ def _keep_others(old: Path, new: Path) -> None:
             if place.as_posix() in listed:
                 continue
             target = new / place
-            # A new file has the name of a file that a user added.
+            # Do not replace a file that a user added and that has the name of a new file.
             if os.path.lexists(target):
                 text = f"{shorten(place.as_posix(), 60)} exists and is not in the list of an earlier run"
                 raise UsageError("OUTPUT_EXISTS", f"{text}; move it or name another folder", file=old)

@@ -69,7 +69,7 @@ def _entries(kind: str) -> Iterable[EntryPoint]:
     group = f"msb.{kind}s"
     try:
         return entry_points(group=group)
-    except Exception:  # an invalid entry_points.txt of one package must not hide all others: read each alone
+    except Exception:  # a package has an invalid entry_points.txt: read the files of all packages separately
         return [entry for package in distributions() for entry in _own_entries(package, kind, group)]
 
 

@@ -13,8 +13,9 @@ PATH_TYPES = (str, os.PathLike)
 
 
 def given_path(path: str | os.PathLike[str]) -> Path:
-    """Return `path` as a `Path`. An empty text is an error, because `Path` takes it for the current
-    folder.
+    """Return `path` as a `Path`.
+
+    An empty text is an error, because `Path` takes it for the current folder.
     """
     if not isinstance(path, PATH_TYPES):
         text = f"the path is of type {type(path).__name__}; pass text or a pathlib.Path"

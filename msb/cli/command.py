@@ -2,11 +2,10 @@
 
 A function that is decorated with `command` has parameters of these kinds:
 
-- A dataclass. Its fields with an `Option` become options, and the function receives the object. With a tuple
-of
-  names, ``Annotated[Views, ("cameras", "size")]``, only these fields become options, and the others keep
-  their defaults. `Output` is such a dataclass; if the function takes it, all paths are checked before it
-  runs.
+- A dataclass. Its fields with an `Option` become options, and the function receives the object. If it is
+  annotated with a tuple of names, such as ``Annotated[Views, ("cameras", "size")]``, only these fields become
+  options, and the others keep their defaults. `Output` is such a dataclass. If the function takes it, all
+  paths are checked before the function runs.
 - Anything else that is annotated with an `Argument` or `Option`.
 - `Typed`, the parameters that are on the command line.
 
@@ -142,7 +141,7 @@ class Command(TyperCommand):
     """A command of typer with a section for arguments in its help. Empty words are errors."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Parse the words, and reject empty ones: an unset shell variable would mean the current folder."""
+        """Parse the words. Empty ones, as from unset shell variables, are errors, not the current folder."""
         # Commands without interspersed options pass their words to another program, which may get empty ones.
         checks = ctx.allow_interspersed_args and not ctx.resilient_parsing
         if checks and any(_EMPTY.fullmatch(word) for word in args):

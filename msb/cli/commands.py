@@ -27,8 +27,8 @@ BUILT_IN: dict[str, dict[str, Entry]] = {
             "msb.api.commands.audit", "Count the defects of a mesh and report which uses it allows."
         ),
         "view": Entry("msb_viewers.commands.view", "Show the defects in a window, an image or a web page."),
-        "trial": Entry("msb.trial.command", "Try common tasks on it: unwrap, decimate, collide, print."),
-        "repair": Entry("msb.repair.command", "Make it manifold without changing its appearance."),
+        "trial": Entry("msb.trial.command", "Try common tasks on a mesh: unwrap, decimate, collide, print."),
+        "repair": Entry("msb.repair.command", "Make a mesh manifold without changing its appearance."),
         "info": Entry("msb.api.commands.info", "Show the contents of an asset or a mesh file."),
         "validate": Entry("msb.api.commands.validate", "Check a file completely and list all errors."),
     },
@@ -36,7 +36,7 @@ BUILT_IN: dict[str, dict[str, Entry]] = {
         "export": Entry("msb.adapters.command", "Convert a trained checkpoint to an asset, without PyTorch."),
         "convert": Entry("msb.delivery.command", "Write an asset or mesh in another format."),
         "bake": Entry("msb.bake.command", "Make an ordinary mesh that looks like the model."),
-        "why": Entry("msb.why.command", "Explain why an export looks worse than the render, in dB."),
+        "why": Entry("msb.why.command", "Explain why an export looks worse than the rendering, in dB."),
         "methods": Entry("msb.report.commands.methods", "List the methods, and their features on each tier."),
     },
     "Render": {

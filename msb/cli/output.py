@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 STDOUT = "-"
 _STDOUT_NAMES = (STDOUT, "/dev/stdout", "/dev/fd/1", "/proc/self/fd/1")
-# Columns that a table may use even in a narrower terminal.
+# Width of tables in characters, even if the terminal is narrower.
 _LEAST_WIDTH = 80
 # Replacements for arrows on streams that cannot print them.
 _PLAIN = str.maketrans({"↑": "(up)", "↓": "(down)"})
@@ -152,8 +152,9 @@ class Output:
         console.print(table)
 
     def line(self, *parts: Cell) -> None:
-        """Print texts in their styles as one line. Only the terminal wraps it, so that a path can be
-        copied.
+        """Print texts in their styles as one line.
+
+        Only the terminal wraps the line, so that a path in it can be copied.
         """
         from rich.text import Text
 
@@ -187,8 +188,9 @@ class Output:
 
     @contextlib.contextmanager
     def bars(self, unit: Literal["bytes", "steps"] = "bytes") -> Iterator[Progress]:
-        """Yield a function that shows a progress bar for each stage on a terminal. With -v print their
-        times.
+        """Yield a function that shows a progress bar for each stage on a terminal.
+
+        With -v the times of the stages are printed at the end.
         """
         begun: list[tuple[str, float]] = []
         with self._bars("DownloadColumn" if unit == "bytes" else "MofNCompleteColumn") as bars:
@@ -261,8 +263,7 @@ class Output:
             raise UsageError("USAGE", f"{label} and {other} name the same file", file=path)
 
     def check_free(self, path: Path | None, *, folder: bool = False) -> None:
-        """Reject an output that is an input, that exists while --force is not given, or that cannot be
-        written.
+        """Reject an output that is also an input, exists without --force, or cannot be written.
 
         Without --force an existing `folder` must be empty. Devices and pipes are always accepted.
         """
@@ -314,7 +315,7 @@ class Output:
         """Write a document, or a list of documents, to the file of --json, if the option was given."""
         if self.json_file is None:
             return
-        data = [_signed(document) for document in data] if isinstance(data, list) else _signed(data)
+        data = [_add_version(document) for document in data] if isinstance(data, list) else _add_version(data)
         text = json.dumps(data, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
         self._write(self.json_file, text)
 
@@ -322,7 +323,7 @@ class Output:
         """Write one document per input: to --json as a document or a list, to --jsonl one per line."""
         self.write_json(documents[0] if len(documents) == 1 else list(documents))
         if self.json_lines is not None:
-            signed = map(_signed, documents)
+            signed = map(_add_version, documents)
             lines = (json.dumps(document, allow_nan=False, ensure_ascii=False) for document in signed)
             self._write(self.json_lines, "".join(f"{line}\n" for line in lines))
 
@@ -373,7 +374,7 @@ def _identity(path: Path) -> object:
     return status.st_dev, status.st_ino
 
 
-def _signed(document: dict[str, Any]) -> dict[str, Any]:
+def _add_version(document: dict[str, Any]) -> dict[str, Any]:
     """Return `document` with the version of msb after its schema."""
     return {"schema": document["schema"], "tool_version": __version__, **document}
 

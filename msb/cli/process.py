@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 # Exit status of a bug in this program: EX_SOFTWARE of sysexits.h.
 _INTERNAL = 70
-# Packages of this project. Their folders can be removed, together with a capability.
+# Packages of this project. The folder of a capability can be missing in an installation.
 _OURS = {"msb", "msb_viewers"}
 _NOT_READABLE = {errno.EACCES, errno.EPERM, errno.ENAMETOOLONG}
 
@@ -78,7 +78,7 @@ def _run(app: typer.Typer, name: str) -> int:
 def _interruption(error: BaseException) -> int | None:
     """Return the exit status of the interruption that led to `error`; None if no interruption did.
 
-    While files are closed after an interruption, another error can replace it, for example the error of an
+    Closing files after an interruption can raise another error that replaces it, for example about an
     incomplete archive.
     """
     before = error.__context__
@@ -93,8 +93,9 @@ def _interruption(error: BaseException) -> int | None:
 
 @contextlib.contextmanager
 def _ending_on_signals() -> Iterator[None]:
-    """Raise an exception on SIGTERM and SIGHUP, so that temporary files are removed, unless they are
-    handled.
+    """Raise an exception on SIGTERM and SIGHUP, so that temporary files are removed.
+
+    Signals that already have a handler keep it.
     """
 
     def end(number: int, _frame: object) -> None:
@@ -115,8 +116,9 @@ def _ending_on_signals() -> Iterator[None]:
 
 
 def _open_closed_streams() -> None:
-    """Open closed standard streams on the null device. Otherwise the next open file would get their
-    number.
+    """Open closed standard streams on the null device.
+
+    Otherwise the next file that is opened would get the number of a standard stream.
     """
     for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
         if getattr(sys, name) is None:

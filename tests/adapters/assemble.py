@@ -1,4 +1,4 @@
-"""Build pickles from single instructions, and the files around them, to create invalid checkpoints."""
+"""Build invalid checkpoints from single instructions of a pickle."""
 
 import struct
 from collections.abc import Callable

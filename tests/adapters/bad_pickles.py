@@ -65,7 +65,7 @@ NAME_CASES = [
     bad("name_not_utf8", "HOSTILE", b"\x80\x02c\xff\xfe\nx\n."),
 ]
 
-# --- opcodes that the reader refuses ------------------------------------------------------------------
+# --- opcodes that the reader rejects ------------------------------------------------------------------
 
 SUPPORTED = """
 PROTO FRAME STOP MARK NONE NEWTRUE NEWFALSE BININT BININT1 BININT2 BINFLOAT LONG1 LONG4 BINUNICODE

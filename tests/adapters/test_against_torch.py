@@ -9,7 +9,7 @@ import pytest
 from msb.adapters.checkpoint import read_checkpoint
 from tests.adapters.describe import assert_same_arrays, describe
 
-torch = pytest.importorskip("torch", reason="torch is not installed; golden files stand in for it")
+torch = pytest.importorskip("torch", reason="torch is not installed; other tests use golden files")
 from tests.adapters import torch_samples  # noqa: E402 - it imports torch
 
 pytestmark = [pytest.mark.torch, pytest.mark.slow, pytest.mark.oracle]

@@ -22,7 +22,7 @@ from tests.conftest import ROOT
 NAN = np.float32("nan")
 
 
-def spoiled(array: np.ndarray, at: tuple[int, ...], value: float) -> np.ndarray:
+def spoil(array: np.ndarray, at: tuple[int, ...], value: float) -> np.ndarray:
     copy = array.copy()
     copy[at] = value
     return copy
@@ -32,12 +32,12 @@ BROKEN: list[tuple[str, str, Callable[[Any], Any] | None, str]] = [
     ("two_dts", "_vertex", lambda a: a[:, :2], "LAYOUT"),
     ("two_dts", "_opacity", None, "LAYOUT"),
     ("two_dts", "_opacity", lambda a: a[:4], "LAYOUT"),
-    ("two_dts", "_opacity", lambda a: spoiled(a, (2, 0), NAN), "NONFINITE"),
+    ("two_dts", "_opacity", lambda a: spoil(a, (2, 0), NAN), "NONFINITE"),
     ("two_dts", "_f_dc", lambda a: a.astype(np.int32), "LAYOUT"),
     ("two_dts", "_f_rest", lambda a: a[:, :7], "LAYOUT"),
     ("triangle_splatting", "triangles_points", lambda a: a[:0], "LAYOUT"),
     ("triangle_splatting", "active_sh_degree", lambda a: 4, "LAYOUT"),
-    ("mesh_splatting", "_triangle_indices", lambda a: spoiled(a, (1, 2), 6), "LAYOUT"),
+    ("mesh_splatting", "_triangle_indices", lambda a: spoil(a, (1, 2), 6), "LAYOUT"),
     ("mesh_splatting", "_triangle_indices", lambda a: a.astype(np.float32), "LAYOUT"),
     ("mesh_splatting", "vertex_weight", lambda a: a[:, :0], "LAYOUT"),
     ("mesh_splatting", "sigma", lambda a: math.nan, "NONFINITE"),
@@ -61,13 +61,13 @@ def test_a_broken_model_names_its_file_and_key(
         del values[key]
     else:
         values[key] = change(values[key])
-    error = refused(write_model(tmp_path / "run", method, values))
+    error = read_rejected(write_model(tmp_path / "run", method, values))
     assert error.code == f"CHECKPOINT_{code}"
     assert key in error.message or "mlp" in error.message
     assert error.file.endswith((".pt", ".ckpt"))
 
 
-def refused(path: Path, **options: Any) -> MsbError:
+def read_rejected(path: Path, **options: Any) -> MsbError:
     with pytest.raises(MsbError) as caught:
         msb.export(path, **options)
     line = str(caught.value)
@@ -87,7 +87,7 @@ def refused(path: Path, **options: Any) -> MsbError:
 )
 def test_two_dts_tuple(bad: list[Any], code: str, tmp_path: Path) -> None:
     values = (models.two_dts(), {}, *bad)
-    assert refused(write_model(tmp_path, "two_dts", values)).code == f"CHECKPOINT_{code}"
+    assert read_rejected(write_model(tmp_path, "two_dts", values)).code == f"CHECKPOINT_{code}"
 
 
 @pytest.mark.parametrize(
@@ -102,7 +102,7 @@ def test_two_dts_tuple(bad: list[Any], code: str, tmp_path: Path) -> None:
 def test_similar_keys_name_the_most_similar_method(method: str, key: str, tmp_path: Path) -> None:
     value = VALUES[method]()
     value["my_" + key.strip("_")] = value.pop(key)
-    assert key in refused(write_model(tmp_path, method, value)).message
+    assert key in read_rejected(write_model(tmp_path, method, value)).message
 
 
 @pytest.mark.parametrize("method", VALUES)
@@ -113,21 +113,21 @@ def test_a_model_of_another_method_is_named(method: str, tmp_path: Path) -> None
     assert msb.export(folder).manifest.method == method
     for other in VALUES:
         if other != method:
-            error = refused(folder, method=other)
+            error = read_rejected(folder, method=other)
             assert error.code == "CHECKPOINT_METHOD"
             assert method in error.message
 
 
 def test_an_unknown_model_is_described_by_its_keys(tmp_path: Path) -> None:
     models.write_torch(tmp_path / "model.pt", {"weights": np.zeros(3, np.float32), "epoch": 3})
-    error = refused(tmp_path / "model.pt")
+    error = read_rejected(tmp_path / "model.pt")
     assert error.code == "CHECKPOINT_UNKNOWN"
     assert "weights, epoch" in error.message
-    assert refused(tmp_path / "model.pt", method="diffsoup").code == "CHECKPOINT_LAYOUT"
+    assert read_rejected(tmp_path / "model.pt", method="diffsoup").code == "CHECKPOINT_LAYOUT"
     models.write_torch(tmp_path / "list.pt", [1, 2])
-    assert refused(tmp_path / "list.pt").code == "CHECKPOINT_UNKNOWN"
-    assert refused(tmp_path / "list.pt", method="mesh_splatting").code == "CHECKPOINT_LAYOUT"
-    assert refused(tmp_path / "list.pt", method="nonsense").code == "USAGE"
+    assert read_rejected(tmp_path / "list.pt").code == "CHECKPOINT_UNKNOWN"
+    assert read_rejected(tmp_path / "list.pt", method="mesh_splatting").code == "CHECKPOINT_LAYOUT"
+    assert read_rejected(tmp_path / "list.pt", method="nonsense").code == "USAGE"
 
 
 @pytest.mark.parametrize("method", VALUES)
@@ -137,7 +137,7 @@ def test_every_truncated_model_is_rejected(method: str, tmp_path: Path) -> None:
     data = file.read_bytes()
     for end in range(0, len(data), max(1, len(data) // 60)):
         file.write_bytes(data[:end])
-        assert refused(folder).code.startswith("CHECKPOINT_")
+        assert read_rejected(folder).code.startswith("CHECKPOINT_")
 
 
 def gaussians(path: Path, scales: int) -> Path:
@@ -163,7 +163,7 @@ def test_three_dgs_is_recognised_and_rejected(tmp_path: Path) -> None:
 
 def test_two_dgs_needs_its_mesh(tmp_path: Path) -> None:
     gaussians(tmp_path / "point_cloud" / "iteration_30000" / "point_cloud.ply", 2)
-    assert refused(tmp_path).code == "CHECKPOINT_FILE_MISSING"
+    assert read_rejected(tmp_path).code == "CHECKPOINT_FILE_MISSING"
     (tmp_path / "train" / "ours_30000").mkdir(parents=True)
     mesh = (ROOT / "tests" / "golden" / "meshes" / "synthetic_splat_small.ply").read_bytes()
     fused = tmp_path / "train" / "ours_30000" / "fuse.ply"
@@ -223,7 +223,7 @@ def test_a_damaged_web_export_names_the_file(case: str, tmp_path: Path) -> None:
         content.save(folder / name)
     else:
         (folder / name).write_bytes(content((folder / name).read_bytes()) if callable(content) else content)
-    error = refused(folder)
+    error = read_rejected(folder)
     assert error.code == f"CHECKPOINT_{code}"
     assert name in str(error) or case in ("other face count", "wrong level", "no float32", "key missing")
 
@@ -232,7 +232,7 @@ def test_a_web_export_without_faces_is_empty(tmp_path: Path) -> None:
     folder = write_web_export(tmp_path / "scene")
     none = Mesh(np.zeros((3, 3), np.float32), np.zeros((0, 3), np.int64))
     write_mesh(none, folder / "mesh.ply", suffix=".ply")
-    assert refused(folder).code == "CHECKPOINT_DAMAGED"
+    assert read_rejected(folder).code == "CHECKPOINT_DAMAGED"
 
 
 @pytest.mark.parametrize("dtype", [np.float16, np.float64])

@@ -1,6 +1,7 @@
 """Sample values for torch.save. `python -m tests.adapters.torch_samples` writes tests/golden/checkpoints.
 
-Run it manually with torch (the stored files are from torch 2.13). The tests read the files without torch.
+Run it manually if torch is installed. The stored files are from torch 2.13, and the tests read them without
+torch.
 """
 
 import json

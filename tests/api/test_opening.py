@@ -46,7 +46,7 @@ def comparable(audit: dict[str, Any]) -> dict[str, Any]:
 
 
 @of_the_whole
-def test_the_api_is_all_that_msb_shows() -> None:
+def test_msb_lists_exactly_its_public_names() -> None:
     assert dir(msb) == sorted(msb.__all__)
     assert "open" in msb.__all__
     assert all(getattr(msb, name) is not None for name in msb.__all__)

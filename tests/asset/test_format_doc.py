@@ -1,4 +1,4 @@
-"""The reader and the hexdump in docs/triasset.md are right."""
+"""The example reader and the hexdump in docs/triasset.md are correct."""
 
 import re
 from pathlib import Path

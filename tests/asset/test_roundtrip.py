@@ -129,7 +129,7 @@ def test_a_loaded_asset_outlives_its_file(form, tmp_path: Path) -> None:
 
 
 def one_file(order: list[str]) -> Parts:
-    """Return the parts of a triangle soup with all buffers in first file, in the given order."""
+    """Return the parts of a triangle soup with all buffers in a single file, in the given order."""
     good = parts(soup())
     data = b""
     for name in order:
@@ -192,7 +192,7 @@ def test_any_arrays_survive_both_forms(tmp_path_factory, data) -> None:
 
 
 def test_large_members_are_written_with_zip64_records(tmp_path: Path, monkeypatch) -> None:
-    """The limit of 1 GiB is replaced by 1 byte."""
+    """The test replaces the limit of 1 GiB by 1 byte."""
     monkeypatch.setattr(writer_module, "_ZIP64_FROM", 1)
     write_asset(soup(), tmp_path / "a")
     data = (tmp_path / "a").read_bytes()

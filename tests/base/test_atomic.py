@@ -48,7 +48,7 @@ def fail_half_way(path: Path, kind: str, error: BaseException) -> None:
         raise error
 
 
-def held(folder: Path) -> dict[str, bytes]:
+def read_files(folder: Path) -> dict[str, bytes]:
     """Return relative path -> bytes of all files in a folder."""
     return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
@@ -59,12 +59,12 @@ def test_only_an_empty_folder_is_replaced(tmp_path: Path) -> None:
     link.symlink_to("place")
     with pytest.raises(UsageError, match="OUTPUT_EXISTS"), new_folder(place, overwrite=False):
         (place / "theirs").write_bytes(b"precious")
-    assert held(tmp_path) == {"place/theirs": b"precious"}
+    assert read_files(tmp_path) == {"place/theirs": b"precious"}
     (place / "theirs").unlink()
     for path in (link, place):
         with new_folder(path, overwrite=False) as folder:
             (folder / "a").write_bytes(b"new")
-    assert held(tmp_path) == {"place/a": b"new", "link/a": b"new"}
+    assert read_files(tmp_path) == {"place/a": b"new", "link/a": b"new"}
     assert {path.name for path in tmp_path.iterdir()} == {"place", "link"}
     assert not link.is_symlink()
 
@@ -84,7 +84,7 @@ def raiser(error: BaseException, after: int = 0) -> Callable[..., Any]:
 def test_existing_outputs_are_replaced_and_parents_created(kind: str, tmp_path: Path) -> None:
     for content in (b"old", b"new"):
         write(tmp_path / "x" / "y", kind, content)
-        assert held(tmp_path) == {"x/y" if kind == "file" else "x/y/a": content}
+        assert read_files(tmp_path) == {"x/y" if kind == "file" else "x/y/a": content}
 
 
 @KINDS
@@ -93,11 +93,11 @@ def test_existing_outputs_are_replaced_and_parents_created(kind: str, tmp_path: 
 def test_a_failure_while_writing(kind: str, old: bool, error: BaseException, tmp_path: Path) -> None:
     if old:
         write(tmp_path / "a", kind, b"old")
-    before = held(tmp_path)
+    before = read_files(tmp_path)
     known = OutputError if isinstance(error, OSError) else type(error)
     with pytest.raises(known):
         fail_half_way(tmp_path / "a", kind, error)
-    assert held(tmp_path) == before
+    assert read_files(tmp_path) == before
     assert len(list(tmp_path.iterdir())) == old
 
 
@@ -116,13 +116,13 @@ def test_a_call_of_the_system_fails(
     kind: str, owner: Any, call: str, error: BaseException, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     write(tmp_path / "a", kind, b"old")
-    before = held(tmp_path)
+    before = read_files(tmp_path)
     after = call == "mkdir"  # the first call creates the parents
     monkeypatch.setattr(owner, call, raiser(error, after))
     with pytest.raises(OutputError if isinstance(error, OSError) else KeyboardInterrupt):
         write(tmp_path / "a", kind)
     monkeypatch.undo()
-    assert held(tmp_path) == before
+    assert read_files(tmp_path) == before
     assert len(list(tmp_path.iterdir())) == 1
 
 
@@ -142,7 +142,7 @@ def test_the_old_folder_is_restored_if_renaming_fails(
     monkeypatch.setattr(Path, "rename", fail_second)
     with pytest.raises(OutputError if isinstance(error, OSError) else KeyboardInterrupt):
         write(tmp_path / "a", "folder")
-    assert (held(tmp_path), len(calls)) == ({"a/a": b"old"}, 3)
+    assert (read_files(tmp_path), len(calls)) == ({"a/a": b"old"}, 3)
 
 
 @KINDS
@@ -183,7 +183,7 @@ def test_only_one_of_eight_writers_creates_a_file(tmp_path: Path) -> None:
         results = list(pool.map(create, range(8)))
     (winner,) = set(results) - {"OUTPUT_EXISTS"}
     assert results.count("OUTPUT_EXISTS") == 7
-    assert held(tmp_path) == {"a": winner.encode()}
+    assert read_files(tmp_path) == {"a": winner.encode()}
 
 
 @pytest.mark.parametrize("kind", ["file", "folder", "files"])
@@ -206,7 +206,7 @@ def test_created_folders_are_removed_after_a_failure(
     write(Path("mine", "new", "a"), "file")
     with pytest.raises(OutputError, match="OUTPUT_UNWRITABLE"):
         fail(Path("mine", "new", "b"))
-    assert held(tmp_path) == {"mine/new/a": b"new"}
+    assert read_files(tmp_path) == {"mine/new/a": b"new"}
 
 
 @pytest.mark.parametrize("number", [errno.ENOSPC, errno.EDQUOT])
@@ -234,14 +234,14 @@ with (new_file if kind == "file" else new_folder)(path) as place:
 @KINDS
 def test_a_process_that_is_killed(kind: str, tmp_path: Path) -> None:
     write(tmp_path / "a", kind, b"old")
-    before = held(tmp_path)
+    before = read_files(tmp_path)
     line = [sys.executable, "-c", _KILLED, str(tmp_path / "a"), kind, str(int(signal.SIGKILL))]
     assert subprocess.run(line, cwd=ROOT, check=False).returncode == -signal.SIGKILL
     assert [is_leftover(path.name) for path in sorted(tmp_path.iterdir())] == [True, False]
     remove_leftovers(tmp_path)
-    assert held(tmp_path) == before
+    assert read_files(tmp_path) == before
     write(tmp_path / "a", kind)
-    assert list(held(tmp_path).values()) == [b"new"]
+    assert list(read_files(tmp_path).values()) == [b"new"]
 
 
 @KINDS
@@ -257,7 +257,7 @@ def test_a_name_that_cannot_be_written(
         check_place(name, folder=kind == "folder")
     assert str(of_writing.value).isprintable()
     assert str(of_checking.value).isprintable()
-    assert held(tmp_path) == {"file": b"kept"}
+    assert read_files(tmp_path) == {"file": b"kept"}
 
 
 @KINDS
@@ -275,9 +275,9 @@ def test_files_and_folders_in_the_way(tmp_path: Path) -> None:
     for attempt in (check_place, lambda path: write(path, "file")):
         with pytest.raises(OutputError, match="OUTPUT_UNWRITABLE"):
             attempt(tmp_path / "folder")
-    assert set(held(tmp_path).values()) == {b"kept"}
+    assert set(read_files(tmp_path).values()) == {b"kept"}
     write(tmp_path / "file", "folder")
-    assert held(tmp_path) == {"file/a": b"new", "folder/a": b"kept"}
+    assert read_files(tmp_path) == {"file/a": b"new", "folder/a": b"kept"}
 
 
 @pytest.mark.skipif(os.name == "nt", reason="links need special rights on Windows")

@@ -58,7 +58,7 @@ def both_forms(tmp_path: Path) -> None:
     """Skip if the file system treats both forms as the same name (macOS)."""
     (tmp_path / COMPOSED).touch()
     if (tmp_path / DECOMPOSED).exists():
-        pytest.skip("this file system knows one spelling only")
+        pytest.skip("this file system treats both forms as the same name")
     (tmp_path / COMPOSED).unlink()
 
 

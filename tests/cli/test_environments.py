@@ -237,7 +237,7 @@ NAMES = (
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(sys.platform != "linux", reason="other systems refuse some of these names")
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems reject some of these names")
 def test_any_file_name_will_do(tmp_path: Path) -> None:
     commands: list[tuple[str, ...]] = []
     for name in NAMES:

@@ -36,7 +36,7 @@ class Scale:
     tags: Annotated[tuple[str, ...], Option("Tags.", ("--tag",))] = ()
     both: Annotated[bool, Option("Both.", ("--both/--no-both", "-b"))] = True
     hidden: int = 3
-    left_out: Annotated[int, Option("It is no option of the command.")] = 4
+    left_out: Annotated[int, Option("Not an option of the command.")] = 4
 
 
 @command("weigh a.ply")

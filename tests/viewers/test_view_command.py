@@ -26,9 +26,9 @@ _LIBRARIES = [
     for version in (f".so{number}" for number in versions)
 ]
 needs_pyvista = pytest.mark.skipif(
-    not HAS_PYVISTA, reason="pyvista is not installed: the extra view brings it"
+    not HAS_PYVISTA, reason="pyvista is not installed; it belongs to the extra view"
 )
-linux = pytest.mark.skipif(sys.platform != "linux", reason="this tests displays and libraries of Linux")
+linux = pytest.mark.skipif(sys.platform != "linux", reason="the test needs displays and libraries of Linux")
 
 
 def view(*args: object, command: str = "view", **env: str) -> Any:
@@ -44,7 +44,7 @@ def book(tmp_path: Path) -> Path:
     return path
 
 
-def test_one_command_writes_picture_figure_and_page(gl: None, book: Path, tmp_path: Path) -> None:
+def test_one_command_writes_image_figure_and_page(gl: None, book: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     files = [out / "a.png", out / "f.svg", out / "v.html"]
     result = view(

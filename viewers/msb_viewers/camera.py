@@ -48,22 +48,22 @@ def up_vector(axis: str) -> NDArray[np.float64]:
 
 
 def default_pose(axis: str, aspect: float) -> Pose:
-    """Return the first view. The unit sphere fills the free part of a window with this aspect."""
+    """Return the first view. The unit sphere fills an area with the `aspect` width / height."""
     up = up_vector(axis)
     # The two other axes, so that (first, second, up) is a right-handed frame.
     first = np.roll(np.abs(up), 1)
     second = np.cross(up, first)
     level = math.cos(AZIMUTH) * first + math.sin(AZIMUTH) * second
     direction = math.cos(ELEVATION) * level + math.sin(ELEVATION) * up
-    return Pose(_fitting(aspect) * direction, np.zeros(3), up)
+    return Pose(_fitting_distance(aspect) * direction, np.zeros(3), up)
 
 
 def element_pose(model: ViewModel, vertices: NDArray[Any], current: Pose) -> Pose | None:
-    """Return a view of an element with `vertices` (k,) that other faces do not hide, if there is one.
+    """Return a view of an element with `vertices` (k,). If possible, no other face hides the element.
 
     The result is None if the element has no finite position. The direction is chosen among about 100
-    candidates. Directions with no faces between element and camera are preferred, then directions that see
-    the faces at the element frontally, and that are close to the `current` view.
+    candidates. The first criterion is that no faces are between element and camera. Then directions are
+    preferred that see the faces at the element frontally, and that are close to the `current` view.
     """
     if not bool(model.finite(vertices[None])[0]):
         return None
@@ -105,11 +105,13 @@ def component_pose(model: ViewModel, component: int, current: Pose, aspect: floa
     corners = model.points[faces.reshape(-1)].astype(np.float64)
     middle = (corners.min(axis=0) + corners.max(axis=0)) / 2
     radius = float(np.linalg.norm(corners - middle, axis=1).max()) or 0.02
-    return Pose(middle + _fitting(aspect) * radius * _unit(current.eye - current.target), middle, current.up)
+    return Pose(
+        middle + _fitting_distance(aspect) * radius * _unit(current.eye - current.target), middle, current.up
+    )
 
 
-def _fitting(aspect: float) -> float:
-    """Return the distance, in radii, from a sphere that fills a window with this aspect."""
+def _fitting_distance(aspect: float) -> float:
+    """Return the distance from which a sphere fills a window with this aspect, in radii of the sphere."""
     narrow = min(FOV_Y, 2 * math.atan(math.tan(FOV_Y / 2) * max(aspect, 0.1)))
     return _MARGIN / math.sin(narrow / 2)
 
@@ -118,7 +120,8 @@ def _may_reach(
     points: NDArray[np.float32], faces: NDArray[Any], target: NDArray[np.float64], reach: float
 ) -> NDArray[np.bool_]:
     """Return a mask (F,) of faces that can intersect the cube of half-width `reach` around `target`."""
-    # A bit per side of the cube for each vertex outside it. A face with a common bit is outside.
+    # A vertex has a bit for each side of the cube that it is beyond. If all vertices of a face have the same
+    # bit, the face is outside.
     code = np.zeros(len(points), np.uint8)
     for axis in range(3):
         away = points[:, axis] - np.float32(target[axis])

@@ -11,13 +11,13 @@ import numpy as np
 if TYPE_CHECKING:
     from msb_viewers.viewer import TopologyViewer
 
-# Half-width of the clipping box at first, in radii of the framed sphere.
+# Half-width of a new clipping box, in radii of the sphere that the first view shows.
 _BOX = 1.02
 # Maximum distance in pixels between press and release of a click.
 _CLICK = 4
-# Priority of these handlers. The interactor style of VTK, which uses most keys, has a lower one.
+# Priority of these handlers. It is higher than that of VTK's interactor style, which uses most keys, too.
 _FIRST = 10.0
-# Names of keys in VTK or X11, and other names for a key -> name in `TopologyControls.keys`.
+# Name of a key in VTK or X11, or a second key for the same action -> name in `TopologyControls.keys`.
 _NAMES = {
     "[": "bracketleft",
     "]": "bracketright",

@@ -51,7 +51,7 @@ _WRAP_CODE = {
 }
 # Wrap -> constant of VTK (`vtkTexture.ClampToEdge`, `Repeat`, `MirroredRepeat`).
 _WRAPS = {"clamp": 0, "repeat": 1, "mirror": 2}
-# Offset of markers and lines towards the camera, in units of depth resolution, so that the surface does not
+# Offset of markers and lines towards the camera, in steps of the depth buffer, so that the surface does not
 # hide them.
 _POINT_OFFSET, _LINE_OFFSET = -16.0, -8.0
 
@@ -75,8 +75,8 @@ def surface(
 ) -> Any:
     """Return an actor of triangles (n, 3) with `colors` (V | n | 3n, 3), sRGB bytes, or a uniform `color`.
 
-    `domain` of the colours is vertex, face or corner. `shade` in [0, 1] is how much darker a face is that is
-    seen edge-on; 0 is unlit.
+    `domain` of the colours is vertex, face or corner. `shade` in [0, 1] is the loss of brightness of a
+    face that is seen edge-on; 0 is unlit.
     """
     if domain == "corner" and colors is not None:
         points = points[faces].reshape(-1, 3)
@@ -112,8 +112,8 @@ def textured(
     """Return an unlit actor of triangles (n, 3) with the texture `image` (H, W, 3 | 4) at `uvs` (n, 3, 2).
 
     The texture is multiplied with corner colours `tint` (3n, 4), and not drawn where alpha is below `cutoff`.
-    Filtering and multiplication are in linear light, as on the standard tier. Unlike there, tints are decoded
-    at pixels, not at corners.
+    Filtering and multiplication are in linear light, as on the standard tier. One difference remains: tints
+    are decoded at each pixel, and on the standard tier at each corner.
     """
     from vtkmodules.vtkCommonDataModel import vtkImageData
     from vtkmodules.vtkRenderingCore import vtkTexture

@@ -17,7 +17,7 @@ from msb_viewers.sheet import Panel, list_panel
 
 # Minimum displacement of a fan, in radii of the faces at the vertex.
 _APART = 0.6
-# Length of the circle for each fan, in the same radii.
+# Arc of the circle that each fan takes, in the same radii.
 _ROOM = 0.9
 # Maximum number of fans that are drawn. More would overlap; the text counts all of them.
 _MOST_FANS = 12
@@ -50,7 +50,7 @@ class Neighbourhood:
     fan_count: int
     group_count: int
     on_crowded_edge: bool
-    # (3, 3), rows are right, up and towards the camera, for the view with the fans side by side.
+    # Axes (3, 3) of the view with the fans side by side. The rows are right, up and towards the camera.
     frame: NDArray[np.float64]
 
     @property
@@ -157,7 +157,7 @@ def _spread(directions: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _frame(triangles: NDArray[np.float64], part: NDArray[Any]) -> NDArray[np.float64]:
-    """Return a frame (3, 3) of right, up and towards the camera that shows all fans well.
+    """Return the axes (3, 3) right, up and towards the camera of a view that shows all fans well.
 
     `part` (n,) is the fan of each of the `triangles` (n, 3, 3).
     """

@@ -1,5 +1,6 @@
-"""The paper's figure of topology diagnostics for any mesh: four columns, each with an overview and a
-close-up.
+"""The paper's figure of topology diagnostics, for any mesh.
+
+Each of its four columns has an overview and a close-up.
 """
 
 from __future__ import annotations
@@ -29,7 +30,8 @@ _SIDE = 640
 _CLOSER = 0.9
 # Dots per inch of the file.
 _DPI = 130
-# Magnification of lines and markers, because an image is shown at about 400 pixels.
+# Factor by which lines and markers are enlarged, because an image of the figure is reduced to about 400
+# pixels.
 _BOOST = 1.4
 
 
@@ -109,8 +111,9 @@ def _render_column(
 
 
 def _close_up(viewer: TopologyViewer, column: Column) -> Pose | None:
-    """Return the pose for an example: the element nearest to the camera, preferably in the largest
-    component.
+    """Return the pose for a close-up of the element nearest to the camera.
+
+    Elements in the largest component are preferred.
     """
     model = viewer.model
     if column.kinds:

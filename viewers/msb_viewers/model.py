@@ -28,10 +28,10 @@ _WORST_FIRST = (
 )
 # Maximum number of elements that are visible at first. With more elements the view is hard to read.
 _VISIBLE_AT_FIRST = 12_000
-# Vertices that are sampled for the first view.
+# Number of vertices that are sampled for the first view.
 _FRAMING_SAMPLE = 100_000
-# The first view ignores distant vertices if the sphere of all vertices has more than this many times the
-# radius of 95 % of them.
+# The first view ignores distant vertices if the sphere of all vertices is more than this many times as wide
+# as the sphere of 95 % of them.
 _FAR_OUT = 4.0
 
 
@@ -152,21 +152,19 @@ class ViewModel:
         )
 
     def _class_of_components(self) -> NDArray[np.uint8]:
-        """Return for each component 0 for the largest, else 1 + its index in SIZE_CLASSES."""
+        """Return a number for each component: 0 for the largest, else 1 + its index in SIZE_CLASSES."""
         lows = np.array([low for low, _, _ in SIZE_CLASSES])
         classes = np.searchsorted(lows, self.sizes, "right").astype(np.uint8)
         classes[:1] = 0
         return classes
 
     def size_class_of_faces(self) -> NDArray[np.uint8]:
-        """Return for each face (F,) 0 in the largest component, else 1 + its index in SIZE_CLASSES."""
+        """Return the number of the size class of each face (F,), as in `_class_of_components`."""
         # Component -1, of faces that list a vertex twice, uses the last entry. They are invisible.
         return np.asarray(np.append(self._class_of_components(), np.uint8(0))[self.face_component])
 
     def component_colors(self) -> NDArray[np.uint8]:
-        """Return a colour for each face (F, 3): neutral in the largest component, else by the size of its
-        own.
-        """
+        """Return a colour for each face (F, 3): grey in the largest component, else by size class."""
         table = np.array([NEUTRAL, *(color for _, _, color in SIZE_CLASSES)], np.uint8)
         return np.asarray(table[self.size_class_of_faces()])
 
@@ -239,12 +237,11 @@ def _layers(analysis: Analysis, groups: dict[str, Any]) -> dict[str, Layer]:
 def frame_vertices(
     vertices: NDArray[Any], use: NDArray[np.bool_]
 ) -> tuple[NDArray[np.float64], float, str | None]:
-    """Return centre and radius of the sphere of the first view, and a note if it does not contain all
-    vertices.
+    """Return centre and radius of the sphere of the first view, and a note if some vertices are outside.
 
-    Only vertices (V, 3) with `use` (V,) count. The sphere is the bounding sphere of their box. If a few
-    distant vertices, such as an outdoor background, make it much larger than the sphere of 95 % of the
-    vertices, it is the latter.
+    Only `vertices` (V, 3) with a true value in `use` (V,) count. Usually the sphere is centred in their
+    bounding box and contains all of them. A few distant vertices, such as an outdoor background, can make it
+    very large. Then a sphere of 95 % of the vertices is used.
     """
     # The sphere of all vertices.
     rows = np.flatnonzero(use)

@@ -79,9 +79,9 @@ const SURFACE = [`#version 300 es
   }`];
 // A line is a quad around its two ends. Its width is in pixels.
 const LINE = [`#version 300 es
-  in vec3 one; in vec3 other; uniform mat4 matrix; uniform vec2 size; uniform float width; uniform float nearer; uniform float depth; out float along;
+  in vec3 first; in vec3 second; uniform mat4 matrix; uniform vec2 size; uniform float width; uniform float nearer; uniform float depth; out float along;
   void main() {
-    vec4 a = matrix * vec4(one, 1.0), b = matrix * vec4(other, 1.0);
+    vec4 a = matrix * vec4(first, 1.0), b = matrix * vec4(second, 1.0);
     float end = float(gl_VertexID & 1), side = float(gl_VertexID >> 1) * 2.0 - 1.0;
     if (a.w < 1e-6 && b.w < 1e-6) { gl_Position = vec4(2.0, 2.0, 2.0, 1.0); return; }
     if (a.w < 1e-6) a = mix(a, b, (1e-6 - a.w) / (b.w - a.w));
@@ -182,23 +182,23 @@ function drawTextured(to) {
     first += faces;
   }
 }
-// Line segments of elements: edges as they are, the outlines of faces.
-function segmentsOf(vertices, each) {
-  if (each !== 3) return vertices;
+// Line segments of elements: the edges themselves, or the outlines of faces.
+function segmentsOf(vertices, corners) {
+  if (corners !== 3) return vertices;
   const out = new Uint32Array(vertices.length * 2);
   for (let i = 0; i < vertices.length; i++) { out[2 * i] = vertices[i]; out[2 * i + 1] = vertices[i - (i % 3) + ((i + 1) % 3)]; }
   return out;
 }
-// Centroids of elements with `each` vertices.
-function middles(vertices, each) {
-  const out = new Float32Array(vertices.length / each * 3);
-  for (let i = 0; i < vertices.length; i++) for (let k = 0; k < 3; k++) out[3 * Math.floor(i / each) + k] += data.points[3 * vertices[i] + k] / each;
+// Centroids of elements with `corners` vertices.
+function middles(vertices, corners) {
+  const out = new Float32Array(vertices.length / corners * 3);
+  for (let i = 0; i < vertices.length; i++) for (let k = 0; k < 3; k++) out[3 * Math.floor(i / corners) + k] += data.points[3 * vertices[i] + k] / corners;
   return out;
 }
-function drawable(vertices, each, style) {
+function drawable(vertices, corners, style) {
   const item = { style, lines: null, points: null };
-  if (style.width) { item.lines = upload(gathered(segmentsOf(vertices, each))); item.count = each === 3 ? vertices.length : vertices.length / 2; }
-  if (style.marker) { item.points = upload(middles(vertices, each)); item.marks = vertices.length / each; }
+  if (style.width) { item.lines = upload(gathered(segmentsOf(vertices, corners))); item.count = corners === 3 ? vertices.length : vertices.length / 2; }
+  if (style.marker) { item.points = upload(middles(vertices, corners)); item.marks = vertices.length / corners; }
   return item;
 }
 function drawLayer(item, matrix, scale, nearer) {
@@ -207,7 +207,7 @@ function drawLayer(item, matrix, scale, nearer) {
     const { p, at, to } = programs.line;
     gl.useProgram(p);
     gl.bindBuffer(gl.ARRAY_BUFFER, item.lines);
-    [["one", 0], ["other", 12]].forEach(([name, offset]) => {
+    [["first", 0], ["second", 12]].forEach(([name, offset]) => {
       gl.enableVertexAttribArray(at(name));
       gl.vertexAttribPointer(at(name), 3, gl.FLOAT, false, 24, offset);
       gl.vertexAttribDivisor(at(name), 1);
@@ -220,7 +220,7 @@ function drawLayer(item, matrix, scale, nearer) {
     gl.uniform3fv(to("color"), color);
     gl.uniform1i(to("dashed"), style.line === "dashed" ? 1 : 0);
     gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, item.count);
-    ["one", "other"].forEach((name) => { gl.vertexAttribDivisor(at(name), 0); gl.disableVertexAttribArray(at(name)); });
+    ["first", "second"].forEach((name) => { gl.vertexAttribDivisor(at(name), 0); gl.disableVertexAttribArray(at(name)); });
   }
   if (item.points) {
     const { p, at, to } = programs.marker, width = Math.max(style.size * scale, 3) * ratio;
@@ -341,19 +341,19 @@ function toggle(kind) {
   legend(); redraw();
 }
 function step(by) {
-  const layer = layerOf(state.active), { kind, each, count } = layer;
+  const layer = layerOf(state.active), { kind, each: corners, count } = layer;
   if (!count) { say(`${layer.label}: 0`); return; }
   const last = state.cursor[kind];
   const at = last === undefined ? (by > 0 ? 0 : count - 1) : (last + by + count) % count;
   state.cursor[kind] = at;
   state.visible.add(kind);
-  const vertices = data[kind].subarray(at * each, at * each + each);
-  const target = Array.from(middles(vertices, each));
-  const style = { color: meta.highlight, width: each > 1 ? 4 : 0, line: "solid", size: 34, marker: null };
-  mark = [drawable(vertices, each, style), { style: { ...style, marker: "ring" }, points: upload(new Float32Array(target)), marks: 1 }];
+  const vertices = data[kind].subarray(at * corners, at * corners + corners);
+  const target = Array.from(middles(vertices, corners));
+  const style = { color: meta.highlight, width: corners > 1 ? 4 : 0, line: "solid", size: 34, marker: null };
+  mark = [drawable(vertices, corners, style), { style: { ...style, marker: "ring" }, points: upload(new Float32Array(target)), marks: 1 }];
   Object.assign(camera, { target, distance: 8 * meta.edge, near: 0.6 });
   const stored = target.map((x, i) => (meta.center[i] + meta.scale * x).toPrecision(6));
-  say(`${layer.label}: ${(at + 1).toLocaleString("en")} of ${count.toLocaleString("en")} · ${each === 1 ? "vertex" : "vertices"} ${Array.from(vertices).join(" ")} · at ${stored.join(", ")}`);
+  say(`${layer.label}: ${(at + 1).toLocaleString("en")} of ${count.toLocaleString("en")} · ${corners === 1 ? "vertex" : "vertices"} ${Array.from(vertices).join(" ")} · at ${stored.join(", ")}`);
   legend(); redraw();
 }
 function orbit(dx, dy) {

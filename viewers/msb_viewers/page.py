@@ -17,7 +17,8 @@ from msb_viewers.palette import BACKGROUND, HIGHLIGHT, NEUTRAL, SIZE_CLASSES, si
 from msb_viewers.state import ViewState
 from msb_viewers.template import build_page
 
-# Number of faces above which browsers need gigabytes: 3 corners of 16 bytes each, twice while loading.
+# Number of faces above which the command warns. A browser needs at least 3 corners of 16 bytes per face, and
+# twice as much while it loads the page.
 LARGE = 2_000_000
 
 

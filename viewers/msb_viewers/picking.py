@@ -31,8 +31,8 @@ def pick(
     if not allowed.any():
         return None
     direction = np.asarray(direction, np.float64)
-    # Project the vertices along the ray. Keep faces with vertices on both sides of it along both axes; the
-    # code of a vertex has two bits, for the sides.
+    # Project the vertices along the ray onto a plane with two axes. Along each axis, a face that the ray hits
+    # has vertices on both sides of the ray. The code of a vertex has a bit for each axis.
     side = np.cross(direction, np.eye(3)[int(np.argmin(np.abs(direction)))])
     side /= np.linalg.norm(side)
     frame = np.stack([side, np.cross(direction, side), direction], axis=1)

@@ -1,5 +1,6 @@
-"""Compare a mesh before and after a repair in one view, with deleted and added faces and cut edges as
-layers.
+"""Compare a mesh before and after a repair in one view.
+
+The layers are the deleted faces, the added faces and the cut edges.
 """
 
 from dataclasses import replace
@@ -12,7 +13,7 @@ from msb_viewers.model import CLEAN_NOTE, SOUP_NOTE, Layer, ViewModel, build_mod
 from msb_viewers.palette import ADDED, DELETED, REPAIR_STYLES
 from msb_viewers.viewed_mesh import Colors, ViewedMesh
 
-# Grey values of black and white faces, light enough for the colours of the layers to stand out.
+# Grey values that replace black and white. They are light, so that the colours of the layers stand out.
 _DARKEST, _LIGHTEST = 140, 230
 
 

@@ -39,8 +39,9 @@ class Panel:
     targets: tuple[tuple[int, int, str], ...] = ()
 
     def hit(self, x: float, y: float) -> str | None:
-        """Return the action at x, y pixels from the top left corner: "" without one, None outside the
-        panel.
+        """Return the action at x, y pixels from the top left corner.
+
+        The result is "" at a place without an action, and None outside the panel.
         """
         height, width = self.image.shape[:2]
         if not (0 <= x < width and 0 <= y < height):
@@ -90,7 +91,7 @@ class Sheet:
         self.draw.text((place, middle), text, color, self.font(size, **options), anchor=anchor)
 
     def paragraph(self, text: str, size: float = 12, color: Color = INK, **options: Any) -> None:
-        """Write wrap_text text, and continue below it."""
+        """Write `text`, wrapped at the margin, and continue below it."""
         face = self.font(size, **options)
         for line in wrap_text(text, face, self.width - 2 * self.px(PAD)):
             self.draw.text((self.px(PAD), self.y), line, color, face)
@@ -98,7 +99,7 @@ class Sheet:
 
 
 def wrap_text(text: str, face: Any, width: float) -> list[str]:
-    """Return the lines of `text`, each at most `width` pixels wide. Longer words are shorten_text."""
+    """Return the lines of `text`, each at most `width` pixels wide. Longer words are shortened."""
     lines: list[str] = []
     line = ""
     for word in text.split():
@@ -141,7 +142,7 @@ def help_panel(rows: Iterable[tuple[str, str]], scale: float = 1.0) -> Panel:
 
 
 def line_panel(text: str, width: int, scale: float = 1.0) -> Panel:
-    """Return one line of text, shorten_text in the middle if it is wider than `width` pixels."""
+    """Return one line of text. It is shortened in the middle if it is wider than `width` pixels."""
     face = font(max(round(13 * scale), 8))
     short = shorten_text(text, face, width - 24 * scale)
     wide = min(int(face.getlength(short) + 24 * scale), width) / scale
@@ -176,8 +177,9 @@ def list_panel(title: str, text: str, lines: list[tuple[str, Color | None]], sca
 
 
 def draw_panel(write: Callable[[Sheet], None], width: float, scale: float) -> Panel:
-    """Return the panel that `write` writes; `width` is in pixels at scale 1, the height follows from the
-    text.
+    """Return the panel that `write` draws; `width` is in pixels at scale 1.
+
+    The height follows from the text.
     """
     trial = Sheet(round(width * scale), 4, scale)
     write(trial)

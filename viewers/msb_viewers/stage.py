@@ -16,7 +16,7 @@ from msb_viewers.viewed_mesh import Skin, color_bytes
 _MOST_FACES, _LEAST_FACES = 300_000, 30_000
 # Maximum time of a frame in seconds for drawing the full mesh while the view moves: 20 frames per second.
 _FLUID_SECONDS = 0.05
-# Faces of the simplified mesh per element of a layer, while the view moves.
+# While the view moves, a layer draws at most one element per this number of faces in the face budget.
 _MARKS = 5
 # Lines and markers have their full size if the median edge has at least this length in pixels.
 _FULL_SIZE = 40.0
@@ -29,7 +29,8 @@ _SHADE_COMPONENTS = 0.25
 class Stage:
     """The actors of a model. They are created when they are needed, and kept as long as they are valid.
 
-    While the view is `moving`, simplified meshes are drawn if the last full frame took too many `seconds`.
+    While the view is `moving`, simplified meshes are drawn if `seconds`, the time of the last full frame, is
+    too long.
     `boost` enlarges lines and markers, for images that are printed small.
     """
 
@@ -76,8 +77,9 @@ class Stage:
         return self._surface + self._stand_in + layers
 
     def resize(self, pixels_per_unit: float) -> None:
-        """Adapt the size of lines and markers to the zoom. They are thinner if edges are short on the
-        screen.
+        """Adapt the size of lines and markers to the zoom.
+
+        They are smaller if the edges of the mesh are short on the screen.
         """
         size = float(np.clip(self._edge * pixels_per_unit / _FULL_SIZE, _LEAST, 1.0))
         if abs(size - self._size) > 0.02:
@@ -179,8 +181,9 @@ class Stage:
         return drawing.surface(model.points, faces, colors.values[first], "face")
 
     def _plain_surface(self, state: ViewState, faces: NDArray[Any], origin: NDArray[Any]) -> Any:
-        """Return faces (n, 3) in grey, or in the colours of the components of the original faces `origin`
-        (n,).
+        """Return the actor of faces (n, 3) in grey, or in the colours of their components.
+
+        `origin` (n,) are the indices of the faces in the model.
         """
         if state.coloring != "components":
             points = self.model.points
@@ -236,7 +239,7 @@ def face_budget(faces: int, seconds: float) -> int | None:
 def simplify(
     points: NDArray[np.float32], faces: NDArray[Any], target: int = _MOST_FACES
 ) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Return the faces (f, 3) of a simplified mesh, and the original face (f,) of each, for its colour.
+    """Return the faces (f, 3) of a simplified mesh, and the original faces (f,) that give their colours.
 
     The number of faces is `target` within a factor of two. Method: vertex clustering (J. Rossignac and P.
     Borrel, Multi-resolution 3D approximations for rendering complex scenes, 1993). O(V + F) time, with a sort

@@ -128,7 +128,7 @@ class ViewState:
         self.message = f"N / P: next / previous of {self.model.layers[self.active].style.label.lower()}"
 
     def next_coloring(self) -> None:
-        """Switch to the next colouring. Meshes without colours skip their own."""
+        """Switch to the next colouring. "own" is skipped if the mesh has no colours."""
         choices = [c for c in COLORINGS if c != "own" or self.model.colors is not None]
         at = choices.index(self.coloring) + 1 if self.coloring in choices else 0
         self.coloring = choices[at % len(choices)]
@@ -200,7 +200,7 @@ class ViewState:
         return f"component {component + 1:,} of {count:,}, {size:,} face{'' if size == 1 else 's'}"
 
     def component_of(self, kind: str, place: int) -> int | None:
-        """Return the component of an element. For a vertex it is the largest one."""
+        """Return the component of an element. A vertex can be in several: return the largest one."""
         layer, model = self.model.layers[kind], self.model
         number = int(layer.numbers[place])
         if layer.style.of == "vertex":
@@ -217,7 +217,10 @@ class ViewState:
         return int(at.min()) if len(at) else None
 
     def isolate_selection(self) -> None:
-        """Show only the component of the selection (without one the largest), or all components again."""
+        """Show only the component of the selection, or the largest one without a selection.
+
+        If a component is isolated already, show all components again.
+        """
         if self.component is not None:
             self.component, self.message = None, "All components are shown"
             return
@@ -233,7 +236,7 @@ class ViewState:
     def isolate(self, component: int | None) -> None:
         """Show only one component, counted by size from 0; None shows all."""
         if component is None or not 0 <= component < len(self.model.sizes):
-            self.component, self.message = None, "There is no such component"
+            self.component, self.message = None, "This component does not exist"
             return
         self.component = component
         self.message = f"Only {self.describe_component(component)}"

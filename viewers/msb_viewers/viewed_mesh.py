@@ -40,7 +40,7 @@ class Skin:
         return (self.textured.sampler.alpha_cutoff or 0.0) - ROUNDING
 
     def by_texture(self, rows: NDArray[Any]) -> list[tuple[int, NDArray[Any]]]:
-        """Return the number of each texture of the faces `rows`, with its faces (n,)."""
+        """Return the number of each texture that the faces `rows` use, with the faces (n,) that use it."""
         numbers = self.textured.face_texture
         if numbers is None:
             return [(0, rows)]
@@ -112,9 +112,8 @@ def _skin(mesh: StoredMesh, tint: StaticColors | None) -> tuple[Skin | None, Sta
         return Skin(textured, None), colors
     light = np.nan_to_num(corner_tint(tint, faces), nan=0.0)
     texels = encode_texels(light, 4)
-    texels[:, 3] = np.ceil(
-        light[:, 3] * 255
-    )  # round up, so that rounding does not move alpha below the cutoff
+    # Round up, so that rounding does not move alpha below the cutoff.
+    texels[:, 3] = np.ceil(light[:, 3] * 255)
     return Skin(textured, texels), colors
 
 

@@ -34,8 +34,8 @@ _FLIGHT_FRAMES = 14
 class TopologyViewer:
     """A view of a mesh and its defects, in a window or off-screen. Only `show` needs a window.
 
-    `up` is the axis that points up, such as "+y"; by default the axis of the model. `state` is the first
-    state.
+    `up` is the axis that points up, such as "+y"; by default the axis of the model. `state` is the
+    initial state.
     """
 
     def __init__(
@@ -81,7 +81,7 @@ class TopologyViewer:
             self.front.AddViewProp(picture.actor)
         self._legend: Panel | None = None
         self._marks: list[Any] = []
-        self._shown_vertex: tuple[int | None, float] = (None, 0.0)
+        self._fans_request: tuple[int | None, float] = (None, 0.0)
         self.controls = TopologyControls(self)
         self.home()
         self.refresh()
@@ -301,16 +301,16 @@ class TopologyViewer:
     def _show_fans(self) -> None:
         """Show the fans of the selected vertex in the lower right corner."""
         request = (self.state.vertex, self.scale)
-        if request == self._shown_vertex and self.state.vertex is None:
+        if request == self._fans_request and self.state.vertex is None:
             return
         # Create the actors and the text only if vertex or scale changed.
-        if request != self._shown_vertex:
+        if request != self._fans_request:
             text = self.inset.show(self.model, self.state.vertex, self.scale)
             if text:
                 at = self.state.component_of_vertex(int(self.state.vertex or 0))
                 of = "" if at is None else f" · {self.state.describe_component(at)}"
                 self.state.message = text + of
-            self._shown_vertex = request
+            self._fans_request = request
         picture, panel = self._overlays["fans"], self.inset.panel
         self.inset.renderer.SetDraw(panel is not None and not self.state.help)
         if panel is None or self.state.help:

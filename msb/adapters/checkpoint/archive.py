@@ -2,10 +2,12 @@
 
 All members are in one folder, which has the name of the file or ``archive``. They are ``data.pkl``,
 ``data/0``, ``data/1`` ... (one per storage), ``version`` and, in newer files, ``byteorder``. The other
-members (``.format_version``, ``.storage_alignment``, ``.data/serialization_id``) are not needed. Unlike in a
-packed `.triasset`, sizes and checksum also follow the data (bit 3 of the flags), there is always a ZIP64 end
-record, and padding in the extra field of local headers aligns the data to 64 bytes. Sources: pytorch/pytorch
-`torch/serialization.py`, `caffe2/serialize/versions.h`, `caffe2/serialize/inline_container.cc`.
+members (``.format_version``, ``.storage_alignment``, ``.data/serialization_id``) are not needed. As in a
+packed `.triasset`, padding in the extra field of local headers aligns the data to 64 bytes. Unlike there,
+sizes and checksum also follow the data (bit 3 of the flags), and there is always a ZIP64 end record.
+
+Sources: pytorch/pytorch `torch/serialization.py`, `caffe2/serialize/versions.h`,
+`caffe2/serialize/inline_container.cc`.
 """
 
 import zlib
@@ -16,13 +18,13 @@ from msb.adapters.checkpoint.tensors import Extent, Refusal, Storages
 from msb.asset.strict_zip import Member, Policy, read_members
 from msb.errors import shorten
 
-# Maximum size of data.pkl in bytes. Without the values of tensors it has some kilobytes; a list of a million
-# losses takes 9 MiB.
+# Maximum size of data.pkl in bytes. It does not contain the values of tensors, so some kilobytes are usual. A
+# list of a million losses takes 9 MiB.
 MAX_PICKLE = 16 << 20
-# Maximum number of members: one per tensor and a few more. Files of the methods have fewer than 30, large
-# models thousands.
+# Maximum number of members. An archive has one per tensor and a few more: fewer than 30 in the files of the
+# methods, and thousands in those of other large models.
 MAX_MEMBERS = 20_000
-# Maximum number of bytes in the name of a member.
+# Maximum length of a member's name in characters.
 MAX_NAME = 500
 # Supported versions. torch accepts up to 10 and writes 3; version 1 had another layout.
 VERSIONS = range(2, 11)

@@ -1,10 +1,13 @@
-"""Read the layout of `torch.save` before torch 1.6, which is still an option: pickles, then raw storages.
+"""Read files in the layout of `torch.save` before torch 1.6: pickles, then raw storages.
+
+`torch.save` can still write this layout on request.
 
 The file has five pickles: a magic number, the number 1001, properties of the machine, the saved value, and
-the list of storage keys in the order of the file. Then follow the storages, each a 64-bit count of elements
-and the elements. The position of a storage depends on the types of the storages before it, and only the saved
-value has these types. So its pickle is interpreted twice: first to collect the declared storages, then with
-their positions. Source: pytorch/pytorch `torch/serialization.py` (`_legacy_save`).
+the list of storage keys in the order of the file. The storages follow. Each begins with its number of
+elements in 64 bits, and then has the elements. The position of a storage depends on the types of the storages
+before it, which are stated in the pickle of the saved value. So this pickle is interpreted twice: first to
+collect the storages and their types, then with their positions. Source: pytorch/pytorch
+`torch/serialization.py` (`_legacy_save`).
 """
 
 import re
@@ -17,7 +20,7 @@ from msb.adapters.checkpoint.tensors import DeclaredStorages, Extent, Refusal, S
 
 MAGIC_NUMBER = 0x1950A86A20F9469CFC6C
 PROTOCOL_VERSION = 1001
-# Maximum number of storages of a file, as many as members of an archive.
+# Maximum number of storages of a file, the same as for the members of an archive.
 MAX_STORAGES = 20_000
 
 _COUNT = struct.Struct("<q")
@@ -39,7 +42,7 @@ def read_legacy(view: memoryview) -> Any:
         value, position = _pickle_at(view, position)
         header.append(value)
     _check_header(*header)
-    # First run: which storages are declared. Then find their places, and run again.
+    # First run: collect the declared storages. Then find their places, and run the pickle again.
     start = position
     declared = DeclaredStorages()
     _, position = _pickle_at(view, start, declared)
@@ -86,7 +89,7 @@ def _places(view: memoryview, position: int, keys: Any, declared: DeclaredStorag
     for key in keys:
         at = f"byte {position}"
         if type(key) is not str or key not in known or key in places:
-            text = "the list of keys has a storage that no tensor uses, or a storage twice"
+            text = "the list of keys has a storage twice, or one that no tensor uses"
             raise Refusal("CHECKPOINT_DAMAGED", text, at=at)
         storage = known[key]
         assert storage.kind.dtype is not None

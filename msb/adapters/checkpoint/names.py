@@ -13,8 +13,8 @@ import numpy as np
 from msb.adapters.checkpoint.tensors import BFloat16Array, Refusal, Storages, StorageType, rebuild_tensor
 from msb.errors import shorten
 
-# Maximum length of the text for `_codecs.encode`, which is only used for NumPy scalars of at most 8 bytes. A
-# file could encode a longer text again and again, with a copy each time.
+# Maximum number of characters that `_codecs.encode` accepts. Valid files only use it for NumPy scalars of at
+# most 8 bytes. Without a limit a file could exhaust the memory by encoding a long text many times.
 MAX_ENCODED = 64
 
 
@@ -67,7 +67,8 @@ def _encode(_: Storages, arguments: tuple[Any, ...]) -> bytes:
     text: str = arguments[0]
     if len(text) > MAX_ENCODED or any(ord(character) > 255 for character in text):
         message = (
-            f"text for bytes has {len(text)} characters or invalid ones; at most {MAX_ENCODED} are allowed"
+            f"text that stands for bytes must have at most {MAX_ENCODED} characters, all below U+0100; "
+            f"it has {len(text)} characters"
         )
         raise Refusal("CHECKPOINT_HOSTILE", message)
     return text.encode("latin1")

@@ -23,7 +23,8 @@ if TYPE_CHECKING:
 # adds 10,000. An instruction can need some hundred bytes (an empty dict, a tensor), so this also limits the
 # memory to some hundred MiB.
 MAX_OPCODES = 1_000_000
-# Maximum number of memo entries. An entry needs an instruction for its value and one to store it.
+# Maximum number of memo entries: half of MAX_OPCODES, because an entry needs an instruction for its value and
+# another one to store it.
 MAX_MEMO = 500_000
 # Maximum size of an integer in bytes. Sizes and seeds are shorter; the magic number of torch has 10 bytes.
 MAX_INTEGER_BYTES = 16
@@ -46,7 +47,7 @@ class _Machine:
         self.protocol = 0
         self.frame_end: int | None = None
         self.stack: list[Any] = []
-        # The stacks below the open marks.
+        # For each open mark, the stack below it.
         self.below: list[list[Any]] = []
         self.memo: dict[int, Any] = {}
         # id -> dictionary that was an OrderedDict. Only these can have attributes.
@@ -230,8 +231,9 @@ class _Machine:
         self.push(result)
 
     def build(self) -> None:
-        """Ignore the attributes of an OrderedDict (`_metadata`), and the state of a NumPy type if it is
-        the default.
+        """Ignore the attributes of an OrderedDict (`_metadata`) and the default state of a NumPy type.
+
+        Any other state is an error.
         """
         state, target = self.pop(), self.top()
         if id(target) in self.ordered:
@@ -314,7 +316,7 @@ def run_pickle(
 ) -> tuple[Any, int]:
     """Run the pickle at the beginning of `data`; return its value and its end.
 
-    Without `storages` the declared storages are only collected. `where` and `origin` are for error messages:
+    Without `storages` all tensors in the value are empty. `where` and `origin` are for error messages:
     the name of the member, such as "data.pkl ", and the position of `data` in the file.
     """
     machine = _Machine(data, DeclaredStorages() if storages is None else storages)

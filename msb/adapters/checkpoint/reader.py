@@ -19,7 +19,7 @@ _LONGEST_TAIL = 22 + 0xFFFF
 # Maximum nesting of lists, tuples and dictionaries. Files of the methods have 5 levels; recursive code fails
 # at 1000.
 MAX_DEPTH = 64
-# Maximum number of values, if shared lists and dictionaries are counted each time. A list can contain a
+# Maximum number of values. A shared list or dictionary counts each time it is used. A list can contain a
 # second list twice, which contains a third list twice, and so on: 30 levels are 10^9 values in 200 bytes
 # ("billion laughs"). Files of the methods do not share lists or dictionaries.
 MAX_VALUES = 1_000_000
@@ -87,8 +87,10 @@ def _is_safetensors(view: memoryview, head: bytes) -> bool:
 
 
 class _Node:
-    """A container on the path from the root, with an iterator over its other values, its height and its
-    size.
+    """A container on the path from the root.
+
+    `rest` iterates over the values that were not visited yet. Of the visited part, `height` is the number of
+    levels and `count` the number of values.
     """
 
     def __init__(self, container: Any) -> None:
@@ -107,8 +109,8 @@ def _check_structure(root: Any) -> None:
 
     Time and memory are linear in the number of different containers, even if they are shared.
     """
-    # Depth-first search without recursion. `known` has the finished containers by id, `open_now` those on the
-    # path.
+    # Depth-first search without recursion. `known` maps ids to the finished containers, and `open_now` has
+    # the ids of the containers on the path.
     path = [_Node([root])]
     known: dict[int, _Node] = {}
     open_now: set[int] = set()

@@ -45,7 +45,7 @@ class Refusal(Exception):
 
 
 class Unfinished(Refusal):
-    """The bytes end before the pickle does."""
+    """The data ends before the pickle is complete."""
 
 
 @dataclass(frozen=True)
@@ -155,7 +155,7 @@ class Storages:
 
 
 class DeclaredStorages(Storages):
-    """Used while the places of storages are unknown: it collects them, and returns empty tensors."""
+    """Storages whose places are not known yet. They are collected, and all tensors are empty."""
 
     def __init__(self) -> None:
         super().__init__(memoryview(b""), {})
@@ -188,7 +188,7 @@ def rebuild_tensor(storages: Storages, arguments: tuple[Any, ...]) -> Any:
         raise Refusal(code, "the first argument of a tensor is not a storage")
     if not (_is_integers(size) and _is_integers(stride) and type(offset) is int):
         raise Refusal(code, f"size, stride or offset of a tensor in storage {storage.key} are not integers")
-    window = _checked_window(storage, offset, size, stride)
+    window = _check_window(storage, offset, size, stride)
     return storages.tensor(storage, offset if math.prod(size) else 0, window)
 
 
@@ -196,7 +196,7 @@ def _is_integers(value: Any) -> bool:
     return type(value) is tuple and all(type(item) is int for item in value)
 
 
-def _checked_window(storage: Storage, offset: int, size: tuple[int, ...], stride: tuple[int, ...]) -> Window:
+def _check_window(storage: Storage, offset: int, size: tuple[int, ...], stride: tuple[int, ...]) -> Window:
     """Check that a window is inside its storage; return it with strides that NumPy accepts."""
     where = f"a tensor in storage {storage.key}"
     if len(size) > MAX_AXES or any(n < 0 for n in size) or math.prod(n or 1 for n in size) > MAX_ELEMENTS:

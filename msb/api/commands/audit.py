@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class AuditOptions:
-    """Additional audits, and what to show and write."""
+    """Additional audits, displays and output files."""
 
     weld: Annotated[
         str | None, Option("Also audit with coincident vertices merged.", metavar="exact|EPS")
@@ -34,8 +34,8 @@ class AuditOptions:
             "Write the defective elements to a .vtp, .csv or .npz file.", endings=(".vtp", ".csv", ".npz")
         ),
     ] = None
-    view: Annotated[bool, Option("Then show the mesh in a window, like msb view; one mesh only.")] = False
-    paper: Annotated[bool, Option("Also show the paper's average row.")] = False
+    view: Annotated[bool, Option("Also show the mesh in a window, as msb view does. One mesh only.")] = False
+    paper: Annotated[bool, Option("Also show the paper's averages of MeshSplatting.")] = False
     explain: Annotated[str | None, Option("Print the definition of a quantity and exit.", metavar="KEY")] = (
         None
     )
@@ -97,9 +97,7 @@ def audit(
 
 
 class _Task:
-    """A run of the command. Options are parsed before any mesh is read, then the meshes are audited in
-    turn.
-    """
+    """A run of the command: parse all options, then read and audit one mesh after the other."""
 
     def __init__(self, options: AuditOptions, conditions: GateOptions, output: Output) -> None:
         from msb.topology.weld import parse_weld
@@ -164,7 +162,7 @@ class _Task:
             print_audit(result, self.output, paper=self.options.paper, hint=alone)
         self.audits[str(path)] = result
         self.seen = path, mesh, result, analysis
-        # Evaluate the gates. Each one that fails is a line on standard error.
+        # Evaluate the gates. Each gate that fails prints a line on standard error.
         failed = [error for gate in self.gates if (error := gate.check(result, path))]
         self.failed_gates += bool(failed)
         failed += _disagreements(result, path)

@@ -1,4 +1,7 @@
-"""Print an audit as text: verdict, the paper's eight columns, defects, verdict. Several end with a table."""
+"""Print an audit as text: the verdict, the paper's eight columns, the defects, and the verdict again.
+
+After several audits a table has a row for each mesh.
+"""
 
 from collections.abc import Iterable, Sequence
 from typing import Any
@@ -36,7 +39,7 @@ _DEFECTS = (
     ("nonfinite_faces", "face", "faces", "faces without a finite area"),
     ("unreferenced_vertices", "vertex", "vertices", "unused vertices"),
 )
-# Verdict level -> colour of its word, which has the same meaning without colour.
+# Verdict level -> colour of its word. The word is sufficient if colours are off.
 _STYLES: dict[Level, str] = {"ok": "green", "limited": "yellow", "bad": "red"}
 _VERDICTS = {"agrees": "agrees", "differs_by_definition": "by definition", "disagrees": "DISAGREES"}
 
@@ -151,7 +154,7 @@ def _where(noun: str, sample: Sample) -> str:
 
 
 def _print_cross_check(rows: Sequence[dict[str, Any]], output: Output) -> None:
-    """Print how many quantities each library confirms, then the others. With -v print all quantities."""
+    """Print how many quantities each library confirms, then the quantities that differ; with -v all."""
     peers: dict[str, list[dict[str, Any]]] = {}
     for row in rows:
         peers.setdefault(f"{row['peer']} {row['version']}", []).append(row)

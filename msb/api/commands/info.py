@@ -85,7 +85,7 @@ def _print(asset: Asset, path: Path, size: int, output: Output) -> None:
 
 
 def _textures(manifest: Manifest) -> list[dict[str, Any]]:
-    """Return the size of each texture, in their order. The manifest has the sampler."""
+    """Return name, width, height and channels of each texture, sorted by number."""
     from msb.asset.texture import NAME
 
     names = sorted(

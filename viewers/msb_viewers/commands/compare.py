@@ -19,14 +19,14 @@ if TYPE_CHECKING:
     from msb_viewers.deployment.state import CompareState
     from msb_viewers.deployment.views import View
 
-# Number, width and height in pixels of the views if there are neither given cameras nor cameras of the
-# training.
+# Turntable for models without cameras: the number of views, and their width and height in pixels. Views of
+# training cameras are scaled down to the same longest side.
 TURNTABLE = (8, 640, 480)
 
 
 @dataclass(frozen=True)
 class CompareOptions:
-    """Compared tiers and photographs, and the layout at first."""
+    """Compared tiers and photographs, and the first layout."""
 
     image_folder: Annotated[
         Path | None,
@@ -40,9 +40,9 @@ class CompareOptions:
     scale: Annotated[
         float | None, Option("Size of the images relative to the cameras.", metavar="FACTOR")
     ] = None
-    layout: Annotated[Literal["side", "wipe", "difference"], Option("Layout of the images (at first).")] = (
-        "side"
-    )
+    layout: Annotated[
+        Literal["side", "wipe", "difference"], Option("Layout of the image, and the first one of the page.")
+    ] = "side"
     tiers: Annotated[
         tuple[str, ...],
         Option(
@@ -53,7 +53,9 @@ class CompareOptions:
     baked: Annotated[
         Path | None, Option("Also show this mesh, which msb bake made from the model.", metavar="FILE")
     ] = None
-    pair: Annotated[str | None, Option("The two tiers of wipe and difference.", metavar="A,B")] = None
+    pair: Annotated[str | None, Option("The two tiers that wipe and difference compare.", metavar="A,B")] = (
+        None
+    )
 
     def __post_init__(self) -> None:
         if self.scale is not None:
@@ -127,9 +129,7 @@ def _comparison(asset: Asset, path: Path, views: list[View], request: _Request, 
     baked = None if request.options.baked is None else open_baked(request.options.baked, asset, output)
     tiers, missing = choose_tiers(asset, views, request.options.tiers or None, baked=baked)
     if not request.options.tiers and "reference" not in tiers:
-        text = (
-            f"{asset.manifest.face_count:,} faces take minutes per view; name it with --tiers to include it"
-        )
+        text = f"{asset.manifest.face_count:,} faces take minutes per view; list it in --tiers to include it"
         output.note(f"{path.name}: the reference tier is omitted: {text}")
     settings = drawing.settings(asset)
     effective_settings(asset.manifest, settings)  # rejects invalid settings
@@ -142,7 +142,7 @@ def _comparison(asset: Asset, path: Path, views: list[View], request: _Request, 
 
 
 def _choose(asset: Asset, request: _Request) -> tuple[list[View], str]:
-    """Return the default views of a model and their description; --up sets the axis of a turntable."""
+    """Return the views without --cameras, and their description; --up sets the axis of a turntable."""
     from msb.scenes.around import make_turntable
     from msb.views import choose_views
     from msb_viewers.deployment.views import View, views_at
@@ -153,7 +153,7 @@ def _choose(asset: Asset, request: _Request) -> tuple[list[View], str]:
         views = [View(f"view {index}", camera, why="") for index, camera in enumerate(cameras, 1)]
         return views, chosen.description
     views = views_at(chosen.cameras, chosen.place or Path(), None, None)
-    # Large images of the training are scaled down.
+    # Scale down large views of the training.
     sizes = [min(1.0, max(TURNTABLE[1:]) / max(view.camera.width, view.camera.height)) for view in views]
     return [
         replace(view, camera=view.camera.scaled(size)) for view, size in zip(views, sizes, strict=True)

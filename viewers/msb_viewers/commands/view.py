@@ -31,7 +31,7 @@ def view(
     *,
     repaired: Annotated[
         Path | None,
-        Option("Compare with OUT, a repair of ASSET: deleted and added faces, cut edges.", metavar="OUT"),
+        Option("Show deleted and added faces and cut edges of OUT, a repaired ASSET.", metavar="OUT"),
     ] = None,
     window: Window,
     options: ViewOptions,
@@ -50,7 +50,7 @@ def view(
     require(not both, "--figure cannot be combined with --repaired; use --screenshot")
     probe = open_probe(window)
     try:
-        model = _audited(path, output) if repaired is None else _read_repaired(path, repaired, output)
+        model = _audit_mesh(path, output) if repaired is None else _read_repaired(path, repaired, output)
         if probe is not None:
             probe.check()
     finally:
@@ -120,7 +120,7 @@ def _read_mesh(path: Path, output: Output) -> ViewedMesh:
         return read_viewed_mesh(inputs[0])
 
 
-def _audited(path: Path, output: Output) -> ViewModel:
+def _audit_mesh(path: Path, output: Output) -> ViewModel:
     from msb.topology import audit_arrays
     from msb_viewers.model import build_model
 

@@ -13,14 +13,15 @@ if TYPE_CHECKING:
 _GAP, _HEAD, _CAPTION, _BAR = 10, 72, 64, 48
 # Minimum width and height of a panel in pixels.
 _LEAST = 16
-# Fraction of the width for the panels A and B next to their difference.
+# Width of the panels A and B next to their difference, as a fraction of the width of the image.
 _THUMBNAIL = 0.3
 
 
 @dataclass(frozen=True)
 class Box:
-    """A rectangle of pixels; the origin is the top left. `right` and `bottom` are the first pixels
-    outside.
+    """A rectangle of pixels, counted from the top left corner.
+
+    `right` and `bottom` are the first column and row outside.
     """
 
     left: int
@@ -84,7 +85,7 @@ def arrange(
 
 
 def _grid(tiers: Sequence[str], area: Box, gap: int, caption: int, aspect: float) -> list[Cell]:
-    """Return cells in as many columns as make the images largest."""
+    """Return the cells of a grid. Its number of columns makes the images as large as possible."""
     best: tuple[float, list[Cell]] = (-1.0, [])
     for columns in range(1, len(tiers) + 1):
         rows = -(-len(tiers) // columns)

@@ -52,7 +52,7 @@ def decibels(a: Shot | None, b: Shot | None) -> float | None:
 
 @dataclass(eq=False)
 class _Composer:
-    """The image while it is drawn."""
+    """A composition while it is drawn."""
 
     state: CompareState
     shots: Mapping[str, Shot]
@@ -152,7 +152,7 @@ class _Composer:
                 11,
                 anchor=("l" if index == 0 else "r" if index == 4 else "m") + "m",
             )
-        words = "difference per pixel: root mean square of red, green and blue; 1 is black to white"
+        words = "difference per pixel: root mean square of red, green and blue; black and white differ by 1"
         canvas.write(box.left, bar.bottom + px(29), words, 11, FAINT, anchor="lm", room=box.width)
 
     def draw_caption(self, tier: str, box: Box) -> None:

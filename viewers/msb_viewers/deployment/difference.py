@@ -15,9 +15,9 @@ ERROR_SCALE = (
     (156, 46, 127), (182, 55, 121), (207, 65, 112), (230, 81, 99), (245, 105, 92), (251, 135, 97),
     (254, 165, 113), (254, 195, 135), (253, 224, 162), (252, 253, 191),
 )  # fmt: skip
-# Values of the difference for the brightest colour.
+# Choices for the top of the colour scale: the smallest difference, in [0, 1], with the brightest colour.
 TOPS = (1.0, 0.5, 0.25, 0.1, 0.05, 0.02)
-# The value at first.
+# The first choice of a page, and the only one of an image.
 TOP = 0.25
 
 

@@ -127,7 +127,7 @@ async function drawMap() {
   ticks.id = "ticks";
   for (let i = 0; i < 5; i++) ticks.append(make("span", `${state.top * i / 4}${i === 4 && state.top < 1 ? " or more" : ""}`));
   box.replaceChildren(canvas, figure, make("div", `PSNR of B (${label(b).toLowerCase()}) with respect to A (${label(a).toLowerCase()}), both as 8-bit images`, "faint"),
-    bar, ticks, make("div", "difference per pixel: root mean square of red, green and blue; 1 is black to white", "faint"), pairFigures());
+    bar, ticks, make("div", "difference per pixel: root mean square of red, green and blue; black and white differ by 1", "faint"), pairFigures());
   canvas.classList.toggle("large", canvas.clientWidth > first.width);
 }
 

@@ -29,17 +29,16 @@ LABELS = {
     "standard": "Standard",
     BAKED: "Baked",
 }
-# Number of faces above which the reference tier is only drawn on request, because NumPy takes minutes.
+# Number of faces above which the reference tier must be requested, because NumPy takes minutes per view.
 MOST_REFERENCE_FACES = 200_000
 
 
 @dataclass(frozen=True, eq=False)
 class Shot:
-    """The result of a tier for a camera: the image (H, W, 3) of `msb render`, or the reason `why` it is
-    missing.
+    """The result of a tier for a camera: the image (H, W, 3), or the reason `why` it is missing.
 
-    `milliseconds` is the time on the device without reading back, or the time of NumPy. `nbytes` is the
-    device memory of the tier, and `where` is the device.
+    The image is the same as that of `msb render`. `milliseconds` is the time on the device without reading
+    back, or the time of NumPy. `nbytes` is the device memory of the tier, and `where` is the device.
     """
 
     tier: str
@@ -55,8 +54,7 @@ class Comparison:
     """The compared tiers and views, and the options of rendering.
 
     `missing` maps tiers to the reason why the method does not support them. `settings` override the settings
-    of the asset. `supersample` applies to the standard tier and to the mesh `baked`, which is also drawn on
-    it.
+    of the asset. `supersample` applies to the standard tier, which also draws the mesh `baked`.
     """
 
     name: str

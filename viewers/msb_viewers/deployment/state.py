@@ -18,8 +18,8 @@ LAYOUTS: tuple[Layout, ...] = get_args(Layout)
 class CompareState:
     """The layout of a comparison.
 
-    `pair` are the tiers A and B of wipe and difference. PSNRs are with respect to A. They are equal if there
-    is only one tier.
+    `pair` has the tiers A and B that wipe and difference compare. PSNRs are with respect to A. If only one
+    tier has an image, A and B are the same.
     """
 
     comparison: Comparison

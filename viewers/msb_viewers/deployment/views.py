@@ -78,8 +78,9 @@ def _find_photograph(camera: Camera, files: SpelledFiles | None, *, by_name: boo
 
 
 def read_photograph(view: View, background: tuple[float, float, float]) -> NDArray[np.uint8]:
-    """Return the photograph of a view (H, W, 3), in the size of the camera, on `background` if
-    transparent.
+    """Return the photograph of a view (H, W, 3), in the size of the camera.
+
+    Transparent parts show the `background`.
     """
     from msb.metrics import read_image
     from msb.render.images import to_bytes
