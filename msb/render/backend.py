@@ -30,7 +30,7 @@ BUILT_IN = {
 }
 # Tiers whose built-in renderer needs an OpenCL device.
 ON_OPENCL = ("standard", "dedicated")
-# Name -> the renderer that drives a foreign engine.
+# Name -> the renderer that drives another engine.
 ENGINES = {
     "wgpu": "msb.engines.webgpu:WgpuRenderer",
     "threejs": "msb.engines.threejs:ThreeJsRenderer",

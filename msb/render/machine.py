@@ -26,7 +26,7 @@ def machine(
     opencl : bool
         False if the work used the host only; the record then has no device.
     engine : mapping, optional
-        `Renderer.device_info` of a foreign engine, recorded in place of an OpenCL device.
+        `Renderer.device_info` of another engine, recorded in place of an OpenCL device.
     """
     from importlib.metadata import version
 

@@ -143,7 +143,7 @@ class RendererOptions:
         str | None,
         Option(
             "OpenCL device; msb devices lists them. Default: MSB_DEVICE, PYOPENCL_CTX, or PoCL. "
-            "Foreign engines accept cpu or gpu.",
+            "Other engines (wgpu, three.js, Blender) accept cpu or gpu.",
             metavar="cpu|gpu|PLATFORM:INDEX",
         ),
     ] = None

@@ -33,7 +33,7 @@ class Renderer:
         is native rendering in NumPy, which is slow (docs/reference.md).
     device : str or Device, optional
         Where to compute: "cpu", "gpu" or "PLATFORM:INDEX". The default is MSB_DEVICE, else the first usable
-        device. Foreign engines accept "cpu" or "gpu", and choose a device by default.
+        device. Other engines accept "cpu" or "gpu", and choose a device by default.
     settings : mapping, optional
         Overrides of the settings that the asset stores; `msb methods` lists the settings.
     name : str, optional
