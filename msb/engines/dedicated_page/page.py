@@ -345,7 +345,7 @@ def _differ_in_record_only(model: SplatModel | Surface, other: SplatModel | Surf
 
 
 def _orbit_sphere(asset: Asset) -> dict[str, Any]:
-    """Return the sphere that a free camera orbits: the bounding sphere, or a smaller one if it is mostly empty.
+    """Return the sphere that a free camera orbits: the bounding sphere, or a smaller one of most vertices.
 
     In captures a few faces are far away. A camera that orbits the whole bounding sphere would be too far from
     the model.
