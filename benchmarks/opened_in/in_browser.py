@@ -11,7 +11,7 @@ import numpy as np
 
 from benchmarks.opened_in.scenes import HEIGHT, WIDTH, Scene
 from benchmarks.opened_in.shown import ENGINES, NOT_INSTALLED, Shown
-from msb.engines.browser import Page, browser_name, find_browser
+from msb.engines.browser import Page, find_browser, parse_browser_name
 
 MODULES = ENGINES / "node_modules"
 _WEB = Path(__file__).parent / "web"
@@ -51,7 +51,8 @@ class WebEngine:
             pixels = page.ask(scene.view).body
             version = json.loads((MODULES / self.package / "package.json").read_text())["version"]
             image = np.frombuffer(pixels, np.uint8).reshape(HEIGHT, WIDTH, 4)[..., :3]
-            return Shown(image, f"{version}, {browser_name(page.about['browser'])}, {page.about['device']}")
+            name = parse_browser_name(page.about["browser"])
+            return Shown(image, f"{version}, {name}, {page.about['device']}")
         finally:
             page.close()
 

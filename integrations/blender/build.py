@@ -19,7 +19,7 @@ ROOT = Path(__file__).resolve().parents[2]
 SOURCES = Path(__file__).resolve().parent / "meshsplatbench"
 # Python version of Blender -> its NumPy. Blender 4.2 to 5.0 has Python 3.11, Blender 5.1 and later 3.13.
 NUMPY = {(3, 11): "numpy<2", (3, 13): "numpy>=2"}
-# Python's name of a processor -> Blender's name, if it differs.
+# Python's name of a processor -> Blender's name; only processors whose names differ.
 MACHINES = {"x86_64": "x64", "amd64": "x64", "aarch64": "arm64"}
 
 

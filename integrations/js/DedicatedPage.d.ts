@@ -1,6 +1,9 @@
 import { PerspectiveCamera } from "three";
 
-/** A camera with OpenCV's axes: focal lengths and principal point in pixels, rows of a 4 x 4 matrix. */
+/**
+ * A camera with OpenCV's axes. Focal lengths and principal point are in pixels, `world_to_camera` has the rows of a
+ * 4 x 4 matrix, and `unit` is a length in camera space, for example for near planes.
+ */
 export interface View {
   width: number;
   height: number;
@@ -15,7 +18,7 @@ export interface View {
 /** Native rendering of a model with WebGPU, from a page of `msb web --tier dedicated`. */
 export class DedicatedPage {
   private constructor();
-  /** Throws if there is no WebGPU, if the device cannot draw the model, or if `url` is not such a page. */
+  /** Rejects if the browser has no WebGPU, if the device cannot draw the model, or if `url` is not such a page. */
   static open(url: string, canvas: HTMLCanvasElement, onProgress?: (text: string) => void): Promise<DedicatedPage>;
   /** The name of the method, and the number of faces. */
   readonly title: string;
@@ -26,8 +29,9 @@ export class DedicatedPage {
   readonly cameras: (View & { name: string | null })[];
   /** The background of the page: sRGB values, 0 to 1. */
   readonly background: number[];
-  /** Draws onto the canvas at its current size; resolves when the frame is complete. */
+  /** Draws onto the canvas at its current size. Resolves when the frame is complete. */
   draw(camera: PerspectiveCamera, background?: number[]): Promise<void>;
+  /** Releases the graphics device. */
   dispose(): void;
 }
 

@@ -1,10 +1,10 @@
-// Draws the native rendering of a model with WebGPU. It reads a page of `msb web --tier dedicated`, which contains the
-// method's WGSL, passes and arrays, and executes them with the script of that page.
+// Draws the native rendering of a model with WebGPU. This module reads a page of `msb web --tier dedicated`, which
+// contains WGSL, passes and arrays, and executes them with a script that it shares with that page.
 import { Dedicated } from "./shared/dedicated.js";
-import { shrunk, storedArray } from "./shared/store.js";
+import { shrink, storedArray } from "./shared/store.js";
 
 export class DedicatedPage {
-  // Reads the page at `url` and prepares its model for `canvas`. `onProgress(text)` is called for messages.
+  // Reads the page at `url` and prepares its model for `canvas`. `onProgress(text)` is called with progress messages.
   static async open(url, canvas, onProgress = () => {}) {
     const answer = await fetch(url);
     if (!answer.ok) throw new Error(`DedicatedPage: ${url} cannot be loaded: HTTP status ${answer.status}`);
@@ -13,22 +13,23 @@ export class DedicatedPage {
     if (!about) throw new Error(`DedicatedPage: ${url} is not a page of msb web --tier dedicated`);
     const read = async (name) => {
       const { shrunk: source, ...head } = about.arrays[name];
-      return source ? shrunk(await read(source.of), source.factor) : storedArray(name, head, page);
+      return source ? shrink(await read(source.of), source.factor) : storedArray(name, head, page);
     };
     const result = new DedicatedPage(), unit = [...scene.cameras, ...about.tests.map((test) => test.view)][0]?.unit || 1;
     Object.assign(result, { title: about.title, faces: about.faces, background: scene.background, cameras: scene.cameras });
     result.sphere = about.sphere;
     result.canvas = canvas;
-    result.look = about.view;
+    result.record = about.view;
     result.unit = unit;
     result.drawing = await Dedicated.open(about, canvas, read, onProgress);
     return result;
   }
 
-  // Draws onto the canvas with a three.js camera, over `background` (sRGB values, 0 to 1). Resolves when this is done.
+  // Draws onto the canvas with a three.js camera, over `background` (sRGB values, 0 to 1). Resolves when the
+  // frame is complete.
   draw(camera, background = this.background) {
     const view = viewOf(camera, this.canvas.width, this.canvas.height, this.unit);
-    return this.drawing.draw(view, background, this.look.degree, this.look.own);
+    return this.drawing.draw(view, background, this.record.degree, this.record.own);
   }
 
   dispose() { this.drawing.device.destroy(); }

@@ -17,8 +17,8 @@ const PASSES = ["bake_dc", "opaque_unlit", "opaque_unlit_texture"];
 const WRAPS = { repeat: RepeatWrapping, clamp: ClampToEdgeWrapping, mirror: MirroredRepeatWrapping };
 const FILTERS = { linear: [LinearFilter, LinearMipmapLinearFilter], nearest: [NearestFilter, NearestMipmapNearestFilter] };
 const SH_C0 = 0.28209479177387814;  // the constant spherical harmonic
-// The light on a mesh without colours: its grey, the ambient share, and the direction to the light as (right, up,
-// front); then the axes to the right and to the front for each up axis.
+// A mesh without colours is grey and lit: GREY is its brightness, AMBIENT the share of ambient light, LIGHT the direction
+// to the light as (right, up, front). AROUND maps the up axis to the numbers of the right and the front axis.
 const GREY = 0.8, AMBIENT = 0.35, LIGHT = [0.36, 0.8, 0.48];
 const AROUND = { x: [2, 1], y: [0, 2], z: [1, 0] };
 const ROUNDING = 1e-6;  // rounding error of interpolated alphas
@@ -97,7 +97,7 @@ function manifestOf(bytes) {
 function buffersOf(manifest, members) {
   const counts = { vertex: manifest.vertex_count, face: manifest.face_count, corner: 3 * manifest.face_count };
   const buffers = new Map(), entries = Object.entries(manifest.buffers);
-  insist(entries.length <= BUFFERS, `names more than ${BUFFERS} buffers`);
+  insist(entries.length <= BUFFERS, `has more than ${BUFFERS} buffers`);
   for (const [name, spec] of entries) {
     const what = `buffer ${JSON.stringify(name.slice(0, 64))}`;
     insist(isObject(spec) && /^[a-z][a-z0-9_.]{0,63}$/.test(name), `has an invalid description of ${what}`);
@@ -106,7 +106,7 @@ function buffersOf(manifest, members) {
     insist(member, `has ${what} in a file that does not exist`);
     insist(Type, `has ${what} with an unknown dtype`);
     insist(Array.isArray(shape) && shape.length >= 1 && shape.length <= 4 && shape.every(isCount), `has ${what} with an invalid shape; 1 to 4 positive integers are required`);
-    insist(domain === "global" || (Object.hasOwn(counts, domain) && shape[0] === counts[domain]), `has ${what} with another number of rows than its domain`);
+    insist(domain === "global" || (Object.hasOwn(counts, domain) && shape[0] === counts[domain]), `has ${what}, whose number of rows does not match its domain`);
     const count = shape.reduce((product, side) => product * side, 1);
     insist(length === count * Type.BYTES_PER_ELEMENT, `has ${what} with a byte_length that does not match its shape and dtype`);
     insist(Number.isInteger(offset) && offset >= 0 && offset % ALIGNMENT === 0 && offset + length <= member.length, `has ${what} outside its file or at an unaligned offset`);
@@ -115,7 +115,7 @@ function buffersOf(manifest, members) {
   return buffers;
 }
 
-// Returns the buffer with a standard name, or null; throws if it does not have the required dtype, width and domain.
+// Returns the buffer with a standard name, or null if it is missing. Throws if its dtype, width or domain is invalid.
 function roleOf(buffers, name, dtypes, widths, domains) {
   const buffer = buffers.get(name);
   if (!buffer) return null;
@@ -136,8 +136,8 @@ function read(data) {
 // The sRGB curve (IEC 61966-2-1).
 const decode = (value) => (value <= 0.04045 ? value / 12.92 : ((value + 0.055) / 1.055) ** 2.4);
 
-// Returns stored colours as linear light, as three.js requires; alpha is unchanged. `harmonic` colours are coefficients of
-// spherical harmonics, `encoded` colours are sRGB.
+// Returns stored colours as linear light, as three.js requires; alpha is unchanged. If `harmonic` is true, the colours are
+// coefficients of spherical harmonics; if `encoded` is true, they are sRGB.
 function linearColors({ values, width }, harmonic, encoded) {
   const linear = new Float32Array(values.length), full = values instanceof Uint8Array ? 255 : 1;
   for (let i = 0; i < values.length; i += 1) {
@@ -208,7 +208,7 @@ function textureOf({ values, shape }, { filter, mipmaps, wrap_u: u, wrap_v: v },
   return texture;
 }
 
-// Returns the textures of an asset, an empty array if it has none.
+// Returns the textures of an asset, or an empty array if it has no textures.
 function texturesOf({ appearance, color_space: space }, buffers) {
   if (appearance.kind !== "texture") return [];
   const { filter, mipmaps, wrap_u: u, wrap_v: v, alpha_cutoff: cutoff } = appearance;
@@ -226,7 +226,8 @@ function texturesOf({ appearance, color_space: space }, buffers) {
 }
 
 // Changes a shader to interpolate colours as sRGB, as in training, because three.js interpolates linear light. Renderers
-// without GLSL (WebGPURenderer) ignore this; their colours are exact at corners and differ by some levels between them.
+// without GLSL (WebGPURenderer) ignore this change; their colours are exact at corners and differ by some levels of 255
+// elsewhere.
 function interpolateStored(shader) {
   shader.vertexShader = shader.vertexShader.replace("#include <color_vertex>", `#include <color_vertex>
     vColor.rgb = mix(1.055 * pow(vColor.rgb, vec3(1.0 / 2.4)) - 0.055, 12.92 * vColor.rgb, vec3(lessThanEqual(vColor.rgb, vec3(0.0031308))));`);
@@ -285,11 +286,11 @@ function meshOf({ manifest, buffers }) {
 }
 
 // Calls `make` and puts the name of the file at the start of error messages.
-function named(name, make) {
+function withFileName(name, make) {
   try { return make(); } catch (error) { throw new Error(`TriassetLoader: ${name} ${error.message}`, { cause: error }); }
 }
 
-export const readTriasset = (data, name = "the file") => named(name, () => read(data));
+export const readTriasset = (data, name = "the file") => withFileName(name, () => read(data));
 
 export class TriassetLoader extends Loader {
   load(url, onLoad, onProgress, onError) {
@@ -303,5 +304,5 @@ export class TriassetLoader extends Loader {
     }, onProgress, onError);
   }
 
-  parse(data, name = "the file") { return named(name, () => meshOf(read(data))); }
+  parse(data, name = "the file") { return withFileName(name, () => meshOf(read(data))); }
 }

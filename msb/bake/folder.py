@@ -82,7 +82,7 @@ def _make_page(
     """Return the page that shows each asset and the report; None if `msb.engines` is not installed."""
     try:
         from msb.engines.engine import engine_mesh
-        from msb.engines.webpage import fill_template, scene_data
+        from msb.engines.webpage import fill_template, scene_to_json
     except ModuleNotFoundError:
         return None
     preview = baked.preview
@@ -90,7 +90,7 @@ def _make_page(
         camera.scaled(max(1.0, _MIN_PAGE_SIDE / max(camera.width, camera.height)))
         for camera in preview.cameras
     ]
-    scene = scene_data(name, views, up_axis(baked.asset), report.background)
+    scene = scene_to_json(name, views, up_axis(baked.asset), report.background)
     rows = "held-out views" if report.test else "training views, as no view was held out"
     scene["baked"] = {
         "facts": _make_facts(report),

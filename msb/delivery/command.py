@@ -21,10 +21,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class ConvertOptions:
-    """How each input is written."""
+    """The options that affect the written files."""
 
     to: Annotated[
-        str | None, Option("For an input folder: the format to write. Default: glb.", metavar="SUFFIX")
+        str | None, Option("Format of the outputs if IN is a folder. Default: glb.", metavar="SUFFIX")
     ] = None
     form: Annotated[
         Literal["packed", "folder"] | None,
@@ -48,9 +48,9 @@ class ConvertOptions:
     engine: Annotated[
         Engine | None,
         Option(
-            "Write a .glb for this program that needs no import settings. web: compressed, with WebP "
-            "textures and reordered faces, in the smallest encoding that keeps a PSNR of 50 dB. All others: "
-            "as without this option.",
+            "Write a .glb that this program opens correctly without import settings. web: the smallest file "
+            "that keeps a PSNR of 50 dB, compressed, with WebP textures and reordered faces. All others: the "
+            "same file as without this option.",
             ("--for",),
         ),
     ] = None
@@ -102,26 +102,27 @@ def convert(
     if inputs == [source]:
         if "to" in typed:
             raise UsageError(
-                "USAGE", f"--to needs an input folder; for one file the suffix of {target.name} is used"
+                "USAGE",
+                f"--to needs an input folder; for a single file the suffix of {target.name} sets the format",
             )
         _check_target(target, options, output, typed)
         _convert(source, target, options, output)
         return
-    places = _places(source, inputs, target, options.to or "glb")
-    for place in places.values():  # check all outputs before the first is written
-        _check_target(place, options, output, typed)
+    outputs = _choose_outputs(source, inputs, target, options.to or "glb")
+    for output_path in outputs.values():  # check all outputs before the first is written
+        _check_target(output_path, options, output, typed)
     status = EXIT_OK
-    for path, place in places.items():
+    for path, output_path in outputs.items():
         try:
             with about(path):
-                _convert(path, place, options, output)
+                _convert(path, output_path, options, output)
         except MsbError as error:
             status = max(status, report_error(error))
     if status:
         raise typer.Exit(status)
 
 
-def _places(source: Path, inputs: list[Path], target: Path, to: str) -> dict[Path, Path]:
+def _choose_outputs(source: Path, inputs: list[Path], target: Path, to: str) -> dict[Path, Path]:
     """Return input -> output; the outputs have the same layout in `target` as the inputs in `source`."""
     from msb.asset import is_asset
     from msb.delivery.saving import output_suffix
@@ -131,22 +132,22 @@ def _places(source: Path, inputs: list[Path], target: Path, to: str) -> dict[Pat
         text = f"{source} has {len(inputs)} inputs, so OUT must be a folder; --to selects the format"
         raise UsageError("USAGE", text, file=target)
     root = source if source.is_dir() else None
-    places = {}
+    outputs = {}
     for path in inputs:
         below = path.relative_to(root) if root else Path(path.name)
         name = below.stem if path.is_file() or is_asset(path) else below.name
-        places[path] = target / below.with_name(name + suffix)
+        outputs[path] = target / below.with_name(name + suffix)
     taken: dict[Path, Path] = {}
-    for path, place in places.items():
-        if place in taken:
-            text = f"{taken[place]} and this file would both be written to {place}; convert one of them alone"
-            raise UsageError("USAGE", text, file=path)
-        taken[place] = path
-    return places
+    for path, output_path in outputs.items():
+        if output_path in taken:
+            text = f"{taken[output_path]} and this file would both be written to {output_path}"
+            raise UsageError("USAGE", f"{text}; convert one of them alone", file=path)
+        taken[output_path] = path
+    return outputs
 
 
 def _check_target(target: Path, options: ConvertOptions, output: Output, typed: Typed) -> None:
-    """Check the path of an output, and that its format can store the data that the options affect."""
+    """Check the path of an output, and that its format stores the data that --color and --texture affect."""
     from msb.api.command_files import check_asset_place
     from msb.delivery.saving import output_suffix
     from msb.meshes.formats import FORMATS
@@ -154,9 +155,9 @@ def _check_target(target: Path, options: ConvertOptions, output: Output, typed: 
     suffix = target.suffix.lower()
     keeps = FORMATS[suffix].keeps if suffix in FORMATS else ("textures",)
     if "texture" in typed and "textures" not in keeps:
-        raise UsageError("USAGE", f"--texture needs a format with textures; {suffix} has none")
+        raise UsageError("USAGE", f"--texture needs a format that stores textures; {suffix} does not")
     if "color" in typed and not keeps:
-        raise UsageError("USAGE", f"--color needs a format with colours; {suffix} has none")
+        raise UsageError("USAGE", f"--color needs a format that stores colours; {suffix} does not")
     if not options.official:
         output_suffix(target, "OUT")
     check_asset_place(target, options.form, output)
@@ -189,7 +190,7 @@ def _write_asset(source: Path, target: Path, form: Literal["packed", "folder"], 
     with output.progress(f"writing {target.name}"):
         write_asset(asset, target, form, overwrite=output.force)
     manifest = asset.manifest
-    _say(target, [f"{manifest.vertex_count:,} vertices", f"{manifest.face_count:,} faces"], output)
+    _print_summary(target, [f"{manifest.vertex_count:,} vertices", f"{manifest.face_count:,} faces"], output)
 
 
 def _write_official(source: Path, target: Path, output: Output) -> None:
@@ -199,13 +200,13 @@ def _write_official(source: Path, target: Path, output: Output) -> None:
     asset = open_asset(source, output)
     with output.progress(f"writing {target.name}"), about(source):
         write_official(asset, target)
-    _say(target, [f"written like the official exporter of {asset.manifest.method}"], output)
+    _print_summary(target, [f"written like the official exporter of {asset.manifest.method}"], output)
 
 
 def _write_mesh(source: Path, target: Path, options: ConvertOptions, output: Output) -> None:
     from msb.adapters.locate import is_mesh_file
     from msb.api.command_files import open_asset, write_mesh_files
-    from msb.delivery.saving import output_suffix, style_for
+    from msb.delivery.saving import choose_style, output_suffix
     from msb.delivery.web_quality import ImageLoss
     from msb.meshes import read_mesh
     from msb.meshes.assets import fit_to_format, mesh_from_asset
@@ -223,22 +224,24 @@ def _write_mesh(source: Path, target: Path, options: ConvertOptions, output: Out
         known = options.up is not None or asset.manifest.coordinate_frame.known_up is not None
     mesh = rotate_upright(mesh, options.up) if options.up else mesh
     with output.progress(f"choosing the encoding of {target.name}"), about(source):
-        style, quality = style_for(
+        style, quality = choose_style(
             mesh, target, asset, color=options.color, texture=options.texture, engine=options.engine
         )
     # Errors of coordinates and indices are reported for the source.
     with output.progress(f"writing {target.name}"), about(source):
         storable = fit_to_format(mesh, suffix)
         write_mesh_files(storable, target, output, style)
-    rotated = [f"rotated upright ({mesh.up} was up)"] if mesh.up != storable.up else []
-    _say(target, [*_list_contents(storable, suffix), *rotated, *([quality] if quality else [])], output)
+    rotated = [f"rotated upright (the up axis was {mesh.up})"] if mesh.up != storable.up else []
+    _print_summary(
+        target, [*_list_contents(storable, suffix), *rotated, *([quality] if quality else [])], output
+    )
     if mesh.textures and not storable.textures and storable.vertex_colors is not None:
         loss = ImageLoss.of(mesh, asset).describe(replace(storable, vertices=mesh.vertices))
         output.note(f"{target}: {suffix} has no textures; they were converted to vertex colours{loss}")
-    behind = list_engine_losses(storable, options.engine) if options.engine else ()
+    engine_losses = list_engine_losses(storable, options.engine) if options.engine else ()
     for text in (
         *list_losses(mesh, storable, suffix, ignored),
-        *behind,
+        *engine_losses,
         *describe_up_axis(mesh, suffix, known=known),
     ):
         output.note(f"{target}: {text}")
@@ -259,6 +262,6 @@ def _list_contents(mesh: Mesh, suffix: str) -> list[str]:
     return [f"{len(mesh.vertices):,} vertices", f"{len(mesh.faces):,} faces", *(colors or ["no colours"])]
 
 
-def _say(target: Path, parts: list[str], output: Output) -> None:
+def _print_summary(target: Path, parts: list[str], output: Output) -> None:
     if not output.quiet:
         echo(f"{target}: {', '.join(parts)}")

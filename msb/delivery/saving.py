@@ -41,7 +41,7 @@ def save(
         `.obj`, with textures. An `.obj` file has its `.mtl` file and images beside it. A `.glb` is rotated so
         that +y points up, as glTF specifies, if the up axis of the asset is known.
     overwrite : bool
-        Replace an existing file. Devices and pipes are written to in any case.
+        Replace an existing file. Devices and pipes are always written to.
     form : {"packed", "folder"}
         The form of a `.triasset`: a single file (ZIP with uncompressed, 64-byte aligned members) or a folder.
     color : {"linear", "srgb"}, optional
@@ -50,18 +50,18 @@ def save(
     texture : {"png", "jpeg", "webp"}, optional
         The image format of textures in `.glb` and `.obj`. Default: PNG, which is lossless.
     engine : {"unreal", "unity", "godot", "blender", "three", "web"}, optional
-        Write a `.glb` for this program that needs no import settings. For "web" the file is compressed, with
-        WebP textures and reordered faces, in the smallest encoding that keeps a PSNR of 50 dB in images of
-        the asset; this needs the extra `compressed`. For all others the file is the same as without this
-        option. It cannot be combined with `color` or `texture`.
+        Write a `.glb` that this program opens correctly without import settings. For "web" the file is the
+        smallest that keeps a PSNR of 50 dB in images of the asset: compressed, with WebP textures and
+        reordered faces; this needs the extra `compressed`. For all others the file is the same as without
+        this option. The option cannot be combined with `color` or `texture`.
     progress : callable, optional
         Called as ``progress("writing", done, total)``, in bytes, while a `.triasset` is written.
 
     Raises
     ------
     UsageError
-        `USAGE`: the suffix or an argument is invalid, or options cannot be combined. `OUTPUT_EXISTS`.
-        `EXTRA_MISSING`.
+        `USAGE`: the suffix or an argument is invalid, or options cannot be combined. `OUTPUT_EXISTS`: the
+        file exists, and `overwrite` is false. `EXTRA_MISSING`: an optional package is not installed.
     OutputError
         `OUTPUT_UNWRITABLE`: the path cannot be written. `OUTPUT_FORMAT_LIMIT`: the mesh exceeds a limit of
         the format.
@@ -71,7 +71,7 @@ def save(
         `UNSUPPORTED_TIER`: the method has no static colours, which mesh files need.
     """
     check_type("asset", asset, Asset, AN_ASSET)
-    _check_one_of("form", form, FORMS)
+    _check_choice("form", form, FORMS)
     target = given_path(path)
     suffix = output_suffix(target)
     if suffix == ASSET_SUFFIX:
@@ -86,11 +86,11 @@ def save(
         )
     with about(asset.path):
         mesh = mesh_from_asset(asset)
-        style, _ = style_for(mesh, target, asset, color=color, texture=texture, engine=engine)
+        style, _ = choose_style(mesh, target, asset, color=color, texture=texture, engine=engine)
         write_whole(fit_to_format(mesh, suffix), target, style, overwrite=overwrite)
 
 
-def style_for(
+def choose_style(
     mesh: Mesh,
     target: Path,
     asset: Asset | None = None,
@@ -99,7 +99,7 @@ def style_for(
     texture: Picture | None = None,
     engine: Engine | None = None,
 ) -> tuple[Style, str | None]:
-    """Return the style for writing `mesh` to `target`, and for the web its image quality in words.
+    """Return the style for writing `mesh` to `target`, and a text about its image quality (web only).
 
     `mesh` is the mesh of `asset`, or of a mesh file. `save` describes the options.
 
@@ -114,7 +114,7 @@ def style_for(
         ("engine", engine, Engine),
     ):
         if value is not None:
-            _check_one_of(name, value, get_args(known))
+            _check_choice(name, value, get_args(known))
     if engine and (color or texture):
         raise UsageError("USAGE", "color and texture cannot be combined with engine, which sets them")
     if engine and target.suffix.lower() != ".glb":
@@ -127,34 +127,36 @@ def style_for(
     return web_style(ImageLoss.of(mesh, asset))
 
 
-def _check_one_of(name: str, value: Any, known: Sequence[str]) -> None:
+def _check_choice(name: str, value: Any, known: Sequence[str]) -> None:
     if value not in known:
         text = f'{name} "{shorten(str(value), 40)}" does not exist; choose from {", ".join(known)}'
         raise UsageError("USAGE", text)
 
 
-# Other outputs -> the command that writes them, and their endings.
-_MAKERS = {
+# Outputs that are not models -> the command that writes them, and their suffixes.
+_OTHER_OUTPUTS = {
     "a page": ("msb web", (".html", ".htm")),
     "images": ("msb render", (".png", ".npy", ".exr")),
     "a film": ("msb render --film", (".mp4", ".gif")),
     "a figure": ("msb view --figure", (".svg", ".pdf")),
     "offending elements": ("msb audit --elements", (".vtp", ".csv", ".npz")),
 }
-# Endings of model formats that cannot be written.
+# Suffixes of model formats that save and convert cannot write.
 _OTHER_MODELS = (".gltf", ".fbx", ".usd", ".usda", ".usdc", ".usdz", ".dae", ".blend", ".abc", ".3ds", ".x3d")
 
 
 def output_suffix(path: Path, name: str = "the output") -> str:
     """Return the suffix of `path` in lower case if that format can be written, else raise USAGE.
 
-    `name` names the path in the message, which also hints at the command for other formats.
+    In the error message `name` stands for the path. The message also names the command for other outputs.
     """
     suffix, known = path.suffix.lower(), (ASSET_SUFFIX, *list_written_suffixes())
     if suffix in known:
         return suffix
-    hint = next((f"; for {what}: {by}" for what, (by, endings) in _MAKERS.items() if suffix in endings), "")
+    hint = next(
+        (f"; for {what}: {by}" for what, (by, endings) in _OTHER_OUTPUTS.items() if suffix in endings), ""
+    )
     if suffix in _OTHER_MODELS:
         hint = "; write .glb for Blender and game engines"
-    is_one = f'is "{path.name}"' + (", a folder" if is_folder(path) else "")
-    raise UsageError("USAGE", f"{name} {is_one}; it must end in {', '.join(known)}{hint}")
+    description = f'is "{path.name}"' + (", a folder" if is_folder(path) else "")
+    raise UsageError("USAGE", f"{name} {description}; it must end in {', '.join(known)}{hint}")

@@ -5,12 +5,10 @@ adds an error to the images of the mesh. The mean squared errors of independent 
 the search measures them separately and distributes the error that 50 dB allow:
 
 1. Measure the error of the compressed textures.
-2. For each precision of the colours, measure their error. Find by bisection the fewest bits of positions
-   whose error
-   fits in the rest.
+2. For each precision of the colours, measure their error. Subtract both errors from the allowed error, and
+   find by bisection the fewest bits of positions whose error fits in the remainder.
 3. Take the combination with the smallest file. Then adjust the bits of positions until the whole file just
-   keeps
-   50 dB.
+   keeps 50 dB.
 """
 
 from __future__ import annotations
@@ -35,8 +33,9 @@ MIN_PSNR = 50.0
 _SAMPLES = 4
 # Range of the search for the precision of positions, in quarters of a bit: 10 to 22 bits.
 _COARSEST, _FINEST = 40, 88
-# Precision of vertex colours, which are stored as linear light. With None every channel has one byte. With a
-# number a channel gets a second byte if the first has a larger error than this many levels of 8-bit sRGB.
+# Precisions of vertex colours, which are stored as linear light, from coarse to fine. None: every channel has
+# one byte. A number: a channel gets a second byte if the error of one byte exceeds this many levels of 8-bit
+# sRGB.
 _LEVELS = (None, 4.0, 2.0, 1.0, 0.5)
 
 
@@ -44,7 +43,7 @@ _LEVELS = (None, 4.0, 2.0, 1.0, 0.5)
 class ImageLoss:
     """Measures the difference between images of `mesh` and images of other meshes.
 
-    `views` names the cameras in words.
+    `views` describes the cameras in words, for messages.
     """
 
     mesh: Mesh
@@ -76,7 +75,7 @@ class ImageLoss:
         return render_standard(mesh, self.cameras, supersample=samples)
 
     def describe(self, other: Mesh) -> str:
-        """Return the same in words to append to a sentence, or "" without a device to draw with."""
+        """Return the PSNR of `other` as text to append to a sentence; "" without a device to draw with."""
         try:
             return f" (PSNR {self.loss(other):.1f} dB, {self.views})"
         except DeviceError:
@@ -86,7 +85,7 @@ class ImageLoss:
 def web_style(images: ImageLoss) -> tuple[Style, str]:
     """Return the coarsest style of a file for the web that keeps 50 dB, and the measured quality in words.
 
-    Without a device to draw with it is the finest style.
+    If there is no device to draw with, return the finest style.
     """
     try:
         return _find_coarsest(images)
@@ -95,7 +94,7 @@ def web_style(images: ImageLoss) -> tuple[Style, str]:
 
 
 def _find_coarsest(images: ImageLoss) -> tuple[Style, str]:
-    """Search as the head of this module describes; an "error" is a mean squared error of images."""
+    """Run the search that the docstring of this module describes; errors are mean squared errors."""
     from msb.meshes.glb_web import Grid, convert_to_srgb, quantize_light
 
     mesh = as_glb(images.mesh)
@@ -107,7 +106,7 @@ def _find_coarsest(images: ImageLoss) -> tuple[Style, str]:
         return _squared_error(images.loss(replace(mesh, vertices=grid.positions)))
 
     def fewest_bits(room: float, *, by_distance: bool) -> int:
-        """Return the fewest quarters of a bit with an error of at most `room`, by bisection."""
+        """Return, in quarters of a bit, the lowest precision of positions with an error of at most `room`."""
         low, high = _COARSEST, _FINEST
         while low < high:
             middle = (low + high) // 2
@@ -117,7 +116,7 @@ def _find_coarsest(images: ImageLoss) -> tuple[Style, str]:
                 low = middle + 1
         return low
 
-    # The error of textures. Positions and colours are so fine here that they add almost nothing.
+    # The error of textures. The finest positions and colours add almost nothing to it.
     texture_error = 0.0
     if mesh.textures:
         finest = _style(Web(_FINEST, _LEVELS[-1]))
@@ -176,7 +175,7 @@ def _encode(mesh: Mesh, style: Style) -> bytes:
 
 
 def encode_and_read(mesh: Mesh, style: Style) -> Mesh:
-    """Return the mesh that is read from the GLB of `mesh` in this style."""
+    """Write `mesh` as a GLB in this style, read it again and return the result."""
     from msb.meshes.source import Source
 
     return FORMATS[".glb"].read(Source("mesh.glb", _encode(mesh, style)))

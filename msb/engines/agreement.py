@@ -1,8 +1,8 @@
-"""Statistics of the differences between two renderers that suit rasterizers better than a largest difference.
+"""Statistics of the differences between two renderers. The largest difference alone would say little.
 
-Graphics hardware snaps triangle corners to a grid of 1/256 pixel, some software to 1/16, ray tracers do not
-snap at all. Pixels at edges and where faces intersect may therefore show another face; pixels in the interior
-of a face must agree.
+Graphics hardware snaps triangle corners to a grid of 1/256 pixel, some software renderers to 1/16 pixel, and
+ray tracers do not snap corners at all. Two correct renderers may therefore show different faces in pixels at
+edges and intersections. In the interior of a face they must agree.
 """
 
 from collections.abc import Sequence
@@ -16,7 +16,7 @@ from msb.render.frame import Frame, interior
 
 @dataclass(frozen=True)
 class Agreement:
-    """The differences between a renderer's images and ours. A level is 1/255, after rounding to bytes.
+    """The differences between a renderer's images and ours. A level is a step of an 8-bit channel, 1/255.
 
     Attributes
     ----------

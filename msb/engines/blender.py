@@ -28,7 +28,7 @@ from msb.render.frame import Frame
 from msb.scenes import Camera
 from msb.scenes.colors import Color
 
-# The environment variable with the path of a Python that has bpy, if ours has none.
+# The environment variable with the path of a Python that has bpy. It is needed only if ours has no bpy.
 VARIABLE = "MSB_BLENDER"
 # Limits of Blender: smallest and largest width or height in pixels, and largest ratio of a pixel's sides.
 _MIN_SIDE, _MAX_SIDE, _MAX_ASPECT = 4, 65536, 200.0
@@ -39,7 +39,7 @@ _SENSOR = 100.0
 _FLIP = np.diag([1.0, -1.0, -1.0, 1.0])
 # The rotation from y up to z up that Blender's glTF importer applies.
 _GLB_UP = np.array([[1.0, 0, 0, 0], [0, 0, -1.0, 0], [0, 1.0, 0, 0], [0, 0, 0, 1.0]])
-# Seconds after which a request is given up. Cycles takes minutes to import and render large meshes.
+# Maximum time of a request in seconds; then Blender is ended. Cycles takes minutes for large meshes.
 _LONGEST_SECONDS = 1800
 # Depths above this value mark pixels without a face in Blender's images.
 _FAR = 1e10
@@ -54,8 +54,8 @@ class _Blender(Engine):
         The file format of the mesh. Blender's PLY importer keeps float colours; its glTF importer rounds them
         to bytes. Meshes with textures are always passed as GLB.
     defaults : bool
-        Use the colour handling that is Blender's default, to show its effect. Images are then read from the
-        8-bit PNG that Blender writes.
+        Keep Blender's default colour management instead of the settings for exact colours, to show its
+        effect. Images are then read from the 8-bit PNG that Blender writes.
     """
 
     engine: ClassVar[str]
@@ -123,7 +123,7 @@ class _Blender(Engine):
     def missing(cls) -> str | None:
         """Return what must be installed, or None."""
         if _python() is not None:
-            # With MSB_BLENDER our Python needs only OpenEXR of the extra.
+            # If another Python has bpy, ours needs only the package OpenEXR.
             return None if is_installed("OpenEXR") else f"OpenEXR is not installed: {install('bench')}"
         if os.environ.get(VARIABLE):
             return f"{VARIABLE} is {shorten(os.environ[VARIABLE], 80)}, which is not an executable file"
@@ -143,7 +143,7 @@ class _Blender(Engine):
         return process.stdout.strip()
 
     def memory(self) -> Mapping[str, int]:
-        """Return the growth of Blender's process in bytes since it started; Blender reports no details."""
+        """Return the growth of Blender's process in bytes since its start; Blender reports no details."""
         return {"Blender's process": max(0, self._resident - self._baseline)}
 
     def close(self) -> None:
@@ -185,6 +185,7 @@ class _Blender(Engine):
         return {WALL_CLOCK: float(self._ask({**request, "clip": clip, **target})["ms"])}
 
     def _ask(self, request: Mapping[str, Any]) -> dict[str, Any]:
+        """Send a request to the worker and return its answer; raise ENGINE_FAILED if it cannot answer."""
         process = self._process
         assert process.stdin is not None
         assert process.stdout is not None
@@ -253,8 +254,8 @@ class WorkbenchRenderer(_Blender):
 def blender_camera(camera: Camera, turn: NDArray[np.float64]) -> dict[str, Any]:
     """Return a camera as the properties of Blender's camera and render settings.
 
-    The focal lengths determine lens and pixel aspect; the principal point determines the shifts, in image
-    widths. `turn` (4, 4) is the rotation that the importer applied to the model.
+    The focal lengths determine `lens` (in mm) and the pixel aspect ratio. The principal point determines
+    `shift`, in image widths. `turn` (4, 4) is the rotation that the importer applied to the model.
     """
     width, height = camera.width, camera.height
     ratio = camera.fx / camera.fy

@@ -38,8 +38,8 @@ class Worker:
     """A scene with one mesh and one camera.
 
     The first request has `file` (.ply or .glb), `engine` ("cycles" or "workbench"), `textured`, `cutoff`
-    (alpha cutoff or null) and `exact`. If `exact` is false, colour management and the interpretation of
-    imported colours stay at Blender's defaults.
+    (alpha cutoff or null) and `exact`. If `exact` is false, Blender's defaults remain for colour
+    management and for the interpretation of imported colours.
     """
 
     def __init__(self, request: dict[str, Any]) -> None:
@@ -174,13 +174,13 @@ class Worker:
         for name in ("show_shadows", "show_cavity", "show_object_outline", "show_specular_highlight"):
             setattr(shading, name, False)
         shading.show_backface_culling = False
-        # Blender reports the graphics device only after it has drawn something.
+        # Draw a small image, because Blender reports the graphics device only after its first drawing.
         scene.render.resolution_x = scene.render.resolution_y = 8
         self._bpy.ops.render.render()
         self.about["gpu"] = gpu.platform.renderer_get()
 
     def render(self, request: dict[str, Any]) -> dict[str, Any]:
-        """Render with the camera of the request, into its `png` or `exr` (colours and depths), if given."""
+        """Render with the camera of the request; write the file `png` or `exr` (with depths), if given."""
         from mathutils import Matrix
 
         scene, camera = self.scene, self.camera.data

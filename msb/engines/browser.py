@@ -2,8 +2,8 @@
 
 A local HTTP server passes tasks to the page and takes its answers (web/remote.js), so no driver and no
 debugging protocol is needed. The page's address contains a secret, so that other users of the machine can
-neither read the asset nor answer in place of the page. All users can see the command line of the browser; the
-address in it is therefore a different one, which redirects to the page only once.
+neither read the asset nor answer in place of the page. Other users can see the command line of the browser.
+It therefore contains another address, which redirects to the page only once.
 """
 
 import contextlib
@@ -27,6 +27,7 @@ from msb.errors import DeviceError, shorten
 
 # The environment variable with the path of the browser to use.
 VARIABLE = "MSB_BROWSER"
+# Where browsers are searched otherwise: their names on PATH, then usual paths on macOS and Windows.
 _NAMES = (
     "chromium",
     "chromium-browser",
@@ -54,9 +55,10 @@ _FLAGS = (
     "--mute-audio",
     "--hide-scrollbars",
     "--window-size=800,600",
-    "--blink-settings=allowScriptsToCloseWindows=true",  # without its server the page ends the browser
+    # Lets the page close its window, which ends the browser, when our server has ended.
+    "--blink-settings=allowScriptsToCloseWindows=true",
 )
-# Flags for WebGL in software, WebGL on a GPU if there is one, WebGPU, and WebGPU in software.
+# Flags for WebGL in software, for WebGL on a GPU if there is one, for WebGPU, and for WebGPU in software.
 _SOFTWARE = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader")
 _ANY = ("--enable-unsafe-swiftshader", "--ignore-gpu-blocklist")
 _WEBGPU = ("--enable-unsafe-webgpu",)
@@ -99,7 +101,7 @@ def find_browser() -> str | None:
     return on_path or next((place for place in _PLACES if Path(place).exists()), None)
 
 
-def browser_name(agent: str) -> str:
+def parse_browser_name(agent: str) -> str:
     """Return the browser's name and major version, such as "Chrome 150", from a user-agent string."""
     for word in agent.split():
         name, slash, version = word.partition("/")
@@ -108,8 +110,8 @@ def browser_name(agent: str) -> str:
     return "a browser"
 
 
-def dated_name(browser: str) -> str:
-    """Return the name and date of the program, which identify its version without starting it."""
+def identify_browser(browser: str) -> str:
+    """Return the file name and date of a browser, which identify its version without starting it."""
     path = Path(browser).resolve()
     return f"{path.name} of {time.strftime('%Y-%m-%d %H:%M', time.gmtime(path.stat().st_mtime))}"
 
@@ -118,7 +120,7 @@ class _Server(ThreadingHTTPServer):
     daemon_threads = True
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """Print nothing: a browser that is ended always drops its connections."""
+        """Ignore the error: a browser always drops its connections when it is ended."""
 
 
 class Page:
@@ -127,7 +129,7 @@ class Page:
     `content` maps file names to the files that the server provides: "page.html", and those the page loads.
     `query` is the part of the address after the question mark. With `software` the page draws on the CPU;
     otherwise the browser uses a GPU if there is one. `webgpu` enables WebGPU, which browsers disable by
-    default in software.
+    default when they draw in software.
     """
 
     def __init__(
@@ -158,7 +160,8 @@ class Page:
         try:
             self._process = subprocess.Popen(
                 command,
-                # The browser does not start if TMPDIR is not writable; Python then uses another folder.
+                # The browser does not start if TMPDIR is not writable, so pass it the folder that Python
+                # chose.
                 env={**os.environ, "TMPDIR": self._folder.name},
                 stdin=subprocess.DEVNULL,
                 stdout=self._log,
@@ -183,6 +186,7 @@ class Page:
         return self._wait(_ANSWER_SECONDS)
 
     def _wait(self, seconds: float) -> Answer:
+        """Return the next answer of the page; raise ENGINE_FAILED after `seconds`."""
         end = time.monotonic() + seconds
         while True:
             try:

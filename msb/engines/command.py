@@ -1,4 +1,4 @@
-"""`msb web`: writes a page that shows a model in any browser, as engines draw it or as its method does."""
+"""`msb web`: writes a page that shows a model in any browser, on the standard or on the dedicated tier."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _IMAGE_ENDINGS = (".png", ".npy")
 
 @dataclass(frozen=True)
 class WebOptions:
-    """The content of the page, and the reductions and the measurement of a page of the dedicated tier."""
+    """The page, its tier, and for the dedicated tier the reductions of the model and the measurement."""
 
     out: Annotated[
         Path | None,
@@ -44,7 +44,7 @@ class WebOptions:
     ] = None
     tier: Annotated[
         Literal["standard", "dedicated"],
-        Option("The mesh as any engine draws it (standard), or also the native rendering, by WebGPU."),
+        Option("Show the mesh as any engine draws it (standard), or also the native rendering (dedicated)."),
     ] = "standard"
     verify: Annotated[
         Path | None,
@@ -52,7 +52,7 @@ class WebOptions:
     ] = None
     up: Annotated[Up | None, Option("Axis that points up. Default: the asset's.")] = None
     quantise: Annotated[
-        bool, Option("Round positions to 16 bits and other values to 8 bits: a third of the size.")
+        bool, Option("Round positions to 16 bits and other values to 8 bits, for a third of the size.")
     ] = False
     faces: Annotated[
         int | None, Option("Keep only the N faces that contribute most to the images.", least=1)
@@ -66,7 +66,7 @@ class WebOptions:
     ] = None
     baked: Annotated[
         Path | None,
-        Option("Also show FILE, a mesh that msb bake made of this model, with its PSNR.", metavar="FILE"),
+        Option("Also show the mesh FILE, written by msb bake for this model, with its PSNR.", metavar="FILE"),
     ] = None
     no_verify: Annotated[bool, Option("Do not measure the page in a browser.")] = False
     at_least: Annotated[
@@ -91,7 +91,7 @@ class PageContent(NamedTuple):
 
 
 def _check_options(path: Path | None, options: WebOptions, views: ViewOptions, typed: Typed) -> None:
-    """Reject options that contradict each other."""
+    """Reject missing options and invalid combinations."""
     if options.verify is not None:
         only = {"verify", "at_least", "device", "json_file", "force", "quiet", "verbose"}
         common = {"color", "log_file", "debug"}
@@ -138,9 +138,9 @@ def web(
         return
     target = options.out or Path()
     if path is None:
-        from msb.engines.webpage import page
+        from msb.engines.webpage import make_mesh_page
 
-        _write(target, page(background=views.color(None)), output)
+        _write(target, make_mesh_page(background=views.color(None)), output)
         if not output.quiet:
             echo(str(target))
         return
@@ -171,7 +171,7 @@ def web(
 def _write_mesh_page(content: PageContent, target: Path, output: Output) -> None:
     """Write the page of the standard tier."""
     from msb.engines.engine import engine_mesh
-    from msb.engines.webpage import LARGE, page
+    from msb.engines.webpage import LARGE, make_mesh_page
     from msb.render.backend import check_supported
 
     check_supported(content.asset, "standard")
@@ -180,7 +180,9 @@ def _write_mesh_page(content: PageContent, target: Path, output: Output) -> None
         output.note(f"warning: {target}: {len(mesh.indices):,} faces are too many for most browsers")
     with output.progress(f"writing {target.name}"):
         glb, background = mesh.to_bytes(".glb"), content.background
-        data = page(glb, name=content.name, cameras=content.cameras, up=content.up, background=background)
+        data = make_mesh_page(
+            glb, name=content.name, cameras=content.cameras, up=content.up, background=background
+        )
         _write(target, data, output)
     if not output.quiet:
         echo(str(target))
@@ -194,7 +196,7 @@ def _write(target: Path, data: bytes, output: Output) -> None:
 
 
 def write_page(content: PageContent, options: WebOptions, target: Path, output: Output) -> None:
-    """Write the page of the dedicated tier, measured if there is a browser, and print a summary."""
+    """Write the page of the dedicated tier and print a summary; measure the page if there is a browser."""
     from msb.api.command_files import open_baked
     from msb.engines.dedicated_page.page import CheckView, make_page
     from msb.engines.hardware.packing import pack
@@ -203,7 +205,7 @@ def write_page(content: PageContent, options: WebOptions, target: Path, output: 
 
     asset, background = content.asset, content.background
     with output.progress("checking the model"):
-        pack(asset, content.settings)  # report errors before the slow steps
+        pack(asset, content.settings)  # reports unsupported models before the slow steps
     baked_asset = None if options.baked is None else open_baked(options.baked, asset, output)
     cameras = content.cameras or make_turntable(
         asset, 2 * TEST_VIEWS, TEST_SIDE, TEST_SIDE * 3 // 4, content.up
@@ -247,7 +249,7 @@ def write_page(content: PageContent, options: WebOptions, target: Path, output: 
 
 
 def verify_page(path: Path, options: WebOptions, output: Output) -> None:
-    """Measure an existing page; raise GATE_FAILED if a view is below the limit."""
+    """Measure an existing page; raise GATE_FAILED if the PSNR of a view is below --at-least."""
     from msb.engines.dedicated_page.measurement import FAITHFUL
     from msb.engines.dedicated_page.page import read_page
 
@@ -271,9 +273,10 @@ def _limit_size(camera: Camera) -> Camera:
 def _draw_native(
     content: PageContent, asset: Asset, cameras: Sequence[Camera], output: Output, doing: str
 ) -> tuple[list[NDArray[np.uint8]], str]:
-    """Return the native renderings (H, W, 3) of all cameras, and which renderer drew them.
+    """Return the native renderings (H, W, 3) of all cameras, and the name of the renderer.
 
-    This is the OpenCL renderer, or the NumPy reference on machines without a device.
+    The OpenCL renderer draws them, or the NumPy reference on machines without a device. `doing` describes
+    the activity for the progress bar.
     """
     from msb.render import Renderer
 
@@ -303,7 +306,7 @@ def _as_bytes(image: NDArray[Any]) -> NDArray[np.uint8]:
 
 
 def _measure_baked(content: PageContent, baked: Asset, tests: Sequence[CheckView]) -> BakedMesh:
-    """Return the baked mesh; measure its average PSNR on the test views, and the standard-tier mesh's."""
+    """Return the baked mesh with its average PSNR on the test views, and that of the standard-tier mesh."""
     from msb.asset.tiers import why_not
     from msb.engines.dedicated_page.page import BakedMesh
     from msb.engines.engine import engine_mesh
@@ -358,7 +361,7 @@ def _reduce(
     total = reduced.manifest.face_count
     if faces is not None and faces < total:
         weights = _sum_contributions(content, [_limit_size(camera) for camera in cameras], output)
-        # The faces with the largest contributions, the first among equals, in their original order.
+        # Select the faces with the largest contributions; of equal ones the first. Keep their order.
         selected = np.sort(np.argsort(-weights, kind="stable")[:faces])
         reduced = select_faces(reduced, selected)
         steps.append((f"{faces:,} of {total:,} faces (--faces)", reduced))
@@ -371,17 +374,21 @@ def _reduce(
         return _draw_native(content, asset, views, output, "measuring the reduced model")[0]
 
     before = [test.image for test in tests]
-    if steps and options.renders is not None:  # these images were not drawn by our renderer
+    if (
+        steps and options.renders is not None
+    ):  # compare with our own rendering, not with the images of --renders
         before = draw(content.asset)
     costs = []
-    for what, asset in steps:
+    for title, asset in steps:
         after = draw(asset)
         worst = min(psnr(*pair) for pair in zip(after, before, strict=True))
-        costs.append(Cost(what, worst))
+        costs.append(Cost(title, worst))
         quality = (
-            "images unchanged" if math.isinf(worst) else f"PSNR {worst:.1f} dB against the images before"
+            "images unchanged"
+            if math.isinf(worst)
+            else f"PSNR {worst:.1f} dB against the images before this step"
         )
-        output.note(f"{what}: {quality}, in the worst of {len(views)} views")
+        output.note(f"{title}: {quality}, in the worst of {len(views)} views")
         before = after
     return reduced, costs
 
@@ -389,7 +396,7 @@ def _reduce(
 def _sum_contributions(
     content: PageContent, cameras: Sequence[Camera], output: Output
 ) -> NDArray[np.float64]:
-    """Return the contribution of each face (F,) to the images of all cameras, in pixels."""
+    """Return the contribution (F,) of each face: its blending weight, summed over all pixels."""
     import numpy as np
 
     from msb.render.shares import shares_by_view
@@ -427,7 +434,7 @@ def _report(
     measured: Measurement | None,
     limit: float | None = None,
 ) -> None:
-    """Write the JSON record of a page and print a summary; `limit` is that of --at-least."""
+    """Write the JSON record of a page and print a summary; `limit` is the minimum PSNR in dB."""
     about = scene["dedicated"]
     names = [test["name"] for test in about["tests"]]
     document: dict[str, Any] = {

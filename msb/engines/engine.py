@@ -1,4 +1,4 @@
-"""The common parts of the engines: their options, the mesh passed to them, and the frame they return."""
+"""The common parts of the engines: their options, the mesh that they draw, and the frame that they return."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
@@ -23,11 +23,11 @@ from msb.render.standard.supersampling import box_filter, check_supersample, enl
 from msb.scenes import Camera
 from msb.scenes.colors import Color
 
-# Depth of the standard tier's near plane, in units of the camera. That tier has no far plane.
+# Distance of the near plane, in units of the camera. The standard tier has no far plane.
 NEAR = 0.01
-# Stage name of a frame whose time is the wall-clock time until it was complete.
+# Name of the only stage of a frame if its time is the wall-clock time until it was complete.
 WALL_CLOCK = "draw (wall clock)"
-# Stage name of a frame whose time was measured by the device.
+# Name of the only stage of a frame if the device measured its time.
 DRAW = "draw"
 
 # Use of device memory -> its group in reports.
@@ -39,9 +39,10 @@ _GROUPS = {
 
 
 class Engine(ABC):
-    """Another engine as a renderer: draws the standard-tier mesh of an asset, with the options of that tier.
+    """A renderer that lets another engine draw the standard-tier mesh of an asset.
 
-    `device` is "cpu", "gpu" or None, which leaves the choice to the engine. OpenCL device names and
+    It has the options of our renderer of that tier. `device` is "cpu", "gpu" or None; with None the engine
+    chooses. OpenCL device names and
     MSB_DEVICE do not apply.
     """
 
@@ -86,10 +87,10 @@ class Engine(ABC):
 
     @abstractmethod
     def memory(self) -> Mapping[str, int]:
-        """Return use -> bytes of memory held for the asset."""
+        """Return the memory that the asset occupies: name of the use -> bytes."""
 
     def memory_groups(self) -> Mapping[str, str]:
-        """Return use -> group, for the uses common to all engines."""
+        """Return the groups of uses in reports of memory: name of the use -> group."""
         return _GROUPS
 
     @abstractmethod
@@ -152,7 +153,7 @@ class EngineMesh:
     # Vertex colours (V, 3), uint8, or float32 in [0, 1]. With textures they are (V, 4): they have an alpha
     # and are multiplied with the textures in linear light.
     colors: NDArray[Any]
-    # The face numbers in the asset; None if they are 0, 1, 2, ...
+    # Number in the asset of each face; None if these are 0, 1, 2, ...
     numbers: NDArray[np.uint32] | None
     textured: Textured | None = None
 

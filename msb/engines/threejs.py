@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from msb.asset import Asset
-from msb.engines.browser import Page, browser_name, dated_name, find_browser
+from msb.engines.browser import Page, find_browser, identify_browser, parse_browser_name
 from msb.engines.engine import DRAW, WALL_CLOCK, Engine, opaque_frame
-from msb.engines.webpage import camera_data, page, three_revision
+from msb.engines.webpage import camera_to_json, make_mesh_page, read_three_revision
 from msb.errors import DeviceError
 from msb.render.backend import DrawTime
 from msb.render.frame import Frame
@@ -27,8 +27,8 @@ class ThreeJsRenderer(Engine):
     Parameters
     ----------
     defaults : bool
-        Use the colour handling that is the default of three.js, to show its effect. Images are then read from
-        the 8-bit canvas.
+        Keep the default colour management of three.js instead of the settings for exact colours, to show its
+        effect. Images are then read from the 8-bit canvas.
     """
 
     name = "threejs"
@@ -43,7 +43,7 @@ class ThreeJsRenderer(Engine):
         defaults: bool = False,
     ) -> None:
         super().__init__(asset, device=device, settings=settings, supersample=supersample)
-        content = {"page.html": page(served=True), "mesh.glb": self._mesh.to_bytes(".glb")}
+        content = {"page.html": make_mesh_page(served=True), "mesh.glb": self._mesh.to_bytes(".glb")}
         browser = find_browser()
         assert browser is not None
         self._defaults = defaults
@@ -54,7 +54,7 @@ class ThreeJsRenderer(Engine):
         drawn_by = str(about["device"])
         in_software = any(word in drawn_by.lower() for word in ("swiftshader", "llvmpipe", "software"))
         self.device_info = {
-            "platform": f"{browser_name(about['browser'])}, WebGL 2",
+            "platform": f"{parse_browser_name(about['browser'])}, WebGL 2",
             "name": drawn_by,
             "kind": "cpu" if in_software else "gpu",
         }
@@ -76,7 +76,7 @@ class ThreeJsRenderer(Engine):
     def installed(cls) -> str:
         """Return the revision of three.js and the name and date of the browser."""
         browser = find_browser()
-        return "" if browser is None else f"r{three_revision()}, {dated_name(browser)}"
+        return "" if browser is None else f"r{read_three_revision()}, {identify_browser(browser)}"
 
     def memory(self) -> Mapping[str, int]:
         """Return use -> bytes of the page's buffers and targets."""
@@ -110,7 +110,7 @@ class ThreeJsRenderer(Engine):
             size = f"{camera.width} x {camera.height}"
             text = f"{self.device_info['name']} draws at most {side} x {side} pixels, not {size}"
             raise DeviceError("DEVICE_MEMORY", text)
-        task = {"view": camera_data(camera), "background": list(background), "read": read}
+        task = {"view": camera_to_json(camera), "background": list(background), "read": read}
         task["canvas"] = read and self._defaults
         head, body = self._page.ask(task)
         self._memory = head["memory"]

@@ -1,8 +1,8 @@
 """Renderer `wgpu`: Vulkan, Metal or Direct3D 12 through wgpu-py, with a hardware z-buffer.
 
-The pipeline is the usual one for an opaque, unlit mesh with vertex colours or textures. The camera is ours: K
-and world_to_camera, a near plane at 0.01 and no far plane (reversed float32 depth). Colours are written to a
-float32 target, so they are neither rounded nor converted.
+The pipeline is the usual one for an opaque, unlit mesh with vertex colours or textures. The camera has our
+intrinsics and pose, a near plane at 0.01 and no far plane. The depth buffer is reversed: 1 at the near plane,
+0 at infinity. Colours are written to a float32 target, so they are neither rounded nor converted.
 """
 
 import contextlib
@@ -18,7 +18,7 @@ from msb.asset import Asset
 from msb.base.extras import install, is_installed
 from msb.base.version import __version__
 from msb.engines.engine import DRAW, NEAR, WALL_CLOCK, Engine, opaque_frame
-from msb.engines.webgpu_adapter import INSTALL, Gpu, all_adapters
+from msb.engines.webgpu_adapter import INSTALL, Gpu, list_adapters
 from msb.engines.webgpu_texture import ATTRIBUTES, TexturedMesh
 from msb.errors import DeviceError
 from msb.render.backend import DrawTime
@@ -100,17 +100,17 @@ class WgpuRenderer(Engine):
         """Return a message if the package or a graphics driver is missing."""
         if not is_installed("wgpu"):
             return f"wgpu-py is not installed: {install('wgpu')}"
-        return None if all_adapters() else f"no graphics driver was found; {INSTALL}"
+        return None if list_adapters() else f"no graphics driver was found; {INSTALL}"
 
     @classmethod
     def installed(cls) -> str:
-        """Return our version, because the shaders are ours, and the version of wgpu-py."""
+        """Return the version of this package, which contains the shaders, and the version of wgpu-py."""
         with contextlib.suppress(PackageNotFoundError):
             return f"{__version__}, wgpu-py {version('wgpu')}"
         return __version__
 
     def memory(self) -> Mapping[str, int]:
-        """Return use -> bytes of every buffer and texture."""
+        """Return the memory of every buffer and texture: name of the use -> bytes."""
         return self._gpu.memory()
 
     def close(self) -> None:
@@ -206,10 +206,10 @@ class WgpuRenderer(Engine):
             return self._run(camera, background, everything=False)
 
     def _run(self, camera: Camera, background: Color, *, everything: bool) -> DrawTime:
-        """Draw and wait; with `everything` also draw face ids and copy all targets to readable buffers."""
+        """Draw a frame and wait; with `everything` also draw face ids and copy all targets for reading."""
         self._make_targets(camera.width, camera.height)
         start = time.perf_counter()
-        self._gpu.device.queue.write_buffer(self._gpu.resources["camera"], 0, camera_record(camera))
+        self._gpu.device.queue.write_buffer(self._gpu.resources["camera"], 0, pack_camera(camera))
         encoder = self._gpu.device.create_command_encoder()
         ids = everything and self._has_face_ids
         self._encode_pass(encoder, background, ids)
@@ -288,13 +288,13 @@ class WgpuRenderer(Engine):
         return np.reshape(values, (height, width) if channels == 1 else (height, width, channels))
 
 
-def camera_record(camera: Camera) -> NDArray[np.float32]:
+def pack_camera(camera: Camera) -> NDArray[np.float32]:
     """Return the uniform buffer of the shader, (24,) float32.
 
-    It holds the column-major 4 x 4 clip matrix for points relative to the camera, the camera's centre rounded
-    to float32, and the rounding error of the centre. In clip space x and y are 2u/W - 1 and 1 - 2v/H times
-    the depth; z is the near distance, so that the depth buffer contains near / depth: 1 at the near plane, 0
-    at infinity.
+    It contains the column-major 4 x 4 clip matrix for points relative to the camera, the camera's centre
+    rounded to float32, and the rounding error of the centre. For a point at pixel (u, v), clip x is
+    (2u/W - 1) * depth, clip y is (1 - 2v/H) * depth, and clip w is the depth. Clip z is the distance of the
+    near plane, so the depth buffer contains near / depth: 1 at the near plane, 0 at infinity.
     """
     rounded = camera.center.astype(np.float32).astype(np.float64)
     width, height = camera.width, camera.height
@@ -309,7 +309,7 @@ def camera_record(camera: Camera) -> NDArray[np.float32]:
     rotation = np.eye(4)
     rotation[:3, :3] = camera.world_to_camera[:3, :3]
     parts = ((projection @ rotation).T.reshape(-1), rounded, [0.0], camera.center - rounded, [0.0])
-    with np.errstate(over="ignore"):  # coordinates of a camera beyond 1e38 become infinite: it sees nothing
+    with np.errstate(over="ignore"):  # a camera beyond 1e38 has infinite coordinates and sees nothing
         return np.concatenate(parts).astype(np.float32)
 
 

@@ -1,4 +1,4 @@
-"""The adapter and the device of wgpu-py: its buffers and textures, its clock, and its errors."""
+"""The graphics adapter and device of wgpu-py, with buffers, textures, timestamps and error messages."""
 
 import contextlib
 import gc
@@ -22,7 +22,7 @@ INSTALL = (
 )
 # Adapter types in the order of preference.
 _KINDS = ("DiscreteGPU", "IntegratedGPU", "Unknown", "CPU")
-# The backends of wgpu that can be used. Its OpenGL backend has no 32-bit float targets.
+# The usable backends of wgpu. The OpenGL backend is missing, because it has no 32-bit float targets.
 _BACKENDS = ("Vulkan", "Metal", "D3D12")
 _TEXEL_BYTES = {
     "rgba32float": 16,
@@ -35,8 +35,8 @@ _TEXEL_BYTES = {
 
 
 @cache
-def all_adapters() -> list[Any]:
-    """Return all adapters of the usable backends."""
+def list_adapters() -> list[Any]:
+    """Return all graphics adapters of the usable backends."""
     import wgpu
 
     with _runtime_folder():
@@ -45,8 +45,8 @@ def all_adapters() -> list[Any]:
 
 
 def choose_adapter(kind: str | None) -> Any:
-    """Return the best adapter of `kind`: "cpu" (software), "gpu", or None for a GPU if there is one."""
-    adapters = all_adapters()
+    """Return the best adapter of `kind`: "cpu" (software), "gpu", or None (a GPU if there is one)."""
+    adapters = list_adapters()
     usable = [
         adapter
         for adapter in adapters
@@ -83,8 +83,7 @@ def _runtime_folder() -> Iterator[None]:
 def _nanoseconds_per_tick(device: Any) -> float | None:
     """Return the unit of the device's timestamps in nanoseconds, or None if it is unknown.
 
-    wgpu-py returns raw timestamps and has no function for their unit, so this calls the library below
-    wgpu-py.
+    wgpu-py has no function for this unit, so the function of the underlying library is called.
     """
     from wgpu.backends.wgpu_native import lib
 
@@ -125,7 +124,7 @@ class Gpu:
         return {"platform": platform, "name": self.name, "kind": self.kind}
 
     def open(self, limits: Iterable[str], *, timed: bool) -> None:
-        """Open the device with the adapter's maximum for each of `limits`, and with a clock if `timed`."""
+        """Open the device with the adapter's maximum of each of `limits`, and if `timed` with timestamps."""
         self.device = self.adapter.request_device_sync(
             required_features=self.features,
             required_limits={name: self.adapter.limits[name] for name in limits},
@@ -148,7 +147,7 @@ class Gpu:
 
     @contextlib.contextmanager
     def setting_up(self) -> Iterator[None]:
-        """Close the device if the block, which opens and fills it, fails."""
+        """Close the device if an error occurs in the block, which opens it and creates its resources."""
         try:
             with self.reporting("opening the device"):
                 yield
@@ -157,7 +156,7 @@ class Gpu:
             raise
 
     def buffer(self, use: str, size: int, *usages: str, data: NDArray[Any] | None = None) -> None:
-        """Create the buffer of a use, in place of an earlier one; `data` gives its size and content."""
+        """Create a buffer for a use and replace an earlier one; `data`, if given, is its content."""
         usage = 0
         for word in usages:
             usage |= getattr(self._wgpu.BufferUsage, word.upper())
@@ -169,7 +168,7 @@ class Gpu:
             self.resources[use] = self.device.create_buffer_with_data(data=array, usage=usage)
 
     def texture(self, use: str, width: int, height: int, form: str, *usages: str, levels: int = 1) -> None:
-        """Create the texture of a use, in place of an earlier one, with `levels` mip levels."""
+        """Create a texture for a use, with `levels` mip levels, and replace an earlier one."""
         usage = 0
         for word in usages:
             usage |= getattr(self._wgpu.TextureUsage, word.upper())
@@ -192,7 +191,7 @@ class Gpu:
         self.buffer("times, read back", 8 * count, "copy_dst", "map_read")
 
     def run(self, encoder: Any) -> NDArray[np.uint64]:
-        """Submit commands, wait for them, and return the timestamps in ticks; 0 without a clock."""
+        """Submit commands, wait for them, and return the timestamps in ticks (all 0 without timestamps)."""
         times = self.resources["times"]
         if self.queries is not None:
             encoder.resolve_query_set(self.queries, 0, times.size // 8, times, 0)
@@ -201,7 +200,7 @@ class Gpu:
         return self.read_back("times").view(np.uint64)
 
     def read_back(self, use: str) -> NDArray[np.uint8]:
-        """Return the bytes of a buffer or texture from its readable copy, once that can be mapped."""
+        """Wait for the readable copy of a buffer or texture, and return its bytes."""
         buffer = self.resources[f"{use}, read back"]
         buffer.map_sync(self._wgpu.MapMode.READ)
         try:
@@ -216,8 +215,8 @@ class Gpu:
     def close(self) -> None:
         """Destroy the device and its resources; a second call does nothing.
 
-        A device of wgpu-py refers to itself, so without a garbage collection its shaders and the driver's
-        threads would stay: 10 to 30 MB for each device on lavapipe.
+        A device of wgpu-py refers to itself. Only a garbage collection releases its shaders and the threads
+        of the driver, which take 10 to 30 MB per device on lavapipe.
         """
         for resource in self.resources.values():
             resource.destroy()

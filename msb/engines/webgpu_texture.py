@@ -1,7 +1,8 @@
-"""A mesh with textures for renderer `wgpu`, with the samplers, mip maps and derivatives of the hardware.
+"""A mesh with textures for renderer `wgpu`, with the samplers and mip maps of the hardware.
 
-Faces do not share vertices. They are drawn in their order, one draw call for each run of faces
-with the same texture, so that of faces at equal depths the first is visible whatever its texture.
+Faces do not share vertices. They are drawn in the order of the asset, with one draw call for each run of
+consecutive faces with the same texture. Of several faces at equal depths the first is therefore visible, as
+in our renderer.
 """
 
 from typing import Any
@@ -22,7 +23,7 @@ ATTRIBUTES = {
     "texture coordinates": (8, "float32x2"),
     "tints": (16, "float32x4"),
 }
-# Follows the declarations in webgpu.py. CUTOFF is the alpha below which a fragment is discarded.
+# Appended to the declarations in webgpu.py. Fragments with an alpha below CUTOFF are discarded.
 SHADER = """
 @group(1) @binding(0) var texels: texture_2d<f32>;
 @group(1) @binding(1) var reading: sampler;
@@ -112,7 +113,7 @@ class TexturedMesh:
     def draw(self, drawing: Any, pipeline: Any, ids: bool) -> None:
         """Encode the draw calls into a render pass, whose pipeline and camera are already set.
 
-        `ids` says whether it is the pipeline with face ids; each pipeline has its own bind groups.
+        `ids` tells whether `pipeline` draws face ids. Every pipeline needs separate bind groups.
         """
         gpu = self._gpu
         if ids not in self._groups:

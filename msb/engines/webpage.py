@@ -1,7 +1,7 @@
-"""The three.js page: a single HTML file, with or without an asset, for any browser with WebGL 2, offline.
+"""The three.js page: one HTML file, with or without an asset. It works offline in any browser with WebGL 2.
 
-The page contains the modules of three.js, compressed and with their licence. `web/three` holds them as
-published.
+The page contains the modules of three.js, compressed, and their licence. The folder `web/three` has the
+modules as published.
 """
 
 import base64
@@ -18,14 +18,14 @@ from typing import Any
 from msb.asset.look import AMBIENT, GREY, light_toward
 from msb.scenes import Camera
 
-# Number of faces above which most browsers run out of memory on a page with the asset.
+# Number of faces above which most browsers run out of memory when they open the page.
 LARGE = 3_000_000
 _SCRIPTS = ("camera.js", "page.js", "controls.js", "files.js", "start.js")
 # Parts of a JavaScript module that a plain script must not have: "use strict", imports, exports.
 _MODULE_SYNTAX = re.compile(r"""^("use strict";\n|import .*\n|export )""", re.MULTILINE)
 
 
-def page(
+def make_mesh_page(
     glb: bytes | None = None,
     *,
     name: str = "",
@@ -39,27 +39,27 @@ def page(
     Parameters
     ----------
     glb : bytes, optional
-        The mesh. Without it the page shows a file that is dropped on it, or the file of `?url=` in its
+        The mesh. A page without a mesh shows a file that is dropped on it, or the file of `?url=` in its
         address.
     name, cameras, up, background
-        As for `scene_data`.
+        As for `scene_to_json`.
     served : bool
         Let the page execute the tasks of its server (`browser.py`).
     """
-    scene = scene_data(name, cameras, up, background)
+    scene = scene_to_json(name, cameras, up, background)
     encoded = "" if glb is None else base64.b64encode(glb).decode("ascii")
     return fill_template(scene, _SCRIPTS + (("remote.js",) if served else ()), glb=encoded)
 
 
-def scene_data(
+def scene_to_json(
     name: str, cameras: Sequence[Camera], up: str, background: tuple[float, float, float]
 ) -> dict[str, Any]:
     """Return the scene description that all pages contain, as JSON data.
 
-    `name` is the title, `cameras` can be chosen in the page, `up` is the axis that points up, such as
-    "+y", and `background` is a colour in the asset's colour space.
+    `name` is the title of the page, and its user can choose one of `cameras`. `up` is the axis that points
+    up, such as "+y", and `background` is a colour in the asset's colour space.
     """
-    listed = [{**camera_data(camera), "name": camera.name} for camera in cameras]
+    listed = [{**camera_to_json(camera), "name": camera.name} for camera in cameras]
     # The shading of dropped files without colours. Our own files always have colours.
     daylight = {"grey": GREY, "ambient": AMBIENT, "light": light_toward(up).tolist()}
     return {"name": name, "cameras": listed, "up": up, "background": list(background), "daylight": daylight}
@@ -70,11 +70,12 @@ def fill_template(
 ) -> bytes:
     """Return web/page.html filled with a scene and scripts, as UTF-8.
 
-    `scene` is JSON data: `scene_data`, and more for some pages. `scripts` are names of files in web, in their
-    order. `glb` is a mesh in base64, `arrays` are HTML elements that hold arrays.
+    `scene` is JSON data: `scene_to_json`, and further keys for some pages. `scripts` are names of files in
+    the folder web, in the order of execution. `glb` is a mesh in base64, and `arrays` are HTML elements that
+    contain arrays.
     """
     three = files("msb.engines") / "web" / "three"
-    # Each mark is searched only behind the mark before it, because an inserted name may look like a mark.
+    # Search each mark only after the previous mark, because an inserted name may look like a mark.
     rest = read_script("page.html")
     parts = []
     for mark, value in (
@@ -95,7 +96,7 @@ def fill_template(
 
 @cache
 def _three_modules() -> str:
-    """Return the HTML elements with the modules of three.js, gzip in base64."""
+    """Return HTML elements with the modules of three.js, compressed with gzip and encoded in base64."""
     folder = files("msb.engines") / "web" / "three"
     elements = []
     for name in _origin()["files"]:
@@ -108,13 +109,13 @@ def _three_modules() -> str:
 def read_script(name: str) -> str:
     """Return a file of msb/engines/web without its module syntax, to concatenate with other scripts.
 
-    Some of these files are modules, because the npm package in integrations/js contains them unchanged.
+    Some of these files are modules, because the npm package in integrations/js contains the same files.
     """
     text = (files("msb.engines") / "web" / name).read_text("utf-8")
     return _MODULE_SYNTAX.sub("", text)
 
 
-def camera_data(camera: Camera) -> dict[str, Any]:
+def camera_to_json(camera: Camera) -> dict[str, Any]:
     """Return a camera as JSON data for the page: OpenCV axes, lengths in pixels."""
     return {
         "width": camera.width,
@@ -128,7 +129,7 @@ def camera_data(camera: Camera) -> dict[str, Any]:
     }
 
 
-def three_revision() -> str:
+def read_three_revision() -> str:
     """Return the revision of the included three.js, such as "187"."""
     return str(_origin()["revision"])
 

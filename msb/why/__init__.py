@@ -1,8 +1,8 @@
-"""Measurement of why an export looks worse than the native rendering: the PSNR of each cause on an asset.
+"""Measures why an export of an asset looks worse than its native rendering: the PSNR of each cause.
 
-A cause is one difference between how an engine and how the method draw a model. It is measured by rendering
-the same cameras with and without this difference, everything else being equal. docs/worse.md shows images of
-all causes.
+A cause is one difference between an engine and the method's own renderer, such as hard edges. It is measured
+by rendering the same cameras with and without this difference, everything else being equal. docs/worse.md
+shows images of all causes.
 """
 
 from __future__ import annotations

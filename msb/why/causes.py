@@ -1,4 +1,4 @@
-"""The causes of a worse look: how each is rendered, recognised and avoided."""
+"""The causes of a loss of image quality: how each is rendered, recognised and avoided."""
 
 import tempfile
 from collections.abc import Callable
@@ -29,17 +29,17 @@ _HARD_SETTINGS: dict[str, dict[str, float]] = {
     "gaussian_power": {"gamma": 1000.0},
     "edge_window": {"sigma": 1e-9},
 }
-# The same for the stored sigma of Triangle-Splatting, which is 0.01 + exp(value); its minimum is 0.01.
+# Stored value of Triangle-Splatting that makes edges hard: sigma is 0.01 + exp(value), here its minimum 0.01.
 _HARD_SIGMA = np.float32(-30.0)
-# Images with and without a cause, one of each for every view.
+# Two lists of images, with and without a cause; each list has an image for every view.
 _Pair = tuple[list[Any], list[Any]]
 _Draw = Callable[[CauseViews], _Pair]
-# A changed model, and settings to draw it with.
+# A changed model, and the settings for drawing it.
 _Change = tuple[Asset, dict[str, Any]]
 
 
 def _draw_supersampling(views: CauseViews) -> _Pair:
-    """Compare one sample per pixel with several."""
+    """Compare images with one sample per pixel and with several samples per pixel."""
     if views.samples:
         return views.draw_native(settings=dict.fromkeys(views.samples, 1)), views.native
     if why_not(views.asset.manifest, "dedicated") is None:
@@ -83,7 +83,7 @@ def _draw_linear_colors(views: CauseViews) -> _Pair:
 
 
 def interpret_as_linear(frames: list[Frame]) -> list[Image]:
-    """Return images of sRGB colours that are interpreted as linear light, so that they are encoded twice."""
+    """Return the images of an engine that takes sRGB colours for linear light and encodes them again."""
     return [
         np.where(frame.alpha[..., None] > 0, _to_srgb(np.clip(frame.image, 0, 1)), frame.image)
         for frame in frames
@@ -116,7 +116,7 @@ def _with_full_opacity(asset: Asset) -> _Change:
 
 
 def _with_hard_edges(asset: Asset) -> _Change:
-    """Return `asset` with faces that cover their whole inside equally, and nothing outside."""
+    """Return `asset` with faces of constant opacity up to their edges, instead of soft edges."""
     kernel = str(asset.manifest.coverage["kernel"])
     if kernel == "solid":
         raise DoesNotApplyError("its faces have hard edges already")
@@ -181,8 +181,8 @@ def _to_srgb(linear: Image) -> Image:
     return np.where(linear <= 0.0031308, 12.92 * linear, curve).astype(np.float32)
 
 
-# Properties that an opaque mesh cannot have in any engine: name of the cause -> the model without this
-# property.
+# Causes that affect every opaque mesh in every engine: name of the cause -> function that removes the
+# property from the model.
 BAKED: dict[str, Callable[[Asset], _Change]] = {
     "view_dependence": _without_view_dependence,
     "opacity": _with_full_opacity,
@@ -226,15 +226,17 @@ CAUSES = (
         "shading",
         "Lighting on",
         _draw_shading,
-        "Turn off the engine's lights: the image changes. The colours already include the scene's light.",
+        "Turn off the engine's lights. If the image changes, the mesh is lit, although its colours already "
+        "include the light of the scene.",
         "Use an unlit material; the GLB of msb convert requests one.",
     ),
     CauseDefinition(
         "linear_colors",
         "Colours interpreted as linear",
         _draw_linear_colors,
-        "All colours are too pale or too dark. Compare with the page of msb web, Colours: linear (glTF).",
-        "msb convert writes linear colours in .glb, as glTF specifies, else sRGB; --color changes this.",
+        "All colours are too pale or too dark. Compare in the page of msb web: set Colours to linear (glTF).",
+        "Write the file with msb convert: .glb files get linear colours, as glTF specifies, all other files "
+        "sRGB colours. For a program with other rules, set --color.",
     ),
     CauseDefinition(
         "back_faces",
@@ -261,7 +263,8 @@ CAUSES = (
         "exporter",
         "Official exporter instead of msb convert",
         _draw_exporter,
-        "Render both files: msb convert ASSET a.ply, msb convert --official ASSET b.ply, msb render each.",
+        "Write both files, msb convert ASSET a.ply and msb convert --official ASSET b.ply. Render each with "
+        "msb render, and compare the images.",
         "Export with msb export and msb convert.",
     ),
     CauseDefinition(

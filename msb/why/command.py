@@ -1,4 +1,4 @@
-"""`msb why`: prints how much each cause of a worse look costs on an asset."""
+"""`msb why`: prints the loss of image quality from each cause, in dB of PSNR."""
 
 from __future__ import annotations
 
@@ -27,7 +27,11 @@ def why(
     output: JsonOutput,
     save: Annotated[
         Path | None,
-        Option("Write an image for each cause: without and with it.", metavar="FOLDER", output="own"),
+        Option(
+            "Write an image for each cause into FOLDER: without the cause on the left, with it on the right.",
+            metavar="FOLDER",
+            output="own",
+        ),
     ] = None,
     *,
     typed: Typed,
@@ -35,10 +39,10 @@ def why(
     """Explain why an export looks worse than the native rendering: the PSNR of each cause, in dB.
 
     The asset is rendered with and without each cause, everything else being equal. Differences are clearly
-    visible below 30 dB and invisible above 40 dB. The last lines are about all causes together: the
-    standard-tier mesh against the native rendering, the part that engine settings can avoid, and the part
-    that only a bake can avoid. Without --cameras the training cameras are used if they are found beside the
-    asset, else cameras around it.
+    visible below 30 dB and invisible above 40 dB. The last lines compare the standard-tier mesh with the
+    native rendering, which shows the loss of all causes together. They tell which part of it engine settings
+    can avoid, and which part needs a bake. Without --cameras the training cameras are used if they are found
+    beside the asset, else cameras around it.
     """
     from msb.api.command_files import open_asset
     from msb.errors import about
@@ -94,7 +98,7 @@ def _save_images(causes: list[Cause], folder: Path, *, overwrite: bool) -> None:
 def _print(
     causes: Causes, head: dict[str, Any], views: ChosenViews, save: Path | None, output: Output
 ) -> None:
-    """Print the table of causes, the total, and the causes that do not apply."""
+    """Print the table of causes, the loss of all causes together, and the causes that do not apply."""
     from rich.markup import escape
 
     console = output.console()
@@ -104,10 +108,8 @@ def _print(
         return
     if not output.quiet:
         console.print(escape(f"views: {views.description}"), soft_wrap=True)
-        console.print(
-            "PSNR of the images with each cause against those without it: below 30 dB the difference"
-        )
-        console.print("is clearly visible, above 40 dB it is invisible.\n")
+        console.print("PSNR between the images with and without each cause. Below 30 dB the difference is")
+        console.print("clearly visible, above 40 dB it is invisible.\n")
     measured = sorted((cause for cause in causes if cause.db is not None), key=lambda cause: cause.db or 0.0)
     rows = [
         (cause.title, _format_db(cause.db).removesuffix(" dB"), "" if output.quiet else cause.how_to_see)

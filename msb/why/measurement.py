@@ -1,4 +1,4 @@
-"""Measurement of all causes of a loss on one asset, each alone and all together."""
+"""Measures the causes of a loss of image quality on one asset, each alone and all together."""
 
 from __future__ import annotations
 
@@ -30,16 +30,16 @@ class Cause:
     Attributes
     ----------
     name : str
-        Such as "view_dependence".
+        The name in code and JSON, such as "view_dependence".
     title : str
-        The same in words.
+        The name in reports, such as "Colours independent of the view".
     applies : bool
         Whether the asset can be drawn both with and without the cause.
     db : float or None
         PSNR in dB between the images with and without the cause, over all views; inf if they are equal, None
         if the cause does not apply.
     reason : str or None
-        Why it does not apply.
+        Why the cause does not apply; None if it does.
     how_to_see : str
         How to recognise the cause in a program.
     remedy : str
@@ -74,7 +74,10 @@ class Cause:
 
 
 class Causes(list[Cause]):
-    """The loss of each cause; `total` has that of all together, `views` the cameras that see the asset."""
+    """A list with the loss of each cause.
+
+    `total` has the loss of all causes together, `views` has the cameras that see the asset.
+    """
 
     total: Total
     views: ChosenViews
@@ -99,9 +102,9 @@ def why(
         At least one camera. Default: the training cameras if they are found beside the path, else eight
         cameras around or inside the asset.
     background : (3,) floats, or str, optional
-        As for `msb.render`, with its default.
+        The background, with the values and the default of `msb.render`.
     settings : mapping, optional
-        Values that replace settings stored in the asset, for all renderings.
+        Values for all renderings, in place of the settings that are stored in the asset.
     device : str, optional
         The OpenCL device.
     step : callable
@@ -144,7 +147,7 @@ def _measure_cause(definition: CauseDefinition, views: CauseViews) -> Cause:
         with_it, without = definition.draw(views)
     except DoesNotApplyError as error:
         return Cause(definition.name, definition.title, False, None, str(error), *texts)
-    # Sums of squared errors and numbers of values, (views, 2).
+    # For each view the sum of squared errors and the number of values, (views, 2).
     errors = squared_errors(with_it, without)
     worst = int(np.argmax(errors[:, 0] / errors[:, 1]))
     return Cause(

@@ -1,4 +1,4 @@
-"""All causes together: the loss of the standard-tier mesh, and how settings or a bake can avoid it."""
+"""The loss of all causes together, and the parts of it that settings or a bake can avoid."""
 
 import contextlib
 from collections.abc import Mapping
@@ -18,7 +18,7 @@ _VISIBLE = 40.0
 class Total:
     """The PSNR of a standard-tier mesh against the native rendering, in dB over all views.
 
-    All numbers are None if the asset lacks one of the two.
+    All numbers are None if the asset has no standard-tier mesh or no native rendering.
 
     Attributes
     ----------
@@ -32,10 +32,10 @@ class Total:
         The mesh with every engine setting right: unlit, colours unchanged, two-sided, and as many samples per
         pixel as the native renderer.
     baked : float or None
-        The native rendering without everything that an opaque mesh cannot show. A bake can avoid this loss,
-        settings cannot.
+        The native rendering of the model without view-dependent colours, transparency and soft edges, which
+        no opaque mesh can show. A bake can avoid this loss; settings cannot.
     bakes : tuple of str
-        Names of the causes behind `baked` that are visible, the largest loss first.
+        Names of those causes of the loss `baked` that are visible, the largest loss first.
     """
 
     db: float | None
@@ -61,7 +61,7 @@ def _finite(db: float | None) -> float | None:
 
 
 def measure_total(views: CauseViews, losses: Mapping[str, float | None]) -> Total:
-    """Return the total of all causes; `losses` has the PSNR in dB of each cause alone."""
+    """Return the loss of all causes together; `losses` has the PSNR in dB of each cause alone."""
     try:
         native, standard = views.native, views.standard
     except DoesNotApplyError as error:

@@ -43,20 +43,20 @@ class _StandardImages(NamedTuple):
     frames: list[Frame]
     # Without back faces.
     culled: list[Frame]
-    # With as many samples per pixel as the native renderer; 16 if the method has none.
+    # With as many samples per pixel as the native renderer; 16 if the method has no native renderer.
     supersampled: list[Image]
 
 
 class CauseViews:
-    """The cameras of one asset, and its images in different ways; each way is rendered at most once.
+    """The cameras of one asset and its renderings; every kind of rendering is drawn at most once.
 
     Attributes
     ----------
     chosen : msb.views.ChosenViews
         The cameras that see the asset.
     samples : dict
-        The setting of the native renderer for several samples per pixel along each axis, and its value; empty
-        if it takes one.
+        Setting of the native renderer -> its samples per pixel along each axis; empty if the renderer takes
+        one sample per pixel.
     """
 
     def __init__(
@@ -122,7 +122,7 @@ class CauseViews:
         return light.astype(np.float32)
 
     def _draw_standard(self, cameras: Sequence[Camera]) -> _StandardImages:
-        """Render the standard tier in all ways with one renderer, which is slow to create."""
+        """Return all images of the standard tier. One renderer draws them, because it is slow to create."""
         no_native = why_not(self.asset.manifest, "dedicated") is not None
         samples = max(self.samples.values(), default=4 if no_native else 1)
         units = [camera.in_units() for camera in cameras]

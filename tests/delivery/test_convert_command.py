@@ -1,4 +1,7 @@
-"""`msb convert`: rows, colours, axes, forms, engines and exit statuses. Its texts are in tests/snapshots."""
+"""`msb convert`: vertices, faces, colours, axes, forms, engines and exit statuses.
+
+The messages are in tests/snapshots.
+"""
 
 import re
 from pathlib import Path
@@ -21,7 +24,9 @@ TRIANGLE = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvn 0 0 1\nusemtl red\nf 1/1/1 2/1
 
 
 @pytest.mark.parametrize("suffix", [".ply", ".obj", ".off", ".stl", ".glb"])
-def test_rows_order_and_colours_are_kept(here: Here, demo_asset: Path, tmp_path: Path, suffix: str) -> None:
+def test_vertices_faces_and_colours_are_kept_in_order(
+    here: Here, demo_asset: Path, tmp_path: Path, suffix: str
+) -> None:
     target = tmp_path / "new" / f"demo{suffix}"
     result = here("convert", demo_asset, target)
     asset, mesh = library.load(demo_asset), read_mesh(target)

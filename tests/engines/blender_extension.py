@@ -1,8 +1,8 @@
-"""A script for Blender's Python: lets the extension import, audit, draw and export models.
+"""A script for Blender's Python that tests the extension: it imports, audits, draws and exports models.
 
-``blender_extension.py FOLDER JOBS``: FOLDER holds the extension's package. JOBS is a JSON list; each job has
-the paths `model`, `image` and `saved`, and a `camera` (`blender_camera` with `clip` distances). The script
-prints a JSON list with a result for each job.
+Usage: ``blender_extension.py FOLDER JOBS``. FOLDER contains the package of the extension. JOBS is a JSON
+list; each job has the paths `model`, `image` and `saved`, and a `camera` (`blender_camera` with `clip`
+distances). The script prints a JSON list with a result for each job.
 """
 
 import json
@@ -18,7 +18,7 @@ from mathutils import Matrix
 def run_job(job: dict[str, Any]) -> dict[str, Any]:
     """Import, draw, export and audit a model; return the results of the extension."""
     import meshsplatbench as extension
-    from meshsplatbench.model import ABOUT, MARKS, marked_lines
+    from meshsplatbench.model import ABOUT, MARKS, find_marked_lines
 
     bpy.ops.wm.read_factory_settings(use_empty=True)
     try:
@@ -33,7 +33,7 @@ def run_job(job: dict[str, Any]) -> dict[str, Any]:
     return {
         "again": json.loads(thing[ABOUT])["audit"],
         "audit": about["audit"],
-        "marks": {name: len(marked_lines(thing.data, name)) // 2 for name in MARKS},
+        "marks": {name: len(find_marked_lines(thing.data, name)) // 2 for name in MARKS},
         "panel": panel_lines(extension.Panel),
         "transform": bpy.context.scene.view_settings.view_transform,
     }

@@ -75,7 +75,7 @@ def draw(asset: Asset, camera: Camera) -> Frame:
 
 
 def without_mipmaps(asset: Asset) -> Asset:
-    """Return `asset` without mip maps, because Cycles has none."""
+    """Return `asset` without mip maps, because Cycles does not support them."""
     appearance = {**asset.manifest.appearance, "mipmaps": False}
     return Asset(replace(asset.manifest, appearance=appearance), asset.buffers)
 
@@ -83,7 +83,7 @@ def without_mipmaps(asset: Asset) -> Asset:
 @pytest.mark.slow
 @pytest.mark.oracle
 def test_models_look_as_on_the_standard_tier_and_are_exported_unchanged(tmp_path: Path) -> None:
-    """Three methods, a bake of the fourth, and noise in two textures multiplied with vertex colours."""
+    """Models of three methods, a baked model of the fourth, and two noise textures times vertex colours."""
     pytest.importorskip("xatlas", reason="extra trial is not installed (xatlas)")
     views = [golden_views(method)[0] for method in ("two_dts", "triangle_splatting", "mesh_splatting")]
     models = [(view.folder / "checkpoint", view.camera) for view in views]

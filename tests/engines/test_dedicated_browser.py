@@ -1,4 +1,4 @@
-"""The page of the dedicated tier in a browser: its images, its messages, and how it is measured."""
+"""The page of the dedicated tier in a browser: its images, its messages and its measurement."""
 
 import json
 from collections.abc import Callable
@@ -47,8 +47,8 @@ def page_of(views: list[View], **options: Any) -> DedicatedPage:
     return make_page(asset, name="a", settings=views[0].settings, tests=tests, **options)
 
 
-# First view of each page that is drawn. Compiling the shaders of a page takes the browser seconds, and
-# test_hardware.py draws every view by the same plans.
+# The pages that are drawn, by the name of their first view. Not all are, because a browser needs seconds to
+# compile the shaders of a page, and test_hardware.py draws every view with the same plans.
 DRAWN = {
     *("torus_sh0_white/0", "bumpy_sphere_sh3/0"),
     *("ring_solid/1", "soup_everything/2", "soup_everything/3"),
@@ -93,7 +93,7 @@ def test_the_page_computes_the_same_camera_record(in_browser: InBrowser) -> None
     projections = {}
     for views in golden_scenes():
         packed = pack(exported(views[0].folder / "checkpoint"), views[0].settings)
-        projections[packed.model.program, packed.model.own.get("flip")] = packed, views[:2]
+        projections[packed.model.program, packed.model.method_values.get("flip")] = packed, views[:2]
     assert len(projections) == 5
     script = """
         await ready;
@@ -139,7 +139,7 @@ def test_the_page_decodes_the_packed_arrays(in_browser: InBrowser, method: str) 
     page = make_page(asset, name="a", settings=settings)
     if method == "two_dts":
         assert set(page.scene["dedicated"]["arrays"]["positions"]) == {"shrunk"}
-    # Without main(), which removes the stored arrays from the document.
+    # Do not run main(), because it removes the stored arrays from the document.
     data = page.to_bytes().replace(b'return typeof main === "function" && main();', b"return true;")
     sums = in_browser(data, CHECKSUMS)
     for name, array in packed.arrays.items():
@@ -225,7 +225,10 @@ def test_the_baked_mesh_can_be_shown_beside_the_others(in_browser: InBrowser) ->
 def test_modes_of_the_page_are_those_of_the_renderer(
     method: str, modes: list[tuple[Any, Any]], with_webgpu: InBrowser
 ) -> None:
-    """The panel reports progress first; the last choice is drawn even if an earlier one still compiles."""
+    """The panel reports progress while the page opens, and the last choice of a mode is drawn.
+
+    The shaders of an earlier choice may still be compiling.
+    """
     need("wgpu")
     view = golden_views(method)[0]
     watch = b"""<script>
@@ -270,7 +273,7 @@ def test_pages_are_measured_when_written_and_again(msb: Msb, tmp_path: Path) -> 
     assert first.json["measured"]["worst"] > 40  # rounding costs most at the near training cameras
     assert [cost["psnr"] > 40 for cost in first.json["costs"]] == [True]
     assert "--quantise" in first.err
-    # tests/test_docs_commands.py runs --verify on a page that passes.
+    # The case of a page that passes is in tests/test_docs_commands.py.
     again = msb("web", "--verify", page, "--at-least", "99", "-q", "--json", "-", status=1)
     assert again.err.startswith("GATE_FAILED: ")
     assert again.json["measured"]["worst"] == pytest.approx(first.json["measured"]["worst"], abs=0.01)

@@ -1,4 +1,4 @@
-"""The page of the dedicated tier: its contents, the storage of its arrays, and reduced assets."""
+"""The page of the dedicated tier without a browser: contents, storage of arrays, and reduced assets."""
 
 import json
 import re
@@ -44,7 +44,7 @@ FLOATS = {
 
 
 @pytest.mark.parametrize("how", FLOATS)
-def test_floats_are_restored_exactly_from_the_smallest_form(how: str) -> None:
+def test_floats_are_restored_exactly_from_every_encoding(how: str) -> None:
     array = FLOATS[how]
     stored = store(array)
     assert stored.head["how"] == how
@@ -103,7 +103,7 @@ def test_quantised_assets_are_stored_exactly_and_look_alike(method: str) -> None
 
 
 @pytest.mark.parametrize("method", ["triangle_splatting", "diffsoup"])
-def test_faces_without_a_contribution_can_be_left_out(method: str) -> None:
+def test_faces_without_a_contribution_can_be_removed(method: str) -> None:
     view, asset = golden_views(method)[0], golden_asset(method)
     frame = render_reference(asset, view.camera, view.background)
     assert frame.contribution.shape == (asset.manifest.face_count,)
@@ -206,7 +206,7 @@ def test_files_that_are_not_valid_pages_are_rejected(tmp_path: Path) -> None:
         assert info.value.code == "FILE_NOT_RECOGNISED"
 
 
-def test_a_plain_mesh_has_no_dedicated_page() -> None:
+def test_a_mesh_file_has_no_dedicated_page() -> None:
     with pytest.raises(Unsupported) as info:
         make_page(mesh_asset(scene("small", 1)), name="mesh", settings={})
     assert info.value.code == "UNSUPPORTED_TIER"
@@ -231,7 +231,7 @@ SCRIPT = """
 import { Dedicated } from "./dedicated.js";
 const device = {
   pushErrorScope() {}, popErrorScope: async () => null,
-  createShaderModule({ code }) { if (code === "bad") throw new Error("refused"); return {}; },
+  createShaderModule({ code }) { if (code === "bad") throw new Error("rejected"); return {}; },
 };
 const plan = (module) => ({ modules: { module }, passes: [], band_passes: [], arrays: {}, buffers: {} });
 const modules = { good: "good", bad: "bad" }, plans = [plan("good"), plan("bad"), plan("good")];
@@ -258,4 +258,4 @@ def test_after_a_compile_error_the_page_keeps_the_plan_in_use_or_a_later_choice(
     for name in ("camera.js", "dedicated.js"):
         shutil.copy(ROOT / "msb/engines/web" / name, tmp_path)
     process = subprocess.run(["node", tmp_path / "test.js"], capture_output=True, text=True, check=True)
-    assert json.loads(process.stdout) == [["refused", 0, 0], ["refused", 0, 2], [None, 2, 2]]
+    assert json.loads(process.stdout) == [["rejected", 0, 0], ["rejected", 0, 2], [None, 2, 2]]

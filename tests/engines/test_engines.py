@@ -1,4 +1,4 @@
-"""Every installed engine draws the same images as our z-buffer, within the tolerances of rasterizers."""
+"""Every installed engine draws the same images as our standard-tier renderer, within tolerances."""
 
 import io
 from dataclasses import replace
@@ -30,9 +30,9 @@ pytestmark = [pytest.mark.slow, pytest.mark.oracle]
 OFF_CENTRE = replace(camera(160, 120, 150.0, (71.0, 66.5)), fx=170.0)
 TALL = replace(camera(90, 130, 140.0, (50.0, 60.0)), fy=120.0)
 
-# Minimum share of pixels within one level of 255, for crossing faces of a few pixels with random corner
-# colours. SwiftShader, which draws three.js without a GPU, snaps corners to 1/16 pixel; hardware and lavapipe
-# to 1/256.
+# Minimum share of pixels that differ by at most one level of 255. The scenes have crossing faces of a few
+# pixels with random corner colours. SwiftShader, which draws three.js without a GPU, snaps corners to 1/16
+# pixel. Hardware and lavapipe snap them to 1/256 pixel.
 WITHIN = {"wgpu": 0.999, "threejs": 0.96, "blender_cycles": 0.999, "blender_workbench": 0.999}
 # Maximum of the 99.9th percentile of differences in the interior of faces, in levels.
 INTERIOR = {"wgpu": 1, "threejs": 4, "blender_cycles": 1, "blender_workbench": 1}
@@ -43,7 +43,7 @@ every_engine = pytest.mark.parametrize("name", ENGINES)
 def draw_both(
     name: str, asset: Asset, views: list[Camera], **options: Any
 ) -> tuple[list[Frame], list[Frame]]:
-    """Return the frames of renderer `name` and of our z-buffer renderer."""
+    """Return the frames of renderer `name`, and those of our standard-tier renderer."""
     with msb.Renderer(asset, name=need(name), **options) as renderer:
         theirs = [renderer.render(view, BACKGROUND) for view in views]
     with msb.Renderer(asset, **options) as renderer:
@@ -60,7 +60,7 @@ def colored_asset(kind: str, dtype: Any = np.uint8) -> Asset:
 def test_agrees_with_our_z_buffer(name: str, kind: str) -> None:
     theirs, ours = draw_both(name, colored_asset(kind), [OFF_CENTRE, TALL])
     result = agreement(theirs, ours)
-    # "everything" has coincident faces, whose order an engine need not keep.
+    # "everything" has coincident faces, and an engine may show any of them.
     assert result.within_a_level >= (WITHIN[name] if kind != "everything" else 0.95)
     assert result.covered_alike >= (0.999 if name != "threejs" else 0.99)
     if kind == "large":
@@ -89,7 +89,7 @@ def test_float_colours_are_clamped_but_not_rounded(name: str) -> None:
 
 @every_engine
 def test_golden_models(name: str) -> None:
-    """One golden view of each method; benchmarks/engines.py draws all."""
+    """Compare one golden view of each method; benchmarks/engines.py draws all views."""
     theirs, ours = [], []
     for method in ("two_dts", "triangle_splatting", "mesh_splatting"):
         view = golden_views(method)[0]
@@ -102,7 +102,7 @@ def test_golden_models(name: str) -> None:
 
 
 @every_engine
-def test_the_renderer_has_the_interface_of_ours(name: str) -> None:
+def test_the_renderer_has_the_common_interface(name: str) -> None:
     asset, renderer_class = colored_asset("large"), find_renderer(need(name))
     assert any(sign.isdigit() for sign in renderer_class.installed())  # known before it draws
     with msb.Renderer(asset, name=name, supersample=2) as renderer:
@@ -155,7 +155,7 @@ def has_graphics_card() -> bool:
 @pytest.mark.parametrize("kind", ["large", "through the camera", "far and wide"])
 @pytest.mark.parametrize("case", CASES)
 def test_wgpu_agrees_on_textures(case: str, kind: str) -> None:
-    """Graphics cards differ by a few levels: samplers may weigh two texels with as few as 4 bits."""
+    """Graphics cards may differ by a few levels, because samplers may weigh texels with only 4 bits."""
     alike, covered = (0.9, 0.995) if has_graphics_card() else (0.999, 0.999)
     for seed in (5, 6):
         asset = textured_asset(scene(kind, seed), seed, **CASES[case])

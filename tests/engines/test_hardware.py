@@ -1,4 +1,4 @@
-"""The dedicated tier through a graphics pipeline; lavapipe draws on machines without a graphics card."""
+"""The dedicated tier with a graphics pipeline. Without a graphics card, lavapipe draws in software."""
 
 from collections.abc import Iterator
 from contextlib import closing
@@ -30,9 +30,9 @@ from tests.render.random_cases import draw_case
 
 METHODS = ("two_dts", "triangle_splatting", "mesh_splatting")
 VIEWS = [view for method in METHODS for view in golden_views(method)]
-QUICK = (8, 19, 22)  # the views of the quick run: one of each method
-# Minimum PSNR in dB to the official image, with float32 and with half-float targets. It is finite because a
-# sample stops at the end of a chunk of faces, not at a face.
+QUICK = (8, 19, 22)  # numbers of the views that are not marked slow: one of each method
+# Minimum PSNR in dB against the official image, with float32 and with half-float targets. The images are not
+# equal, because a sample stops at the end of a chunk of faces, not at a single face.
 FLOAT_DB = {"two_dts": 80, "triangle_splatting": 70, "mesh_splatting": 75}
 HALF_DB = {"two_dts": 55, "triangle_splatting": 60, "mesh_splatting": 60}
 
@@ -44,7 +44,7 @@ every_view = pytest.mark.parametrize(
 )
 every_third_view = pytest.mark.parametrize("view", VIEWS[::3], ids=names)
 MODES = (("tile", "engine"), ("none", "engine"), ("global", "official"), ("none", "official"))
-# Every method in every mode, each time on another view.
+# Every method in every mode, always with a different view.
 VIEW_OF_MODE = [
     (view, *mode)
     for method in METHODS
@@ -80,14 +80,14 @@ def draw_by_opencl(view: View, **options: Any) -> Frame:
 
 
 def decibels(image: NDArray[Any], official: NDArray[Any], stable: Any = None) -> float:
-    """Return the PSNR over the `stable` pixels; the peak is the official image's, which may exceed 1."""
+    """Return the PSNR in dB over the `stable` pixels; the peak is the official maximum, at least 1."""
     error = np.square(image.astype(np.float64) - official)
     peak = max(1.0, float(official.max()))
     return float(10 * np.log10(peak**2 / max(error[slice(None) if stable is None else stable].mean(), 1e-20)))
 
 
 class TileRecorder:
-    """Stands in for the official order in a reference renderer: keeps decisions per face, draws nothing."""
+    """Replaces the order of a reference renderer: stores the decisions for each face, and draws nothing."""
 
     order = "tile"
 
@@ -100,7 +100,7 @@ class TileRecorder:
 
 
 def assert_same_decisions(view: View, sampling: str) -> None:
-    """Compare kept faces, depth keys and official tile rectangles with the reference, bit for bit."""
+    """Check that kept faces, depth keys and tile rectangles equal those of the reference, bit for bit."""
     asset, camera, settings = asset_of(view), view.camera, view.settings
     recorder = TileRecorder(sampling)
     reference: Any = role(asset.manifest.method, "reference")
@@ -160,7 +160,7 @@ def test_orders_and_samplings_are_those_of_opencl(view: View, order: Any, sampli
 def test_small_device_limits_do_not_change_the_frame(
     limits: Limits, stops: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Five parts of coefficients, two of records and twelve bands; a second frame is equal, too."""
+    """The smaller limits give five parts of coefficients, two of records and twelve bands."""
     view = golden_views("triangle_splatting")[0]
     expected = draw(view, stops=stops)
     monkeypatch.setattr(hardware, "_limits_of", lambda _: limits)
@@ -194,7 +194,7 @@ def test_a_lost_device_and_a_closed_renderer_are_errors() -> None:
         renderer.close()
 
 
-def test_the_renderer_has_the_interface_of_ours() -> None:
+def test_the_renderer_has_the_common_interface() -> None:
     view = golden_views("mesh_splatting")[2]
     with msb.Renderer(asset_of(view), "dedicated", name="wgpu", settings=view.settings) as renderer:
         assert renderer.name.startswith("wgpu ")
@@ -211,7 +211,7 @@ def test_the_renderer_has_the_interface_of_ours() -> None:
         assert [groups[name] for name in names] == ["geometry", "appearance", "targets"]
 
 
-def test_what_this_renderer_cannot_draw_is_rejected(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_unsupported_options_and_methods_are_rejected(monkeypatch: pytest.MonkeyPatch) -> None:
     view = golden_views("triangle_splatting")[0]
     with pytest.raises(MsbError) as info:  # an option of the dedicated tier
         msb.Renderer(asset_of(view), "standard", name="wgpu", sampling="engine")
@@ -225,7 +225,7 @@ def test_what_this_renderer_cannot_draw_is_rejected(monkeypatch: pytest.MonkeyPa
 
 @pytest.fixture(scope="module")
 def garden(tmp_path_factory: pytest.TempPathFactory, shared: Path) -> Path:
-    """Return models with one triangle for each point of a real capture."""
+    """Return a folder of models with one triangle for each point of a real capture."""
     from benchmarks.garden import surface_of
     from data_stubs.made_models import write_models
 
@@ -239,7 +239,7 @@ def garden(tmp_path_factory: pytest.TempPathFactory, shared: Path) -> Path:
     ("method", "minimum"), [("two_dts", 90), ("triangle_splatting", 75), ("mesh_splatting", 70)]
 )
 def test_a_capture_of_139_000_faces(method: str, minimum: float, garden: Path, shared: Path) -> None:
-    """Compare with OpenCL, which is within 140 dB of the official image."""
+    """Compare with the OpenCL renderer, which has at least 140 dB against the official image."""
     asset = msb.export(garden / method)
     cameras = msb.read_cameras(shared / "golden" / "garden" / "sparse" / "0")
     with (
@@ -256,7 +256,7 @@ SURFACES = golden_views("diffsoup")
 
 
 def draw_as_opencl(asset: Asset, view: Any, *, tolerance: float = 1e-5, **options: Any) -> Frame:
-    """Return a frame, which equals that of our OpenCL renderer except for small differences of colours."""
+    """Return a frame; check that it equals that of our OpenCL renderer, up to `tolerance` in colours."""
     frame = draw_by(HardwareRenderer, asset, view, **options)
     opencl = draw_by(DiffSoupPipeline, asset, view, outputs=(), **options)
     for name in ("alpha", "depth", "visible"):
@@ -313,11 +313,11 @@ def test_a_far_plane_before_the_near_plane_is_rejected() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(40))
 def test_random_models_of_diffsoup_are_drawn_as_in_opencl(seed: int) -> None:
-    """Slivers, degenerate and coincident faces, faces all around the camera.
+    """The models have slivers, degenerate and coincident faces, and faces all around the camera.
 
-    The official renderer computes view directions by a float32 inverse, whose error exceeds the decoder's
-    rounding when the planes are far apart. This renderer takes directions from the camera's rotation, so
-    colours differ by more here.
+    The official renderer computes view directions with a float32 inverse. If near and far plane are far
+    apart, its error exceeds the rounding of the decoder. This renderer takes directions from the rotation of
+    the camera, so the tolerance of colours is larger here.
     """
     case = draw_case("diffsoup", seed)
     options = {name: case.options[name] for name in ("order", "sampling")}

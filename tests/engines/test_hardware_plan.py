@@ -1,4 +1,4 @@
-"""The plan of a frame on graphics hardware, which is plain data and needs no adapter."""
+"""The plan of a frame for graphics hardware. It is plain data, so these tests need no graphics adapter."""
 
 import json
 
@@ -9,7 +9,7 @@ from msb.engines.hardware.device import split_into_bands
 from msb.engines.hardware.packing import pack
 from msb.engines.hardware.plan import Limits
 from msb.engines.hardware.program import make_plan
-from msb.engines.hardware.wgsl import assemble, face_members
+from msb.engines.hardware.wgsl import assemble, find_face_members
 from tests.reference.golden import exported, golden_views
 
 METHODS = ("two_dts", "triangle_splatting", "mesh_splatting", "diffsoup")
@@ -37,9 +37,9 @@ def test_a_plan_is_plain_data(method: str) -> None:
 
 def test_conditions_and_includes_are_resolved() -> None:
     package, files = "msb.methods.two_dts", ["two_dts.wgsl"]
-    assert face_members(assemble(files, package, {})) == ["quad", "x", "y", "z", "color"]
-    assert "dual2" in face_members(assemble(files, package, {"PLANAR": True}))
-    assert face_members(assemble(files, package, {"PLANAR": True, "ENGINE": True}))[1] == "along_x"
+    assert find_face_members(assemble(files, package, {})) == ["quad", "x", "y", "z", "color"]
+    assert "dual2" in find_face_members(assemble(files, package, {"PLANAR": True}))
+    assert find_face_members(assemble(files, package, {"PLANAR": True, "ENGINE": True}))[1] == "along_x"
     text = assemble(files, package, {"SCALE": 4, "OWN_MEMBERS": "    power: f32,"})
     assert "const SCALE = 4u;" in text
     assert "    power: f32,\n}" in text

@@ -1,4 +1,4 @@
-"""Parts of the engines that need no engine: the mesh, cameras, agreement, what must be installed."""
+"""Functions that need no installed engine: meshes, cameras, agreement, messages about missing programs."""
 
 import io
 import queue
@@ -21,7 +21,7 @@ from msb.engines.agreement import agreement
 from msb.engines.blender import CyclesRenderer, blender_camera
 from msb.engines.engine import engine_mesh, opaque_frame
 from msb.engines.threejs import ThreeJsRenderer
-from msb.engines.webgpu import WgpuRenderer, camera_record
+from msb.engines.webgpu import WgpuRenderer, pack_camera
 from msb.engines.webgpu_texture import split_runs
 from msb.errors import DeviceError, Unsupported, UsageError
 from msb.meshes import read_mesh
@@ -49,7 +49,7 @@ def test_face_and_corner_colours_duplicate_vertices(domain: str, rows: int) -> N
 
 
 @pytest.mark.parametrize("suffix", [".ply", ".glb"])
-def test_an_engine_gets_the_file_of_convert(tmp_path: Path, suffix: str) -> None:
+def test_engines_draw_the_file_that_convert_writes(tmp_path: Path, suffix: str) -> None:
     vertices, faces = scene("small", 1)
     asset = mesh_asset((vertices, faces), random_colors(1, len(vertices), np.float32))
     path = tmp_path / f"mesh{suffix}"
@@ -67,7 +67,7 @@ def test_the_clip_matrix_projects_as_the_camera_does(distance: float) -> None:
     pose[:3, 3] = -pose[:3, :3] @ (distance, 2.25, -1.5)
     view = replace(camera(100, 80, 90.0, (40.0, 50.0), pose))
     points = np.random.default_rng(2).normal((distance, 2.25, -1.5), size=(50, 3))
-    record = camera_record(view)
+    record = pack_camera(view)
     local = (points - record[16:19]) - record[20:23]
     clip = np.append(local, np.ones((50, 1)), axis=1).astype(np.float32) @ record[:16].reshape(4, 4)
     pixels, depth = view.project(points)
@@ -146,14 +146,14 @@ def test_missing_programs_and_packages_are_named(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setenv(blender.VARIABLE, sys.executable)
     assert "OpenEXR" in str(CyclesRenderer.missing())
     monkeypatch.setattr(extras, "find_spec", lambda _: True)
-    monkeypatch.setattr(webgpu, "all_adapters", list)
+    monkeypatch.setattr(webgpu, "list_adapters", list)
     assert "driver" in str(WgpuRenderer.missing())
     monkeypatch.setenv(blender.VARIABLE, "no-such-python")
     assert "MSB_BLENDER" in str(CyclesRenderer.missing())
 
 
 @pytest.mark.slow
-def test_the_server_answers_no_guessed_address_and_a_dead_browser_is_an_error() -> None:
+def test_the_server_rejects_guessed_addresses_and_a_dead_browser_is_an_error() -> None:
     need("threejs")
     with ThreeJsRenderer(mesh_asset(scene("small", 1))) as renderer:
         page = renderer._page
@@ -183,7 +183,7 @@ def test_a_renderer_that_fails_to_open_releases_its_device(monkeypatch: pytest.M
 
 
 class Tasks(queue.Queue[bytes]):
-    """Tasks that report the thread waiting for the next one."""
+    """A queue of tasks that reports which thread waits for the next task."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -215,7 +215,7 @@ def test_the_public_address_works_once_and_closing_ends_all_threads() -> None:
     waiting = HTTPConnection(*server.server_address[:2], timeout=30)
     waiting.request("GET", "/s/next")
     thread = tasks.waiting.get(timeout=30)
-    waiting.close()  # as a browser does that is ended
+    waiting.close()  # like a browser that is ended
     assert thread.is_alive()
     browser._end(None, server, tasks, io.BytesIO(), tempfile.TemporaryDirectory())
     thread.join(30)

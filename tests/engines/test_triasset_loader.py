@@ -1,4 +1,4 @@
-"""The npm package for three.js (integrations/js): its images in a browser and its errors for bad files."""
+"""The npm package for three.js (integrations/js): images in a browser, and messages about malformed files."""
 
 import json
 import re
@@ -20,7 +20,7 @@ from msb.engines.agreement import agreement
 from msb.engines.dedicated_page.measurement import FAITHFUL
 from msb.engines.dedicated_page.page import make_page
 from msb.engines.engine import opaque_frame
-from msb.engines.webpage import camera_data
+from msb.engines.webpage import camera_to_json
 from msb.render.images import to_bytes
 from msb.scenes import Camera
 from tests.conftest import ROOT
@@ -48,7 +48,7 @@ HTML = """<!DOCTYPE html>
   const canvas = document.querySelector("canvas");
   const renderer = new THREE.WebGLRenderer({ canvas, preserveDrawingBuffer: true });
 
-  // Returns the three.js camera with the intrinsics and the pose of one of ours.
+  // Returns the three.js camera with the intrinsics and the pose of one of our cameras.
   function cameraOf({ width: w, height: h, fx, fy, cx, cy, world_to_camera: m }) {
     const camera = new THREE.PerspectiveCamera(), near = 0.01, far = 5000;
     camera.matrixAutoUpdate = false;
@@ -80,7 +80,7 @@ HTML = """<!DOCTYPE html>
     Object.assign(canvas, { width, height });
     const model = await DedicatedPage.open(page, canvas), camera = cameraOf(view);
     await model.draw(camera, background);
-    const { degree, own: values } = model.look;
+    const { degree, own: values } = model.record;
     const bytes = await model.drawing.pixels(viewOf(camera, width, height), background, degree, values);
     model.dispose();
     return [{ title: model.title }, bytes];
@@ -97,8 +97,8 @@ HTML = """<!DOCTYPE html>
 </script>
 """
 
-# Minimum share of pixels within a level if a pixel covers several texels of noise. SwiftShader chooses the
-# mip level less exactly than a graphics card.
+# Minimum share of pixels that differ by at most one level, for textures of noise with several texels per
+# pixel. SwiftShader chooses the mip level less exactly than a graphics card.
 MINIFIED = {"minified": 0.75, "several": 0.95, "nearest": 0.99}
 
 Ask = Callable[..., browser.Answer]
@@ -132,7 +132,7 @@ def compare_images(ask: Ask, asset: Asset, views: list[Camera], tmp_path: Path) 
     theirs, ours, file = [], [], packed_bytes(asset, tmp_path)
     with msb.Renderer(asset, tier="standard") as renderer:
         for view in views:
-            head, body = ask(file, view=camera_data(view), background=list(BACKGROUND))
+            head, body = ask(file, view=camera_to_json(view), background=list(BACKGROUND))
             assert head == {}
             rows = np.frombuffer(body, np.uint8).reshape(view.height, view.width, 4)[::-1]
             image = np.divide(rows[..., :3], 255, dtype=np.float32)
@@ -182,7 +182,7 @@ def test_textures_look_as_on_the_standard_tier(case: str, ask: Ask, tmp_path: Pa
 def test_native_rendering_is_that_of_the_page(ask: Ask) -> None:
     view = golden_views("triangle_splatting")[0]
     page = make_page(exported(view.folder / "checkpoint"), name="a", settings=view.settings).to_bytes()
-    task = {"view": camera_data(view.camera), "background": list(view.background)}
+    task = {"view": camera_to_json(view.camera), "background": list(view.background)}
     head, body = ask(page, "page", **task)
     assert head == {"title": "Triangle-Splatting"}
     official = to_bytes(view.image)

@@ -34,28 +34,33 @@ def colored_asset() -> Asset:
 
 
 def make_page(**options: Any) -> bytes:
-    return webpage.page(engine_mesh(colored_asset(), {}).to_bytes(".glb"), name="mesh.triasset", **options)
+    return webpage.make_mesh_page(
+        engine_mesh(colored_asset(), {}).to_bytes(".glb"), name="mesh.triasset", **options
+    )
 
 
-def test_everything_is_in_the_file() -> None:
-    text = webpage.page(b"glTF", name="a").decode()
+def test_the_page_is_self_contained() -> None:
+    text = webpage.make_mesh_page(b"glTF", name="a").decode()
     assert not re.findall(r"""(?:src|href)\s*=\s*["'](?!data:)""", text.split("<!--")[0])
     assert base64.b64encode(b"glTF").decode() in text
     for part in ("Permission is hereby granted", "GLTFLoader", "three.js authors"):
         assert part in text
     assert 'fetch("next")' not in text
-    assert b'fetch("next")' in webpage.page(served=True)
+    assert b'fetch("next")' in webpage.make_mesh_page(served=True)
 
 
-def test_three_js_is_the_published_one() -> None:
+def test_the_files_of_three_js_are_unchanged() -> None:
     folder = ROOT / "msb" / "engines" / "web" / "three"
     origin = tomllib.loads((folder / "ORIGIN.toml").read_text())
     assert set(origin["files"]) == {path.name for path in folder.iterdir()} - {"ORIGIN.toml"}
     for name, entry in origin["files"].items():
         assert hashlib.sha256((folder / name).read_bytes()).hexdigest() == entry["sha256"], name
-    assert f"const REVISION = '{webpage.three_revision()}';" in (folder / "three.core.js").read_text()[:1000]
-    assert origin["version"].split(".")[1] == webpage.three_revision()
-    assert (folder / "LICENSE").read_text().rstrip() in webpage.page().decode()
+    assert (
+        f"const REVISION = '{webpage.read_three_revision()}';"
+        in (folder / "three.core.js").read_text()[:1000]
+    )
+    assert origin["version"].split(".")[1] == webpage.read_three_revision()
+    assert (folder / "LICENSE").read_text().rstrip() in webpage.make_mesh_page().decode()
 
 
 SCREENSHOT = "await ready; showNow(); return canvas.toDataURL('image/png');"
@@ -76,12 +81,12 @@ def test_a_listed_camera_shows_the_image_of_our_renderer(in_browser: InBrowser) 
     assert (difference <= 1).mean() > 0.995
 
 
-def test_colours_taken_as_linear_come_out_lighter(in_browser: InBrowser) -> None:
+def test_colours_interpreted_as_linear_are_lighter(in_browser: InBrowser) -> None:
     page = make_page(cameras=[VIEW])
     exact, linear = (
         pixels(in_browser(page, SCREENSHOT, query)) for query in ("?camera=0", "?camera=0&colors=linear")
     )
-    light = exact > 50  # in darker pixels one level of ours is several levels after the sRGB curve
+    light = exact > 50  # in darker pixels the sRGB curve turns one level into several
     expected = 255 * (1.055 * (exact / 255) ** (1 / 2.4) - 0.055)
     assert np.abs(linear - expected)[light].max() < 2
     assert linear.mean() > exact.mean() + 20
@@ -95,7 +100,7 @@ def test_a_mesh_without_colours_is_lit_in_grey(in_browser: InBrowser) -> None:
         Mesh(asset.buffers["positions"], asset.buffers["indices"].astype(np.int64)), bare, suffix=".glb"
     )
     for mesh in (engine_mesh(asset, {}).to_bytes(".glb"), bare.getvalue()):
-        page = webpage.page(mesh, name="mesh", cameras=[VIEW], background=(0, 0, 1))
+        page = webpage.make_mesh_page(mesh, name="mesh", cameras=[VIEW], background=(0, 0, 1))
         screenshot = pixels(in_browser(page, SCREENSHOT, "?camera=0"))
         assert (np.abs(screenshot - ours).max(axis=2) <= 2).mean() > 0.99
 
@@ -151,9 +156,10 @@ def test_an_empty_page_shows_a_dropped_file(in_browser: InBrowser) -> None:
         for (let i = 0; i < 500 && !state.view; i += 1) await new Promise((done) => setTimeout(done, 20));
         return [byId("name").textContent, byId("facts").textContent, byId("message").textContent];
     """
-    assert in_browser(webpage.page(), script) == ["dropped.glb", "60 faces", ""]
+    assert in_browser(webpage.make_mesh_page(), script) == ["dropped.glb", "60 faces", ""]
     message = in_browser(
-        webpage.page(b"not a glb", name="bad.glb"), "await ready; return byId('message').textContent;"
+        webpage.make_mesh_page(b"not a glb", name="bad.glb"),
+        "await ready; return byId('message').textContent;",
     )
     assert message.startswith("bad.glb ")
 

@@ -1,4 +1,4 @@
-"""Why an export looks worse: the loss of each cause, and the total compared with images of the renderers."""
+"""The loss of each cause, and of all causes together, compared with images of the renderers."""
 
 from contextlib import closing
 from dataclasses import replace
@@ -97,8 +97,8 @@ def test_the_command_writes_json_and_images(here: Here, tmp_path: Path) -> None:
 
 SCENE = ROOT / "data_stubs" / "scenes" / "mipnerf360" / "pebble"
 VIEWS = [view.scaled(0.5) for view in read_scene(SCENE).test[:2]]
-LOOK = {"up": (0.0, 1.0, 0.0), "width": 48, "height": 36, "fov_y": 0.9}
-CAMERA = msb.Camera.look_at((0.5, -0.5, 3), (0, 0, 0), **LOOK)
+POSE = {"up": (0.0, 1.0, 0.0), "width": 48, "height": 36, "fov_y": 0.9}
+CAMERA = msb.Camera.look_at((0.5, -0.5, 3), (0, 0, 0), **POSE)
 
 
 def pixels(asset: msb.Asset, tier: str, **options: int) -> np.ndarray:
@@ -120,7 +120,8 @@ def test_the_total_compares_the_images_of_both_renderers() -> None:
     assert total.db == total.right == pytest.approx(plain, abs=1e-6)
     assert 17.5 < plain < 19
     assert total.wrong < plain - 3
-    # Soft edges are the largest cause here, and the three causes that only a bake avoids make up the total.
+    # Soft edges are the largest cause here. The three causes that only a bake avoids add up to the whole
+    # loss.
     assert total.bakes == ("soft_edges", "opacity", "view_dependence")
     assert by_name(causes)["soft_edges"].db == pytest.approx(21.3, abs=0.7)
     assert total.baked == pytest.approx(plain, abs=0.7)
@@ -155,23 +156,25 @@ def test_without_static_colours_or_native_rendering_there_is_no_total() -> None:
 
 
 @pytest.mark.parametrize("value", [0.5, None])
-def test_given_settings_act_like_stored_settings(value: float | None) -> None:
+def test_settings_in_arguments_act_like_stored_settings(value: float | None) -> None:
     asset = msb.open(MODELS / "walled" / "two_dts")
     other = with_settings(asset, {"ste_threshold": None if value else 0.5})
-    given = by_name(why(other, [CAMERA], settings={"ste_threshold": value}))
+    from_arguments = by_name(why(other, [CAMERA], settings={"ste_threshold": value}))
     stored = by_name(why(with_settings(asset, {"ste_threshold": value}), [CAMERA]))
     before = by_name(why(other, [CAMERA]))
-    assert {name: cause.db for name, cause in given.items()} == {n: cause.db for n, cause in stored.items()}
+    assert {name: cause.db for name, cause in from_arguments.items()} == {
+        n: cause.db for n, cause in stored.items()
+    }
     for name in ("shading", "linear_colors", "back_faces", "opacity", "engine_order"):
-        assert given[name].db != before[name].db, name
+        assert from_arguments[name].db != before[name].db, name
     # Faces below the threshold stay hidden if the others become opaque.
-    assert (given["opacity"].db == float("inf")) == (value is not None)
+    assert (from_arguments["opacity"].db == float("inf")) == (value is not None)
 
 
 def test_light_is_applied_to_the_selected_faces() -> None:
-    """The threshold of this model hides 278 faces. Compare with a mesh that is lit before rendering."""
+    """Compare with a mesh that is lit before rendering. The threshold of this model removes 278 faces."""
     asset = msb.open(ROOT / "tests/golden/two_dts/ring_solid/checkpoint")
-    camera = msb.Camera.look_at((1.0, -2.0, 2.5), (0, 0, 0), **LOOK)
+    camera = msb.Camera.look_at((1.0, -2.0, 2.5), (0, 0, 0), **POSE)
     causes = why(asset, [camera], background="black")
     mesh = mesh_from_asset(asset)
     positions, indices = asset.buffers["positions"], asset.buffers["indices"]

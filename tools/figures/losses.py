@@ -1,13 +1,13 @@
-"""Measure the loss of an engine's choices of order and sampling: `python -m tools.figures.losses`.
+"""Measure how much image quality the orders and samplings of engines lose: `python -m tools.figures.losses`.
 
-Every golden view (tests/golden, or the folders given) is drawn on the dedicated tier with each order and
-sampling, and compared with the official image at pixels that do not depend on rounding. The synthetic
-captures of benchmarks/dedicated.py, which have no official image, are compared with our official rendering.
-Prints a table by method, and one by scene. --picture FILE.png also writes an image with one view of each
-method.
+Every golden view (of tests/golden, or of the folders in the arguments) is drawn on the dedicated tier with
+each order and sampling. It is compared with the official image, at pixels that do not depend on rounding. The
+synthetic captures of benchmarks/dedicated.py have no official image; they are compared with our rendering in
+the official mode. The program prints a table by method and a table by scene. --picture FILE.png also writes
+an image with a view of each method.
 
 `python -m tools.figures.losses --causes docs/images` measures the causes of `msb why` on the stub models
-instead. It prints their table, and writes an image of each cause with the method that loses most.
+instead. It prints a table of the causes, and writes an image of each cause with the method that loses most.
 """
 
 from __future__ import annotations
@@ -27,12 +27,13 @@ from benchmarks.dedicated_scenes import camera as capture_camera
 from data_stubs.made_models import TRAINED
 from msb.registry import METHODS
 from msb.why import CAUSES, EQUAL, why
+from msb.why.total import TITLE
 from tests.golden.views import METHODS as GOLDEN
 from tests.golden.views import scenes, views
 
 ROOT = Path(__file__).parents[2]
 OFFICIAL = tuple(name for name in TRAINED if name in GOLDEN)
-"""Methods that have golden scenes and models in the demo."""
+"""Methods with golden scenes and with demo models."""
 TITLES = {name: METHODS[name].title for name in TRAINED}
 CHOICES: dict[str, dict[str, str]] = {
     "`order=global`": {"order": "global"},
@@ -41,25 +42,26 @@ CHOICES: dict[str, dict[str, str]] = {
     "both: `engine`, `none`": {"order": "none", "sampling": "engine"},
 }
 SINGLE = {"supersample": 1}
-"""MeshSplatting is also measured with one sample per pixel, as in an engine."""
+"""Settings of an additional measurement of MeshSplatting: one sample per pixel, as in an engine."""
 CAPTURE = 100_000
-"""Faces of the synthetic captures."""
-SHOWN = ("orb_diffuse/0", "torus_sh0_white/0", "bumpy_sphere_sh3/0", "soup_l1_black_noview/0")
+"""Number of faces of the synthetic captures."""
+PICTURED = ("orb_diffuse/0", "torus_sh0_white/0", "bumpy_sphere_sh3/0", "soup_l1_black_noview/0")
+"""The view of each method that --picture shows."""
 
 STUBS = ROOT / "data_stubs"
 SIZE = 448, 336
-"""Size of the views for causes, in pixels."""
+"""Width and height of the views for --causes, in pixels."""
 GAP = 8
-"""Gap between the two halves of such an image, in pixels."""
+"""Width of the gap between the two halves of an image of a cause, in pixels."""
 WIDTH = 900
-"""Size of the image of each view, in pixels."""
+"""Width of the written images, in pixels."""
 
 Figures = dict[str, list[float]]
-"""Choice -> PSNR of views in dB."""
+"""Choice of order and sampling -> PSNR of the views in dB."""
 
 
 class Row(NamedTuple):
-    """A row of the longer table; `note` names the changed setting."""
+    """A row of the table by scene; `note` names a changed setting."""
 
     method: str
     scene: str
@@ -74,9 +76,9 @@ def draw(asset: msb.Asset, camera: msb.Camera, **options: Any) -> NDArray[np.flo
     return msb.render(asset, camera, tier="dedicated", outputs=(), **options).image
 
 
-def golden(roots: list[Path], device: str | None) -> tuple[dict[Row, Figures], list[Any]]:
-    """Return the figures by method and scene, and the rows of the image."""
-    found: dict[Row, Figures] = {}
+def measure_golden_views(roots: list[Path], device: str | None) -> tuple[dict[Row, Figures], list[Any]]:
+    """Return the figures of each golden scene, and the strips of images for --picture."""
+    results: dict[Row, Figures] = {}
     strips = []
     for method in OFFICIAL:
         for scene in (folder for root in roots for folder in scenes(root, method)):
@@ -84,31 +86,31 @@ def golden(roots: list[Path], device: str | None) -> tuple[dict[Row, Figures], l
             for name, camera, background, settings, official, stable in views(scene, method):
                 for changed in ({}, SINGLE) if "supersample" in METHODS[method].settings else ({},):
                     row = Row(method, f"`{scene.name}`", ", one sample a pixel" if changed else "")
-                    figures = found.setdefault(row, {choice: [] for choice in CHOICES})
+                    figures = results.setdefault(row, {choice: [] for choice in CHOICES})
                     common = {"background": background, "settings": {**settings, **changed}, "device": device}
                     images = [draw(asset, msb.Camera(**camera), **common, **o) for o in CHOICES.values()]
                     for choice, image in zip(CHOICES, images, strict=True):
                         figures[choice].append(psnr(image, official, stable))
-                    if name in SHOWN and not changed:
+                    if name in PICTURED and not changed:
                         strips.append(np.concatenate([official, *images], axis=1))
-    return found, strips
+    return results, strips
 
 
-def captures(device: str | None) -> dict[Row, Figures]:
-    """Return the figures of the benchmark's synthetic models, whose faces are in random order."""
-    found = {}
+def measure_captures(device: str | None) -> dict[Row, Figures]:
+    """Return the figures of the synthetic captures, whose faces are in random order."""
+    results = {}
     for method in BLENDED:
         asset, camera = capture(method, CAPTURE), capture_camera(620, 411)
         official = draw(asset, camera, device=device, background="black")
-        found[Row(method, f"synthetic capture of {CAPTURE:,} faces, 620 x 411")] = {
+        results[Row(method, f"synthetic capture of {CAPTURE:,} faces, 620 x 411")] = {
             choice: [psnr(draw(asset, camera, device=device, background="black", **options), official)]
             for choice, options in CHOICES.items()
         }
-    return found
+    return results
 
 
-def cell(values: list[float]) -> str:
-    """Return the median and the range of PSNR over views, in whole dB."""
+def format_range(values: list[float]) -> str:
+    """Return the median and the range of the PSNR values, in whole dB, as text."""
     if min(values) >= EQUAL:
         return "equal"
     middle, low, high = (
@@ -117,25 +119,25 @@ def cell(values: list[float]) -> str:
     return low if low == high else f"{middle} ({low} to {high})"
 
 
-def table(figures: dict[str, Figures], first: str) -> str:
+def format_table(figures: dict[str, Figures], first: str) -> str:
     """Return a Markdown table with a row for each key of `figures`."""
     lines = [f"| {first} | " + " | ".join(CHOICES) + " |", "|---" * (len(CHOICES) + 1) + "|"]
     for row, by_choice in figures.items():
-        lines.append(f"| {row} | " + " | ".join(cell(by_choice[choice]) for choice in CHOICES) + " |")
+        lines.append(f"| {row} | " + " | ".join(format_range(by_choice[choice]) for choice in CHOICES) + " |")
     return "\n".join(lines)
 
 
-def by_method(found: dict[Row, Figures]) -> dict[str, Figures]:
-    """Return the figures of all scenes of a method together, with its own settings."""
+def group_by_method(results: dict[Row, Figures]) -> dict[str, Figures]:
+    """Return the figures of each method over all its scenes, without changed settings."""
     rows: dict[str, Figures] = {title: {choice: [] for choice in CHOICES} for title in TITLES.values()}
-    for row, figures in found.items():
+    for row, figures in results.items():
         for choice in CHOICES if not row.note else ():
             rows[TITLES[row.method]][choice] += figures[choice]
     return rows
 
 
-def save(strips: list[NDArray[np.float32]], path: Path) -> None:
-    """Write the strips below each other: official, then every choice."""
+def write_strips(strips: list[NDArray[np.float32]], path: Path) -> None:
+    """Write an image of the strips, one below the other."""
     from PIL import Image
 
     rows = []
@@ -146,23 +148,23 @@ def save(strips: list[NDArray[np.float32]], path: Path) -> None:
     Image.fromarray(np.concatenate(rows)).save(path, optimize=True)
 
 
-def causes(folder: Path) -> str:
-    """Write an image of each cause on the stub models into `folder`, and return their table."""
+def measure_causes(folder: Path) -> str:
+    """Measure all causes on the stub models, write an image of each into `folder`, and return their table."""
     cameras = [camera.resized(*SIZE) for camera in msb.read_cameras(STUBS / "scenes/mipnerf360/pebble")[:4]]
-    found = {method: why(msb.open(STUBS / "models" / "walled" / method), cameras) for method in OFFICIAL}
-    head = ["cause", *(TITLES[method] for method in found)]
+    results = {method: why(msb.open(STUBS / "models" / "walled" / method), cameras) for method in OFFICIAL}
+    head = ["cause", *(TITLES[method] for method in results)]
     lines = [f"| {' | '.join(head)} |", "|---" * len(head) + "|"]
-    for row in zip(*found.values(), strict=True):
-        lines.append(f"| {row[0].title} | " + " | ".join(_decibels(one.db) for one in row) + " |")
-        worst = min((one for one in row if one.db is not None), key=lambda one: one.db or 0.0)
+    for row in zip(*results.values(), strict=True):
+        lines.append(f"| {row[0].title} | " + " | ".join(_decibels(cause.db) for cause in row) + " |")
+        worst = min((cause for cause in row if cause.db is not None), key=lambda cause: cause.db or 0.0)
         if worst.without is not None and worst.with_it is not None:
             gap = np.ones((len(worst.without), GAP, 3), np.float32)
-            save(
+            write_strips(
                 [np.concatenate([worst.without, gap, worst.with_it], axis=1)],
                 folder / f"why_{worst.name}.png",
             )
-    totals = (_decibels(one.total.db) for one in found.values())
-    lines.append(f"| **All of it at once** | {' | '.join(totals)} |")
+    totals = (_decibels(losses.total.db) for losses in results.values())
+    lines.append(f"| **{TITLE}** | {' | '.join(totals)} |")
     assert len(lines) == len(CAUSES) + 3
     return "\n".join(lines)
 
@@ -174,7 +176,7 @@ def _decibels(db: float | None) -> str:
 
 
 def main() -> None:
-    """Print the tables."""
+    """Run the program."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -184,16 +186,16 @@ def main() -> None:
     parser.add_argument("--causes", type=Path, metavar="FOLDER")
     arguments = parser.parse_args()
     if arguments.causes is not None:
-        sys.stdout.write(causes(arguments.causes) + "\n")
+        sys.stdout.write(measure_causes(arguments.causes) + "\n")
         return
-    found, strips = golden(arguments.folders, arguments.device)
-    sys.stdout.write(table(by_method(found), "PSNR in dB, median (least to most)") + "\n\n")
-    everything = found | captures(arguments.device)
+    results, strips = measure_golden_views(arguments.folders, arguments.device)
+    sys.stdout.write(format_table(group_by_method(results), "PSNR in dB, median (least to most)") + "\n\n")
+    everything = results | measure_captures(arguments.device)
     ordered = sorted(everything, key=lambda row: TRAINED.index(row.method))
     rows = {str(row): everything[row] for row in ordered}
-    sys.stdout.write(table(rows, "scene") + "\n")
+    sys.stdout.write(format_table(rows, "scene") + "\n")
     if arguments.picture is not None:
-        save(strips, arguments.picture)
+        write_strips(strips, arguments.picture)
 
 
 if __name__ == "__main__":

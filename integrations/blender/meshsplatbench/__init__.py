@@ -2,7 +2,7 @@
 """MeshSplatBench in Blender: import, audit and export of trained triangle and mesh splatting models.
 
 The extension contains the package meshsplatbench, which runs in another process (`worker.py`) and exchanges
-arrays with Blender (`model.py`). Blender's importers are not used, because they drop faces, vertices and
+arrays with Blender (`model.py`). Blender's importers are not used, because they lose faces, vertices and
 colours.
 """
 
@@ -19,9 +19,19 @@ from bpy_extras.io_utils import ExportHelper, ImportHelper
 from gpu_extras.batch import batch_for_shader
 from mathutils import Matrix
 
-from .model import ABOUT, MARKS, Failed, add_model, ask, marked_lines, mesh_arrays, show_audit, show_exactly
+from .model import (
+    ABOUT,
+    MARKS,
+    WorkerError,
+    add_model,
+    ask,
+    find_marked_lines,
+    make_mesh_arrays,
+    show_audit,
+    show_exactly,
+)
 
-# Session UID of a mesh -> colours and line batches that are drawn over it; cleared when a mesh changes.
+# Session UID of a mesh -> its marked edges as (colour, batch of lines); cleared when any object changes.
 _lines: dict[int, list[tuple[Any, Any]]] = {}
 
 
@@ -41,7 +51,7 @@ def _draw_lines() -> None:
             continue
         key = thing.data.session_uid
         if key not in _lines:
-            ends = [(color, marked_lines(thing.data, name)) for name, color in MARKS.items()]
+            ends = [(color, find_marked_lines(thing.data, name)) for name, color in MARKS.items()]
             _lines[key] = [
                 (color, batch_for_shader(shader, "LINES", {"pos": points}))
                 for color, points in ends
@@ -51,7 +61,7 @@ def _draw_lines() -> None:
         shader.uniform_float("lineWidth", 2.5)
         with gpu.matrix.push_pop_projection(), gpu.matrix.push_pop():
             nearer = Matrix.Translation((0, 0, -1e-5)) @ gpu.matrix.get_projection_matrix()
-            gpu.matrix.load_projection_matrix(nearer)  # in front of the faces
+            gpu.matrix.load_projection_matrix(nearer)  # draws lines in front of the faces
             gpu.matrix.multiply_matrix(thing.matrix_world)
             for color, batch in _lines[key]:
                 shader.uniform_float("color", color)
@@ -70,8 +80,8 @@ class ImportModel(bpy.types.Operator, ImportHelper):
         path = Path(self.filepath)
         try:
             thing, rejected = add_model(path.stem, ask("read", str(path)))
-        except Failed as failed:
-            self.report({"ERROR"}, str(failed))
+        except WorkerError as error:
+            self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
         context.collection.objects.link(thing)
         bpy.ops.object.select_all(action="DESELECT")
@@ -99,9 +109,9 @@ class AuditMesh(bpy.types.Operator):
     def execute(self, context: bpy.types.Context) -> set[str]:
         thing = context.object
         try:
-            arrays = ask("audit", mesh_arrays(thing, thing.data))
-        except Failed as failed:
-            self.report({"ERROR"}, str(failed))
+            arrays = ask("audit", make_mesh_arrays(thing, thing.data))
+        except WorkerError as error:
+            self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
         about = {**json.loads(thing.get(ABOUT, "{}")), "audit": json.loads(str(arrays["about"]))["audit"]}
         show_audit(thing, arrays, about)
@@ -120,9 +130,9 @@ class ExportModel(bpy.types.Operator, ExportHelper):
     def execute(self, context: bpy.types.Context) -> set[str]:
         thing = context.object.evaluated_get(context.evaluated_depsgraph_get())
         try:
-            ask("save", mesh_arrays(context.object, thing.to_mesh()), self.filepath)
-        except Failed as failed:
-            self.report({"ERROR"}, str(failed))
+            ask("save", make_mesh_arrays(context.object, thing.to_mesh()), self.filepath)
+        except WorkerError as error:
+            self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
         finally:
             thing.to_mesh_clear()

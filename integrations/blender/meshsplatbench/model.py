@@ -15,8 +15,8 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
-# The environment variable with the path of a Python that has meshsplatbench. Default: Blender's Python, with
-# the wheels of the extension.
+# The environment variable with the path of a Python that has the package meshsplatbench. Default: Blender's
+# Python, with the wheels of the extension.
 VARIABLE = "MSB_PYTHON"
 # The custom property of an object for data that its mesh cannot store, as JSON.
 ABOUT = "meshsplatbench"
@@ -29,8 +29,8 @@ SRGB_KNEE, SRGB_SLOPE, SRGB_OFFSET, SRGB_POWER = 0.04045, 12.92, 0.055, 2.4
 WRAPS = {"repeat": "REPEAT", "clamp": "EXTEND", "mirror": "MIRROR"}
 
 
-class Failed(Exception):
-    """The package reported an error; the text is its message, one line."""
+class WorkerError(Exception):
+    """An error in the other process; the text is its message, one line."""
 
 
 def ask(verb: str, source: str | dict[str, Any], target: str | None = None) -> dict[str, Any]:
@@ -53,7 +53,7 @@ def ask(verb: str, source: str | dict[str, Any], target: str | None = None) -> d
         )
         if process.returncode:
             lines = [line for line in process.stderr.splitlines() if line.strip()]
-            raise Failed(lines[-1] if lines else f"the process ended with status {process.returncode}")
+            raise WorkerError(lines[-1] if lines else f"the process ended with status {process.returncode}")
         if target:
             return {}
         with np.load(answer) as file:
@@ -102,8 +102,8 @@ def add_model(name: str, arrays: dict[str, Any]) -> tuple[bpy.types.Object, int]
 def add_image(name: str, texels: Any) -> bpy.types.Image:
     """Return an image of `texels` (H, W, 4) in linear light, lowest row first; alpha is not premultiplied.
 
-    The image stores floats: Cycles filters byte images before it converts them to linear light, while engines
-    and msb filter afterwards.
+    The image stores floats, because Cycles filters byte images before it converts them to linear light.
+    Engines and msb convert first.
     """
     height, width, _ = texels.shape
     image = bpy.data.images.new(name, width, height, alpha=True, float_buffer=True, is_data=True)
@@ -119,8 +119,8 @@ def make_unlit_material(
 ) -> bpy.types.Material:
     """Return a material that emits the attribute `colors` times `image`, transparent below the alpha cutoff.
 
-    Colours without a texture are sRGB and are interpolated as sRGB. The shader then converts them to linear
-    light, and the view transform Standard converts them back. Colours with a texture are linear.
+    Without a texture, colours are sRGB and are interpolated as sRGB. The shader then converts them to linear
+    light, and the view transform Standard converts them back. With a texture, colours are linear light.
     """
     material = bpy.data.materials.new(name)
     if not material.node_tree:  # before Blender 5
@@ -185,7 +185,7 @@ def make_unlit_material(
 
 
 def show_exactly(context: bpy.types.Context) -> None:
-    """Set up the scene for exact colours: no tone mapping, no dithering, material preview in viewports."""
+    """Set up the scene for exact colours: no tone mapping or dithering, and viewports that show materials."""
     scene = context.scene
     scene.display_settings.display_device = "sRGB"
     view = scene.view_settings
@@ -209,14 +209,14 @@ def show_audit(thing: bpy.types.Object, arrays: dict[str, Any], about: dict[str,
         marks.data.foreach_set("value", np.isin(keys, np.sort(arrays[name], axis=1) @ base))
 
 
-def mesh_arrays(thing: bpy.types.Object, mesh: bpy.types.Mesh) -> dict[str, Any]:
+def make_mesh_arrays(thing: bpy.types.Object, mesh: bpy.types.Mesh) -> dict[str, Any]:
     """Return the arrays of `mesh`, the mesh of `thing` with or without modifiers, in the axes of the model.
 
     worker.py describes the arrays.
     """
     about = json.loads(thing.get(ABOUT, "{}"))
     turn = Matrix(about.setdefault("turn", np.eye(3).tolist())).to_4x4()
-    # The transformation of the object since it was imported.
+    # How the object was transformed after its import.
     moved = np.array(turn.inverted() @ thing.matrix_world)
     vertices = _column(mesh.vertices, "co", np.float32, 3)
     if not np.allclose(moved, np.eye(4), atol=1e-6):  # else keep them exactly
@@ -240,8 +240,8 @@ def mesh_arrays(thing: bpy.types.Object, mesh: bpy.types.Mesh) -> dict[str, Any]
             arrays[f"texture.{number}"] = texels if image.is_float else np.uint8(np.rint(255 * texels))
     colors = mesh.color_attributes.get(COLOR) if about.get("method") else mesh.color_attributes.active_color
     if colors is not None:
-        # Colours of our models and colours with textures are read as stored. Blender's own colours are linear
-        # light, which it converts to sRGB here.
+        # Read colours of our models and colours with textures as stored. All others are linear light, which
+        # Blender converts to sRGB here.
         as_stored = about.get("method") or "uvs" in arrays
         values = _column(colors.data, "color" if as_stored else "color_srgb", np.float32, 4)
         arrays["colors"] = values[loops if colors.domain == "CORNER" else arrays["faces"].ravel()]
@@ -256,7 +256,7 @@ def _column(rows: Any, name: str, dtype: type, width: int) -> Any:
     return values.reshape(-1, width)
 
 
-def marked_lines(mesh: bpy.types.Mesh, name: str) -> Any:
+def find_marked_lines(mesh: bpy.types.Mesh, name: str) -> Any:
     """Return the end points (2n, 3) of the edges of `mesh` that have the mark `name`."""
     marks = mesh.attributes.get(name)
     if marks is None or len(marks.data) != len(mesh.edges):

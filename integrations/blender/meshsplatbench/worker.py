@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A program beside Blender, with the package meshsplatbench: opens, audits and saves models.
+"""A program that runs beside Blender and opens, audits and saves models with the package meshsplatbench.
 
-``worker.py read MODEL ANSWER.npz``, ``audit MESH.npz ANSWER.npz`` or ``save MESH.npz MODEL``. A mesh of V
-vertices and F triangles is passed as arrays:
+Usage: ``worker.py read MODEL ANSWER.npz``, ``audit MESH.npz ANSWER.npz`` or ``save MESH.npz MODEL``. A mesh
+of V vertices and F triangles is passed as arrays:
 
 - `vertices` (V, 3) and `faces` (F, 3)
 - `colors` (3F, 4) of the corners: sRGB, or linear light if there are textures
@@ -10,7 +10,8 @@ vertices and F triangles is passed as arrays:
 - `texture.N` (H, W, 4), the lowest row first: linear light as floats, or sRGB as bytes
 - `face_texture` (F,), the number N of each face's texture
 - `about`, further properties as JSON
-- in an answer, `number` (V,) and `boundary` and `nonmanifold` (n, 2): edges as pairs of `number` values
+- `number` (V,), only in an answer: the number of each vertex after vertices at the same position are merged
+- `boundary` and `nonmanifold` (n, 2), only in an answer: edges as pairs of these numbers
 """
 
 from __future__ import annotations
@@ -75,10 +76,10 @@ def read(path: str) -> tuple[Arrays, dict[str, Any]]:
 
 
 def audit(asset: msb.Asset, arrays: Arrays, about: dict[str, Any]) -> tuple[Arrays, dict[str, Any]]:
-    """Return `arrays` and `about` with the audit of `asset` added: verdict, counts and marked edges.
+    """Add the audit of `asset` to `arrays` and `about`, and return both: verdict, counts and marked edges.
 
-    The verdict is about the mesh without seams (vertices at the same position are merged). `number` (V,) has
-    the vertex of that mesh for each vertex of the file.
+    The audit ignores seams: vertices at the same position are merged. `number` (V,) has the number of the
+    merged vertex for each vertex of the file.
     """
     mesh = stored_mesh(asset)
     report, analysis = audit_stored(mesh)
@@ -119,7 +120,7 @@ def read_mesh_arrays(path: str) -> tuple[msb.Asset, Arrays, dict[str, Any]]:
 
 
 def as_texture(image: NDArray[Any]) -> NDArray[np.uint8]:
-    """Return an image, linear light as floats or sRGB as bytes, as sRGB bytes; without alpha if it is 1."""
+    """Return an image (floats in linear light, or sRGB bytes) as sRGB bytes, without alpha if that is 1."""
     values = image if image.dtype == np.uint8 else encode_texels(np.clip(image, 0, 1), 4)
     return np.ascontiguousarray(values if (values[..., 3] < 255).any() else values[..., :3])
 

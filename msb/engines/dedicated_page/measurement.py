@@ -1,4 +1,4 @@
-"""Measurement of a page: a headless browser draws the test views, which are compared with stored images."""
+"""Measures a page: a headless browser draws its test views, and they are compared with the stored images."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from msb.engines.browser import VARIABLE, Page, browser_name, find_browser
+from msb.engines.browser import VARIABLE, Page, find_browser, parse_browser_name
 from msb.engines.webpage import read_script
 from msb.errors import DeviceError
 from msb.metrics import psnr
 
-# Minimum PSNR in dB of a faithful page, unless --at-least is given. Differences are invisible above 40 dB;
-# 45 dB leaves a margin, and pages that are blended in half floats still pass.
+# Default of --at-least: the minimum PSNR in dB of every test view. Differences are invisible above 40 dB; 45
+# dB leaves a margin, and pages that are blended in half floats still pass.
 FAITHFUL = 45.0
 
 
@@ -25,13 +25,13 @@ class Measurement:
     Attributes
     ----------
     browser, device : str
-        The browser and its graphics adapter.
+        The name of the browser, and that of its graphics adapter.
     format : str
         The texture format of the blended targets.
     psnr : list of float
         PSNR of each view in dB; inf if all bytes are equal.
     milliseconds : list of float
-        Time of each frame until its pixels were read. The first one includes deferred work of WebGPU.
+        Time of each frame until its pixels were read. The first frame includes deferred work of WebGPU.
     """
 
     browser: str
@@ -67,7 +67,7 @@ def measure_page(
     data : bytes
         The page.
     scene : mapping
-        Its scene description.
+        The scene description in the page.
     images : sequence of (H, W, 3) uint8
         The expected images of its test views.
     software : bool
@@ -101,5 +101,5 @@ def measure_page(
     finally:
         page.close()
     about = page.about
-    name = browser_name(str(about["browser"]))
+    name = parse_browser_name(str(about["browser"]))
     return Measurement(name, str(about["device"]), str(about["format"]), values, times)

@@ -1,4 +1,4 @@
-"""The page of the dedicated tier: an HTML file with an asset and the plans of its frames."""
+"""The page of the dedicated tier: an HTML file with the arrays of an asset and the plans of its frames."""
 
 import base64
 import math
@@ -20,7 +20,7 @@ from msb.engines.dedicated_page.storage import restore, store
 from msb.engines.hardware.packing import VIEW, Packed, make_native_model, pack
 from msb.engines.hardware.plan import Limits, Plan
 from msb.engines.hardware.program import make_plan
-from msb.engines.webpage import camera_data, fill_template, scene_data
+from msb.engines.webpage import camera_to_json, fill_template, scene_to_json
 from msb.errors import DeviceError, InputError, MsbError
 from msb.registry import Order, Sampling, lookup
 from msb.render.splat.model import SplatModel
@@ -34,11 +34,11 @@ SCRIPTS = (
 )
 # The limits that WebGPU guarantees on every device.
 _GUARANTEED = Limits(binding=1 << 27, buffer=1 << 28, side=8192)
-# Limits of most desktop graphics cards. The page requests the limits it needs and reports if a device has
-# less.
+# Limits of most desktop graphics cards. The page requests the limits it needs, and reports an error if the
+# device has lower ones.
 _LARGER = Limits(binding=1 << 30, buffer=1 << 31, side=8192)
-# Number of chunks for blending (see `program.STOPS`). It is lower than in the renderer, because the pass
-# before each chunk reads all samples, which is slow in browsers.
+# Number of chunks of faces for blending (see `program.STOPS`). It is lower than in the renderer, because a
+# pass before each chunk reads all samples, which is slow in browsers.
 STOPS = 8
 # The combinations of order and sampling that a page offers.
 MODES: tuple[tuple[Order, Sampling], ...] = (
@@ -71,7 +71,7 @@ class CheckView:
 
 @dataclass(frozen=True)
 class Cost:
-    """A reduction of the asset, in words, and the lowest PSNR in dB to the images before it."""
+    """A reduction of the asset: its description, and the lowest PSNR in dB against the images before it."""
 
     what: str
     psnr: float
@@ -92,9 +92,9 @@ class BakedMesh:
 
 @dataclass
 class DedicatedPage:
-    """The content of a page: its scene (JSON data), its arrays (HTML elements) and a baked mesh.
+    """The content of a page: its scene (JSON data), its arrays (HTML elements) and a baked mesh (GLB).
 
-    The page is encoded again after `record` has added a measurement.
+    Call `to_bytes` again after `record` has added a measurement.
     """
 
     scene: dict[str, Any]
@@ -124,10 +124,11 @@ class _Arrays:
         return name
 
     def add_positions(self, asset: Asset, packed: Packed) -> None:
-        """Add the stored positions; add the plan's positions as a shrunk copy of them if that is exact.
+        """Add the positions of the asset and those of the plan, which differ if triangles are shrunk.
 
-        2DTS shrinks triangles about their centroids. The shrunk positions do not lie on the grid of rounded
-        positions, so storing the factor instead takes much less space.
+        2DTS shrinks triangles about their centroids. Shrunk positions do not lie on the grid of rounded
+        positions and would take much space. If the page can compute exactly the same values, only the factor
+        is stored.
         """
         stored = np.asarray(asset.buffers["positions"], np.float32)
         plan_positions = packed.arrays["positions"]
@@ -176,13 +177,13 @@ def make_page(
     asset : Asset
         The asset; it may be reduced.
     name, cameras, up, background
-        As for `webpage.scene_data`.
+        As for `webpage.scene_to_json`.
     settings : mapping
         Settings that replace those stored in the asset.
     tests, against
-        The test views, and the renderer or source of their images in words.
+        The test views, and a text about the source of their images.
     costs : sequence of Cost
-        The losses of the reductions of the asset.
+        The reductions that were applied to `asset`, with their losses.
     all_faces : int, optional
         Number of faces before the reductions.
     baked : BakedMesh, optional
@@ -232,12 +233,12 @@ def make_page(
         test_entries.append(
             {
                 "name": test.camera.name or str(k),
-                "view": camera_data(test.camera),
+                "view": camera_to_json(test.camera),
                 "background": list(test.background),
                 "image": image,
             }
         )
-    scene = scene_data(name, cameras, up, background)
+    scene = scene_to_json(name, cameras, up, background)
     scene["dedicated"] = {
         "title": lookup(asset.manifest.method).title,
         "faces": packed.faces,
@@ -263,7 +264,7 @@ def make_page(
 
 
 def _make_plans(packed: Packed, limits: Limits, name: str) -> dict[tuple[Order, Sampling], Plan]:
-    """Return the plan of each mode of `MODES`, the official mode first.
+    """Return a plan for each mode of `MODES`, the official mode first.
 
     Models drawn with a z-buffer have only the modes of order "tile", because orders make no difference there.
     """
@@ -305,7 +306,7 @@ def _describe_record(packed: Packed) -> dict[str, Any]:
 def _live_settings(
     asset: Asset, settings: Mapping[str, Any], model: SplatModel | Surface
 ) -> list[dict[str, Any]]:
-    """Return the settings of the method that affect only the camera record, so the page can change them.
+    """Return the settings that the page can change, because they affect only the camera record.
 
     Each entry has `name`, the current `value` and `options`: possible values with their members of the
     record.
@@ -331,11 +332,11 @@ def _live_settings(
 
 
 def _differ_in_record_only(model: SplatModel | Surface, other: SplatModel | Surface) -> bool:
-    """Return whether two models differ at most in the values of the method's members of the camera record."""
+    """Return whether two models differ at most in the method's values in the camera record."""
     for name, value in vars(model).items():
         second = getattr(other, name)
         if name == "projection":
-            continue  # the page computes the projection from the camera and `own`
+            continue  # the page computes the projection from the camera and the method's values
         if name == "method_values":
             value, second = set(value), set(second)
         if not (np.array_equal(value, second) if isinstance(value, np.ndarray) else value == second):
@@ -344,10 +345,10 @@ def _differ_in_record_only(model: SplatModel | Surface, other: SplatModel | Surf
 
 
 def _orbit_sphere(asset: Asset) -> dict[str, Any]:
-    """Return the sphere that a free camera orbits: the bounding sphere, or a smaller one if mostly empty.
+    """Return the sphere that a free camera orbits: the bounding sphere, or a smaller one of most vertices.
 
-    In captures a few faces are far away. Orbiting the centre of their bounding box would lose sight of the
-    model.
+    In captures a few faces are far away. A camera that orbits the whole bounding sphere would be too far from
+    the model.
     """
     whole = asset.manifest.bounding_sphere
     positions = np.asarray(asset.buffers["positions"][:: max(1, asset.manifest.vertex_count // 100_000)])
@@ -360,7 +361,7 @@ def _orbit_sphere(asset: Asset) -> dict[str, Any]:
 
 
 def _required_limit(buffers: Iterable[tuple[int, tuple[str, ...]]], maximum: int, guaranteed: int) -> int:
-    """Return the device limit that the page requests: the largest buffer, between the two bounds."""
+    """Return the device limit that the page requests: the size of the largest buffer, within both bounds."""
     return min(maximum, max(guaranteed, *(size for size, _ in buffers)))
 
 
@@ -390,10 +391,10 @@ def _shrink_factor(stored: NDArray[np.float32], plan_positions: NDArray[np.float
 def _describe_standard_mesh(
     asset: Asset, packed: Packed, values: Mapping[str, Any], arrays: _Arrays
 ) -> dict[str, Any]:
-    """Return the description of the standard-tier mesh: the names of its arrays.
+    """Return the description of the standard-tier mesh for the page: the names of its arrays.
 
-    The mesh is drawn in `grey` if the method has no static colours. The array `shown` marks selected faces,
-    if not all are.
+    `grey` is true if the method has no static colours. `shown` is the array that marks the selected faces, or
+    None if all faces are selected.
     """
     grey = not lookup(asset.manifest.method).supports("standard")
     numbers = None if grey else select_faces(asset, values.get("ste_threshold"))
@@ -427,13 +428,13 @@ def read_page(path: Path) -> tuple[bytes, dict[str, Any], list[NDArray[np.uint8]
         scene = parse_strict_json(text, file=path, name="the scene", max_bytes=len(text))
         images = _read_test_images(data, scene["dedicated"])
     except Exception as error:
-        text = "this is not a page written by msb web --tier dedicated"
+        text = "the file is not a page written by msb web --tier dedicated"
         raise InputError("FILE_NOT_RECOGNISED", text, file=path) from error
     return data, scene, images
 
 
 def _read_test_images(page: bytes, content: Mapping[str, Any]) -> list[NDArray[np.uint8]]:
-    """Return the images of the test views; ValueError if they do not match the description."""
+    """Return the images of the test views; raise ValueError if they do not match the description."""
     shapes = [(test["view"]["height"], test["view"]["width"], 3) for test in content["tests"]]
     if not all(type(side) is int and side > 0 for shape in shapes for side in shape):
         raise ValueError("a test view has no pixels")

@@ -1,8 +1,8 @@
-"""Smaller assets for pages: rounded values, and only the faces that contribute most.
+"""Reduction of assets for pages: round values, and keep only the faces that contribute most.
 
-A reduced asset is still an asset of its method, so any renderer can measure the loss of quality. The rounded
-values are chosen so that `storage` stores them compactly and exactly: positions on a grid, at most 256 values
-per column.
+A reduced asset is still an asset of its method, so any renderer can measure the loss of quality. `storage`
+stores the rounded values compactly and exactly: positions lie on a grid, and other buffers have at most 256
+values per column.
 """
 
 from collections.abc import Mapping
@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msb.asset import Asset
-from msb.engines.dedicated_page.storage import CHUNK, LEVELS, exponents
+from msb.engines.dedicated_page.storage import CHUNK, LEVELS, find_exponents
 
 # Maximum extent of a chunk of positions in grid steps. It is below 65,535 because rounding may add a step.
 GRID = 65000
@@ -24,7 +24,7 @@ _ROUNDED = ("f_dc", "f_rest", "opacity", "sigma")
 _BYTES = ("features.lattice", "features.opacity")
 # Number of histogram bins for choosing the 256 values.
 _BINS = 4096
-# Columns with at most this many rows are first tested for having at most 256 distinct values already.
+# A column with at most this many rows may have at most 256 distinct values already. This is tested first.
 _FEW = 4 * LEVELS
 
 
@@ -38,7 +38,9 @@ def quantise(asset: Asset) -> Asset:
     _reorder_along_curve(asset, buffers)
     # Round the positions (V, 3) to multiples of their chunk's step, a power of two. Adding 0 turns -0 into 0.
     positions = buffers["positions"]
-    steps = np.exp2(exponents(positions, GRID).astype(np.float64))[np.arange(len(positions)) // CHUNK, None]
+    steps = np.exp2(find_exponents(positions, GRID).astype(np.float64))[
+        np.arange(len(positions)) // CHUNK, None
+    ]
     buffers["positions"] = (np.rint(positions / steps) * steps).astype(np.float32) + np.float32(0)
     for name in _ROUNDED:
         if name in buffers:
@@ -52,9 +54,10 @@ def quantise(asset: Asset) -> Asset:
 
 
 def _round_to_levels(values: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return values (N,) rounded to 256 levels, whose density is the cube root of the density of the values.
+    """Return values (N,) rounded to 256 levels.
 
-    This density minimises the squared error (Panter and Dite, 1951). The minimum and the maximum are kept.
+    The density of the levels is the cube root of the density of the values. This minimises the squared error
+    (Panter and Dite, 1951). The minimum and the maximum are kept.
     """
     finite = values[np.isfinite(values)]
     if not len(finite):
@@ -115,7 +118,7 @@ def _morton_keys(points: NDArray[np.float32]) -> NDArray[np.uint64]:
 
 
 def select_faces(asset: Asset, faces: NDArray[np.integer[Any]]) -> Asset:
-    """Return `asset` with only the given faces (numbers, in this order) and the vertices they use."""
+    """Return `asset` with only the faces of these numbers, in this order, and the vertices that they use."""
     buffers = dict(asset.buffers)
     indices = buffers["indices"][faces].astype(np.int64)
     vertices, number = np.unique(indices, return_inverse=True)

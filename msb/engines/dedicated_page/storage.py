@@ -5,11 +5,10 @@ The key `how` of the head names the encoding of the stream:
 
 - "plain": the values; with `delta` (integers) the differences between consecutive rows, modulo 2^32.
 - "palette": for columns with at most 256 distinct values: 8-bit codes of all columns, then 256 values per
-column.
+  column.
 - "rows": for at most 65,536 distinct rows: codes of the rows, then the distinct rows.
 - "grid": for three float32 columns: 16-bit codes, then an origin and a step for each chunk of 192 rows. The
-values
-  are origin + code * step.
+  values are origin + code * step.
 
 Values and codes are stored column by column, and each column as planes: the first byte of all rows, then the
 second byte, and so on. Similar bytes are then neighbours and compress better.
@@ -29,7 +28,7 @@ CHUNK = 192
 LEVELS = 256
 # Maximum number of distinct rows of "rows".
 _MAX_ROWS = 1 << 16
-# Number of rows that are tested first, because most arrays that do not fit an encoding fail on these.
+# Number of rows that are tested first. Most arrays that an encoding cannot store fail on these rows already.
 _SAMPLE = 4096
 _HIGHEST_CODE = 65535
 # Bits of the mantissa of a float32.
@@ -53,7 +52,10 @@ class Stored:
 
 
 def store(array: NDArray[Any]) -> Stored:
-    """Return `array`, float32, uint32 or uint8 with one or two axes, in the first encoding that fits."""
+    """Return a compressed array, in the first encoding that can store it.
+
+    `array` is float32, uint32 or uint8 and has one or two axes.
+    """
     table = np.ascontiguousarray(array).reshape(len(array), -1)
     packed = None
     if table.dtype == np.float32 and table.size:
@@ -123,7 +125,7 @@ def _join(raw: bytes, rows: int, columns: int, dtype: np.dtype[Any]) -> NDArray[
 
 
 def _as_plain(table: NDArray[Any]) -> tuple[dict[str, Any], list[bytes]]:
-    """Return the further keys of the head and the parts of the stream in the encoding "plain"."""
+    """Return the encoding "plain" of a table: further keys of the head, and the parts of the stream."""
     if table.dtype != np.uint32:
         return {"how": "plain"}, [_split(table)]
     difference = np.diff(table, axis=0, prepend=np.zeros((1, table.shape[1]), np.uint32))
@@ -131,7 +133,7 @@ def _as_plain(table: NDArray[Any]) -> tuple[dict[str, Any], list[bytes]]:
 
 
 def _as_palette(table: NDArray[np.float32]) -> tuple[dict[str, Any], list[bytes]] | None:
-    """Return the same in the encoding "palette", or None if a column has too many distinct values."""
+    """Return the encoding "palette" of a table, or None if a column has too many distinct values."""
     bits = table.view(np.uint32)
     if len(np.unique(bits[:_SAMPLE, -1])) > LEVELS or len(table) < 2 * LEVELS:
         return None
@@ -147,7 +149,7 @@ def _as_palette(table: NDArray[np.float32]) -> tuple[dict[str, Any], list[bytes]
 
 
 def _as_rows(table: NDArray[np.float32]) -> tuple[dict[str, Any], list[bytes]] | None:
-    """Return the same in the encoding "rows", or None if most rows are distinct."""
+    """Return the encoding "rows" of a table, or None if too many rows are distinct."""
     if table.shape[1] < 2 or len(table) < _SAMPLE:
         return None
     rows = table.view(np.dtype((np.void, 4 * table.shape[1])))[:, 0]
@@ -161,11 +163,11 @@ def _as_rows(table: NDArray[np.float32]) -> tuple[dict[str, Any], list[bytes]] |
     return {"how": "rows", "codes": dtype.name}, [_split(code[:, None].astype(dtype)), distinct.tobytes()]
 
 
-def exponents(table: NDArray[np.float32], codes: int) -> NDArray[np.int32]:
+def find_exponents(table: NDArray[np.float32], codes: int) -> NDArray[np.int32]:
     """Return the exponent e of the grid step 2**e for each chunk of rows.
 
-    It is the smallest exponent such that `codes` steps span the values of the chunk, and all multiples of the
-    step in the range of the chunk are float32 values.
+    The exponent is the smallest with two properties: `codes` steps span the values of the chunk, and all
+    multiples of the step in the range of the chunk are float32 values.
     """
     # Chunks (n, 192, columns), the last one padded with its last row.
     chunks = -(-len(table) // CHUNK)
@@ -173,19 +175,19 @@ def exponents(table: NDArray[np.float32], codes: int) -> NDArray[np.int32]:
     parts = padded.reshape(chunks, -1, table.shape[1]).astype(np.float64)
     span = (parts.max(axis=1) - parts.min(axis=1)).max(axis=1)
     size = np.abs(parts).max(axis=(1, 2))
-    # `span / codes` bounds the step from below, the float32 spacing of the largest value as well.
+    # Lower bounds of the step: `span / codes`, and the float32 spacing of the largest value.
     fine = np.ceil(np.log2(np.maximum(span, 1e-30) / codes))
     exact = np.frexp(size)[1] - _MANTISSA - 1
     return np.asarray(np.maximum(np.maximum(fine, exact), -100), np.int32)
 
 
 def _as_grid(table: NDArray[np.float32]) -> tuple[dict[str, Any], list[bytes]] | None:
-    """Return the same in the encoding "grid", or None if the values do not lie on such a grid."""
+    """Return the encoding "grid" of a table, or None if its values do not lie on such a grid."""
     if table.shape[1] != 3 or not np.isfinite(table).all():
         return None
     if len(table) > 2 * _SAMPLE and _as_grid(table[: _SAMPLE // CHUNK * CHUNK]) is None:
         return None
-    steps = np.exp2(exponents(table, _HIGHEST_CODE)).astype(np.float32)
+    steps = np.exp2(find_exponents(table, _HIGHEST_CODE)).astype(np.float32)
     starts = np.arange(0, len(table), CHUNK)
     origins = np.minimum.reduceat(table, starts, axis=0)
     chunk = np.arange(len(table)) // CHUNK

@@ -29,7 +29,7 @@ PIXEL_BYTES = 20
 
 @dataclass(frozen=True)
 class Band:
-    """A rectangle of the frame in pixels; its pixels start at byte `offset` of the buffer `pixels`."""
+    """A rectangle of the frame, in pixels; its values start at byte `offset` of the buffer `pixels`."""
 
     x: int
     y: int
@@ -55,7 +55,7 @@ def split_into_bands(width: int, height: int, scale: int, side: int, room: int) 
     return bands
 
 
-def pixel_bytes(bands: list[Band]) -> int:
+def count_pixel_bytes(bands: list[Band]) -> int:
     """Return the size in bytes of the buffer for the pixels of all bands."""
     return bands[-1].offset + PIXEL_BYTES * bands[-1].width * bands[-1].height
 
@@ -137,14 +137,14 @@ class DevicePlan:
         )
 
     def set_bands(self, bands: list[Band]) -> None:
-        """Create the textures and buffers for frames with these bands, whose first one is the largest."""
+        """Create the textures and buffers for frames with these bands; the first band must be the largest."""
         self.bands = bands
         self._groups = {key: group for key, group in self._groups.items() if key[0] < len(self._plan.passes)}
         # The uniform buffer has a slot for each band: x, y, width, height, first output value.
         rows = np.zeros((len(bands), SLOT // 4), np.uint32)
         for row, band in zip(rows, bands, strict=True):
             row[:5] = band.x, band.y, band.width, band.height, band.offset // 4
-        gpu, scale, size = self._gpu, self._plan.scale, pixel_bytes(bands)
+        gpu, scale, size = self._gpu, self._plan.scale, count_pixel_bytes(bands)
         gpu.buffer("bands", rows.nbytes, "uniform", "copy_dst")
         gpu.device.queue.write_buffer(gpu.resources["bands"], 0, rows)
         gpu.buffer("pixels", size, "storage", "copy_src")
@@ -176,7 +176,7 @@ class DevicePlan:
         return self._groups[number, k]
 
     def _resource(self, binding: Binding, k: int) -> Any:
-        """Return the texture view, or the part of a buffer, for a binding in band `k`."""
+        """Return the resource of a binding in band `k`: a texture view, or a range of a buffer."""
         resource = self._gpu.resources[binding.name]
         if binding.kind in ("texture", "numbers", "store"):
             return resource.create_view()
@@ -206,8 +206,8 @@ class DevicePlan:
     ) -> None:
         """Encode the steps of one entry of `stages`.
 
-        `timed` is a query set and the numbers of the queries for the start and the end. Consecutive
-        dispatches share a compute pass; every draw step is a render pass.
+        `timed` is a query set and the numbers of its queries for the start and the end. Consecutive compute
+        steps share a compute pass; every draw step is a separate render pass.
         """
         # Group the steps into passes.
         passes: list[list[tuple[int, int]]] = []
@@ -281,6 +281,6 @@ class DevicePlan:
         return np.frombuffer(self._gpu.device.queue.read_buffer(buffer), np.uint8)
 
     def close(self) -> None:
-        """Drop the references that would keep the device from being released."""
+        """Drop all references to objects of the device, because they prevent its release."""
         for references in (self._groups, self._pipelines, self._modules):
             references.clear()

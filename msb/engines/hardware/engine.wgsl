@@ -16,8 +16,8 @@ struct EngineTriangle {
     depth: f32,
     samples: vec4<i32>,
     weight: vec3<f32>,
-    // Affine functions of a sample's x and y: three barycentric coordinates over depth, times `weight` (which makes the
-    // minimum 1 at the centre), and 1 / depth.
+    // Coefficients of four affine functions of a sample's x and y. Three are barycentric coordinates over depth, times
+    // `weight`, so that the least of them times the depth is 1 at the centre. The fourth is 1 / depth.
     along_x: vec4<f32>,
     along_y: vec4<f32>,
     constant: vec4<f32>,
@@ -41,7 +41,7 @@ fn set_line(k: i32, n: vec3<f32>, scale: f32, t: ptr<function, EngineTriangle>) 
     (*t).constant[k] = mul(keep(keep(n.z - mul(along.x, middle.x)) - mul(along.y, middle.y)), scale);
 }
 
-// Returns the box of the samples of a triangle in camera space after clipping at the near plane.
+// Returns the box of the samples that a triangle, given in camera space, covers after clipping at the near plane.
 fn engine_box(p: array<vec3<f32>, 3>) -> vec4<i32> {
     let step = ray_step();
     let middle = ray_middle();
@@ -66,7 +66,7 @@ fn engine_box(p: array<vec3<f32>, 3>) -> vec4<i32> {
     return box_of(low - ENGINE_SLACK, high + ENGINE_SLACK);
 }
 
-// The window function is 1 at the incentre or at the centroid of the triangle.
+// Projects a triangle. Its window function is 1 at the incentre if `incentre` is true, else at the centroid.
 fn project_engine(corners: array<vec3<f32>, 3>, incentre: bool) -> EngineTriangle {
     var t: EngineTriangle;
     let p = array<vec3<f32>, 3>(to_camera(corners[0]), to_camera(corners[1]), to_camera(corners[2]));

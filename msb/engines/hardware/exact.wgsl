@@ -1,9 +1,9 @@
 // Arithmetic with the roundings of the official kernels, protected from compiler optimisations.
 //
 // WGSL allows a compiler to fuse products into sums, and some compilers also reorder sums. A depth key, an edge distance
-// or a tile rectangle then differs in its last bit, so that a face is blended in another order or missing in a whole
-// tile. `keep` combines a value by exclusive or with a 0 from the uniform buffer. The compiler does not know this 0, so
-// it must compute and round the value at this point.
+// or a tile rectangle then differs in its last bit. As a result, a face is blended in another order, or is missing in a
+// whole tile. `keep` prevents this: it computes the exclusive or of a value and a 0 from the uniform buffer. The
+// compiler does not know that this is 0, so it must compute and round the value at this point.
 #include "view.wgsl"
 
 fn keep(x: f32) -> f32 { return bitcast<f32>(bitcast<u32>(x) ^ view.zero); }
@@ -97,13 +97,13 @@ fn tile_number(value: f32, limit: u32) -> i32 {
     return i32(floor(select(f32(limit), low, low < f32(limit))));
 }
 
-// Returns the same for the value rounded up.
+// Returns the same integer, but rounded up.
 fn tile_after(value: f32, limit: u32) -> i32 {
     let low = select(0.0, value, value > 0.0);
     return i32(ceil(select(f32(limit), low, low < f32(limit))));
 }
 
-// Returns the samples in [low, high], clamped to the raster, both ends inclusive; all samples for NaN.
+// Returns the box of the samples in [low, high], clamped to the raster; both ends are inclusive. NaN gives all samples.
 fn box_of(low: vec2<f32>, high: vec2<f32>) -> vec4<i32> {
     let w = f32(view.width) - 1.0;
     let h = f32(view.height) - 1.0;

@@ -48,12 +48,12 @@ class Packed:
     model : Model or Surface
         The model of the native rendering.
     faces, vertices : int
-        Their numbers.
+        The numbers of faces and of vertices.
     arrays : mapping of str to ndarray
-        `positions`, `indices` (of meshes), `coverage`; for blended methods also `f_dc` and `f_rest` (a single
-        zero at degree 0).
+        `positions`, `coverage`, and for indexed meshes `indices`. For blended methods also the spherical
+        harmonics `f_dc` and `f_rest` (a single zero at degree 0).
     surface : Surface, optional
-        The model, if it is drawn with a z-buffer instead of blending.
+        Equal to `model` if the model is drawn with a z-buffer, else None.
     degree : int
         Degree of the spherical harmonics.
     rest_stride : int
@@ -61,9 +61,9 @@ class Packed:
     scale : int
         Samples per pixel along each axis.
     pixel_samples : (int, int)
-        The first and the last sample along each axis that are averaged to a pixel.
+        A pixel is the average of these samples along each axis: the first and the last one, inclusive.
     defines : mapping
-        Preprocessor definitions of the WGSL.
+        Definitions for the preprocessor of the WGSL.
     """
 
     model: SplatModel | Surface
@@ -121,7 +121,7 @@ def pack(asset: Asset, settings: Mapping[str, Any] | None) -> Packed:
 
 
 def make_native_model(asset: Asset, values: Mapping[str, Any]) -> SplatModel | Surface:
-    """Return the model of the native rendering for the settings `values`; raises the errors of `pack`."""
+    """Return the model of the native rendering with the settings `values`; the errors are those of `pack`."""
     native: Any = role(asset.manifest.method, "native")
     return (
         native.surface_model(asset, values) if hasattr(native, "surface_model") else make_model(asset, values)

@@ -6,7 +6,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-# Bytes between the entries of a uniform buffer that are bound one by one; WebGPU requires multiples of 256.
+# Bytes between entries of a uniform buffer that are bound separately; WebGPU requires multiples of 256.
 SLOT = 256
 # Factors of source and target for blending from front to back with premultiplied colours.
 FRONT_TO_BACK = "one-minus-dst-alpha", "one"
@@ -14,11 +14,11 @@ FRONT_TO_BACK = "one-minus-dst-alpha", "one"
 
 @dataclass(frozen=True)
 class Binding:
-    """A binding of group 0: a texture, or `size` bytes at `offset` of a buffer (None: all the rest).
+    """A binding of group 0: a texture, or `size` bytes of a buffer from `offset` on (None: up to its end).
 
     `kind` is "uniform", "read" or "write" for buffers, "texture" for a float texture, "numbers" for a texture
-    of uint32, and "store" for a texture that is written (r32float). With `per_band` the offset depends on the
-    band.
+    of uint32, and "store" for a texture that is written (r32float). If `per_band` is true, the offset depends
+    on the band.
     """
 
     number: int

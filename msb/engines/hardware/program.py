@@ -4,12 +4,12 @@ A frame of a blended method has these stages:
 
 1. project: compute the depth key of every face, and the colours of faces or vertices.
 2. sort: a radix sort of the visible faces by key, front to back.
-3. records: write a record (the input of the fragment shader) for each face, in sorted order.
+3. records: write the record of each face (its input of the fragment shader), in sorted order.
 4. blend: draw a quad for each record into the targets, in chunks of faces.
 5. resolve: average samples to pixels and add the background.
 
-A method with an opaque surface skips sorting; "raster" finds the nearest face of each pixel with a z-buffer,
-and "decode" computes its appearance.
+A method with an opaque surface needs no sorted order. Instead of blending, "raster" finds the nearest face of
+each pixel with a z-buffer, and "decode" computes its appearance.
 """
 
 import re
@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from msb.engines.hardware.packing import VIEW, Packed
 from msb.engines.hardware.plan import SLOT, Binding, ComputePass, DrawPass, Limits, Plan
-from msb.engines.hardware.wgsl import as_attributes, assemble, face_members
+from msb.engines.hardware.wgsl import add_attribute_locations, assemble, find_face_members
 from msb.errors import DeviceError
 from msb.registry import Order, Sampling
 from msb.render.surface import Surface
@@ -35,22 +35,23 @@ _MAX_GROUPS = 65535
 _BLOCK = 2048
 _DIGIT_BITS = 4
 _KEY_BITS = 32
-# Number of chunks for methods that stop a sample before the face that crosses the transmittance threshold. A
-# sample stops at the end of a chunk, so more chunks are more accurate and slower. With 32 all golden
-# views have at least 70 dB; docs/dedicated.md has measurements.
+# Number of chunks of faces for methods that stop a sample, which means that they skip its remaining faces
+# once its transmittance is below a threshold. Here the transmittance is known only between chunks, so more
+# chunks are more accurate and slower. With 32 all golden views have at least 70 dB; docs/dedicated.md has
+# measurements.
 STOPS = 32
 _STOPS_EARLY = re.compile(r"^const STOP = ", re.MULTILINE)
 _TYPES = {"float32": "f32", "int32": "i32", "uint32": "u32"}
 
 
 class _Planner:
-    """Collects the buffers of a plan and checks them against the limits of the device `name`."""
+    """Collects the buffers of a plan and checks that the limits of the device `name` allow them."""
 
     def __init__(self, packed: Packed, limits: Limits, name: str) -> None:
         self.packed, self.limits, self.name = packed, limits, name
         self.buffers: dict[str, tuple[int, tuple[str, ...]]] = {}
         self.data: dict[str, NDArray[Any]] = {}
-        # First row and number of rows of each part, for the uniform buffer `parts`.
+        # Content of the uniform buffer `parts`: first row and number of rows of each part.
         self.parts: list[tuple[int, int]] = []
 
     def buffer(self, name: str, size: int, *usages: str) -> None:
@@ -68,7 +69,7 @@ class _Planner:
         self.data[name] = array
 
     def part(self, first: int, count: int) -> Binding:
-        """Return a uniform binding with the rows that a dispatch processes: first row, and number of rows."""
+        """Return a uniform binding that tells a dispatch its first row and its number of rows."""
         self.parts.append((first, count))
         return Binding(1, "uniform", "parts", SLOT * (len(self.parts) - 1), 16)
 
@@ -102,14 +103,13 @@ def make_plan(
     packed : Packed
         The asset.
     limits, name : Limits, str
-        The device, and its name for error messages.
+        The limits of the device, and its name for error messages.
     order, sampling : str
         As for the OpenCL renderer.
     form : str
         Texture format of the blended targets.
     stops : int
-        Number of chunks for methods that stop a sample before the face that crosses the transmittance
-        threshold; 1 disables that rule.
+        Number of chunks of faces, for methods that stop samples (see `STOPS`); with 1 no sample stops.
     depth : bool
         Whether to compute a depth image.
     debug : bool
@@ -150,14 +150,14 @@ def make_plan(
         return assemble(files, model.package, {**defines, **more})
 
     # Members of the method's record of a face, each a vec4.
-    members = face_members(text(method_file))
+    members = find_face_members(text(method_file))
     record_bytes = 16 * len(members)
     modules = {
         "project": text(method_file, "project.wgsl", COMPUTE=True, KEYING=True, COLORING=packed.soup),
         "record": text(method_file, "project.wgsl", COMPUTE=True, RECORDING=True),
         "sort first": text("sort.wgsl", FIRST=True, BLOCK=_BLOCK),
         "sort": text("sort.wgsl", BLOCK=_BLOCK),
-        "draw": as_attributes(text(method_file, "draw.wgsl", **_between(members)), members),
+        "draw": add_attribute_locations(text(method_file, "draw.wgsl", **_define_between(members)), members),
         "resolve": text("resolve.wgsl"),
     }
     if chunks > 1:
@@ -167,9 +167,10 @@ def make_plan(
         del modules["resolve"]
     elif not packed.soup:
         modules["shade"] = text(method_file, "project.wgsl", COMPUTE=True, COLORING=True, SHADING=True)
-    # Records are split into chunks (for stopping) and parts (for the buffer limit): one buffer for each pair.
-    parts, room = _record_parts(planner, record_bytes, chunks)
-    passes = [*_projection(planner, debug), *_sorting(planner, order, chunks, parts)]
+    # Records are split into chunks (to stop samples) and parts (to respect the limit of a buffer). Every pair
+    # of chunk and part has a buffer.
+    parts, room = _split_records(planner, record_bytes, chunks)
+    passes = [*_plan_projection(planner, debug), *_plan_sorting(planner, order, chunks, parts)]
     last = "faces a" if order == "none" else "faces b"
     records = []
     for k in range(chunks * parts):
@@ -187,10 +188,10 @@ def make_plan(
         records.append((f"records {k}", 4 * (start + 4)))
     planner.buffer("view", VIEW.itemsize + 4 * len(model.method_values), "uniform", "copy_dst")
     if surface is not None:
-        band_passes = _z_buffered(planner, surface, tuple(records), len(members))
+        band_passes = _plan_z_buffer(planner, surface, tuple(records), len(members))
     else:
         targets = ("image", "depth") if depth else ("image",)
-        band_passes = _blended(targets, tuple(records), len(members), chunks)
+        band_passes = _plan_blending(targets, tuple(records), len(members), chunks)
     planner.upload("parts", _pad_to_slots(np.array(planner.parts, np.uint32)), "uniform")
     return Plan(
         modules=modules,
@@ -207,13 +208,13 @@ _BAND = Binding(1, "uniform", "bands", 0, 32, per_band=True)
 _PIXELS = Binding(4, "write", "pixels", per_band=True)
 
 
-def _blended(
+def _plan_blending(
     targets: tuple[str, ...], records: tuple[tuple[str, int], ...], members: int, chunks: int
 ) -> tuple[DrawPass | ComputePass, ...]:
     """Return the passes of a band that blend faces and average samples to pixels.
 
-    With several chunks, the pass "hold" before each chunk copies the alpha of samples to the texture
-    `covered`, and the chunk skips samples that are opaque there.
+    If there are several chunks, the pass "hold" before each chunk copies the alpha of samples to the texture
+    `covered`. The draw pass of the chunk reads it and skips samples that are opaque already.
     """
     textures = tuple(Binding(2 + k, "texture", target) for k, target in enumerate(targets))
     resolve = ComputePass("resolve", "resolve", "resolve", (VIEW_BINDING, _BAND, *textures, _PIXELS))
@@ -230,21 +231,21 @@ def _blended(
     return *steps, resolve
 
 
-def _z_buffered(
+def _plan_z_buffer(
     planner: _Planner, surface: Surface, records: tuple[tuple[str, int], ...], members: int
 ) -> tuple[DrawPass | ComputePass, ...]:
     """Return the passes of a band that find the nearest face of each pixel and compute its appearance.
 
-    A feature lattice that exceeds the limit of a binding is split into parts. All faces are drawn and all
-    pixels are decoded once for each part, and only faces of the part have an effect.
+    If the feature lattices exceed the limit of a binding, they are split into parts. All faces are drawn and
+    all pixels are decoded once for each part, but only the faces of this part have an effect.
     """
     planner.upload("decoder", surface.decoder, "uniform")
     steps: list[DrawPass | ComputePass] = []
-    for number, (name, rows) in enumerate(_parts(planner, "opacity", surface.opacity)):
+    for number, (name, rows) in enumerate(_upload_parts(planner, "opacity", surface.opacity)):
         bound = (VIEW_BINDING, _BAND, Binding(2, "read", name), replace(rows, number=3))
         first = "load" if number else "clear"
         steps.append(DrawPass("raster", "draw", bound, ("nearest",), records, members, first, z_buffer=True))
-    for name, rows in _parts(planner, "features", surface.features):
+    for name, rows in _upload_parts(planner, "features", surface.features):
         bindings = (
             *planner.model(),
             rows,
@@ -259,8 +260,8 @@ def _z_buffered(
     return tuple(steps)
 
 
-def _parts(planner: _Planner, name: str, lattices: NDArray[Any]) -> Iterator[tuple[str, Binding]]:
-    """Upload the lattices of faces (F, ...) in parts that fit a binding; yield the name and rows of each."""
+def _upload_parts(planner: _Planner, name: str, lattices: NDArray[Any]) -> Iterator[tuple[str, Binding]]:
+    """Upload the lattices of faces (F, ...) in parts that fit a binding; yield each name and rows."""
     room = planner.limits.storage // lattices[0].nbytes
     parts = _split_range(len(lattices), max(room, 1))
     for number, (first, count) in enumerate(parts):
@@ -271,7 +272,7 @@ def _parts(planner: _Planner, name: str, lattices: NDArray[Any]) -> Iterator[tup
         yield part, planner.part(first, count)
 
 
-def _between(members: list[str]) -> dict[str, str]:
+def _define_between(members: list[str]) -> dict[str, str]:
     """Return the definitions of draw.wgsl that pass a record from the vertex to the fragment shader."""
     return {
         "BETWEEN_MEMBERS": "\n".join(
@@ -282,7 +283,7 @@ def _between(members: list[str]) -> dict[str, str]:
     }
 
 
-def _projection(planner: _Planner, debug: bool) -> list[ComputePass]:
+def _plan_projection(planner: _Planner, debug: bool) -> list[ComputePass]:
     """Return the passes that compute the key of every face, and the colours of faces or vertices.
 
     The spherical harmonics `f_rest` may be split into parts that fit a binding, with one dispatch each.
@@ -325,11 +326,11 @@ def _projection(planner: _Planner, debug: bool) -> list[ComputePass]:
     return dispatches
 
 
-def _sorting(planner: _Planner, order: Order, chunks: int, parts: int) -> list[ComputePass]:
+def _plan_sorting(planner: _Planner, order: Order, chunks: int, parts: int) -> list[ComputePass]:
     """Return the passes of the radix sort by depth key.
 
     Each digit takes three passes: count the digits of each block, scan the counts, and move keys and face
-    numbers. Order "none" needs only a single step without digits, which removes the culled faces.
+    numbers. Order "none" has only a single step without digits, which removes the culled faces.
     """
     faces = planner.packed.faces
     blocks = max(-(-faces // _BLOCK), 1)
@@ -360,8 +361,8 @@ def _sorting(planner: _Planner, order: Order, chunks: int, parts: int) -> list[C
     return dispatches
 
 
-def _record_parts(planner: _Planner, record_bytes: int, chunks: int) -> tuple[int, int]:
-    """Return the number of buffers for the records of a chunk, and the number of records in each."""
+def _split_records(planner: _Planner, record_bytes: int, chunks: int) -> tuple[int, int]:
+    """Return the number of record buffers of a chunk, and the maximum number of records in each of them."""
     most = planner.limits.storage // record_bytes // _GROUP * _GROUP
     chunk = max(-(-planner.packed.faces // chunks), 1)
     parts = -(-chunk // max(min(most, _GROUP * _MAX_GROUPS), 1))
@@ -374,7 +375,7 @@ def _split_range(count: int, most: int) -> list[tuple[int, int]]:
 
 
 def _pad_to_slots(rows: NDArray[np.uint32]) -> NDArray[np.uint32]:
-    """Return the content of a uniform buffer that has each row (of at most 64 values) in its own slot."""
+    """Return the content of a uniform buffer with a separate slot for each row (of at most 64 values)."""
     slots = np.zeros((max(len(rows), 1), SLOT // 4), np.uint32)
     if len(rows):
         slots[:, : rows.shape[1]] = rows

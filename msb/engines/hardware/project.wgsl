@@ -1,5 +1,5 @@
-// The compute stages before and after the sort. The file of the method, NAME.wgsl beside its NAME.cl, comes before this
-// one and before draw.wgsl. It includes files of this folder and defines
+// The compute stages before and after the sort. The file of the method (NAME.wgsl, beside its NAME.cl) is inserted
+// before this file, and also before draw.wgsl. It includes files of this folder and defines
 //
 //   Face                                the record of a face for the fragment stage: vec4<f32> members, the first one
 //                                       is `quad`
@@ -10,23 +10,23 @@
 // and without COMPUTE
 //   cover(Face, x, y)                   the colour, alpha and depth of a face at sample (x, y); returns `Seen`
 //
-// ENGINE is defined for the sampling "engine". The `defines` of the method's look are defined as well, and its `own`
-// values are members of `view`.
+// ENGINE is defined for the sampling "engine". The `defines` of the method's model are defined as well, and its
+// `method_values` are members of `view`.
 //
-// Every face is projected twice: before the sort for its key only, and after the sort for its record. Records are then
-// written once, in drawing order, and only for faces that are drawn. Sorting the records instead would be slower than
-// the second projection and need twice the memory.
+// Every face is projected twice: before the sort for its key, and after the sort for its record. Records are thus
+// written once, in drawing order, and only for faces that are drawn. To sort the records instead would be slower than
+// the second projection and would need twice the memory.
 
 const DROPPED = 0xffffffffu; // removed by the official culling
 const UNSEEN = 0xfffffffeu;  // kept by the culling, but in no tile
 
 // Returns the samples of a face's quad. Officially a face is drawn only in its tiles.
-fn quad_of(found: Projected) -> vec4<i32> {
+fn quad_of(projected: Projected) -> vec4<i32> {
 #if IN_TILES
-    let tiles = found.tiles * TILE - vec4<i32>(0, 0, 1, 1);
-    return vec4<i32>(max(found.samples.xy, tiles.xy), min(found.samples.zw, tiles.zw));
+    let tiles = projected.tiles * TILE - vec4<i32>(0, 0, 1, 1);
+    return vec4<i32>(max(projected.samples.xy, tiles.xy), min(projected.samples.zw, tiles.zw));
 #else
-    return found.samples;
+    return projected.samples;
 #endif
 }
 
@@ -69,12 +69,12 @@ fn project(@builtin(global_invocation_id) id: vec3<u32>) {
     }
     let number = part.first + id.x;
     var face: Face;
-    let found = project_face(number, &face);
-    let quad = quad_of(found);
-    let seen = found.kept && quad.z >= quad.x && quad.w >= quad.y;
-    keys[number] = select(select(DROPPED, UNSEEN, found.kept), bitcast<u32>(found.depth), seen);
+    let projected = project_face(number, &face);
+    let quad = quad_of(projected);
+    let seen = projected.kept && quad.z >= quad.x && quad.w >= quad.y;
+    keys[number] = select(select(DROPPED, UNSEEN, projected.kept), bitcast<u32>(projected.depth), seen);
 #if DEBUG
-    rectangles[number] = select(vec4<i32>(0), found.tiles, found.kept);
+    rectangles[number] = select(vec4<i32>(0), projected.tiles, projected.kept);
 #endif
 #if !VERTEX_COLORS
     if (seen) {
@@ -109,13 +109,13 @@ fn record(@builtin(global_invocation_id) id: vec3<u32>) {
     let place = arguments[part.first + 3u] + id.x;
     let number = order[place];
     var face: Face;
-    let found = project_face(number, &face);
+    let projected = project_face(number, &face);
 #if Z_BUFFER
     keys[number] = DROPPED; // replaced if a pixel shows the face
 #else
     color_face(number, &face);
 #endif
-    face.quad = vec4<f32>(quad_of(found));
+    face.quad = vec4<f32>(quad_of(projected));
     records[id.x] = face;
 }
 #endif

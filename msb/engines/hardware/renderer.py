@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from msb.asset import Asset
 from msb.asset.settings import check_modes
 from msb.engines.engine import WALL_CLOCK, device_kind
-from msb.engines.hardware.device import PIXEL_BYTES, DevicePlan, pixel_bytes, split_into_bands
+from msb.engines.hardware.device import PIXEL_BYTES, DevicePlan, count_pixel_bytes, split_into_bands
 from msb.engines.hardware.packing import pack
 from msb.engines.hardware.plan import Limits
 from msb.engines.hardware.program import STOPS, make_plan
@@ -26,18 +26,18 @@ from msb.scenes.colors import Color
 # Texture formats of the targets: blended in float32 or half floats, or face numbers of a z-buffer.
 FLOAT, HALF, NUMBERS = "rgba32float", "rgba16float", "r32uint"
 _BLENDS = {FLOAT: "float32", HALF: "half floats"}
-# Maximum number of samples of a band. It limits the targets to 256 MiB for blending (colour and depth) and to
-# 128 MiB for face numbers with their depths.
+# Maximum number of samples of a band, by format. It limits the memory of the targets: 256 MiB for blending
+# (colour and depth), 128 MiB for face numbers with their depths.
 _ROOM = {FLOAT: 1 << 23, HALF: 1 << 24, NUMBERS: 1 << 24}
 
 
-# First word of a use of memory -> its group in reports.
+# First word of the name of a use of memory -> its group in reports.
 _GROUPS = {
     **dict.fromkeys(("positions", "indices"), "geometry"),
     **dict.fromkeys(("coverage", "f_dc", "f_rest", "opacity", "features", "decoder"), "appearance"),
     **dict.fromkeys(("image", "depth", "covered", "nearest", "z-buffer", "pixels,", "pixels"), "targets"),
 }
-# Limits that are requested at the adapter's maximum. The first three become `Limits`.
+# Limits for which the adapter's maximum is requested. The first three are the members of `Limits`.
 _LIMITS = (
     "max-storage-buffer-binding-size",
     "max-buffer-size",
@@ -46,7 +46,8 @@ _LIMITS = (
     "max-vertex-attributes",
     "max-color-attachment-bytes-per-sample",
 )
-# Limits that the passes need. WebGPU guarantees them, but adapters in compatibility mode may have less.
+# Minimum limits of the passes. WebGPU guarantees them, but adapters in compatibility mode may have lower
+# ones.
 _NEEDED = {
     "max-storage-buffers-per-shader-stage": 8,
     "max-vertex-attributes": 9,
@@ -56,7 +57,7 @@ _NEEDED = {
 
 
 class HardwareRenderer:
-    """Draws an asset with wgpu-py: as quads that are blended in depth order, or with a z-buffer.
+    """Draws the native rendering with wgpu-py: blends faces in depth order, or uses a z-buffer.
 
     Parameters
     ----------
@@ -67,7 +68,7 @@ class HardwareRenderer:
     half : bool
         Blend in half floats even if the adapter can blend float32.
     stops : int
-        Number of chunks of faces. Opaque samples stop at the end of a chunk; 1 disables stopping.
+        Number of chunks of faces for methods that stop samples (see `program.STOPS`); with 1 no sample stops.
     debug : bool
         Keep the data that `decisions` returns.
     """
@@ -113,7 +114,7 @@ class HardwareRenderer:
         )
         with gpu.setting_up():
             gpu.open(_LIMITS, timed=gpu.kind == "gpu")
-            self._runs = DevicePlan(gpu, self._plan)
+            self._device_plan = DevicePlan(gpu, self._plan)
         self._size: tuple[int, int] | None = None
 
     @classmethod
@@ -127,10 +128,10 @@ class HardwareRenderer:
         with self._gpu.reporting("drawing"):
             timing = self._run(camera, background, read=True)
             pixels = self._gpu.read_back("pixels").view(np.float32)
-            keys = self._runs.read("keys").view(np.uint32)[: self._packed.faces]
+            keys = self._device_plan.read("keys").view(np.uint32)[: self._packed.faces]
         # Assemble the frame (H, W, 5) of red, green, blue, alpha, depth from the pixels of the bands.
         planes = np.zeros((camera.height, camera.width, 5), np.float32)
-        for band in self._runs.bands:
+        for band in self._device_plan.bands:
             first = band.offset // 4
             values = pixels[first : first + 5 * band.width * band.height]
             target = planes[band.y : band.y + band.height, band.x : band.x + band.width]
@@ -161,29 +162,29 @@ class HardwareRenderer:
         return timing
 
     def _run_by_stage(self) -> DrawTime:
-        """Submit each stage separately and time it with the wall clock, on a software adapter.
+        """Submit each stage separately and time it with the wall clock, for software adapters.
 
-        The timestamps of lavapipe are useless for compute passes, because they are written at the next draw.
-        Waiting for each stage costs nothing in software.
+        The timestamps of lavapipe are useless for compute passes: it writes them only at the next draw.
+        In software, waiting for each stage costs no time.
         """
         spent: dict[str, float] = {}
         begun = time.perf_counter()
-        for stage, steps in self._runs.stages():
+        for stage, steps in self._device_plan.stages():
             start = time.perf_counter()
             encoder = self._gpu.device.create_command_encoder()
-            self._runs.encode(encoder, steps)
+            self._device_plan.encode(encoder, steps)
             self._gpu.run(encoder)
             spent[stage] = spent.get(stage, 0.0) + 1000 * (time.perf_counter() - start)
         return DrawTime(spent, 1000 * (time.perf_counter() - begun))
 
     def _run_at_once(self) -> DrawTime:
-        """Submit the whole frame; the device measures the stages if it has timestamps."""
+        """Submit the whole frame at once; the device measures its stages if it has timestamps."""
         start = time.perf_counter()
         encoder = self._gpu.device.create_command_encoder()
-        stages = self._runs.stages()
+        stages = self._device_plan.stages()
         for k, (_, steps) in enumerate(stages):
             timed = (self._gpu.queries, 2 * k, 2 * k + 1) if self._gpu.queries else None
-            self._runs.encode(encoder, steps, timed)
+            self._device_plan.encode(encoder, steps, timed)
         times = self._gpu.run(encoder).reshape(-1, 2).astype(np.float64)
         waited = 1000 * (time.perf_counter() - start)
         if self._gpu.nanoseconds_per_tick is None:
@@ -199,40 +200,40 @@ class HardwareRenderer:
         if self._size == (width, height):
             return
         self._size = None
-        runs, scale, limits = self._runs, self._plan.scale, self._limits
+        device_plan, scale, limits = self._device_plan, self._plan.scale, self._limits
         room = min(_ROOM[self._format] // scale**2, limits.binding // PIXEL_BYTES)
         bands = split_into_bands(width, height, scale, limits.side, room)
-        size = pixel_bytes(bands)
+        size = count_pixel_bytes(bands)
         if size > limits.buffer:
             text = f"{width} x {height} pixels need a buffer of {size:,} bytes; "
             text += f"{self.device_info['name']} allows {limits.buffer:,}"
             raise DeviceError("DEVICE_MEMORY", text)
-        runs.set_bands(bands)
-        self._gpu.make_clock(2 * len(runs.stages()))
+        device_plan.set_bands(bands)
+        self._gpu.make_clock(2 * len(device_plan.stages()))
         self._size = width, height
 
     def decisions(self) -> tuple[NDArray[np.uint32], NDArray[np.int32]]:
         """Return the depth keys (F,) and the tile rectangles (F, 4) of the last frame; needs `debug`.
 
         A key is the bit pattern of the float32 depth. 0xffffffff marks faces removed by the official culling,
-        0xfffffffe other faces that are not drawn. A rectangle of a face that is kept has the official tiles
-        x0, y0, x1, y1, where x1 and y1 are exclusive.
+        0xfffffffe other faces that are not drawn. The rectangle of a kept face is its range of official
+        tiles, x0, y0, x1, y1; x1 and y1 are exclusive.
         """
         count = self._packed.faces
-        keys = self._runs.read("keys").view(np.uint32)[:count]
-        return keys, self._runs.read("rectangles").view(np.int32).reshape(-1, 4)[:count]
+        keys = self._device_plan.read("keys").view(np.uint32)[:count]
+        return keys, self._device_plan.read("rectangles").view(np.int32).reshape(-1, 4)[:count]
 
     def memory(self) -> Mapping[str, int]:
-        """Return use -> bytes of every buffer and texture."""
+        """Return the memory of every buffer and texture: name of the use -> bytes."""
         return self._gpu.memory()
 
     def memory_groups(self) -> Mapping[str, str]:
-        """Return use -> group."""
+        """Return the groups of uses in reports of memory: name of the use -> group."""
         return {name: _GROUPS[word] for name in self._gpu.resources if (word := name.split()[0]) in _GROUPS}
 
     def close(self) -> None:
         """Release everything."""
-        self._runs.close()
+        self._device_plan.close()
         self._gpu.close()
 
     def __enter__(self) -> Self:
@@ -247,7 +248,7 @@ class HardwareRenderer:
 
 
 def _limits_of(adapter: Any) -> Limits:
-    """Return the limits of the adapter, if they suffice."""
+    """Return the limits of the adapter; raise DEVICE_MEMORY if one is too low for the passes."""
     for name, needed in _NEEDED.items():
         if adapter.limits[name] < needed:
             text = f"{adapter.info['device']}: the limit {name} is {adapter.limits[name]}; {needed} is needed"

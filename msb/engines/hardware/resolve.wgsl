@@ -1,4 +1,4 @@
-// Averages samples to the pixels of a frame: red, green, blue over the background, alpha, depth.
+// Averages samples to pixels. The five values of a pixel are red, green and blue over the background, alpha, depth.
 #include "view.wgsl"
 #include "band.wgsl"
 @group(0) @binding(1) var<uniform> band: Band;

@@ -72,15 +72,15 @@ fn count(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_inde
     }
 }
 
-// A single workgroup: replaces the counts in `sums` by their exclusive prefix sums, the first position of each digit in
-// each block. The first step also writes the arguments of the draws.
+// Runs in a single workgroup. Replaces the counts in `sums` by their exclusive prefix sums: the first position of each
+// digit in each block. The first step also writes the arguments of the draws.
 @compute @workgroup_size(256)
 fn scan(@builtin(local_invocation_index) me: u32) {
     let blocks = (items() + BLOCK - 1u) / BLOCK;
     let entries = DIGITS * blocks;
-    let each = (entries + 255u) / 256u;
-    let start = min(me * each, entries);
-    let end = min(start + each, entries);
+    let share = (entries + 255u) / 256u; // entries per invocation
+    let start = min(me * share, entries);
+    let end = min(start + share, entries);
     var sum = 0u;
     for (var k = start; k < end; k++) {
         sum += sums[(k / blocks) * current.blocks + k % blocks];
@@ -112,9 +112,9 @@ fn scan(@builtin(local_invocation_index) me: u32) {
 
 #if FIRST
 
-// Writes the buffer `arguments`. [0] is the number of listed faces, [1..4) are the workgroups of later sort passes. Eight
-// values follow for each record buffer: the workgroups that write it, its first face in sorted order, and the four
-// arguments of its indirect draw. All chunks have the same size.
+// Writes the buffer `arguments`. Entry 0 is the number of listed faces, entries 1 to 3 are the numbers of workgroups of
+// later sort passes. Eight entries follow for each record buffer: three numbers of workgroups that write it, its first
+// face in sorted order, and the four arguments of its indirect draw. Chunks have equal sizes; the last ones may be smaller.
 fn write_arguments(listed: u32) {
     arguments[0] = listed;
     arguments[1] = (listed + BLOCK - 1u) / BLOCK;

@@ -2,7 +2,7 @@
 // the method, which starts with this file.
 #include "exact.wgsl"
 
-// Long buffers are bound in parts; `part` has the rows of the current one.
+// Long buffers are bound in parts; `part` has the range of rows of the bound part.
 struct Part {
     first: u32,
     count: u32,
@@ -36,5 +36,5 @@ struct Projected {
     kept: bool,         // whether the official culling keeps the face
     depth: f32,         // its bit pattern is the official sort key
     tiles: vec4<i32>,   // the official tile rectangle; upper ends are exclusive
-    samples: vec4<i32>, // box of all samples with an alpha of possibly 1/255 or more; inclusive
+    samples: vec4<i32>, // box that contains all samples with an alpha of 1/255 or more; inclusive
 }

@@ -6,7 +6,8 @@
 @group(0) @binding(9) var<storage, read_write> pixels: array<f32>;
 @group(0) @binding(10) var<storage, read_write> keys: array<atomic<u32>>;
 
-// Computes one pixel. `part` has the faces whose appearance is bound. The first part also writes pixels without a face.
+// Computes one pixel. `part` is the range of faces whose lattices are bound. The first part also writes pixels without a
+// face.
 @compute @workgroup_size(64)
 fn surface(@builtin(global_invocation_id) id: vec3<u32>) {
     if (id.x >= band.size.x || id.y >= band.size.y) {

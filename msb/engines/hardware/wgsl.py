@@ -30,7 +30,7 @@ def assemble(files: Iterable[str], package: str, defines: Mapping[str, bool | in
 
 
 def _resolve(file: str, package: str, defined: set[str], included: set[str]) -> list[str]:
-    """Return the selected lines of a file and its includes; `included` has the files so far."""
+    """Return the selected lines of a file and its includes; files in the set `included` are skipped."""
     if file in included:
         return []
     included.add(file)
@@ -51,15 +51,15 @@ def _resolve(file: str, package: str, defined: set[str], included: set[str]) -> 
     return lines
 
 
-def face_members(text: str) -> list[str]:
-    """Return the names of the members of `struct Face`, which are all vec4<f32>, in a preprocessed text."""
+def find_face_members(text: str) -> list[str]:
+    """Return the names of the members of `struct Face` in a preprocessed text; all of them are vec4<f32>."""
     match = _FACE.search(text)
     if match is None:
         raise ValueError("the WGSL of a method must define a struct Face")
     return re.findall(r"^ *(\w+): vec4<f32>,", match[1], re.MULTILINE)
 
 
-def as_attributes(text: str, members: list[str]) -> str:
+def add_attribute_locations(text: str, members: list[str]) -> str:
     """Return `text` with the members of `struct Face` as vertex attributes at locations 0, 1, ..."""
 
     def add_locations(match: re.Match[str]) -> str:

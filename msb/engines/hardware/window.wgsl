@@ -1,4 +1,4 @@
-// Shared by Triangle-Splatting and MeshSplatting: projected triangles, their incentres and edge distances.
+// Functions shared by Triangle-Splatting and MeshSplatting: projected triangles, their incentres and edge distances.
 // Sources: trianglesplatting/diff-triangle-rasterization at 6d61f4c: cuda_rasterizer/forward.cu, auxiliary.h;
 // meshsplatting/diff-triangle-mesh-rasterization at b27f283 (the same lines).
 
@@ -73,8 +73,9 @@ fn project_window(p: array<vec3<f32>, 3>, w: ptr<function, Window>) -> bool {
     return !((*w).inradius[2] > -1.0);
 }
 
-// Returns the box of samples with an alpha of 1/255 or more: the triangle shrunk about its incentre to phi = `rim`, empty
-// if `rim` exceeds 1. The box is enlarged by the rounding error of edges, which is larger at sharp corners.
+// Returns the box of samples with an alpha of 1/255 or more. It is the box of the triangle shrunk about its incentre to
+// the contour phi = `rim`, and empty if `rim` exceeds 1. The box is enlarged by the rounding error of the edges, which
+// is larger at sharp corners.
 fn window_box(w: ptr<function, Window>, rim: f32) -> vec4<i32> {
     let p = (*w).corners[0];
     let q = (*w).corners[1];
@@ -92,7 +93,7 @@ fn window_box(w: ptr<function, Window>, rim: f32) -> vec4<i32> {
     return samples;
 }
 
-// Returns the tiles of the contour o phi^sigma = 0.01: the edges are moved inwards and intersected.
+// Returns the tiles of the contour opacity * phi^sigma = 0.01, from the intersections of the edges moved inwards.
 fn contour_tiles(w: ptr<function, Window>, shrunk: f32) -> vec4<i32> {
     var offset: array<f32, 3>;
     var distance = 0.0;
@@ -103,7 +104,7 @@ fn contour_tiles(w: ptr<function, Window>, shrunk: f32) -> vec4<i32> {
         }
         offset[k] = keep(div((*w).edge_offset[k], length2((*w).edge_normal[k])) - distance);
     }
-    var found = vec4<i32>(i32(view.columns), i32(view.rows), 0, 0);
+    var tiles = vec4<i32>(i32(view.columns), i32(view.rows), 0, 0);
     for (var pair = 0; pair < 3; pair++) {
         let current = (pair + 1) % 3;
         let n = (*w).edge_normal[current];
@@ -119,14 +120,14 @@ fn contour_tiles(w: ptr<function, Window>, shrunk: f32) -> vec4<i32> {
         let low = vec2<i32>(tile_number(x / 16.0, view.columns), tile_number(y / 16.0, view.rows));
         let high = vec2<i32>(tile_number(keep(keep(x + 16.0) - 1.0) / 16.0, view.columns),
                              tile_number(keep(keep(y + 16.0) - 1.0) / 16.0, view.rows));
-        found = vec4<i32>(min(found.xy, low), max(found.zw, high));
+        tiles = vec4<i32>(min(tiles.xy, low), max(tiles.zw, high));
     }
-    return found;
+    return tiles;
 }
 
-// Returns the largest of the three distances n.x x + n.y y + t, summed in the official order; it is positive outside. A
-// sample exactly on an edge has distance 0 and alpha 0. With a fused sum the distance could be -1e-5, and a sharp window
-// (phi^0.01) would turn that into an alpha of 0.8.
+// Returns the largest of the three signed distances n.x x + n.y y + t from the edges; it is positive outside. The terms
+// are added in the official order: a sample exactly on an edge then has distance 0 and alpha 0. With a fused sum the
+// distance could be -1e-5, which a sharp window (phi^0.01) would turn into an alpha of 0.8.
 fn nearest_edge(normal_x: vec3<f32>, normal_y: vec3<f32>, offset: vec3<f32>, x: f32, y: f32) -> f32 {
     let e = keep3(keep3(normal_x * x) + keep3(normal_y * y)) + offset;
     return max(max(e.x, e.y), e.z);

@@ -1,5 +1,5 @@
 "use strict";
-// The report of a bake: a list of its meshes, the loss of quality, and facts.
+// The page of a bake: the list of its mesh files, a table of the loss of quality, facts and notes.
 const files = Object.fromEntries([...document.querySelectorAll("script[data-file]")]
   .map((script) => [script.dataset.file, script]));
 

@@ -1,8 +1,8 @@
 "use strict";
 // The cameras, and their control by mouse, touch and keyboard.
 const MOVING_KEYS = { w: [0, 0, 1], s: [0, 0, -1], a: [-1, 0, 0], d: [1, 0, 0], e: [0, -1, 0], q: [0, 1, 0] };
-const PACE = 0.4;               // speed of flying in radii of the model per second
-const REST_MILLISECONDS = 200;  // time after the last movement until a frame is drawn at full resolution
+const PACE = 0.4;               // speed of flying, in radii of the model per second
+const REST_MILLISECONDS = 200;  // pause after a movement before a frame is drawn at full resolution
 
 // ---- cameras
 
@@ -14,7 +14,7 @@ function upVector() {
 }
 
 // Returns `view` with another position and other axes, which are the rows of world_to_camera.
-function placed(view, eye, right, down, forward) {
+function withPose(view, eye, right, down, forward) {
   const rows = [right, down, forward].map((axis) => [axis.x, axis.y, axis.z, -axis.dot(eye)]);
   return { ...view, world_to_camera: [...rows, [0, 0, 0, 1]] };
 }
@@ -52,11 +52,11 @@ function fit() {
   // The same rule as in msb/scenes/paths.py.
   view.unit = distance >= 0.5 && distance <= 64 ? 1 : 2 ** (Math.round(Math.log2(distance)) - 1);
   state.target.copy(world.center);
-  state.view = placed(view, eye, right, down, forward);
+  state.view = withPose(view, eye, right, down, forward);
   show();
 }
 
-// Shows the camera with this number; "" is the free camera.
+// Shows the camera of this number; "" selects the free camera.
 function choose(index) {
   if (index === "") { fit(); return; }
   state.fitted = false;
@@ -76,11 +76,11 @@ function setCameras(list) {
   byId("cameras").replaceChildren(...options.map(([value, text]) => new Option(text, value)));
 }
 
-// ---- movements; `moved` draws the view afterwards
+// ---- movements; call `redrawMoving` after each of them
 
-// `state.moving` is true during movements and for a short time after them; then the view is drawn again.
+// Draws the view while the camera moves (`state.moving` is true), and again at full resolution when it rests.
 let rest = 0;
-function moved() {
+function redrawMoving() {
   state.fitted = false;
   byId("cameras").value = "";
   state.moving = true;
@@ -89,7 +89,7 @@ function moved() {
   show();
 }
 
-// Rotates the view by angles: about the target, or about the eye in the mode "look around".
+// Rotates the view by angles in radians: about the target, or about the eye in the mode "look around".
 function turn(dx, dy) {
   const { eye, right, down, forward } = axes(state.view);
   const up = upVector(), looks = byId("drag").value === "looks";
@@ -102,24 +102,24 @@ function turn(dx, dy) {
   const middle = (looks ? eye : state.target).clone();
   for (const point of [eye, state.target]) point.sub(middle).applyQuaternion(about).add(middle);
   for (const axis of [right, down, forward]) axis.applyQuaternion(about);
-  state.view = placed(state.view, eye, right, down, forward);
+  state.view = withPose(state.view, eye, right, down, forward);
 }
 
-// Pans the view by a distance in pixels, so that the target follows the pointer.
+// Moves the view sideways by a distance in pixels, so that the target follows the pointer.
 function move(dx, dy) {
   const { eye, right, down, forward } = axes(state.view);
   const distance = state.target.clone().sub(eye).dot(forward);
   const step = right.clone().multiplyScalar(-dx * distance / state.view.fx)
     .addScaledVector(down, -dy * distance / state.view.fy);
   state.target.add(step);
-  state.view = placed(state.view, eye.add(step), right, down, forward);
+  state.view = withPose(state.view, eye.add(step), right, down, forward);
 }
 
-// Multiplies the distance to the target.
+// Multiplies the distance of the camera from the target by a factor.
 function zoom(factor) {
   const { eye, right, down, forward } = axes(state.view);
   eye.sub(state.target).multiplyScalar(factor).add(state.target);
-  state.view = placed(state.view, eye, right, down, forward);
+  state.view = withPose(state.view, eye, right, down, forward);
 }
 
 // ---- mouse and touch: one pointer rotates, two pan and zoom
@@ -144,7 +144,7 @@ canvas.parentElement.addEventListener("pointermove", (event) => {
   if (before.length === 2) zoom(distanceOf(before) / distanceOf(after));
   if (before.length === 2 || event.shiftKey || event.buttons & 6) move(dx * scale, dy * scale);
   else turn(dx * Math.PI / document.body.clientHeight, dy * Math.PI / document.body.clientHeight);
-  moved();
+  redrawMoving();
 });
 for (const name of ["pointerup", "pointercancel"]) {
   canvas.parentElement.addEventListener(name, (event) => fingers.delete(event.pointerId));
@@ -155,14 +155,14 @@ canvas.parentElement.addEventListener("wheel", (event) => {
   event.preventDefault();
   if (!state.view) return;
   zoom(Math.exp(Math.sign(event.deltaY) * Math.min(Math.abs(event.deltaY), 100) * 0.0015));
-  moved();
+  redrawMoving();
 }, { passive: false });
 
 // ---- keyboard
 
 const pressed = new Set();
 let flown = 0;  // time of the last step
-// Moves the camera by the pressed keys, once per animation frame.
+// Moves the camera in the direction of the pressed keys; runs once per animation frame.
 function fly(now) {
   if (!pressed.size || !state.view) { flown = 0; return; }
   const seconds = flown ? Math.min(0.1, (now - flown) / 1000) : 1 / 60;
@@ -175,8 +175,8 @@ function fly(now) {
   }
   step.multiplyScalar(seconds * PACE * world.radius * (state.fast ? 4 : 1));
   state.target.add(step);
-  state.view = placed(state.view, eye.add(step), right, down, forward);
-  moved();
+  state.view = withPose(state.view, eye.add(step), right, down, forward);
+  redrawMoving();
   requestAnimationFrame(fly);
 }
 

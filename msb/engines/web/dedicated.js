@@ -1,8 +1,8 @@
 "use strict";
 import { matrixOf } from "./camera.js";
-// Executes the plan of a frame (msb/engines/hardware/program.py) with WebGPU: the same WGSL, buffers and passes as in
-// the renderer `wgpu`. The only data computed here for each frame is the camera record.
-const SLOT = 256;        // bytes between the entries of a uniform buffer that are bound one by one
+// Executes the plan of a frame (msb/engines/hardware/program.py) with WebGPU. WGSL, buffers and passes are those of the
+// renderer `wgpu`. The only data that this script computes for a frame is the camera record.
+const SLOT = 256;        // bytes between entries of a uniform buffer that are bound separately
 const PIXEL_BYTES = 20;  // red, green, blue, alpha and depth of a pixel, float32
 const ROOM = 1 << 23;    // maximum number of samples of a band
 const TILE = 16;         // width and height of an official tile in pixels
@@ -27,7 +27,8 @@ struct Band { first: vec2<u32>, size: vec2<u32>, output: u32 }
 
 // ---- the camera record
 
-// Returns the signs of the rows of W and the projection matrix of blended methods, as in msb/render/splat/view.py.
+// Returns the signs of the rows of world_to_camera and the projection matrix of blended methods, as in
+// msb/render/splat/view.py.
 function blendedProjection(view, near, far) {
   const f = Math.fround, tan = [view.width / (2 * view.fx), view.height / (2 * view.fy)];
   return [[1, 1, 1, 1], [
@@ -36,8 +37,8 @@ function blendedProjection(view, near, far) {
   ]];
 }
 
-// Returns the same for DiffSoup, as in its native_model.py. With `flip` (layout "synthetic") the matrix is computed in
-// double precision and rounded once.
+// Returns the signs and the projection matrix of DiffSoup, as in its native_model.py. With `flip` (layout "synthetic")
+// the matrix is computed in double precision and rounded once.
 function surfaceProjection(view, near, far, flip) {
   const f = Math.fround, g = flip ? (x) => x : f;
   const [w, h, fx, fy, cx, cy] = [view.width, view.height, view.fx, view.fy, view.cx, view.cy].map(g);
@@ -49,10 +50,11 @@ function surfaceProjection(view, near, far, flip) {
 
 // Returns the members of the camera record that all methods share, with the formulas and float32 roundings of
 // msb/render/splat/view.py. camera.js describes a view.
-function cameraMembers(view, scale, near, far, own) {
+function cameraMembers(view, scale, near, far, methodValues) {
   const f = Math.fround, W = matrixOf(view).map((row) => row.map(f));
   const tan = [view.width / (2 * view.fx), view.height / (2 * view.fy)];
-  const [signs, P] = "flip" in own ? surfaceProjection(view, near, far, own.flip) : blendedProjection(view, near, far);
+  const [signs, P] = "flip" in methodValues ? surfaceProjection(view, near, far, methodValues.flip)
+    : blendedProjection(view, near, far);
   const full = P.map((row) => [0, 1, 2, 3].map((column) => {
     let sum = f(row[0] * signs[0] * W[0][column]);
     for (let k = 1; k < 4; k += 1) sum = f(sum + f(row[k] * signs[k] * W[k][column]));
@@ -66,7 +68,8 @@ function cameraMembers(view, scale, near, far, own) {
   };
 }
 
-// Returns -R^-1 t. The inverse is computed by cofactors, because a float32 rotation is not exactly orthogonal.
+// Returns the centre of the camera, -R^-1 t. The inverse is computed by cofactors, because a float32 rotation is not
+// exactly orthogonal.
 function cameraCenter(W) {
   const [a, b, c] = W;
   const cross = (u, v) => [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
@@ -76,9 +79,9 @@ function cameraCenter(W) {
 }
 
 // Returns the camera record as bytes.
-function viewRecord(about, scale, view, background, degree, own) {
-  const values = { ...cameraMembers(view, scale, about.near, about.far, own), background, degree: [degree] };
-  for (const [name, value] of Object.entries(own)) values[name] = [value];
+function viewRecord(about, scale, view, background, degree, methodValues) {
+  const values = { ...cameraMembers(view, scale, about.near, about.far, methodValues), background, degree: [degree] };
+  for (const [name, value] of Object.entries(methodValues)) values[name] = [value];
   const data = new DataView(new ArrayBuffer(about.bytes));
   const write = { f32: "setFloat32", i32: "setInt32", u32: "setUint32" };
   for (const [name, type, count, offset] of about.members) {
@@ -119,7 +122,8 @@ async function openDevice(needs) {
 // ---- the plan
 
 export class Dedicated {
-  // `about` is scene.dedicated of the page, `read(name)` returns an array, `onProgress(text)` is called for messages.
+  // Prepares a model. `about` is scene.dedicated of the page, `read(name)` returns a promise of an array, and
+  // `onProgress(text)` is called with progress messages.
   static async open(about, canvas, read, onProgress) {
     const result = new Dedicated();
     Object.assign(result, { about, canvas, held: new Map(), compiled: new Map(), groups: new Map(), size: null });
@@ -147,7 +151,7 @@ export class Dedicated {
     return this;
   }
 
-  // Calls `create`, which creates objects on the device, and throws the device's errors.
+  // Calls `create`, which creates objects on the device, and throws an error if the device rejects them.
   async #checked(create) {
     this.device.pushErrorScope("validation");
     this.device.pushErrorScope("out-of-memory");
@@ -159,7 +163,7 @@ export class Dedicated {
     return result;
   }
 
-  // Uses the plan with this number from the next frame on.
+  // Compiles the plan of this number and uses it from the next frame on.
   async use(number) {
     this.wanted = number;
     if (!this.compiled.has(number)) this.compiled.set(number, this.#checked(() => this.#compile(this.about.plans[number])));
@@ -192,7 +196,7 @@ export class Dedicated {
     return buffer;
   }
 
-  // Uploads every array of every plan to a buffer with the array's name.
+  // Uploads the arrays of all plans. The buffer of an array has the name of the array.
   async #upload(read, onProgress) {
     const wanted = new Map();
     for (const { arrays, buffers } of this.about.plans) {
@@ -206,7 +210,7 @@ export class Dedicated {
     }
   }
 
-  // Returns the buffer or texture of a name in the plan.
+  // Returns the buffer or texture that the current plan calls `name`.
   #of(name) { return this.held.get(this.plan.arrays[name] ?? name); }
 
   // Explicit layouts are needed because a stage may bind resources that it does not use.
@@ -267,7 +271,7 @@ export class Dedicated {
     });
   }
 
-  // Creates the textures and buffers of a frame. They have the size of a band and are reused for each band.
+  // Creates the textures and buffers for frames of this size. They have the size of a band, and all bands share them.
   #makeTargets(width, height) {
     if (this.size?.[0] === width && this.size[1] === height) return;
     const side = Math.floor(this.device.limits.maxTextureDimension2D / this.plan.scale);
@@ -365,15 +369,15 @@ export class Dedicated {
     pass.end();
   }
 
-  // Draws onto the canvas. With `copy`, a destination buffer, it also copies the canvas's bytes.
-  #encode(view, background, degree, own, copy) {
+  // Draws onto the canvas. If `copy` is given, a destination buffer, the bytes of the canvas are copied to it.
+  #encode(view, background, degree, methodValues, copy) {
     const { canvas, device } = this;
     if (canvas.width !== view.width || canvas.height !== view.height) {
       canvas.width = view.width;
       canvas.height = view.height;
     }
     this.#makeTargets(view.width, view.height);
-    const record = viewRecord(this.about.view, this.plan.scale, view, background, degree, own);
+    const record = viewRecord(this.about.view, this.plan.scale, view, background, degree, methodValues);
     device.queue.writeBuffer(this.held.get("view"), 0, record);
     const encoder = device.createCommandEncoder(), texture = this.context.getCurrentTexture();
     const computing = encoder.beginComputePass();
@@ -392,19 +396,19 @@ export class Dedicated {
     device.queue.submit([encoder.finish()]);
   }
 
-  // Draws a view; resolves when the frame is complete. `own` has the method's members of the camera record.
-  async draw(view, background, degree, own) {
-    this.#encode(view, background, degree, own, null);
+  // Draws a view; resolves when the frame is complete. `methodValues` has the method's members of the camera record.
+  async draw(view, background, degree, methodValues) {
+    this.#encode(view, background, degree, methodValues, null);
     await this.device.queue.onSubmittedWorkDone();
   }
 
   // Draws a view and returns the canvas's pixels: RGB bytes, the top row first.
-  async pixels(view, background, degree, own) {
+  async pixels(view, background, degree, methodValues) {
     const stride = Math.ceil(4 * view.width / SLOT) * SLOT;
     const buffer = this.device.createBuffer({
       size: stride * view.height, usage: GPUBufferUsage.COPY_DST | GPUBufferUsage.MAP_READ,
     });
-    this.#encode(view, background, degree, own, { buffer, bytesPerRow: stride });
+    this.#encode(view, background, degree, methodValues, { buffer, bytesPerRow: stride });
     await buffer.mapAsync(GPUMapMode.READ);
     const bytes = new Uint8Array(buffer.getMappedRange()), rgb = new Uint8Array(3 * view.width * view.height);
     const first = this.canvasFormat.startsWith("bgra") ? 2 : 0;

@@ -1,5 +1,5 @@
 "use strict";
-// The page of a mesh: two interpretations of colours, and files that are dropped or chosen.
+// Only in pages of a mesh: selects the interpretation of colours, and opens files that are dropped or chosen.
 byId("colors").addEventListener("change", (event) => { setColors(event.target.value); show(); });
 window.addEventListener("dragover", (event) => { event.preventDefault(); document.body.classList.add("over"); });
 window.addEventListener("dragleave", () => document.body.classList.remove("over"));

@@ -1,6 +1,7 @@
 "use strict";
-// The page contains the published modules of three.js, compressed. Each becomes a blob; the imports in later modules
-// are replaced with the blob's address. Then the page's scripts run. `ready` resolves to false if nothing is shown.
+// The page contains the published modules of three.js, compressed. This script makes a blob of each module, and replaces
+// imports in later modules with the address of the blob. Then it runs the scripts of the page. The promise `ready`
+// resolves to false if the page cannot show anything.
 const byId = (id) => document.getElementById(id);
 const say = (text) => { byId("message").textContent = text; byId("message").hidden = !text; };
 
@@ -34,5 +35,5 @@ const ready = (async () => {
     say(`This browser cannot show the page: ${error.message || error}. Try a current Chrome, Edge, Firefox or Safari.`);
     return false;
   }
-  return typeof main === "function" && main();  // `main` is missing after an error, which is shown
+  return typeof main === "function" && main();  // without `main` a script failed and has shown a message
 })();

@@ -1,8 +1,8 @@
 "use strict";
-// The page of the dedicated tier: the native rendering by WebGPU, above the standard-tier mesh by WebGL.
+// The page of the dedicated tier. The canvas of the native rendering (WebGPU) lies above that of the mesh (WebGL).
 const about = start.dedicated;
 const nativeCanvas = byId("native");
-const SLOW = 60;        // milliseconds per frame above which the resolution is lower while the camera moves
+const SLOW = 60;        // milliseconds per frame; slower devices draw at a lower resolution while the camera moves
 const WIPE_KEYS = { ArrowLeft: -0.02, ArrowRight: 0.02 };
 let native = null;      // the native rendering, a Dedicated; null without WebGPU
 let meshArrays = null;  // the arrays of the standard-tier mesh, until it is created
@@ -10,15 +10,16 @@ const meshes = {};      // "standard" and "baked" -> three.js meshes
 let degree = about.view.degree;
 let members = { ...about.view.own };  // the method's members of the camera record
 const REPLACEMENT = about.baked
-  ? "The baked mesh is shown instead, which msb bake made to look like the model."
+  ? "The mesh that msb bake made from this model is shown instead."
   : about.standard.grey
   ? `The triangles are shown in grey instead, because ${about.title} models have colours only in their native rendering.`
-  : "The standard mesh is shown instead, as any engine draws it.";
+  : "The standard mesh, which any engine can draw, is shown instead.";
 const GREY_LABEL = "grey triangles";
 const note = (text) => { byId("note").textContent = text; byId("note").hidden = !text; };
 
-// The reason for a missing native rendering, and a remedy. The note also depends on the WebGL context.
+// The reason for a missing native rendering, and a remedy.
 let reason = "", remedy = "";
+// Shows a note about the missing native rendering and about the mesh that replaces it.
 function explainReplacement() {
   const lost = "The WebGL context was lost as well, so nothing can be drawn. Reload the page.";
   note(gl.isContextLost() ? `${reason} ${lost}` : `${reason} ${REPLACEMENT}${remedy}`);
@@ -30,11 +31,12 @@ onWebGlChange = (lost) => {
 
 // ---- arrays
 
-// Returns an array of the page. Arrays of the standard-tier mesh are read before it is created, so `cache` keeps them.
+// Returns an array of the page. Every array can be read from the page only once, so `cache` keeps the arrays that the
+// standard-tier mesh needs as well.
 async function arrayOf(name, cache) {
   if (cache[name]) return cache[name];
   const { shrunk: source, ...head } = about.arrays[name];
-  const array = source ? shrunk(await arrayOf(source.of, cache), source.factor) : await storedArray(name, head);
+  const array = source ? shrink(await arrayOf(source.of, cache), source.factor) : await storedArray(name, head);
   if (Object.values(about.standard).includes(name) || name === source?.of) cache[name] = array;
   return array;
 }
@@ -50,7 +52,7 @@ function staticColors(f_dc, corners) {
   return colors;
 }
 
-// Creates the standard-tier mesh from its arrays, with the selected faces only.
+// Creates the standard-tier mesh with the selected faces from `meshArrays`.
 function makeMesh() {
   const { positions, indices, colors, shown: selected, soup } = meshArrays;
   meshArrays = null;
@@ -80,7 +82,7 @@ if (about.baked) {
   const db = (value) => (value === null ? "" : ` (${value.toFixed(1)} dB)`);
   byId("shown").append(new Option("baked mesh" + db(about.baked.psnr), "baked"), new Option("native | baked mesh (split view)", "wipe-baked"));
   byId("shown").querySelector("option[value=standard]").textContent += db(about.baked.plain);
-  byId("shown").title = `dB: average PSNR of the mesh against ${about.against} in ${about.tests.length} views, one sample per pixel; higher is better`;
+  byId("shown").title = `dB: average PSNR of the mesh against ${about.against}, in ${about.tests.length} views with one sample per pixel. Higher is better.`;
 }
 
 let busy = false, again = false, milliseconds = 0;
@@ -89,7 +91,7 @@ function drawNative(view) {
   if (busy) { again = true; return; }
   busy = true;
   const begun = performance.now(), size = state.moving ? movingScale(milliseconds) : 1;
-  native.draw(resized(view, size), state.background, degree, members).then(() => {
+  native.draw(scaleView(view, size), state.background, degree, members).then(() => {
     const took = performance.now() - begun;
     // Estimate the time at full size: most of the time is spent on pixels.
     milliseconds = size === 1 ? took : Math.max(milliseconds * 0.9, took);
@@ -101,10 +103,10 @@ function drawNative(view) {
     if (again) { again = false; show(); }
   });
 }
-// Returns the scale of frames while the camera moves.
+// Returns the scale of the resolution while the camera moves, from the milliseconds of a frame.
 const movingScale = (took) => (took < SLOW ? 1 : took < 4 * SLOW ? 0.5 : 0.25);
 
-function resized(view, factor) {
+function scaleView(view, factor) {
   if (factor === 1) return view;
   const width = Math.max(1, Math.round(view.width * factor)), height = Math.max(1, Math.round(view.height * factor));
   const x = width / view.width, y = height / view.height;
@@ -152,9 +154,10 @@ saveImage = () => {
   native.draw(state.view, state.background, degree, members);
   download(nativeCanvas);
 };
+
 // ---- settings that change only the camera record
 
-// Adds a drop-down list to the panel; `changed` is called with the number of the chosen option.
+// Adds a drop-down list to the panel. `changed` is called with the index of the chosen option.
 function addSetting(name, options, value, changed) {
   const label = document.createElement("label"), select = document.createElement("select");
   select.replaceChildren(...options.map((text, k) => new Option(text, k)));

@@ -1,6 +1,6 @@
 "use strict";
-// Shows one mesh with three.js as the standard tier does: unlit, two-sided, nearest face. A mesh without colours is
-// shaded in grey, as on our standard tier.
+// Shows a mesh with three.js as on the standard tier: unlit, two-sided, the nearest face of each pixel. A mesh without
+// colours is shaded in grey.
 const NEAR = 0.01;                 // near plane, in units of the view
 const FOV_Y = 40 * Math.PI / 180;  // vertical field of view of the free camera
 const canvas = byId("view");
@@ -15,7 +15,7 @@ const renderer = new THREE.WebGLRenderer({ canvas, context: gl });
 renderer.autoClear = false;
 renderer.setPixelRatio(1);
 renderer.toneMapping = THREE.NoToneMapping;
-// Colours are converted by the materials below only.
+// Disable the conversion of colours in three.js. The materials below convert them.
 THREE.ColorManagement.enabled = false;
 renderer.outputColorSpace = THREE.LinearSRGBColorSpace;
 // Enables extensions. With EXT_clip_control the float32 depth is 1 at the near plane and 0 at infinity, which is most
@@ -27,7 +27,7 @@ function enableExtensions() {
 }
 const { floats, clip } = enableExtensions();
 
-// Called when the WebGL context is lost, and when it is restored; three.js then recreates its objects.
+// Called when the WebGL context is lost, and when it is restored. After that, three.js recreates its objects.
 let onWebGlChange = (lost) => say(lost ? "The WebGL context was lost, so nothing can be drawn. Reload the page." : "");
 canvas.addEventListener("webglcontextlost", () => onWebGlChange(true));
 canvas.addEventListener("webglcontextrestored", () => { enableExtensions(); onWebGlChange(false); show(); });
@@ -40,8 +40,8 @@ const state = { view: null, fitted: true, target: new THREE.Vector3(), backgroun
 
 // ---- drawing
 
-// Returns the render target of a pixel type (float or byte) with this size.
-const targets = new Map();
+const targets = new Map();  // pixel type -> render target
+// Returns a render target with this pixel type (float or byte) and size; an earlier one of this type is reused or replaced.
 function target(type, width, height) {
   let result = targets.get(type);
   if (result && (result.width !== width || result.height !== height)) {
@@ -72,7 +72,7 @@ function aim(view) {
   camera.projectionMatrixInverse.copy(camera.projectionMatrix).invert();
 }
 
-// Draws the scene over a colour into a render target.
+// Draws the scene into a render target, over a background colour.
 function paint(destination, color) {
   renderer.setRenderTarget(destination);
   renderer.state.buffers.color.setMask(true);
@@ -92,7 +92,7 @@ const copy = new THREE.Mesh(new THREE.PlaneGeometry(2, 2), new THREE.ShaderMater
 copy.frustumCulled = false;
 const copyScene = new THREE.Scene().add(copy);
 
-// Whether vertex colours are linear light, as glTF specifies, or sRGB values that are displayed unchanged.
+// True if vertex colours are linear light, as glTF specifies; false if they are sRGB values to display unchanged.
 const linear = { value: true };
 function setColors(rule) {
   linear.value = rule !== "stored";
@@ -136,8 +136,8 @@ const greyMaterial = () => new THREE.ShaderMaterial({
     }`,
 });
 
-// Returns an unlit material with the colours and the texture of a glTF material. The shader ends with an sRGB encoding
-// if its colours are linear light; textures always give linear light.
+// Returns an unlit material with the colours and the texture of a glTF material. If the colours are linear light, the
+// shader finally encodes them as sRGB. The colours of textures are always linear light.
 function materialOf(geometry, old) {
   const colored = geometry.attributes.color !== undefined, map = old?.map || null;
   if (!colored && !map && (!old || old.color.getHex() === 0xffffff)) return greyMaterial();
@@ -160,7 +160,7 @@ const parseGlb = (buffer) => new THREE.GLTFLoader().setMeshoptDecoder(THREE.Mesh
 
 const decodeBase64 = (text) => Uint8Array.from(atob(text), (c) => c.charCodeAt(0)).buffer;
 
-// Returns the bytes of the mesh file in the page, null if the page has none.
+// Returns the bytes of the mesh file in the page, or null if the page contains no mesh.
 function embeddedFile() {
   const element = byId("glb"), text = element.textContent;
   element.remove();
@@ -178,7 +178,7 @@ async function open(buffer, name) {
   say("");
 }
 
-// Replaces the mesh that is shown by the meshes of a group; returns the number of faces.
+// Shows the meshes of a group in place of the current mesh, and returns their number of faces.
 function setMesh(group) {
   if (world.mesh) {
     world.mesh.traverse((node) => { node.geometry?.dispose(); node.material?.map?.dispose(); });

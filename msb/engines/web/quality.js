@@ -1,5 +1,5 @@
 "use strict";
-// The accuracy of the page: compares its canvas with the reference images stored in it.
+// Measures the accuracy of the page: compares its canvas with the reference images that the page contains.
 const decibels = (value) => (value === null ? "identical" : `${value.toFixed(1)} dB`);
 
 // Returns the PSNR in dB of two arrays of bytes, null if they are equal.
@@ -9,7 +9,7 @@ function psnr(drawn, reference) {
   return sum ? 10 * Math.log10(255 * 255 * drawn.length / sum) : null;
 }
 
-// Draws test view `k` with the model's settings and returns its bytes.
+// Draws test view `k` with the stored settings of the model and returns its bytes.
 async function pixelsOf(k) {
   const test = about.tests[k];
   return native.pixels(test.view, test.background, about.view.degree, about.view.own);
@@ -41,15 +41,15 @@ async function measure() {
   show();
 }
 
-// Returns the lowest PSNR of a list, null if all images are equal.
+// Returns the lowest PSNR of a list, or null if all images are equal.
 const worst = (list) => list.reduce((low, value) => (value !== null && (low === null || value < low) ? value : low), null);
 
 function showQuality() {
   byId("quality").hidden = !about.tests.length;
   const { measured } = about;
   const lines = [];
-  if (measured) lines.push(`When written: ${decibels(worst(measured.psnr))} (${measured.by}).`);
-  else lines.push("Not measured when this page was written.");
+  if (measured) lines.push(`When this page was written: ${decibels(worst(measured.psnr))} (${measured.by}).`);
+  else lines.push("The accuracy was not measured when this page was written.");
   if (measuredHere) lines.push(`On this device: ${decibels(worst(measuredHere))} (${native.name}).`);
   lines.push(`PSNR of this page's images against ${about.against}, in the worst of ${about.tests.length} test views. ` +
     "Above 40 dB differences are invisible.");
@@ -69,7 +69,7 @@ function showQuality() {
   byId("views").replaceChildren(top, body);
   byId("views").hidden = head.length === 1;
   byId("measure").hidden = !native;
-  byId("costs").textContent = "The model was reduced for this page. PSNR against the images before each step: " +
+  byId("costs").textContent = "The model was reduced for this page. PSNR after each step, against the images before it: " +
     about.costs.map((cost) => `${cost.what}: ${decibels(cost.psnr)}.`).join(" ");
   byId("costs").hidden = !about.costs.length;
 }

@@ -1,5 +1,5 @@
 "use strict";
-// Only in pages of the renderer `threejs`: executes the tasks of its server (browser.py).
+// Only in pages of the renderer `threejs`: draws the tasks that its server (browser.py) sends.
 const depthMaterial = new THREE.ShaderMaterial({
   side: THREE.DoubleSide, depthFunc: clip ? THREE.GreaterDepth : THREE.LessDepth,
   vertexShader: `varying float distance_;
@@ -13,7 +13,7 @@ const depthMaterial = new THREE.ShaderMaterial({
 const clock = gl.getExtension("EXT_disjoint_timer_query_webgl2");
 
 // Draws a frame and returns its time in milliseconds: `wall`, and `device` if the browser has timer queries.
-async function timed(view, background) {
+async function drawTimed(view, background) {
   const into = target(THREE.FloatType, view.width, view.height);
   aim(view);
   const query = clock ? gl.createQuery() : null;
@@ -33,13 +33,13 @@ async function timed(view, background) {
   return device ? { wall, device } : { wall };
 }
 
-function pixels(view) {
+function readPixels(view) {
   const values = new Float32Array(4 * view.width * view.height);
   gl.readPixels(0, 0, view.width, view.height, gl.RGBA, gl.FLOAT, values);
   return values;
 }
 
-// Returns a material that writes the depth. With an alpha cutoff it is the material itself with another output.
+// Returns a material that writes the depth. For a material with an alpha cutoff it is a copy with a changed output.
 function depthOf(material) {
   if (!material.alphaTest) return depthMaterial;
   const depth = material.clone();
@@ -50,19 +50,19 @@ function depthOf(material) {
   return depth;
 }
 
-// Draws the depths, with other materials for the time being; returns float32 values, the lowest row first.
-function depths(view) {
+// Draws the depths and returns them as float32 values, the lowest row first. Other materials are used for this.
+function readDepths(view) {
   const materials = new Map();
   world.mesh.traverse((node) => { if (node.isMesh) materials.set(node, node.material); });
   for (const [node, material] of materials) node.material = depthOf(material);
   paint(target(THREE.FloatType, view.width, view.height), [0, 0, 0]);
   for (const [node, material] of materials) node.material = material;
-  const values = pixels(view), depth = new Float32Array(view.width * view.height);
+  const values = readPixels(view), depth = new Float32Array(view.width * view.height);
   for (let i = 0; i < depth.length; i += 1) depth[i] = values[4 * i];
   return depth;
 }
 
-// Returns the bytes of the canvas, after the page's colour conversion.
+// Draws onto the canvas, with the page's colour conversion, and returns its bytes.
 function canvasBytes(view, background) {
   Object.assign(state, { view, background });
   showNow();
@@ -72,7 +72,7 @@ function canvasBytes(view, background) {
   return values;
 }
 
-function bytesHeld() {
+function countBytes() {
   const bytes = { ...world.bytes };
   for (const { width, height } of targets.values()) {
     bytes.image = width * height * 16;
@@ -97,10 +97,10 @@ async function runTasks() {
     try { task = await (await fetch("next")).json(); } catch { window.close(); return; }
     try {
       const { view, background } = task;
-      const ms = await timed(view, background);
-      const parts = task.read ? [pixels(view), depths(view)] : [];
+      const ms = await drawTimed(view, background);
+      const parts = task.read ? [readPixels(view), readDepths(view)] : [];
       if (task.canvas) parts.push(canvasBytes(view, background));
-      await answer({ ms, memory: bytesHeld() }, ...parts);
+      await answer({ ms, memory: countBytes() }, ...parts);
     } catch (error) { await answer({ error: String(error.message || error) }); }
   }
 }

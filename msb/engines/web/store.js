@@ -3,7 +3,7 @@
 const CHUNK = 192;  // rows per chunk of "grid"
 const TYPES = { float32: Float32Array, uint32: Uint32Array, uint16: Uint16Array, uint8: Uint8Array };
 
-// Inflates the elements <script data-array="name"> of a page and removes them; returns `size` bytes.
+// Returns the inflated content (`size` bytes) of the elements <script data-array="name"> of a page, and removes them.
 async function storedBytes(name, size, page) {
   const parts = [...page.querySelectorAll("script[data-array]")].filter((part) => part.dataset.array === name);
   if (!parts.length) throw new Error(`the page does not contain the array "${name}"`);
@@ -33,7 +33,7 @@ async function storedBytes(name, size, page) {
   return result;
 }
 
-// Returns rows of values from columns of byte planes.
+// Returns a table of values, row by row, from columns of byte planes.
 function join(raw, rows, columns, Type) {
   const size = Type.BYTES_PER_ELEMENT, result = new Type(rows * columns);
   for (let column = 0; column < columns; column += 1) {
@@ -88,14 +88,14 @@ const DECODERS = {
   },
 };
 
-// Returns the array `name` with this head from a page.
+// Returns the array `name` of a page; `head` describes its encoding.
 export async function storedArray(name, head, page = document) {
   const rows = head.shape[0], columns = head.shape.slice(1).reduce((a, b) => a * b, 1);
   return DECODERS[head.how](await storedBytes(name, head.bytes, page), head, rows, columns);
 }
 
 // Returns triangles (three consecutive rows each) shrunk about their centroids, in float32 arithmetic.
-export function shrunk(positions, factor) {
+export function shrink(positions, factor) {
   const f = Math.fround, result = new Float32Array(positions.length);
   for (let i = 0; i < positions.length; i += 9) {
     for (let k = i; k < i + 3; k += 1) {

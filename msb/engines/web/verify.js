@@ -1,5 +1,5 @@
 "use strict";
-// Added when a page is measured (dedicated_page/measurement.py): draws test views as its server requests.
+// Added to a page for its measurement (dedicated_page/measurement.py): draws the test views that the server requests.
 (async () => {
   const answer = async (head, ...parts) =>
     fetch("answer", { method: "POST", body: new Blob([JSON.stringify(head), "\n", ...parts]) });
