@@ -46,10 +46,10 @@ def test_without_files_appearance_is_judged_by_the_loss_of_psnr(
 @pytest.mark.parametrize(
     ("noise", "psnr", "mark", "value"),
     [
-        (0, (30.0, 30.0), "YES", "(100.0 dB"),
-        (2, (30.0, 30.0), "YES", "(4"),
+        (0, (30.0, 30.0), "YES", ": 100.0 dB"),
+        (2, (30.0, 30.0), "YES", ": 4"),
         (9, (30.0, 34.0), "WITH CARE", "4.00 dB better"),
-        (60, (30.0, 30.0), "NO", "(1"),
+        (60, (30.0, 30.0), "NO", ": 1"),
         (60, (6.71, 7.26), "UNKNOWN", "6.71 dB"),
         (0, (30.0, 20.0), "YES", "10.00 dB worse"),
         (0, (30.0, 30.001), "YES", "no loss"),
