@@ -310,7 +310,7 @@ def _list_changed_files(results: ResultSet, views: Iterable[ComparedView]) -> It
         yield f"missing rendering: {missing[0]}{more}; msb run renders missing images again"
     renderings = (rendering for view in views for row in view.renderings.values() for rendering in row)
     for path in dict.fromkeys(rendering.changed for rendering in renderings if rendering.changed):
-        yield f"the rendering {path} has changed since it was measured; msb run renders it again"
+        yield f"changed rendering: {path} has changed since it was measured; msb run renders it again"
 
 
 def _list_failures(results: ResultSet) -> list[str]:

@@ -320,8 +320,8 @@ def _describe_not_monotone(
     )
     sentence = (
         f"Quality is not monotone for {_format_pair(dataset, method)} ({metrics}): {better}. The losses in "
-        f"{definition.title} are {losses}. The adaptation and portability gaps together exceed the deployment "
-        f"gap by {format_value(key.metric, gaps.triangle_excess or 0.0)}{unit}."
+        f"{definition.title} are {losses}. The adaptation and portability gaps together exceed the "
+        f"deployment gap by {format_value(key.metric, gaps.triangle_excess or 0.0)}{unit}."
     )
     if others:
         names = ", ".join(_format_pair(*place[:2]) for place in others)
