@@ -55,7 +55,7 @@ ALLOWED: dict[str, set[str]] = {
     "methods.adapter": GROUND | {"adapters", "meshes"},
     "methods.official": GROUND | {"adapters", "meshes", "methods.adapter"},
     "methods.reference": GROUND | {"reference"},
-    "methods.look": GROUND | {"render", "cl"},
+    "methods.native": GROUND | {"render", "cl"},
     # report uses records and derived numbers of bench, and number formats of metrics and topology.
     "report": {"errors", "base", "registry", "bench", "metrics", "topology"},
     "bench": GROUND
