@@ -216,11 +216,14 @@ def gates() -> list[bytes]:
 def results() -> list[bytes]:
     from msb.bench.documents import STORED, RepairDocument, TrialDocument
     from msb.bench.records import CONDITIONS
-    from tests.report.factory import TASK, make_result, repairs, trial, way
+    from tests.report.factory import TASK, make_result, repairs, strategy_json, trial
 
     made = [make_result("capture", "desk", "two_dts", condition) for condition in CONDITIONS]
     mesh = make_result("capture", "desk", "mesh_splatting", "exported_mesh")
-    tried = {"trial": TrialDocument.of(trial(TASK)), "repairs": RepairDocument.of(repairs(way(STORED)))}
+    tried = {
+        "trial": TrialDocument.of(trial(TASK)),
+        "repairs": RepairDocument.of(repairs(strategy_json(STORED))),
+    }
     variant = made[CONDITIONS.index("dedicated")]
     made += [
         make_result("dtu", "scan24", "two_dts", "non_engine", renderer_timing=timing()),

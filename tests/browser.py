@@ -1,7 +1,8 @@
-"""A headless browser that many tests share, because starting one takes four seconds of processor time.
+"""A headless browser that many tests share, because its start takes four seconds of processor time.
 
 It is controlled over a pipe with the debugging protocol of Chromium
-(https://chromedevtools.github.io/devtools-protocol/). Each page has a separate context, and thus storage.
+(https://chromedevtools.github.io/devtools-protocol/). Each page has a separate context, so that pages share
+no storage.
 """
 
 import contextlib
@@ -47,7 +48,8 @@ class Browser:
         self._number, self._unread, self._folder = 0, b"", folder
         browser_in, self._to = os.pipe()
         self._from, browser_out = os.pipe()
-        # The browser reads from descriptor 3 and writes to 4. Move ours away from these numbers first.
+        # The browser reads from file descriptor 3 and writes to 4. Duplicate ours to numbers from 10, so that
+        # dup2 below cannot overwrite them.
         pair = [fcntl.fcntl(end, fcntl.F_DUPFD, 10) for end in (browser_in, browser_out)]
         self._log: IO[bytes] = (folder / "log").open("w+b")
         root = ["--no-sandbox"] if os.geteuid() == 0 else []

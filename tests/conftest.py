@@ -27,11 +27,11 @@ SHORT = {
     "report": {"--topology": "none"},
     "view": {"--size": "320x240"},
 }
-"""Command -> options that shorten it, for tests that only check its exit status."""
+"""Command -> options that make it faster, for tests that only check its exit status."""
 
 
-def shortened(words: Sequence[str]) -> list[str]:
-    """Return a command line (with its program) with the missing options of `SHORT`."""
+def shorten(words: Sequence[str]) -> list[str]:
+    """Return a command line (with its program), extended by those options of `SHORT` that it lacks."""
     typed = {word.partition("=")[0] for word in words}
     options = SHORT.get(words[1], {}) if words[0] == "msb" and len(words) > 1 else {}
     added = [word for flag, value in options.items() if flag not in typed for word in (flag, value)]
@@ -57,10 +57,11 @@ KERNELS = pytest.StashKey[tuple[Path, int]]()
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Give this session and its child processes a separate kernel cache, and PoCL's wheel as only platform.
+    """Isolate this session and its child processes from the OpenCL set-up of the system.
 
-    Then damaged caches, other versions of the kernels, and other platforms of the system do not affect tests.
-    Variables that are already set are not changed; `tests.machines` sets them. Hypothesis gets no time limit.
+    They get a separate kernel cache, and PoCL's wheel as the only platform. Damaged caches, other versions of
+    the kernels and other platforms of the system then do not affect tests. Environment variables that are
+    already set, for example by `tests.machines`, are not changed. Hypothesis gets no time limit.
     """
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # shells do this for background processes
         signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -89,7 +90,7 @@ def pytest_collection_finish() -> None:
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
-    """List skipped tests with reasons, except in worker processes."""
+    """Pass the reasons of skipped tests to `list_skips`, except in worker processes."""
     if hasattr(terminalreporter.config, "workerinput"):
         return
     reasons = (str(report.longrepr[2]) for report in terminalreporter.stats.get("skipped", ()))
@@ -97,7 +98,7 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
 
 
 def list_skips(reasons: Iterable[str]) -> None:
-    """Append lines to the file MSB_TEST_SKIPS, if it is set: it collects the skips of several sessions."""
+    """Append reasons to the file that MSB_TEST_SKIPS names, which collects the skips of several sessions."""
     if file := os.environ.get("MSB_TEST_SKIPS"):
         with Path(file).open("a", encoding="utf-8") as stream:
             stream.writelines(f"{reason}\n" for reason in reasons)
@@ -125,7 +126,7 @@ def validator(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Validator | 
 
 @pytest.fixture(autouse=True)
 def _valid_glbs(validator: Validator | None) -> Iterator[None]:
-    """Check that every GLB that a test or its commands write has no errors and no warnings."""
+    """Check that GLB files written by the test or by its commands have no errors and no warnings."""
     yield
     if validator is not None:
         assert validator.judge_written() == {}
@@ -165,7 +166,7 @@ def in_browser(browser: Browser) -> Callable[..., Any]:
 
 @pytest.fixture
 def unknown(tmp_path: Path) -> dict[str, str]:
-    """Return environment variables with which the PoCL wheel does not know the processor."""
+    """Return environment variables that make the PoCL wheel behave as on an unknown processor."""
     from msb.cl import loader, pocl_fix
     from msb.cl.devices import find_devices
 

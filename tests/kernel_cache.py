@@ -1,7 +1,8 @@
-"""Cache of compiled kernels between test sessions: compiling takes a third of the time of `make test`.
+"""Cache of compiled kernels between test sessions: compilation takes a third of the time of `make test`.
 
-Each session works on a copy, which replaces the cache only if all tests passed, so that incomplete files of a
-killed compiler do not affect tests. PoCL distinguishes programs, options and processors itself.
+Each session works on a copy of the cache. The copy replaces the cache only if all tests passed, so that
+incomplete files of a killed compiler do not affect later sessions. The files of PoCL are already separate for
+each program, its options and the processor.
 """
 
 import hashlib
@@ -31,8 +32,8 @@ def cache_folder() -> Path:
 
 
 def copy_to(folder: Path) -> int:
-    """Copy the cache, if it exists, to `folder`; return the number of files."""
-    with suppress(OSError, metadata.PackageNotFoundError):  # without the cache tests are slower
+    """Copy the cache, if it exists, to `folder`; return the number of files in it."""
+    with suppress(OSError, metadata.PackageNotFoundError):  # tests also work without the cache, but slower
         shutil.copytree(cache_folder(), folder, dirs_exist_ok=True)
     return _count(folder)
 

@@ -1,8 +1,8 @@
 """Each capability can be deleted: all other modules load, the remaining commands are listed, and tests pass.
 
-Each test works on a copy of the tree. Without one capability, every module is imported and the tests of the
-commands' help run. Without any of them, all remaining tests are collected and those of `QUICK` run.
-``python -m tests.test_deletable bake`` runs all quick tests that remain without one capability.
+Each test works on a copy of the tree. If a single capability is deleted, every module is imported and the
+tests of the commands' help run. If all are deleted, all remaining tests are collected and those of `QUICK`
+run. ``python -m tests.test_deletable bake`` runs all quick tests that remain without the capability `bake`.
 """
 
 import os
@@ -33,7 +33,7 @@ for name in names:
         importlib.import_module(name)
 print(len(names), *(package.__path__[0] for package in packages))
 """
-# An editable installation adds the viewers of another checkout to the search path.
+# Removes the viewers of another checkout from the search path, to which an editable installation adds them.
 SITE = """
 import os, sys
 others = [place for place in sys.path if place not in {places!r} and os.path.isdir(place + "/msb_viewers")]
@@ -41,7 +41,7 @@ sys.path[:] = [place for place in sys.path if place not in others]
 """
 
 QUICK = "api or cli or delivery or snapshots or docs"
-"""Tests of the Python interface, the command kit, the help texts and the documentation (for -k)."""
+"""Value of pytest's -k: tests of the Python interface, the command kit, help texts and documentation."""
 
 
 def copy_without(capabilities: Iterable[str], copy: Path) -> None:

@@ -1,4 +1,4 @@
-"""The documentation is correct: docstring examples, links, images, public names, shipped data."""
+"""The documentation is correct and complete: docstring examples, links, images, names, shipped data."""
 
 import doctest
 import importlib
@@ -108,7 +108,7 @@ def test_docs_mention_every_option_and_metric() -> None:
 
 @of_the_whole
 def test_every_error_code_is_in_a_test() -> None:
-    """Error codes of files are excluded: other tests check them with bad files."""
+    """Error codes of bad files are excluded here; tests with such files check them."""
     words: set[str] = set()
     for path in (ROOT / "tests").rglob("*.py"):
         words.update(re.findall(r"[A-Z][A-Z0-9_]+", path.read_text(encoding="utf-8")))

@@ -1,10 +1,10 @@
-"""Run all commands and Python code of the documentation, with shipped data in place of placeholders.
+"""Run all commands and Python code of the pages in docs/, with shipped data in place of the reader's files.
 
-README and guides, which have no placeholders, are run by tests/test_guides.py.
+README and guides name no files of the reader; tests/test_guides.py runs them.
 
-A ``console`` block has one command per line. If some of its lines start with $, these are commands, and the
-others are their output. The commands of a document run one after the other in one process and one folder.
-Commands that need an extra run together with the commands of other documents that need the same extra.
+A ``console`` block has one command per line. If some of its lines start with $, only these are commands, and
+the others are their output. The commands of a document run one after the other, in the same process and
+folder. Commands that need an extra run separately, together with those of other documents with the same need.
 """
 
 import importlib.util
@@ -25,7 +25,7 @@ import typer.main
 import msb
 from msb.cli.app import app
 from msb.render.backend import why_unavailable
-from tests.conftest import ROOT, shortened
+from tests.conftest import ROOT, shorten
 from tests.tiny import link_demo
 
 pytestmark = pytest.mark.slow
@@ -52,9 +52,10 @@ NEEDS = {
     r"msb bench .*--renderer threejs": "threejs",
     r"msb web .*--(tier dedicated|verify)": "threejs",
 }
-"""Pattern of commands that need more than the core -> an extra, or a renderer (see `msb devices`)."""
+"""Pattern of commands that need more than the core -> the extra or renderer (see `msb devices`) they need."""
 PYTHON_NOT_RUN = {"docs/metrics.md": "it needs images, weights and scans of the reader"}
 PEERS = {"view": "pyvista", "crosscheck": "pymeshlab", "trial": "xatlas"}
+"""Extra -> a module that it installs."""
 
 DRIVER = """
 import json, sys
@@ -97,18 +98,18 @@ def commands(document: str) -> Iterator[str]:
                 yield shlex.join(words)
 
 
-def first(table: dict[str, str], command: str) -> str | None:
+def look_up(table: dict[str, str], command: str) -> str | None:
     return next((value for pattern, value in table.items() if re.match(pattern, command)), None)
 
 
 def cases() -> dict[str, list[str]]:
-    """Return document or need -> its commands. A repeated command runs with its first document only."""
+    """Return document, or extra or renderer -> its commands. Repeated commands run once."""
     seen: set[str] = set()
     by_document: dict[str, list[str]] = {}
     for document in DOCUMENTS:
         for command in commands(document):
-            if command not in seen and first(NOT_RUN, command) is None:
-                by_document.setdefault(first(NEEDS, command) or document, []).append(command)
+            if command not in seen and look_up(NOT_RUN, command) is None:
+                by_document.setdefault(look_up(NEEDS, command) or document, []).append(command)
             seen.add(command)
     return by_document
 
@@ -168,13 +169,13 @@ def test_every_command_runs(document: str, lines: list[str], stand_ins: Path, tm
             (tmp_path / shlex.split(line)[-1]).unlink(missing_ok=True)
     paths = [str(ROOT), str(ROOT / "viewers")]
     if document == "docs/extending.md":
-        site = installed(document, tmp_path / "site")
+        site = install_example(document, tmp_path / "site")
         paths.append(str(site))
         shutil.copy(site / "facets.toml", tmp_path)
         subprocess.run([sys.executable, site / "make_facets.py"], cwd=tmp_path, check=True)
     done = subprocess.run(
         [sys.executable, "-c", DRIVER],
-        input=json.dumps([shortened(shlex.split(line)) for line in lines]),
+        input=json.dumps([shorten(shlex.split(line)) for line in lines]),
         capture_output=True,
         text=True,
         cwd=tmp_path,
@@ -202,10 +203,10 @@ def test_python_runs(document: str, stand_ins: Path, tmp_path: Path, monkeypatch
     exec(compile("\n".join(blocks(document, "python")), document, "exec"), {"__name__": "shown"})
 
 
-def installed(document: str, site: Path) -> Path:
-    """Return a folder with the packages of `document`, in the form in which pip installs them.
+def install_example(document: str, site: Path) -> Path:
+    """Write the packages that `document` prints to `site`, in the form in which pip installs them; return it.
 
-    The line before a block names its file. A pyproject.toml is the last file of a package.
+    The line before a code block names its file. The pyproject.toml is the last file of each package.
     """
     text = (ROOT / document).read_text(encoding="utf-8")
     for name, block in re.findall(
@@ -229,7 +230,7 @@ def installed(document: str, site: Path) -> Path:
 
 def test_options_of_commands_that_are_not_run_exist() -> None:
     every = [command for document in DOCUMENTS for command in commands(document)]
-    ours = [command for command in every if command.startswith("msb ") and first(NOT_RUN, command)]
+    ours = [command for command in every if command.startswith("msb ") and look_up(NOT_RUN, command)]
     assert ours
     root = typer.main.get_command(app)
     for command in ours:

@@ -1,7 +1,7 @@
-"""README and the guides work with an installed wheel in an empty folder, with the output that they show.
+"""README and the guides work with an installed wheel in an empty folder, and give the output that they show.
 
 The lines after a command in a ``console`` block are its standard output; ``...`` stands for any text. All
-commands and the Python code of a document run one after the other in one folder.
+commands of a document, and then its Python code, run one after the other in the same folder.
 """
 
 import doctest

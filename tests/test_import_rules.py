@@ -1,4 +1,4 @@
-"""Rules for imports between our packages and of third-party packages. The tables below are the rules."""
+"""Rules for imports between our packages, and of third-party packages. The tables below define the rules."""
 
 import ast
 import os
@@ -39,14 +39,14 @@ ALLOWED: dict[str, set[str]] = {
     "methods": {"registry", "scenes"},
     "base": {"errors"},
     "asset": GROUND,
-    # Methods of an asset that call functions of `msb`, which they import when they are called.
+    # Some methods of an asset call functions of `msb`. They import `msb` when they are called.
     "asset.asset": GROUND | {"msb"},
     "scenes": GROUND,
     "meshes": GROUND,
     "adapters": GROUND | {"meshes"},
     "cl": {"errors", "base"},
     "topology": {"errors", "base", "cl"},
-    # From scenes: how photographs are compared.
+    # metrics uses the rules of scenes for the comparison of photographs.
     "metrics": {"errors", "base", "meshes", "scenes"},
     "render": GROUND | {"cl", "api"},
     "reference": GROUND,
@@ -55,8 +55,8 @@ ALLOWED: dict[str, set[str]] = {
     "methods.adapter": GROUND | {"adapters", "meshes"},
     "methods.official": GROUND | {"adapters", "meshes", "methods.adapter"},
     "methods.reference": GROUND | {"reference"},
-    "methods.look": GROUND | {"render", "cl"},
-    # From bench: records and numbers derived from them; from metrics and topology: formats of numbers.
+    "methods.native": GROUND | {"render", "cl"},
+    # report uses records and derived numbers of bench, and number formats of metrics and topology.
     "report": {"errors", "base", "registry", "bench", "metrics", "topology"},
     "bench": GROUND
     | {
@@ -94,7 +94,7 @@ ALLOWED: dict[str, set[str]] = {
     "viewers": GROUND | {"api", "meshes", "topology", "metrics", "render", "cl"},
 }
 KIT = {"cli", "api", "render", "command_files"}
-"""Packages that every command may import in addition: the command kit, opening files, rendering options."""
+"""Packages that every command may import in addition: they parse arguments, open files, choose renderers."""
 COMMANDS: dict[str, set[str]] = {
     "repair": {"trial", "views", "delivery", "adapters"},
     "api": {"report", "viewers", "delivery"},
@@ -154,7 +154,7 @@ FOREIGN: dict[str, set[str]] = {
     | {"fast_simplification"},
     "report": {"pydantic", "PIL", "jinja2", "matplotlib"},
 }
-"""Part -> allowed third-party packages. Parts that are not listed may use numpy."""
+"""Part -> allowed third-party packages. Parts that are not listed may only use numpy."""
 DISTRIBUTIONS = {
     "PIL": "pillow",
     "DracoPy": "dracopy",
@@ -173,10 +173,10 @@ DISTRIBUTIONS = {
 }
 """Module -> name of its pip package, if they differ."""
 When = Literal["loaded", "called", "never"]
-"""When an import runs: with its module, with a function, or never (for type checks only)."""
+"""When an import runs: when its module is loaded, when a function is called, or never (for type checks)."""
 OURS = {"msb", "msb_viewers"}
 LOADS_NOTHING = {"msb_viewers.options"}
-"""Modules of the viewers that may be loaded with a module: options for the help of commands."""
+"""Modules of the viewers that modules of msb may import when they load: options for the help of commands."""
 PEERS = {"igl", "pymeshlab", "manifold3d", "networkx", "usd_validation_nvidia"}
 MODULES = sorted([*(ROOT / "msb").rglob("*.py"), *(ROOT / "viewers").rglob("*.py")])
 
@@ -189,7 +189,7 @@ def part_of(path: Path) -> str:
 
 
 def part_named(names: Sequence[str]) -> str:
-    """Return the part of the module msb.NAMES; for a module of a method, its role, the start of its name."""
+    """Return the part of the module msb.NAMES. The part of a method's module is its role, as in its name."""
     in_folder = names[0] == "methods" and len(names) > 2 and (ROOT / "msb" / "methods" / names[1]).is_dir()
     if in_folder and names[2].islower() and names[2] != "__init__":
         return f"methods.{names[2].partition('_')[0]}"
@@ -202,7 +202,7 @@ def part_named(names: Sequence[str]) -> str:
 
 @cache
 def imports_of(path: Path) -> list[tuple[str, When]]:
-    """Return every imported module and when the import runs, if it does."""
+    """Return the imported modules of a file, each with the time at which the import runs."""
     tree = ast.parse(path.read_text())
     when: dict[ast.AST, When] = {}
     for node in ast.walk(tree):
@@ -232,7 +232,7 @@ def imports_of(path: Path) -> list[tuple[str, When]]:
     return imports
 
 
-def allowed(part: str) -> set[str]:
+def allowed_packages(part: str) -> set[str]:
     """Return our packages that a part may import; commands may import more than their package."""
     package = part.removesuffix(".command")
     if package == part:
@@ -249,7 +249,7 @@ def test_module_imports_only_what_its_part_may(path: Path) -> None:
             target = part_named(tuple(rest.split("."))) or "msb"
             assert not target.endswith(".command") or target == part, f"{path}: commands must not be imported"
             if target != part:
-                assert target in allowed(part), f"{path}: {part} may not import msb.{target}"
+                assert target in allowed_packages(part), f"{path}: {part} may not import msb.{target}"
                 assert target != "msb" or when != "loaded", f"{path}: {name} at load"
         elif top == "msb_viewers" and part.startswith("viewers"):
             continue
@@ -264,17 +264,17 @@ def test_module_imports_only_what_its_part_may(path: Path) -> None:
             )
 
 
-def installed_by(requirements: list[str]) -> set[str]:
+def distribution_names(requirements: list[str]) -> set[str]:
     """Return the names of distributions in `requirements`, in the spelling of pyproject.toml."""
     return {re.split(r"[^\w.-]", line, maxsplit=1)[0].lower() for line in requirements}
 
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-CORE = installed_by(PROJECT["dependencies"])
-EXTRAS = {name: installed_by(lines) for name, lines in PROJECT["optional-dependencies"].items()}
+CORE = distribution_names(PROJECT["dependencies"])
+EXTRAS = {name: distribution_names(lines) for name, lines in PROJECT["optional-dependencies"].items()}
 
 
-def others(path: Path) -> set[tuple[str, When]]:
+def pip_packages(path: Path) -> set[tuple[str, When]]:
     """Return the pip packages that a module needs, and when it needs them."""
     return {
         (DISTRIBUTIONS.get(top, top), when)
@@ -284,19 +284,19 @@ def others(path: Path) -> set[tuple[str, When]]:
 
 
 def test_packages_that_load_with_a_module_are_core_dependencies() -> None:
-    needed = {name: path for path in MODULES for name, when in others(path) if when == "loaded"}
+    needed = {name: path for path in MODULES for name, when in pip_packages(path) if when == "loaded"}
     assert {name: path for name, path in needed.items() if name not in CORE} == {}
 
 
 def test_imported_packages_belong_to_the_core_or_to_an_extra() -> None:
-    used = {name for path in MODULES for name, _ in others(path)}
+    used = {name for path in MODULES for name, _ in pip_packages(path)}
     known = CORE.union(*(EXTRAS[name] for name in EXTRAS if name not in ("test", "fuzz", "all", "docs")))
     assert used - known == set()
 
 
 def test_the_core_installs_no_packages_of_runs_reports_and_viewers() -> None:
     parts = [path for path in MODULES if part_of(path) not in ("bench", "report", "viewers")]
-    used = {name for path in parts for name, _ in others(path)}
+    used = {name for path in parts for name, _ in pip_packages(path)}
     # The wheel of PoCL has no module, and typer depends on pydantic anyway.
     assert CORE - used == {"pocl-binary-distribution", "pydantic"}
 
@@ -308,11 +308,11 @@ def test_errors_about_missing_modules_name_the_extra_that_installs_them() -> Non
         for node in ast.walk(ast.parse(path.read_text())):
             if isinstance(node, ast.Call) and getattr(node.func, "id", "") in ("need_extra", "install"):
                 words = [str(a.value) for a in node.args if isinstance(a, ast.Constant)]
-                for extra in words[:1]:  # calls without constants have no extra
+                for extra in words[:1]:  # empty for calls whose arguments are not constants
                     named_extras.add(extra)
                     installed = EXTRAS[extra] | OURS
                     assert {DISTRIBUTIONS.get(word, word) for word in words[1:]} <= installed, path
-    # Some extras are for checkouts only; no error names them.
+    # No error names the extras that are only useful in a checkout.
     assert named_extras == set(EXTRAS) - {"all", "test", "fuzz", "train", "docs"}
 
 
@@ -347,11 +347,11 @@ def top_package(names: Sequence[str]) -> str | None:
     if "cli" not in names and {"command", "commands", "command_files"} & set(names):
         return "commands"  # commands are above all packages
     if names[0] == "msb":
-        return names[1] if len(names) > 1 and names[1] in PACKAGES else None  # msb itself is not a unit
+        return names[1] if len(names) > 1 and names[1] in PACKAGES else None  # msb/__init__.py is no unit
     return "viewers" if names[0] == "msb_viewers" else names[0] if names[0] in FOLDERS else None
 
 
-def arrows() -> set[tuple[str, str, When]]:
+def unit_imports() -> set[tuple[str, str, When]]:
     """Return (importing unit, imported unit, when) of all imports between units."""
     return {
         (importer, imported, when)
@@ -364,9 +364,9 @@ def arrows() -> set[tuple[str, str, When]]:
 
 
 def test_imports_have_no_cycles() -> None:
-    """Units can be ordered so that each one only imports units below it."""
+    """Units can be ordered so that each unit only imports units before it."""
     below: dict[str, set[str]] = {}
-    for importer, imported, when in arrows():
+    for importer, imported, when in unit_imports():
         if when != "never":
             below.setdefault(importer, set()).add(imported)
     assert [*TopologicalSorter(below).static_order()][-1] in (
@@ -414,5 +414,5 @@ def test_packages_are_not_loaded_before_they_are_needed(code: str, spared: set[s
 
 
 if __name__ == "__main__":  # python -m tests.test_import_rules
-    pairs = {(importer, imported) for importer, imported, _ in arrows()}
+    pairs = {(importer, imported) for importer, imported, _ in unit_imports()}
     print(f"{len({unit for pair in pairs for unit in pair})} units, {len(pairs)} imports between them")

@@ -1,4 +1,4 @@
-"""Every method has the required modules, tests and data, in agreement with its declaration."""
+"""Every method has the modules, tests and data that its declaration in the registry requires."""
 
 from data_stubs.made_models import _WRITERS
 from msb.adapters.exporter import adapters
@@ -7,7 +7,7 @@ from msb.scenes.datasets.rulebook import OURS, RULES
 from tests.conftest import ROOT
 
 TRAINED = {name for name, method in METHODS.items() if method.native is not None}
-"""Methods with a trained representation; the others are meshes only."""
+"""Methods with a trained representation. The other methods have meshes only."""
 
 
 def test_every_method_has_an_adapter() -> None:

@@ -1,4 +1,4 @@
-"""Wheel and sdist hold all files of the packages (tests/test_guides.py runs the wheel)."""
+"""Wheel and sdist contain all files of the packages. tests/test_guides.py runs the wheel."""
 
 import tarfile
 import zipfile
@@ -16,7 +16,7 @@ PACKAGES = {"msb": ROOT / "msb", "msb_viewers": ROOT / "viewers" / "msb_viewers"
 
 
 def package_files() -> set[str]:
-    """Return the names in a wheel of all files of the packages and of the demo data."""
+    """Return the paths, within a wheel, of all files of the packages and of the demo data."""
     stubs = ROOT / "data_stubs"
     roots = [(name, folder, folder) for name, folder in PACKAGES.items()]
     roots += [("msb/demo_data", stubs, stubs / name) for name in CONTENTS]
@@ -47,7 +47,7 @@ def wheel(built: Path) -> Path:
 
 
 def inside(wheel: Path) -> set[str]:
-    """Return the names in `wheel` without its metadata."""
+    """Return the paths of the files in `wheel`, without those of its metadata."""
     with zipfile.ZipFile(wheel) as archive:
         return {name for name in archive.namelist() if ".dist-info/" not in name}
 

@@ -1,4 +1,4 @@
-"""A method in another package, the one of docs/extending.md: installed, missing and broken.
+"""A method of another package, the example of docs/extending.md: installed, missing and broken.
 
 Unexpected warnings fail these tests.
 """
@@ -20,14 +20,14 @@ from msb.cl import open_device
 from msb.metrics import registry as metric_registry
 from msb.registry import BUILT_IN, METHODS
 from tests.conftest import ROOT
-from tests.test_docs_commands import installed
+from tests.test_docs_commands import install_example
 
 TWO_DTS = ROOT / "tests" / "tiny" / "models" / "walled" / "two_dts"
 CAMERA = msb.Camera.look_at((0, 0, 3), (0, 0, 0), up=(0, 1, 0), width=96, height=72, fov_y=0.9)
 
 
 def clear_caches() -> None:
-    """Forget installed packages, so that they are searched again."""
+    """Clear the caches of installed packages, so that msb searches for packages again."""
     registry._installed.cache_clear()
     registry._loadable.cache_clear()
     metric_registry._installed.cache_clear()
@@ -37,8 +37,8 @@ def clear_caches() -> None:
 
 @pytest.fixture
 def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    """Return the folder of the installed package. The current folder holds a model of its method."""
-    folder = installed("docs/extending.md", tmp_path / "site")
+    """Return the folder of the installed package, and make a model of its method in the current folder."""
+    folder = install_example("docs/extending.md", tmp_path / "site")
     monkeypatch.syspath_prepend(folder)
     monkeypatch.chdir(tmp_path)
     clear_caches()

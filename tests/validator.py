@@ -16,7 +16,7 @@ from uuid import uuid4
 from msb.meshes.files import FORMATS
 
 WRITTEN = "MSB_TEST_GLBS"
-"""Environment variable with the folder for copies of all GLB files that processes of tests write."""
+"""Environment variable: the folder to which tests and their processes copy all GLB files that they write."""
 PACKAGE = Path(__file__).parent.parent / ".engines" / "node_modules" / "gltf-validator"
 
 
@@ -47,7 +47,7 @@ class Validator:
         return problems
 
     def judge_written(self) -> dict[str, list[str]]:
-        """Return file name -> problems for the files in `written`, and delete them."""
+        """Return file name -> problems of the invalid files in `written`, and delete all files in it."""
         by_name = {}
         for path in self.written.glob("*.glb"):
             if problems := self.problems(path.read_bytes()):
@@ -63,7 +63,7 @@ class Validator:
 
 
 def keep_written(folder: Path) -> None:
-    """Save a copy of every GLB that this process or its forks write from now on in `folder`."""
+    """Copy every GLB that this process or its forks write from now on to `folder`."""
     form = FORMATS[".glb"]
     plain = form.write
     assert plain is not None

@@ -1,7 +1,7 @@
 """Run the tests that need torch in a separate session: `python -m tests.with_torch`.
 
-On Linux pip installs torch with gigabytes of CUDA libraries. The packages are therefore installed once, in
-the user's cache folder, and used by this session only. Other sessions would become slow: hypothesis, for
+On Linux pip installs torch with gigabytes of CUDA libraries. The packages are therefore installed only once,
+in the user's cache folder. Only this session uses them, because others would become slow: hypothesis, for
 example, imports torch if it is installed.
 """
 
@@ -27,7 +27,7 @@ def main() -> int:
     line = [sys.executable, "-m", "pytest", "-n", "auto", "--dist", "worksteal", "-m", "torch", *FOLDERS]
     with tempfile.TemporaryDirectory() as site:
         if folder := packages():
-            # Every Python process of the session runs this file, which appends the folder to the search path.
+            # Every Python process of the session runs this file, which adds the folder of torch.
             Path(site, "sitecustomize.py").write_text(f"import sys\nsys.path.append({str(folder)!r})\n")
         current = os.environ.get("PYTHONPATH")
         path = os.pathsep.join([site, *([current] if current else [])])

@@ -41,8 +41,8 @@ _MESH = "exported_mesh"
 _METRICS = ("fps", "p50_ms", "p95_ms", "memory", "asset_size", "nonmanifold_edge_ratio", "components")
 # Hexadecimal digits of a hash in the table of results; the table of files has all 64.
 _HASH_DIGITS = 12
-# Hexadecimal digits that distinguish submitters of the same name. More are used if the result is itself the
-# name of a submitter.
+# Number of hexadecimal digits of the hash that are added to equal names of submitters. More digits than the
+# minimum are only used if the longer name is also the name of another submitter.
 _MIN_NAME_DIGITS, _MAX_NAME_DIGITS = 6, 64
 # Maximum width and height of a submitted image, in pixels.
 _MAX_SIDE = 4096
@@ -65,9 +65,9 @@ class Board(Report):
 
 
 def submitted_pictures(results: ResultSet) -> list[tuple[SubmittedImage, bytes]]:
-    """Return the images of a submission: the views with the largest and the median loss of each dataset.
+    """Return descriptions and JPEGs of the images of a submission.
 
-    Each image comes with its description, as a JPEG.
+    They show the views with the largest and the median loss of each dataset.
     """
     pictures: list[tuple[SubmittedImage, bytes]] = []
     for dataset in dict.fromkeys(place.dataset for place in results.places):
@@ -106,7 +106,7 @@ def build_board(
     """
     for submission, other in pairwise(sorted(submissions, key=lambda submission: submission.sha256)):
         if submission.sha256 == other.sha256:
-            text = f"it is the same submission as {other.path.name}"
+            text = f"the file is the same submission as {other.path.name}; name it once"
             raise UsageError("USAGE", text, file=submission.path)
     named = tuple(zip(_name_submissions(submissions), submissions, strict=True))
     results = {
@@ -187,7 +187,7 @@ def _visible_form(name: str) -> str:
 def _results_table(results: Mapping[str, ResultSet], numbers: Mapping[str, Numbers], paper: Numbers) -> Table:
     """Return a row per scene, method, condition and submitter.
 
-    `results` and `numbers` are by submitter. The metrics of a mesh are repeated in all rows of its model.
+    The keys of `results` and `numbers` are submitters. All rows of a model repeat the metrics of its mesh.
     """
     metrics = [*QUALITY, *_METRICS]
     rows = []
@@ -251,7 +251,7 @@ def _list_rows(numbers: Mapping[str, Numbers]) -> dict[RowKey, list[str]]:
 
 
 def _group_records(results: ResultSet) -> dict[RowKey, list[Result]]:
-    """Return row -> its records: one for a scene, the records of all scenes for a mean."""
+    """Return row -> its records: a single record for a scene, the records of all scenes for a mean."""
     records: dict[RowKey, list[Result]] = {}
     for loaded in results:
         dataset, scene, method = loaded.place
@@ -337,16 +337,16 @@ def _files_table(results: Mapping[str, ResultSet]) -> Table:
             cells = (", ".join(sorted(map(str, values))) or NOT_AVAILABLE for values in hashes)
             rows.append(TableRow((name, model), tuple(map(_text_cell, cells))))
     names = ("Asset", "Checkpoint", "Native renderings", "Photographs")
-    caption = "SHA-256 of the files. The hash of photographs includes how they are compared."
+    caption = "SHA-256 of the files. The hash of photographs also covers the settings of their comparison."
     return Table("files", caption, ("From", "Model"), tuple(map(TableColumn, names)), tuple(rows))
 
 
 def _find_differences(results: Mapping[str, ResultSet]) -> Iterator[str]:
-    """Yield why rows of one or of several submissions cannot be compared."""
+    """Yield reasons why rows cannot be compared, within a submission or between submissions."""
     yield from (f"{name}: {note}" for name, of_submitter in results.items() for note in of_submitter.notes)
-    # (dataset, scene, method) -> hash of the photographs -> submitters, and metric -> definition ->
-    # submitters.
+    # (dataset, scene, method) -> hash of the photographs -> submitters
     photographs: dict[tuple[str, str, str], dict[str, list[str]]] = {}
+    # metric -> definition -> submitters
     metrics: dict[str, dict[str, list[str]]] = {}
     for name, of_submitter in results.items():
         for loaded in of_submitter:
@@ -377,7 +377,7 @@ def _list_groups(groups: Iterable[Sequence[str]]) -> str:
 def _read_views(name: str, submission: Submission) -> Iterator[ComparedView]:
     """Yield the submitted views.
 
-    Raises InputError unless each image is a JPEG and its PSNR equals the PSNR in one of the records.
+    Raises InputError if an image is not a small JPEG, or if no record has its PSNR.
     """
     recorded = {
         (*record.cell.names[:3], condition_title(record.cell.condition_key), image.name, image.values["psnr"])
@@ -395,7 +395,7 @@ def _read_views(name: str, submission: Submission) -> Iterator[ComparedView]:
             if picture.method is not None:
                 heading = str(picture.condition)
                 if (dataset, scene, picture.method, heading, view, picture.psnr) not in recorded:
-                    text = f"the PSNR of {picture.file} differs from that of all its records"
+                    text = f"the PSNR of {picture.file} is not that of any record of its view"
                     raise InputError("RECORD_INVALID", text, file=submission.path)
                 rendering = Rendering(plain_text(heading), picture.psnr, images[picture.file])
                 renderings.setdefault(picture.method, []).append(rendering)

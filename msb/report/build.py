@@ -33,9 +33,9 @@ ONE_SCENE = (
     "views are similar"
 )
 NO_COMPARISON = "--against {}: no other method was measured under the same condition on the same scene"
-# The paper's tables show the scenes of these datasets side by side, and the scenes of others in rows.
+# Datasets with few scenes, which the paper's tables show side by side. Scenes of other datasets have rows.
 FEW_SCENES = ("tanksandtemples",)
-# Label of a table of the paper -> our builder of this table, and its dataset if it is about one.
+# Label of a table of the paper -> our builder of this table, and its dataset ("" for all datasets).
 _PAPER: dict[str, tuple[Callable[..., Table], str]] = {
     "native_summary": (measurements.native_summary, ""),
     "native_comprehensive_results": (measurements.native_summary, ""),
@@ -66,11 +66,11 @@ _SECTIONS = {
     "gaps": ("Deployment gaps", "Loss of quality at each step of deployment.", ""),
     "bakes": (
         "Parts of the loss",
-        "Quality that baked meshes reach, and thus the part of the loss that is due to the export.",
+        "Quality of baked meshes, and the part of the loss that baking avoids.",
         "loss_split",
     ),
     "looks": ("Renderings", "The same test views under every condition.", ""),
-    "native": ("Native renderers", "Results of the methods before deployment.", ""),
+    "native": ("Native renderers", "Results of the methods with their own renderers, before deployment.", ""),
     "runtime": ("Speed and memory", "Frame rate, frame time and memory of rendering.", "quality_speed"),
     "walk": (
         "Away from the captured views",
@@ -125,7 +125,7 @@ def build_report(
         paper = replace(paper, values={**paper.values, **published})
     # The paper's numbers are not comparable with those of other scenes under the name of its datasets.
     others = [dataset for dataset in numbers.datasets() if numbers.has_other_scenes(dataset)]
-    paper = _without(paper, others)
+    paper = _drop_datasets(paper, others)
     findings = tuple(derive_findings(numbers, first=comparison_findings(comparisons, against or "")))
     charts = make_figures(numbers, paper) if pictures else []
     places = list_places(results, numbers) if pictures else []
@@ -143,7 +143,7 @@ def build_report(
     notes += [NO_COMPARISON.format(against)] if against and not comparisons else []
     notes += [OTHER_SCENES.format(", ".join(map(dataset_title, others)))] if others and with_paper else []
     notes += [*_list_failures(results), *_list_changed_files(results, views)]
-    summary = _summary(results, numbers)
+    summary = _summarise(results, numbers)
     return Report(
         "MeshSplatBench report", summary, sections, findings, tuple(notes), numbers, results, with_paper
     )
@@ -181,7 +181,7 @@ def paper_report(*, pictures: bool = True) -> Report:
 
 
 def _with_contradictions(*tables: Table) -> tuple[Table, ...]:
-    """Return tables of the paper with notes on statements of the paper that contradict them."""
+    """Return tables of the paper, with notes on contradicting statements of the paper."""
     known = contradictions()
     return tuple(replace(table, notes=(*table.notes, *known.get(table.label, ()))) for table in tables)
 
@@ -274,7 +274,7 @@ def _check_chosen(results: ResultSet, chosen: Sequence[str]) -> None:
             raise UsageError("USAGE", f'--view: the test view "{shorten(name, 80)}" does not exist{example}')
 
 
-def _without(paper: Numbers, datasets: Sequence[str]) -> Numbers:
+def _drop_datasets(paper: Numbers, datasets: Sequence[str]) -> Numbers:
     """Return the paper's numbers without `datasets`."""
     return replace(
         paper,
@@ -284,21 +284,21 @@ def _without(paper: Numbers, datasets: Sequence[str]) -> Numbers:
     )
 
 
-def _summary(results: ResultSet, numbers: Numbers) -> str:
+def _summarise(results: ResultSet, numbers: Numbers) -> str:
     """Return the number of results, methods, scenes and datasets, and our version."""
     methods = {place.method for place in results.places}
     scenes = {(place.dataset, place.scene) for place in results.places}
-    of = f"{_count(len(results), 'result')} of {_count(len(methods), 'method')}"
-    on = f"{_count(len(scenes), 'scene')} of {_count(len(numbers.datasets()), 'dataset')}"
+    of = f"{_format_count(len(results), 'result')} of {_format_count(len(methods), 'method')}"
+    on = f"{_format_count(len(scenes), 'scene')} of {_format_count(len(numbers.datasets()), 'dataset')}"
     return f"{of} on {on}. msb {__version__}."
 
 
-def _count(number: int, noun: str) -> str:
+def _format_count(number: int, noun: str) -> str:
     return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
 def _list_changed_files(results: ResultSet, views: Iterable[ComparedView]) -> Iterator[str]:
-    """Yield notes on renderings that are missing, or not shown because they differ from the recorded ones."""
+    """Yield notes on missing renderings, and on renderings that are left out because their files changed."""
     missing = [
         loaded.path.parent / image.file
         for loaded in results
@@ -307,10 +307,10 @@ def _list_changed_files(results: ResultSet, views: Iterable[ComparedView]) -> It
     ]
     if missing:
         more = f" and {len(missing) - 1} more" if len(missing) > 1 else ""
-        yield f"missing rendering: {missing[0]}{more}; msb run renders it again"
+        yield f"missing rendering: {missing[0]}{more}; msb run renders missing images again"
     renderings = (rendering for view in views for row in view.renderings.values() for rendering in row)
     for path in dict.fromkeys(rendering.changed for rendering in renderings if rendering.changed):
-        yield f"the rendering {path} has changed since it was measured; msb run renders it again"
+        yield f"changed rendering: {path} has changed since it was measured; msb run renders it again"
 
 
 def _list_failures(results: ResultSet) -> list[str]:

@@ -1,4 +1,4 @@
-"""Collect numbers from result records: metrics, averages over scenes, gaps, and reasons for missing ones."""
+"""Collect numbers from result records: metrics, averages over scenes, gaps, reasons for missing values."""
 
 import re
 from collections import Counter, defaultdict
@@ -51,13 +51,13 @@ _REASON_KEYS = {
 # Metric -> attribute of `Result.floor`, the cost of a single triangle.
 _FLOOR_ATTRIBUTES = {"memory": "memory_bytes", "p50_ms": "p50_ms", "p95_ms": "p95_ms"}
 
-NOT_RUN = "not run"
+NOT_RUN = "this condition was not run"
 REFERENCE = "rendered by our reference renderer, not by the method's own code"
 SOUP = "a triangle soup: its triangles share no vertices, so its connectivity cannot be judged"
 LPIPS = "LPIPS version 0.1 with VGG16 features, on images scaled to [-1, 1]"
-RESIZED = "against photographs that were resized here, not distributed at this size"
-STE = "ste_threshold is set: faces below this opacity are pruned, whereas Standard otherwise ignores opacity"
-WHITE = "photographs and renderings over white, as in the dataset's protocol"
+RESIZED = "against photographs that msb resized; the dataset does not provide them at this size"
+STE = "ste_threshold is set: Standard, which otherwise ignores opacity, omits faces below this opacity"
+WHITE = "photographs and renderings are composited over white, as in the dataset's protocol"
 # Datasets whose protocol composites over white.
 _WHITE_DATASETS = ("dtu", "nerf_synthetic")
 _COLORS = {(0.0, 0.0, 0.0): "black", (1.0, 1.0, 1.0): "white"}
@@ -70,7 +70,7 @@ _CAMERAS = {
 
 
 def collect(results: ResultSet) -> Numbers:
-    """Return the numbers of `results`: datasets, methods and scenes of the paper first, in its order."""
+    """Return the numbers of `results`. Datasets, methods and scenes of the paper come first, in its order."""
     records: dict[Place, dict[str, Result]] = {
         place: {condition: loaded.result for condition, loaded in conditions.items()}
         for place, conditions in results.places.items()
@@ -145,7 +145,7 @@ def _collect_views(records: Mapping[Place, Mapping[str, Result]]) -> dict[Key, d
 
 
 def _sort_names(names: Iterable[str], first: Iterable[str]) -> list[str]:
-    """Return `names`: those in `first` in its order, then the others with numbers sorted as numbers."""
+    """Return `names` sorted: those in `first` in its order, then the others, with digits as numbers."""
     order = list(first)
 
     def rank(name: str) -> tuple[int, list[Any]]:
@@ -156,7 +156,7 @@ def _sort_names(names: Iterable[str], first: Iterable[str]) -> list[str]:
 
 
 def _list_conditions(of_places: Mapping[Place, Mapping[str, Result]]) -> dict[str, list[str]]:
-    """Return method -> its conditions on a dataset, with records or unsupported."""
+    """Return method -> its conditions on a dataset: conditions with records, and unsupported ones."""
     recorded: dict[str, set[str]] = {}
     for place, conditions in of_places.items():
         recorded.setdefault(place.method, set()).update(conditions)
@@ -191,7 +191,7 @@ def _add_condition(
     metrics: Iterable[str],
     of_scenes: Mapping[str, Mapping[str, Result]],
 ) -> None:
-    """Add the numbers of a condition to `values`: of each scene, and averages."""
+    """Add the numbers of a condition to `values`: values of single scenes, and averages."""
     for metric in metrics:
         # Single scenes, with the confidence interval over their views.
         numbers = {}
@@ -220,7 +220,7 @@ def _add_condition(
 
 
 def _floor_number(metric: str, result: Result | None, number: Number) -> Number:
-    """Return the cost of a single triangle, or `number`, the cost of the mesh, if that has no value."""
+    """Return the cost of a single triangle; `number` is the cost of the mesh, returned if it has no value."""
     if number.value is None:
         return number
     if result is None or result.floor is None:
@@ -230,7 +230,7 @@ def _floor_number(metric: str, result: Result | None, number: Number) -> Number:
 
 
 def _with_interval(number: Number, keys: Sequence[Key], views: Mapping[Key, Mapping[str, float]]) -> Number:
-    """Return `number` with the confidence interval of the mean over the views at `keys`, untested."""
+    """Return `number` with the confidence interval of the mean over the views at `keys`, without p value."""
     if number.value is None or keys[0].metric not in QUALITY:
         return number
     mean = interval([list(views[key].values()) for key in keys if key in views])
@@ -374,7 +374,7 @@ def _add_setup_notes(
             for what, value in setup.items():
                 counts[place.dataset, place.scene, what][value] += 1
         for text in (text for result in conditions.values() for text in result.trained):
-            # The scene and the average have the same words, so that a table prints the note once.
+            # The scene and the average get the same text, so that a table prints the note once.
             for row in (place.scene, MEAN):
                 notes[place.dataset, row, place.method][f"{place.scene}: {text}"] = None
     for place, setup in setups.items():
@@ -382,7 +382,7 @@ def _add_setup_notes(
         for what, value in setup.items():
             ((usual, _),) = counts[place.dataset, place.scene, what].most_common(1)
             if value != usual:
-                of_method[f"{what}: {value}; the other methods have {usual}"] = None
+                of_method[f"{what}: {value}; other methods have {usual}"] = None
         if place.dataset in _WHITE_DATASETS and setup["background"] == "white":
             of_method[WHITE] = None
     noted = dict(values)

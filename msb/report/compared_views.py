@@ -21,7 +21,8 @@ from msb.report.results import LoadedResult, Place, ResultSet
 from msb.report.safe_names import plain_text, slug
 
 GROUND_TRUTH = "Ground truth"
-# Width of the images in pixels, and JPEG quality: a page with tens of images stays at a few megabytes.
+# Maximum width of the images in pixels, and JPEG quality. With these values a page with tens of images has a
+# few megabytes.
 _WIDTH = 480
 _QUALITY = 85
 # Larger images are not opened (64 megapixels): a record could claim any size.
@@ -57,9 +58,9 @@ class Rendering:
     psnr : float or None
         In dB; None if the rendering equals the ground truth.
     image : JpegImage or None
-        None if the file is missing or differs from the one that was compared.
+        None if the file is missing or has changed since its comparison with the ground truth.
     changed : Path or None
-        The file, if it differs from the one that was compared.
+        The file, if it has changed since then.
     """
 
     heading: str
@@ -104,18 +105,18 @@ class ComparedView:
 def select_views(
     results: ResultSet, places: Sequence[Place], chosen: Sequence[str] = ()
 ) -> list[ComparedView]:
-    """Return the views with the largest and the median loss, and the chosen ones.
+    """Return the views with the largest and the median loss, and the views in `chosen`.
 
     Parameters
     ----------
     results : ResultSet
     places : sequence of Place
-        Assets of one dataset.
+        Assets of a single dataset.
     chosen : sequence of str
         "SCENE/IMAGE", as in the records.
     """
     # (PSNR loss in dB, asset, view) of every view that was rendered under two conditions.
-    losses = [(loss, place, view) for place in places for view, loss in _losses(results, place).items()]
+    losses = [(loss, place, view) for place in places for view, loss in _find_losses(results, place).items()]
     selected: dict[tuple[str, str], str] = {}
     if losses:
         loss, place, view = max(losses, key=lambda item: item[0])
@@ -141,7 +142,7 @@ def view_names(results: ResultSet, place: Place) -> set[str]:
     return {image.name for loaded in results.places[place].values() for image in loaded.images}
 
 
-def _losses(results: ResultSet, place: Place) -> dict[str, float]:
+def _find_losses(results: ResultSet, place: Place) -> dict[str, float]:
     """Return view -> PSNR loss in dB from the first to the last condition with images."""
     loaded = (results.places[place].get(condition) for condition in DRAWN_CONDITIONS)
     with_images = [record for record in loaded if record and record.result.quality]
@@ -177,7 +178,7 @@ def _make_view(results: ResultSet, places: Sequence[Place], view: str, why: str)
 
 
 def _make_rendering(loaded: LoadedResult, condition: str, compared: ImageQuality, name: str) -> Rendering:
-    """Return a rendering; without its image if the file differs from the one that was compared."""
+    """Return a rendering, without its image if the file has changed since its comparison."""
     changed = loaded.changed_file(compared)
     image = None if changed else _read_image(loaded.file(compared.file), compared, name)
     return Rendering(condition_title(condition), compared.values["psnr"], image, changed)

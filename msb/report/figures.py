@@ -1,7 +1,7 @@
 """Charts as SVG and PDF: gaps and their parts, quality against speed, differences from published results.
 
-Colour-blind readers can distinguish the colours (by Okabe and Ito); markers, line styles and hatches carry
-the same information. Text and axes take the text colour of the page that embeds them.
+Colour-blind readers can distinguish the colours (palette of Okabe and Ito). Markers, line styles and hatches
+carry the same information. Text and axes take the text colour of the page that embeds them.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ _INK, _PAPER = "#010203", "#fdfcfb"
 _SIZE = (4.6, 3.3)
 # A legend with more rows than this makes the chart taller, by `_ROW_HEIGHT` inches for each further row.
 _LEGEND_ROWS, _ROW_HEIGHT = 4, 0.19
-# A chart has room for at least three bars, so that a single bar does not fill it.
+# Minimum number of bars for which a chart has room, so that a single bar does not fill it.
 _MIN_BARS = 3
 
 
@@ -100,7 +100,10 @@ def make_figures(numbers: Numbers, paper: Numbers | None = None) -> list[Figure]
 
 
 def plot_deployment_gap(numbers: Numbers, dataset: str) -> Figure | None:
-    """Return PSNR under Non-Engine, Dedicated and Standard, a line per method; None without two points."""
+    """Return the chart of PSNR under Non-Engine, Dedicated and Standard, with a line per method.
+
+    Returns None if no method has values of two conditions.
+    """
     # (method, dedicated tier or variant) -> points (condition number, PSNR in dB)
     lines = {
         (method, dedicated): points
@@ -113,14 +116,13 @@ def plot_deployment_gap(numbers: Numbers, dataset: str) -> Figure | None:
     if all(len(points) < 2 for points in lines.values()):
         return None
 
-    styles, markers = _styles(numbers), _variant_markers(numbers, dataset)
+    styles, markers = _choose_styles(numbers), _choose_variant_markers(numbers, dataset)
 
     def draw(axes: Axes) -> None:
         for (method, dedicated), points in lines.items():
             style = dict(styles[method])
-            if name := dedicated.partition("/")[
-                2
-            ]:  # a variant: the method's line, but thin with open markers
+            # A variant has the method's line, but thinner and with open markers.
+            if name := dedicated.partition("/")[2]:
                 style |= {"linewidth": 0.9, "markerfacecolor": "none", "markeredgecolor": style["color"]}
                 style |= {"marker": markers[dedicated], "label": f"{style['label']}, {plain_text(name)}"}
             axes.plot(*zip(*points, strict=True), **style)
@@ -129,20 +131,21 @@ def plot_deployment_gap(numbers: Numbers, dataset: str) -> Figure | None:
         )
         axes.set_xlim(-0.2, len(DRAWN_CONDITIONS) - 0.8)
         axes.set_ylabel("PSNR (dB), higher is better")
-        _legend(axes)
+        _draw_legend(axes)
 
     caption = (
         "PSNR of each method with its native renderer, on the dedicated tier and on the standard tier. A "
-        "line ends at the last condition that supports the method; means are over the scenes that all "
+        "line ends at the last condition that the method supports. Means are over the scenes that all "
         "conditions of the method have. Thin lines with open markers are variants of Dedicated."
     )
-    return _make_figure("deployment_gap", dataset, caption, draw, _other_scenes(numbers, dataset))
+    return _make_figure("deployment_gap", dataset, caption, draw, _list_other_scenes(numbers, dataset))
 
 
 def _condition_means(numbers: Numbers, dataset: str, method: str, dedicated: str) -> list[tuple[int, float]]:
     """Return (condition number, mean PSNR in dB) pairs over the scenes that all conditions of a method have.
 
-    With equal scenes the slope of a line is a gap. For the paper, which has only means, these are used.
+    The difference of two points is a gap only if both means are over the same scenes. The paper's numbers are
+    used as they are, because it prints means only.
     """
     through = [dedicated if condition == "dedicated" else condition for condition in DRAWN_CONDITIONS]
     means = [numbers.value(Key(dataset, MEAN, method, condition, "psnr")) for condition in through]
@@ -165,9 +168,10 @@ def _condition_means(numbers: Numbers, dataset: str, method: str, dedicated: str
 
 
 def plot_loss_split(numbers: Numbers, dataset: str) -> Figure | None:
-    """Return a bar per method from the PSNR of Standard to that of Dedicated; None without bakes.
+    """Return the chart of the parts of the loss, or None without bakes.
 
-    The parts of a bar are the losses of colours, faces and blending.
+    The bar of a method reaches from the PSNR of Standard to that of Dedicated. Its parts are the losses due
+    to colours, faces and blending.
     """
     # Method -> (step, PSNR at its better end, PSNR at its worse end), in dB.
     bars = {
@@ -196,18 +200,21 @@ def plot_loss_split(numbers: Numbers, dataset: str) -> Figure | None:
         axes.set_xlabel("PSNR (dB): from Standard (left) to Dedicated (right)")
         handles, labels = axes.get_legend_handles_labels()
         named = dict(zip(labels, handles, strict=True))
-        _legend(axes, [named[title] for title in STEP_TITLES.values() if title in named])
+        _draw_legend(axes, [named[title] for title in STEP_TITLES.values() if title in named])
 
     caption = (
         "parts of the loss from Dedicated to Standard. From left to right: Standard, the same triangles "
         "with the best static colours, the best bake with other triangles, Dedicated. A part that runs to "
         "the left is a gain. A method without Standard starts at the second point."
     )
-    return _make_figure("loss_split", dataset, caption, draw, _other_scenes(numbers, dataset))
+    return _make_figure("loss_split", dataset, caption, draw, _list_other_scenes(numbers, dataset))
 
 
 def plot_quality_speed(numbers: Numbers, dataset: str) -> Figure | None:
-    """Return PSNR against frames per second, a marker per condition and method; None without two points."""
+    """Return the chart of PSNR against frames per second, with a marker per condition and method.
+
+    Returns None if there are fewer than two points.
+    """
     # Method -> (condition, frames per second, PSNR in dB).
     points: dict[str, list[tuple[str, float, float]]] = {}
     conditions = [
@@ -222,7 +229,7 @@ def plot_quality_speed(numbers: Numbers, dataset: str) -> Figure | None:
                 points.setdefault(method, []).append((condition, fps, psnr))
     if sum(map(len, points.values())) < 2:
         return None
-    styles, markers = _styles(numbers), _CONDITION_MARKERS | _variant_markers(numbers, dataset)
+    styles, markers = _choose_styles(numbers), _CONDITION_MARKERS | _choose_variant_markers(numbers, dataset)
 
     def draw(axes: Axes) -> None:
         from matplotlib.lines import Line2D
@@ -250,17 +257,20 @@ def plot_quality_speed(numbers: Numbers, dataset: str) -> Figure | None:
             for condition in conditions
             if any(condition == name for of_method in points.values() for name, _, _ in of_method)
         ]  # fmt: skip
-        _legend(axes, handles)
+        _draw_legend(axes, handles)
 
     caption = (
         "quality against speed. Higher is better, further right is faster; markers are conditions, line "
         "styles are methods."
     )
-    return _make_figure("quality_speed", dataset, caption, draw, _other_scenes(numbers, dataset))
+    return _make_figure("quality_speed", dataset, caption, draw, _list_other_scenes(numbers, dataset))
 
 
 def plot_differences(pairs: Sequence[PublishedPair], dataset: str) -> Figure | None:
-    """Return bars of our PSNR minus the published one: per scene if scenes are published, else of means."""
+    """Return the bar chart of our PSNR minus the published PSNR, or None without published values.
+
+    Bars are per scene if values of scenes are published, otherwise per method, for means over scenes.
+    """
     of_dataset = [
         pair
         for pair in pairs
@@ -303,14 +313,14 @@ def plot_differences(pairs: Sequence[PublishedPair], dataset: str) -> Figure | N
         rotated: dict[str, Any] = {"rotation": 30, "ha": "right"} if sum(map(len, groups)) > 40 else {}
         axes.set_xticks(range(len(groups)), groups, **rotated)
         axes.set_ylabel("PSNR difference (dB)")
-        _legend(axes)
+        _draw_legend(axes)
 
     of = "per scene" if scenes else "of the means over scenes"
     return _make_figure("reproducibility", dataset, f"PSNR of this run minus published PSNR, {of}.", draw)
 
 
-def _styles(numbers: Numbers) -> dict[str, dict[str, Any]]:
-    """Return method or model label -> line style, the same in all charts and different for any two.
+def _choose_styles(numbers: Numbers) -> dict[str, dict[str, Any]]:
+    """Return method or model label -> line style. Styles differ from each other and agree in all charts.
 
     A built-in method has the same style in every report. Labels and methods of other packages follow.
     """
@@ -331,12 +341,12 @@ def _styles(numbers: Numbers) -> dict[str, dict[str, Any]]:
     return styles
 
 
-def _variant_markers(numbers: Numbers, dataset: str) -> dict[str, str]:
+def _choose_variant_markers(numbers: Numbers, dataset: str) -> dict[str, str]:
     """Return variant of the dedicated tier -> marker."""
     return dict(zip(numbers.variants(dataset, "dedicated"), cycle(_VARIANT_MARKERS), strict=False))
 
 
-def _legend(axes: Axes, handles: Sequence[Any] = ()) -> None:
+def _draw_legend(axes: Axes, handles: Sequence[Any] = ()) -> None:
     """Draw a legend of `handles` (default: all) below the chart, which grows with a long legend."""
     handles = handles or axes.get_legend_handles_labels()[0]
     figure: Any = axes.figure  # never a subfigure, which matplotlib's types allow
@@ -346,8 +356,8 @@ def _legend(axes: Axes, handles: Sequence[Any] = ()) -> None:
     figure.set_size_inches(width, height + _ROW_HEIGHT * max(rows - _LEGEND_ROWS, 0))
 
 
-def _other_scenes(numbers: Numbers, dataset: str) -> str:
-    """Return the first scenes of a dataset that has the name of a published one but none of its scenes."""
+def _list_other_scenes(numbers: Numbers, dataset: str) -> str:
+    """Return the first scenes of a dataset that shares only its name with a published one, else ""."""
     if not numbers.has_other_scenes(dataset):
         return ""
     scenes = list(map(scene_title, numbers.scenes(dataset)))
@@ -358,11 +368,11 @@ def _make_figure(
     kind: str, dataset: str, caption: str, draw: Callable[[Axes], None], scenes: str = ""
 ) -> Figure:
     title = f"{dataset_title(dataset)}{scenes}"
-    return Figure(f"{kind}-{slug(dataset)}", f"{title}: {caption}", partial(_save, title, draw))
+    return Figure(f"{kind}-{slug(dataset)}", f"{title}: {caption}", partial(_write_chart, title, draw))
 
 
-def _save(title: str, draw: Callable[[Axes], None], form: Literal["svg", "pdf"]) -> bytes:
-    """Return a chart as a file; the same numbers give the same bytes."""
+def _write_chart(title: str, draw: Callable[[Axes], None], form: Literal["svg", "pdf"]) -> bytes:
+    """Return the bytes of a chart's file; equal numbers give equal bytes."""
     logging.getLogger("matplotlib").setLevel(logging.ERROR)  # hide warnings about an unwritable cache
     need_extra("bench", "matplotlib", what="a figure")
     from matplotlib import rc_context
@@ -388,7 +398,7 @@ def _save(title: str, draw: Callable[[Axes], None], form: Literal["svg", "pdf"])
     }
     file = io.BytesIO()
     with rc_context(settings), warnings.catch_warnings():
-        # Browsers have glyphs that the font used for measuring lacks.
+        # Ignore glyphs that matplotlib's font lacks: browsers draw the text of the SVG with their fonts.
         warnings.filterwarnings("ignore", "Glyph", UserWarning)
         canvas = Canvas(figsize=_SIZE, layout="constrained")
         axes = canvas.add_subplot()

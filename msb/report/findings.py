@@ -22,10 +22,10 @@ from msb.report.numbers import (
     method_title,
 )
 from msb.report.rankings import (
+    find_most_certain_swap,
     find_swaps,
     format_ranking,
     is_ahead,
-    most_certain_swap,
     rank_common_methods,
     rank_methods,
 )
@@ -73,24 +73,24 @@ class _Case(NamedTuple):
     @property
     def name(self) -> str:
         """The method and the dataset, such as "2DTS on DTU"."""
-        return _name(self.dataset, self.method)
+        return _format_pair(self.dataset, self.method)
 
 
-def _name(dataset: str, method: str) -> str:
+def _format_pair(dataset: str, method: str) -> str:
     return f"{method_title(method)} on {dataset_title(dataset)}"
 
 
-def _condition_name(condition: str) -> str:
+def _format_condition(condition: str) -> str:
     """Return the name of a condition within a sentence, such as "Dedicated" or "Dedicated (coarse)"."""
     title, _, variant = condition_title(condition).partition(", ")
     return f"{title} ({variant})" if variant else title
 
 
-def _all_of(count: int, noun: str, plural: str = "s") -> str:
-    """Return "the only case", "both cases" or "all 3 cases"; `noun` is in the singular."""
+def _format_all(count: int, noun: str = "combination", of: str = "method and dataset") -> str:
+    """Return "the only", "both" or "all 3" with a noun (in the singular) and its complement."""
     if count == 1:
-        return f"the only {noun}"
-    return f"{'both' if count == 2 else f'all {count}'} {noun}{plural}"
+        return f"the only {noun} of {of}"
+    return f"{'both' if count == 2 else f'all {count}'} {noun}s of {of}"
 
 
 def join_words(words: Sequence[str]) -> str:
@@ -98,10 +98,13 @@ def join_words(words: Sequence[str]) -> str:
     return " and ".join(filter(None, (", ".join(words[:-1]), words[-1])))
 
 
-def _mean_cases(
+def _collect_means(
     numbers: Numbers, metric: str, detail: Callable[[Key, float], str], without: str = ""
 ) -> list[_Case]:
-    """Return all measured averages of a metric that do not have the note `without`."""
+    """Return all measured averages of a metric, except those with the note `without`.
+
+    `detail` returns the text of a case.
+    """
     return [
         _Case(number.value, key.dataset, key.method, detail(key, number.value))
         for key, number in numbers.values.items()
@@ -111,8 +114,8 @@ def _mean_cases(
     ]
 
 
-def _significance(difference: Interval | None) -> str:
-    """Return the result of the t test of a difference, or why it was not tested; "" for published values."""
+def _describe_significance(difference: Interval | None) -> str:
+    """Return the result of the t test of a difference, or why it was not tested; "" without a difference."""
     if difference is None:
         return ""
     if difference.p is None:
@@ -122,9 +125,9 @@ def _significance(difference: Interval | None) -> str:
 
 
 def derive_findings(numbers: Numbers, first: Iterable[Finding] = ()) -> list[Finding]:
-    """Return at most twelve findings, the most important first; `first` are further findings before them.
+    """Return at most twelve findings, the most important first.
 
-    Findings about speed and structure are kept in any case.
+    `first` are further findings that precede all others. The kinds in `_ALWAYS_KEPT` are never dropped.
     """
     findings = [
         *first,
@@ -148,7 +151,7 @@ def derive_findings(numbers: Numbers, first: Iterable[Finding] = ()) -> list[Fin
 
 
 def _gap_findings(numbers: Numbers) -> Iterator[Finding]:
-    """Yield the largest and smallest of each PSNR gap, and of the adaptation gap to each variant."""
+    """Yield the extremes of each PSNR gap, and of the adaptation gap to each variant of Dedicated."""
     variants = dict.fromkeys(key.dedicated for key in numbers.gaps if key.dedicated != "dedicated")
     for dedicated in ("dedicated", *variants):
         for name, word in _GAPS.items():
@@ -157,33 +160,32 @@ def _gap_findings(numbers: Numbers) -> Iterator[Finding]:
             cases = list(_gap_cases(numbers, name, dedicated))
             if cases:
                 ends = (dedicated if end == "dedicated" else end for end in PAIRS[name])
-                sentence = _gap_sentence(cases, word, *map(_condition_name, ends))
-                reference = "" if name == "port" else _reference_sentence(numbers, cases)
+                sentence = _describe_extremes(cases, word, *map(_format_condition, ends))
+                reference = "" if name == "port" else _describe_reference(numbers, cases)
                 table = f"gaps-{slug(max(cases).dataset)}"
                 yield Finding(f"{name}_gap", sentence + reference, table)
 
 
-def _gap_sentence(cases: list[_Case], word: str, start: str, end: str) -> str:
-    """Return a sentence on the largest and the smallest of the gaps `cases` between two conditions."""
+def _describe_extremes(cases: list[_Case], word: str, start: str, end: str) -> str:
+    """Return sentences on the largest and the smallest loss among the gaps `cases` between two conditions."""
     first, last = max(cases), min(cases)
+    count = f"{len(cases)} combinations of method and dataset"
     if max(abs(case.value) for case in cases) < _MIN_DIFFERENCE:
-        where = first.name if len(cases) == 1 else _all_of(len(cases), "case")
+        where = first.name if len(cases) == 1 else _format_all(len(cases))
         return f"From {start} to {end}, PSNR changes by less than {_MIN_DIFFERENCE} dB ({where})."
     if len(cases) == 1:
         return f"From {start} to {end}, {first.name} {first.detail}."
     if first.value < _MIN_DIFFERENCE:
-        sentence = (
-            f"From {start} to {end}, PSNR falls in none of {len(cases)} cases: {first.name} {first.detail}."
-        )
+        sentence = f"From {start} to {end}, PSNR falls for none of {count}: {first.name} {first.detail}."
     else:
-        extreme = f"{first.name} has the largest {word} gap of {len(cases)} cases: it {first.detail}"
-        sentence = f"From {start} to {end}, {extreme}."
+        extreme = f"{first.name} has the largest {word} gap"
+        sentence = f"Among {count}, {extreme}: from {start} to {end}, it {first.detail}."
     if first.value - last.value >= _MIN_DIFFERENCE:
-        sentence += f" At the other end, {last.name} {last.detail}."
+        sentence += f" The opposite extreme is {last.name}, which {last.detail}."
     return sentence
 
 
-def _reference_sentence(numbers: Numbers, cases: list[_Case]) -> str:
+def _describe_reference(numbers: Numbers, cases: list[_Case]) -> str:
     """Return a sentence if Non-Engine was not rendered by the methods' own code, else ""."""
     notes = [
         numbers.number(Key(case.dataset, MEAN, case.method, "non_engine", "psnr")).notes for case in cases
@@ -191,8 +193,10 @@ def _reference_sentence(numbers: Numbers, cases: list[_Case]) -> str:
     by_reference = [REFERENCE in of_case for of_case in notes]
     if not any(by_reference):
         return ""
-    what = "Non-Engine" if all(by_reference) else "Part of Non-Engine"
-    return f" {what} was rendered by our reference renderer, not by the method's own code."
+    which = "The" if all(by_reference) else "Some"
+    return (
+        f" {which} Non-Engine images were rendered by our reference renderer, not by the method's own code."
+    )
 
 
 def _gap_cases(numbers: Numbers, name: GapName, dedicated: str) -> Iterator[_Case]:
@@ -213,7 +217,7 @@ def _describe_gap(gap: Gap, signed: float, ends: tuple[float, float]) -> str:
         change = f"{'loses' if signed > 0 else 'gains'} {format_digits(abs(signed), 2)} dB PSNR"
     parts = [f"{ends[0]:.2f} to {ends[1]:.2f} dB"]
     parts += [f"mean over {gap.scenes} of {gap.expected} scenes"] if gap.partial else []
-    parts += filter(None, [_significance(gap.interval)])
+    parts += filter(None, [_describe_significance(gap.interval)])
     return f"{change} ({'; '.join(parts)})"
 
 
@@ -226,7 +230,7 @@ def _split_findings(numbers: Numbers) -> Iterator[Finding]:
             continue
         if split.total is None or split.total.signed is None:
             continue
-        # A bake may be worse than the ceiling: the best of the two counts.
+        # The fitted bake may be worse than the ceiling. The recovered loss is that of the better one, in dB.
         recovered = max(accumulate(loss for name, loss in steps.items() if name != "blending"))
         cases.append((split.total.signed, recovered, key))
     if not cases:
@@ -241,14 +245,17 @@ def _split_findings(numbers: Numbers) -> Iterator[Finding]:
         title = " and ".join(STEP_TITLES[step].lower() for step in (*names, name))
         parts.append(f"{title} {format_digits(gap.signed or 0.0, 2)} dB")
     sentence = (
-        f"{_name(key.dataset, key.method)} loses {format_digits(total, 2)} dB PSNR from Dedicated to "
-        f"Standard: {', '.join(parts)}."
+        f"{_format_pair(key.dataset, key.method)} loses {format_digits(total, 2)} dB PSNR from Dedicated to "
+        f"Standard. The parts of this loss are {join_words(parts)}."
     )
     # State the recovered share of all losses, in percent.
     shares = [100 * recovered / lost for lost, recovered, _ in cases if lost >= _MIN_DIFFERENCE]
     if len(shares) > 1:
         low, high = min(shares), max(shares)
-        sentence += f" Baking recovers {low:.0f} to {high:.0f} % of such losses ({len(shares)} cases)."
+        sentence += (
+            f" For {len(shares)} combinations of method and dataset with such a loss, baking recovers "
+            f"{low:.0f} to {high:.0f} % of it."
+        )
     elif shares:
         sentence += f" Baking recovers {shares[0]:.0f} % of this loss."
     yield Finding("loss_split", sentence, f"loss_split-{slug(key.dataset)}")
@@ -269,24 +276,28 @@ def _monotone_findings(numbers: Numbers) -> Iterator[Finding]:
     if not comparable:
         return
     if not broken:
+        comparisons = _format_all(len(comparable), "comparison", "a method, a dataset and a metric")
         sentence = (
-            f"In {_all_of(len(comparable), 'comparable case')}, Dedicated lies between Non-Engine and "
-            "Standard, so the adaptation and portability gaps add up to the deployment gap."
+            f"In {comparisons}, the quality of Dedicated lies between Non-Engine and Standard, so the "
+            "adaptation and portability gaps add up to the deployment gap."
         )
         yield Finding("monotone", sentence, f"gaps-{slug(comparable[0][0].dataset)}")
     for dedicated in dict.fromkeys(place[2] for place in broken):
         of_variant = {place: cases for place, cases in broken.items() if place[2] == dedicated}
         total = len({key[:3] for key, _ in comparable if key.dedicated == dedicated})
-        yield _not_monotone(of_variant, total)
+        yield _describe_not_monotone(of_variant, total)
 
 
-def _not_monotone(broken: dict[tuple[str, str, str], list[tuple[GapKey, Gaps]]], total: int) -> Finding:
+def _describe_not_monotone(
+    broken: dict[tuple[str, str, str], list[tuple[GapKey, Gaps]]], total: int
+) -> Finding:
     """Return the finding on the case with the largest excess, with the names of the others.
 
     Parameters
     ----------
     broken : dict
-        (dataset, method, condition) -> gaps of the metrics that are not monotone.
+        (dataset, method, condition) -> gaps of the metrics that are not monotone. The condition is Dedicated
+        or one of its variants.
     total : int
         Number of comparable (dataset, method) pairs.
     """
@@ -297,30 +308,32 @@ def _not_monotone(broken: dict[tuple[str, str, str], list[tuple[GapKey, Gaps]]],
     # The case with the largest excess is described by its first metric, the others are only named.
     first, *others = sorted(broken, key=excess, reverse=True)
     (dataset, method, dedicated), cases = first, broken[first]
-    title, (key, gaps) = _condition_name(dedicated), cases[0]
+    title, (key, gaps) = _format_condition(dedicated), cases[0]
     is_gain = (gaps.adapt.signed or 0) < 0
     better = f"{title} is better than Non-Engine" if is_gain else f"Standard is better than {title}"
-    losses = "losses" if len(cases) == 1 else f"losses in {METRICS[key.metric].title}"
     metrics = join_words([METRICS[case.metric].title for case, _ in cases])
-    decimals = METRICS[key.metric].decimals
-    signs = ", ".join(
-        f"{name} {format_digits(gaps[name].signed or 0, decimals, sign=True)}" for name in _GAPS
+    definition = METRICS[key.metric]
+    unit = " dB" if definition.unit == "dB" else ""
+    losses = ", ".join(
+        f"{word} {format_digits(gaps[name].signed or 0, definition.decimals, sign=True)}{unit}"
+        for name, word in _GAPS.items()
     )
     sentence = (
-        f"Quality is not monotone for {_name(dataset, method)} ({metrics}): {better} ({losses}: {signs}). "
-        "The adaptation and portability gaps together exceed the deployment gap by "
-        f"{format_value(key.metric, gaps.triangle_excess or 0.0)}."
+        f"Quality is not monotone for {_format_pair(dataset, method)} ({metrics}): {better}. The losses in "
+        f"{definition.title} are {losses}. The adaptation and portability gaps together exceed the "
+        f"deployment gap by {format_value(key.metric, gaps.triangle_excess or 0.0)}{unit}."
     )
     if others:
-        names = ", ".join(_name(*place[:2]) for place in others)
+        names = ", ".join(_format_pair(*place[:2]) for place in others)
         sentence += (
-            f" In total {len(broken)} of {total} comparisons are not monotone; the others are {names}."
+            f" In total, quality is not monotone for {len(broken)} of {total} combinations of method and "
+            f"dataset; the others are {names}."
         )
     return Finding("not_monotone", sentence, f"gaps-{slug(dataset)}")
 
 
 def _ranking_findings(numbers: Numbers) -> Iterator[Finding]:
-    """Yield how the PSNR ranking of the methods changes between conditions, and where it does not."""
+    """Yield the changes of the PSNR ranking between conditions, and the datasets without a change."""
     changed: dict[str, str] = {}
     unchanged: dict[str, str] = {}
     for dataset in numbers.datasets():
@@ -329,7 +342,7 @@ def _ranking_findings(numbers: Numbers) -> Iterator[Finding]:
         ]
         # Significance -> pairs of conditions between which the ranking changes.
         changes: dict[str, list[str]] = {}
-        moved: set[str] = set()
+        moved: set[str] = set()  # conditions of these pairs
         compared = 0
         for first, second in combinations(conditions, 2):
             if "/" in first or first.partition("/")[0] == second.partition("/")[0]:
@@ -340,9 +353,9 @@ def _ranking_findings(numbers: Numbers) -> Iterator[Finding]:
                 continue
             compared += 1
             if swapped := find_swaps(before, after):
-                test = most_certain_swap(numbers, dataset, swapped, (first, second))
-                pair_title = f"{_condition_name(first)} to {_condition_name(second)}"
-                changes.setdefault(_significance(test), []).append(pair_title)
+                test = find_most_certain_swap(numbers, dataset, swapped, (first, second))
+                pair_title = f"from {_format_condition(first)} to {_format_condition(second)}"
+                changes.setdefault(_describe_significance(test), []).append(pair_title)
                 moved |= {first, second}
         if changes:
             pairs = "; ".join(f"{join_words(names)} ({result})" for result, names in changes.items())
@@ -350,10 +363,10 @@ def _ranking_findings(numbers: Numbers) -> Iterator[Finding]:
             orders: dict[str, list[str]] = {}
             for condition in filter(moved.__contains__, conditions):
                 order = format_ranking(rank_methods(numbers, dataset, condition, "psnr"))
-                orders.setdefault(order, []).append(_condition_name(condition))
-            rankings = "; ".join(f"{join_words(titles)}: {order}" for order, titles in orders.items())
-            where = f"On {dataset_title(dataset)}, the PSNR ranking of the methods changes from"
-            changed[dataset] = f"{where} {pairs}. {rankings}."
+                orders.setdefault(order, []).append(_format_condition(condition))
+            rankings = "; ".join(f"{order} under {join_words(titles)}" for order, titles in orders.items())
+            where = f"On {dataset_title(dataset)}, the PSNR ranking of the methods changes"
+            changed[dataset] = f"{where} {pairs}. The average PSNR in dB is {rankings}."
         elif compared:
             unchanged[dataset] = dataset_title(dataset)
     sentences = [*changed.values()]
@@ -378,7 +391,7 @@ def _leader_findings(numbers: Numbers) -> Iterator[Finding]:
                 f"{method_title(method)} leads in {join_words(metrics)}"
                 for method, metrics in leaders.items()
             )
-            sentences.append(f"{dataset_title(dataset)} ({condition_title(condition)}): {parts}.")
+            sentences.append(f"On {dataset_title(dataset)} ({condition_title(condition)}), {parts}.")
             native = condition == "non_engine"
             table = table or ("native_summary" if native else f"renderer_comparison-{slug(dataset)}")
             break
@@ -408,7 +421,7 @@ def _format_with_unit(metric: str, value: float) -> str:
 
 
 def _surface_findings(numbers: Numbers) -> Iterator[Finding]:
-    """Yield the datasets with different rankings by image quality and by Chamfer distance."""
+    """Yield the datasets on which image quality and Chamfer distance rank the methods differently."""
     for dataset in numbers.datasets():
         surfaces = rank_methods(numbers, dataset, "non_engine", "chamfer")
         orders = []
@@ -420,20 +433,21 @@ def _surface_findings(numbers: Numbers) -> Iterator[Finding]:
                 orders.append(f"{METRICS[metric].title}: {format_ranking(first, metric)}")
         if orders:
             orders.append(f"Chamfer distance in mm: {format_ranking(surfaces, 'chamfer')}")
-            where = f"On {dataset_title(dataset)}, the methods rank differently by images and by surfaces"
-            yield Finding("surface_order", f"{where}. {'; '.join(orders)}.", "native_summary")
+            difference = "image quality and surface accuracy rank the methods differently"
+            sentence = f"On {dataset_title(dataset)}, {difference}. {'; '.join(orders)}."
+            yield Finding("surface_order", sentence, "native_summary")
 
 
 def _training_findings(numbers: Numbers) -> Iterator[Finding]:
     """Yield the shortest and the longest average training time."""
-    cases = _mean_cases(
+    cases = _collect_means(
         numbers, "train_seconds", lambda _, value: f"{format_value('train_seconds', value)} min"
     )
     if not cases:
         return
     first, last = min(cases), max(cases)
     if first.detail != last.detail:
-        sentence = f"Training takes {first.detail} ({first.name}) to {last.detail} ({last.name})."
+        sentence = f"Training takes {first.detail} ({first.name}) to {last.detail} ({last.name}) on average."
         yield Finding("training", sentence, "native_summary")
 
 
@@ -454,30 +468,28 @@ def _speed_findings(numbers: Numbers) -> Iterator[Finding]:
             continue
         low, high = min(cases), max(cases)
         if len(cases) == 1:
-            times, where = low.detail, f" ({low.name})"
+            times, where = f"{low.detail} times", f" ({low.name})"
         elif low.detail == high.detail:
-            times, where = low.detail, f" in {_all_of(len(cases), 'case')} (ratios of average frame rates)"
+            times, where = f"{low.detail} times", f" for {_format_all(len(cases))}"
         else:
-            times = f"{low.detail} ({low.name}) to {high.detail} ({high.name})"
-            where = " (ratios of average frame rates)"
+            times, where = f"{low.detail} times ({low.name}) to {high.detail} times ({high.name})", ""
         engine = above.partition("/")[2]
         if engine:
             kind = "engine_slowdown"
-            rates = (
-                f"Within {plain_text(engine)}, Standard renders {times} times as many frames per second as"
-            )
-            sentence = f"{rates} {_condition_name(below)}{where}.{_engine_loss(numbers, above, below)}"
+            rates = f"Within {plain_text(engine)}, the average frame rate of Standard is {times}"
+            loss = _describe_engine_loss(numbers, above, below)
+            sentence = f"{rates} that of {_format_condition(below)}{where}.{loss}"
         elif above == "standard":
             kind = "slowdown"
-            sentence = f"Standard renders {times} times as many frames per second as Dedicated{where}."
+            sentence = f"The average frame rate of Standard is {times} that of Dedicated{where}."
         else:
             kind = "against_native"
-            sentence = f"Dedicated reaches {times} times the frame rate of Non-Engine{where}."
+            sentence = f"The average frame rate of Dedicated is {times} that of Non-Engine{where}."
         yield Finding(kind, sentence, "slowdown")
 
 
-def _engine_loss(numbers: Numbers, standard: str, dedicated: str) -> str:
-    """Return a sentence on the PSNR loss of Standard in an engine that draws both tiers."""
+def _describe_engine_loss(numbers: Numbers, standard: str, dedicated: str) -> str:
+    """Return a sentence on the PSNR loss from Dedicated to Standard in an engine that draws both tiers."""
     losses = [
         gaps.port.signed
         for key, gaps in numbers.gaps.items()
@@ -487,28 +499,33 @@ def _engine_loss(numbers: Numbers, standard: str, dedicated: str) -> str:
     if not losses:
         return ""
     ends = dict.fromkeys(format_digits(loss, 2) for loss in (min(losses), max(losses)))
-    return f" Standard loses {' to '.join(ends)} dB PSNR there."
+    pair = f"From {_format_condition(dedicated)} to Standard in this engine"
+    return f" {pair}, the PSNR loss is {' to '.join(ends)} dB."
 
 
 def _walk_findings(numbers: Numbers) -> Iterator[Finding]:
-    """Yield the most and the least flicker on walks, and the largest share of holes."""
+    """Yield the largest and the smallest flicker on walks, and the largest share of holes."""
 
-    def place(key: Key, _: float) -> str:
-        return f"{_name(key.dataset, key.method)} ({condition_title(key.condition)})"
+    def describe_place(key: Key, _: float) -> str:
+        return f"{_format_pair(key.dataset, key.method)} ({condition_title(key.condition)})"
 
-    if flicker := _mean_cases(numbers, "flicker", place):
-        low, high, most_holes = min(flicker), max(flicker), max(_mean_cases(numbers, "holes", place))
+    if flicker := _collect_means(numbers, "flicker", describe_place):
+        low, high = min(flicker), max(flicker)
+        most_holes = max(_collect_means(numbers, "holes", describe_place))
         level = format_value("flicker", high.value)
         if len(flicker) == 1:
-            sentence = f"Away from the captured views, {high.detail} flickers by {level} of 255 levels."
+            sentence = f"Away from the captured views, the flicker of {high.detail} is {level} of 255 levels."
         else:
             least = format_value("flicker", low.value)
             sentence = (
-                f"Away from the captured views, flicker is worst for {high.detail}: {level} of 255 levels. "
-                f"It is least for {low.detail}: {least} ({len(flicker)} cases)."
+                f"Away from the captured views, flicker is strongest for {high.detail}, with {level} of 255 "
+                f"levels, and weakest for {low.detail}, with {least} levels."
             )
         holes = format_value("holes", most_holes.value)
-        sentence += f" Holes are largest for {most_holes.detail}: {holes} % of the visible surface."
+        sentence += (
+            f" Holes are most frequent for {most_holes.detail}: {holes} % of the pixels that show the model "
+            "or a hole."
+        )
         yield Finding("walk", sentence, f"walk-{slug(high.dataset)}")
 
 
@@ -518,30 +535,30 @@ def _structure_findings(numbers: Numbers) -> Iterator[Finding]:
     def percent(_: Key, share: float) -> str:
         return f"{100 * share:.0f} %" if share == 0 or share >= 0.01 else "less than 1 %"
 
-    cases = _mean_cases(numbers, "nonmanifold_vertex_ratio", percent, SOUP)
+    cases = _collect_means(numbers, "nonmanifold_vertex_ratio", percent, SOUP)
     if not cases:
         return
     low, high = min(cases), max(cases)
     label = f"mesh_connectivity-{slug(high.dataset)}"
     if high.value == 0:
-        meshes = {1: "The indexed mesh has no", 2: "Neither indexed mesh has"}
-        start = meshes.get(len(cases), f"None of the {len(cases)} indexed meshes has")
-        yield Finding("structure", f"{start} non-manifold vertices.", label)
+        names = f"{high.name} have" if len(cases) == 1 else f"{_format_all(len(cases))} have"
+        yield Finding("structure", f"The indexed meshes of {names} no non-manifold vertices.", label)
         return
     components = numbers.value(Key(high.dataset, MEAN, high.method, "exported_mesh", "components"))
-    sentence = f"{high.name} has {high.detail} non-manifold vertices"
+    sentence = f"{high.name} has on average {high.detail} non-manifold vertices"
     if components is not None:
         count = format_value("components", components)
         sentence += f" and {count} component{'' if count == '1' else 's'}"
+    sentence += "."
     if len(cases) > 1 and low.detail == high.detail:
-        all_meshes = _all_of(len(cases), "indexed mesh", "es")
-        sentence += f"; the share of non-manifold vertices is the same for {all_meshes}"
+        same = _format_all(len(cases))
+        sentence += f" The share of non-manifold vertices is the same for {same} with indexed meshes."
     elif len(cases) > 1:
         sentence += (
-            f". This is the largest share among {len(cases)} indexed meshes; the smallest is {low.detail} "
-            f"({low.name})"
+            f" This is the largest share among {len(cases)} combinations of method and dataset with indexed "
+            f"meshes; the smallest is {low.detail} ({low.name})."
         )
-    yield Finding("structure", f"{sentence}.", label)
+    yield Finding("structure", sentence, label)
 
 
 def _unsupported_findings(numbers: Numbers) -> Iterator[Finding]:
@@ -552,10 +569,9 @@ def _unsupported_findings(numbers: Numbers) -> Iterator[Finding]:
     for key, number in numbers.values.items():
         absent = number.value is None and number.absent == NOT_SUPPORTED
         if absent and (key.scene, key.metric) == (MEAN, "psnr"):
-            names.setdefault(method_title(key.method), {})[_condition_name(key.condition)] = None
+            names.setdefault(method_title(key.method), {})[_format_condition(key.condition)] = None
             first = first or key.dataset
     if names:
         parts = [f"{name} under {join_words([*conditions])}" for name, conditions in names.items()]
-        yield Finding(
-            "unsupported", f"Not supported: {'; '.join(parts)}.", f"renderer_comparison-{slug(first)}"
-        )
+        sentence = f"Unsupported combinations of method and condition: {'; '.join(parts)}."
+        yield Finding("unsupported", sentence, f"renderer_comparison-{slug(first)}")

@@ -50,7 +50,7 @@ _TITLES: Mapping[str, Callable[[str], str]] = {
 
 
 def titled_row(**of: str) -> RowSpec:
-    """Return the row whose labels are the titles of its key fields, such as ``condition="standard"``."""
+    """Return the row with these key fields, such as ``condition="standard"``; its labels are their titles."""
     return RowSpec(tuple(_TITLES[name](value) for name, value in of.items()), of)
 
 
@@ -87,10 +87,10 @@ def make_table(
     of : mapping of str to str
         Fields that all keys share. Fields of columns override them, fields of rows override both.
     best_of : sequence of str
-        Key fields. Numbers of one metric that agree in these fields compete for the best value; the paper's
-        numbers compete separately. Without fields nothing is marked.
+        Key fields. Numbers of the same metric that agree in these fields form a group, whose best value is
+        bold. The paper's numbers form separate groups. Without fields nothing is marked.
     definitions : tuple of str
-        Notes on how we measure, which the paper's own tables omit.
+        Notes on how we measure. They are omitted from the paper's own tables.
     notes : tuple of str
         Further notes.
     """
@@ -123,7 +123,8 @@ def difference_cell(
 ) -> TableCell:
     """Return the cell of a difference in `metric`.
 
-    It has `more` decimals than values of the metric. `parts` are further attributes of the cell.
+    `more` is the number of decimals in addition to those of the metric. `parts` are further attributes of the
+    cell.
     """
     definition = METRICS[metric]
     printed = format_digits(value, definition.decimals + more, sign=sign)
@@ -145,7 +146,7 @@ def mark_best(cells: Sequence[TableCell], groups: Sequence[Hashable], *, single:
     groups : sequence of hashable
         Group of each cell; cells of the group None do not compete.
     single : bool
-        Whether a value without a competitor is bold.
+        Whether the only value of a group is bold.
     """
     # (group, metric) -> places of the competing cells
     rivals: dict[tuple[Hashable, str], list[int]] = {}

@@ -18,7 +18,7 @@ _MARKS: dict[str, Mark] = {"works": "YES", "care": "WITH CARE", "fails": "NO", "
 # Audit verdicts from the best to the worst.
 _LEVELS = {"ok": 0, "limited": 1, "bad": 2}
 _PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
-# A larger PNG is not embedded in a page (4 MiB).
+# Maximum size of a PNG in bytes (4 MiB); larger ones are not embedded in a page.
 _MAX_BYTES = 4 << 20
 
 
@@ -70,11 +70,11 @@ class RepairComparison:
     ----------
     table : Table
     advice : tuple of str
-        Sentences for the owner of the mesh.
+        Recommended repairs, as sentences for the owner of the mesh.
     plan : str or None
-        The plan of the first sentence, for `msb repair --plan`.
+        The plan that the first sentence recommends, for `msb repair --plan`.
     pictures : tuple of (str, str)
-        Name and image of each strategy that cut, removed or added something.
+        Name and image of each strategy that cut edges, or removed or added faces.
     """
 
     table: Table
@@ -99,7 +99,7 @@ def read_repairs(loaded: LoadedResult | None) -> RepairComparison | None:
 
 
 def _advise(stored: Strategy, others: Sequence[Strategy]) -> tuple[list[str], str | None]:
-    """Return sentences for the owner of the mesh, and the plan of the first one.
+    """Return recommended repairs as sentences, and the plan that the first one recommends.
 
     Parameters
     ----------
@@ -109,7 +109,7 @@ def _advise(stored: Strategy, others: Sequence[Strategy]) -> tuple[list[str], st
         All strategies that ran.
     """
     better = [strategy for strategy in others if _grade(strategy) < _grade(stored)]
-    # The best of our strategies that change no pixel, and the best of all others.
+    # The best of our strategies without a visible change, and the best of all strategies with one.
     invisible = min(
         (strategy for strategy in better if strategy.peer is None and strategy.looks.standard.same),
         key=_rank,
@@ -122,7 +122,7 @@ def _advise(stored: Strategy, others: Sequence[Strategy]) -> tuple[list[str], st
     sentences, plan = [], None
     if invisible is not None:
         plan = ",".join(invisible.plan)
-        sentences.append(f"With {plan} nothing visible changes, {_describe_result(invisible, stored)}.")
+        sentences.append(f"With {plan} no pixel changes, {_describe_result(invisible, stored)}.")
     if visible is not None and (invisible is None or _grade(visible) < _grade(invisible)):
         if plan is None and visible.peer is None:
             plan = ",".join(visible.plan)
@@ -155,9 +155,7 @@ def _describe_result(strategy: Strategy, stored: Strategy) -> str:
         return verdict
     passed_before, passed_after = strategy.trials_passed_before, strategy.trials_passed_after
     tasks = f"{passed_after} of {len(strategy.trials)} tasks work"
-    return (
-        f"{verdict}; {tasks}, {'as before' if passed_before == passed_after else f'{passed_before} before'}"
-    )
+    return f"{verdict}; {tasks} ({'as' if passed_before == passed_after else passed_before} before)"
 
 
 def _make_table(document: RepairDocument) -> Table:
@@ -177,7 +175,8 @@ def _make_table(document: RepairDocument) -> Table:
     compared = f"dB: mean PSNR against the mesh as stored, over {document.views}"
     notes = [f'{compared}; "same" means that all pixels are equal.']
     if stored.trials:
-        notes.append(f"Tasks: number that works, possibly with limitations, of {', '.join(stored.trials)}.")
+        names = ", ".join(stored.trials)
+        notes.append(f"Tasks: number of tasks that work, possibly with limitations, of these: {names}.")
     caption = "Repair strategies: faces kept, similarity and cost."
     columns = tuple(TableColumn(title) for title in titles)
     return Table("repairs", caption, ("Strategy",), columns, tuple(rows), tuple(notes))

@@ -27,24 +27,24 @@ _COLUMNS = (
     TableColumn("Over"),
 )
 _NOTES = (
-    "better by: the difference in the views that both methods have, averaged over the views of each scene "
-    "and then over the scenes; positive if the method is better",
+    "better by: difference between the two methods, averaged over the common views of each scene and then "
+    "over the scenes; positive if the method of the row is better",
     "95 % interval: t interval over the means of the scenes, or over the views of a single scene. An "
     "interval over views applies to that scene only, and is too narrow if neighbouring views are similar",
 )
-# A comparison with one of these reasons gets no row; with other reasons it gets a row without a value.
+# Values of `Gap.reason` for which a comparison has no row. With other reasons it has a row without a value.
 _NO_COMPARISON = ("missing", "failed", "not_measured", "unsupported")
 
 
 class Comparison(NamedTuple):
-    """A method compared with the chosen one: `gap.signed` is positive if the method at `key` is better."""
+    """The method at `key` compared with the chosen one; `gap.signed` is positive if the former is better."""
 
     key: Key
     gap: Gap
 
 
 def compare_methods(results: ResultSet, numbers: Numbers, other: str) -> list[Comparison]:
-    """Return all comparisons with the method `other` under the same condition, by dataset and condition."""
+    """Return the comparisons of every method with the method `other`, by dataset, condition and metric."""
     methods = sorted({place.method for place in results.places})
     if other not in methods:
         text = f'--against: the results hold no method "{shorten(other, 60)}"; name one of '
@@ -102,7 +102,8 @@ def comparison_table(comparisons: list[Comparison], numbers: Numbers, other: str
         (
             *_NOTES,
             "p: two-sided paired t test of the null hypothesis of no difference; p, Holm: adjusted for "
-            f"{tests} of this table, because some p values fall below 0.05 by chance (Holm, 1979)",
+            f"{tests} of this table, because among many tests some p values fall below 0.05 by chance "
+            "(Holm, 1979)",
         ),
     ).with_common_notes()
 
@@ -110,14 +111,14 @@ def comparison_table(comparisons: list[Comparison], numbers: Numbers, other: str
 def comparison_findings(comparisons: list[Comparison], other: str) -> Iterator[Finding]:
     """Yield a sentence on the PSNR comparisons of each dataset, condition and set of scenes or views."""
     cases = (case for case in comparisons if case.key.metric == "psnr" and case.gap.interval is not None)
-    for (dataset, condition, over), group in groupby(cases, key=_where):
+    for (dataset, condition, over), group in groupby(cases, key=_group_key):
         where = f"On {dataset_title(dataset)} ({condition_title(condition)}, {over})"
         parts = "; ".join(_describe(comparison, method_title(other)) for comparison in group)
         yield Finding("against", f"{where}, {parts}.", LABEL)
 
 
-def _where(comparison: Comparison) -> tuple[str, str, str]:
-    """Return dataset, condition, and the scenes or views that a comparison is over."""
+def _group_key(comparison: Comparison) -> tuple[str, str, str]:
+    """Return the dataset, the condition, and the averaged scenes or views of a comparison."""
     assert comparison.gap.interval is not None
     return comparison.key.dataset, comparison.key.condition, comparison.gap.interval.over
 
@@ -136,7 +137,7 @@ def _describe(comparison: Comparison, other: str) -> str:
     amount = format_digits(abs(gap.signed), METRICS["psnr"].decimals)
     method = method_title(comparison.key.method)
     if not float(amount):
-        lead = f"{method} equals {other} to the printed digits"
+        lead = f"{method} and {other} are equal at the printed precision"
     else:
         lead = f"{method} {'leads' if better else 'trails'} {other} by {amount} dB"
     parts = []

@@ -33,7 +33,7 @@ def to_printed_unit(metric: str, value: float) -> float:
 
 
 def format_digits(value: float, decimals: int, *, sign: bool = False) -> str:
-    """Return `value` with this number of decimals; a value that rounds to 0 has no sign.
+    """Return `value` with `decimals` decimals, and with a plus sign if `sign`. A printed 0 has no sign.
 
     Examples
     --------

@@ -33,8 +33,8 @@ DRAWN_CONDITIONS = tuple(TIER_OF)
 QUALITY = IMAGE_METRICS
 # Metrics of the trained model, independent of the renderer. Tables show them with the Non-Engine results.
 ASSET_METRICS = ("train_memory", "train_seconds", "chamfer")
-# First words of the note on frame rates of a CPU. They depend on other work of the machine, so they are never
-# marked as the best.
+# First words of the note on frame rates of a CPU. These frame rates depend on other work of the machine, so
+# they are never marked as the best.
 ON_CPU = "measured on a CPU device"
 
 
@@ -100,8 +100,9 @@ class Number:
 class GapKey(NamedTuple):
     """Identifies the three quality gaps of a method.
 
-    `scene` is a scene or "mean". `standard` and `dedicated` name the conditions that stand for the two tiers:
-    the tiers themselves, another engine or a bake for `standard`, a variant for `dedicated`.
+    `scene` is a scene or "mean". `standard` and `dedicated` name the conditions in place of the two tiers. By
+    default these are the tiers themselves. `standard` can also be another engine or a bake, and `dedicated` a
+    variant.
     """
 
     dataset: str
@@ -208,7 +209,7 @@ class Numbers:
         return list(dict.fromkeys(key.scene for key in self._keys.get(dataset, ()) if key.scene not in MEANS))
 
     def conditions(self, dataset: str) -> list[str]:
-        """Return the conditions with images: tiers, each followed by its variants or engines, then bakes."""
+        """Return the conditions with images: each tier followed by its variants or engines, then bakes."""
         conditions = dict.fromkeys(
             key.condition
             for key in self._keys.get(dataset, ())
@@ -276,8 +277,8 @@ def list_gap_pairs(conditions: Sequence[str], drawn_by: Mapping[str, str]) -> li
 def list_ratio_pairs(conditions: Sequence[str], drawn_by: Mapping[str, str]) -> list[tuple[str, str]]:
     """Return the pairs (standard, dedicated) of conditions whose frame rates are compared.
 
-    Dedicated and each of its variants is paired with Standard in the same engine, if that exists: frame rates
-    of two engines are measured on different devices.
+    Dedicated and each of its variants are paired with Standard in the same engine, or else with the standard
+    tier. Frame rates of two engines are not compared, because they are measured on different devices.
     """
     engines = {drawn_by.get(name): name for name in select_variants(conditions, "standard")}
     dedicated = ("dedicated", *select_variants(conditions, "dedicated"))
@@ -285,7 +286,7 @@ def list_ratio_pairs(conditions: Sequence[str], drawn_by: Mapping[str, str]) -> 
 
 
 def condition_order(condition: str) -> tuple[int, bool]:
-    """Return the sort key of a condition: tiers as quality is lost, each before its variants or engines."""
+    """Return the sort key of a condition: tiers in the order of `CONDITION_TITLES`, then their variants."""
     tier, slash, _ = condition.partition("/")
     return list(CONDITION_TITLES).index(tier), bool(slash)
 

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from msb.report.verdict import Verdict
 
 FORMATS: tuple[ReportFormat, ...] = ("md", "tex", "csv", "json", "html")
-# A film of at most this size in bytes is embedded in the page (4 MiB), a larger one is linked.
+# Maximum size of an embedded film in bytes (4 MiB); pages link to larger films.
 MAX_EMBEDDED_FILM = 4 << 20
 
 
@@ -69,7 +69,7 @@ def report_files(
         for section in report.sections:
             files |= {f"figures/{figure.name}.pdf": figure.pdf() for figure in section.figures}
     if "md" in formats:
-        files["report.md"] = _template("report.md", report=report).rstrip("\n") + "\n"
+        files["report.md"] = _render("report.md", report=report).rstrip("\n") + "\n"
         for section in report.sections:
             files |= {f"figures/{figure.name}.svg": figure.standalone for figure in section.figures}
             files |= {f"images/{image.name}": image.data for view in section.views for image in view.images}
@@ -77,13 +77,13 @@ def report_files(
     if "html" in formats:
         places = [verdict.place for verdict in report.verdicts]
         pages = {place: f"verdict-{'-'.join(map(slug, place))}.html" for place in places}
-        files["index.html"] = _template(report.page, report=report, pages=pages, grid=_grid(report))
+        files["index.html"] = _render(report.page, report=report, pages=pages, grid=_make_grid(report))
         for verdict in report.verdicts:
-            files[pages[verdict.place]] = _verdict_page(report, verdict, topology or {}, folder)
+            files[pages[verdict.place]] = _make_verdict_page(report, verdict, topology or {}, folder)
     return {name: text.encode() if isinstance(text, str) else text for name, text in files.items()}
 
 
-def _grid(report: Report) -> dict[str, Any]:
+def _make_grid(report: Report) -> dict[str, Any]:
     """Return the verdicts for the table of assets: dataset -> scene -> method -> verdict, and all methods."""
     datasets: dict[str, dict[str, dict[str, Verdict]]] = {}
     methods: dict[str, None] = {}
@@ -94,7 +94,7 @@ def _grid(report: Report) -> dict[str, Any]:
     return {"datasets": datasets, "methods": list(methods)}
 
 
-def _verdict_page(
+def _make_verdict_page(
     report: Report, verdict: Verdict, topology: Mapping[Place, bytes], folder: Path | None
 ) -> str:
     """Return the page of one asset."""
@@ -108,7 +108,7 @@ def _verdict_page(
         tables = {name: table.without_paper() for name, table in tables.items()}
     audit = records["exported_mesh"].audit if "exported_mesh" in records else None
     asset = next((result.asset for result in records.values() if result.asset is not None), None)
-    return _template(
+    return _render(
         "verdict.html",
         report=report,
         verdict=verdict,
@@ -138,7 +138,7 @@ def _find_video(report: Report, place: Place, folder: Path | None) -> dict[str, 
 def _find_walks(
     conditions: Mapping[str, LoadedResult], folder: Path | None
 ) -> list[tuple[str, dict[str, str]]]:
-    """Return the title and the film of each condition with a walk beyond the captured views."""
+    """Return (title, film) of each condition with a film of a walk beyond the captured views."""
     return [
         (condition_title(name), film)
         for name, loaded in conditions.items()
@@ -163,7 +163,7 @@ def _embed_film(path: Path, root: Path, folder: Path | None) -> dict[str, str] |
 
 
 @cache
-def _environment() -> Environment:
+def _make_environment() -> Environment:
     need_extra("bench", "jinja2", what="a page")
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
@@ -175,7 +175,7 @@ def _environment() -> Environment:
         "dataset": dataset_title,
         "method": method_title,
         "scene": scene_title,
-        "unbroken": _unbroken,
+        "unbroken": _bind_arrows,
         "md": escape_markdown,
         "markdown": to_markdown,
     }
@@ -183,10 +183,10 @@ def _environment() -> Environment:
     return environment
 
 
-def _unbroken(heading: str) -> str:
+def _bind_arrows(heading: str) -> str:
     """Return a heading with a no-break space before each arrow."""
     return re.sub(" (?=[↑↓])", "\N{NO-BREAK SPACE}", heading)
 
 
-def _template(name: str, **values: Any) -> str:
-    return _environment().get_template(name).render(**values)
+def _render(template: str, **values: Any) -> str:
+    return _make_environment().get_template(template).render(**values)

@@ -43,7 +43,7 @@ PAPER_TABLES = (
 
 # The paper's name of a method -> ours.
 OUR_METHODS = {method.paper_name: name for name, method in METHODS.items() if method.paper_name}
-# The paper's name of a metric -> ours (of the audit or `msb.bench.aggregate.METRICS`), if they differ.
+# The paper's name of a metric -> our name (a key of `msb.bench.aggregate.METRICS`), if they differ.
 _OUR_METRICS = {
     "gpu_ms_p50": "p50_ms",
     "gpu_ms_p95": "p95_ms",
@@ -55,23 +55,23 @@ _OUR_METRICS = {
 }
 
 ENGINE_MEMORY = (
-    "the paper's Standard memory is nearly equal for all methods and smaller than their meshes: it is the "
-    "memory of the engine without the mesh. It is not comparable with ours, which counts every buffer"
+    "not comparable with our memory, which counts every buffer: the paper's Standard memory is nearly equal "
+    "for all methods and smaller than their meshes, so it must be the memory of the engine without the mesh"
 )
 
 ENGINE_RENDERING = (
-    "the paper's Dedicated was rendered by an engine, ours follows the official code; compare it with a "
-    "variant that has the order global and the sampling engine"
+    "the paper rendered Dedicated with an engine, whereas our Dedicated follows the official code; the "
+    'comparable condition is a variant with order = "global" and sampling = "engine"'
 )
 PUBLISHED_LPIPS = "LPIPS as published; its network, version or scaling of the images may differ from ours"
 
 
-# Publication of a number: the keys of `msb.report.tables.reproducibility.SOURCES`.
+# Publication that a number comes from: a key of `msb.report.tables.reproducibility.SOURCES`.
 Source = Literal["", "paper", "public", "meshsplatbench"]
 
 
 class _PublishedCell(BaseModel):
-    """A number of a published table in the paper's terms; `na` is printed in place of a missing value."""
+    """A cell of a published table, in the paper's names and units; `na` is printed for a missing value."""
 
     model_config = ConfigDict(extra="ignore", frozen=True, allow_inf_nan=False, strict=True)
 
@@ -96,20 +96,21 @@ class _PublishedTable(BaseModel):
 
 
 def paper_numbers(*tables: str) -> Numbers:
-    """Return the numbers of the paper's `tables` (by label; default: all) in the paper's order.
+    """Return the numbers of the paper's tables in the paper's order.
 
-    If two tables disagree, both numbers are kept under different values of `Key.source`.
+    `tables` are labels; by default all tables are read. If two tables disagree, both numbers are kept under
+    different values of `Key.source`.
     """
     values: dict[Key, Number] = {}
     for label in tables or PAPER_TABLES:
-        for key, number in _table(label).items():
+        for key, number in _read_table(label).items():
             values.setdefault(key, number)
     drawn_by: dict[str, dict[str, str]] = {}
     for key in values:
         name = "their own code" if key.condition == "non_engine" else "Unity"
         drawn_by.setdefault(key.dataset, {})[key.condition] = name
     numbers = Numbers(values, drawn_by=drawn_by, of_paper=True)
-    return replace(numbers, gaps=_gaps(numbers), ratios=_ratios(numbers))
+    return replace(numbers, gaps=_compute_gaps(numbers), ratios=_compute_ratios(numbers))
 
 
 def paper_row(table: str, **where: str) -> dict[str, float]:
@@ -134,14 +135,14 @@ def paper_row(table: str, **where: str) -> dict[str, float]:
     """
     return {
         key.metric: number.value
-        for key, number in _table(table).items()
+        for key, number in _read_table(table).items()
         if number.value is not None and all(getattr(key, name) == value for name, value in where.items())
     }
 
 
 def methods_in(table: str) -> list[str]:
     """Return the methods with rows in a table of the paper; `table` is a label as in `paper_row`."""
-    return list(dict.fromkeys(key.method for key in _table(table)))
+    return list(dict.fromkeys(key.method for key in _read_table(table)))
 
 
 def published_numbers(path: str | os.PathLike[str]) -> dict[Key, Number]:
@@ -154,29 +155,29 @@ def published_numbers(path: str | os.PathLike[str]) -> dict[Key, Number]:
     numbers = {}
     for cell in cells:
         if cell.value is not None and (cell.metric in METRICS or cell.metric in _OUR_METRICS):
-            key, number = _entry(cell)
+            key, number = _convert_cell(cell)
             numbers[key._replace(source=key.source or "paper")] = number
     return numbers
 
 
 def contradictions() -> dict[str, list[str]]:
-    """Return label of a table -> notes on statements of the paper that contradict the table."""
-    notes: dict[str, list[str]] = json.loads(_text("contradictions"))
+    """Return table label -> notes on statements of the paper that contradict this table."""
+    notes: dict[str, list[str]] = json.loads(_read_text("contradictions"))
     return notes
 
 
-def _text(name: str) -> str:
+def _read_text(name: str) -> str:
     return resources.files("msb.report").joinpath("paper_tables", f"{name}.json").read_text("utf-8")
 
 
 @cache
-def _table(label: str) -> dict[Key, Number]:
-    cells = _PublishedTable.model_validate_json(_text(label)).cells
-    return {key: _noted(key, number) for key, number in map(_entry, cells)}
+def _read_table(label: str) -> dict[Key, Number]:
+    cells = _PublishedTable.model_validate_json(_read_text(label)).cells
+    return {key: _add_notes(key, number) for key, number in map(_convert_cell, cells)}
 
 
-def _entry(cell: _PublishedCell) -> tuple[Key, Number]:
-    """Return a published cell in our terms and in the unit of the records."""
+def _convert_cell(cell: _PublishedCell) -> tuple[Key, Number]:
+    """Return a published cell with our names and in the unit of the records."""
     metric = _OUR_METRICS.get(cell.metric, cell.metric)
     method = OUR_METHODS.get(cell.method, cell.method)
     key = Key(cell.dataset, cell.scene, method, cell.condition, metric, cell.source)
@@ -184,8 +185,8 @@ def _entry(cell: _PublishedCell) -> tuple[Key, Number]:
     return key, Number(None if cell.value is None else cell.value * scale, cell.na)
 
 
-def _noted(key: Key, number: Number) -> Number:
-    """Return a number of the paper with notes on why it cannot be compared with ours, if there are any."""
+def _add_notes(key: Key, number: Number) -> Number:
+    """Return a number of the paper with notes that explain why it cannot be compared with ours."""
     if number.value is None:
         if key.source != "paper" or number.absent != NOT_AVAILABLE:
             return number
@@ -206,7 +207,7 @@ def _noted(key: Key, number: Number) -> Number:
     return replace(number, notes=tuple(note.text for note in notes))
 
 
-def _gaps(numbers: Numbers) -> dict[GapKey, Gaps]:
+def _compute_gaps(numbers: Numbers) -> dict[GapKey, Gaps]:
     """Return the quality gaps between the paper's averages."""
     all_gaps: dict[GapKey, Gaps] = {}
     for dataset in numbers.datasets():
@@ -219,8 +220,8 @@ def _gaps(numbers: Numbers) -> dict[GapKey, Gaps]:
     return all_gaps
 
 
-def _ratios(numbers: Numbers) -> dict[RatioKey, Ratio]:
-    """Return the ratios of the paper's frame rates: of the averages, and of scenes that the paper prints."""
+def _compute_ratios(numbers: Numbers) -> dict[RatioKey, Ratio]:
+    """Return the ratios of the paper's frame rates: ratios of averages, and of scenes if they are printed."""
     ratios = {}
     for above, below in (("standard", "dedicated"), ("dedicated", "non_engine")):
         for dataset in numbers.datasets():

@@ -38,9 +38,10 @@ def is_ahead(metric: str, value: float, other: float) -> bool:
 def find_swaps(
     before: Ranking, after: Ranking, metric: str = "psnr", after_metric: str = "psnr"
 ) -> list[tuple[str, str]]:
-    """Return the pairs of methods whose order differs, by at least the last printed digit in both rankings.
+    """Return the pairs of methods whose order differs between two rankings.
 
-    `before` is ranked by `metric`, `after` by `after_metric`.
+    In both rankings they must differ by at least the last printed digit. `before` is ranked by `metric`,
+    `after` by `after_metric`.
     """
     values = dict(after)
     return [
@@ -50,16 +51,17 @@ def find_swaps(
     ]
 
 
-def most_certain_swap(
+def find_most_certain_swap(
     numbers: Numbers, dataset: str, swaps: list[tuple[str, str]], conditions: tuple[str, str]
 ) -> Interval:
-    """Return the t test of the most certain of `swaps` between two conditions, by PSNR.
+    """Return the t test of the most certain of `swaps`: pairs of methods that swap places by PSNR.
 
-    A swap is as certain as the less certain of the differences between its methods under the two conditions.
+    The difference between the methods of a swap is tested under both conditions. The larger p value counts
+    for the swap, and the swap with the smallest p value is returned.
     """
 
     def p_value(difference: Interval) -> float:
-        return 2.0 if difference.p is None else difference.p  # untested differences come last
+        return 2.0 if difference.p is None else difference.p  # 2: untested differences are the least certain
 
     def test_difference(pair: tuple[str, str], condition: str) -> Interval:
         scenes = []

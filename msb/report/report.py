@@ -60,7 +60,7 @@ class Report:
 
     @cached_property
     def verdicts(self) -> tuple[Verdict, ...]:
-        """The verdict on each asset. It is computed on first access, because it compares renderings."""
+        """The verdict on each asset. Verdicts compare renderings, so they are computed on first access."""
         if self.results is None:
             return ()
         places = self.results.places
@@ -75,7 +75,7 @@ class Report:
 
     @property
     def mixes(self) -> bool:
-        """Whether a table holds rows of the paper among ours."""
+        """Whether a table has rows of the paper between rows of ours."""
         return any(row.paper for table in self.tables.values() for row in table.rows)
 
     def to_dict(self) -> dict[str, Any]:

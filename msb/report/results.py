@@ -32,7 +32,8 @@ class LoadedResult:
     # The file of the record, and the results folder that contains it.
     path: Path
     root: Path
-    # Part of the folder's path that distinguishes the model from another one of the same name, else "".
+    # End of the folder's path that distinguishes the model from another model of the same name; "" if there
+    # is no other.
     folder: str = ""
 
     @property
@@ -93,8 +94,8 @@ def read_results(*folders: str | os.PathLike[str], allow_mixed: bool = False) ->
     *folders : path-like
         Folders that `msb run` wrote. If two of them hold the same cell, the later folder counts.
     allow_mixed : bool
-        Accept records that must not be compared, and note it. Models whose records in two folders differ
-        then stay separate, named after the folders.
+        Accept records that must not be compared, with a note. Models whose records differ between two folders
+        are then separate models, with the name of the folder in their names.
 
     Raises
     ------
@@ -110,7 +111,7 @@ def read_results(*folders: str | os.PathLike[str], allow_mixed: bool = False) ->
 def result_set(records: Sequence[LoadedResult], *, allow_mixed: bool = False) -> ResultSet:
     """Return `records` by asset and condition; raises UsageError like `read_results`."""
     conflicts = _find_conflicts(records)
-    names = _folder_names(records)
+    names = _shorten_folders(records)
     records = [
         replace(loaded, folder=names[loaded.root]) if loaded.place._replace(scene="") in conflicts else loaded
         for loaded in records
@@ -124,10 +125,12 @@ def result_set(records: Sequence[LoadedResult], *, allow_mixed: bool = False) ->
     places: dict[Place, dict[str, LoadedResult]] = {}
     for loaded in sorted(records, key=lambda loaded: condition_order(loaded.result.cell.condition_key)):
         places.setdefault(loaded.place, {})[loaded.result.cell.condition_key] = loaded
-    return ResultSet(places, (*(f"mixed results: {text}" for text in problems), *_missing_packages(records)))
+    return ResultSet(
+        places, (*(f"mixed results: {text}" for text in problems), *_list_missing_packages(records))
+    )
 
 
-def _missing_packages(records: Iterable[LoadedResult]) -> Iterator[str]:
+def _list_missing_packages(records: Iterable[LoadedResult]) -> Iterator[str]:
     """Yield a note on each recorded metric whose package is not installed."""
     qualities = [loaded.result.quality for loaded in records]
     counts = Counter(key for quality in qualities if quality for key in quality.not_installed)
@@ -140,7 +143,8 @@ def _read_folder(root: Path) -> list[LoadedResult]:
     check_folder(root, "folder of results")
     files = Results(root).records()
     if not files:
-        text = "it holds no results (cells/DATASET/SCENE/METHOD/COLUMN/result.json); name a folder of msb run"
+        place = "cells/DATASET/SCENE/METHOD/CONDITION/result.json"
+        text = f"the folder holds no results ({place}); pass a results folder of msb run"
         raise InputError("RESULTS_EMPTY", text, file=root)
     records = []
     for path in files:
@@ -151,7 +155,7 @@ def _read_folder(root: Path) -> list[LoadedResult]:
 
 
 def _find_differences(records: Iterable[LoadedResult]) -> Iterator[str]:
-    """Yield how records differ that stand side by side in a table."""
+    """Yield differences between records that tables would show side by side."""
     identities: dict[str, tuple[object, LoadedResult]] = {}
     of_place: dict[tuple[Place, str], tuple[object, LoadedResult]] = {}
     for loaded in records:
@@ -161,22 +165,23 @@ def _find_differences(records: Iterable[LoadedResult]) -> Iterator[str]:
             definition = defined(identity)
             first, other = identities.setdefault(str(identity.get("name")), (definition, loaded))
             if first != definition:
-                yield f"{_name(loaded)} and {_name(other)} define {identity.get('name')} differently"
+                both = f"{_format_name(loaded)} and {_format_name(other)}"
+                yield f"{both} define {identity.get('name')} differently"
         # All conditions of an asset must be drawn and compared in the same way.
-        for what, value in _facts_of_asset(result).items():
+        for what, value in _collect_asset_facts(result).items():
             first, other = of_place.setdefault((loaded.place, what), (value, loaded))
             if first != value:
-                yield f"{_name(loaded)} and {_name(other)} differ in {what}"
+                yield f"{_format_name(loaded)} and {_format_name(other)} differ in {what}"
 
 
 def _find_conflicts(records: Sequence[LoadedResult]) -> dict[Place, str]:
-    """Return dataset and model -> how the records of one cell in two folders differ."""
+    """Return dataset and model -> difference between the records of the same cell in two folders."""
     first_records: dict[tuple[str, ...], LoadedResult] = {}
     conflicts: dict[Place, str] = {}
-    names = _folder_names(records)
+    names = _shorten_folders(records)
     for loaded in records:
         other = first_records.setdefault(loaded.result.cell.names, loaded)
-        facts, other_facts = _facts_of_cell(loaded.result), _facts_of_cell(other.result)
+        facts, other_facts = _collect_cell_facts(loaded.result), _collect_cell_facts(other.result)
         what = [name for name in other_facts.keys() & facts.keys() if other_facts[name] != facts[name]]
         if what and other.root != loaded.root:
             folders = f"{names[other.root]} and {names[loaded.root]}"
@@ -186,8 +191,8 @@ def _find_conflicts(records: Sequence[LoadedResult]) -> dict[Place, str]:
     return conflicts
 
 
-def _facts_of_cell(result: Result) -> dict[str, object]:
-    """Return what two records of a cell must share to be measurements of the same thing."""
+def _collect_cell_facts(result: Result) -> dict[str, object]:
+    """Return the properties in which two records of the same cell must agree."""
     facts: dict[str, object] = {}
     if result.renderer is not None:
         facts["settings"] = result.renderer.settings
@@ -197,7 +202,7 @@ def _facts_of_cell(result: Result) -> dict[str, object]:
     return facts
 
 
-def _folder_names(records: Iterable[LoadedResult]) -> dict[Path, str]:
+def _shorten_folders(records: Iterable[LoadedResult]) -> dict[Path, str]:
     """Return results folder -> the last parts of its path, as many as distinguish it from the others."""
     roots = list(dict.fromkeys(loaded.root.absolute() for loaded in records))
     count = 1
@@ -206,20 +211,20 @@ def _folder_names(records: Iterable[LoadedResult]) -> dict[Path, str]:
     return {loaded.root: "/".join(loaded.root.absolute().parts[-count:]) for loaded in records}
 
 
-def _facts_of_asset(result: Result) -> dict[str, object]:
-    """Return what all conditions of an asset must share. Variants and bakes may have other settings."""
+def _collect_asset_facts(result: Result) -> dict[str, object]:
+    """Return the properties in which all conditions of an asset must agree, except settings of variants."""
     facts: dict[str, object] = {}
     if result.setup is not None:
-        facts["their setup (cameras, image folder, background)"] = result.setup
+        facts["setup (cameras, image folder, background)"] = result.setup
     if result.model_asset is not None and result.model_asset.sha256 is not None:
-        facts["the asset's bytes"] = result.model_asset.sha256
+        facts["the bytes of the asset"] = result.model_asset.sha256
     is_tier = result.cell.variant is None and result.cell.bake is None
     if result.renderer is not None and result.renderer.kind != "upstream" and is_tier:
-        facts["their settings"] = result.renderer.settings
+        facts["settings"] = result.renderer.settings
     if result.quality is not None:
-        facts["their test images or sizes"] = result.quality.views
+        facts["test images or their sizes"] = result.quality.views
     return facts
 
 
-def _name(loaded: LoadedResult) -> str:
+def _format_name(loaded: LoadedResult) -> str:
     return f"{loaded.root.name}: {'/'.join(loaded.result.cell.names)}"

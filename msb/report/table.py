@@ -11,7 +11,7 @@ from msb.bench.intervals import Interval
 from msb.metrics.registry import IMAGE_METRICS
 
 SCHEMA = "msb.table/1"
-# Printed in cells without a value: the condition is not supported, or the value does not apply or is missing.
+# Texts of cells without a value: the condition is not supported, or the value is missing or has no meaning.
 NOT_SUPPORTED, NOT_AVAILABLE = "N/A", "--"
 
 
@@ -28,7 +28,7 @@ class TableCell:
     metric, unit : str
         Empty if the value is not a measurement.
     bold : bool
-        Whether the value is the best of those it is compared with.
+        Whether the value is printed bold, usually because it is the best of its group.
     reason : str or None
         Why the value is missing.
     notes : tuple of str
@@ -160,7 +160,7 @@ class Table:
         return [(name, list(rows)) for name, rows in groupby(self.rows, heading)]
 
     def sortable(self, column: int) -> bool:
-        """Return whether the rows of each block can be sorted by a column: it holds numbers of one metric."""
+        """Return whether rows can be sorted by a column: each block has numbers of a single metric in it."""
         blocks = [[row.cells[column] for row in rows if not row.paper] for _, rows in self.blocks()]
         several = any(sum(cell.number is not None for cell in cells) > 1 for cells in blocks)
         return several and all(len({cell.metric for cell in cells}) <= 1 for cells in blocks)
@@ -171,12 +171,12 @@ class Table:
         return {note: _letters(number) for number, note in enumerate(texts)}
 
     def with_common_notes(self) -> Table:
-        """Return the table with notes that all numbers of a metric share moved to the table's notes."""
+        """Return the table with notes of whole metrics moved from the cells to the table."""
         cells = [cell for row in self.rows for cell in row.cells if cell.value is not None and not row.paper]
         metrics = dict.fromkeys(cell.metric for cell in cells)
         common: dict[str, str] = {}
         for note in dict.fromkeys(note for cell in cells for note in cell.notes):
-            # A note is common if every cell of the metrics that have it has it.
+            # A note is common if it applies to whole metrics: no other cell of these metrics lacks it.
             noted_metrics = dict.fromkeys(cell.metric for cell in cells if note in cell.notes)
             if all(note in cell.notes for cell in cells if cell.metric in noted_metrics):
                 images = [metric for metric in noted_metrics if metric in IMAGE_METRICS]

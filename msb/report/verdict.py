@@ -12,7 +12,7 @@ from msb.bench.records import BAKED, ImageQuality, Result
 from msb.errors import MsbError
 from msb.metrics.images import PSNR_CAP
 from msb.metrics.likeness import ALIKE, NEARLY, decibels
-from msb.report.collect import REFERENCE
+from msb.report.collect import NOT_RUN, REFERENCE
 from msb.report.mesh_trials import TaskOutcome, read_task_outcomes
 from msb.report.metric_format import format_value
 from msb.report.numbers import GapKey, Key, Numbers, condition_title, dataset_title, method_title, scene_title
@@ -38,17 +38,17 @@ _LOSSES: tuple[tuple[float, Mark, str], ...] = (
 )
 # Maximum P95 of the frame time, in milliseconds, for 60 and for 30 frames per second.
 SMOOTH_MS, USABLE_MS = 1000 / 60, 1000 / 30
-# Two renderings are compared on at most this number of evenly spread views: more would take minutes for a
-# complete benchmark.
+# Maximum number of views on which the renderings of two conditions are compared. The views are spread evenly;
+# more would take minutes for a complete benchmark.
 _MAX_VIEWS = 8
 _LEVELS: dict[str, Mark] = {"ok": "YES", "limited": "WITH CARE", "bad": "NO"}
 
 
 @dataclass(frozen=True)
 class Statement:
-    """Whether an asset is suitable for a use.
+    """A judgement on the suitability of an asset for one use.
 
-    `why` gives the reason with its number. `short` names the use in a table.
+    `why` gives the reason with its number. `short` is the short name of the use for tables.
     """
 
     mark: Mark
@@ -132,10 +132,10 @@ def _judge_appearance(
     """
     number = numbers.number(Key(*place, condition, "psnr"))
     if number.value is None:
-        reason = number.reason or "not run"
+        reason = number.reason or NOT_RUN
         if number.absent == NOT_SUPPORTED:
             return Statement("NO", use, f"Not supported: {reason}.")
-        return Statement("UNKNOWN", use, f"Not known: {reason}.")
+        return Statement("UNKNOWN", use, f"{_capitalize(reason)}.")
 
     # Find the reference: native renderings, else (for Standard) the dedicated tier.
     tier = "dedicated" if condition.startswith("dedicated") else "standard"
@@ -149,41 +149,41 @@ def _judge_appearance(
     )
     if tier == "standard" and gaps is not None and (gap is None or gap.signed is None):
         start, gap = "dedicated", gaps["port"]
-        remark = f" It is compared with the dedicated tier of this run, because {lacks}."
+        remark = f" The comparison is with the dedicated tier of this run, because {lacks}."
     if gap is None or gap.signed is None:
-        unknown = f"PSNR {number.value:.2f} dB; there is nothing to compare it with, because {lacks}."
-        return Statement("UNKNOWN", use, unknown)
+        psnr = f"PSNR against the photographs is {number.value:.2f} dB"
+        return Statement("UNKNOWN", use, f"{psnr}. It cannot be judged, because {lacks}.")
     before = numbers.number(Key(*place, start, "psnr"))
     reference = "our reference renderer" if REFERENCE in before.notes else "its native renderer"
     reference = "the dedicated tier" if start == "dedicated" else reference
     if before.value is not None and before.value < MIN_NATIVE_PSNR:
         low = f"{_capitalize(reference)} reaches only {before.value:.2f} dB PSNR against the photographs"
-        text = f"{low}, too low for a comparison (PSNR here: {number.value:.2f} dB).{remark}"
+        text = f"{low}, which is too low for a comparison. This condition has {number.value:.2f} dB.{remark}"
         return Statement("UNKNOWN", use, text)
 
     # Compare the two sets of renderings, or else their PSNR against the photographs.
-    change = f"{_describe_change(gap)} against the photographs"
+    change = f"PSNR against the photographs {_describe_change(gap)}"
     if before.value is not None:
-        change += f" (PSNR {before.value:.2f} to {number.value:.2f} dB)"
+        change += f" ({before.value:.2f} to {number.value:.2f} dB)"
     similarity = measure_similarity(loaded[start], loaded[condition])
     if similarity is None:
         mark, wording = next((mark, wording) for limit, mark, wording in _LOSSES if gap.signed < limit)
-        return Statement(mark, use, f"{wording} {reference}: {change}.{remark}")
+        return Statement(mark, use, f"{wording} {reference}; {change}.{remark}")
     mark, wording = next(
         (mark, wording) for least, mark, wording in _SIMILARITIES if similarity.psnr >= least
     )
     part = f" over {similarity.views} of {similarity.of} views" if similarity.views < similarity.of else ""
     between = f"{decibels(similarity.psnr)} between the two renderings{part}"
-    return Statement(mark, use, f"{wording} {reference} ({between}); {change}.{remark}")
+    return Statement(mark, use, f"{wording} {reference}: {between}. {change}.{remark}")
 
 
 def _describe_change(gap: Gap) -> str:
-    """Return "1.01 dB worse", "0.51 dB better" or "no loss"; the gap is positive for a loss."""
+    """Return "is 1.01 dB worse", "is 0.51 dB better" or "shows no loss"; the gap is positive for a loss."""
     signed = gap.signed or 0.0
     amount = f"{abs(signed):.2f}"
     if amount == "0.00":
-        return "no loss"
-    return f"{amount} dB {'better' if signed < 0 else 'worse'}"
+        return "shows no loss"
+    return f"is {amount} dB {'better' if signed < 0 else 'worse'}"
 
 
 def _judge_speed(condition: str, record: Result) -> Statement:
@@ -199,14 +199,14 @@ def _judge_speed(condition: str, record: Result) -> Statement:
         return Statement("YES", use, f"Holds 60 frames per second: {measured}.")
     if timing.device_kind != "gpu":
         device = timing.device_kind.upper()
-        return Statement("UNKNOWN", use, f"On a {device} device, {measured}; measure it on a GPU.")
+        return Statement("UNKNOWN", use, f"On a {device} device, {measured}. Measure the times on a GPU.")
     if timing.p95_ms <= USABLE_MS:
         return Statement("WITH CARE", use, f"Holds 30 frames per second, but not 60: {measured}.")
     return Statement("NO", use, f"Does not hold 30 frames per second: {measured}.")
 
 
 def _format_milliseconds(value: float) -> str:
-    """Return "16.2 ms" for 16.21 and "16.69 ms" for 16.69, which must not round to the limit of 16.7 ms."""
+    """Return a time that does not round to a limit: "16.2 ms" for 16.21, but "16.69 ms" for 16.69."""
     # Add decimals until the printed time differs from both limits.
     for decimals in (1, 2, 3):
         printed = f"{value:.{decimals}f}"
@@ -221,7 +221,7 @@ def _judge_structure(record: Result | None) -> Statement:
     if record is None or record.audit is None:
         reason = None if record is None else record.reason
         why = "the mesh was not audited" if reason is None else reason.message
-        return Statement("UNKNOWN", use, f"Not known: {why}.")
+        return Statement("UNKNOWN", use, f"{_capitalize(why)}.")
     verdict = record.audit.verdict
     return Statement(_LEVELS[verdict.level], use, f"{_capitalize(verdict.sentence)}.")
 
@@ -232,7 +232,8 @@ def _judge_bake(condition: str, record: Result) -> Statement:
     facts = ""
     if record.bake is not None and record.asset is not None:
         size = format_value("asset_size", record.asset.bytes)
-        facts = f" {record.bake.faces:,} triangles, {size} MiB, baked in {record.bake.seconds:.0f} s."
+        mesh = f"The mesh has {record.bake.faces:,} triangles and a size of {size} MiB"
+        facts = f" {mesh}. The bake took {record.bake.seconds:.0f} s."
     why = f"{structure.why}{facts}"
     short = f"editing {condition_title(condition)}"
     return Statement(structure.mark, f"Editing the baked mesh ({label})", why, short)
@@ -244,7 +245,7 @@ def _make_notes(place: Place, numbers: Numbers, records: Mapping[str, Result]) -
     if texts:
         yield Statement("NOTE", "Training", f"{_capitalize('; '.join(texts))}.")
     memory = [
-        f"{format_value('memory', value)} MiB {condition_title(condition)}"
+        f"{condition_title(condition)}: {format_value('memory', value)} MiB"
         for condition in ("standard", "dedicated")
         if (value := numbers.value(Key(*place, condition, "memory"))) is not None
     ]

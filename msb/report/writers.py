@@ -151,13 +151,13 @@ def _markdown_cell(cell: TableCell, marks: dict[str, str]) -> str:
 
 
 def _without_empty_columns(table: Table) -> Table:
-    """Return the table without columns that only hold "--", and with a note that lists them."""
+    """Return the table without columns in which every cell is "--", and with a note that lists them."""
     cells = [[row.cells[number] for row in table.rows] for number in range(len(table.columns))]
     kept = [n for n, column in enumerate(cells) if any(cell.text != NOT_AVAILABLE for cell in column)]
     if not kept or len(kept) == len(cells):
         return table
     omitted = [number for number in range(len(cells)) if number not in kept]
-    # A title that also heads a remaining column is listed with the headings above it.
+    # A title is listed with its upper headings if a remaining column has the same title.
     titles = {table.columns[number].title for number in kept}
     names = dict.fromkeys(
         column.full_title if column.title in titles else column.title

@@ -11,7 +11,7 @@ from msb.bench.documents import STORED
 from tests.bench.test_protocol import MINIMAL
 from tests.bench.test_track import TIMING
 from tests.fuzz.bad_texts import Bad
-from tests.report.factory import AUDIT, TASK, chamfer, make_result, repairs, trial, way
+from tests.report.factory import AUDIT, TASK, chamfer, make_result, repairs, strategy_json, trial
 
 DIGITS = b"1" * 5000
 """More digits than Python converts to a number."""
@@ -58,8 +58,8 @@ _RESULT: dict[str, bytes] = {
     "negative PSNR": first_image(psnr=-3.0),
     "wrong average of SSIM": first_image(ssim=0.25),
     "trial without time": result(trial=trial({**TASK, "seconds": None})),
-    "repair with a list of trials": result(repairs=repairs(way(STORED, trials=["uv"]))),
-    "repairs without the original": result(repairs=repairs(way("weld"))),
+    "repair with a list of trials": result(repairs=repairs(strategy_json(STORED, trials=["uv"]))),
+    "repairs without the original": result(repairs=repairs(strategy_json("weld"))),
     "image without width": result(quality={"psnr": 1, "ssim": 1, "images": [{"name": "a"}]}),
 }
 

@@ -21,7 +21,7 @@ from tests.cli.conftest import Msb
 from tests.conftest import ROOT
 from tests.metrics.conftest import GOLDEN, golden, needs_torch
 from tests.report.factory import make_result, write
-from tests.test_docs_commands import installed
+from tests.test_docs_commands import install_example
 
 PRED, GT = GOLDEN / "pred", GOLDEN / "gt"
 EXPECTED = ("smooth_plus_noise_37x53", "blurred_37x53", "identical_37x53")
@@ -121,7 +121,7 @@ FAILS = ("    steps = [", "    1 / 0\n    steps = [")
 
 @pytest.fixture
 def site(tmp_path: Path) -> Path:
-    return installed("docs/extending.md", tmp_path / "site")
+    return install_example("docs/extending.md", tmp_path / "site")
 
 
 def test_reserved_metric_names_are_the_keys_of_records() -> None:

@@ -16,7 +16,7 @@ import pytest
 
 from tests.cli.conftest import INSTALLED, Msb, of_installed
 from tests.cli.forks import SECONDS
-from tests.conftest import ROOT, shortened
+from tests.conftest import ROOT, shorten
 from tests.tiny import link_demo
 
 ASSET = "data_stubs/splat_like.triasset"
@@ -278,7 +278,7 @@ def test_every_help_example_runs(work: Path, which: str) -> None:
             program, *words = shlex.split(line)
             if words[0] not in NOT_HERE:
                 line_words = ["msb", *(["audit"] if program == "msb-audit" else []), *words]
-                examples.append(tuple(shortened(line_words)[1:]))
+                examples.append(tuple(shorten(line_words)[1:]))
     assert {words[0] for words in examples} >= {*names} - NOT_HERE
     ended = run_all(list(dict.fromkeys(examples)), work)
     assert {result.words: result.err for result in ended if result.status or b"Traceback" in result.err} == {}

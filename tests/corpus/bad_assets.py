@@ -1,7 +1,7 @@
 """All bad assets.
 
-Each case is written to a separate folder, because some need files beside the asset. Nothing is random: a
-release always writes the same bytes.
+Each case is written to a separate folder, because some cases need files beside the asset. The cases are not
+random: they have the same bytes in every run.
 """
 
 from pathlib import Path

@@ -10,7 +10,7 @@ import numpy as np
 
 from msb.asset import Asset
 from tests.corpus.bad_zips import good_entries
-from tests.corpus.case import Case, Writer, changed, packed
+from tests.corpus.case import Case, Writer, manifest_case, packed_case
 from tests.corpus.forge import forge
 from tests.corpus.good import Parts, decoder, mesh, parts, soup
 
@@ -72,7 +72,10 @@ def _denied_file(path: Path) -> None:
 
 
 PATH_CASES = [
-    *(changed(f"path_{name}", "PATH", {"/buffers/positions/file": file}) for name, file in _NAMES.items()),
+    *(
+        manifest_case(f"path_{name}", "PATH", {"/buffers/positions/file": file})
+        for name, file in _NAMES.items()
+    ),
     Case("path_case_twins", "TRIASSET_PATH", _case_twins),
     _on_disk("link_out", "PATH", _link(_POSITIONS, "../../outside/buffers/positions.bin")),
     _on_disk("link_buffers", "PATH", _link("buffers", "../outside/buffers")),
@@ -120,7 +123,7 @@ def _file(name: str, code: str, spoil: Callable[[dict[str, bytes]], object]) -> 
         return good
 
     in_folder = Case(f"{name}_folder", f"TRIASSET_{code}", lambda path: make().write_folder(path))
-    return [in_folder, packed(f"{name}_packed", code, make)]
+    return [in_folder, packed_case(f"{name}_packed", code, make)]
 
 
 FILE_CASES = [
@@ -134,7 +137,7 @@ FILE_CASES = [
 def _values(
     name: str, code: str, buffer: str, put: dict[Any, Any], make: Callable[[], Asset] = mesh, **more: Any
 ) -> Case:
-    """Return a case with other values for some elements of a buffer, and with a matching hash."""
+    """Return a case with new values for some elements of a buffer (`put`), and with a matching hash."""
 
     def change() -> Parts:
         asset = make()
@@ -143,11 +146,11 @@ def _values(
             array[where] = value
         return parts(asset).set_array(buffer, array)
 
-    return packed(name, code, change, **{"found_by": "validate", **more})
+    return packed_case(name, code, change, **{"found_by": "validate", **more})
 
 
 def _stated(name: str, code: str, pointer: str, value: Any, **more: Any) -> Case:
-    return changed(name, code, {pointer: value}, found_by="validate", **more)
+    return manifest_case(name, code, {pointer: value}, found_by="validate", **more)
 
 
 def _signalling_nan() -> Parts:
@@ -173,13 +176,13 @@ NAN, INF = float("nan"), float("inf")
 _NOTED = {"severity": "info", "found_by": "command"}
 _WARNED = {"severity": "warning", "found_by": "validate"}
 VALUE_CASES = [
-    packed("signalling_nan", "VALUE_NONFINITE", _signalling_nan, found_by="validate"),
+    packed_case("signalling_nan", "VALUE_NONFINITE", _signalling_nan, found_by="validate"),
     _values("nan_opacity", "VALUE_NONFINITE", "opacity", {0: NAN}, soup),
     _values("inf_weight", "VALUE_NONFINITE", "decoder.w0", {(0, 0): INF}, decoder),
     _values("index_greatest", "INDEX_OUT_OF_RANGE", "indices", {(0, 0): 2**32 - 1}),
     _values("soup_swapped", "VALUE_RANGE", "indices", {...: [[3, 4, 5], [0, 1, 2]]}, soup),
-    packed("color_range", "VALUE_RANGE", _float_color, **_WARNED),
-    packed(
+    packed_case("color_range", "VALUE_RANGE", _float_color, **_WARNED),
+    packed_case(
         "magnitude",
         "VALUE_RANGE",
         lambda: _placed(3e38 * np.eye(4, 3, k=-1), [3e38] * 3, 3.003e38),
@@ -198,7 +201,7 @@ VALUE_CASES = [
         {...: [[0, 1, 2], [2, 1, 0], [1, 2, 0], [1, 0, 2]]},
         **_NOTED,
     ),
-    packed(
+    packed_case(
         "face_zero_area",
         "FACE_ZERO_AREA",
         lambda: _placed([[0, 0, 0], [1, 0, 0], [2, 0, 0], [0, 0, 3]], [2, 0, 3], 4),

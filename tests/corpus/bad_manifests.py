@@ -4,7 +4,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from tests.corpus.case import Case, changed, packed
+from tests.corpus.case import Case, manifest_case, packed_case
 from tests.corpus.good import REMOVE, Parts, decoder, mesh, parts, soup, textured
 
 MIB = 1 << 20
@@ -114,13 +114,13 @@ _WARNED: list[tuple[str, str, str, Any]] = [
     ("method_elsewhere", "METHOD_NOT_INSTALLED", "/method", "nerf"),
 ]
 FIELD_CASES = [
-    *(changed(name, code, {where: value}, make) for name, code, where, value, make in _FIELDS),
-    *(changed(name, code, {where: value}, severity="warning") for name, code, where, value in _WARNED),
+    *(manifest_case(name, code, {where: value}, make) for name, code, where, value, make in _FIELDS),
+    *(manifest_case(name, code, {where: value}, severity="warning") for name, code, where, value in _WARNED),
     *(
-        changed(f"no_{counted}", "EMPTY", {f"/{key}": 0}, also=("TRIASSET_BUFFER",))
+        manifest_case(f"no_{counted}", "EMPTY", {f"/{key}": 0}, also=("TRIASSET_BUFFER",))
         for counted, key in (("faces", "face_count"), ("vertices", "vertex_count"))
     ),
-    changed("sh_rest_at_0", "FIELD", {"/sh_degree": 0, "/settings": {}}, soup),
+    manifest_case("sh_rest_at_0", "FIELD", {"/sh_degree": 0, "/settings": {}}, soup),
 ]
 
 # --- its buffers -----------------------------------------------------------------------------------------
@@ -129,7 +129,9 @@ FIELD_CASES = [
 def _buffer(
     name: str, code: str, changes: dict[str, Any], make: Callable[[], Any] = mesh, **more: Any
 ) -> Case:
-    return changed(name, code, {f"/buffers/{key}": value for key, value in changes.items()}, make, **more)
+    return manifest_case(
+        name, code, {f"/buffers/{key}": value for key, value in changes.items()}, make, **more
+    )
 
 
 def _shared(second_offset: int, gap: int = 0) -> Callable[[], Parts]:
@@ -162,7 +164,7 @@ def _more_buffers(*names: str) -> Callable[[], Parts]:
 BUFFER_CASES = [
     _buffer("no_positions", "BUFFER", {"positions": REMOVE}),
     *(
-        packed(f"buffer_name_{i}", "BUFFER", _more_buffers(name))
+        packed_case(f"buffer_name_{i}", "BUFFER", _more_buffers(name))
         for i, name in enumerate(["Positions", "a/b", "", "a\n", "\u0430", "x" * 65])
     ),
     _buffer("offset_negative", "BUFFER", {"color/offset": -64}),
@@ -174,8 +176,8 @@ BUFFER_CASES = [
     ),
     _buffer("offset_past_end", "DAMAGED", {"color/offset": 64}),
     _buffer("misaligned", "BUFFER", {"color/offset": 4}, also=("TRIASSET_DAMAGED",)),
-    packed("overlap", "BUFFER", _shared(0)),
-    packed("hole", "DAMAGED", _shared(128, 80)),
+    packed_case("overlap", "BUFFER", _shared(0)),
+    packed_case("hole", "DAMAGED", _shared(128, 80)),
     _buffer("dtype_float64", "BUFFER", {"color/dtype": "float64"}),
     _buffer("positions_uint32", "BUFFER", {"positions/dtype": "uint32"}),
     _buffer("indices_uint8", "BUFFER", {"indices/dtype": "uint8", "indices/byte_length": 12}),

@@ -1,4 +1,4 @@
-"""Bad assets: ZIP files that are compressed, contradictory, or have foreign bytes, names or records."""
+"""Bad assets: ZIP files with compression, contradictory headers, or foreign bytes, names or records."""
 
 import io
 import struct
@@ -30,7 +30,7 @@ def _zip(name: str, code: str, make: Callable[[], bytes], **more: Any) -> Case:
 
 
 def _forged(name: str, code: str, **spoil: Any) -> Case:
-    """Return a case of good members, packed with other arguments of `forge`."""
+    """Return a case of good members, packed with further arguments of `forge`."""
     return _zip(name, code, lambda: forge(good_entries(), **spoil))
 
 

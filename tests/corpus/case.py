@@ -26,12 +26,12 @@ class Case:
     severity : str
         "error" if `load` raises, "warning" or "info" if it does not.
     found_by : "load", "validate" or "command"
-        The first check that reports the code; later ones report it as well. "command" is `msb validate`,
-        which also finds degenerate faces.
+        The first check that reports the code. The checks after it report the code as well. "command" is
+        `msb validate`, which also finds degenerate faces.
     also : tuple of str
         Codes of further errors that `validate` reports as consequences of the same fault.
     denied : bool
-        Whether the asset is only bad for users other than root, whose permissions are not checked.
+        Whether the asset is good for root, because the system does not check root's permissions.
     """
 
     name: str
@@ -43,12 +43,12 @@ class Case:
     denied: bool = False
 
 
-def packed(name: str, code: str, make: Callable[[], Parts], **more: Any) -> Case:
+def packed_case(name: str, code: str, make: Callable[[], Parts], **more: Any) -> Case:
     """Return a case that is a single file, packed from the parts returned by `make`."""
     return Case(name, f"TRIASSET_{code}", lambda path: make().write_packed(path), **more)
 
 
-def changed(
+def manifest_case(
     name: str, code: str, changes: dict[str, Any], make: Callable[[], Asset] = mesh, **more: Any
 ) -> Case:
     """Return a packed case with `changes` of its manifest: JSON pointer -> new value, or REMOVE."""
@@ -59,4 +59,4 @@ def changed(
             good.change(pointer, value)
         return good
 
-    return packed(name, code, change, **more)
+    return packed_case(name, code, change, **more)

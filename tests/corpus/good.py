@@ -153,6 +153,6 @@ class Parts:
 
 
 def parts(asset: Asset) -> Parts:
-    """Return the pieces of an asset in memory."""
+    """Return the manifest and the files of an asset, in memory."""
     files = {spec.file: bytes(as_bytes(asset.buffers[name])) for name, spec in asset.manifest.buffers.items()}
     return Parts(copy.deepcopy(asset.manifest.to_dict()), files)

@@ -22,7 +22,7 @@ from tests.scenes.datasets import bad_scenes
 
 MESSAGES = Path(__file__).parents[1] / "golden" / "refusals.json"
 _FOREIGN = re.compile(r"((?:is not|cannot be) (?:JSON|read|opened|listed|UTF-8|decoded)): .*", re.DOTALL)
-"""The end of such a message comes from Python, a library or the system, and depends on its version."""
+"""Pattern of messages that end with text of Python, a library or the system, which depends on versions."""
 
 REFUSED: dict[str, tuple[str, Callable[[Path], object]]] = {
     **{
@@ -39,8 +39,8 @@ REFUSED: dict[str, tuple[str, Callable[[Path], object]]] = {
         for name in table
     },
 }
-"""Kind and name -> error code, and a function that writes the file to a folder and reads it. Assets are
-tested in tests/asset/test_bad_assets.py."""
+"""Kind and name of a bad file -> error code, and a function that writes the file to a folder and reads it.
+Bad assets are tested in tests/asset/test_bad_assets.py."""
 
 
 @cache

@@ -1,4 +1,4 @@
-"""The demo scenes and models: size, views, quality, and photographs equal to the output of their script."""
+"""The demo scenes and models: size, number of views, quality, agreement with their script."""
 
 import json
 from pathlib import Path
@@ -19,9 +19,8 @@ from msb.scenes.datasets.read import scene_at
 from tests.conftest import ROOT
 
 STUBS = ROOT / "data_stubs"
-METHODS = [
-    name for name in TRAINED if name != "triangle_splatting_plus"
-]  # same renderer and layout as MeshSplatting
+# The demo data has no model of Triangle-Splatting+, whose renderer and layout are those of MeshSplatting.
+METHODS = [name for name in TRAINED if name != "triangle_splatting_plus"]
 MAX_BYTES = 8_000_000
 MAX_FACES = 8000
 MIN_PSNR = 28.0

@@ -1,4 +1,4 @@
-"""Fuzz targets need all capabilities; if one was removed, no test of this folder is collected."""
+"""Fuzz targets need all capabilities. If a capability was removed, no test of this folder is collected."""
 
 from tests.conftest import WHOLE
 

@@ -1,7 +1,7 @@
 """Write all bad assets, checkpoints, meshes and camera files: `python -m tests.fuzz.corpora OUTDIR`.
 
-index.json has a row per file: the function of `fuzz.readers` that reads it, the path for the reader, the path
-below which the reader may open files, and the expected error code ("" if the reader succeeds).
+index.json has a row per file with four texts: the function of `fuzz.readers` that reads the file, its path,
+the path below which the reader may open files, and the expected error code ("" if reading succeeds).
 """
 
 import json

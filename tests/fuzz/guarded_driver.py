@@ -27,10 +27,11 @@ MUTATIONS = 60 * TIMES
 SECONDS = 1.5
 """Limit for one input of a target, in seconds of processor time."""
 ALL_SECONDS = 300 * TIMES
-"""Limit for the process, in seconds of processor time, which other work of the machine does not affect."""
+"""Limit for the process, in seconds of processor time. Unlike wall time, it does not depend on other work of
+the machine."""
 MOST_MIB = 350
-"""Limit of resident memory over the corpora, in MiB. The peak is a checkpoint of 330,000 tensors with 32
-axes."""
+"""Limit of resident memory while all corpora are read, in MiB. A checkpoint of 330,000 tensors with 32 axes
+needs most."""
 
 
 def spin(until: float) -> None:
@@ -53,11 +54,11 @@ EVIL_IF_CLOSED: dict[str, Callable[[Path], object]] = {
     "read": lambda path: (path.parent / "beside").read_bytes(),
     "compile": lambda path: compile("1", "<input>", "exec"),
 }
-"""Actions that are allowed for targets, but not for readers of the corpora."""
+"""Actions that targets may perform, but readers of the corpora may not."""
 
 
 def inputs(name: str, seeds: list[bytes]) -> list[bytes]:
-    """Return the seeds and their mutations, which are always the same."""
+    """Return the seeds and their mutations, which are the same in every run."""
     rng = random.Random(f"mutations of {name}")
     mutants = []
     for number in range(MUTATIONS):
@@ -82,7 +83,7 @@ def feed_targets(scratch: Path, names: list[str]) -> None:
 
         seeds = TARGETS[name].small_seeds()
         feeds[name] = TARGETS[name].at(scratch / name), inputs(name, seeds)
-        for seed in seeds[:3]:  # trigger imports on first use, which the guard forbids
+        for seed in seeds[:3]:  # import modules that are loaded on first use, which the guard would forbid
             feeds[name][0](seed)
     limit_memory()
     guard = Guard(scratch, report)
@@ -106,7 +107,7 @@ def read_corpora(root: Path) -> None:
     """Read every file of the index; the first file with another error code ends the process."""
     rows = json.loads((root / "index.json").read_text())
     for reader, path, _, code in rows:
-        if not code:  # trigger imports on first use, which the guard forbids
+        if not code:  # import modules that are loaded on first use, which the guard would forbid
             getattr(readers, reader)(Path(path))
     limit_memory()
     guard = ClosedGuard(root, report)

@@ -44,7 +44,7 @@ def test_reading_bad_files_runs_no_code_opens_no_other_file_and_needs_little_mem
 @pytest.mark.slow
 @pytest.mark.parametrize("action", ["exec", "write", "child", "socket", "memory", "slow", "error"])
 def test_the_guard_detects(action: str, tmp_path: Path) -> None:
-    """Forbidden actions of a target are detected, so the test above can fail."""
+    """The guard detects forbidden actions of a target; otherwise the test of all targets could not fail."""
     done = run(tmp_path, action)
     assert done.returncode != 0
     messages = {

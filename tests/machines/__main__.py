@@ -28,6 +28,7 @@ SHOW = (
     "device = next(device for device in try_devices() if device.record.selector == selector)\n"
     "print(device.record, f'style {device.record.style}', *filter(None, [device.trial.mended]), sep='; ')"
 )
+"""Program that prints the chosen device, the style of its kernels, and a repair of the wheel, if any."""
 
 
 class Machine(NamedTuple):
@@ -57,10 +58,10 @@ class Machine(NamedTuple):
 
 PLATFORM_INDEPENDENT = ("cl/test_loader", "cl/test_trial", "render/test_arguments", "render/test_images")
 """Tests that set up their platform themselves, and tests that run no kernel."""
-# Slow tests run the same kernels on larger and random scenes.
+# Arguments of pytest. Slow tests are left out: they run the same kernels on larger and random scenes.
 QUICK = *ALL_CORES, "-m", "not slow", *(f"--ignore=tests/{name}.py" for name in PLATFORM_INDEPENDENT)
 CPU_STYLE = "-k", "not gpu"
-"""Skip the GPU style of the kernels, which is not the default on a CPU."""
+"""Arguments of pytest that skip the GPU style of the kernels, which is not the default on a CPU."""
 GOLDEN = tuple(f"tests/render/test_{name}.py" for name in ("diffsoup", "splatting_golden", "standard"))
 PICTURES = (
     "tests/bake/test_soup_renderer.py",
@@ -69,8 +70,8 @@ PICTURES = (
 )
 COMPARED = tuple(f"tests/render/test_{name}.py" for name in ("splat_order", "splatting", "standard_far"))
 MACHINES = {
-    # The PoCL of the system, which is another version. `make test` runs both styles of kernels with the PoCL
-    # of the wheel. Tests of inputs and shared code of the renderers do not depend on the compiler.
+    # The PoCL of the system, which is another version than that of the wheel. `make test` runs both styles of
+    # kernels with the wheel. Left out: tests that do not depend on the compiler, such as those of inputs.
     "pocl": Machine(
         "pocl-opencl-icd",
         "libpocl",
@@ -78,8 +79,8 @@ MACHINES = {
         {},
         (*QUICK, *CPU_STYLE, "tests/cl", *PICTURES, *COMPARED),
     ),
-    # The wheel on a processor that it does not know, for which it must be repaired. The library is the same,
-    # but compiles to other machine code.
+    # The PoCL of the wheel on a processor that it does not know. msb must repair the wheel for it. The
+    # library is the same as in `make test`, but it compiles kernels to other machine code.
     "unknown": Machine(
         "pocl-binary-distribution",
         "",
@@ -87,8 +88,8 @@ MACHINES = {
         {"PYTHONPATH": str(UNKNOWN_CPU)},
         (*QUICK, *CPU_STYLE, "tests/cl/test_scan_sort.py", *GOLDEN),
     ),
-    # GPU style; tests of the CPU style are skipped. Golden images and work-groups are tested. Large and
-    # random scenes and comparisons with the references are not, because llvmpipe takes minutes for them.
+    # GPU style; tests of the CPU style are skipped. Golden images and work-groups are tested. Large scenes,
+    # random scenes and comparisons with the references are left out, because llvmpipe takes minutes for them.
     "rusticl": Machine(
         "mesa-opencl-icd",
         "libRusticlOpenCL",
@@ -96,7 +97,8 @@ MACHINES = {
         {"RUSTICL_ENABLE": "llvmpipe"},
         (*QUICK, "-k", "not 8k", "tests/cl", *PICTURES),
     ),
-    # GPU style, on a card. Its driver includes OpenCL; in containers it is not registered with the loader.
+    # GPU style, on an NVIDIA GPU. The driver includes OpenCL, but containers do not register it with the
+    # loader.
     "nvidia": Machine(
         "nvidia-opencl-icd", "libnvidia-opencl", "nvidia", {}, (*QUICK, "tests/cl", *PICTURES, *COMPARED)
     ),
@@ -111,7 +113,8 @@ MACHINES = {
             # Optimised code has intrinsics that the interpreter does not support.
             "OCLGRIND_BUILD_OPTIONS": "-cl-opt-disable",
             "OCLGRIND_MAX_ERRORS": "1000000",
-            # It allocates memory for each work-item; returning it to the system each time takes 50 % longer.
+            # Oclgrind allocates memory for each work-item. Keep freed memory in the process: returning it to
+            # the system each time takes 50 % longer.
             "MALLOC_TRIM_THRESHOLD_": "4000000000",
             "MALLOC_TOP_PAD_": "67108864",
         },
@@ -121,7 +124,7 @@ MACHINES = {
 
 
 def find_library_name(machine: Machine) -> str | None:
-    """Return the library for the entry of the loader, or None if the platform is not installed."""
+    """Return the library for the loader's entry, or the version of the wheel; None if not installed."""
     if not machine.library:
         try:
             return metadata.distribution(machine.package).version
@@ -143,7 +146,7 @@ def describe_device(environment: dict[str, str]) -> str:
 
 
 def skip(reason: str) -> bool:
-    """Print why the tests of a platform do not run; return True, because no test failed."""
+    """Print why the tests of a platform are skipped; return True, because no test failed."""
     print(f"skipped {reason}", flush=True)
     list_skips([f"machine {reason}"])
     return True

@@ -31,14 +31,14 @@ BACKGROUND = (0.0, 0.5, 1.0)
 
 
 KNOWN = {
-    # A pixel is read before the atomic operation that may change it. Its value only grows (or only shrinks),
-    # so a value read too early costs a superfluous atomic operation, or saves one that would change nothing.
+    # A kernel reads a pixel before the atomic operation that may change it. The value of a pixel only grows
+    # (or only shrinks), so an outdated value can only cause a superfluous atomic operation.
     "Read-write data race at global memory address": r"(?s)Kernel: (triangles|listed_triangles|raster)\n"
     r"(?=.* = load volatile )(?=.*@_Z(8atom|10atomic)_(max|min))",
     # pyopencl queries properties of later OpenCL versions on devices of OpenCL 1.2.
     "Oclgrind - OpenCL runtime error": r"Function: clGetDeviceInfo\s+Error: +CL_INVALID_VALUE",
 }
-"""Harmless reports: start of the first line -> pattern of the complete report."""
+"""Harmless reports: start of the first line -> pattern that the complete report contains."""
 
 
 def is_known(report: str) -> bool:
@@ -63,7 +63,7 @@ class Watch:
 
 @pytest.fixture(scope="session")
 def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return the log file of Oclgrind, which reads the variable when a context is created."""
+    """Return the log file of Oclgrind, which reads OCLGRIND_LOG whenever a context is created."""
     path = tmp_path_factory.mktemp("oclgrind") / "log"
     os.environ["OCLGRIND_LOG"] = str(path)
     return path

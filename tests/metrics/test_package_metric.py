@@ -11,7 +11,7 @@ import pytest
 from msb.base.packages import PackageWarning
 from msb.metrics import IMAGE_METRICS, METRICS, Measures, registry
 from tests.cli.conftest import msb
-from tests.test_docs_commands import installed
+from tests.test_docs_commands import install_example
 
 __all__ = ["msb"]
 OURS = ["psnr", "ssim", "lpips"]
@@ -25,7 +25,7 @@ def forget() -> None:
 
 @pytest.fixture
 def site(tmp_path: Path) -> Path:
-    return installed("docs/extending.md", tmp_path / "site")
+    return install_example("docs/extending.md", tmp_path / "site")
 
 
 @pytest.fixture

@@ -107,8 +107,8 @@ def measure(
 ) -> Result:
     """Write a record and return it: by default of the method 2DTS on the scene "desk".
 
-    `changes` are the dataset, scene and method, and attributes of the record. A mapping replaces parts of an
-    attribute.
+    `changes` are the dataset, scene and method, and attributes of the record. A mapping only replaces parts
+    of an attribute.
     """
     default_place = {"dataset": "capture", "scene": "desk", "method": "two_dts"}
     dataset, scene, method = (changes.pop(name, default) for name, default in default_place.items())
@@ -159,12 +159,14 @@ def result(condition: str = "dedicated", **changes: Any) -> Result:
     return make_result("mipnerf360", "garden", "two_dts", condition, **changes)
 
 
-def bake(label: str, geometry: str = "kept", *, made_of: Cell | None = None, **facts: Any) -> dict[str, Any]:
-    """Return the attributes that turn a record of the standard tier into one of a bake.
+def bake(
+    label: str, geometry: str = "kept", *, source_cell: Cell | None = None, **facts: Any
+) -> dict[str, Any]:
+    """Return the attributes that turn a record of the standard tier into the record of a bake.
 
-    `made_of` is the cell of the baked model, `facts` replace keys of the bake's JSON.
+    `source_cell` is the cell of the model that is baked; `facts` replace keys of the bake's JSON.
     """
-    cell = made_of or Cell(dataset="mipnerf360", scene="garden", method="two_dts", condition="standard")
+    cell = source_cell or Cell(dataset="mipnerf360", scene="garden", method="two_dts", condition="standard")
     source = make_result(cell.dataset, cell.scene, cell.method, "dedicated").asset
     verdict = {"level": "bad", "sentence": "a soup"}
     photographs = {"native": 30.0, "before": 18.0, "after": 21.0, "after_16": 22.5}
@@ -250,7 +252,7 @@ def quality(
 
 
 def write_images(folder: Path, measured: Quality) -> None:
-    """Write the ground truth, and renderings that are the more blurred the lower their PSNR."""
+    """Write the ground truth, and blurred renderings: the lower the PSNR, the stronger the blur."""
     for image in measured.images:
         photograph = ground_truth(image.name)
         path = folder / str(image.gt)
@@ -307,11 +309,11 @@ _FALLBACK: dict[str, dict[str, float]] = {
     "standard": {"psnr": 0.6, "ssim": 0.5, "lpips": 0.6, "fps": 3000, "p50_ms": 0.3, "p95_ms": 0.3,
                  "memory": 1e8},
 }  # fmt: skip
-"""Values that the paper lacks. PSNR and SSIM are factors of the Non-Engine values."""
+"""Condition -> metric -> value where the paper has none. PSNR and SSIM are factors of Non-Engine values."""
 
 
 def _value(cell: Cell, metric: str) -> float:
-    """Return the value of a metric on the scene of `cell`, around the mean of the dataset."""
+    """Return the value of a metric on the scene of `cell`: the mean of the dataset plus an offset."""
     mean = _paper().value(Key(cell.dataset, MEAN, cell.method, cell.condition, metric))
     if metric == "asset_size":  # equal under all conditions
         mean = _paper().value(Key(cell.dataset, MEAN, cell.method, "dedicated", metric)) or 1e8
@@ -410,7 +412,7 @@ def trial(*tasks: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def way(strategy: str, /, **changes: Any) -> dict[str, Any]:
+def strategy_json(strategy: str, /, **changes: Any) -> dict[str, Any]:
     """Return the JSON of a repair strategy: by default nothing changes, and one of three tasks works."""
     unchanged = {
         "strategy": strategy,

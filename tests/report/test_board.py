@@ -1,4 +1,4 @@
-"""Submissions and their board: no private data in a file, and files that fail verification are rejected."""
+"""Submissions contain no private data; the board shows all of them and rejects invalid ones."""
 
 import hashlib
 import io
@@ -36,8 +36,8 @@ from tests.report.factory import (
     chamfer,
     make_result,
     repairs,
+    strategy_json,
     trial,
-    way,
     write_results,
 )
 
@@ -66,7 +66,7 @@ def test_a_submission_holds_no_paths_and_no_user_names(tmp_path: Path) -> None:
     secret = "/home/alice/my scans/desk"
     lost = Reason(code="X", message=f"no {secret}/a b")
     looks = {"standard": SAME, "dedicated": {**SAME, "same": False, "why": secret}}
-    plan = way("orient", looks=looks, picture="alice.png")
+    plan = strategy_json("orient", looks=looks, picture="alice.png")
     record = make_result(
         "capture",
         "desk",
@@ -78,7 +78,7 @@ def test_a_submission_holds_no_paths_and_no_user_names(tmp_path: Path) -> None:
         device={"host": "alice", "device": {"name": "A GPU", "path": secret}},
         audit=AuditDocument.of({**AUDIT, "path": secret}),
         trial=TrialDocument.of(trial({**TASK, "why": secret, "numbers": {"file": secret}})),
-        repairs=RepairDocument.of(repairs(way(STORED), plan, {"strategy": "cut", "why": secret})),
+        repairs=RepairDocument.of(repairs(strategy_json(STORED), plan, {"strategy": "cut", "why": secret})),
         chamfer=ChamferDocument.of({**chamfer(1), "mesh": secret}),
         bake=BakeDocument.of({**OF_A_BAKE, "output": secret, "lods": [{"output": secret}]}),
         reasons={"timing": lost},
@@ -98,19 +98,19 @@ def test_a_submission_holds_no_paths_and_no_user_names(tmp_path: Path) -> None:
     }
 
 
-def rebuilt(
-    data: bytes, change: Callable[[dict[str, bytes]], None], *, how: int = 0, true: bool = True
+def rebuild(
+    data: bytes, change: Change, *, compression: int = zipfile.ZIP_STORED, update_hashes: bool = True
 ) -> bytes:
-    """Return the archive after `change`; `how` is the compression, and with `true` hashes are updated."""
+    """Return the archive `data` with a change of its members."""
     with zipfile.ZipFile(io.BytesIO(data)) as archive:
         members = {name: archive.read(name) for name in archive.namelist()}
     change(members)
-    if true:
+    if update_hashes:
         about = json.loads(members[ABOUT])
         about["files"] = {n: hashlib.sha256(b).hexdigest() for n, b in members.items() if n != ABOUT}
         members[ABOUT] = json.dumps(about).encode()
     buffer = io.BytesIO()
-    with zipfile.ZipFile(buffer, "w", how) as archive:
+    with zipfile.ZipFile(buffer, "w", compression) as archive:
         for name, content in members.items():
             archive.writestr(name, content)
     return buffer.getvalue()
@@ -136,7 +136,7 @@ IMAGE = ("quality", "images", 0)
 OF_A_BAKE = json.loads(bake("kept")["bake"].to_json())
 
 
-def baked(**changes: float) -> dict[str, Any]:
+def change_bake(**changes: float) -> dict[str, Any]:
     photographs = OF_A_BAKE["psnr"]["photographs"] | changes
     return {**OF_A_BAKE, "psnr": {"native": None, "photographs": photographs}}
 
@@ -145,17 +145,17 @@ NO_VGG = [{"name": "lpips_vgg", "weights": {"heads": {"known": None}}}]
 
 
 HOSTILE = [
-    (edit(FIRST, "quality", "psnr", value=99.0), {"true": False}, ": records/"),
+    (edit(FIRST, "quality", "psnr", value=99.0), {"update_hashes": False}, ": records/"),
     (edit(FIRST, "quality", "psnr", value=99.0), {}, "/quality/psnr"),
     (edit(FIRST, "schema", value="msb.result/9"), {}, "/schema"),
     (edit(ABOUT, "schema", value="msb.submission/2"), {}, "/schema"),
     (edit(ABOUT, "extra", value=1), {}, "/extra"),
-    (lambda members: members.pop(ABOUT), {"true": False}, "submission.json"),
-    (lambda members: members.pop(FIRST), {"true": False}, "records/00000.json"),
-    (lambda members: members.update({"../evil.json": b"{}"}), {"true": False}, "../evil.json"),
+    (lambda members: members.pop(ABOUT), {"update_hashes": False}, "submission.json"),
+    (lambda members: members.pop(FIRST), {"update_hashes": False}, "records/00000.json"),
+    (lambda members: members.update({"../evil.json": b"{}"}), {"update_hashes": False}, "../evil.json"),
     (lambda members: members.update({"pictures/9999.jpg": b"x" * (2 << 20)}), {}, "pictures/9999.jpg"),
     (lambda members: members.update({"records/09999.json": members[FIRST]}), {}, "two records"),
-    (lambda members: None, {"how": zipfile.ZIP_DEFLATED}, "compressed"),
+    (lambda members: None, {"compression": zipfile.ZIP_DEFLATED}, "compressed"),
     (edit(FIRST, *IMAGE, "psnr", value=5000.0), {}, "/images/0/psnr"),
     (edit(FIRST, *IMAGE, "ssim", value=7.0), {}, "/images/0/ssim"),
     (edit(FIRST, *IMAGE, "lpips", value=-3.0), {}, "/images/0/lpips"),
@@ -168,18 +168,18 @@ HOSTILE = [
     (edit(MESH, "audit", "metrics", "nonmanifold_edge_ratio", value=50), {}, "nonmanifold_edge_ratio 50"),
     (edit(MESH, "audit", "counts", "faces", value=-7), {}, "faces -7"),
     (edit(MESH, "chamfer", value=chamfer(-1.0)), {}, "/chamfer/overall"),
-    (edit(FIRST, "bake", value=baked(after=9999.0)), {}, "/after"),
-    (edit(FIRST, "bake", value=baked(after_16=-4000.0)), {}, "/after_16"),
+    (edit(FIRST, "bake", value=change_bake(after=9999.0)), {}, "/after"),
+    (edit(FIRST, "bake", value=change_bake(after_16=-4000.0)), {}, "/after_16"),
     (edit(FIRST, "quality", "metrics", value=NO_VGG), {}, "/metrics/0/weights"),
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("change", "how", "where"), HOSTILE)
+@pytest.mark.parametrize(("change", "options", "where"), HOSTILE)
 def test_submissions_that_fail_verification_are_rejected(
-    submission: bytes, tmp_path: Path, change: Change, how: dict[str, Any], where: str
+    submission: bytes, tmp_path: Path, change: Change, options: dict[str, Any], where: str
 ) -> None:
     path = tmp_path / "bad.zip"
-    path.write_bytes(rebuilt(submission, change, **how))
+    path.write_bytes(rebuild(submission, change, **options))
     with pytest.raises(InputError, match="RECORD_INVALID") as caught:
         read_submission(path)
     assert where in str(caught.value)
@@ -199,7 +199,7 @@ def test_images_must_be_jpegs_with_the_psnr_of_a_record(
         edit(ABOUT, "pictures", number, "psnr", value=psnr),
         lambda members: members.update({"pictures/0000.jpg": b"GIF89a"}),
     ):
-        path.write_bytes(rebuilt(submission, change))
+        path.write_bytes(rebuild(submission, change))
         with pytest.raises(InputError, match=r"RECORD_INVALID: .*pictures/"):
             build_board([read_submission(path)])
 
@@ -275,14 +275,14 @@ def test_a_note_names_submissions_with_different_photographs(tmp_path: Path) -> 
 
 
 def test_submitters_of_equal_names_get_different_names(tmp_path: Path) -> None:
-    def sent(name: str, scene: str) -> Submission:
+    def submit(name: str, scene: str) -> Submission:
         (tmp_path / "a.zip").write_bytes(
             write_submission(name, [make_result("mipnerf360", scene, "two_dts", "dedicated")], [])
         )
         return read_submission(tmp_path / "a.zip")
 
-    two = [sent("Lab", "garden"), sent("Lab", "room")]
-    posing = [sent(f"Lab ({two[0].sha256[:6]})", "counter"), sent("The paper", "bonsai")]
+    two = [submit("Lab", "garden"), submit("Lab", "room")]
+    posing = [submit(f"Lab ({two[0].sha256[:6]})", "counter"), submit("The paper", "bonsai")]
     board = build_board([*two, *posing])
     names = [name for name, _ in board.submissions]
     assert names == [
@@ -295,14 +295,14 @@ def test_submitters_of_equal_names_get_different_names(tmp_path: Path) -> None:
 
 def test_names_that_look_the_same_are_distinguished() -> None:
     for name in ("The  paper", "the\u00a0paper", "the pa\u034fper", "the paper\u2800", "\uff54he paper"):
-        (unique,) = _name_submissions([_sent_by(name)])
+        (unique,) = _name_submissions([_make_submission(name)])
         assert unique.endswith(" (000000)")
     names = ["Lab X", "Lab  X", "lab x\u200b", "Lab Y", "\u3164"]
-    unique = _name_submissions([_sent_by(name, str(number)) for number, name in enumerate(names)])
+    unique = _name_submissions([_make_submission(name, str(number)) for number, name in enumerate(names)])
     assert unique == ["Lab X (000000)", "Lab  X (111111)", "lab x (222222)", "Lab Y", "4" * 12]
 
 
-def _sent_by(name: str, digit: str = "0", records: tuple[Result, ...] = ()) -> Submission:
+def _make_submission(name: str, digit: str = "0", records: tuple[Result, ...] = ()) -> Submission:
     about = About(name=name, tool_version="1", code_sha256="0" * 64, commands=(), files={}, pictures=())
     return Submission(Path("x.zip"), digit * 64, about, records, {})
 
@@ -313,7 +313,9 @@ def test_the_work_grows_linearly_with_the_records() -> None:
     def calls(count: int) -> int:
         """Return the number of function calls for a board of `count` records."""
         cells = (record.cell.model_copy(update={"scene": f"n{number}"}) for number in range(count))
-        sent = _sent_by("Lab", records=tuple(record.model_copy(update={"cell": cell}) for cell in cells))
+        sent = _make_submission(
+            "Lab", records=tuple(record.model_copy(update={"cell": cell}) for cell in cells)
+        )
         events: list[str] = []
         before = sys.getprofile()
         sys.setprofile(lambda _frame, event, _argument: events.append(event))

@@ -89,7 +89,7 @@ def trained_on_the_test_views(root: Path) -> tuple[str, ...]:
 
 
 def notes(root: Path) -> tuple[str, ...]:
-    """Our reference renderer, other photographs, LPIPS weights, an opacity threshold, short trainings."""
+    """Results with footnotes: reference renderer, other photographs, LPIPS weights, opacity thresholds."""
     vgg = {"file": "v.npz", "sha256": "ab" * 32, "known": None}
     lpips = {"name": "lpips_vgg", "weights": {"vgg": vgg, "heads": {"known": "lpips 0.1.4"}}}
     with_lpips = {"metrics": (*METRICS, lpips)}
@@ -118,7 +118,7 @@ def floors(root: Path) -> tuple[str, ...]:
 
 
 def metrics_of_the_model(root: Path) -> tuple[str, ...]:
-    """One method has Chamfer distances and training times without images, another one has neither."""
+    """One method has Chamfer distances and training times but no images; another method has none of these."""
     trained = Training(seconds=1500.0, peak_memory_bytes=None, source="track.json")
     for scene in SCENES["dtu"]:
         distance = ChamferDocument.of(chamfer(0.75))
@@ -153,7 +153,7 @@ def bakes(root: Path) -> tuple[str, ...]:
     measure(root, "exported_mesh")
     for label, geometry, psnr in (("ceiling", "kept", 21.5), ("fitted", "fitted", 27.0)):
         record = measure(root, "standard", psnr)
-        parts = bake(label, geometry, made_of=desk, faces=1234, seconds=12.0)
+        parts = bake(label, geometry, source_cell=desk, faces=1234, seconds=12.0)
         parts["quality"] = quality(psnr, cell=parts["cell"])
         write(root, record.model_copy(update=parts))
     measure(root, "standard", 18.0)
@@ -167,7 +167,7 @@ def another_background(root: Path) -> tuple[str, ...]:
 
 
 def equal_at_the_printed_digits(root: Path) -> tuple[str, ...]:
-    """One method leads in SSIM, and none in PSNR."""
+    """One method leads in SSIM; in PSNR both are equal at the printed precision."""
     for method, psnr, ssim in (("two_dts", 30.0, 0.8), ("mesh_splatting", 30.004, 0.9)):
         measure(root, "non_engine", psnr, ssim, method=method)
     return ("native_summary",)
@@ -182,7 +182,7 @@ def compare(root: Path, scenes: Sequence[str], method: str, *psnr: float, **chan
 
 
 def against_over_scenes(root: Path) -> tuple[str, ...]:
-    """One method lacks a scene, one has another background, one was compared with other photographs."""
+    """Methods that differ: a missing scene, another background, comparison with other photographs."""
     scenes = ("desk", "chair", "room", "hall")
     compare(root, scenes, "mesh_splatting", 24.0, 25.0, 26.0, 27.0)
     compare(root, scenes[1:], "two_dts", 25.6, 26.7, 27.8)
@@ -218,7 +218,7 @@ CASES: tuple[Callable[[Path], tuple[str, ...]], ...] = (
     against_over_scenes,
     against_on_one_scene,
 )
-"""Functions that write results, and return the labels of the tables that golden.md holds."""
+"""Functions that write results and return the labels of the tables to print."""
 
 
 def print_report(title: str, report: Report, tables: tuple[str, ...]) -> Iterator[str]:

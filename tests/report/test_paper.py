@@ -1,4 +1,4 @@
-"""Our builders reproduce the paper's tables cell by cell, and our table of methods its feature tables."""
+"""Our builders reproduce all cells of the paper's tables, and the registry agrees with its feature tables."""
 
 import json
 from functools import cache
@@ -47,7 +47,7 @@ def raw_cells(label: str) -> list[dict[str, Any]]:
 
 
 @cache
-def printed() -> dict[str, Table]:
+def paper_tables() -> dict[str, Table]:
     """Return the tables of `msb report --paper`."""
     return paper_report(pictures=False).tables
 
@@ -73,7 +73,7 @@ class Lookup:
 
 
 def words_of(label: str, cell: dict[str, Any]) -> list[str]:
-    """Return texts of the row and column of a cell of the paper in our table."""
+    """Return texts of the row and column, in our table, that hold a cell of the paper."""
     metric = NAMES.get(cell["metric"], cell["metric"])
     condition, scene = condition_title(cell["condition"]), scene_title(cell["scene"])
     on, method, name = dataset_title(cell["dataset"]), title_of(cell), METRICS[metric].title
@@ -96,7 +96,7 @@ def test_numbers_equal_those_of_the_independent_transcription(shared: Path, labe
 
 @pytest.mark.parametrize("label", PAPER_TABLES)
 def test_every_cell_is_printed_as_in_the_paper(label: str) -> None:
-    table = printed()[label]
+    table = paper_tables()[label]
     lookup, cells = Lookup(table), raw_cells(label)
     metrics = {NAMES.get(cell["metric"], cell["metric"]) for cell in cells}
     assert sum(cell.metric in metrics for cell in lookup.cells.values()) == len(cells)
@@ -115,7 +115,7 @@ def test_every_cell_is_printed_as_in_the_paper(label: str) -> None:
 
 @pytest.mark.parametrize("label", ["method_attributes", "feature_mapping"])
 def test_feature_matrices_are_the_papers(label: str) -> None:
-    lookup, cells = Lookup(printed()[label]), raw_cells(label)
+    lookup, cells = Lookup(paper_tables()[label]), raw_cells(label)
     methods = {title_of(cell) for cell in cells}
     assert sum(not methods.isdisjoint(words) for words in lookup.cells) == len(cells)
     tiers = {"standard": "Standard deployment", "dedicated": "Dedicated deployment"}
@@ -160,20 +160,20 @@ GAPS = [
 
 
 @pytest.mark.parametrize(("dataset", "method", "adapt", "port", "deploy"), GAPS)
-def test_gaps_are_those_of_the_papers_means(
+def test_gaps_are_computed_from_the_papers_means(
     dataset: str, method: str, adapt: float | None, port: float | None, deploy: float | None
 ) -> None:
     gaps = paper_numbers().gaps[GapKey(dataset, MEAN, method, "psnr")]
     values = [gap.value for gap in (gaps.adapt, gaps.port, gaps.deploy)]
     assert values == [None if v is None else pytest.approx(v, abs=1e-9) for v in (adapt, port, deploy)]
-    table = Lookup(printed()[f"gaps-{dataset}"])
+    table = Lookup(paper_tables()[f"gaps-{dataset}"])
     for column, sign in (("Gap", ""), ("Loss, signed", "+")):
         cells = [table.find("PSNR ↑", METHODS[method].title, column, name) for name in GAP_NAMES]
         expected = ["N/A" if value is None else f"{sign}{value:.2f}" for value in (adapt, port, deploy)]
         assert [cell.text for cell in cells] == expected
 
 
-def test_both_results_of_diffsoup_are_kept_apart() -> None:
+def test_both_published_results_of_diffsoup_are_kept() -> None:
     numbers = paper_numbers()
     key = Key("tanksandtemples", MEAN, "diffsoup", "non_engine", "psnr")
     assert numbers.value(key) == 17.45
@@ -213,9 +213,9 @@ def test_published_numbers_are_read_and_validated(tmp_path: Path) -> None:
 
 
 def test_contradictions_are_noted_below_their_tables() -> None:
-    assert contradictions().keys() <= printed().keys()
+    assert contradictions().keys() <= paper_tables().keys()
     for label, notes in contradictions().items():
-        assert set(notes) <= set(printed()[label].notes)
+        assert set(notes) <= set(paper_tables()[label].notes)
 
 
 @pytest.mark.parametrize("method", METHODS.values(), ids=METHODS)

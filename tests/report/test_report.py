@@ -276,12 +276,8 @@ def test_equal_charts_are_equal_bytes(numbers: Numbers) -> None:
 
 
 def test_models_of_a_protocol_have_different_line_styles() -> None:
-    models = [
-        "two_dts",
-        "ab",
-        "ba",
-        *(f"model {number}" for number in range(6)),
-    ]  # with equal sums of letters
+    # Two names with the same letters, which a sum over letters would not distinguish.
+    models = ["two_dts", "ab", "ba", *(f"model {number}" for number in range(6))]
     conditions = ("non_engine", "dedicated", "dedicated/global", "dedicated/none")
     values = {
         Key("mine", scene, model, condition, "psnr"): Number(20.0)
@@ -295,7 +291,7 @@ def test_models_of_a_protocol_have_different_line_styles() -> None:
     assert len(styles) == len(models)
     assert [figure.svg.count(f">ab{variant}<") for variant in ("", ", global", ", none")] == [1, 1, 1]
     ticks = [float(y) for y in re.findall(r'text-anchor: end[^>]* y="([0-9.]+)"', figure.svg)]
-    assert max(ticks) - min(ticks) > 72  # in points: the chart keeps its height with 27 names in the legend
+    assert max(ticks) - min(ticks) > 72, "in points: the chart keeps its height with 27 names in the legend"
 
 
 @pytest.mark.slow
@@ -310,7 +306,7 @@ def test_latex_charts_are_pdf_without_dates_and_type_3_fonts(report: Report) -> 
         assert b"/TrueType" in files[name] or b"/CIDFontType2" in files[name]
 
 
-def test_means_without_scenes_are_not_taken_for_other_scenes() -> None:
+def test_a_dataset_with_means_only_does_not_count_as_other_scenes() -> None:
     means = Numbers({Key("dtu", "mean", "two_dts", "non_engine", "psnr"): Number(20.0)})
     assert not means.has_other_scenes("dtu")
 

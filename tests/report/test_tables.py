@@ -1,4 +1,4 @@
-"""Tables and findings, in addition to golden.md: bold and missing values, notes, the paper's rows."""
+"""Tables and findings that golden.md does not cover: bold and missing values, notes, the paper's rows."""
 
 from dataclasses import replace
 from pathlib import Path

@@ -20,10 +20,10 @@ from tests.report.factory import (
     make_result,
     measure,
     repairs,
+    strategy_json,
     trial,
     update_hashes,
     verdict_of,
-    way,
     write,
 )
 from tests.report.test_golden import bakes
@@ -46,10 +46,10 @@ def test_without_files_appearance_is_judged_by_the_loss_of_psnr(
 @pytest.mark.parametrize(
     ("noise", "psnr", "mark", "value"),
     [
-        (0, (30.0, 30.0), "YES", "(100.0 dB"),
-        (2, (30.0, 30.0), "YES", "(4"),
+        (0, (30.0, 30.0), "YES", ": 100.0 dB"),
+        (2, (30.0, 30.0), "YES", ": 4"),
         (9, (30.0, 34.0), "WITH CARE", "4.00 dB better"),
-        (60, (30.0, 30.0), "NO", "(1"),
+        (60, (30.0, 30.0), "NO", ": 1"),
         (60, (6.71, 7.26), "UNKNOWN", "6.71 dB"),
         (0, (30.0, 20.0), "YES", "10.00 dB worse"),
         (0, (30.0, 30.001), "YES", "no loss"),
@@ -97,7 +97,7 @@ def test_without_native_renderings_standard_is_compared_with_dedicated(
         (40.0, "cpu", "UNKNOWN", "40.0"),
     ],
 )
-def test_real_time_depends_on_p95_and_no_time_rounds_to_a_limit_that_it_misses(
+def test_real_time_depends_on_p95_and_no_time_rounds_to_a_limit(
     tmp_path: Path, p95: float, kind: str, mark: str, printed: str
 ) -> None:
     measure(tmp_path, "dedicated", timing={"p95_ms": p95, "device_kind": kind})
@@ -153,12 +153,12 @@ def test_a_file_that_is_not_a_png_is_left_out(tmp_path: Path, content: bytes, na
     assert "image/png" not in page(tmp_path, "<html")
 
 
-def test_the_page_names_the_invisible_repair_first_and_then_the_cost_of_a_better_one(tmp_path: Path) -> None:
-    free = way("orient,pair", verdict_after="limited", edges_cut=7, picture="orient-pair.png")
+def test_the_page_names_first_the_invisible_repair_and_then_a_better_one(tmp_path: Path) -> None:
+    free = strategy_json("orient,pair", verdict_after="limited", edges_cut=7, picture="orient-pair.png")
     looks = {"standard": {"psnr": 34.56, "same": False, "why": None}, "dedicated": SAME}
-    costly = way("drop", verdict_after="ok", faces_kept=75, looks=looks, trials_passed_after=3)
+    costly = strategy_json("drop", verdict_after="ok", faces_kept=75, looks=looks, trials_passed_after=3)
     failed = {"strategy": "cut by igl", "plan": ["cut"], "peer": "igl", "why": "PEER_FAILED: it <died>"}
-    comparison = repairs(way("as stored"), free, costly, failed)
+    comparison = repairs(strategy_json("as stored"), free, costly, failed)
     write_mesh_record(tmp_path, {"repairs/orient-pair.png": PNG}, repairs=comparison)
     text = repair_section(tmp_path)
     first, second = (text.index(f"With {plan} ") for plan in ("orient,pair", "drop"))

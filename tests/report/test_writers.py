@@ -1,4 +1,4 @@
-"""Writers of tables: valid output in each format, and no markup, formulas or paths from names."""
+"""Writers of tables: output is valid in each format, and names cannot inject markup, formulas or paths."""
 
 import csv
 import io
@@ -18,7 +18,7 @@ from msb.report.writers import (
     to_latex,
     to_markdown,
 )
-from tests.report.test_paper import printed
+from tests.report.test_paper import paper_tables
 
 HOSTILE = (
     "=cmd|' /C calc'!A0 <script>alert(1)</script> \\input{x} $x$ |y| [a](http://e.xy) %&_#^~{}"
@@ -35,7 +35,7 @@ def hostile_table() -> Table:
 
 
 def tables() -> list[Table]:
-    return [*printed().values(), hostile_table()]
+    return [*paper_tables().values(), hostile_table()]
 
 
 @pytest.mark.parametrize("table", tables(), ids=lambda t: t.label)
@@ -132,7 +132,7 @@ def test_latex_omits_columns_without_values_with_a_note() -> None:
     )
     absent = TableCell("--", reason="LPIPS: no weights")
     cells = [(TableCell("1.0"), absent, TableCell("9"), TableCell("2.0"), absent, TableCell("--"))] * 2
-    rows = tuple(TableRow((name,), own) for name, own in zip(("x", "y"), cells, strict=True))
+    rows = tuple(TableRow((name,), row_cells) for name, row_cells in zip(("x", "y"), cells, strict=True))
     table = Table("t", "Caption", ("Scene",), columns, rows)
     text = to_latex(table)
     assert r"\begin{tabular}{@{}lccc@{}}" in text

@@ -9,10 +9,10 @@ MODELS = TINY / "models"
 
 
 def link_demo(folder: Path) -> None:
-    """Create `folder`/data_stubs: the demo's data with tiny models and scenes.
+    """Create `folder`/data_stubs: the demo data with tiny models and scenes in place of its own.
 
-    Examples run faster with them: the demo's models have ten times as many faces, its scenes twice as many
-    views.
+    Examples run faster with them. Models of the demo data have ten times as many faces, and its scenes have
+    twice as many views.
     """
     tiny = {"models": MODELS, "scenes": SCENES}
     place = folder / "data_stubs"

@@ -1,7 +1,7 @@
 """Make the scenes and models in this folder: `python -m tests.tiny.make`.
 
-The script always writes the same bytes, except for photographs, whose compression depends on the version of
-Pillow. Their pixels differ by at most one level (JPEG).
+The script always writes the same bytes, except for photographs: their compression depends on the version of
+Pillow. Pixels of JPEG files then differ by at most one of 255 levels.
 """
 
 from dataclasses import replace
@@ -55,7 +55,7 @@ PEBBLE = captures.World(
 
 
 def write_models(folder: Path) -> None:
-    """Write a model of each method for the masked scenes, and one for the scenes with a wall."""
+    """Write models of all methods for the masked scenes, and of the trained methods for those with a wall."""
     made_models.write_models(folder / "pebble", pebble(), white=True, layout="synthetic")
     made_meshes.write_meshes(folder / "pebble", pebble(), white=True)
     surface = walled().turned(captures.Y_DOWN)

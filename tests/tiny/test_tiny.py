@@ -28,8 +28,8 @@ def test_models_equal_the_output_of_their_script(tmp_path: Path) -> None:
     assert read_files(tmp_path) == read_files(MODELS)
 
 
-class Unwritten:
-    """Replaces rendering, the slow part of the script, and records the files of photographs."""
+class PhotographRecorder:
+    """Replaces the rendering of photographs, the slow part of the script, and records their paths."""
 
     def __init__(self) -> None:
         self.photographs: set[Path] = set()
@@ -47,7 +47,7 @@ class Unwritten:
 def test_scenes_equal_the_output_of_their_script_except_for_photographs(
     dataset: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    replacement = Unwritten()
+    replacement = PhotographRecorder()
     monkeypatch.setattr(captures, "write_photograph", replacement.write)
     captures.WRITERS[dataset](replace(PEBBLE, photograph=replacement.render), tmp_path)
     stored = read_files(SCENES / captures.place_of(dataset, PEBBLE))

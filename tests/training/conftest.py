@@ -1,4 +1,4 @@
-"""These tests need torch, which only `make test-all` installs; without it they are not collected."""
+"""These tests need torch, which only `make test-all` installs. Without torch they are not collected."""
 
 from importlib.util import find_spec
 from pathlib import Path

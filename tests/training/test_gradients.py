@@ -1,7 +1,7 @@
-"""Gradients of the trainer's renderers against finite differences of images, or of their expectations.
+"""Gradients of the trainer's renderers equal finite differences of images, or of expected images.
 
-Images have small jumps of at most 1/255: at the edges of windows, and because weights below 1/255 are
-dropped. A few parameters may lie at a jump, so at least 90 % must agree closely.
+Images are not continuous: they jump by up to 1/255 at the edges of windows and where weights below 1/255 are
+dropped. A few parameters may lie at a jump, so only 90 % of the gradients must agree closely.
 """
 
 from collections.abc import Callable
@@ -44,8 +44,8 @@ def tensors(values: dict[str, np.ndarray]) -> dict[str, Any]:
 
 
 STEP, COUNT = 1e-6, 16
-"""Step of the finite differences, and number of tested values per parameter. Half of them have the largest
-gradients."""
+"""Step of the finite differences, and number of tested values per parameter array. Half of the tested values
+have the largest gradients; the others are spread evenly over the remaining ranks."""
 
 
 def slope(

@@ -72,10 +72,10 @@ def test_a_resumed_training_gives_the_same_model(method: str, tmp_path: Path) ->
         rest.resume()
         rest.run(lambda: False)
     assert rest.iteration == 32
-    assert same(whole, rest)
+    assert have_equal_parameters(whole, rest)
 
 
-def same(first: Any, other: Any) -> bool:
+def have_equal_parameters(first: Any, other: Any) -> bool:
     pairs = zip(values(first).values(), values(other).values(), strict=True)
     return all(a.shape == b.shape and (a == b).all() for a, b in pairs)
 

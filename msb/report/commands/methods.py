@@ -91,7 +91,7 @@ def tables() -> Iterator[tuple[str, TextRows]]:
 
 
 def _table_rows(table: Table, group: str | None = None) -> TextRows:
-    """Return the texts of a table, or of its columns below the heading `group`; a star marks a note."""
+    """Return the texts of a table, or of its columns below the heading `group`; a star stands for a note."""
     places = [n for n, column in enumerate(table.columns) if group is None or group in column.groups]
     rows: TextRows = [("method", *(table.columns[place].title for place in places))]
     for row in table.rows:

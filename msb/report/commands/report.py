@@ -16,8 +16,8 @@ from msb.report.writers import ReportFormat, TableFormat
 
 # Reports are written to this folder within the results folder by default.
 _FOLDER = "report"
-# Maximum number of faces of a mesh whose diagnostic is drawn by default: larger ones take longer than the
-# rest of the report.
+# Maximum number of faces of a mesh whose diagnostic is drawn by default. The diagnostic of a larger mesh
+# takes longer than the rest of the report.
 _MAX_DIAGNOSTIC_FACES = 300_000
 # Options that need folders of results.
 _RESULTS_OPTIONS = ("views", "published", "against", "allow_mixed")
@@ -42,8 +42,8 @@ class ReportOptions:
     paper: Annotated[
         bool | None,
         Option(
-            "Report the paper's own tables instead of results, printed unless -o is given; or leave the "
-            "paper's numbers out.",
+            "Report the paper's own tables instead of results (printed unless -o is given), or leave out the "
+            "paper's numbers.",
             ("--paper/--no-paper",),
         ),
     ] = None
@@ -63,7 +63,7 @@ class ReportOptions:
     ] = None
     topology: Annotated[
         Literal["auto", "all", "none"],
-        Option("Draw mesh diagnostics: of small meshes (auto), of all or of none (extra: view)."),
+        Option("Draw diagnostics of small meshes (auto), of all meshes or of none (extra: view)."),
     ] = "auto"
     allow_mixed: Annotated[bool, Option("Accept results that must not be compared, with a note.")] = False
 
@@ -81,7 +81,10 @@ class ReportOptions:
         return cast("list[ReportFormat]", formats)
 
     def printed_format(self) -> TableFormat:
-        """Return the format for printed tables: Markdown by default; raises UsageError unless it is one."""
+        """Return the format of printed tables, by default Markdown.
+
+        Raises UsageError if several formats are named, or html.
+        """
         formats: list[ReportFormat] = ["md"] if self.formats is None else self.written_formats()
         if len(formats) > 1 or formats[0] == "html":
             text = f"--format: tables cannot be printed as {self.formats}; choose one of md, tex, csv, json"
@@ -217,9 +220,9 @@ def _build(folders: tuple[Path, ...], options: ReportOptions, output: Output, *,
 
 
 def _check_target(target: Path, output: Output) -> bool:
-    """Check the output folder; return whether its files of an earlier report are replaced.
+    """Check the output folder; return whether files of an earlier report in it are replaced.
 
-    They are replaced without --force: a report is usually made many times.
+    Such files are replaced even without --force, because a report is usually made many times.
     """
     from msb.base.own_folder import listed_files
 

@@ -108,7 +108,8 @@ def _structure_table(place: Place, metrics: Mapping[str, float | None]) -> Table
             paper = paper_row("mesh_connectivity", dataset=place.dataset, method=method, scene="mean")
             name = f"{method_title(method)}, mean of {dataset_title(place.dataset)} in the paper"
             rows += [TableRow((name,), cells(paper), paper=True)] if paper else []
-    return Table("structure", "The mesh, as stored.", ("",), tuple(columns), tuple(rows), STRUCTURE_NOTES)
+    caption = "Connectivity of the mesh as stored."
+    return Table("structure", caption, ("",), tuple(columns), tuple(rows), STRUCTURE_NOTES)
 
 
 def provenance(records: Mapping[str, Result]) -> list[tuple[str, str]]:

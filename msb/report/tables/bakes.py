@@ -26,10 +26,10 @@ from msb.report.tables.gaps import absent_cell, gap_cell
 
 STEP_TITLES: dict[StepName, str] = {"colors": "Colours", "faces": "Faces", "blending": "Blending"}
 SPLIT_NOTES = (
-    "ceiling: the best bake that keeps the positions of all triangles; bake: the best of the other bakes; "
-    "best by PSNR with one sample per pixel",
+    "ceiling: the best bake that keeps the positions of all triangles; bake: the best of the other bakes. "
+    "The best bake has the highest PSNR with one sample per pixel",
     "colours: from the ceiling to Standard; faces: from the bake to the ceiling; blending: from Dedicated "
-    "to the bake. A ceiling omits triangles without which the opaque rendering is better",
+    "to the bake. The ceiling omits triangles that make the opaque rendering worse",
     "the parts are over the same scenes and add up to the loss; a negative part is a gain",
 )
 _SPLIT_COLUMNS = (
@@ -40,13 +40,13 @@ _SPLIT_COLUMNS = (
 )
 AS_EXPORTED = "as exported"
 BAKES_NOTES = (
-    "bakes see training views only and are rendered like Standard; PSNR with one sample per pixel, and with "
-    "16 samples, which is close to multisampling",
+    "bakes use training views only and are rendered like Standard; PSNR is measured with one sample per "
+    "pixel, and with 16 samples, which is close to multisampling",
     "tasks: number of trial tasks that work, possibly with limitations",
-    "verdict: of the audit; if the scenes differ, with the number of scenes",
+    "verdict: verdict of the audit; if it differs between scenes, each verdict with its number of scenes",
 )
 _METRICS = ("psnr", "psnr_16", "faces", "asset_size", "memory", "p50_ms", "bake_seconds", "tasks")
-# Metrics of the mesh as exported that are recorded with the exported mesh.
+# Metrics in the record of the exported mesh; the others are in the record of its renderings.
 _OF_MESH = ("faces", "tasks")
 # Audit verdicts from the best to the worst.
 _LEVELS = ("ok", "limited", "bad")
@@ -91,7 +91,9 @@ def _split_cells(numbers: Numbers, key: SplitKey) -> tuple[TableCell, ...]:
         total = gap_cell(key.metric, split.total.signed, split.total, ends)
     steps = (_step_cell(key, split, name, ends) for name in STEPS)
     bakes = (
-        TableCell(NOT_AVAILABLE, reason="no such bake") if name is None else _bake_name_cell(name)
+        TableCell(NOT_AVAILABLE, reason="no bake of this kind was made")
+        if name is None
+        else _bake_name_cell(name)
         for name in (split.ceiling, split.baked)
     )
     return (total, *steps, *bakes)

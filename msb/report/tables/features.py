@@ -43,7 +43,8 @@ def deployment_features() -> Table:
     ]
     return Table(
         "feature_mapping",
-        "Features kept by each tier. Fallback: opaque, static colours. Method-aware: the listed functions.",
+        "Features kept by each tier. Fallback: opaque triangles with static colours. Method-aware: the "
+        "listed functions of the method.",
         ("Method",),
         tuple(TableColumn(_title(name), (TIER_TITLES[tier],)) for tier in _FIELDS for name in _FIELDS[tier]),
         tuple(rows),

@@ -28,11 +28,11 @@ REASONS = {
     "failed": "a run failed",
     "missing": "one of the two conditions was not run",
     "not_measured": "one of the two conditions lacks this value",
-    "camera_mismatch": "the two were rendered from different cameras or at different sizes",
-    "setup_mismatch": "the two have different backgrounds or ground truth",
-    "metric_mismatch": "the two were measured with different definitions of the metric",
-    "asset_mismatch": "the two rendered different assets",
-    "device_mismatch": "the two ran on different devices",
+    "camera_mismatch": "the compared results have different cameras or image sizes",
+    "setup_mismatch": "the compared results have different backgrounds or ground truth",
+    "metric_mismatch": "the compared results have different definitions of the metric",
+    "asset_mismatch": "the compared results are of different assets",
+    "device_mismatch": "the compared results were measured on different devices",
     "whole_command": "the time of the native renderer includes loading and writing",
 }
 _NAMES: dict[GapName, str] = {"adapt": "Adapt", "port": "Port", "deploy": "Deploy"}
@@ -42,8 +42,8 @@ NOTES = {
     "loss": "loss: the gap with its sign, positive for a loss of quality",
     "monotone": "monotone: whether Dedicated lies between Non-Engine and Standard",
     "excess": "excess: adapt + port - deploy, 0 if monotone",
-    "mean": "mean scene gap: the mean of the absolute deploy gaps of the scenes, never less than the gap "
-    "between the means",
+    "mean": "mean scene gap: the mean of the absolute deploy gaps of the scenes, which is never less than "
+    "the gap between the means",
 }
 _COLUMNS = {
     **{name: TableColumn(title, ("Gap",)) for name, title in _NAMES.items()},
@@ -59,8 +59,8 @@ _RATIOS = (("standard", "dedicated"), ("dedicated", "non_engine"))
 def gaps_table(numbers: Numbers, dataset: str, paper: Numbers | None = None) -> Table:
     """Return the gaps of every method and metric on a dataset.
 
-    Further rows replace Standard by an engine or a bake, Dedicated by a variant, or both by the two tiers of
-    one engine.
+    Further rows have another condition in place of Standard (an engine or a bake), of Dedicated (a variant),
+    or of both (the two tiers in the same engine).
     """
     # A block of rows per metric: the two tiers first, then engines, bakes and variants.
     rows: list[TableRow] = []
@@ -173,7 +173,7 @@ def _gap_cells(numbers: Numbers, key: GapKey) -> dict[str, TableCell]:
         return gap_cell(key.metric, value, gap, ends, sign=signed, interval=signed)
 
     if gaps is None or gaps.monotone is None or gaps.triangle_excess is None:
-        # One of the gaps is missing: N/A of a gap takes precedence over other reasons.
+        # One of the gaps is missing. A gap that is not supported (N/A) takes precedence over other reasons.
         missing = [absent[name] for name in _NAMES if gaps is None or gaps[name].value is None]
         other = TableCell(NOT_AVAILABLE, reason="the gaps are not over the same scenes")
         monotone = excess = min(missing, key=lambda cell: cell.text != NOT_SUPPORTED, default=other)
@@ -192,7 +192,7 @@ def _gap_cells(numbers: Numbers, key: GapKey) -> dict[str, TableCell]:
 def gap_cell(
     metric: str, value: float, gap: Gap, ends: Iterable[Number], *, sign: bool = True, interval: bool = True
 ) -> TableCell:
-    """Return the cell of a value of `gap`, with the notes of the two numbers `ends` that it lies between."""
+    """Return the cell of a value of `gap`, with the notes of the two numbers `ends` that it compares."""
     return difference_cell(
         metric,
         value,

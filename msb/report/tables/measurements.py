@@ -25,15 +25,16 @@ from msb.report.table import NOT_AVAILABLE, NOT_SUPPORTED, Table, TableColumn
 
 TIME_NOTE = (
     "P50 and P95: percentiles of the device time of a frame in one scene, from the start of its first "
-    "command to the end of its last; a mean is the mean of the percentiles of the scenes"
+    "command to the end of its last; the mean row averages the percentiles of the scenes"
 )
 MEMORY_NOTE = (
-    "bytes of all buffers and images after all test views were rendered; each buffer is as large as "
+    "size of all buffers and images after all test views were rendered; each buffer is as large as "
     "the most demanding view requires. Memory of the driver itself is not included"
 )
 DRIVER_NOTE = (
-    "By the driver: memory of the process on NVIDIA GPUs at that time, as reported by NVML. It includes "
-    "memory of the driver itself and memory that earlier cells of the process did not release"
+    "By the driver: memory of the process on an NVIDIA GPU after all test views were rendered, as reported "
+    "by NVML. It includes memory of the driver itself and memory that earlier cells of the process did not "
+    "release"
 )
 PARTS_NOTES = (
     "Busy P50: sum of the times of all commands of a frame; P50 - Busy P50 is idle time between commands",
@@ -43,11 +44,12 @@ PARTS_NOTES = (
 WALK_NOTES = (
     "Flicker: root mean square change between frames that the motion of visible surfaces does not explain, "
     "in levels of 255; a static opaque mesh with 64 samples per pixel has less than 0.3",
-    "Holes: pixels that show the background in place of the model, as a share of the model's pixels",
+    "Holes: pixels that show the background in place of the model, as a share of the pixels that show the "
+    "model or a hole",
 )
 FLOOR_NOTE = (
-    "Floor: a single triangle of the model with the shared texture or network, rendered at the size of the "
-    "largest view, mean over scenes: the cost of the renderer independent of the mesh"
+    "Floor: the cost of the renderer independent of the mesh. It is measured with a single triangle of the "
+    "model and the shared texture or network, at the size of the largest view; mean over scenes"
 )
 # How to interpret the connectivity metrics (paper, "Interpretation").
 STRUCTURE_NOTES = (
@@ -55,9 +57,9 @@ STRUCTURE_NOTES = (
     "boundaries may be legitimate: open scenes, sheets, and surfaces that no camera saw have them",
     "V/F and valence measure how often vertices are shared, not manifoldness or accuracy; seams of UVs, "
     "normals and materials duplicate vertices, which raises V/F",
-    "the number of components and the size of the largest one (LCC) do not measure accuracy or "
-    "manifoldness. The number depends on the resolution and the scene, so read it with the LCC fractions "
-    "and look at the mesh",
+    "the number of components and the size of the largest component (LCC) do not measure accuracy or "
+    "manifoldness. The number of components depends on the resolution and the scene: read it together with "
+    "the LCC fractions, and look at the mesh",
     "self-intersections are not examined",
 )
 # Metrics of native renderings, in addition to image quality.
@@ -75,7 +77,7 @@ _GROUPS = {"indoor_mean": "indoor scenes", "outdoor_mean": "outdoor scenes"}
 
 
 def native_rows(numbers: Numbers, *, asset_metrics: Sequence[str] = ()) -> list[RowSpec]:
-    """Return a row per dataset and method with native renderings, or with a value of `asset_metrics`."""
+    """Return a row per dataset and method that has native renderings, or a value of `asset_metrics`."""
     return [
         titled_row(dataset=dataset, method=method)
         for dataset in numbers.datasets()
@@ -102,7 +104,7 @@ def _scene_rows(
     prefix: str = "",
     of: Mapping[str, str] | None = None,
 ) -> Iterator[RowSpec]:
-    """Yield a row per scene and per mean; only the mean for a dataset without scenes.
+    """Yield a row per scene and per mean; a dataset without scenes only has the row of its mean.
 
     Parameters
     ----------
@@ -173,8 +175,8 @@ def renderer_comparison(numbers: Numbers, dataset: str, paper: Numbers | None = 
         numbers,
         paper,
         f"renderer_comparison-{slug(dataset)}",
-        f"{dataset_title(dataset)}: the same models with their native renderers and deployed, means over "
-        "scenes. Bold: the best condition of each method.",
+        f"{dataset_title(dataset)}: the same models under each condition, means over scenes. Bold: the best "
+        "condition of each method.",
         ("Condition", "Drawn", "Metric"),
         [
             TableColumn(method_title(method), (), {"method": method})

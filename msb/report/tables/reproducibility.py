@@ -69,8 +69,8 @@ def reproducibility(numbers: Numbers, paper: Numbers | None = None) -> Table:
 def pair_with_published(numbers: Numbers, paper: Numbers) -> list[PublishedPair]:
     """Return every image quality value of ours with its published counterpart.
 
-    Sources are the method's paper and its public code (`Key.source` "paper", "public"), and all values of the
-    benchmark's paper ("meshsplatbench"). Partial means are not compared.
+    `Key.source` of a pair is "paper" (the method's own paper), "public" (its public code) or "meshsplatbench"
+    (the benchmark's paper). Partial means are not compared.
     """
     pairs = []
     for key, published in paper.values.items():
@@ -84,7 +84,10 @@ def pair_with_published(numbers: Numbers, paper: Numbers) -> list[PublishedPair]
 
 
 def reproducibility_statistics(numbers: Numbers, paper: Numbers) -> Table:
-    """Return n, mean |d|, max |d| and the worst pair of each source and metric, with d = ours - published."""
+    """Return statistics of the differences d = ours - published, with a row per source and metric.
+
+    The columns are the number of pairs, mean |d|, max |d|, and the pair with the largest |d|.
+    """
     # (source, whether of means, metric) -> pairs
     groups: dict[tuple[str, bool, str], list[PublishedPair]] = {}
     for pair in pair_with_published(numbers, paper):
