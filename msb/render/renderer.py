@@ -37,7 +37,7 @@ class Renderer:
     settings : mapping, optional
         Overrides of the settings that the asset stores; `msb methods` lists the settings.
     name : str, optional
-        An entry point of the group `msb.renderers` that replaces the built-in renderer of the tier.
+        The entry point of the group `msb.renderers` that replaces the tier's built-in renderer.
     **options
         Other options of the renderer. The dedicated and the reference tier accept `order` ("tile", "global",
         "none") and `sampling` ("official", "engine"), which docs/dedicated.md explains. The standard tier
@@ -50,7 +50,7 @@ class Renderer:
     UsageError
         An unknown tier, renderer or setting, or an argument of the wrong type.
     AssetError
-        The asset's values cannot be frame: an index out of range, or a coordinate that is not finite.
+        The asset's values cannot be drawn: an index is out of range, or a coordinate is not finite.
     InputError, CheckpointError, MeshFileError, MeshError
         `msb.open` cannot read the path `asset`.
     DeviceError
@@ -118,8 +118,8 @@ class Renderer:
         Raises
         ------
         UsageError
-            `USAGE`: the camera or the colour is invalid. `SETTING_VALUE`: a setting allows no image with any
-            camera.
+            `USAGE`: the camera or the colour is invalid. `SETTING_VALUE`: no image can be rendered with the
+            value of a setting.
         DeviceError
             The frame does not fit into the device's memory, or the device failed.
         """

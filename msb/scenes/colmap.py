@@ -110,7 +110,7 @@ def read_points(path: str | os.PathLike[str]) -> tuple[NDArray[np.float64], NDAr
 
 
 def _form(folder: Path, parts: tuple[str, ...]) -> str:
-    """Return the suffix whose format has all `parts` in the folder."""
+    """Return the suffix of the format in which the folder contains all `parts`."""
     for suffix in _FORMS:
         if all(is_file(folder / f"{part}{suffix}") for part in parts):
             return suffix

@@ -99,8 +99,8 @@ def fill_gaps(cameras: Sequence[Camera], count: int) -> list[Camera]:
     the pose halfway between them. They must differ in rotation by less than 120 degrees: halfway round an
     object there may be no free path. The new camera is the halfway pose that is farthest from its nearest
     camera, so the widest gaps are filled first. The distance of two cameras is the angle between their axes
-    in radians, plus the distance of their centres in radii of the capture. Fewer cameras are returned if the
-    given firsts are alone, in one place, or opposite each other.
+    in radians, plus the distance of their centres in radii of the capture. Fewer cameras are returned if
+    `cameras` is a single camera, or if its cameras are in one place or opposite each other.
     """
     aim = looked_at(cameras)
     every = list(cameras)
@@ -110,8 +110,8 @@ def fill_gaps(cameras: Sequence[Camera], count: int) -> list[Camera]:
         turns = poses[:, :3, :3]
         # The trace of the rotation between two cameras is 1 + 2 cos(angle); it is positive below 120 degrees.
         pairs = np.argwhere(np.triu(np.einsum("mij,nij->mn", turns, turns) > 0, 1))
-        # Distances (pairs, cameras) of all halfway poses to all cameras. A pair are neighbours if no other
-        # camera is nearer.
+        # Distances (pairs, cameras) of all halfway poses to all cameras. The cameras of a pair are neighbours if
+        # no other camera is nearer.
         halfway = _halfway(poses[pairs[:, 0]], poses[pairs[:, 1]], aim)
         gaps = _gaps(halfway, poses, radius)
         widest = gaps.min(axis=1)

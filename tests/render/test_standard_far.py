@@ -79,15 +79,15 @@ def far_triangles(kind: str, size: float, random: np.random.Generator) -> NDArra
             near[:, :1] = unit(random.normal(size=(10, 1, 3))) * away[:, :1]
         case "two corners":
             near[:, :2] = unit(random.normal(size=(10, 2, 3))) * away
-        case "along an axis":  # others keep their places: the far corner may have the least depth
+        case "along an axis":  # the far corner may have the least depth
             near[range(10), 0, random.integers(0, 3, 10)] = away[:, 0, 0] * random.choice([-1, 1], 10)
-        case "floor":  # all corners of two triangles that pass the camera at 0.3 to 3
+        case "floor":  # two triangles with all corners far away, in a plane 0.3 to 3 from the camera
             up = unit(random.normal(size=3))
             right = unit(np.cross(up, random.normal(size=3)))
             ahead = np.cross(up, right)
             a, b, c, d = (up * random.uniform(0.3, 3) + size * (right * i + ahead * j) for i, j in CORNERS)
             near = np.concatenate([near[:4], [[a, b, c], [a, c, d]]])
-        case "strip":  # three wide, past the camera, and as long as anything
+        case "strip":  # three units wide; passes the camera, and extends by `size` in both directions
             along = unit(random.normal(size=(10, 3)))
             across = 3 * unit(np.cross(along, random.normal(size=(10, 3))))
             middle = random.normal((0, 0, 3), size=(10, 3))

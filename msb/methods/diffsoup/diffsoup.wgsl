@@ -252,7 +252,7 @@ fn opacity_of(at: u32) -> f32 {
 const MARGIN = 0.0625;   // pixels; widens an outline, because hardware snaps corners to 1/256
 const ROUNDING = 1.9073486328125e-6; // 2^-19: thirty-two rounding errors
 const FARTHEST = 16384.0; // pixels; farther corners are rounded too much
-const THINNEST = 0.1;
+const THINNEST = 0.1;    // pixels; the least height of a triangle above its longest edge
 const LONGEST = 16.0;    // pixels; the largest distance a corner is moved
 
 fn picture_of(p: vec4<f32>, half: vec2<f32>) -> vec2<f32> {
@@ -260,10 +260,10 @@ fn picture_of(p: vec4<f32>, half: vec2<f32>) -> vec2<f32> {
     return vec2<f32>(at.x, select(at.y, 2.0 * half.y - at.y, view.flip == 1u));
 }
 
-// Corner `index` of the strip that is drawn: the corner of the triangle with each edge moved outwards by more
-// than the rounding errors of the hardware and of the edge functions in `meeting_at`; or `corner`, the corner
-// of the rectangle, if the triangle is not much smaller, or too thin, too far away or too pointed. The
-// outline only saves fragments; it does not decide which pixels are covered.
+// Return corner `index` of the strip that is drawn: a corner of the triangle after each edge was moved outwards
+// by more than the rounding errors of the hardware and of the edge functions in `meeting_at`. If this triangle
+// is not much smaller than the rectangle, or is too thin, too far away or too pointed, return `corner`, a corner
+// of the rectangle. The outline only saves fragments; it does not decide which pixels are covered.
 fn outline(face: Face, index: u32, corner: vec2<f32>) -> vec2<f32> {
     let p = array<vec4<f32>, 3>(face.corner0, face.corner1, face.corner2);
     let half = 0.5 * vec2<f32>(f32(view.width), f32(view.height));
@@ -316,8 +316,7 @@ fn place_of(face: Face, x: i32, y: i32) -> Place {
     let m = meeting_at(centre_at(x, y), face.corner0, face.corner1, face.corner2);
     // The official key is NDC depth + 2, between 1 and 3. Minus 1 and divided by 4 it is still exact.
     var place = Place(m.inside && m.ndc > -1.0, keep(keep(m.ndc + 2.0) - 1.0) * 0.25);
-    // The opacities may be bound in several parts.
-    // An outline may reach beyond the official rectangle.
+    // The opacities may be bound in several parts, and an outline may reach beyond the official rectangle.
     let at = vec2<f32>(f32(x), f32(y));
     place.inside = place.inside && number_of(face) - part.first < part.count
         && all(at >= face.quad.xy) && all(at <= face.quad.zw);

@@ -69,7 +69,8 @@ static Span span_of(float4 p0, float4 p1, float4 p2, int2 columns)
     }
     // 2^-20 is sixteen rounding errors; at most ten add up.
     float error = size * 0x1p-20f, turn = s.c[0] * p0.w + s.c[1] * p1.w + s.c[2] * p2.w;
-    // Triangles seen nearly edge-on (or too large or too small for float32): rounding may give A any sign.
+    // The span is unknown for triangles that are seen nearly edge-on, or are too large or too small for
+    // float32, because rounding may give A any sign.
     s.known = error > 1e-30f && fabs(turn) > 4.0f * error * (fabs(p0.w) + fabs(p1.w) + fabs(p2.w));
     float sign = turn > 0.0f ? 1.0f : -1.0f;
     for (int i = 0; i < 3; i++) {

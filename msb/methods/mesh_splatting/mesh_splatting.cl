@@ -17,8 +17,8 @@
 #define COLORS 9
 #define SMALL_IS_DROPPED 0 // even if two corners coincide on the screen
 
-// coverage, per vertex: opacity, rim; with PLUS also the phi with o phi^sigma = 0.01. f_dc has the vertices'
-// colours.
+// coverage, per vertex: opacity, rim (the phi below which alpha is under 1/255); with PLUS also the phi with
+// o phi^sigma = 0.01. f_dc contains the evaluated colours of the vertices.
 
 #if ENGINE
 #define LINES 12

@@ -231,9 +231,9 @@ Columns columns_of(FACE_POINTER f, real x, __constant View *view)
 
 #if LANES == 8
 #define ABS(x) ((x) < 0.0f ? -(x) : (x))
-// Which pairs of rows y, y + 1 (one pair per lane) have samples, in the eight columns from `left` on, with
-// all three barycentric coordinates above (1 - limit) / 3. Each coordinate is tested at the corner of the
-// samples at which it is largest.
+// Return which pairs of rows y and y + 1 (one pair per lane) may contain a covered sample in the eight columns
+// from `left` on. In a covered sample all three barycentric coordinates are above (1 - limit) / 3. Each
+// coordinate is tested at the corner of this block of samples at which it is largest.
 mask reaches(FACE_POINTER f, float left, real y)
 {
 #if PLANAR

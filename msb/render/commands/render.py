@@ -51,7 +51,7 @@ class RenderOptions:
     turntable: Annotated[
         str | None,
         Option(
-            "N cameras around the asset, DEGREES above the horizon (default: 20).",
+            "Render from N cameras around the asset, DEGREES above the horizon (default: 20).",
             metavar="N[,DEGREES]",
         ),
     ] = None
@@ -235,8 +235,8 @@ def _note_training(asset: Asset, scene: Scene, path: Path, output: Output) -> No
 def _views_of(scene: Scene, views: ViewOptions) -> tuple[Split, list[Camera]]:
     """Return the requested cameras of a scene and their split; the default is the test views.
 
-    ``train`` selects the training views, ``all`` the training and then the test views. Numbers count the test
-    views first, then the training views.
+    ``train`` selects the training views, ``all`` the training and then the test views. A camera's number
+    counts the test views first, then the training views.
     """
     train, test = list(scene.train), list(scene.test)
     words = set(views.camera)
@@ -263,7 +263,7 @@ class _Images:
             check_film(options.film)
 
     def check(self, views: list[Camera]) -> None:
-        """Raise an error if files would overwrite each other or existing ones. Called before rendering."""
+        """Raise an error if files would overwrite each other or existing files. Call it before rendering."""
         names = [name for tier in self.options.tiers for name in self.names(views, tier)]
         if self.options.out is not None:
             if len(set(names)) < len(names):

@@ -1,4 +1,4 @@
-"""Keeps a model on the device: its faces, in an order that makes rendering fast, and bounding spheres.
+"""A model on the device: its faces, in an order that makes rendering fast, and their bounding spheres.
 
 Checkpoints store faces in the order of training, so the faces in view are scattered over the whole memory.
 This module sorts them along a space-filling curve; in triangle soups, faces of similar size also become

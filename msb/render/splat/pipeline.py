@@ -35,7 +35,7 @@ _CHUNK = {"cpu": 4096, "gpu": 1}
 # Memory of a band of the raster in bytes: per compute unit of a CPU (the size of its cache), or in total on a
 # GPU. Planes of samples exist for one band at a time, because 4 x 4 samples of an 8K frame take 10 GB.
 _BAND_BYTES = {"cpu": 2 << 20, "gpu": 256 << 20}
-# Band records that stay on the device from frame to frame.
+# Largest number of band records that stay on the device from frame to frame.
 _MOST_RECORDS = 1024
 # Values of `tile_rule`; splat_common.cl explains them.
 _TILE_RULES = {"TILES_REACHED": 0, "TILES_BOTH": 1, "TILES_OFFICIAL": 2}
@@ -165,7 +165,7 @@ class SplattingPipeline(OnDevice):
             self._sort = DepthSort(self._device, self._program, order)
 
     def _built(self, **blending: Define) -> Program:
-        """Return the method's program compiled for some `blending`; the defaults suit most frames."""
+        """Return the method's program; `blending` replaces the definitions that suit most frames."""
         chosen = {**self._defines, "EXTRAS": True, "EARLY_STOP": True, **blending}
         return self._device.program(self._model.program, chosen, self._model.package)
 
@@ -349,7 +349,7 @@ class SplattingPipeline(OnDevice):
         """Return the `Band` record of splat_resolve.cl for a band with rows of `width` pixels."""
         model, (_, plane_rows, stride) = self._model, band.samples.shape
         values = width, band.rows, model.scale, *model.pixel_samples, stride, plane_rows, band.first_row
-        if values not in self._band_records:  # writing one waits for all queued commands
+        if values not in self._band_records:  # an upload waits for all queued commands
             if len(self._band_records) >= _MOST_RECORDS:
                 self._band_records.clear()
             self._band_records[values] = self._device.upload(np.array(values, np.uint32), "splat bands")

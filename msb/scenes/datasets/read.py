@@ -82,10 +82,10 @@ def read_scene(
     wish = None if resolution is None else check_resolution(resolution)
     color = evaluation_background(key) if rules == OURS else by.background_of(key)
     warnings: list[Finding] = []
-    # Which files are used, then the recorded cameras with the paths of their files.
+    # Choose the folder and the size of the photographs.
     chosen, how = choose_photographs(root, key, layout, place.name, by, image_folder, wish, warnings)
     files = SpelledFiles(root / chosen.folder)
-    # Recorded cameras with their photographs, then resized to the evaluated size.
+    # Read the recorded cameras, and find the photograph of each.
     views = [
         replace(view, image_path=files.find(str(view.name)))
         for view in read_views(root, layout, by, chosen.folder)
@@ -132,8 +132,8 @@ def dataset_of(path: str | os.PathLike[str]) -> str:
 
 
 def _place(root: Path) -> Path:
-    """Return the absolute path, with the names as given."""
-    return Path(os.path.abspath(root))  # noqa: PTH100 - names as given, not where links lead
+    """Return the absolute path; links are not followed, so the names stay as given."""
+    return Path(os.path.abspath(root))  # noqa: PTH100 - resolve() would follow links
 
 
 def _layout(root: Path) -> Layout:
@@ -208,10 +208,9 @@ def scene_at(
 ) -> SceneAt:
     """Return how a method is evaluated on a scene, without reading its folder.
 
-    `official_background` is the background of the method's official evaluation, if the model
-    records it. The last four arguments override the rules, as in `read_scene`. By default the size follows
-    our rules, the camera is the one the method is trained with, and the background is
-    `evaluation_background`.
+    `official_background` is the background of the method's official evaluation, if the model records it. The
+    last four arguments override the rules, as in `read_scene`. By default the size follows our rules, the
+    camera convention is the one of the method's training, and the background is `evaluation_background`.
     """
     return SceneAt(
         dataset=dataset,
