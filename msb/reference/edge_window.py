@@ -101,7 +101,7 @@ def project_shapes(triangles: Reals, view: SplattingCamera, modes: Modes) -> Win
 
 
 def project_windows(triangles: Reals, view: SplattingCamera) -> Windows:
-    """Return triangles (F, 3 corners, 3) on the screen. Without clipping: corners behind the camera are mirrored."""
+    """Return triangles (F, 3 corners, 3) on the screen, without clipping: corners behind are mirrored."""
     real = triangles.dtype.type
     center = centroid(triangles)
     camera = transform(view.world_to_camera[:3], center)

@@ -52,7 +52,7 @@ def write_image(path: Path, array: NDArray[Any], form: ImageFormat, *, overwrite
         elif form == "png":
             _write_png(file, array)
         else:
-            file.write(_exr(array))
+            file.write(_encode_exr(array))
 
 
 def check_format(form: str) -> None:
@@ -70,7 +70,7 @@ def _write_png(file: Any, array: NDArray[Any]) -> None:
     Image.fromarray(to_bytes(array)).save(file, format="PNG", compress_level=1)
 
 
-def _exr(array: NDArray[Any]) -> bytes:
+def _encode_exr(array: NDArray[Any]) -> bytes:
     """Return `array` as an OpenEXR file with the channels RGB, Z (a depth plane) or "id" (integers)."""
     import tempfile
 
@@ -195,8 +195,8 @@ def _write_gif(file: Any, frames: Iterable[NDArray[Any]], fps: int) -> None:
 def image_names(views: Sequence[Camera]) -> list[str]:
     """Return a unique file name for each view: its camera's name.
 
-    The suffix is removed unless two names would then be equal. To names that are still equal, the index of the
-    view is appended.
+    The suffix is removed unless two names would then be equal. Names that are still equal end with the
+    view's index.
     """
     whole = [view.name or f"{index:05d}" for index, view in enumerate(views)]
     short = [_without_suffix(name) for name in whole]

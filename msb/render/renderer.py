@@ -123,7 +123,7 @@ class Renderer:
         DeviceError
             The frame does not fit into the device's memory, or the device failed.
         """
-        checked = self._checked(camera, background)
+        checked = self._check_view(camera, background)
         with attribute_errors(self._by):
             frame = self._backend.render(*checked)
             if not isinstance(frame, Frame):
@@ -141,11 +141,11 @@ class Renderer:
         if not hasattr(self._backend, "draw"):
             stages = self.render(camera, background).timings
             return DrawTime(stages, sum(stages.values()))
-        checked = self._checked(camera, background)
+        checked = self._check_view(camera, background)
         with attribute_errors(self._by):
             return self._backend.draw(*checked)
 
-    def _checked(self, camera: Camera, background: Background | None) -> tuple[Camera, Color]:
+    def _check_view(self, camera: Camera, background: Background | None) -> tuple[Camera, Color]:
         check_type("camera", camera, Camera, A_CAMERA)
         seen = camera.in_units()
         if background is None:

@@ -21,8 +21,7 @@ _FOV_Y = math.radians(40)
 _FOV_INSIDE = math.radians(60)
 # Quantile on each side that is ignored when the bulk of the faces is located.
 _LEAST = 0.02
-# Largest number of faces that are examined. In a larger asset, the walls of a capture may be missed if they have
-# few faces.
+# Largest number of faces that are examined. In a larger asset, surfaces of few faces may be missed.
 _SAMPLES = 200_000
 # Threshold of the ratio in `is_surrounded`.
 # Captures in front of walls have 4 to 6; objects and empty rooms 0.7 to 1.5.

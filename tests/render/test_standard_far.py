@@ -100,7 +100,7 @@ def far_triangles(kind: str, size: float, random: np.random.Generator) -> NDArra
 CORNERS = ((-1, -1), (1, -1), (1, 1), (-1, 1))
 
 
-def turned(random: np.random.Generator) -> Camera:
+def random_camera(random: np.random.Generator) -> Camera:
     """Return a camera with a random pose, so that distant corners are rounded when transformed."""
     rotation = np.linalg.qr(random.normal(size=(3, 3)))[0]
     pose = np.eye(4)
@@ -109,7 +109,7 @@ def turned(random: np.random.Generator) -> Camera:
     return camera(pose=pose)
 
 
-def seen_by(view: Camera, triangles: NDArray[np.float64]) -> NDArray[np.float64]:
+def to_world(view: Camera, triangles: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return points given in camera space in world coordinates."""
     return (triangles - view.world_to_camera[:3, 3]) @ view.world_to_camera[:3, :3]
 
@@ -137,8 +137,8 @@ def test_a_corner_far_away_leaves_face_depth_and_colour_right(
     cpu: Device, gpu: Device, kind: str, size: float
 ) -> None:
     random = np.random.default_rng([int(size), len(kind)])
-    view = turned(random)
-    mesh = unshared(seen_by(view, far_triangles(kind, size, random)))
+    view = random_camera(random)
+    mesh = unshared(to_world(view, far_triangles(kind, size, random)))
     colors = random_colors(7, len(mesh[0]))
     expected = cast(mesh, colors, view)
     check(twin(mesh, colors, view), expected)
@@ -156,8 +156,8 @@ def test_a_shell_around_the_camera_has_no_cracks_however_far_its_corners_are(
     directions, faces = icosphere(3)
     is_far = random.random(len(directions)) < 0.3
     radii = 10 ** random.uniform(np.where(is_far, 1, -0.5), np.where(is_far, largest, 1))
-    view = turned(random)
-    mesh = seen_by(view, directions * radii[:, None]).astype(np.float32), np.array(faces, np.uint32)
+    view = random_camera(random)
+    mesh = to_world(view, directions * radii[:, None]).astype(np.float32), np.array(faces, np.uint32)
     colors = random_colors(1, len(directions))
     expected = cast(mesh, colors, view)
     frames = [draw(device, mesh_asset(mesh, colors), view) for device in (cpu, gpu)]

@@ -107,7 +107,7 @@ fn pixel_range(a: f32, b: f32, c: f32, size: u32) -> vec2<i32> {
 }
 
 fn project_face(number: u32, face: ptr<function, Face>) -> Projected {
-    var found: Projected;
+    var result: Projected;
     let p = positions_of(corners_of(number));
     let p0 = clip_of(p[0]);
     let p1 = clip_of(p[1]);
@@ -128,7 +128,7 @@ fn project_face(number: u32, face: ptr<function, Face>) -> Projected {
     let below = (p0.xyz < vec3<f32>(-p0.w)) & (p1.xyz < vec3<f32>(-p1.w)) & (p2.xyz < vec3<f32>(-p2.w));
     let above = (p0.xyz > vec3<f32>(p0.w)) & (p1.xyz > vec3<f32>(p1.w)) & (p2.xyz > vec3<f32>(p2.w));
     if (dropped || any(below | above)) {
-        return found;
+        return result;
     }
     let i0 = div(1.0, p0.w);
     let i1 = div(1.0, p1.w);
@@ -139,11 +139,11 @@ fn project_face(number: u32, face: ptr<function, Face>) -> Projected {
         x = vec2<i32>(0, i32(view.width) - 1);
         y = vec2<i32>(0, i32(view.height) - 1);
     }
-    found.kept = x.x <= x.y && y.x <= y.y;
-    found.tiles = vec4<i32>(x.x, y.x, x.y + 1, y.y + 1);
+    result.kept = x.x <= x.y && y.x <= y.y;
+    result.tiles = vec4<i32>(x.x, y.x, x.y + 1, y.y + 1);
     let rows = vec2<i32>(turned(y.x), turned(y.y));
-    found.samples = vec4<i32>(x.x, min(rows.x, rows.y), x.y, max(rows.x, rows.y));
-    return found;
+    result.samples = vec4<i32>(x.x, min(rows.x, rows.y), x.y, max(rows.x, rows.y));
+    return result;
 }
 #if DECODING
 #include "fragment.wgsl"
@@ -260,10 +260,11 @@ fn picture_of(p: vec4<f32>, half: vec2<f32>) -> vec2<f32> {
     return vec2<f32>(at.x, select(at.y, 2.0 * half.y - at.y, view.flip == 1u));
 }
 
-// Return corner `index` of the strip that is drawn: a corner of the triangle after each edge was moved outwards
-// by more than the rounding errors of the hardware and of the edge functions in `meeting_at`. If this triangle
-// is not much smaller than the rectangle, or is too thin, too far away or too pointed, return `corner`, a corner
-// of the rectangle. The outline only saves fragments; it does not decide which pixels are covered.
+// Return corner `index` of the strip that is drawn: a corner of the triangle after each edge was moved
+// outwards by more than the rounding errors of the hardware and of the edge functions in `meeting_at`. If
+// this triangle is not much smaller than the rectangle, or is too thin, too far away or too pointed, return
+// `corner`, a corner of the rectangle. The outline only saves fragments; it does not decide which pixels are
+// covered.
 fn outline(face: Face, index: u32, corner: vec2<f32>) -> vec2<f32> {
     let p = array<vec4<f32>, 3>(face.corner0, face.corner1, face.corner2);
     let half = 0.5 * vec2<f32>(f32(view.width), f32(view.height));

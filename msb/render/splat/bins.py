@@ -113,7 +113,7 @@ def bin_faces(
     items = projected.listed.size
     with device.stage("sort"):
         before = device.scratch("splat listed before", items + 1, np.uint32)
-        # The number of faces that earlier work-items listed is a work-item's first slot in the compacted arrays.
+        # A work-item's slots in the compacted arrays begin after the faces that earlier work-items listed.
         exclusive_scan(device, projected.listed, before)
         listed = int(before.read(start=items)[0])
         keys = device.scratch("splat depth keys", listed, np.uint32)

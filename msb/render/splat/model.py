@@ -21,8 +21,8 @@ Settings = Mapping[str, Any]
 
 # Near plane of the engine sampling, in scene units: the near plane of the standard tier.
 ENGINE_NEAR = 0.01
-# Natural logarithm below which a float32 power is 0 (the smallest float32 is exp(-103.3)). Such powers are not
-# computed: that is slow, and with the small sigmas of trained models most powers are that small.
+# Natural logarithm below which a float32 power is 0 (the smallest float32 is exp(-103.3)). Computing
+# such powers is slow, and with the small sigmas of trained models most powers are that small.
 _LEAST = -105.0
 # Culling of the engine sampling: faces are clipped at the near plane and reach no farther than their corners.
 CLIPPED = Culling(nearest=ENGINE_NEAR, dilation=1.0, clipped=True)

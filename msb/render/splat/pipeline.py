@@ -150,9 +150,9 @@ class SplattingPipeline(OnDevice):
             }
             # The stages before blending do not depend on the blended quantities, so their program is compiled
             # once.
-            self._program = self._built()
+            self._program = self._build_program()
             self._early_stop = early_stop
-            self._blend_program = self._built(EXTRAS=bool(self._outputs), EARLY_STOP=early_stop)
+            self._blend_program = self._build_program(EXTRAS=bool(self._outputs), EARLY_STOP=early_stop)
             arrays = {
                 "positions": model.positions.reshape(self._count, 9) if soup else model.positions,
                 "indices": None if soup else asset.buffers["indices"],
@@ -164,7 +164,7 @@ class SplattingPipeline(OnDevice):
             self._unordered: Arrays | None = arrays
             self._sort = DepthSort(self._device, self._program, order)
 
-    def _built(self, **blending: Define) -> Program:
+    def _build_program(self, **blending: Define) -> Program:
         """Return the method's program; `blending` replaces the definitions that suit most frames."""
         chosen = {**self._defines, "EXTRAS": True, "EARLY_STOP": True, **blending}
         return self._device.program(self._model.program, chosen, self._model.package)
@@ -240,7 +240,7 @@ class SplattingPipeline(OnDevice):
             add up to the alpha of the frame.
         """
         device, seen = self._device, self._list(camera)
-        share = self._built(EXTRAS=False, EARLY_STOP=self._early_stop, SHARES=True).share
+        share = self._build_program(EXTRAS=False, EARLY_STOP=self._early_stop, SHARES=True).share
         colors = self._scratch("picture", (camera.height, camera.width, 3))
         if picture is None:
             colors.fill(0)

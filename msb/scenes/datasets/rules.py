@@ -147,7 +147,7 @@ def half_even(size: Size, resolution: int) -> Size:
 
 
 def floor(size: Size, resolution: int) -> Size:
-    """Return the size after resizing in 2DTS: sides are truncated; at -1 the longer side is at most `LARGEST`.
+    """Return the size after resizing in 2DTS. Sides are truncated; at -1 the longer one is at most `LARGEST`.
 
     Source: `GaodeRender/triangle-splatting`: the datasets' `target_res`. It does not support widths, for
     which the rule of the 3DGS family is used.
