@@ -17,7 +17,7 @@ Reals = NDArray[Any]
 
 
 def dot(a: Reals, b: Reals) -> Reals:
-    """Return the sum of a b over the last axis, added from the first component to the last."""
+    """Return the dot product over the last axis, summed from the first component to the last."""
     total = a[..., 0] * b[..., 0]
     for axis in range(1, a.shape[-1]):
         total = total + a[..., axis] * b[..., axis]
@@ -43,19 +43,19 @@ def cross_2d(a: Reals | tuple[Reals, Reals], b: Reals | tuple[Reals, Reals]) -> 
 
 
 def transform(matrix: Reals, points: Reals) -> Reals:
-    """Return M (x, y, z, 1), (..., R), for points (..., 3) and the rows of M (R, 4)."""
+    """Return M (x, y, z, 1), (..., R), for a matrix M of R rows (R, 4) and points (..., 3)."""
     x, y, z = points[..., 0], points[..., 1], points[..., 2]
     return np.stack([row[0] * x + row[1] * y + row[2] * z + row[3] for row in matrix], axis=-1)
 
 
 def rotate(matrix: Reals, vectors: Reals) -> Reals:
-    """Return the 3x3 part of M times vectors (..., 3)."""
+    """Return the 3 x 3 part of a matrix M times vectors (..., 3)."""
     x, y, z = vectors[..., 0], vectors[..., 1], vectors[..., 2]
     return np.stack([row[0] * x + row[1] * y + row[2] * z for row in matrix[:3]], axis=-1)
 
 
 def matrix_product(a: Reals, b: Reals) -> Reals:
-    """Return A B, with each element summed from first to last.
+    """Return the matrix product A B, with the terms of each element added from first to last.
 
     Official code computes small float32 products this way (torch on a CPU), while BLAS fuses and reorders the
     sums.

@@ -41,7 +41,8 @@ class Rule:
     """True: the face that lowers the transmittance T to the threshold is blended, and the sample stops after
     it (2DTS). False: a face that would lower T below the threshold is not blended (3DGS)."""
     weight_first: bool
-    """The term of a colour c is c (alpha T) instead of (c alpha) T, which rounds differently."""
+    """True: a face of colour c adds c (alpha T) to the sum. False: it adds (c alpha) T, which is rounded
+    differently."""
 
 
 @dataclass(frozen=True)
@@ -157,7 +158,7 @@ def _add(
     before: Reals,
     rule: Rule,
 ) -> None:
-    """Add N blended faces to one pixel each; pairs are sorted by pixel and then front to back.
+    """Add N blended faces to one pixel each. The pairs are sorted by pixel, then from front to back.
 
     `before` (N,) is the transmittance T in front of each face.
     """

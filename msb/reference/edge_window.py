@@ -31,11 +31,12 @@ NEAR, FAR = 0.01, 100.0
 NEAREST = 0.2
 # Faces are dropped if the cosine between normal and view direction is smaller in magnitude.
 GRAZING = 0.001
-# Least divisor when vectors are normalised, in scene units or square units.
+# Vectors are divided by at least this when they are normalised: scene units, or square scene units for the
+# cross products of edges.
 MIN_LENGTH = 1e-4
-# Faces of lower opacity are dropped.
+# Faces with a lower opacity are dropped.
 MIN_OPACITY = 0.01
-# Faces that reach farther from their centroid are dropped, in samples.
+# Faces with a corner farther than this from their centroid are dropped, in samples.
 MAX_RADIUS = 1600
 
 
@@ -47,11 +48,13 @@ class Windows:
     as (K, 1) with P samples as (P,), or N faces with one sample each, all (N,).
     """
 
-    # (F,) culled by distance, grazing view or size. The methods add culling by opacity and tiles.
+    # (F,) whether a face is culled by distance, grazing view or size. The methods also cull by opacity and
+    # tiles.
     dropped: NDArray[np.bool_]
     # (F,) camera z of the centroid: the sort key.
     depth: Reals
-    # (F, 3) unit normals in camera space, towards the camera; shorter for faces below 5e-5 square units.
+    # (F, 3) normals in camera space, towards the camera. Their length is 1, or less for faces with an area
+    # below 5e-5 square scene units.
     normal: Reals
     # (F, 3, 2)
     corners: Reals
@@ -98,7 +101,7 @@ def project_shapes(triangles: Reals, view: SplattingCamera, modes: Modes) -> Win
 
 
 def project_windows(triangles: Reals, view: SplattingCamera) -> Windows:
-    """Return projected triangles (F, 3 corners, 3), not clipped: behind the camera they are mirrored."""
+    """Return triangles (F, 3 corners, 3) on the screen, without clipping: corners behind are mirrored."""
     real = triangles.dtype.type
     center = centroid(triangles)
     camera = transform(view.world_to_camera[:3], center)

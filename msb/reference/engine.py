@@ -1,12 +1,13 @@
 """Sampling of a splatting method's triangles by a game engine: the rasterisation rules of graphics hardware.
 
-Fragments exist only at pixel centres inside the projected triangle. Geometry in front of the near plane is
+Fragments exist only at pixel centres inside the projected triangle. Geometry nearer than the near plane is
 clipped. Attributes are interpolated with perspective correction. Tiles do not exist, and nothing is culled by
 size or distance. Coverage window, colours and blending follow the method.
 
 Barycentric coordinates divided by depth are affine on the screen, and so is 1 / depth: homogeneous edge
-functions (Olano and Greer, "Triangle scan conversion using 2D homogeneous coordinates", 1997). They need no
-clipped polygon, because behind the camera all three are negative inside the triangle.
+functions (Olano and Greer, "Triangle scan conversion using 2D homogeneous coordinates", 1997). With them no
+polygon has to be clipped: where a line of sight meets the triangle behind the camera, all three functions are
+negative.
 """
 
 from dataclasses import dataclass
@@ -22,8 +23,8 @@ from msb.reference.tiles import TILE, Integers, Rectangles
 NEAR = 0.01
 # The box of a triangle is widened by this number of samples, so that rounding cuts off nothing.
 SLACK = 0.1
-# Added before the first sample of a box is floored, as in splat_common.cl: a sample just outside the box is
-# included.
+# Added to the low end of a box before it is floored to the first sample, as in splat_common.cl, so that a
+# sample just outside the box is included.
 ALMOST_ONE = 0.999
 
 
@@ -36,19 +37,21 @@ class EngineTriangles:
     Attributes
     ----------
     dropped : (F,) bool
-        Seen edge-on, without area, entirely in front of the near plane, or outside the raster.
+        Whether the face is seen edge-on, has no area, is nearer than the near plane everywhere, or is outside
+        the raster.
     back : (F,) bool
-        Corners run clockwise on the screen.
+        Whether the corners run clockwise on the screen.
     depth : (F,)
         Camera z of the centroid, 0 for centroids behind the camera: the sort key.
     normal : (F, 3)
         Unit normal in camera space, oriented by the order of the corners.
     edges : (F, 3, 3)
-        Barycentric coordinate k divided by depth, times `weights`: factors of x and y, and a constant.
+        Barycentric coordinate k divided by depth, times weight k, as an affine function of a sample: factors
+        of x and y, and a constant.
     inverse_depth : (F, 3)
-        1 / depth: factors of x and y, and a constant.
+        1 / depth as an affine function of a sample: factors of x and y, and a constant.
     weights : (F, 3)
-        Factors of the barycentric coordinates such that the least weighted coordinate is 1 in the middle.
+        Factors of the barycentric coordinates. At the incentre or centroid all weighted coordinates are 1.
     rectangles : Rectangles
     """
 
@@ -104,7 +107,7 @@ def _affine(factors: Reals, x: Reals, y: Reals) -> Reals:
 
 
 def project_engine(triangles: Reals, view: SplattingCamera, *, incentre: bool) -> EngineTriangles:
-    """Return triangles (F, 3 corners, 3) in the form that an engine's hardware samples them.
+    """Return triangles (F, 3 corners, 3) in the form in which graphics hardware samples them.
 
     Parameters
     ----------
@@ -179,7 +182,7 @@ def _sample_box(corners: Reals, view: SplattingCamera) -> tuple[Integers, Intege
     cut = corners[..., :2] + share[..., None] * (following[..., :2] - corners[..., :2])
     inside = z >= near
     crosses = inside != np.roll(inside, -1, axis=1)
-    # Box of the corners behind the near plane and of the crossing points, on the raster.
+    # Box of the corners beyond the near plane and of the crossing points, on the raster.
     points = np.concatenate([corners[..., :2] / z[..., None], cut / near], axis=1) / step + middle
     seen = np.concatenate([inside, crosses], axis=1)[..., None]
     low = np.fmin.reduce(np.where(seen, points, np.inf), axis=1) - real(SLACK)

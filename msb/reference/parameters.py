@@ -1,6 +1,6 @@
 """An asset's buffers as activated parameters for the reference renderers.
 
-Opening an asset checks shapes only, so the values are checked here.
+Opening an asset checks only the shapes of its buffers, so their values are checked here.
 """
 
 from typing import Any

@@ -7,16 +7,16 @@ from msb.reference.arithmetic import Reals, norm
 
 
 def colors_from_sh(coefficients: Reals, points: Reals, center: Reals, degree: int) -> Reals:
-    """Return max(0.5 + sum_k B_k(d) k_k, 0) with d = (p - c) / |p - c|, without an upper clamp.
+    """Return max(0.5 + sum_i B_i(d) k_i, 0), without an upper clamp: coefficients k_i, direction d.
 
     Parameters
     ----------
     coefficients : (n, 1 + K, 3)
-        Coefficients above `degree` are ignored.
+        Coefficients k of the basis functions B. Those above `degree` are ignored.
     points : (n, 3)
         Points p in the world that define the view directions.
     center : (3,)
-        The camera's position c; d points away from it.
+        The camera's position c. The direction d = (p - c) / |p - c| points away from it.
 
     Returns
     -------

@@ -50,7 +50,7 @@ def grid_size(width: int, height: int) -> Integers:
 def tile_number(value: Reals, limit: Integers) -> Integers:
     """Return `value` (..., 2) truncated to integers in [0, `limit`], `limit` being (2,).
 
-    Like the conversion from float on a GPU, which saturates and maps NaN to 0.
+    A GPU converts floats to integers in the same way: it saturates, and maps NaN to 0.
     """
     return np.asarray(np.clip(np.nan_to_num(np.trunc(value), nan=0), 0, limit).astype(np.int64))
 
@@ -96,8 +96,8 @@ def _tile(number: int, columns: int, width: int, height: int, faces: Integers) -
 class Modes:
     """The order of drawing and the rules of sampling; the defaults are official.
 
-    Order "tile": by depth, and a triangle is visible only in its official tiles. "global": by depth, visible
-    wherever the triangle reaches. "none": likewise visible everywhere, in the order of the asset. With
+    With order "tile", triangles are drawn by depth, each only in its official tiles. With "global" they are
+    drawn by depth, wherever they reach; with "none" wherever they reach, in the order of the asset. With
     sampling "engine" (`msb.reference.engine`) a triangle reaches exactly to its edges, so "tile" and "global"
     give the same image.
     """

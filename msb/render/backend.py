@@ -71,7 +71,7 @@ class Backend(Protocol):
     - The attribute `device_info`: a mapping with `platform`, `name` and `kind` ("cpu" or "gpu") of the
       drawing device. Renderers need it if they do not draw on an OpenCL device.
     - The class attribute `tiers`: the tiers that the class draws. The default is all tiers.
-    - The class method `of_tier(tier)`: returns the class that draws a tier, if each tier has another class.
+    - The class method `of_tier(tier)`: returns the class that draws a tier, if tiers have different classes.
     - The class method `missing()`: returns which software must be installed first, or None. It must be quick.
     - The class method `installed()`: returns the version string without starting the engine. A renderer needs
       it if its `version` is known only after the first frame, because `msb run` renders again when the

@@ -32,8 +32,8 @@ class DeviceScope:
 
     Notes
     -----
-    Commands belong into blocks of `turn`, or into methods decorated with `in_turn`. Other threads wait until
-    the block ends, and memory that is allocated in it belongs to this renderer.
+    Queue commands only in a ``with`` block of `turn`, or in a method decorated with `in_turn`. Other threads
+    wait until the block ends, and memory that is allocated in the block belongs to this renderer.
     """
 
     def __init__(self, device: str | Device | None, name: str) -> None:
@@ -51,7 +51,7 @@ class DeviceScope:
 
     @contextlib.contextmanager
     def setting_up(self) -> Iterator[None]:
-        """Have exclusive access during construction; if it fails, all memory is released."""
+        """Give exclusive access during construction, and release all memory if the construction fails."""
         with self.turn():
             try:
                 yield
@@ -82,7 +82,7 @@ class DeviceScope:
         with self.device.using(self._memory):
             self._closed = True
             with contextlib.suppress(DeviceError):  # the device was closed, or has failed
-                self.device.finish()  # buffers may be on memory of the host
+                self.device.finish()  # buffers may use memory of the host
             self.kept.clear()
             self._memory.release_all()
 

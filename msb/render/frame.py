@@ -67,7 +67,7 @@ class Frame:
 
 
 def interior(faces: NDArray[Any]) -> NDArray[np.bool_]:
-    """Return which pixels (H, W) have a 3 x 3 neighbourhood that shows a single face; False at the border."""
+    """Return a mask (H, W) of pixels whose 3 x 3 neighbourhood shows a single face; False at the border."""
     inner = np.zeros(faces.shape, bool)
     middle = faces[1:-1, 1:-1]
     same = middle >= 0

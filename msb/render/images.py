@@ -20,7 +20,7 @@ from msb.scenes import Camera
 
 ImageFormat = Literal["png", "npy", "exr"]
 FILM_SUFFIXES = (".mp4", ".gif")
-# Frames that may wait for a writer. Four hide the delays of a slow disk; each waiting frame takes memory.
+# Largest number of frames that wait for a writer. Four hide the delays of a slow disk; each takes memory.
 _QUEUE = 4
 
 
@@ -29,7 +29,7 @@ def to_bytes(image: NDArray[Any]) -> NDArray[np.uint8]:
 
     NaN, which a correct renderer never returns, becomes 0.
     """
-    # Explicit, because NumPy 1 keeps float16 in products with a float32 scalar.
+    # Convert explicitly, because NumPy 1 keeps float16 in products with a float32 scalar.
     wide = image.astype(np.result_type(image.dtype, np.float32), copy=False)
     scaled = np.fmin(np.fmax(wide, 0), 1) * np.float32(255)  # fmax(NaN, 0) is 0
     return np.asarray(scaled + np.float32(0.5)).astype(np.uint8)
@@ -52,7 +52,7 @@ def write_image(path: Path, array: NDArray[Any], form: ImageFormat, *, overwrite
         elif form == "png":
             _write_png(file, array)
         else:
-            file.write(_exr(array))
+            file.write(_encode_exr(array))
 
 
 def check_format(form: str) -> None:
@@ -70,7 +70,7 @@ def _write_png(file: Any, array: NDArray[Any]) -> None:
     Image.fromarray(to_bytes(array)).save(file, format="PNG", compress_level=1)
 
 
-def _exr(array: NDArray[Any]) -> bytes:
+def _encode_exr(array: NDArray[Any]) -> bytes:
     """Return `array` as an OpenEXR file with the channels RGB, Z (a depth plane) or "id" (integers)."""
     import tempfile
 
@@ -185,17 +185,18 @@ def _encode_mp4(file: Any, frames: Iterable[NDArray[Any]], fps: int) -> None:
 def _write_gif(file: Any, frames: Iterable[NDArray[Any]], fps: int) -> None:
     from PIL import Image
 
-    pictures = (Image.fromarray(to_bytes(image)).quantize(256) for image in frames)
-    first = next(pictures, None)
+    images = (Image.fromarray(to_bytes(image)).quantize(256) for image in frames)
+    first = next(images, None)
     if first is not None:
-        rest = {"save_all": True, "append_images": pictures, "loop": 0, "duration": round(1000 / fps)}
+        rest = {"save_all": True, "append_images": images, "loop": 0, "duration": round(1000 / fps)}
         first.save(file, format="GIF", **rest)
 
 
 def image_names(views: Sequence[Camera]) -> list[str]:
     """Return a unique file name for each view: its camera's name.
 
-    The suffix is removed unless two names would then be equal. Names that are still equal get their index.
+    The suffix is removed unless two names would then be equal. Names that are still equal end with the
+    view's index.
     """
     whole = [view.name or f"{index:05d}" for index, view in enumerate(views)]
     short = [_without_suffix(name) for name in whole]

@@ -100,7 +100,7 @@ class ViewOptions:
         try:
             factor = float(str(self.size))
         except ValueError:
-            raise not_a_size(str(self.size), ", or be a factor such as 0.5") from None
+            raise not_a_size(str(self.size), ", or as a factor such as 0.5") from None
         check_factor(factor)
         return factor
 
@@ -111,7 +111,7 @@ class ViewOptions:
 
         if self.background is None:
             return BLACK if asset is None else default_background(asset.manifest)
-        official = "official, which needs an asset"
+        official = "it needs an asset"
         if asset is not None:
             official = str(asset.manifest.appearance.get("background", "the asset records none"))
         return parse_color_option(self.background, official)
@@ -169,15 +169,18 @@ class RendererOptions:
 
 
 def parse_color_option(text: str, official: str | None = None) -> tuple[float, float, float]:
-    """Return the colour of --background; the text "official" stands for the colour `official`, if given."""
+    """Return the colour of --background; the text "official" stands for the colour `official`.
+
+    If `official` is not a colour, it is the reason why the asset has none.
+    """
     from msb.scenes.colors import parse_color
 
     color = parse_color(text, official)
     if color is None:
         more = "" if official is None else ", or official"
-        spelled = official if official and text.strip().lower() == "official" else text
+        why = f" ({shorten(official, 40)})" if official and text.strip().lower() == "official" else ""
         allowed = f"black, white, #rrggbb{', ' if more else ' or '}r,g,b in 0..1{more}"
-        raise UsageError("USAGE", f'--background is "{shorten(spelled, 40)}"; use {allowed}')
+        raise UsageError("USAGE", f'--background is "{shorten(text, 40)}"{why}; use {allowed}')
     return color
 
 

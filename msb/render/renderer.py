@@ -37,7 +37,7 @@ class Renderer:
     settings : mapping, optional
         Overrides of the settings that the asset stores; `msb methods` lists the settings.
     name : str, optional
-        An entry point of the group `msb.renderers` that replaces the built-in renderer of the tier.
+        The entry point of the group `msb.renderers` that replaces the tier's built-in renderer.
     **options
         Other options of the renderer. The dedicated and the reference tier accept `order` ("tile", "global",
         "none") and `sampling` ("official", "engine"), which docs/dedicated.md explains. The standard tier
@@ -50,7 +50,7 @@ class Renderer:
     UsageError
         An unknown tier, renderer or setting, or an argument of the wrong type.
     AssetError
-        The asset's values cannot be frame: an index out of range, or a coordinate that is not finite.
+        The asset's values cannot be drawn: an index is out of range, or a coordinate is not finite.
     InputError, CheckpointError, MeshFileError, MeshError
         `msb.open` cannot read the path `asset`.
     DeviceError
@@ -118,12 +118,12 @@ class Renderer:
         Raises
         ------
         UsageError
-            `USAGE`: the camera or the colour is invalid. `SETTING_VALUE`: a setting allows no image with any
-            camera.
+            `USAGE`: the camera or the colour is invalid. `SETTING_VALUE`: no image can be rendered with the
+            value of a setting.
         DeviceError
             The frame does not fit into the device's memory, or the device failed.
         """
-        checked = self._checked(camera, background)
+        checked = self._check_view(camera, background)
         with attribute_errors(self._by):
             frame = self._backend.render(*checked)
             if not isinstance(frame, Frame):
@@ -141,11 +141,11 @@ class Renderer:
         if not hasattr(self._backend, "draw"):
             stages = self.render(camera, background).timings
             return DrawTime(stages, sum(stages.values()))
-        checked = self._checked(camera, background)
+        checked = self._check_view(camera, background)
         with attribute_errors(self._by):
             return self._backend.draw(*checked)
 
-    def _checked(self, camera: Camera, background: Background | None) -> tuple[Camera, Color]:
+    def _check_view(self, camera: Camera, background: Background | None) -> tuple[Camera, Color]:
         check_type("camera", camera, Camera, A_CAMERA)
         seen = camera.in_units()
         if background is None:

@@ -57,10 +57,10 @@ def shares_by_view(
     with Renderer(asset, tier, device, settings) as renderer:
         for camera, picture in views:
             faces = renderer.render(camera).face_id
-            yield None if faces is None else _counted(faces, picture, asset.manifest.face_count)
+            yield None if faces is None else _sum_by_face(faces, picture, asset.manifest.face_count)
 
 
-def _counted(faces: NDArray[np.int32], picture: Picture | None, count: int) -> NDArray[np.float64]:
+def _sum_by_face(faces: NDArray[np.int32], picture: Picture | None, count: int) -> NDArray[np.float64]:
     """Return per-face sums of a view that shows `faces` (H, W), -1 for background: colours, then pixels."""
     seen = faces >= 0
     numbers = faces[seen]

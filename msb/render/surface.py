@@ -15,7 +15,7 @@ from msb.scenes import Camera
 
 @dataclass(frozen=True)
 class Surface:
-    """A model whose faces are drawn in the samples with an opacity at or above a threshold.
+    """A model whose faces are drawn at the samples where their opacity reaches a threshold.
 
     Attributes
     ----------

@@ -21,7 +21,7 @@ _FOV_Y = math.radians(40)
 _FOV_INSIDE = math.radians(60)
 # Quantile on each side that is ignored when the bulk of the faces is located.
 _LEAST = 0.02
-# Largest number of faces that are examined. Rarer faces of a larger asset may be missed.
+# Largest number of faces that are examined. In a larger asset, surfaces of few faces may be missed.
 _SAMPLES = 200_000
 # Threshold of the ratio in `is_surrounded`.
 # Captures in front of walls have 4 to 6; objects and empty rooms 0.7 to 1.5.
@@ -69,8 +69,8 @@ def _check_reach(asset: Asset, distance: float) -> None:
     far = max(map(abs, sphere.center)) + distance
     if far > MAX_COORDINATE:
         reach = max(map(abs, (*bounds.min, *bounds.max)))
-        text = f"its coordinates reach {reach:g}, cameras around it {far:.3g}"
-        text = f"{text}; views can be made up to {MAX_COORDINATE:g}"
+        text = f"its coordinates reach {reach:g}, so cameras around it reach {far:.3g}; "
+        text += f"coordinates of cameras are limited to {MAX_COORDINATE:g}"
         raise SceneError("CAMERA_PATH", text, file=asset.opened_from)
 
 
@@ -97,8 +97,8 @@ def find_bulk(asset: Asset) -> Bulk:
 def place_inside(asset: Asset, bulk: Bulk, outside: Iterable[Camera], up: str | None = None) -> list[Camera]:
     """Return cameras within an asset that look across its middle, half-way out to the enclosing faces.
 
-    There is one for each camera in `outside` that looks at the asset, on the same side and with the same
-    image size; none if most of the asset is flat.
+    The cameras `outside` look at the asset. For each of them, a camera on the same side with the same image
+    size is returned. The result is empty if most of the asset is flat.
     """
     low, middle, high = bulk.low, bulk.middle, bulk.high
     if not (low < middle).all() or not (middle < high).all():
@@ -106,7 +106,7 @@ def place_inside(asset: Asset, bulk: Bulk, outside: Iterable[Camera], up: str | 
     vector = _vector(up or up_axis(asset))
     cameras = []
     for camera in outside:
-        # Ratio of the room on the camera's side to its direction: the nearest enclosing face along any axis.
+        # Along each axis, the multiple of `away` at which a ray from the middle leaves the bulk of the faces.
         away = camera.center - asset.manifest.bounding_sphere.center
         reach = np.where(away > 0, high - middle, middle - low) / np.maximum(np.abs(away), 1e-300)
         eye = middle + 0.5 * reach.min() * away

@@ -24,7 +24,7 @@ from msb.scenes.checks import (
 )
 from msb.scenes.poses import check_pose, look_at_pose, rigid_inverse
 
-_Drawn = TypeVar("_Drawn", bound=Any)
+_Frame = TypeVar("_Frame", bound=Any)
 
 
 @dataclass(frozen=True, eq=False)
@@ -231,7 +231,7 @@ class Camera:
         values = {field.name: getattr(self, field.name) for field in fields(self)}
         return _InUnits(**{**values, "world_to_camera": pose, "unit": 1.0})
 
-    def in_world(self, frame: _Drawn) -> _Drawn:
+    def in_world(self, frame: _Frame) -> _Frame:
         """Return a frame that was rendered with `in_units()`, with its depths converted to scene units."""
         if self.unit == 1:
             return frame

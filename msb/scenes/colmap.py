@@ -46,15 +46,15 @@ def read_model(folder: Path) -> list[Camera]:
     The principal point is kept as recorded. If the folder is a scene's `sparse/0` or `sparse`, `image_path`
     is the name below the scene's folder `images`.
     """
-    suffix = _form(folder, ("cameras", "images"))
+    suffix = _find_suffix(folder, ("cameras", "images"))
     form = _FORMS[suffix]
     lens_file = Source.open(folder / f"cameras{suffix}")
     shot_file = Source.open(folder / f"images{suffix}")
-    lenses = {lens.number: lens for lens in _once("camera", form.read_lenses(lens_file), lens_file)}
+    lenses = {lens.number: lens for lens in _check_unique("camera", form.read_lenses(lens_file), lens_file)}
     photographs = _image_folder(folder)
     images = None if photographs is None else SpelledFiles(photographs)
     cameras: list[Camera] = []
-    for shot in _once("image", form.read_shots(shot_file), shot_file):
+    for shot in _check_unique("image", form.read_shots(shot_file), shot_file):
         if len(cameras) == MAX_CAMERAS:
             text = f"it has more than {MAX_CAMERAS} images; split the model into parts"
             raise shot_file.error("CAMERA_FILE", text, pointer=shot.pointer)
@@ -62,7 +62,7 @@ def read_model(folder: Path) -> list[Camera]:
     return cameras
 
 
-def _once(what: str, records: Iterable[_Record], source: Source) -> Iterator[_Record]:
+def _check_unique(what: str, records: Iterable[_Record], source: Source) -> Iterator[_Record]:
     """Yield the records of a file; raise an error for a repeated id."""
     seen: set[int] = set()
     for record in records:
@@ -103,14 +103,14 @@ def read_points(path: str | os.PathLike[str]) -> tuple[NDArray[np.float64], NDAr
     file = Path(path)
     if is_folder(file):
         folder = find_model(file) or file
-        file = folder / f"points3D{_form(folder, ('points3D',))}"
+        file = folder / f"points3D{_find_suffix(folder, ('points3D',))}"
     form = _FORMS[".txt" if file.suffix.lower() == ".txt" else ".bin"]
     points: tuple[NDArray[np.float64], NDArray[np.uint8]] = form.read_points(Source.open(file))
     return points
 
 
-def _form(folder: Path, parts: tuple[str, ...]) -> str:
-    """Return the suffix whose format has all `parts` in the folder."""
+def _find_suffix(folder: Path, parts: tuple[str, ...]) -> str:
+    """Return the suffix of the format in which the folder contains all `parts`."""
     for suffix in _FORMS:
         if all(is_file(folder / f"{part}{suffix}") for part in parts):
             return suffix

@@ -126,7 +126,7 @@ def _print_one(report: SceneReport, output: Output) -> None:
         ("dataset", f"{report.dataset}, {report.name}, {_LAYOUTS[report.layout]}"),
     ]
     if report.scene is not None:
-        rows += _described(report.scene)
+        rows += _describe(report.scene)
     else:
         rows += [("images", f"{f.name}: {f.images}") for f in report.image_folders]
     if report.points is not None:
@@ -136,7 +136,7 @@ def _print_one(report: SceneReport, output: Output) -> None:
         rows += [("warning", f"{w.code}: {w.message}") for w in report.findings]
         note = None if report.scene is None else note_scaled_cameras([report.scene])
         rows += [] if note is None else [("note", note)]
-        rows += _deviating(report)
+        rows += _list_deviations(report)
     output.table((), ((label, shorten(text, 300)) for label, text in rows))
 
 
@@ -148,7 +148,7 @@ _LAYOUTS = {
 }
 
 
-def _described(scene: Scene) -> list[tuple[str, str]]:
+def _describe(scene: Scene) -> list[tuple[str, str]]:
     """Return (label, text) rows about a scene that can be evaluated."""
     from msb.scenes.datasets import DATASETS, color_name
 
@@ -185,7 +185,7 @@ def _described(scene: Scene) -> list[tuple[str, str]]:
     ]
 
 
-def _deviating(report: SceneReport) -> list[tuple[str, str]]:
+def _list_deviations(report: SceneReport) -> list[tuple[str, str]]:
     """Return rows about deviations of official code; methods with equal deviations share a row."""
     grouped: dict[tuple[str, ...], list[str]] = {}
     for name, texts in report.deviations.items():

@@ -113,7 +113,7 @@ def interpolate_cameras(cameras: Sequence[Camera], count: int, *, closed: bool =
     # Centres (n, 3), rotations as quaternions (n, 4) and intrinsics (n, 4) of the given cameras.
     keys = [camera.resized(cameras[0].width, cameras[0].height) for camera in cameras]
     centers = np.stack([key.center for key in keys])
-    turns = _aligned(np.stack([quaternion_from_rotation(key.camera_to_world[:3, :3]) for key in keys]))
+    turns = _align_signs(np.stack([quaternion_from_rotation(key.camera_to_world[:3, :3]) for key in keys]))
     lenses = np.array([(key.fx, key.fy, key.cx, key.cy) for key in keys])
     _check_frames(count)
     end = len(keys) if closed else len(keys) - 1
@@ -123,9 +123,9 @@ def interpolate_cameras(cameras: Sequence[Camera], count: int, *, closed: bool =
         segment = min(int(time), end - 1)
         at = time - segment
         pose = np.eye(4)
-        turn = _catmull_rom(_aligned(_around(turns, segment, closed)), at)
+        turn = _catmull_rom(_align_signs(_spline_keys(turns, segment, closed)), at)
         pose[:3, :3] = rotation_from_quaternion(turn).T
-        pose[:3, 3] = -pose[:3, :3] @ _catmull_rom(_around(centers, segment, closed), at)
+        pose[:3, 3] = -pose[:3, :3] @ _catmull_rom(_spline_keys(centers, segment, closed), at)
         fx, fy, cx, cy = (1 - at) * lenses[segment] + at * lenses[(segment + 1) % len(keys)]
         name = f"flight_{index:05d}"
         flight.append(replace(keys[0], fx=fx, fy=fy, cx=cx, cy=cy, world_to_camera=pose, name=name))
@@ -138,7 +138,7 @@ def _check_frames(count: int) -> None:
         raise SceneError("CAMERA_PATH", f"the count is {count}; it must be from 1 to {MAX_FRAMES}")
 
 
-def _around(keys: NDArray[np.float64], segment: int, closed: bool) -> NDArray[np.float64]:
+def _spline_keys(keys: NDArray[np.float64], segment: int, closed: bool) -> NDArray[np.float64]:
     """Return the keys (4, D) of the spline in `segment`: one before it, its two ends, one after."""
     if closed:
         return keys[np.arange(segment - 1, segment + 3) % len(keys)]
@@ -147,7 +147,7 @@ def _around(keys: NDArray[np.float64], segment: int, closed: bool) -> NDArray[np
     return np.stack([before, keys[segment], keys[segment + 1], beyond])
 
 
-def _aligned(quaternions: NDArray[np.float64]) -> NDArray[np.float64]:
+def _align_signs(quaternions: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return quaternions with signs such that neighbours have a non-negative dot product.
 
     A quaternion and its negative are the same rotation; interpolation should take the shorter way.

@@ -11,7 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 from msb.base.matrices import inverse
 from msb.errors import SceneError, shorten
 
-# Largest entry of R R^T - I. Float32 poses that were inverted a few times are well below it.
+# Largest allowed magnitude of an entry of R R^T - I. Float32 poses that were inverted a few times are well
+# below it.
 MAX_ROTATION_ERROR = 1e-4
 
 # Largest coordinate in scene units. Squares of larger distances do not fit into float32, which renderers use.

@@ -61,7 +61,7 @@ def split_every_8th(
 ) -> tuple[list[Camera], list[Camera]]:
     """Return (train, test): cameras 0, 8, 16, ... of the cameras sorted by `key` are test views.
 
-    The `split` of the returned cameras is set; an existing one is replaced. Use it for captures without a
+    The `split` of the returned cameras is set, or replaced. Use this function for captures without a
     predefined split.
 
     Source: `graphdeco-inria/gaussian-splatting`: scene/dataset_readers.py (`llffhold`).

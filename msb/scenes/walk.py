@@ -46,23 +46,23 @@ def make_walk(
         CAMERA_PATH, as in `interpolate_cameras`.
     """
     chosen = [stops[k * len(stops) // _STOPS] for k in range(_STOPS)] if len(stops) > _STOPS else stops
-    offset = reach * radius_of(capture)
-    aim = looked_at(capture)
+    offset = reach * measure_radius(capture)
+    aim = find_target(capture)
     keys = [
-        _moved(camera.scaled(min(1.0, size / max(camera.width, camera.height))), offset * np.array(side), aim)
+        _move(camera.scaled(min(1.0, size / max(camera.width, camera.height))), offset * np.array(side), aim)
         for camera, side in zip(chosen, cycle(_ASIDE), strict=False)
     ]
     around = interpolate_cameras(keys, PACE * len(keys), closed=True)
     return [around[frame % len(around)] for frame in range(frames)]
 
 
-def radius_of(cameras: Sequence[Camera]) -> float:
+def measure_radius(cameras: Sequence[Camera]) -> float:
     """Return the largest distance of a camera from the mean of all cameras."""
     centers = np.stack([camera.center for camera in cameras])
     return float(np.linalg.norm(centers - centers.mean(axis=0), axis=1).max())
 
 
-def looked_at(cameras: Sequence[Camera]) -> NDArray[np.float64]:
+def find_target(cameras: Sequence[Camera]) -> NDArray[np.float64]:
     """Return the point (3,) with the least sum of squared distances from the axes of all cameras."""
     centers = np.stack([camera.center for camera in cameras])
     axes = np.stack([camera.camera_to_world[:3, 2] for camera in cameras])
@@ -74,18 +74,20 @@ def looked_at(cameras: Sequence[Camera]) -> NDArray[np.float64]:
     return np.asarray(middle + np.linalg.pinv(across.sum(axis=0), rcond=1e-3) @ pulls)
 
 
-def _moved(camera: Camera, offset: NDArray[np.float64], aim: NDArray[np.float64]) -> Camera:
+def _move(camera: Camera, offset: NDArray[np.float64], aim: NDArray[np.float64]) -> Camera:
     """Return a camera moved by `offset` along its axes, and rotated to keep `aim` in place if possible."""
     pose = camera.world_to_camera.copy()
     before = pose[:3, :3] @ aim + pose[:3, 3]
     pose[:3, 3] -= offset
     after = before - offset
     if min(before[2], after[2]) > 0:
-        pose[:3] = _turn(after / np.linalg.norm(after), before / np.linalg.norm(before)) @ pose[:3]
+        pose[:3] = (
+            _rotation_between(after / np.linalg.norm(after), before / np.linalg.norm(before)) @ pose[:3]
+        )
     return replace(camera, world_to_camera=pose)
 
 
-def _turn(start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.float64]:
+def _rotation_between(start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the smallest rotation (3, 3) from one direction to another, less than a half-turn away."""
     x, y, z = np.cross(start, end)
     skew = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
@@ -99,21 +101,21 @@ def fill_gaps(cameras: Sequence[Camera], count: int) -> list[Camera]:
     the pose halfway between them. They must differ in rotation by less than 120 degrees: halfway round an
     object there may be no free path. The new camera is the halfway pose that is farthest from its nearest
     camera, so the widest gaps are filled first. The distance of two cameras is the angle between their axes
-    in radians, plus the distance of their centres in radii of the capture. Fewer cameras are returned if the
-    given firsts are alone, in one place, or opposite each other.
+    in radians, plus the distance of their centres in radii of the capture. Fewer cameras are returned if
+    `cameras` is a single camera, or if its cameras are in one place or opposite each other.
     """
-    aim = looked_at(cameras)
+    aim = find_target(cameras)
     every = list(cameras)
-    radius = radius_of(cameras) or 1.0
+    radius = measure_radius(cameras) or 1.0
     while len(every) < len(cameras) + count:
         poses = np.stack([camera.world_to_camera for camera in every])
         turns = poses[:, :3, :3]
         # The trace of the rotation between two cameras is 1 + 2 cos(angle); it is positive below 120 degrees.
         pairs = np.argwhere(np.triu(np.einsum("mij,nij->mn", turns, turns) > 0, 1))
-        # Distances (pairs, cameras) of all halfway poses to all cameras. A pair are neighbours if no other
-        # camera is nearer.
-        halfway = _halfway(poses[pairs[:, 0]], poses[pairs[:, 1]], aim)
-        gaps = _gaps(halfway, poses, radius)
+        # Distances (pairs, cameras) of all halfway poses to all cameras. The cameras of a pair are neighbours
+        # if no other camera is nearer.
+        halfway = _interpolate_halfway(poses[pairs[:, 0]], poses[pairs[:, 1]], aim)
+        gaps = _measure_gaps(halfway, poses, radius)
         widest = gaps.min(axis=1)
         widest[widest < np.take_along_axis(gaps, pairs, axis=1).min(axis=1)] = 0  # not neighbours
         if not widest.any():
@@ -125,22 +127,23 @@ def fill_gaps(cameras: Sequence[Camera], count: int) -> list[Camera]:
     return every[len(cameras) :]
 
 
-def _halfway(
-    firsts: NDArray[np.float64], seconds: NDArray[np.float64], aim: NDArray[np.float64]
+def _interpolate_halfway(
+    starts: NDArray[np.float64], ends: NDArray[np.float64], aim: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the poses (N, 4, 4) halfway between two poses each, on an arc around `aim` if both look at it.
+    """Return the poses (N, 4, 4) halfway between the poses `starts` and `ends`.
 
-    The point in front of a camera, as far away as `aim`, moves along a line, and its distance changes
-    linearly. If `aim` is behind the cameras, as in a room, they move along a line themselves.
+    If both cameras look at `aim`, the halfway pose is on an arc around it: the point in front of a camera, as
+    far away as `aim`, moves along a line, and its distance changes linearly. If `aim` is behind the cameras,
+    as in a room, the cameras move along a line.
     """
     # The mean rotation is the nearest orthogonal matrix to the sum.
-    left, _, right = np.linalg.svd(firsts[:, :3, :3] + seconds[:, :3, :3])
-    halfway = firsts.copy()
+    left, _, right = np.linalg.svd(starts[:, :3, :3] + ends[:, :3, :3])
+    halfway = starts.copy()
     halfway[:, :3, :3] = left @ right
     # Mean distance to the point in front, and the mean of these points.
     away = np.zeros(len(halfway))
     seen = np.zeros((len(halfway), 3))
-    for pose in (firsts, seconds):
+    for pose in (starts, ends):
         far = np.maximum(pose[:, 2, :3] @ aim + pose[:, 2, 3], 0)
         away += far / 2
         seen += (_centers(pose) + far[:, None] * pose[:, 2, :3]) / 2
@@ -154,7 +157,9 @@ def _centers(poses: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(-np.einsum("nji,nj->ni", poses[:, :3, :3], poses[:, :3, 3]))
 
 
-def _gaps(firsts: NDArray[np.float64], seconds: NDArray[np.float64], radius: float) -> NDArray[np.float64]:
+def _measure_gaps(
+    firsts: NDArray[np.float64], seconds: NDArray[np.float64], radius: float
+) -> NDArray[np.float64]:
     """Return the distances (N, M) between the poses of two sets."""
     turned = np.arccos((firsts[:, 2, :3] @ seconds[:, 2, :3].T).clip(-1, 1))
     moved = np.linalg.norm(_centers(firsts)[:, None] - _centers(seconds), axis=2)

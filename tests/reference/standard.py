@@ -84,7 +84,7 @@ def render_standard(
         near = nearest_corner(local[corners])
         # Rotated afterwards, because differences of stored positions are exact.
         normal = np.cross(*(points[np.delete(corners, near)] - points[corners[near]])) @ turn_normals
-        for y, x, depth, weights, rays in covered(local[corners], normal, camera):
+        for y, x, depth, weights, rays in cover_pixels(local[corners], normal, camera):
             wins = depth > nearest[y, x]  # faces ascend, so the lowest number wins at equal depths
             if surface is None:
                 colors_here = weights @ rgb[rows]
@@ -108,12 +108,12 @@ def render_standard(
     )
 
 
-def covered(corners: Reals, normal: Reals, camera: Camera) -> Iterator[Pixels]:
+def cover_pixels(corners: Reals, normal: Reals, camera: Camera) -> Iterator[Pixels]:
     """Yield the pixels of a face (3, 3) in camera coordinates; `normal` (3,) may have any length.
 
     Clipping may split the face into several triangles, which share no pixel and are yielded one by one.
     """
-    outline = clipped(corners, camera)
+    outline = clip_face(corners, camera)
     if len(outline) < 3:
         return
     focal, principal = np.array([camera.fx, camera.fy]), np.array([camera.cx, camera.cy])
@@ -140,7 +140,7 @@ def nearest_corner(corners: Reals) -> int:
     return int(np.argmin(np.abs(corners).max(axis=1)))
 
 
-def clipped(corners: Reals, camera: Camera) -> Reals:
+def clip_face(corners: Reals, camera: Camera) -> Reals:
     """Return a face clipped by the near plane and the guard band: (n, 3), n is 0 or at most 8.
 
     Sutherland and Hodgman, "Reentrant polygon clipping" (1974).

@@ -86,7 +86,7 @@ def test_invisible_triangles_are_dropped() -> None:
     cases = {
         "behind": front - (0, 0, 8),
         "before the near plane": front * (1e-3, 1e-3, 1) - (0, 0, 3.995),
-        "beside the picture": np.add(front, (40, 0, 0)),
+        "beside the image": np.add(front, (40, 0, 0)),
         "edge-on": front[:, [2, 1, 0]] * (0, 1, 1),
         "without area": front[[0, 1, 1]],
     }

@@ -25,7 +25,7 @@ def rejection(asset: Asset, tier: Any, code: str) -> MsbError:
     return caught.value
 
 
-def changed(asset: Asset, name: str, index: Any, value: float) -> Asset:
+def replace_value(asset: Asset, name: str, index: Any, value: float) -> Asset:
     """Return `asset` with one value of a buffer replaced without checks, as a file may contain it."""
     array = asset.buffers[name].copy()
     array[index] = value
@@ -40,13 +40,13 @@ def test_values_that_are_not_finite(method: str, tier: str, value: float) -> Non
     for name in ("positions", "f_dc") if tier == "standard" else names:
         if name == "opacity" and np.isinf(value):
             continue
-        error = rejection(changed(asset, name, 2, value), tier, "TRIASSET_VALUE_NONFINITE")
+        error = rejection(replace_value(asset, name, 2, value), tier, "TRIASSET_VALUE_NONFINITE")
         assert error.pointer == f"{name}[2]"
 
 
 @pytest.mark.parametrize(("method", "tier"), EVERY)
 def test_indices_out_of_range(method: str, tier: str) -> None:
-    asset = changed(soup(method, random_triangles(1, count=4)), "indices", (3, 1), 12)
+    asset = replace_value(soup(method, random_triangles(1, count=4)), "indices", (3, 1), 12)
     assert rejection(asset, tier, "TRIASSET_INDEX_OUT_OF_RANGE").pointer == "indices[3, 1]"
 
 

@@ -64,7 +64,7 @@ def difference(case: Case, device: Device) -> Difference:
     frame, wanted = draw(renderer, case, device), standard_twin(case) if standard else reference_frame(case)
     wrong = fields_apart(frame, wanted)
     explained = {name: np.zeros_like(where) for name, where in wrong.items()}
-    for other in others(case):
+    for other in vary_reference(case):
         if all((where == explained[name]).all() for name, where in wrong.items()):
             break
         for name, where in fields_apart(other, wanted, OFF / 4).items():
@@ -82,13 +82,13 @@ def difference(case: Case, device: Device) -> Difference:
     )
 
 
-def others(case: Case) -> Iterator[ReferenceFrame]:
+def vary_reference(case: Case) -> Iterator[ReferenceFrame]:
     """Yield frames of the reference in another precision, and with corners moved by rounding errors."""
     if case.method == STANDARD:
         yield from (standard_twin(case, seed) for seed in range(MOVES))
     else:
         yield reference_frame(case, np.float64)
-        yield from (reference_frame(moved(case, seed)) for seed in range(MOVES))
+        yield from (reference_frame(move_vertices(case, seed)) for seed in range(MOVES))
 
 
 def draw(make: Any, case: Case, device: Device) -> Frame:
@@ -104,7 +104,7 @@ def reference_frame(case: Case, dtype: type[Any] = np.float32) -> ReferenceFrame
     return render_reference(case.asset, case.camera, case.background, case.settings, dtype, **modes)
 
 
-def moved(case: Case, seed: int) -> Case:
+def move_vertices(case: Case, seed: int) -> Case:
     """Return `case` with vertices moved by rounding errors; coincident vertices stay coincident.
 
     The positions are then float64, which only references accept.

@@ -1,4 +1,4 @@
-"""Frames of renderers that are closed after first frame, and comparisons of frames."""
+"""The first frames of renderers, and comparisons of frames."""
 
 from typing import Any
 
@@ -15,7 +15,7 @@ FIELDS = ("image", "alpha", "depth", "normal", "depth_median")
 def frame_of(
     make: Any, asset: Asset, device: Device, camera: Camera, background: Any, **options: Any
 ) -> Frame:
-    """Return first frame of a renderer of class `make`, and close the renderer."""
+    """Return the first frame of a renderer of class `make`, and close the renderer."""
     renderer = make(asset, device=device, **options)
     try:
         return renderer.render(camera, background)

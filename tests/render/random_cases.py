@@ -110,7 +110,7 @@ def draw_case(method: str, seed: int) -> Case:
 
 def draw_settings(random: Random, method: str) -> dict[str, Any]:
     """Return a random value for every setting of `method`; limits are among them."""
-    many: dict[str, list[Any]] = {
+    choices: dict[str, list[Any]] = {
         "rasterizer": ["2D", "3D"],
         "sh_degree": [0, 1, 2, 3],
         "gamma": [1.0, 1.0, 1.5, 7.5, 50.0, 1000.0],
@@ -126,7 +126,7 @@ def draw_settings(random: Random, method: str) -> dict[str, Any]:
         "z_near": [0.5, 0.01, 0.1, 3.0],
         "z_far": [100.0, 10.0, 1000.0],
     }
-    return {name: many[name][random.integers(len(many[name]))] for name in METHODS[method].settings}
+    return {name: choices[name][random.integers(len(choices[name]))] for name in METHODS[method].settings}
 
 
 def draw_camera(random: Random, *, aligned: bool) -> Camera:
@@ -202,7 +202,7 @@ def draw_triangles(random: Random, kind: str, camera: Camera) -> Triangles:
             [np.roll(corners, turn, axis=0) for corners, turn in zip(placed, turned, strict=True)]
         )
     elif kind == "connected":
-        # Each corner is another triangle's, too.
+        # Triangles share corners.
         corners = placed.reshape(-1, 3)[: count + 2]
         placed = corners[random.integers(0, len(corners), (count, 3))]
     return placed

@@ -44,7 +44,7 @@ def scattered(seed: int, count: int, size: float, spread: float, depth: float) -
 
 
 def scene(kind: str, seed: int) -> Arrays:
-    """Return a triangle soup of first of `KINDS`, which covers many pixels of `camera`."""
+    """Return a triangle soup of a kind in `KINDS`, which covers many pixels of `camera`."""
     random = np.random.default_rng(seed)
     if kind == "small":
         return unshared(scattered(seed, 700, 0.08, 1, 4))

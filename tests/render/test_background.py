@@ -26,17 +26,17 @@ def cameras(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def drawn_over(msb: Msb, asset: Path, cameras: Path, out: Path, *more: str) -> dict[str, list[float]]:
+def list_backgrounds(msb: Msb, asset: Path, cameras: Path, out: Path, *more: str) -> dict[str, list[float]]:
     """Return command -> the background over which it renders."""
     views = ("--cameras", cameras, *more)
 
-    def document(command: str, *args: object) -> Any:
+    def read_background(command: str, *args: object) -> Any:
         result = msb(command, *views, *args, "--json", "-", asset, status=0)
         return result.json["background"]
 
-    backgrounds = {"render": document("render", "-o", out / "images", "--force")}
+    backgrounds = {"render": read_background("render", "-o", out / "images", "--force")}
     if "why" in INSTALLED:
-        backgrounds["why"] = document("why")
+        backgrounds["why"] = read_background("why")
     for tier in ("standard", "dedicated") if "web" in INSTALLED else ():
         page = out / f"{tier}.html"
         options = ("--no-verify",) if tier == "dedicated" else ()
@@ -66,7 +66,7 @@ def test_every_command_uses_the_recorded_background_or_the_same_default(
     manifest["appearance"].pop("background")
     manifest["appearance"] |= {} if stated is None else {"background": stated}
     (asset / "manifest.json").write_text(json.dumps(manifest))
-    backgrounds = drawn_over(msb, asset, cameras, tmp_path)
+    backgrounds = list_backgrounds(msb, asset, cameras, tmp_path)
     assert backgrounds == dict.fromkeys(backgrounds, pytest.approx(color))
 
 

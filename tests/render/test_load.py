@@ -29,7 +29,7 @@ def start(folder: Path, number: int, cache: Path) -> subprocess.Popen[bytes]:
     )
 
 
-def hashes(process: subprocess.Popen[bytes]) -> list[str]:
+def read_hashes(process: subprocess.Popen[bytes]) -> list[str]:
     """Return the hash of each view after the process has succeeded."""
     out, err = process.communicate(timeout=120)
     assert (process.returncode, err) == (0, b"")
@@ -38,8 +38,8 @@ def hashes(process: subprocess.Popen[bytes]) -> list[str]:
 
 def test_simultaneous_renderings_with_an_empty_cache_match_a_single_one(tmp_path: Path) -> None:
     together = [start(tmp_path / "together", number, tmp_path / "cache") for number in range(PROCESSES)]
-    results = [hashes(process) for process in together]
-    alone = hashes(start(tmp_path / "alone", 0, Path(os.environ["POCL_CACHE_DIR"])))
+    results = [read_hashes(process) for process in together]
+    alone = read_hashes(start(tmp_path / "alone", 0, Path(os.environ["POCL_CACHE_DIR"])))
     assert len(alone) == 2
     assert results == [alone] * PROCESSES
     images = {

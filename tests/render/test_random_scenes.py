@@ -61,7 +61,7 @@ def test_draws_have_everything() -> None:
         assert any(case.camera.width * case.camera.height <= 2 for case in cases)
         settings = [draw_settings(np.random.default_rng(seed), method) for seed in range(60)]
         for name, setting in METHOD_TABLE[method].settings.items():
-            values = {each[name] for each in settings}
+            values = {choice[name] for choice in settings}
             assert all(setting.problem(value) is None for value in values)
             assert len(values) > 1
             assert values >= set(setting.choices) | ({None} if setting.optional else set())

@@ -75,7 +75,7 @@ def test_floats_depth_and_ids_are_written_as_rendered(
     assert machine["device"]["driver"]
     assert "-cl-kernel-arg-info" in machine["build_options"]
     assert re.fullmatch("[0-9a-f]{64}", machine["kernels_sha256"])
-    here("render", *args, demo_asset, status=2)  # the files are there
+    here("render", *args, demo_asset, status=2)  # the files exist
     here("render", *args, "--force", demo_asset, status=0)
 
 

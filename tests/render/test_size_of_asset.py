@@ -56,7 +56,7 @@ def test_a_small_model_is_rendered_like_a_large_one(method: str) -> None:
     positions = asset.buffers["positions"] / np.float32(128)
     manifest = replace(asset.manifest, bounding_sphere=smaller)
     half = replace(asset, buffers={**asset.buffers, "positions": positions}, manifest=manifest)
-    (large, small) = (make_turntable(one, 1, 64, 48)[0] for one in (asset, half))
+    (large, small) = (make_turntable(item, 1, 64, 48)[0] for item in (asset, half))
     assert (large.unit, small.unit < 1) == (1.0, True)
     whole = msb.render(asset, large, tier="dedicated")
     for frame in (msb.render(half, small, tier="dedicated"), render_reference(half, small)):
@@ -70,7 +70,7 @@ def test_the_unit_of_a_camera_is_preserved(tmp_path: Path) -> None:
     write_cameras(cameras, tmp_path / "views.json")
     assert read_cameras(tmp_path / "views.json") == cameras
     assert copy.deepcopy(cameras[0]) == cameras[0]
-    assert {one.unit for one in interpolate_cameras(cameras, 5)} == {cameras[0].unit}
+    assert {camera.unit for camera in interpolate_cameras(cameras, 5)} == {cameras[0].unit}
     assert cameras[0].resized(32, 24).unit == cameras[0].in_units().resized(32, 24).unit * cameras[0].unit
     with pytest.raises(SceneError, match="unit is 0"):
         replace(cameras[0], unit=0)

@@ -42,7 +42,7 @@ def pipeline(request: pytest.FixtureRequest, device: Device) -> Iterator[Splatti
     pipeline.close()
 
 
-def interleaved(cells: NDArray[np.uint64]) -> NDArray[np.uint64]:
+def interleave(cells: NDArray[np.uint64]) -> NDArray[np.uint64]:
     """Return keys of cells (n, 3) with interleaved bits, x lowest."""
     keys = np.zeros(len(cells), np.uint64)
     for bit in range(BITS):
@@ -52,7 +52,7 @@ def interleaved(cells: NDArray[np.uint64]) -> NDArray[np.uint64]:
     return keys
 
 
-def halves(words: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+def split_words(words: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Return the two numbers in each word, radius and inradius."""
     bits = words.view(np.uint32)
     return (bits & np.uint32(0xFFFF0000)).view(np.float32), (bits << np.uint32(16)).view(np.float32)
@@ -62,7 +62,7 @@ def curve(points: NDArray[np.float32]) -> NDArray[np.uint64]:
     """Return the keys of points (n, 3) along the curve: the NumPy twin of splat_order.cl."""
     low, high = points.min(axis=0), points.max(axis=0)
     scale = np.float32(((1 << BITS) - 1) / (high.astype(np.float64) - low).max())
-    return interleaved(np.minimum((points - low) * scale, np.float32((1 << BITS) - 1)).astype(np.uint64))
+    return interleave(np.minimum((points - low) * scale, np.float32((1 << BITS) - 1)).astype(np.uint64))
 
 
 @pytest.mark.slow
@@ -73,7 +73,7 @@ def test_rows_run_along_a_curve_through_space(pipeline: SplattingPipeline) -> No
     bounds = kept["bounds"].read()[:, :COUNT]
     keys = curve(bounds[:3].T)
     if not pipeline._model.vertex_colors:
-        exponent = halves(bounds[3])[1].view(np.uint32).astype(np.uint64) >> np.uint64(23)
+        exponent = split_words(bounds[3])[1].view(np.uint32).astype(np.uint64) >> np.uint64(23)
         assert len(np.unique(exponent)) > 8
         keys |= exponent << np.uint64(3 * BITS)
     np.testing.assert_array_equal(np.lexsort((numbers, keys)), np.arange(COUNT))
@@ -110,7 +110,7 @@ def test_spheres_contain_their_faces(pipeline: SplattingPipeline) -> None:
     levels = {"bounds": 1, "groups": 64} if "groups" in kept else {"bounds": 1}
     for name, size in levels.items():
         spheres = kept[name].read()[:, : -(-COUNT // size)].repeat(size, axis=1)[:, :COUNT]
-        radius, largest = halves(spheres[3])
+        radius, largest = split_words(spheres[3])
         distance = np.linalg.norm(corners - spheres[:3].T[:, None], axis=2).max(axis=1)
         noise = 1e-6 * np.abs(corners).max(axis=(1, 2))
         assert (distance <= radius + noise).all()

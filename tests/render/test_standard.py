@@ -42,7 +42,7 @@ def devices() -> Iterator[dict[str, Device]]:
 
 @pytest.fixture(params=[STYLES[0], pytest.param(STYLES[1], marks=pytest.mark.slow)])
 def device(request: pytest.FixtureRequest, devices: dict[str, Device]) -> Device:
-    """Return a device of first style; `tests.machines` runs both styles on second devices."""
+    """Return a device of each style; `tests.machines` runs these tests on other devices."""
     return devices[request.param]
 
 

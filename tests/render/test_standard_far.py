@@ -79,15 +79,15 @@ def far_triangles(kind: str, size: float, random: np.random.Generator) -> NDArra
             near[:, :1] = unit(random.normal(size=(10, 1, 3))) * away[:, :1]
         case "two corners":
             near[:, :2] = unit(random.normal(size=(10, 2, 3))) * away
-        case "along an axis":  # others keep their places: the far corner may have the least depth
+        case "along an axis":  # the far corner may have the least depth
             near[range(10), 0, random.integers(0, 3, 10)] = away[:, 0, 0] * random.choice([-1, 1], 10)
-        case "floor":  # all corners of two triangles that pass the camera at 0.3 to 3
+        case "floor":  # two triangles with all corners far away, in a plane 0.3 to 3 from the camera
             up = unit(random.normal(size=3))
             right = unit(np.cross(up, random.normal(size=3)))
             ahead = np.cross(up, right)
             a, b, c, d = (up * random.uniform(0.3, 3) + size * (right * i + ahead * j) for i, j in CORNERS)
             near = np.concatenate([near[:4], [[a, b, c], [a, c, d]]])
-        case "strip":  # three wide, past the camera, and as long as anything
+        case "strip":  # three units wide; passes the camera, and extends by `size` in both directions
             along = unit(random.normal(size=(10, 3)))
             across = 3 * unit(np.cross(along, random.normal(size=(10, 3))))
             middle = random.normal((0, 0, 3), size=(10, 3))
@@ -100,7 +100,7 @@ def far_triangles(kind: str, size: float, random: np.random.Generator) -> NDArra
 CORNERS = ((-1, -1), (1, -1), (1, 1), (-1, 1))
 
 
-def turned(random: np.random.Generator) -> Camera:
+def random_camera(random: np.random.Generator) -> Camera:
     """Return a camera with a random pose, so that distant corners are rounded when transformed."""
     rotation = np.linalg.qr(random.normal(size=(3, 3)))[0]
     pose = np.eye(4)
@@ -109,7 +109,7 @@ def turned(random: np.random.Generator) -> Camera:
     return camera(pose=pose)
 
 
-def seen_by(view: Camera, triangles: NDArray[np.float64]) -> NDArray[np.float64]:
+def to_world(view: Camera, triangles: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return points given in camera space in world coordinates."""
     return (triangles - view.world_to_camera[:3, 3]) @ view.world_to_camera[:3, :3]
 
@@ -137,8 +137,8 @@ def test_a_corner_far_away_leaves_face_depth_and_colour_right(
     cpu: Device, gpu: Device, kind: str, size: float
 ) -> None:
     random = np.random.default_rng([int(size), len(kind)])
-    view = turned(random)
-    mesh = unshared(seen_by(view, far_triangles(kind, size, random)))
+    view = random_camera(random)
+    mesh = unshared(to_world(view, far_triangles(kind, size, random)))
     colors = random_colors(7, len(mesh[0]))
     expected = cast(mesh, colors, view)
     check(twin(mesh, colors, view), expected)
@@ -156,8 +156,8 @@ def test_a_shell_around_the_camera_has_no_cracks_however_far_its_corners_are(
     directions, faces = icosphere(3)
     is_far = random.random(len(directions)) < 0.3
     radii = 10 ** random.uniform(np.where(is_far, 1, -0.5), np.where(is_far, largest, 1))
-    view = turned(random)
-    mesh = seen_by(view, directions * radii[:, None]).astype(np.float32), np.array(faces, np.uint32)
+    view = random_camera(random)
+    mesh = to_world(view, directions * radii[:, None]).astype(np.float32), np.array(faces, np.uint32)
     colors = random_colors(1, len(directions))
     expected = cast(mesh, colors, view)
     frames = [draw(device, mesh_asset(mesh, colors), view) for device in (cpu, gpu)]

@@ -118,7 +118,7 @@ GONE = object()
 EYE = np.eye(4).tolist()
 
 
-def changed(document: Any, path: str, to: Any = GONE) -> Any:
+def replace_at(document: Any, path: str, to: Any = GONE) -> Any:
     """Return the JSON data with the value at `path` replaced, or removed."""
     *folders, key = (int(step) if step.isdecimal() else step for step in path.split("/"))
     place = document
@@ -139,15 +139,15 @@ def of_json(document: Any, name: str = "cameras.json", code: str = "FILE", **ima
 
 
 def in_transforms(path: str, to: Any = GONE, code: str = "FILE") -> Bad:
-    return of_json(changed(transforms(CAMERAS), path, to), "transforms.json", code)
+    return of_json(replace_at(transforms(CAMERAS), path, to), "transforms.json", code)
 
 
 def in_cameras(path: str, to: Any = GONE, code: str = "FILE") -> Bad:
-    return of_json(changed(cameras_json(CAMERAS), path, to), code=code)
+    return of_json(replace_at(cameras_json(CAMERAS), path, to), code=code)
 
 
 def in_views(path: str, to: Any = GONE, code: str = "FILE") -> Bad:
-    return of_json(changed(views(CAMERAS), path, to), "views.json", code)
+    return of_json(replace_at(views(CAMERAS), path, to), "views.json", code)
 
 
 def bare(path: str = "./a", **more: Any) -> dict[str, Any]:

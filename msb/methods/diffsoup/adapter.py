@@ -21,10 +21,10 @@ from msb.errors import finding
 from msb.methods.diffsoup import FEATURES, LAYERS, MAX_LEVEL, METHOD, samples
 
 KEYS = ("Rmax", "V", "F", "feat_acc", "alpha_acc", "color_mlp")
+# Key in the state dict of the colour MLP -> shape; a weight is [out, in].
 DECODER: dict[str, tuple[int, ...]] = {}
 for _layer, _shape in LAYERS.items():
     DECODER |= {f"{_layer}.weight": _shape, f"{_layer}.bias": _shape[:1]}
-"""Key in the state dict of the colour MLP -> shape; a weight is [out, in]."""
 # Layout -> near and far plane of the official evaluation, in scene units.
 _PLANES = {"colmap": (0.5, 100.0), "synthetic": (0.1, 10.0)}
 _BACKGROUNDS = {"colmap": "#000000", "synthetic": "#ffffff"}

@@ -82,7 +82,7 @@ def _read_png(path: Path, faces: int) -> NDArray[np.uint8]:
         text = f"{path.name} {why}"
         return CheckpointError("CHECKPOINT_DAMAGED", text, file=path.parent, pointer=path.name)
 
-    limit, Image.MAX_IMAGE_PIXELS = Image.MAX_IMAGE_PIXELS, None  # replaced by the check of the size
+    limit, Image.MAX_IMAGE_PIXELS = Image.MAX_IMAGE_PIXELS, None  # the size is checked below instead
     try:
         with Image.open(path, formats=("PNG",)) as image:
             if image.mode != "RGBA":

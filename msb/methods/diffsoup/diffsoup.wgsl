@@ -107,7 +107,7 @@ fn pixel_range(a: f32, b: f32, c: f32, size: u32) -> vec2<i32> {
 }
 
 fn project_face(number: u32, face: ptr<function, Face>) -> Projected {
-    var found: Projected;
+    var result: Projected;
     let p = positions_of(corners_of(number));
     let p0 = clip_of(p[0]);
     let p1 = clip_of(p[1]);
@@ -128,7 +128,7 @@ fn project_face(number: u32, face: ptr<function, Face>) -> Projected {
     let below = (p0.xyz < vec3<f32>(-p0.w)) & (p1.xyz < vec3<f32>(-p1.w)) & (p2.xyz < vec3<f32>(-p2.w));
     let above = (p0.xyz > vec3<f32>(p0.w)) & (p1.xyz > vec3<f32>(p1.w)) & (p2.xyz > vec3<f32>(p2.w));
     if (dropped || any(below | above)) {
-        return found;
+        return result;
     }
     let i0 = div(1.0, p0.w);
     let i1 = div(1.0, p1.w);
@@ -139,11 +139,11 @@ fn project_face(number: u32, face: ptr<function, Face>) -> Projected {
         x = vec2<i32>(0, i32(view.width) - 1);
         y = vec2<i32>(0, i32(view.height) - 1);
     }
-    found.kept = x.x <= x.y && y.x <= y.y;
-    found.tiles = vec4<i32>(x.x, y.x, x.y + 1, y.y + 1);
+    result.kept = x.x <= x.y && y.x <= y.y;
+    result.tiles = vec4<i32>(x.x, y.x, x.y + 1, y.y + 1);
     let rows = vec2<i32>(turned(y.x), turned(y.y));
-    found.samples = vec4<i32>(x.x, min(rows.x, rows.y), x.y, max(rows.x, rows.y));
-    return found;
+    result.samples = vec4<i32>(x.x, min(rows.x, rows.y), x.y, max(rows.x, rows.y));
+    return result;
 }
 #if DECODING
 #include "fragment.wgsl"
@@ -252,7 +252,7 @@ fn opacity_of(at: u32) -> f32 {
 const MARGIN = 0.0625;   // pixels; widens an outline, because hardware snaps corners to 1/256
 const ROUNDING = 1.9073486328125e-6; // 2^-19: thirty-two rounding errors
 const FARTHEST = 16384.0; // pixels; farther corners are rounded too much
-const THINNEST = 0.1;
+const THINNEST = 0.1;    // pixels; the least height of a triangle above its longest edge
 const LONGEST = 16.0;    // pixels; the largest distance a corner is moved
 
 fn picture_of(p: vec4<f32>, half: vec2<f32>) -> vec2<f32> {
@@ -260,10 +260,11 @@ fn picture_of(p: vec4<f32>, half: vec2<f32>) -> vec2<f32> {
     return vec2<f32>(at.x, select(at.y, 2.0 * half.y - at.y, view.flip == 1u));
 }
 
-// Corner `index` of the strip that is drawn: the corner of the triangle with each edge moved outwards by more
-// than the rounding errors of the hardware and of the edge functions in `meeting_at`; or `corner`, the corner
-// of the rectangle, if the triangle is not much smaller, or too thin, too far away or too pointed. The
-// outline only saves fragments; it does not decide which pixels are covered.
+// Return corner `index` of the strip that is drawn: a corner of the triangle after each edge was moved
+// outwards by more than the rounding errors of the hardware and of the edge functions in `meeting_at`. If
+// this triangle is not much smaller than the rectangle, or is too thin, too far away or too pointed, return
+// `corner`, a corner of the rectangle. The outline only saves fragments; it does not decide which pixels are
+// covered.
 fn outline(face: Face, index: u32, corner: vec2<f32>) -> vec2<f32> {
     let p = array<vec4<f32>, 3>(face.corner0, face.corner1, face.corner2);
     let half = 0.5 * vec2<f32>(f32(view.width), f32(view.height));
@@ -316,8 +317,7 @@ fn place_of(face: Face, x: i32, y: i32) -> Place {
     let m = meeting_at(centre_at(x, y), face.corner0, face.corner1, face.corner2);
     // The official key is NDC depth + 2, between 1 and 3. Minus 1 and divided by 4 it is still exact.
     var place = Place(m.inside && m.ndc > -1.0, keep(keep(m.ndc + 2.0) - 1.0) * 0.25);
-    // The opacities may be bound in several parts.
-    // An outline may reach beyond the official rectangle.
+    // The opacities may be bound in several parts, and an outline may reach beyond the official rectangle.
     let at = vec2<f32>(f32(x), f32(y));
     place.inside = place.inside && number_of(face) - part.first < part.count
         && all(at >= face.quad.xy) && all(at <= face.quad.zw);

@@ -69,7 +69,8 @@ static Span span_of(float4 p0, float4 p1, float4 p2, int2 columns)
     }
     // 2^-20 is sixteen rounding errors; at most ten add up.
     float error = size * 0x1p-20f, turn = s.c[0] * p0.w + s.c[1] * p1.w + s.c[2] * p2.w;
-    // Triangles seen nearly edge-on (or too large or too small for float32): rounding may give A any sign.
+    // The span is unknown for triangles that are seen nearly edge-on, or are too large or too small for
+    // float32, because rounding may give A any sign.
     s.known = error > 1e-30f && fabs(turn) > 4.0f * error * (fabs(p0.w) + fabs(p1.w) + fabs(p2.w));
     float sign = turn > 0.0f ? 1.0f : -1.0f;
     for (int i = 0; i < 3; i++) {
@@ -228,7 +229,7 @@ __kernel void shade(__global const int *plane_face, __global const float *plane_
 {
     uint row = (uint)get_global_id(0);
     size_t line = (size_t)row * pitch, kept = (size_t)row * width;
-    size_t shown = (size_t)(flip ? height - 1 - row : row) * width;
+    size_t image_line = (size_t)(flip ? height - 1 - row : row) * width;
     const float8 zero = 0.0f;
     float v = ndc_y[row];
     for (uint left = 0; left < width; left += 8) {
@@ -239,7 +240,7 @@ __kernel void shade(__global const int *plane_face, __global const float *plane_
         for (int i = 0; i < INPUTS; i++)
             x[i] = zero;
         if (any_of(hit)) {
-            float8 found[3], dx, dy, dz;
+            float8 decoded[3], dx, dy, dz;
             b0 = hit ? EIGHT(const float, plane_b0 + line + left) : zero;
             b1 = hit ? EIGHT(const float, plane_b1 + line + left) : zero;
             ndc = hit ? EIGHT(const float, plane_ndc + line + left) : zero;
@@ -250,14 +251,14 @@ __kernel void shade(__global const int *plane_face, __global const float *plane_
                     x[i] = as_target(x[i]);
             towards_camera(EIGHT(const float, ndc_x + left), v, frame + INVERSE, &dx, &dy, &dz);
             harmonics(dx, dy, dz, x + FEATURES);
-            decode(x, net, found);
+            decode(x, net, decoded);
             for (int c = 0; c < 3; c++)
-                color[c] = hit ? found[c] : color[c];
+                color[c] = hit ? decoded[c] : color[c];
         }
         const int *face = (const int *)&faces;
         uint here = LOWER(width - left, 8u);
         for (uint lane = 0; lane < here; lane++) {
-            size_t to = shown + left + lane;
+            size_t to = image_line + left + lane;
             image[3 * to] = ((const float *)color)[lane];
             image[3 * to + 1] = ((const float *)color)[8 + lane];
             image[3 * to + 2] = ((const float *)color)[16 + lane];

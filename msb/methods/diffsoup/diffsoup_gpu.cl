@@ -83,7 +83,8 @@ __kernel void raster(__global const float4 *corners, __global const ushort *firs
         atomic_add(fragments + face, count);
 }
 
-// One pixel. The rows of the image may be in the opposite order of the raster's, which `raw` keeps.
+// Shade one pixel. The rows of the image may run in the opposite order to the rows of the raster; the
+// buffers of `raw` keep the raster's order.
 __kernel void shade(__global const uint *keys, __global const float4 *corners,
                     __global const TEXEL *lattice, __constant float *net, __global const float *frame,
                     __global const float *ndc_x, __global const float *ndc_y, __global float *image,

@@ -25,7 +25,7 @@ static int2 pixel_range(float a, float b, float c, uint size)
     return (int2)(first, last);
 }
 
-// The launch covers `padded` >= faces items: the arrays of rectangles are padded with empty ones.
+// The kernel is launched with `padded` >= `faces` work-items; the arrays of rectangles end with empty ones.
 __kernel void project(__global const float *positions, __global const uint *indices,
                       __global const float *frame, __global float4 *corners, __global ushort *first_rows,
                       __global ushort *last_rows, __global ushort2 *columns, uint faces, uint padded,

@@ -178,13 +178,13 @@ def surface_model(asset: Asset, settings: Mapping[str, Any]) -> Surface:
         indices=model.indices,
         opacity=model.opacity,
         features=model.features,
-        decoder=_blocks(model.decoder),
+        decoder=_pack_blocks(model.decoder),
         level=model.level,
         projection=projection,
     )
 
 
-def _blocks(decoder: NDArray[np.float32]) -> NDArray[np.float32]:
+def _pack_blocks(decoder: NDArray[np.float32]) -> NDArray[np.float32]:
     """Return the decoder as 4 x 4 blocks: by output block, then column by column; then all biases."""
     weights, biases, first = [], [], 0
     for outputs, inputs in LAYERS.values():

@@ -30,7 +30,7 @@ def write(asset: Asset, path: Path) -> None:
     kenji-tojo/diffsoup at c74e35d: examples/06_export_web.py.
     """
     buffers, appearance = asset.buffers, asset.manifest.appearance
-    lattice, opacity = _texels(buffers["features.lattice"]), _texels(buffers["features.opacity"])
+    lattice, opacity = _to_bytes(buffers["features.lattice"]), _to_bytes(buffers["features.opacity"])
     decoder = {key: buffers[f"decoder.{name}"].ravel().tolist() for key, name in WEIGHTS.items()}
     white = asset.manifest.settings["layout"].value == "synthetic"
     up: list[Any] = [appearance.get(f"up_{axis}") for axis in "xyz"]
@@ -52,7 +52,7 @@ def write(asset: Asset, path: Path) -> None:
         (folder / "meta.json").write_text(json.dumps(meta, indent=2))
 
 
-def _texels(features: NDArray[Any]) -> NDArray[np.uint8]:
+def _to_bytes(features: NDArray[Any]) -> NDArray[np.uint8]:
     """Return numbers in [0, 1] truncated to bytes; bytes are returned unchanged."""
     if features.dtype == np.uint8:
         return features

@@ -30,8 +30,8 @@ _TOGETHER = 1 << 18
 
 
 @dataclass
-class Seen:
-    """The z-buffer: for each pixel, in the kernel's row order, the nearest opaque face found yet.
+class ZBuffer:
+    """The z-buffer: for each pixel, in the kernel's row order, the nearest opaque face found so far.
 
     `key` (H, W) is NDC depth + 2 and `face` the face number; they are infinite and -1 in empty pixels.
     """
@@ -165,14 +165,14 @@ def ndc_centers(size: int, dtype: type[Any]) -> Reals:
 
 def rasterize(
     corners: Reals, opacity: Reals, level: int, columns: Reals, rows: Reals, *, clips: bool = False
-) -> Seen:
+) -> ZBuffer:
     """Return the z-buffer of triangles with clip coordinates (F, 3 corners, 4).
 
     The nearest NDC depth is visible; at equal depths the lowest face number. The comparison uses
-    float32(depth + 2), like the official key, so close depths are equal; also in float64.
+    float32(depth + 2), like the official key. So nearly equal depths count as equal, also in float64.
     """
     shape, dtype = (len(rows), len(columns)), corners.dtype
-    seen = Seen(
+    seen = ZBuffer(
         key=np.full(shape, np.inf, np.float32),
         face=np.full(shape, -1, np.int32),
         b0=np.zeros(shape, dtype),
@@ -255,7 +255,7 @@ def pixel_boxes(
 
 
 def fragments(corners: Reals, u: Reals, v: Reals) -> tuple[Reals, Reals, Reals, Reals, NDArray[np.bool_]]:
-    """Return where pixels with NDC centres u, v (n,) meet triangles (3 corners, 4, n), as (n,) arrays.
+    """Return where the rays of pixels at NDC u, v (n,) meet triangles (3 corners, 4, n), as (n,) arrays.
 
     Returns
     -------

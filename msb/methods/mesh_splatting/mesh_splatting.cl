@@ -17,8 +17,8 @@
 #define COLORS 9
 #define SMALL_IS_DROPPED 0 // even if two corners coincide on the screen
 
-// coverage, per vertex: opacity, rim; with PLUS also the phi with o phi^sigma = 0.01. f_dc has the vertices'
-// colours.
+// coverage, per vertex: opacity, rim (the phi below which alpha is under 1/255); with PLUS also the phi with
+// o phi^sigma = 0.01. f_dc contains the evaluated colours of the vertices.
 
 #if ENGINE
 #define LINES 12
@@ -45,15 +45,15 @@ typedef struct FACE_MEMBERS(real, mask) Faces;
 // In the official code the product of unsigned extents is 0 for an empty box; here it is never negative.
 Box corner_tiles(__constant View *view, const Window *w)
 {
-    Box found = {(mask)(int)view->columns, (mask)(int)view->rows, (mask)0, (mask)0};
+    Box box = {(mask)(int)view->columns, (mask)(int)view->rows, (mask)0, (mask)0};
     for (int k = 0; k < 3; k++) {
         vec2 q = w->corners[k];
-        found.x0 = lesser_of(found.x0, tile_number((q.x - MARGIN) / TILE, view->columns));
-        found.y0 = lesser_of(found.y0, tile_number((q.y - MARGIN) / TILE, view->rows));
-        found.x1 = greater_of(found.x1, tile_after((q.x + MARGIN) / TILE, view->columns));
-        found.y1 = greater_of(found.y1, tile_after((q.y + MARGIN) / TILE, view->rows));
+        box.x0 = lesser_of(box.x0, tile_number((q.x - MARGIN) / TILE, view->columns));
+        box.y0 = lesser_of(box.y0, tile_number((q.y - MARGIN) / TILE, view->rows));
+        box.x1 = greater_of(box.x1, tile_after((q.x + MARGIN) / TILE, view->columns));
+        box.y1 = greater_of(box.y1, tile_after((q.y + MARGIN) / TILE, view->rows));
     }
-    return found;
+    return box;
 }
 
 typedef struct {

@@ -56,27 +56,27 @@ fn color_face(number: u32, face: ptr<function, Face>) {
 
 // In the official code the product of unsigned extents is 0 for an empty box; here it is never negative.
 fn corner_tiles(w: ptr<function, Window>) -> vec4<i32> {
-    var found = vec4<i32>(i32(view.columns), i32(view.rows), 0, 0);
+    var result = vec4<i32>(i32(view.columns), i32(view.rows), 0, 0);
     for (var k = 0; k < 3; k++) {
         let q = (*w).corners[k];
         let low = vec2<i32>(tile_number((q.x - MARGIN) / 16.0, view.columns),
                             tile_number((q.y - MARGIN) / 16.0, view.rows));
         let high = vec2<i32>(tile_after((q.x + MARGIN) / 16.0, view.columns),
                              tile_after((q.y + MARGIN) / 16.0, view.rows));
-        found = vec4<i32>(min(found.xy, low), max(found.zw, high));
+        result = vec4<i32>(min(result.xy, low), max(result.zw, high));
     }
-    return found;
+    return result;
 }
 
 fn project_face(number: u32, face: ptr<function, Face>) -> Projected {
-    var found: Projected;
+    var result: Projected;
     let rows = corners_of(number);
     let at = COVERAGE * rows;
     let opacity = min(min(coverage[at.x], coverage[at.y]), coverage[at.z]);
     // The rim grows as opacity falls, so the vertex with the least opacity has the largest rim.
     let rim = max(max(coverage[at.x + 1u], coverage[at.y + 1u]), coverage[at.z + 1u]);
     if (opacity < MIN_OPACITY) {
-        return found;
+        return result;
     }
     let corners = positions_of(rows);
 #if ENGINE
@@ -88,19 +88,19 @@ fn project_face(number: u32, face: ptr<function, Face>) -> Projected {
     return Projected(t.seen, t.depth, engine_tiles(t.samples), t.samples);
 #else
     var w: Window;
-    found.kept = project_window(corners, &w);
-    if (!found.kept) {
-        return found;
+    result.kept = project_window(corners, &w);
+    if (!result.kept) {
+        return result;
     }
-    found.depth = w.depth;
+    result.depth = w.depth;
 #if PLUS
     let shrunk = max(max(coverage[at.x + 2u], coverage[at.y + 2u]), coverage[at.z + 2u]);
-    found.tiles = contour_tiles(&w, shrunk);
+    result.tiles = contour_tiles(&w, shrunk);
 #else
-    found.tiles = corner_tiles(&w);
+    result.tiles = corner_tiles(&w);
 #endif
-    found.kept = found.tiles.x != found.tiles.z && found.tiles.y != found.tiles.w;
-    found.samples = window_box(&w, rim);
+    result.kept = result.tiles.x != result.tiles.z && result.tiles.y != result.tiles.w;
+    result.samples = window_box(&w, rim);
     let n = w.edge_normal;
     (*face).normal_x = vec4<f32>(n[0].x, n[1].x, n[2].x, div(1.0, w.inradius[2]));
     (*face).normal_y = vec4<f32>(n[0].y, n[1].y, n[2].y, opacity);
@@ -117,7 +117,7 @@ fn project_face(number: u32, face: ptr<function, Face>) -> Projected {
     (*face).color1.w = 0.0;
     (*face).color2.w = 0.0;
 #endif
-    return found;
+    return result;
 #endif
 }
 #else

@@ -9,7 +9,8 @@
 #define BLENDS_CROSSING 0
 #define SMALL_IS_DROPPED 1
 
-// coverage: opacity, sigma, the phi with o phi^sigma = 0.01, the rim.
+// coverage: opacity, sigma, the phi with o phi^sigma = 0.01, and the rim: the phi below which alpha is under
+// 1/255.
 
 #if ENGINE
 #define LINES 12

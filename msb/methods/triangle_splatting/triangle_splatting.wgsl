@@ -40,10 +40,10 @@ fn point_seen(rows: vec3<u32>) -> vec3<f32> {
 }
 
 fn project_face(number: u32, face: ptr<function, Face>) -> Projected {
-    var found: Projected;
+    var result: Projected;
     let opacity = coverage[COVERAGE * number];
     if (opacity < MIN_OPACITY) {
-        return found;
+        return result;
     }
     let corners = positions_of(corners_of(number));
 #if ENGINE
@@ -56,21 +56,21 @@ fn project_face(number: u32, face: ptr<function, Face>) -> Projected {
     return Projected(t.seen, t.depth, engine_tiles(t.samples), t.samples);
 #else
     var w: Window;
-    found.kept = project_window(corners, &w);
-    if (!found.kept) {
-        return found;
+    result.kept = project_window(corners, &w);
+    if (!result.kept) {
+        return result;
     }
-    found.depth = w.depth;
-    found.tiles = contour_tiles(&w, coverage[COVERAGE * number + 2u]);
+    result.depth = w.depth;
+    result.tiles = contour_tiles(&w, coverage[COVERAGE * number + 2u]);
     // Like the official product of unsigned extents, this keeps a face if all its corners were skipped.
-    found.kept = found.tiles.x != found.tiles.z && found.tiles.y != found.tiles.w;
-    found.samples = window_box(&w, coverage[COVERAGE * number + 3u]);
+    result.kept = result.tiles.x != result.tiles.z && result.tiles.y != result.tiles.w;
+    result.samples = window_box(&w, coverage[COVERAGE * number + 3u]);
     let n = w.edge_normal;
     (*face).normal_x = vec4<f32>(n[0].x, n[1].x, n[2].x, div(1.0, w.inradius[2]));
     (*face).normal_y = vec4<f32>(n[0].y, n[1].y, n[2].y, coverage[COVERAGE * number + 1u]);
     (*face).offset = vec4<f32>(w.edge_offset[0], w.edge_offset[1], w.edge_offset[2], opacity);
     (*face).color.w = w.depth;
-    return found;
+    return result;
 #endif
 }
 

@@ -231,15 +231,15 @@ Columns columns_of(FACE_POINTER f, real x, __constant View *view)
 
 #if LANES == 8
 #define ABS(x) ((x) < 0.0f ? -(x) : (x))
-// Which pairs of rows y, y + 1 (one pair per lane) have samples, in the eight columns from `left` on, with
-// all three barycentric coordinates above (1 - limit) / 3. Each coordinate is tested at the corner of the
-// samples at which it is largest.
+// Return which pairs of rows y and y + 1 (one pair per lane) may contain a covered sample in the eight
+// columns from `left` on. In a covered sample all three barycentric coordinates are above (1 - limit) / 3.
+// Each coordinate is tested at the corner of this block of samples at which it is largest.
 mask reaches(FACE_POINTER f, float left, real y)
 {
 #if PLANAR
     return (mask)-1;
 #else
-    mask found = (mask)-1;
+    mask reached = (mask)-1;
     float wide = ABS(f->x[0] - left) + ABS(f->x[1] - left) + ABS(f->x[2] - left) + 8.0f;
     float tall = ABS(f->y[0] - y.s0) + ABS(f->y[1] - y.s0) + ABS(f->y[2] - y.s0) + 16.0f;
     float least = (1.0f - f->limit) * (1.0f / 3.0f) - 1e-4f - 1e-6f * wide * tall * ABS(f->inverse);
@@ -248,9 +248,9 @@ mask reaches(FACE_POINTER f, float left, real y)
         float along_x = (f->y[i] - f->y[j]) * f->inverse, along_y = (f->x[j] - f->x[i]) * f->inverse;
         float most = (along_x > 0.0f ? 7.0f * along_x : 0.0f) + (along_y > 0.0f ? along_y : 0.0f);
         real at = ((f->x[i] - left) * (f->y[j] - y) - (f->y[i] - y) * (f->x[j] - left)) * f->inverse;
-        found &= !(at + most < least);
+        reached &= !(at + most < least);
     }
-    return found;
+    return reached;
 #endif
 }
 #endif

@@ -95,49 +95,49 @@ fn dilated_tiles(p: array<vec2<f32>, 3>) -> vec4<i32> {
 #if PLANAR
 // The "3D" rasterizer: every sample's ray meets the triangle's plane; no low-pass filter.
 fn project_shape(corners: array<vec3<f32>, 3>, limit: f32, face: ptr<function, Face>) -> Projected {
-    var found: Projected;
+    var result: Projected;
     let p = to_camera(corners[0]);
     let q = to_camera(corners[1]);
     let r = to_camera(corners[2]);
     let normal = cross3(sub3(q, p), sub3(r, p));
     if (length3(normal) < EPS || (view.back_culling == 1u && normal.z >= 0.0)) {
-        return found;
+        return result;
     }
     let center = center_of(corners[0], corners[1], corners[2]);
     var dilated: array<vec2<f32>, 3>;
     for (var k = 0; k < 3; k++) {
         let ndc = to_ndc(add3(center, scale3(sub3(corners[k], center), DILATION)));
         if (ndc.z <= 0.0) {
-            return found;
+            return result;
         }
         dilated[k] = vec2<f32>(
             add(keep(mul(mul(keep(ndc.x + 1.0), f32(view.width)), 0.5) - 0.5), view.shift.x),
             add(keep(mul(mul(keep(ndc.y + 1.0), f32(view.height)), 0.5) - 0.5), view.shift.y));
     }
-    found.kept = true;
-    found.tiles = dilated_tiles(dilated);
-    found.depth = center_of(p, q, r).z;
+    result.kept = true;
+    result.tiles = dilated_tiles(dilated);
+    result.depth = center_of(p, q, r).z;
     let scale = div(1.0, dot3(normal, normal));
     (*face).corner = vec4<f32>(p, dot3(p, normal));
     (*face).dual2 = vec4<f32>(scale3(cross3(sub3(r, p), normal), scale), 0.0);
     (*face).dual3 = vec4<f32>(scale3(cross3(normal, sub3(q, p)), scale), limit);
     (*face).normal = vec4<f32>(normal, 0.0);
     // The box is not reduced below the tiles: if the plane is seen edge-on, its samples are scattered.
-    found.samples = vec4<i32>(0, 0, i32(view.width) - 1, i32(view.height) - 1);
-    return found;
+    result.samples = vec4<i32>(0, 0, i32(view.width) - 1, i32(view.height) - 1);
+    return result;
 }
 #else
 // The "2D" rasterizer: perspective is linearised at the centroid, corners are moved outwards by half a
 // sample.
 fn project_shape(corners: array<vec3<f32>, 3>, limit: f32, face: ptr<function, Face>) -> Projected {
-    var found: Projected;
+    var result: Projected;
     let center = center_of(corners[0], corners[1], corners[2]);
     let ndc = to_ndc(center);
     if (ndc.z <= 0.0) {
-        return found;
+        return result;
     }
     let camera = to_camera(center);
-    found.depth = camera.z;
+    result.depth = camera.z;
     // The clamp affects only the Jacobian, not the projected centroid.
     let wide = mul(camera.z, view.tan_fov.x);
     let tall = mul(camera.z, view.tan_fov.y);
@@ -147,7 +147,7 @@ fn project_shape(corners: array<vec3<f32>, 3>, limit: f32, face: ptr<function, F
                                    rotate_to_camera(sub3(corners[1], center)),
                                    rotate_to_camera(sub3(corners[2], center)));
     if (length3(cross3(arms[0], arms[1])) < EPS) {
-        return found;
+        return result;
     }
     let middle = vec2<f32>(add(to_sample(ndc.x, view.width), view.shift.x),
                            add(to_sample(ndc.y, view.height), view.shift.y));
@@ -159,7 +159,7 @@ fn project_shape(corners: array<vec3<f32>, 3>, limit: f32, face: ptr<function, F
                                  div(keep(arm.y - div(mul(arm.z, clamped.y), camera.z)), tall));
         let far = length2(flat_arm);
         if (far < EPS) {
-            return found;
+            return result;
         }
         let push = div(0.5, far); // half a sample outwards: a low-pass filter
         flat_arm = vec2<f32>(mul(flat_arm.x, add(0.5 * f32(view.width), push)),
@@ -172,8 +172,8 @@ fn project_shape(corners: array<vec3<f32>, 3>, limit: f32, face: ptr<function, F
     }
     let area = cross2(sub2(u[1], u[0]), sub2(u[2], u[0]));
     // y points down, so a front face (counter-clockwise on the screen) has a negative area.
-    found.kept = !select(abs(area) < EPS, area >= -EPS, view.back_culling == 1u);
-    found.tiles = dilated_tiles(dilated);
+    result.kept = !select(abs(area) < EPS, area >= -EPS, view.back_culling == 1u);
+    result.tiles = dilated_tiles(dilated);
     (*face).x.w = div(1.0, area);
     (*face).z.w = limit;
 
@@ -186,24 +186,24 @@ fn project_shape(corners: array<vec3<f32>, 3>, limit: f32, face: ptr<function, F
     let noise = 4e-6 * across * (across + 0.1 * far) / abs(area);
     let grown = select(limit * 1.0001 + noise, 1e30, noise > 0.5);
     let mean = (u[0] + u[1] + u[2]) / 3.0;
-    found.samples = box_of(mean + grown * (low - mean) - 0.01, mean + grown * (high - mean) + 0.01);
-    return found;
+    result.samples = box_of(mean + grown * (low - mean) - 0.01, mean + grown * (high - mean) + 0.01);
+    return result;
 }
 #endif
 
 fn project_face(number: u32, face: ptr<function, Face>) -> Projected {
     let limit = coverage[COVERAGE * number + 1u];
-    var found = project_shape(positions_of(corners_of(number)), limit, face);
-    found.kept = found.kept && found.tiles.z > found.tiles.x && found.tiles.w > found.tiles.y;
+    var result = project_shape(positions_of(corners_of(number)), limit, face);
+    result.kept = result.kept && result.tiles.z > result.tiles.x && result.tiles.w > result.tiles.y;
     if (limit < 0.0) {
-        found.samples.z = -1; // kept like in the official code, but visible nowhere
+        result.samples.z = -1; // kept like in the official code, but visible nowhere
     }
 #if PLANAR
     (*face).dual2.w = coverage[COVERAGE * number];
 #else
     (*face).y.w = coverage[COVERAGE * number];
 #endif
-    return found;
+    return result;
 }
 #endif
 #else

@@ -36,8 +36,8 @@ def devices(drawing: Annotated[RendererOptions, ("device",)], output: JsonOutput
         problem = error
     if not tried:
         raise problem or DeviceError("DEVICE_NOT_FOUND", "the devices disappeared while they were listed")
-    hints = [*notes(), *_failures(tried), *_missing(tried)]
-    renderers = _renderers(choice)
+    hints = [*notes(), *_explain_failures(tried), *_suggest_platforms(tried)]
+    renderers = _list_renderers(choice)
     output.write_json(
         {
             "schema": "msb.devices/1",
@@ -74,16 +74,16 @@ def _print(tried: list[Tried], choice: Choice | None, hints: list[str], output: 
     output.table(names, rows, right=(2, 3))
     console = output.console()
     if choice:
-        console.print(f"\n* {_why(choice)}", markup=False)
+        console.print(f"\n* {_explain_choice(choice)}", markup=False)
     if output.verbose:
         for device in tried:
-            output.table((f"\n{device.record.selector}", ""), _details(device))
+            output.table((f"\n{device.record.selector}", ""), _list_details(device))
     if not output.quiet:
         for hint in hints:
             console.print(f"- {hint}", markup=False)
 
 
-def _renderers(choice: Choice | None) -> list[dict[str, Any]]:
+def _list_renderers(choice: Choice | None) -> list[dict[str, Any]]:
     """Return every renderer: its name, its module, and why it cannot draw here (None if it can)."""
     from msb.render.backend import ON_OPENCL, renderers, why_unavailable
 
@@ -98,14 +98,14 @@ def _renderers(choice: Choice | None) -> list[dict[str, Any]]:
     ]
 
 
-def _why(choice: Choice) -> str:
+def _explain_choice(choice: Choice) -> str:
     if choice.source == "default":
         return "default device (PoCL and CPUs first); --device, MSB_DEVICE or PYOPENCL_CTX selects another"
     source = "--device" if choice.source == "argument" else choice.source
     return f"selected by {source} {choice.selector}"
 
 
-def _details(device: Tried) -> Iterator[tuple[str, str]]:
+def _list_details(device: Tried) -> Iterator[tuple[str, str]]:
     from msb.cl.pocl_fix import FIX_VARIABLE
 
     record, trial, _ = device
@@ -121,7 +121,7 @@ def _details(device: Tried) -> Iterator[tuple[str, str]]:
             yield key.replace("_", " "), f"{value:,} bytes" if key in _BYTES else str(value)
 
 
-def _failures(tried: list[Tried]) -> list[str]:
+def _explain_failures(tried: list[Tried]) -> list[str]:
     """Return for each device that does not build kernels the reason and the remedy."""
     return [
         f"{record.selector} does not build kernels: {trial.why}. {advice}."
@@ -130,7 +130,7 @@ def _failures(tried: list[Tried]) -> list[str]:
     ]
 
 
-def _missing(tried: list[Tried]) -> list[str]:
+def _suggest_platforms(tried: list[Tried]) -> list[str]:
     """Return hints about platforms that could be added to this machine, one sentence each."""
     from msb.cl.loader import how_to_get_pocl
 

@@ -24,7 +24,9 @@ if TYPE_CHECKING:
     from msb.scenes.datasets import Scene
 
 Split = Literal["train", "test", "all"]
-_COUNTS = "cannot be used with --scene, which draws the scene's evaluation views at their evaluation size"
+_SCENE_CONFLICT = (
+    "cannot be used with --scene, which draws the scene's evaluation views at their evaluation size"
+)
 
 
 @dataclass(frozen=True)
@@ -51,7 +53,7 @@ class RenderOptions:
     turntable: Annotated[
         str | None,
         Option(
-            "N cameras around the asset, DEGREES above the horizon (default: 20).",
+            "Render from N cameras around the asset, DEGREES above the horizon (default: 20).",
             metavar="N[,DEGREES]",
         ),
     ] = None
@@ -89,7 +91,7 @@ def _check_options(options: RenderOptions, views: ViewOptions, typed: Typed) -> 
     if options.out is None:
         typed.reject(["depth", "ids", "format", "name"], "needs --out FOLDER")
     if options.scene is not None:
-        typed.reject(["cameras", "turntable", "flight", "size"], _COUNTS)
+        typed.reject(["cameras", "turntable", "flight", "size"], _SCENE_CONFLICT)
     else:
         typed.reject(["image_folder"], "needs --scene DIR")
     if options.turntable is not None:
@@ -134,11 +136,11 @@ def render(
     color = views.color(asset)
     about: dict[str, Any] = {}
     if options.scene is not None:
-        scene = _scene(asset, options.scene, options.image_folder, output)
+        scene = _read_scene(asset, options.scene, options.image_folder, output)
         if views.background is None:
             color = scene.background
         _note_training(asset, replace(scene, background=color), path, output)
-        split, cameras = _views_of(scene, views)
+        split, cameras = _select_views(scene, views)
         about["scene"] = {
             "path": str(scene.root),
             "dataset": scene.dataset,
@@ -147,7 +149,7 @@ def render(
             "camera_convention": scene.camera_convention,
         }
     else:
-        cameras = _cameras(asset, options, views, output)
+        cameras = _make_cameras(asset, options, views, output)
     images = _Images(options, output)
     images.check(cameras)
     settings = drawing.settings(asset)
@@ -182,7 +184,7 @@ def render(
     output.write_documents(documents)
 
 
-def _cameras(asset: Asset, options: RenderOptions, views: ViewOptions, output: Output) -> list[Camera]:
+def _make_cameras(asset: Asset, options: RenderOptions, views: ViewOptions, output: Output) -> list[Camera]:
     """Return the cameras of --cameras, of a flight through them, or of a turntable."""
     from msb.scenes import interpolate_cameras
     from msb.scenes.around import ELEVATION, make_turntable
@@ -209,7 +211,7 @@ def _cameras(asset: Asset, options: RenderOptions, views: ViewOptions, output: O
     ]
 
 
-def _scene(asset: Asset, path: Path, image_folder: str | None, output: Output) -> Scene:
+def _read_scene(asset: Asset, path: Path, image_folder: str | None, output: Output) -> Scene:
     """Return a scene as `msb run` evaluates the asset on it, and print its warnings."""
     from msb.scenes.datasets import note_scaled_cameras, scene_of
 
@@ -232,11 +234,11 @@ def _note_training(asset: Asset, scene: Scene, path: Path, output: Output) -> No
             output.note(finding.to_line(path))
 
 
-def _views_of(scene: Scene, views: ViewOptions) -> tuple[Split, list[Camera]]:
+def _select_views(scene: Scene, views: ViewOptions) -> tuple[Split, list[Camera]]:
     """Return the requested cameras of a scene and their split; the default is the test views.
 
-    ``train`` selects the training views, ``all`` the training and then the test views. Numbers count the test
-    views first, then the training views.
+    ``train`` selects the training views, ``all`` the training and then the test views. A camera's number
+    counts the test views first, then the training views.
     """
     train, test = list(scene.train), list(scene.test)
     words = set(views.camera)
@@ -263,7 +265,7 @@ class _Images:
             check_film(options.film)
 
     def check(self, views: list[Camera]) -> None:
-        """Raise an error if files would overwrite each other or existing ones. Called before rendering."""
+        """Raise an error if files would overwrite each other or existing files. Call it before rendering."""
         names = [name for tier in self.options.tiers for name in self.names(views, tier)]
         if self.options.out is not None:
             if len(set(names)) < len(names):

@@ -105,15 +105,15 @@ class DepthSort:
 def bin_faces(
     device: Device, projected: Projected, chunk: int, columns: int, rows: int, sort: DepthSort
 ) -> TileLists:
-    """Return the depth-ordered tile lists of faces that were projected `chunk` per work-item.
+    """Return the depth-ordered tile lists of projected faces; a work-item projected `chunk` of them.
 
-    Waits for the device twice, to read the two counts.
+    The function waits for the device twice, to read the two counts.
     """
     program = device.program(f"splat_bins_{device.style}")
     items = projected.listed.size
     with device.stage("sort"):
         before = device.scratch("splat listed before", items + 1, np.uint32)
-        # The listed faces before each work-item give each listed face its slot in the compacted arrays.
+        # A work-item's slots in the compacted arrays begin after the faces that earlier work-items listed.
         exclusive_scan(device, projected.listed, before)
         listed = int(before.read(start=items)[0])
         keys = device.scratch("splat depth keys", listed, np.uint32)

@@ -1,7 +1,7 @@
 """The model that the splatting pipeline draws, and helper functions that build one from an asset.
 
-The module `native` of a method has a function ``splat_model(asset, settings)`` that returns a `Model`.
-Beside it lies the method's one kernel file; the head of `splat_stages.cl` describes its contents.
+The module `native` of a method has a function ``splat_model(asset, settings)`` that returns a `SplatModel`.
+The method's only kernel file is in the same folder; the head of `splat_stages.cl` describes its contents.
 """
 
 from collections.abc import Mapping
@@ -21,8 +21,8 @@ Settings = Mapping[str, Any]
 
 # Near plane of the engine sampling, in scene units: the near plane of the standard tier.
 ENGINE_NEAR = 0.01
-# Natural logarithm below which a float32 power is 0 (the smallest float32 is exp(-103.3)). Computing such
-# powers is slow, and with the small sigmas of trained models most of them are that small.
+# Natural logarithm below which a float32 power is 0 (the smallest float32 is exp(-103.3)). Computing
+# such powers is slow, and with the small sigmas of trained models most powers are that small.
 _LEAST = -105.0
 # Culling of the engine sampling: faces are clipped at the near plane and reach no farther than their corners.
 CLIPPED = Culling(nearest=ENGINE_NEAR, dilation=1.0, clipped=True)

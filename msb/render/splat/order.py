@@ -1,4 +1,4 @@
-"""Keeps a model on the device: its faces, in an order that makes rendering fast, and bounding spheres.
+"""A model on the device: its faces, in an order that makes rendering fast, and their bounding spheres.
 
 Checkpoints store faces in the order of training, so the faces in view are scattered over the whole memory.
 This module sorts them along a space-filling curve; in triangle soups, faces of similar size also become
@@ -61,12 +61,12 @@ def keep_model(scope: DeviceScope, program: Program, count: int, arrays: Arrays)
         group: Group = "appearance" if name in ("f_dc", "f_rest") else "geometry"
         scope.keep(name, _NOTHING if array is None else array, group)
     scope.keep("numbers", np.arange(count, dtype=np.uint32))
-    kept["bounds"] = device.allocate((4, _lanes_up(device, count)), np.float32, "bounds", "geometry")
+    kept["bounds"] = device.allocate((4, _round_to_lanes(device, count)), np.float32, "bounds", "geometry")
     if device.style == "cpu":
         kept["groups"] = device.allocate(
-            (4, _lanes_up(device, -(-count // FACE_GROUP))), np.float32, "groups", "geometry"
+            (4, _round_to_lanes(device, -(-count // FACE_GROUP))), np.float32, "groups", "geometry"
         )
-    _bound(scope, program, count)
+    _compute_bounds(scope, program, count)
 
 
 def order_model(scope: DeviceScope, program: Program, count: int, arrays: Arrays) -> bool:
@@ -90,9 +90,9 @@ def order_model(scope: DeviceScope, program: Program, count: int, arrays: Arrays
         faces = rows = _curve_order(device, kept["bounds"], count, by_size=indices is None)
         if indices is not None:
             rows = _vertex_order(device, positions)
-        ordered = {name: _in_order(array, rows) for name, array in given.items()}
+        ordered = {name: _permute(array, rows) for name, array in given.items()}
         if indices is not None:
-            ordered["indices"] = _renumbered(indices, faces, rows)
+            ordered["indices"] = _renumber(indices, faces, rows)
     except MemoryError:
         return False
     except DeviceError as error:
@@ -106,17 +106,17 @@ def order_model(scope: DeviceScope, program: Program, count: int, arrays: Arrays
     for name, array in {**ordered, "numbers": faces}.items():
         kept[name].release()
         kept[name] = device.share(array, name, kept[name].group)
-    _bound(scope, program, count)
+    _compute_bounds(scope, program, count)
     return True
 
 
-def _lanes_up(device: Device, count: int) -> int:
+def _round_to_lanes(device: Device, count: int) -> int:
     """Return `count` rounded up to a whole number of the device's lanes."""
     lanes = LANES[device.style]
     return -(-count // lanes) * lanes
 
 
-def _bound(scope: DeviceScope, program: Program, count: int) -> None:
+def _compute_bounds(scope: DeviceScope, program: Program, count: int) -> None:
     """Compute the bounding spheres of faces and groups, which cull most faces outside the view."""
     kept, style = scope.kept, scope.device.style
     bounds = kept["bounds"]
@@ -155,17 +155,17 @@ def _vertex_order(device: Device, positions: NDArray[np.generic]) -> NDArray[np.
     return _curve_order(device, points, count, by_size=False)
 
 
-def _renumbered(
+def _renumber(
     indices: NDArray[np.generic], faces: NDArray[np.uint32], order: NDArray[np.uint32]
 ) -> NDArray[np.uint32]:
     """Return `indices` in the order of `faces`, with vertex numbers replaced by their rows in `order`."""
     places = np.zeros_like(order)
     places[order] = np.arange(len(order), dtype=np.uint32)
-    renumbered: NDArray[np.uint32] = places[_in_order(indices, faces)]
+    renumbered: NDArray[np.uint32] = places[_permute(indices, faces)]
     return renumbered
 
 
-def _in_order(array: NDArray[np.generic], order: NDArray[np.uint32]) -> NDArray[np.generic]:
+def _permute(array: NDArray[np.generic], order: NDArray[np.uint32]) -> NDArray[np.generic]:
     """Return the rows of `array` in the given order."""
     # Unlike zeros, empty allocates huge pages.
     ordered = np.empty(array.shape, array.dtype)  # noqa: TID251 - filled below

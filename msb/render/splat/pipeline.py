@@ -35,7 +35,7 @@ _CHUNK = {"cpu": 4096, "gpu": 1}
 # Memory of a band of the raster in bytes: per compute unit of a CPU (the size of its cache), or in total on a
 # GPU. Planes of samples exist for one band at a time, because 4 x 4 samples of an 8K frame take 10 GB.
 _BAND_BYTES = {"cpu": 2 << 20, "gpu": 256 << 20}
-# Band records that stay on the device from frame to frame.
+# Largest number of band records that stay on the device from frame to frame.
 _MOST_RECORDS = 1024
 # Values of `tile_rule`; splat_common.cl explains them.
 _TILE_RULES = {"TILES_REACHED": 0, "TILES_BOTH": 1, "TILES_OFFICIAL": 2}
@@ -150,9 +150,9 @@ class SplattingPipeline(OnDevice):
             }
             # The stages before blending do not depend on the blended quantities, so their program is compiled
             # once.
-            self._program = self._built()
+            self._program = self._build_program()
             self._early_stop = early_stop
-            self._blend_program = self._built(EXTRAS=bool(self._outputs), EARLY_STOP=early_stop)
+            self._blend_program = self._build_program(EXTRAS=bool(self._outputs), EARLY_STOP=early_stop)
             arrays = {
                 "positions": model.positions.reshape(self._count, 9) if soup else model.positions,
                 "indices": None if soup else asset.buffers["indices"],
@@ -164,8 +164,8 @@ class SplattingPipeline(OnDevice):
             self._unordered: Arrays | None = arrays
             self._sort = DepthSort(self._device, self._program, order)
 
-    def _built(self, **blending: Define) -> Program:
-        """Return the method's program compiled for some `blending`; the defaults suit most frames."""
+    def _build_program(self, **blending: Define) -> Program:
+        """Return the method's program; `blending` replaces the definitions that suit most frames."""
         chosen = {**self._defines, "EXTRAS": True, "EARLY_STOP": True, **blending}
         return self._device.program(self._model.program, chosen, self._model.package)
 
@@ -240,7 +240,7 @@ class SplattingPipeline(OnDevice):
             add up to the alpha of the frame.
         """
         device, seen = self._device, self._list(camera)
-        share = self._built(EXTRAS=False, EARLY_STOP=self._early_stop, SHARES=True).share
+        share = self._build_program(EXTRAS=False, EARLY_STOP=self._early_stop, SHARES=True).share
         colors = self._scratch("picture", (camera.height, camera.width, 3))
         if picture is None:
             colors.fill(0)
@@ -349,7 +349,7 @@ class SplattingPipeline(OnDevice):
         """Return the `Band` record of splat_resolve.cl for a band with rows of `width` pixels."""
         model, (_, plane_rows, stride) = self._model, band.samples.shape
         values = width, band.rows, model.scale, *model.pixel_samples, stride, plane_rows, band.first_row
-        if values not in self._band_records:  # writing one waits for all queued commands
+        if values not in self._band_records:  # an upload waits for all queued commands
             if len(self._band_records) >= _MOST_RECORDS:
                 self._band_records.clear()
             self._band_records[values] = self._device.upload(np.array(values, np.uint32), "splat bands")

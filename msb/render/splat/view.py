@@ -13,6 +13,7 @@ from msb.scenes.poses import rigid_inverse
 
 TILE = 16
 
+# Members of `Limits` in splat_common.cl, the bounds for culling.
 LIMITS = np.dtype(
     [
         ("nearest", np.float32),
@@ -63,7 +64,7 @@ class Culling:
     nearest: float
     # How far a face reaches, as a multiple of the distances of its corners from the centroid.
     dilation: float
-    # Samples beyond `dilation` that a face may reach.
+    # Number of samples that a face may reach beyond that distance.
     margin: float = 2.0
     # True: compare the largest depth of the face with `nearest`, because it is clipped. False: compare the
     # depth of its centroid.
@@ -83,8 +84,8 @@ def make_view(
     """Return the `View` record of a camera for a raster with `scale` samples per pixel and axis.
 
     `near` and `far` affect only the z row of the projection. `fields` are common members that do not depend
-    on the camera, `method_values` are the method's values.
-    `extent` (3,) is the largest magnitude of a coordinate along each axis.
+    on the camera, `method_values` the members of the method. `extent` (3,) is the largest magnitude of a
+    coordinate along each axis.
 
     The 3DGS family projects with tan(fov / 2) and the float32 product P W, whose terms are added from first
     to last. The camera centre is computed from the float32 W in double precision and rounded, because the
@@ -129,8 +130,8 @@ def _limits(view: NDArray[Any], culling: Culling, extent: NDArray[np.float32]) -
     tan, shift = view["tan_fov"].astype(np.float64), view["shift"].astype(np.float64)
     # Bound of the rounding error of a camera-space coordinate, in scene units.
     rounding = 16 * np.finfo(np.float32).eps * (np.abs(pose[:, :3]) @ extent + np.abs(pose[:, 3])).max()
-    # Slopes x / z and y / z of the raster's borders, with the margin. Sample x looks along x / z = tan (2 (x
-    # - shift) + 1 - width) / width.
+    # Slopes x / z and y / z of the raster's borders, with the margin. Sample x has the slope
+    # x / z = tan (2 (x - shift) + 1 - width) / width.
     ends = np.array([view["columns"], view["rows"]]) * TILE
     margin = culling.margin + 0.004 * size.max()
     low, high = -margin, ends + margin

@@ -24,7 +24,7 @@ _UNITS = 1 << SUBPIXEL_BITS
 # Widths and heights of tiles in pixels, largest first. zbuffer_cpu.cl stores coarse depths for at most 256 x
 # 128 pixels.
 _TILES = ((256, 128), (256, 64), (128, 64), (64, 32))
-# Tiles per processor that balance the load well enough.
+# Least number of tiles per processor, to balance the load.
 _TILES_PER_PROCESSOR = 8
 # Columns and rows of padding around a tile, and the capacity of its list of clusters.
 _PAD, _PAD_ROWS, _LIST = 8, 4, 8192
@@ -46,7 +46,7 @@ class StandardRenderer(OnDevice):
     edge, exactly one of them covers each sample. At equal depths the face with the lowest number is visible.
 
     Of the asset's settings only `ste_threshold`, which hides faces, has an effect. With `supersample` from 2
-    to 16 the image is rendered that many times as large, and averaged.
+    to 16 the image is rendered that many times as wide and high, and averaged.
     """
 
     name = "msb-standard"

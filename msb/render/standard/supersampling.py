@@ -15,7 +15,7 @@ MAX_SUPERSAMPLE = 16
 
 
 def check_supersample(value: int) -> int:
-    """Return the number of samples along each side of a pixel; an invalid one is SETTING_VALUE."""
+    """Return `value`, the samples along each side of a pixel; raise SETTING_VALUE if it is invalid."""
     try:
         samples = 0 if isinstance(value, bool) else operator.index(value)
     except TypeError:
@@ -66,7 +66,7 @@ def _boxes(plane: NDArray[Any], scale: int, combine: np.ufunc) -> NDArray[Any]:
 
 
 def _reduce(parts: NDArray[Any], combine: np.ufunc) -> NDArray[Any]:
-    """Return all parts combined. Pass by pass, which is faster than `ufunc.reduce` here."""
+    """Return all parts combined, one after the other. This is faster here than `ufunc.reduce`."""
     total: NDArray[Any] = parts[0].copy()
     for part in parts[1:]:
         combine(total, part, out=total)

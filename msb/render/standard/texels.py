@@ -19,10 +19,8 @@ _DEFINES = {
     "CLAMPED": _WRAPS["clamp"],
     "MIRRORED": _WRAPS["mirror"],
 }
-# Texels that the kernels can number with an int.
+# Largest number of texels, because the kernels number them with an int.
 _MOST = 2**31 - 1
-
-
 # sRGB byte -> linear light in 16 bits.
 _LINEAR = np.rint(LINEAR * 65535).astype(np.uint16)
 
@@ -76,7 +74,7 @@ def put_texels(device: Device, textured: Textured, slots: int, *, tinted: bool) 
         for level, texture in enumerate(levels):
             height, width = texture.shape[:2]
             numbers[4 + level] = first
-            texels.write(pack(_bordered(texture, sampler)), start=4 * first)
+            texels.write(pack(_add_border(texture, sampler)), start=4 * first)
             first += (height + 1) * (width + 1)
     buffers = (
         device.allocate(slots if several else 1, np.uint32, "standard texture numbers", "appearance"),
@@ -87,8 +85,8 @@ def put_texels(device: Device, textured: Textured, slots: int, *, tinted: bool) 
     return Texels(buffers, defines, tinted, several)
 
 
-def _bordered(image: NDArray[np.uint8], sampler: Sampler) -> NDArray[np.uint8]:
-    """Return a level with one more column and row: the texels that follow the last ones by the wrap mode."""
+def _add_border(image: NDArray[np.uint8], sampler: Sampler) -> NDArray[np.uint8]:
+    """Return a level with one more column and row: by the wrap mode, the texels after the last ones."""
     for axis, wrap in enumerate((sampler.wrap_v, sampler.wrap_u)):
         widths = [(0, 0)] * 3
         widths[axis] = (0, 1)

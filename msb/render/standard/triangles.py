@@ -101,7 +101,7 @@ def make_triangles(
     slots = -(-count // BLOCK) * BLOCK
     texels, tint = None, None
     if (textured := textures_of(asset)) is None:
-        kind, colors, domain = _arranged(drawn_colors(asset))
+        kind, colors, domain = _classify_colors(drawn_colors(asset))
         wide = 9 if kind == FLOATS_OF_CORNERS else 0
     else:
         kind, colors, domain, tint = TEXTURES, textured.uvs.reshape(-1, 2), "corner", tint_of(asset)
@@ -166,7 +166,7 @@ def _put(device: Device, array: NDArray[Any]) -> Buffer:
     return buffer
 
 
-def _arranged(colors: StaticColors) -> tuple[int, NDArray[Any], str]:
+def _classify_colors(colors: StaticColors) -> tuple[int, NDArray[Any], str]:
     """Return the kind of colours, the array that the kernel reads, and its domain."""
     values = np.ascontiguousarray(colors.values)
     if colors.domain == "face":

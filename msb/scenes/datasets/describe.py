@@ -60,7 +60,7 @@ class SceneReport:
             "scene": self.name,
             "layout": self.layout,
             "error": None if error is None else {"code": error.code, "message": error.message},
-            "evaluated": None if self.scene is None else _evaluated(self.scene),
+            "evaluated": None if self.scene is None else _describe_evaluation(self.scene),
             "points": self.points,
             "image_folders": [asdict(folder) for folder in self.image_folders],
             "warnings": [{"code": f.code, "file": f.file, "message": f.message} for f in self.findings],
@@ -69,7 +69,7 @@ class SceneReport:
         }
 
 
-def _evaluated(scene: Scene) -> dict[str, Any]:
+def _describe_evaluation(scene: Scene) -> dict[str, Any]:
     """Return JSON data about how the scene is evaluated."""
     first = scene.test[0]
     return {
@@ -105,11 +105,11 @@ def describe_scene(path: Path, **options: Any) -> SceneReport:
         problem = error
     # Facts that do not need a valid scene, then facts about how it is evaluated.
     dataset = options.get("dataset") or dataset_of(path)
-    images = _image_folders(path, scene)
-    points, missing = _points(path, layout)
+    images = _list_image_folders(path, scene)
+    points, missing = _count_points(path, layout)
     findings = [*(scene.warnings if scene else ()), *missing]
     if scene is not None:
-        findings += _view_count(scene)
+        findings += _check_view_count(scene)
     return SceneReport(
         path=path,
         dataset=dataset,
@@ -120,12 +120,12 @@ def describe_scene(path: Path, **options: Any) -> SceneReport:
         image_folders=images,
         points=points,
         findings=tuple(findings),
-        unused=_unused(path, layout, scene, images),
-        deviations=_deviations(path, scene, options) if scene else {},
+        unused=_list_unused(path, layout, scene, images),
+        deviations=_list_deviations(path, scene, options) if scene else {},
     )
 
 
-def _image_folders(root: Path, scene: Scene | None) -> tuple[ImageFolder, ...]:
+def _list_image_folders(root: Path, scene: Scene | None) -> tuple[ImageFolder, ...]:
     """Return the folders of a scene that contain images."""
     used: set[Path] = set()
     if scene is not None:
@@ -141,7 +141,7 @@ def _image_folders(root: Path, scene: Scene | None) -> tuple[ImageFolder, ...]:
     return tuple(holding)
 
 
-def _points(root: Path, layout: Layout) -> tuple[int | None, list[Finding]]:
+def _count_points(root: Path, layout: Layout) -> tuple[int | None, list[Finding]]:
     """Return the number of SfM points, and a warning if a COLMAP scene has none."""
     model = find_model(root) if layout == "colmap" else None
     if model is None:
@@ -153,7 +153,7 @@ def _points(root: Path, layout: Layout) -> tuple[int | None, list[Finding]]:
         return None, [finding(problem.code, problem.message, severity="warning", file=str(model))]
 
 
-def _view_count(scene: Scene) -> list[Finding]:
+def _check_view_count(scene: Scene) -> list[Finding]:
     """Return a warning if a benchmark scene does not have the published number of views."""
     dataset = DATASETS.get(scene.dataset)
     counts = len(scene.train), len(scene.test)
@@ -164,7 +164,7 @@ def _view_count(scene: Scene) -> list[Finding]:
     return [finding("SCENE_LAYOUT", text, severity="warning", file=str(scene.root), value=counts)]
 
 
-def _unused(
+def _list_unused(
     root: Path, layout: Layout, scene: Scene | None, images: tuple[ImageFolder, ...]
 ) -> tuple[str, ...]:
     """Return descriptions of image folders and files that the scene does not use."""
@@ -186,7 +186,7 @@ def _unused(
     return tuple(unused)
 
 
-def _deviations(root: Path, ours: Scene, options: dict[str, Any]) -> dict[str, tuple[str, ...]]:
+def _list_deviations(root: Path, ours: Scene, options: dict[str, Any]) -> dict[str, tuple[str, ...]]:
     """Return for each method how its official code would read the scene differently."""
     given = {key: value for key, value in options.items() if key == "dataset"}
     deviations: dict[str, tuple[str, ...]] = {}
@@ -194,13 +194,13 @@ def _deviations(root: Path, ours: Scene, options: dict[str, Any]) -> dict[str, t
         if name in (OURS, ours.rules):
             continue
         try:
-            deviations[name] = tuple(_differences(ours, read_scene(root, rules=name, **given)))
+            deviations[name] = tuple(_list_differences(ours, read_scene(root, rules=name, **given)))
         except MsbError as error:
-            deviations[name] = (_cannot(error, ours.dataset),)
+            deviations[name] = (_explain_failure(error, ours.dataset),)
     return deviations
 
 
-def _cannot(error: MsbError, dataset: str) -> str:
+def _explain_failure(error: MsbError, dataset: str) -> str:
     """Return a short reason why a method's official code does not read a scene that our rules read."""
     if error.code == "SCENE_UNKNOWN":
         return f"no rule for {dataset}"
@@ -209,7 +209,7 @@ def _cannot(error: MsbError, dataset: str) -> str:
     return error.message
 
 
-def _differences(ours: Scene, theirs: Scene) -> list[str]:
+def _list_differences(ours: Scene, theirs: Scene) -> list[str]:
     """Return short descriptions of the differences between a scene read by our rules and by others."""
     first, second = ours.test[0], theirs.test[0]
     differences = []
@@ -223,7 +223,7 @@ def _differences(ours: Scene, theirs: Scene) -> list[str]:
         differences.append(f"resized {theirs.resampling}")
     if [view.name for view in theirs.test] != [view.name for view in ours.test]:
         differences.append("different test views")
-    if _lens(first.resized(second.width, second.height)) != _lens(second):
+    if _round_lens(first.resized(second.width, second.height)) != _round_lens(second):
         differences.append(
             "recorded principal point" if theirs.camera_convention == "full_K" else "different intrinsics"
         )
@@ -236,7 +236,7 @@ def _differences(ours: Scene, theirs: Scene) -> list[str]:
     return differences
 
 
-def _lens(camera: Camera) -> tuple[float, ...]:
+def _round_lens(camera: Camera) -> tuple[float, ...]:
     """Return the intrinsics rounded to 1/1000 pixel, for comparison."""
     return tuple(round(value, 3) for value in (camera.fx, camera.fy, camera.cx, camera.cy))
 

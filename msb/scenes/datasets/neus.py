@@ -122,4 +122,6 @@ def decompose(projection: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDA
 
 def _bad(source: Source, message: str) -> SceneError:
     """Return an error about the file."""
-    return source.error("SCENE_LAYOUT", f"{message}; it must hold world_mat_i and scale_mat_i of every view")
+    return source.error(
+        "SCENE_LAYOUT", f"{message}; it must contain world_mat_i and scale_mat_i of every view"
+    )

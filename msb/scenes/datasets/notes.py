@@ -28,7 +28,7 @@ def note_scaled_cameras(scenes: Iterable[Scene]) -> str | None:
 
     It describes the first such scene and counts the others.
     """
-    sentences = {scene.root: text for scene in scenes if (text := _scaled(scene)) is not None}
+    sentences = {scene.root: text for scene in scenes if (text := _describe_scaling(scene)) is not None}
     if not sentences:
         return None
     more = len(sentences) - 1
@@ -36,18 +36,18 @@ def note_scaled_cameras(scenes: Iterable[Scene]) -> str | None:
     return f"{next(iter(sentences.values()))}{alike}"
 
 
-def _scaled(scene: Scene) -> str | None:
+def _describe_scaling(scene: Scene) -> str | None:
     """Return the sentence about one scene, or None."""
     view = scene.test[0]
     recorded, used = view.source_size or (view.width, view.height), (view.width, view.height)
-    stored = None if view.image_path is None else _stored(view.image_path)
+    stored = None if view.image_path is None else _read_size(view.image_path)
     if stored is None or recorded[0] < _FAR * stored[0]:
         return None
     place = "" if scene.image_folder == "." else f" in {shorten(scene.image_folder, 40)}"
     return (
-        f"the cameras of {shorten(scene.name, 40)} were recorded at {_text(recorded)} pixels, but the "
-        f"photographs{place} have {_text(stored)}; the cameras are scaled, and images of {_text(used)} are "
-        "rendered and compared"
+        f"the cameras of {shorten(scene.name, 40)} were recorded at {_format_size(recorded)} pixels, but the "
+        f"photographs{place} have {_format_size(stored)}; the cameras are scaled, and images of "
+        f"{_format_size(used)} are rendered and compared"
     )
 
 
@@ -63,7 +63,7 @@ def note_recorded_size(path: str | os.PathLike[str], cameras: Sequence[Camera]) 
     folder, size = beside
     return (
         f"images are rendered at the recorded size of the cameras, {view.width} x {view.height} pixels; the "
-        f"photographs in {shorten(folder.name, 40)} have {_text(size)}: pass --scale "
+        f"photographs in {shorten(folder.name, 40)} have {_format_size(size)}: pass --scale "
         f"{size[0] / view.width:.4g} to render at their size"
     )
 
@@ -83,20 +83,20 @@ def find_photographs(path: str | os.PathLike[str], cameras: Sequence[Camera]) ->
     for folder in folders(root):
         with contextlib.suppress(MsbError):
             file = SpelledFiles(folder).find(str(cameras[0].name))
-            size = _stored(file) if folder.name.startswith("images") else None
+            size = _read_size(file) if folder.name.startswith("images") else None
             if size is not None:
                 sizes[size] = folder
     return (sizes[max(sizes)], max(sizes)) if sizes else None
 
 
-def _stored(file: Path) -> Size | None:
+def _read_size(file: Path) -> Size | None:
     """Return the size of an image; None if it is missing or cannot be read."""
     with contextlib.suppress(MsbError):
         return image_size(file) if is_file(file) else None
     return None
 
 
-def _text(size: Size) -> str:
+def _format_size(size: Size) -> str:
     """Return a size as text."""
     return f"{size[0]} x {size[1]}"
 
@@ -114,33 +114,35 @@ def compare_training(
     if background is not None and background != scene.background:
         yield warn_background(background, scene.background)
     evaluated = scene.test[0].width, scene.test[0].height
-    size = _size(training, scene)
+    size = _training_size(training, scene)
     if size is not None and max(abs(a - b) for a, b in zip(size, evaluated, strict=True)) > 1:
-        yield _otherwise(
-            f"it was trained on photographs of {_text(size)} pixels and is evaluated at {_text(evaluated)}; "
-            "results may differ from a model trained at that size"
+        yield _warn_training(
+            f"it was trained on photographs of {_format_size(size)} pixels and is evaluated at "
+            f"{_format_size(evaluated)}; results may differ from a model trained at that size"
         )
 
 
 def warn_test_views() -> Finding:
     """Return the warning about a model that was trained on all views."""
-    return _otherwise("it was trained on the test views (eval=False); results on these are not comparable")
+    return _warn_training(
+        "it was trained on the test views (eval=False); results on these are not comparable"
+    )
 
 
 def warn_background(background: Color, drawn: Color) -> Finding:
     """Return the warning about a model rendered over another background than in its training."""
-    return _otherwise(
+    return _warn_training(
         f"it was trained over {color_name(background)} and is rendered over {color_name(drawn)}; "
         "wherever the background is visible, it differs from the photographs"
     )
 
 
-def _otherwise(text: str) -> Finding:
+def _warn_training(text: str) -> Finding:
     """Return a warning about the training."""
     return finding("CHECKPOINT_CONFIG", text, severity="warning")
 
 
-def _size(training: Mapping[str, Any], scene: Scene) -> Size | None:
+def _training_size(training: Mapping[str, Any], scene: Scene) -> Size | None:
     """Return the size of the photographs in the training; None if it is unknown."""
     if "width" in training and "height" in training:
         return training["width"], training["height"]

@@ -54,7 +54,7 @@ def choose_photographs(
     # If the folder is missing, the rules may name another one and a divisor for it.
     if not is_folder(root / folder):
         if image_folder is not None or rule.instead is None or not is_folder(root / rule.instead[0]):
-            raise _no_folder(root, folder)
+            raise _missing_folder(root, folder)
         folder = rule.instead[0]
         if resolution is None:
             wanted, rounding = rule.instead[1], "half_up"
@@ -63,7 +63,7 @@ def choose_photographs(
     return replace(rule, folder=folder, resolution=wanted), rounding
 
 
-def _no_folder(root: Path, folder: str) -> SceneError:
+def _missing_folder(root: Path, folder: str) -> SceneError:
     """Return the error about a missing folder of photographs, with the names of existing ones."""
     existing = [child.name for child in folders(root) if images_in(child)]
     text = f"photographs are expected in {shorten(folder, 60)}, which does not exist"
@@ -130,7 +130,7 @@ def find_masks(
     masked = dataset in DATASETS and DATASETS[dataset].masked
     files = images_in(root / MASKS) if dataset == "dtu" else []
     if len(bare) == len(tests) and files:
-        return "mask_folder", _paired(root, tests, files)
+        return "mask_folder", _pair_masks(root, tests, files)
     if masked or len(bare) < len(tests):
         text = (
             f"{len(bare)} of {len(tests)} test photographs have no alpha channel, for example "
@@ -150,10 +150,10 @@ def find_mask(root: Path, photograph: Path) -> Path:
         SCENE_IMAGE: the numbers of masks and photographs differ, or the mask has another size.
     """
     name = photograph.name
-    return _paired(root, {name: photograph}, images_in(root / MASKS))[name]
+    return _pair_masks(root, {name: photograph}, images_in(root / MASKS))[name]
 
 
-def _paired(root: Path, photographs: Mapping[str, Path], masks: Sequence[Path]) -> dict[str, Path]:
+def _pair_masks(root: Path, photographs: Mapping[str, Path], masks: Sequence[Path]) -> dict[str, Path]:
     """Return name -> mask: the file with the photograph's position in the sorted folder."""
     folder = next(iter(photographs.values())).parent
     number = {image: index for index, image in enumerate(images_in(folder))}

@@ -71,9 +71,9 @@ def read_scene(
         One of the SCENE_, CAMERA_ and COLMAP_ codes.
     """
     root = given_path(path)
-    layout = _layout(root)
+    layout = _require_layout(root)
     by = rules_of(rules)
-    place = _place(root)
+    place = _absolute_path(root)
     key = dataset or guess_dataset(layout, place.name, place.parent.name)
     convention = camera_convention or by.convention
     if convention not in CONVENTIONS:
@@ -82,10 +82,10 @@ def read_scene(
     wish = None if resolution is None else check_resolution(resolution)
     color = evaluation_background(key) if rules == OURS else by.background_of(key)
     warnings: list[Finding] = []
-    # Which files are used, then the recorded cameras with the paths of their files.
+    # Choose the folder and the size of the photographs.
     chosen, how = choose_photographs(root, key, layout, place.name, by, image_folder, wish, warnings)
     files = SpelledFiles(root / chosen.folder)
-    # Recorded cameras with their photographs, then resized to the evaluated size.
+    # Read the recorded cameras, and find the photograph of each.
     views = [
         replace(view, image_path=files.find(str(view.name)))
         for view in read_views(root, layout, by, chosen.folder)
@@ -100,7 +100,7 @@ def read_scene(
     resized = any((c.width, c.height) != size for c, size in zip(cameras, native, strict=True))
     # Like the 3DGS family, move the principal point to the middle; warn if the move is visible.
     if convention == "gs_fov":
-        warnings += _shifted(root, cameras)
+        warnings += _warn_shift(root, cameras)
         cameras = [camera.centered() for camera in cameras]
     return Scene(
         dataset=key,
@@ -112,7 +112,7 @@ def read_scene(
         resolution=chosen.resolution,
         train=tuple(camera for camera in cameras if camera.split == "train"),
         test=tuple(camera for camera in cameras if camera.split == "test"),
-        background=color if background is None else _color(background),
+        background=color if background is None else _check_color(background),
         camera_convention=convention,
         compositing="none" if masks[0] is None else chosen.compositing,
         mask_source=masks[0],
@@ -127,16 +127,16 @@ def read_scene(
 def dataset_of(path: str | os.PathLike[str]) -> str:
     """Return the dataset of a scene, derived from the names of its folder and its parent."""
     root = given_path(path)
-    layout, place = _layout(root), _place(root)
+    layout, place = _require_layout(root), _absolute_path(root)
     return guess_dataset(layout, place.name, place.parent.name)
 
 
-def _place(root: Path) -> Path:
-    """Return the absolute path, with the names as given."""
-    return Path(os.path.abspath(root))  # noqa: PTH100 - names as given, not where links lead
+def _absolute_path(root: Path) -> Path:
+    """Return the absolute path; links are not followed, so the names stay as given."""
+    return Path(os.path.abspath(root))  # noqa: PTH100 - resolve() would follow links
 
 
-def _layout(root: Path) -> Layout:
+def _require_layout(root: Path) -> Layout:
     """Return the layout of a scene's folder; raise an error if it is not a scene."""
     check_folder(root)
     layout = find_layout(root)
@@ -156,7 +156,7 @@ def rules_of(name: str) -> Rules:
     return RULES[name]
 
 
-def _color(values: Sequence[float]) -> Color:
+def _check_color(values: Sequence[float]) -> Color:
     """Return the background as a colour; each channel must be from 0 to 1."""
     if len(values) != 3 or not all(0 <= value <= 1 for value in values):
         text = f"the background is {shorten(repr(values), 60)}; it must be red, green and blue from 0 to 1"
@@ -165,7 +165,7 @@ def _color(values: Sequence[float]) -> Color:
     return red, green, blue
 
 
-def _shifted(root: Path, cameras: Sequence[Camera]) -> list[Finding]:
+def _warn_shift(root: Path, cameras: Sequence[Camera]) -> list[Finding]:
     """Return a warning if the principal point is visibly off the middle of the image."""
     far = max(max(abs(c.cx - c.width / 2), abs(c.cy - c.height / 2)) for c in cameras)
     if far <= MAX_SHIFT:
@@ -208,10 +208,9 @@ def scene_at(
 ) -> SceneAt:
     """Return how a method is evaluated on a scene, without reading its folder.
 
-    `official_background` is the background of the method's official evaluation, if the model
-    records it. The last four arguments override the rules, as in `read_scene`. By default the size follows
-    our rules, the camera is the one the method is trained with, and the background is
-    `evaluation_background`.
+    `official_background` is the background of the method's official evaluation, if the model records it. The
+    last four arguments override the rules, as in `read_scene`. By default the size follows our rules, the
+    camera convention is the one of the method's training, and the background is `evaluation_background`.
     """
     return SceneAt(
         dataset=dataset,

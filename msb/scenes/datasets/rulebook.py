@@ -44,14 +44,14 @@ class _EveryRules(Mapping[str, Rules]):
 RULES: Mapping[str, Rules] = _EveryRules()
 
 
-def evaluation_background(dataset: str, method: str | None = None, own: Color | None = None) -> Color:
-    """Return the background of a model in the benchmark: the dataset's, else the one of its training.
+def evaluation_background(dataset: str, method: str | None = None, recorded: Color | None = None) -> Color:
+    """Return the background of a model in the benchmark.
 
-    Masked datasets are evaluated over white for every method. Otherwise each model keeps `own`, the
-    background of its official evaluation. If it records none, the method's background is used, or black.
+    Masked datasets are evaluated over white for every method. Otherwise the model keeps its `recorded`
+    background, that of its official evaluation. Without a record, the method's background is used, or black.
     """
     fixed = DATASETS[dataset].background if dataset in DATASETS else None
-    return fixed or own or RULES.get(method or OURS, RULES[OURS]).background_of(dataset)
+    return fixed or recorded or RULES.get(method or OURS, RULES[OURS]).background_of(dataset)
 
 
 def stated_background(manifest: Manifest) -> Color | None:

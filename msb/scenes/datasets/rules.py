@@ -1,7 +1,7 @@
 """Rules of loaders: their choice of photographs, image sizes, cameras and backgrounds.
 
 "ours" is the benchmark's rule for all methods. The others describe the methods' official code, as each method
-declares it (`msb.registry`). With them, deviations can be listed, and official numbers reproduced.
+declares it (`msb.registry`). They serve to list deviations and to reproduce official numbers.
 docs/datasets.md prints the rules as a table.
 
 A `resolution` has the meaning of ``-r`` in the 3DGS family: 1, 2, 4 or 8 divide the size, -1 keeps all but
@@ -73,7 +73,7 @@ class Rules:
     quantized : bool
         Whether the ground truth is rounded to 8 bits before it is compared.
     photographs : mapping
-        Dataset, or dataset/group -> `Photographs`. Missing datasets are not supported by the code.
+        Dataset, or dataset/group -> `Photographs`. The loader does not support datasets without an entry.
     backgrounds : mapping
         Dataset -> background of the model in the method's official evaluation; "" stands for all other
         datasets.
@@ -131,7 +131,7 @@ def check_resolution(resolution: int) -> int:
 
 
 def half_even(size: Size, resolution: int) -> Size:
-    """Return the resized size in the 3DGS family, Triangle-Splatting, MeshSplatting and 2DGS.
+    """Return the size after resizing in the 3DGS family, Triangle-Splatting, MeshSplatting and 2DGS.
 
     Divided sides are rounded half to even, others truncated. At -1 only widths above `LARGEST` are reduced.
 
@@ -147,7 +147,7 @@ def half_even(size: Size, resolution: int) -> Size:
 
 
 def floor(size: Size, resolution: int) -> Size:
-    """Return the resized size in 2DTS: sides are truncated; at -1 the longer side is at most `LARGEST`.
+    """Return the size after resizing in 2DTS. Sides are truncated; at -1 the longer one is at most `LARGEST`.
 
     Source: `GaodeRender/triangle-splatting`: the datasets' `target_res`. It does not support widths, for
     which the rule of the 3DGS family is used.

@@ -12,16 +12,16 @@ from msb.scenes.datasets import read_scene
 from .conftest import SCENES, STUBS, text_model
 
 
-def picture(path: Path, size: tuple[int, int], mode: str = "RGB") -> None:
+def write_image(path: Path, size: tuple[int, int], mode: str = "RGB") -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     Image.new(mode, size).save(path)
 
 
-def one_image(lens: str) -> Callable[[Path], None]:
+def keep_one_image(lens: str) -> Callable[[Path], None]:
     return lambda root: text_model(root, f"1 {lens}\n", "1 1 0 0 0 0 0 4 1 DSC07950.JPG\n\n")
 
 
-def same_name_twice(root: Path) -> None:
+def repeat_name(root: Path) -> None:
     data = (root / "sparse/0/images.bin").read_bytes()
     (root / "sparse/0/images.bin").write_bytes(data.replace(b"DSC07951", b"DSC07950"))
 
@@ -35,7 +35,7 @@ def remove(*names: str) -> Callable[[Path], None]:
     return run
 
 
-def opaque(folder: str) -> Callable[[Path], None]:
+def remove_alpha(folder: str) -> Callable[[Path], None]:
     def run(root: Path) -> None:
         for path in (root / folder).glob("*.png"):
             with Image.open(path) as image:
@@ -68,23 +68,23 @@ BAD: dict[str, tuple[str, Callable[[Path], Any], str, str]] = {
     "folder of photographs missing": (MIP, remove("images_4", "images"), "SCENE_IMAGE_MISSING", ""),
     "photograph of another size": (
         MIP,
-        lambda root: picture(root / "images_4/DSC07953.JPG", (64, 47)),
+        lambda root: write_image(root / "images_4/DSC07953.JPG", (64, 47)),
         "SCENE_IMAGE",
         "images_4/DSC07953.JPG",
     ),
     "distorted": (
         MIP,
-        one_image("SIMPLE_RADIAL 256 192 270 128 96 0.01"),
+        keep_one_image("SIMPLE_RADIAL 256 192 270 128 96 0.01"),
         "CAMERA_DISTORTED",
         "sparse/0/cameras.txt",
     ),
-    "same name twice": (MIP, same_name_twice, "CAMERA_FILE", "sparse/0"),
-    "one image": (MIP, one_image("PINHOLE 256 192 270 270 128 96"), "SCENE_LAYOUT", ""),
-    "no alpha": (NERF, opaque("test"), "SCENE_IMAGE", ""),
-    "a mask missing": (DTU, both(opaque("images"), remove("mask/003.png")), "SCENE_IMAGE", "mask"),
+    "same name twice": (MIP, repeat_name, "CAMERA_FILE", "sparse/0"),
+    "one image": (MIP, keep_one_image("PINHOLE 256 192 270 270 128 96"), "SCENE_LAYOUT", ""),
+    "no alpha": (NERF, remove_alpha("test"), "SCENE_IMAGE", ""),
+    "a mask missing": (DTU, both(remove_alpha("images"), remove("mask/003.png")), "SCENE_IMAGE", "mask"),
     "a mask of another size": (
         DTU,
-        both(opaque("images"), lambda root: picture(root / "mask/000.png", (20, 20))),
+        both(remove_alpha("images"), lambda root: write_image(root / "mask/000.png", (20, 20))),
         "SCENE_IMAGE",
         "mask/000.png",
     ),
