@@ -1,4 +1,4 @@
-"""The views that judge a model if none are given, and how far two renderings differ in them.
+"""Default views for judging a model, and the PSNR of its renderings in these views.
 
 The views are the training cameras of the model, if they lie beside it. Else they are generated around the
 model, or inside it if it is an interior.
@@ -37,17 +37,18 @@ MAX_TRAINING_VIEWS = 12
 _DEPTH_SIZE = (320, 240)
 # Number of faces whose visibility is tested there, evenly spread over all of them.
 _TESTED_FACES = 4000
-# Share of faces seen from behind, from outside, above which the winding says that the inside is the right
-# side. Faces that are wound at random have a share of 1/2.
+# Share of visible faces that outside cameras see from behind. Above it the winding is taken as consistent and
+# pointing inwards; below 1/3, as consistent and pointing outwards. Faces that are wound at random have a
+# share of 1/2.
 _BEHIND_SHARE = 2 / 3
-# A face is visible if it lies at most this factor deeper than the depth map, which allows for pixels whose
-# centre is nearer than the centre of the face.
+# A face is visible if the depth of its centre is at most this factor times the depth in the depth map. The
+# tolerance allows for the distance between the centres of face and pixel.
 _DEPTH_TOLERANCE = 1.01
 
 
 @dataclass(frozen=True)
 class ChosenViews:
-    """Cameras, where they come from, the same in words, and the file or folder of training cameras."""
+    """Cameras, their origin, its description in words, and the file or folder of training cameras."""
 
     cameras: list[Camera]
     origin: Literal["given", "training", "turntable", "inside"]
@@ -68,7 +69,7 @@ class ChosenViews:
         if useful is None or len(useful) == len(self.cameras):
             return self
         blind = len(self.cameras) - len(useful)
-        text = f"{self.description}; {blind} of them do not see it and are ignored"
+        text = f"{self.description}; {blind} of them do not see the model and are ignored"
         cameras = [self.cameras[k] for k in sorted(useful)]
         return replace(self, cameras=cameras, description=text if useful else self.description)
 
@@ -76,10 +77,10 @@ class ChosenViews:
 def _find_seeing(asset: Asset, cameras: Sequence[Camera], device: str | None, enough: int) -> set[int] | None:
     """Return the numbers of the first `enough` cameras that see a pixel of the asset.
 
-    None if nothing can draw the asset; the caller that draws it reports why.
+    Return None if no tier can draw the asset. The error is reported when the caller draws the asset.
     """
-    every: tuple[Tier, ...] = ("standard", "dedicated")
-    tiers = [tier for tier in every if why_not(asset.manifest, tier) is None]
+    all_tiers: tuple[Tier, ...] = ("standard", "dedicated")
+    tiers = [tier for tier in all_tiers if why_not(asset.manifest, tier) is None]
     if not tiers:
         return None
     seeing: set[int] = set()
@@ -118,16 +119,16 @@ def choose_views(
     if isinstance(given, ChosenViews):
         return given
     if given is not None:
-        return given_views(given)
+        return check_given_views(given)
     outside = make_turntable(asset, count, *size)
     try:
         training = find_training_views(asset, device, most=MAX_TRAINING_VIEWS, longest=max(size))
         return training or generate_views(asset, outside, device)
-    except DeviceError:  # the caller that draws reports it
-        return _turntable_views(outside)
+    except DeviceError:  # it is reported when the caller draws the asset
+        return _make_turntable_views(outside)
 
 
-def given_views(cameras: Iterable[Camera]) -> ChosenViews:
+def check_given_views(cameras: Iterable[Camera]) -> ChosenViews:
     """Return the cameras of a caller.
 
     Raises
@@ -137,7 +138,7 @@ def given_views(cameras: Iterable[Camera]) -> ChosenViews:
     """
     chosen = check_cameras(cameras)
     if not chosen:
-        raise UsageError("USAGE", "cameras is empty; it must hold at least one, or be None")
+        raise UsageError("USAGE", "cameras is empty; pass at least one camera, or None for default views")
     return ChosenViews(chosen, "given", f"{len(chosen)} camera{'' if len(chosen) == 1 else 's'} given")
 
 
@@ -146,7 +147,8 @@ def find_training_views(
 ) -> ChosenViews | None:
     """Return the training cameras found beside the file an asset was opened from, if one of them sees it.
 
-    They are all cameras, or `most` of them, evenly spread; scaled so that no side is longer than `longest`.
+    At most `most` cameras are returned, evenly spread over all of them. They are scaled down so that no side
+    of an image is longer than `longest` pixels.
     """
     from msb.adapters.training_cameras import training_cameras
 
@@ -165,26 +167,26 @@ def find_training_views(
 def generate_views(
     asset: Asset, outside: list[Camera], device: str | None = None, up: str | None = None
 ) -> ChosenViews:
-    """Return the views `outside` of an asset, or as many from inside if it is an interior.
+    """Return the views `outside`, or the same number of views from inside if the asset is an interior.
 
     The up axis of views from inside is `up`, by default the asset's up axis.
     """
     bulk = find_bulk(asset)
     within = place_inside(asset, bulk, outside, up)
     if not within:
-        return _turntable_views(outside)
+        return _make_turntable_views(outside)
     if is_surrounded(bulk):
         why = "large faces surround most of it"
     elif _is_interior(asset, outside, within, device):
         why = "most of its faces are hidden from outside or seen from behind"
     else:
-        return _turntable_views(outside)
+        return _make_turntable_views(outside)
     text = f"{len(within)} generated views from inside, because {why}; pass --cameras for other views"
     return ChosenViews(within, "inside", text)
 
 
-def _turntable_views(outside: list[Camera]) -> ChosenViews:
-    return ChosenViews(outside, "turntable", f"{len(outside)} generated views around it")
+def _make_turntable_views(outside: list[Camera]) -> ChosenViews:
+    return ChosenViews(outside, "turntable", f"{len(outside)} generated views around the model")
 
 
 def spread_evenly(cameras: Sequence[Camera], count: int) -> list[Camera]:
@@ -215,7 +217,7 @@ def _is_interior(asset: Asset, outside: list[Camera], within: list[Camera], devi
 def _test_visibility(
     asset: Asset, renderer: Renderer, cameras: list[Camera]
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_], float]:
-    """Return masks (n,) of tested faces seen from the front and from behind, and the share of the latter."""
+    """Return masks (n,) of faces seen from the front and from behind, and the share seen from behind."""
     # Centres (n, 3) and normals (n, 3) of an evenly spread sample of the faces.
     faces = asset.buffers["indices"]
     corners = asset.buffers["positions"][faces[:: max(1, len(faces) // _TESTED_FACES)]].astype(np.float64)
@@ -264,7 +266,7 @@ def squared_errors(images: Sequence[Any], references: Sequence[Any]) -> NDArray[
     for pair in zip(images, references, strict=True):
         levels = [to_bytes(np.asarray(getattr(view, "image", view))) for view in pair]
         change = np.subtract(*levels, dtype=np.int32)
-        # Not a product of matrices: its threads would then spin beside the kernels.
+        # A matrix product would start threads, which would then spin beside the kernels.
         sums.append((np.square(change, out=change).sum(dtype=np.int64), change.size))
     return np.array(sums, np.float64)
 
@@ -272,7 +274,7 @@ def squared_errors(images: Sequence[Any], references: Sequence[Any]) -> NDArray[
 def psnr_over_views(images: Sequence[Any], references: Sequence[Any]) -> float:
     """Return the PSNR in dB over the pixels of all views.
 
-    An average over views would be infinite as soon as two images are equal.
+    The average of the PSNR of each view would be infinite as soon as two images are equal.
     """
     return pooled_psnr(squared_errors(images, references))
 

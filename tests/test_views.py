@@ -1,4 +1,4 @@
-"""The views that judge a model if none are given, and the results if they are blind."""
+"""Default views for judging a model, and the results if views do not see the model."""
 
 import shutil
 from dataclasses import replace
@@ -25,7 +25,7 @@ CAPTURE = MODELS / "walled" / "mesh_splatting"
 
 
 def asset_of(*meshes: Mesh, turned: bool = False) -> msb.Asset:
-    """Return all meshes as one asset; `turned` reverses every second face, so that the winding is useless."""
+    """Return all meshes as one asset; `turned` reverses every second face and so destroys the winding."""
     starts = np.cumsum([0, *(len(points) for points, _ in meshes)])
     faces = np.concatenate([faces + start for (_, faces), start in zip(meshes, starts, strict=False)])
     if turned:
@@ -40,7 +40,7 @@ def ball(scale: float = 1.0, at: float = 0.0) -> Mesh:
 
 
 def room(height: float, *, inward: bool, lid: bool = False) -> Mesh:
-    """Return the walls and the floor of a room 2 wide, and a ceiling with `lid`, of many faces."""
+    """Return a finely divided room of width 2: its walls, its floor, and with `lid` its ceiling."""
     steps = np.linspace(-1, 1, 9)
     u, v = (part.ravel() for part in np.meshgrid(steps, steps))
     first = np.flatnonzero((u < 1) & (v < 1))
@@ -84,7 +84,7 @@ def room(height: float, *, inward: bool, lid: bool = False) -> Mesh:
     ],
 )
 def test_interiors_get_views_from_inside(origin: str, asset: msb.Asset) -> None:
-    asset = replace(asset, opened_from=None)  # some of them have training cameras beside them
+    asset = replace(asset, opened_from=None)  # some have training cameras beside their file
     for scale in (1e-4, 1.0, 1e4):
         positions = asset.buffers["positions"] * np.float32(scale)
         if asset.manifest.method != "mesh":
@@ -100,8 +100,8 @@ def test_training_cameras_are_found_beside_the_model_or_in_its_scene(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     chosen = choose_views(msb.open(CAPTURE))
-    walked = f"{MAX_TRAINING_VIEWS} of 57 training cameras (pebble)"
-    assert (chosen.origin, chosen.description) == ("training", walked)
+    from_scene = f"{MAX_TRAINING_VIEWS} of 57 training cameras (pebble)"
+    assert (chosen.origin, chosen.description) == ("training", from_scene)
     assert max(chosen.cameras[0].width, chosen.cameras[0].height) == 640
     moved = tmp_path / "models" / "mine"
     shutil.copytree(CAPTURE, moved)
@@ -110,12 +110,12 @@ def test_training_cameras_are_found_beside_the_model_or_in_its_scene(
     shutil.copytree(
         ROOT / "data_stubs/scenes/mipnerf360/pebble/sparse", tmp_path / "mipnerf360/pebble/sparse"
     )
-    assert choose_views(asset).description == walked
+    assert choose_views(asset).description == from_scene
     write_cameras(chosen.cameras[:3], moved / "cameras.json")
     (file,) = moved.rglob("*.pt")
     assert choose_views(msb.open(file)).description == "3 training cameras (cameras.json)"
     write_cameras(elsewhere(), moved / "cameras.json")
-    assert choose_views(asset).description.endswith("(pebble)"), "the cameras beside it are blind"
+    assert choose_views(asset).description.endswith("(pebble)"), "the cameras beside the model do not see it"
 
 
 def test_the_config_of_two_dts_leads_to_its_scene(tmp_path: Path) -> None:
@@ -140,15 +140,15 @@ def test_nothing_is_measured_without_a_view_that_sees_the_asset() -> None:
     (tried,) = msb.trial(asset, ["decimate_50"], cameras=elsewhere())
     assert tried.outcome == "not_run"
     assert tried.why
-    assert {own["psnr"] for own in tried.numbers.values() if isinstance(own, dict)} == {None}
+    assert {numbers["psnr"] for numbers in tried.numbers.values() if isinstance(numbers, dict)} == {None}
     causes = why(asset, elsewhere())
-    assert {(one.applies, one.db) for one in causes} == {(False, None)}
-    said = {str(one.reason) for one in causes if one.name in ("shading", "back_faces")}
-    assert said == {tried.why.removeprefix("not judged: ")}
+    assert {(cause.applies, cause.db) for cause in causes} == {(False, None)}
+    reasons = {str(cause.reason) for cause in causes if cause.name in ("shading", "back_faces")}
+    assert reasons == {tried.why.removeprefix("not judged: ")}
     rows = repairs.compare(asset, elsewhere(), Options(), tasks=())
-    looks = [look for row in rows for look in (row.looks or {}).values()]
-    assert not any(look.same or look.psnr is not None for look in looks)
-    assert all(look.why for look in looks)
+    comparisons = [look for row in rows for look in (row.looks or {}).values()]
+    assert not any(look.same or look.psnr is not None for look in comparisons)
+    assert all(look.why for look in comparisons)
 
 
 def test_blind_views_are_ignored() -> None:
@@ -157,7 +157,8 @@ def test_blind_views_are_ignored() -> None:
     some = choose_views(asset, [*elsewhere(6), *seeing]).without_blind(asset)
     assert some.cameras == seeing
     why = pytest.importorskip("msb.why").why
-    assert [one.db for one in why(asset, seeing)] == [one.db for one in why(asset, [*elsewhere(6), *seeing])]
+    alone, beside = (why(asset, cameras) for cameras in (seeing, [*elsewhere(6), *seeing]))
+    assert [cause.db for cause in alone] == [cause.db for cause in beside]
 
 
 @pytest.mark.slow

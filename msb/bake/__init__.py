@@ -1,9 +1,10 @@
-"""An ordinary mesh with a texture or vertex colours from a trained model, fitted to its native renderings.
+"""Convert a trained model into an opaque mesh whose texture or vertex colours match native renderings.
 
 The stages of a bake: `views` chooses cameras, `image_source` draws their images, `candidate_kept`,
 `candidate_fitted` and `candidate_surface` make meshes, `vertex_colors` and `texture` fit colours, `pipeline`
-chooses between candidates, `lods` and `collision` make companions, `quality` measures the result on held-out
-views, and `output_files` and `folder` write it. `run` joins them.
+chooses between candidates, `lods` and `collision` make the levels of detail and the collision shape,
+`quality` measures the result on held-out views, and `output_files` and `folder` write it. `run` performs a
+whole bake.
 """
 
 from __future__ import annotations

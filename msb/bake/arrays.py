@@ -1,4 +1,4 @@
-"""Short names for the types of the arrays that a bake works on."""
+"""Short names for the array types of this package: float64, float32, int64 and bool."""
 
 import numpy as np
 from numpy.typing import NDArray

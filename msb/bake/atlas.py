@@ -1,4 +1,4 @@
-"""Texture coordinates: a cell for each face of a soup, or the charts of xatlas for a connected mesh."""
+"""Texture coordinates: one cell per face of a triangle soup, or charts by xatlas for a connected mesh."""
 
 from __future__ import annotations
 
@@ -18,53 +18,58 @@ if TYPE_CHECKING:
 
 # Cells of a soup.
 #
-# Mip levels that must not mix two faces: the first entry that leaves each face the share `_MIN_SCALE` of the
-# texels it needs, along a side, else the last one. A level more halves the room for texels.
+# Number of smaller mip levels in which no texel mixes two faces. The first entry is used if it leaves faces
+# at least `_MIN_SCALE` times their requested side lengths, otherwise the second. Each further level doubles
+# the margins around faces.
 MIP_LEVELS = (2, 1)
 _MIN_SCALE = 0.7
-# Margin between a face and its cell in texels; more than the rounding of float32 coordinates.
+# Texels by which the legs of a face are shortened; more than the rounding error of float32 coordinates.
 _SLACK = 1 / 64
-# Steps of the bisection for the largest scale that fits; 16 steps find it to 2^-15.
+# Steps of the bisection that finds the largest scale that fits; 16 steps find it to within 2^-15.
 _BISECTIONS = 16
-# Largest ratio of the two legs of a face in the texture. Slimmer faces would waste the padding around them.
+# Largest ratio of the two legs of a face in the texture. A slimmer face would waste texels on its margin.
 _MAX_LEG_RATIO = 4.0
 
 # Charts of a connected mesh.
 #
-# Time limit of xatlas in seconds, far above any mesh of the benchmarks, so that a bake ends.
+# Time limit of xatlas in seconds. It is far above the time for any mesh of the benchmarks and only ensures
+# that a bake ends.
 _UNWRAP_LIMITS = Limits(seconds=900.0, memory=None)
-# Texels between charts: enough for two mip levels.
+# Texels between charts: enough to keep them separate in two smaller mip levels.
 _PADDING = 4
 # Texture coordinates are multiples of 1 / 65535, which files store in two bytes without loss.
 _COORDINATE_STEPS = 65535
-# Smallest scale of a chart relative to the median chart; its inverse is the largest. It keeps charts that a
-# view sees from very near from taking the whole texture.
+# Smallest scale of a chart relative to the median chart; the largest scale is its inverse. Without the
+# limits, charts that a camera sees from very near would fill the whole texture.
 _MIN_CHART_SCALE = 1 / 4
-# Faces that xatlas cuts at once. Its time grows with the square of their number: 48,000 faces took 23 s at
-# once, and 5 s in blocks of this size.
+# Largest number of faces that xatlas cuts into charts at once. Its time grows with the square of this number:
+# 48,000 faces took 23 s in one block, and 5 s in blocks of this size.
 _BLOCK_FACES = 8192
 
 
 class _Cells(NamedTuple):
-    """Rectangles of a texture and the faces in them, in blocks: texels of the last separate mip level."""
+    """Rectangular cells of a texture and the faces in them.
+
+    Lengths are in blocks. A block is a texel of the smallest mip level in which faces stay separate.
+    """
 
     # (C, 2) width and height of each cell.
     sides: Ints
-    # (F, 2) the legs of each face; 0 for a face that is a point at the centre of a texel.
+    # (F, 2) the lengths of the legs of each face; 0 for a face that is a point at the centre of a texel.
     legs: Ints
-    # (F,) the cell of each face.
+    # (F,) the index of the cell of each face.
     cell: Ints
-    # (F,) the number of each face among the faces of its cell.
+    # (F,) the index of each face among the faces of its cell.
     number: Ints
 
 
 def make_soup_atlas(corners: NDArray[Any], pixels: Floats, size: int) -> Singles:
     """Return texture coordinates (3F, 2) of faces that share no vertices, in a texture of size x size texels.
 
-    Each face is a right triangle; its legs have the ratio of its shorter sides. It gets one texel for each
-    pixel that shows it. If the texture is too small, all faces get the same share of that. Cells also stay
-    separate in smaller mip levels, see `MIP_LEVELS`. A face without pixels, or too small for a cell, is a
-    point of one colour.
+    In the texture, each face is a right triangle. The ratio of its legs is that of the two shorter sides of
+    the face. Its area is one texel per pixel that shows it; if the texture is too small, all areas are
+    reduced by the same factor. Faces also stay separate in smaller mip levels, see `MIP_LEVELS`. A face
+    becomes a point of one colour if no pixel shows it or if its longer leg is below half a block.
 
     Parameters
     ----------
@@ -101,7 +106,10 @@ def make_soup_atlas(corners: NDArray[Any], pixels: Floats, size: int) -> Singles
 
 
 def _pack(legs: Floats, blocks: int, block: int) -> tuple[float, _Cells, Ints | None]:
-    """Return the largest scale up to 1 with which legs (F, 2) fit, the cells, and their places (C, 2)."""
+    """Return the largest scale up to 1 at which legs (F, 2) fit, the cells, and their places (C, 2).
+
+    The places are None if the cells do not even fit at scale 0.
+    """
     low, high = 0.0, 2.0
     for _ in range(_BISECTIONS):
         scale = (low + high) / 2
@@ -116,19 +124,19 @@ def _pack(legs: Floats, blocks: int, block: int) -> tuple[float, _Cells, Ints | 
 
 
 def _make_cells(legs: Floats, block: int) -> _Cells:
-    """Return cells for faces with legs (F, 2) in blocks, which are rounded.
+    """Return cells for faces with legs (F, 2); the legs, in blocks, are rounded to whole blocks.
 
-    A mip level is sampled between the centres of its texels. So a face alone needs half a block of margin
-    around it, and two faces in one cell need two more blocks between them in each direction.
+    Sampling a mip level interpolates between texel centres. Therefore a single face needs a margin of half a
+    block on all sides, and two faces in one cell need two more blocks between them in each direction.
     """
     whole = np.rint(legs).astype(np.int64)
     whole = np.where(whole[:, :1] > 0, np.maximum(whole, 1), 0)
-    # Two faces share a cell, turned against each other, if that takes less room than two cells.
+    # Two faces share a cell, one of them rotated by 180 degrees, if that takes less room than two cells.
     is_point = whole[:, 0] == 0
     is_paired = (whole + 3).prod(axis=1) < 2 * (whole + 1).prod(axis=1)
     sides = []
     cell, number, count = np.zeros(len(legs), np.int64), np.zeros(len(legs), np.int64), 0
-    # For each kind of face: the faces of a cell, and the margin of the cell in blocks.
+    # For each kind of face: the mask, the number of faces per cell, and the margin of a cell in blocks.
     for chosen, per_cell, margin in (
         (is_paired, 2, 3),
         (~is_paired & ~is_point, 1, 1),
@@ -147,7 +155,7 @@ def _make_cells(legs: Floats, block: int) -> _Cells:
 
 
 def _fill_rows(sides: Ints, blocks: int) -> Ints | None:
-    """Return the places (C, 2) of cells in rows, the highest cells first; None if they do not fit."""
+    """Place cells in rows, the highest cells first; return their places (C, 2), None if they do not fit."""
     order = np.lexsort((-sides[:, 0], -sides[:, 1]))
     width, height = sides[order].T
     ends = np.cumsum(width)
@@ -172,7 +180,7 @@ def _place_corners(cells: _Cells, places: Ints, block: int) -> Floats:
     place, sides = (block * values[cells.cell][:, None] for values in (places, cells.sides))
     legs = block * cells.legs[:, None]
     corners = block / 2 + (legs - _SLACK) * np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
-    # The second face of a cell is turned by half a turn; points lie at the centres of texels.
+    # The second face of a cell is rotated by 180 degrees; points lie at the centres of texels.
     turned = np.where(cells.number[:, None, None] > 0, sides - corners, corners)
     points = np.stack([cells.number % block, cells.number // block], axis=1)[:, None] + 0.5
     return np.asarray(place + np.where(legs > 0, turned, points))
@@ -186,7 +194,8 @@ def make_chart_atlas(vertices: NDArray[Any], faces: Ints, pixels: Floats, size: 
     vertices : (V, 3) float
     faces : (F, 3) int64
     pixels : (F,) float64
-        The number of pixels that show each face. Charts are scaled by the sum over their faces.
+        The number of pixels that show each face. The area of a chart in texels is proportional to the sum
+        over its faces.
     size : int
         Texels along a side.
 
@@ -198,9 +207,9 @@ def make_chart_atlas(vertices: NDArray[Any], faces: Ints, pixels: Floats, size: 
         MESH_ARRAY: xatlas fails.
     """
     need_xatlas()
-    # xatlas drops faces with an area below 1e-7, so scale the mesh to an average area of 1.
+    # xatlas drops faces with an area below 1e-7, so scale the mesh to an average face area of 1.
     points = vertices.astype(np.float64)
-    area = float(_areas(points[faces]).mean())
+    area = float(_measure_areas(points[faces]).mean())
     points = (points - points[faces].mean(axis=(0, 1))) / np.sqrt(area if area > 0 else 1)
     arrays = {
         "vertices": points.astype(np.float32),
@@ -219,7 +228,7 @@ def need_xatlas() -> None:
 
 
 def unwrap_in_child(word: str, arrays: Arrays) -> tuple[Any, Arrays]:
-    """Unwrap a mesh for a texture of `word` texels along a side; a `Work` of `msb.base.children`."""
+    """Unwrap a mesh for a texture of `word` texels along a side (a `Work` of `msb.base.children`)."""
     import xatlas
 
     packing = xatlas.PackOptions()
@@ -228,7 +237,8 @@ def unwrap_in_child(word: str, arrays: Arrays) -> tuple[Any, Arrays]:
     # Scale each chart so that its area is the number of pixels of its faces, within limits.
     face_chart = chart[faces[:, 0]]
     area, pixels = (
-        np.bincount(face_chart, values, len(plane)) for values in (_areas(plane[faces]), arrays["pixels"])
+        np.bincount(face_chart, values, len(plane))
+        for values in (_measure_areas(plane[faces]), arrays["pixels"])
     )
     scale = np.sqrt(pixels / np.where(area > 0, area, 1))
     median = float(np.median(scale[pixels > 0])) if pixels.any() else 1.0
@@ -247,7 +257,7 @@ def unwrap_in_child(word: str, arrays: Arrays) -> tuple[Any, Arrays]:
 
 
 def _cut_charts(vertices: Singles, faces: NDArray[np.uint32]) -> tuple[Floats, Ints, Ints]:
-    """Return flattened charts: places (n, 2) of vertices, faces (F, 3), and the chart (n,) of each vertex."""
+    """Return flat charts: vertex coordinates (n, 2), faces (F, 3), and the chart (n,) of each vertex."""
     import xatlas
 
     cut = xatlas.Atlas()
@@ -268,13 +278,14 @@ def _cut_charts(vertices: Singles, faces: NDArray[np.uint32]) -> tuple[Floats, I
         places.append(uv.astype(np.float64) * (cut.width, cut.height))
         charts.append(np.asarray(cut.get_mesh_vertex_assignment(number)[1]).astype(np.int64))
     chart = np.concatenate(charts)
-    # Faces without an area are in no chart, which xatlas marks by a huge number. They are invisible.
+    # xatlas assigns faces without an area to no chart and gives them a huge chart number. They are invisible,
+    # so any chart will do.
     chart[chart >= cut.chart_count] = 0
     return np.concatenate(places), joined, chart
 
 
 def _split_blocks(centers: Singles) -> list[Ints]:
-    """Return the numbers of faces with these centres (F, 3) in compact blocks of at most `_BLOCK_FACES`."""
+    """Divide faces with these centres (F, 3) into compact blocks of at most `_BLOCK_FACES` face numbers."""
     blocks = [np.arange(len(centers))]
     while len(blocks[0]) > _BLOCK_FACES:
         halves = []
@@ -286,7 +297,7 @@ def _split_blocks(centers: Singles) -> list[Ints]:
     return blocks
 
 
-def _areas(corners: Floats) -> Floats:
+def _measure_areas(corners: Floats) -> Floats:
     """Return the areas (F,) of triangles (F, 3, 2 | 3)."""
     a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     squares = (a * a).sum(axis=1) * (b * b).sum(axis=1) - np.square((a * b).sum(axis=1))

@@ -30,7 +30,8 @@ class BlendingWeights:
     weight : (F,) float64
         The blending weight of each face, in pixels (see `msb.render.shares`).
     color : (F, 3) float64
-        The average of the images at the face, weighted likewise; 0.5 if the weight is 0.
+        The average colour of the images where they show the face, weighted by its blending weight; 0.5 if the
+        weight is 0.
     pixels : int
         The number of pixels of all images.
     """
@@ -45,8 +46,8 @@ def measure_blending_weights(
 ) -> BlendingWeights | None:
     """Return the blending weights of the faces of `asset` in the views of `images`.
 
-    The tier is the dedicated one, or the standard one if the method has no native rendering. None if a
-    renderer does not report which face a pixel shows. Raises the errors of `msb.Renderer`.
+    They are measured on the dedicated tier, or on the standard tier if the method has no native rendering.
+    Return None if the renderer does not report which face a pixel shows. Raises the errors of `msb.Renderer`.
     """
     tier: Tier = "standard" if why_not(asset.manifest, "dedicated") else "dedicated"
     views = ((camera, images.image(number)) for number, camera in enumerate(images.cameras))
@@ -68,7 +69,8 @@ def count_pixels_by_view(
     mesh: Mesh, cameras: Iterable[Camera], device: str | Device | None = None
 ) -> Iterator[Ints]:
     """Yield for each camera the number of pixels (F,) that show each face of an opaque mesh."""
-    black = replace(mesh, vertex_colors=np.zeros((len(mesh.vertices), 3), np.uint8))  # or it would be lit
+    # Without colours the mesh would be lit.
+    black = replace(mesh, vertex_colors=np.zeros((len(mesh.vertices), 3), np.uint8))
     with Renderer(asset_from_mesh(black), "standard", device) as renderer:
         for camera in cameras:
             faces = renderer.render(camera).face_id

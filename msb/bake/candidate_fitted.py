@@ -18,7 +18,7 @@ from msb.bake.opaque_model import prune_faces, to_opaque_mesh
 from msb.bake.soup import Soup
 from msb.meshes.mesh import Mesh
 
-# Rounds of the face selection that hide faces before any face moves: in 12 rounds of 8 % each face is tried
+# Rounds that hide faces before any face moves. A round tries 8 % of the faces, so 12 rounds try each face
 # about once.
 _HIDING_ROUNDS = 12
 # Steps of the descent without a time limit: about 20 s for a demo model on two cores.
@@ -28,15 +28,18 @@ _STEPS = 400
 _STEP_LENGTHS = 0.015, 0.0005
 # Pixels of the largest image that moves faces. Larger images take longer in proportion.
 PIXELS_TO_MOVE = 1 << 18
-# A method without static colours varies within each face. Up to this number of faces they are quartered, if
-# the face budget allows; more would not fit into the pixels of the images.
+# The colours of a method without static colours vary within each face. Its faces are therefore cut into four,
+# unless more than this number of faces or than the face budget would result. More faces would be too small
+# for the pixels of the images.
 _MAX_QUARTERED = 20_000
-# Face budget: covered pixels of a view per moved face. Smaller faces follow the pixel grid and cost dB.
+# Default face budget: one moved face per 2.5 pixels of a view that show the model. Smaller faces follow the
+# pixel grid of the training images, and the PSNR of other views falls.
 _PIXELS_PER_FACE = 2.5
-# If there is room for more faces, the largest ones are halved, up to one face per 5.5 pixels of a view. More
-# pieces cost dB.
+# If the budget has room for more faces, the largest ones are halved, up to one piece per 5.5 pixels of a
+# view. More pieces reduce the PSNR.
 _PIXELS_PER_PIECE = 5.5
-# Growth of the piece size per trial, until the number of pieces is within the budget: it is met to 9 %.
+# Factor by which the target size of a piece grows until the number of pieces is within the limit. The result
+# is at most about 9 % below the limit.
 _PIECE_GROWTH = 2 ** (1 / 8)
 
 
@@ -52,19 +55,19 @@ def make_fitted(
     """Return an opaque soup made of the triangles of `asset`, with corner colours, and notes for the user.
 
     Triangles are pruned by their blending weights, then moved, hidden and shown to match the training images;
-    the validation images decide which state is best. The search ends after `seconds`. If it was not cut short
-    the result is the same in every run on one device.
+    the validation images decide which state is best. The search ends after `seconds`. If that suffices for
+    all steps, every run on one device has the same result.
 
-    If the images have too few pixels for the triangles, these are not moved. With `faces`, the triangles with
-    the most pixels are selected then.
+    If the images have too few pixels per triangle, no triangle is moved. With `faces`, the triangles that
+    cover the most pixels are then selected.
 
     Parameters
     ----------
     faces : int, optional
         The face budget.
     pixels : int, optional
-        Pixels of a view. Without `faces`, the share of them that shows the model gives the face budget, and
-        large faces are halved if few were selected.
+        The number of pixels of a view. Without `faces`, the number of those that show the model gives the
+        face budget. Large faces are halved if the budget has room for more faces.
 
     Raises
     ------
@@ -98,7 +101,7 @@ def make_fitted(
                 soup.selected[np.argsort(-face_pixels, kind="stable")[faces:]] = False
                 soup.refit_colors(renderer)
             average = renderer.pixels_per_face(soup.selected_count)
-            text = f"{soup.selected_count:,} triangles have {average:.1f} pixels of a view on average"
+            text = f"{soup.selected_count:,} triangles have {average:.1f} pixels each in an average view"
             return soup.to_mesh(), [f"{text}, too few to move them; they were only selected and coloured"]
         for _ in range(_HIDING_ROUNDS):
             toggle_faces(soup, renderer, random, show=False)
@@ -113,9 +116,9 @@ def make_fitted(
 
 
 def _plan_halving(pixels: Floats, most: int) -> Ints:
-    """Return how often (F,) to halve faces with these pixels (F,), so that there are at most `most` pieces.
+    """Return the number of halvings (F,) of faces that cover `pixels` (F,), for at most `most` pieces in all.
 
-    Pieces have about the same number of pixels, at least `FINE_PIXELS`.
+    All pieces cover about the same number of pixels, at least `FINE_PIXELS`.
     """
     times = np.zeros(len(pixels), np.int64)
     piece = FINE_PIXELS

@@ -1,4 +1,4 @@
-"""The candidate `kept`: the model's own triangles, pruned, in the best static colours."""
+"""The candidate `kept`: the model's triangles, pruned, with fitted static colours."""
 
 from msb.asset import Asset
 from msb.bake.blending_weights import BlendingWeights
@@ -11,26 +11,27 @@ from msb.meshes.mesh import Mesh
 from msb.repair.assets import repair_mesh
 from msb.repair.plan import Options
 
-# Rounds of the face selection, rounds between validations, and validations without a gain that end it. In 60
-# rounds of 8 % of the faces each face is tried about five times.
+# Largest number of rounds of the face selection, rounds between two validations, and number of successive
+# validations without a gain that end it. A round tries 8 % of the faces, so 60 rounds try each face about
+# five times.
 _ROUNDS, _VALIDATION_STEP, _PATIENCE = 60, 5, 6
 # Pixels of the largest image that selects faces. Larger images take longer; colours are fitted to the full
 # images in any case.
 _SELECTION_PIXELS = 1 << 17
-# Average pixels per face in a view below which images with four times the pixels select faces. A garden of
-# small faces reaches 21.8 dB with it.
+# With fewer pixels per face in an average view than this, faces are selected with images of four times the
+# pixels. With the larger images a garden of small faces reaches 21.8 dB.
 FINE_PIXELS = 4.0
-# Average pixels per face in a view below which no face is selected or moved by its error: sampling noise
-# would decide.
+# With fewer pixels per face in an average view than this, faces are neither selected nor moved, because
+# sampling noise would decide.
 MIN_FACE_PIXELS = 2.0
 
 
 def make_kept(asset: Asset, context: SearchContext, weights: BlendingWeights | None = None) -> Mesh:
     """Return the model's triangles without pruned ones, with vertex colours fitted to the training images.
 
-    The validation images decide which triangles are pruned. None is pruned if the images show the model's own
-    mesh. Shared vertices stay shared and have one colour; a mesh that is not manifold or not consistently
-    wound is repaired. Unseen triangles keep their colours.
+    The validation images decide which triangles are pruned. No triangle is pruned if the images are
+    standard-tier images of the same triangles. Shared vertices stay shared and have one colour; a mesh that
+    is not manifold or not consistently wound is repaired. Unseen triangles keep their colours.
 
     Raises
     ------
@@ -53,19 +54,20 @@ def make_kept(asset: Asset, context: SearchContext, weights: BlendingWeights | N
 
 
 def rejoin_cuts(mesh: Mesh) -> Mesh:
-    """Return a kept mesh with a texture, with the cuts closed that its vertex colours needed."""
+    """Return a textured kept mesh without the cuts that only its vertex colours needed."""
     if is_uncut_soup(mesh.vertices, mesh.faces):
         return mesh
     whole = merge_seams(mesh)
     if whole is mesh:
         return mesh
-    # The first repair did not see faces that met at a cut. Cuts that a repair had made are made again.
+    # The repair in `make_kept` treated the two sides of a cut as unconnected. So repair the merged mesh,
+    # which also restores the cuts of the first repair.
     repaired = repair_mesh(whole, Options())[0]
     return repaired if len(repaired.vertices) < len(mesh.vertices) else mesh
 
 
 def limit_for_selection(context: SearchContext, faces: int) -> SearchContext:
-    """Return the context with images that are large enough to select among `faces` faces, and no larger."""
+    """Return the context with images limited to the pixels that a selection among `faces` faces needs."""
     usual, larger = (context.limited_to(factor * _SELECTION_PIXELS) for factor in (1, 4))
     is_fine = usual.training.max_pixels >= FINE_PIXELS * faces
     is_hopeless = larger.training.max_pixels < MIN_FACE_PIXELS * faces

@@ -1,4 +1,4 @@
-"""The candidate `surface`: one closed surface of a soup, from the votes of its depth maps, with few faces."""
+"""The candidate `surface`: a closed surface of few faces around the solid cells that depth maps vote for."""
 
 import math
 import time
@@ -25,28 +25,30 @@ from msb.errors import AssetError
 from msb.meshes.mesh import Mesh
 from msb.scenes import Camera
 
-# Default face budget of an object. With it the demo surfaces come within 0.9 dB of the native rendering.
+# Default face budget of an object. With it the PSNR of the demo surfaces is at most 0.9 dB below that of the
+# native rendering.
 OBJECT_FACES = 8_000
-# Bounds of the default face budget of a scene, and the pixels of a view per face between them. More faces
-# take longer in each step.
+# Smallest and largest default face budget of a scene. Between them the budget is one face per 2 pixels of a
+# view. More faces make each step slower.
 SCENE_FACES = 20_000, 50_000
 _PIXELS_PER_FACE = 2
 # Cells along the longest side of the first grid. Half and twice as many are tried as well.
 CELLS = 144
-# Fewest cells that are tried: half of 144 three times.
+# Fewest cells along the longest side that are tried: 144 halved three times.
 _MIN_CELLS = 18
-# Double the grid while the finer one has at most 75 % of the error. Otherwise a finer grid follows the noise
-# of the soup, which moving vertices does not remove. 288 cells of an uneven soup cost up to 8 dB; once half
-# as many cells are worse by a quarter, twice as many gained up to 1.4 dB.
+# Try 288 cells only if 144 cells have less than 75 % of the error of 72 cells. Otherwise the finer grid
+# follows the noise of the soup, which moving vertices does not remove. On an uneven soup 288 cells cost up to
+# 8 dB; where the condition holds, they gained up to 1.4 dB.
 _MAX_ERROR_RATIO = 0.75
-# Seconds for the vertices below which only one grid is tried, as others take many times as long on a scene.
+# If the vertices may move for fewer seconds than this, only one grid is tried: further grids of a scene would
+# take many times as long.
 _MIN_SECONDS_TO_COMPARE = 2.0
 # A note reports a face count that differs from the budget by more than this factor.
 _BUDGET_TOLERANCE = 1.25
-# Up to this face budget a reduction in two steps is tried as well, which keeps thin parts. With more faces it
-# is rarely better.
+# Up to this face budget a reduction in two steps is tried as well, because it preserves thin parts. With more
+# faces it is rarely better.
 _TWO_STEP_FACES = 4_000
-# Share of the pixels of all views below which a part is a speck and is removed.
+# A part that covers less than this share of the pixels of all views is a speck and is removed.
 MIN_PART_SHARE = 1e-4
 
 
@@ -59,7 +61,7 @@ class ClosedSurface(NamedTuple):
 
 
 class ReducedSurface(NamedTuple):
-    """A closed surface with about `budget` faces, reduced from one of `original_faces`.
+    """A closed surface with about `budget` faces, reduced from `original_faces` faces.
 
     `error` is its validation error with the best vertex colours.
     """
@@ -81,8 +83,8 @@ def make_surface(
     """Return a closed, manifold, consistently wound mesh that looks like `soup`, and notes for the user.
 
     The depths of the opaque soup in the training views define a solid. Its boundary is reduced to about
-    `faces` faces, by default as many as views of `pixels` pixels can show. Then its vertices move for at most
-    `seconds` while the validation images improve. It has vertex colours.
+    `faces` faces, by default as many as views of `pixels` pixels can show. Then its vertices are moved for at
+    most `seconds`, and the state with the smallest validation error is kept. The result has vertex colours.
 
     An object is enclosed from outside. A scene, which reaches beyond its cameras, is enclosed from inside:
     its faces look inwards, and a far shell shows the sky.
@@ -111,7 +113,7 @@ def make_surface(
 def _choose_grid(reduce_grid: Callable[[int], ReducedSurface]) -> ReducedSurface:
     """Return the surface of the number of cells with the smallest validation error.
 
-    Few cells suit a soup that the views hardly determine, many suit leaves.
+    A coarse grid suits a soup that the views hardly determine, a fine grid suits leaves.
     """
     best, coarse = reduce_grid(CELLS), reduce_grid(CELLS // 2)
     if best.error < _MAX_ERROR_RATIO * coarse.error:
@@ -135,7 +137,7 @@ def enclose(
     """Return the closed surface around the visible parts of a soup.
 
     `cells` is the number of cells along the longest side, for an object and for a scene. `margin` is the
-    distance in cells of closed unseen sides from an object.
+    distance in cells from an object at which its unseen sides are closed.
 
     Raises
     ------
@@ -144,7 +146,7 @@ def enclose(
     DeviceError
     """
     with closing(DepthRenderer(soup, device)) as renderer:
-        points = renderer.visible_points(cameras)
+        points = renderer.sample_visible_points(cameras)
         if not len(points):
             text = "no view sees an opaque part of the model, so no surface can be made; pass other cameras"
             raise AssetError("TRIASSET_EMPTY", text)
@@ -164,7 +166,7 @@ def enclose(
 def _drop_specks(
     surface: ClosedSurface, cameras: Sequence[Camera], device: str | Device | None
 ) -> ClosedSurface:
-    """Return the parts of a surface that cameras see enough of, and the most visible one."""
+    """Return a surface without specks (see `MIN_PART_SHARE`). The most visible part is never dropped."""
     points, faces, space = surface
     if not len(faces):
         return surface
@@ -228,7 +230,7 @@ def _fit_surface(
     """Return a surface with its vertices moved and coloured to match the images, and notes for the user."""
     (points, faces, space), budget, original_faces, _ = reduced
     if not len(faces):
-        text = f"no closed surface is left with {budget} faces; ask for more"
+        text = f"no closed surface is left with {budget} faces; request more faces"
         raise AssetError("TRIASSET_EMPTY", text)
     mesh = _to_mesh(reduced.surface)
     start = mesh if colored is None else copy_nearest_colors(colored, mesh)
@@ -245,23 +247,24 @@ def _fit_surface(
     mesh = closed_mesh.separate_vertices(soup.apply_to(_move_vertices(mesh, soup)))
     notes = schedule.notes("moving the vertices")
     if len(faces) > _BUDGET_TOLERANCE * budget:
-        notes.append(f"it has {len(faces):,} faces instead of {budget:,}, which it needs to stay closed")
+        notes.append(f"the surface needs {len(faces):,} faces instead of {budget:,} to stay closed")
     elif len(faces) * _BUDGET_TOLERANCE < min(budget, original_faces):
-        notes.append(f"it has {len(faces):,} faces instead of {budget:,}; the others were in unseen parts")
+        text = f"the surface has {len(faces):,} faces instead of {budget:,}"
+        notes.append(f"{text}, because unseen parts were removed")
     crossing = closed_mesh.find_crossing_faces(
         space.from_world(mesh.vertices.astype(np.float64)), faces, space
     )
     if len(crossing):
-        notes.append(f"{len(crossing):,} faces cross others and could not be repaired")
+        notes.append(f"{len(crossing):,} faces of the surface cross others and could not be repaired")
     return mesh, notes
 
 
 def _reduce(surface: ClosedSurface, budget: int, context: SearchContext) -> ReducedSurface:
-    """Return the surface with about `budget` faces and without crossings, the best of some ways to make it.
+    """Return the best of two or three surfaces with about `budget` faces and without crossings.
 
-    The first spares faces in unseen parts, which is best unless coarse unseen parts cut through visible ones.
-    The second keeps unseen parts. With a small budget the third makes twice as many faces first, so that thin
-    parts are repaired on the way.
+    For the first, unseen parts are made coarse beforehand. This is best unless the coarse parts cut through
+    visible ones. The second keeps unseen parts as they are. With a small budget there is a third, which is
+    first reduced to twice as many faces, so that thin parts are repaired in between.
     """
     budget, original_faces = max(budget, MIN_CLOSED_FACES), len(surface.faces)
     cameras, space = context.training.cameras, surface.space
@@ -272,7 +275,7 @@ def _reduce(surface: ClosedSurface, budget: int, context: SearchContext) -> Redu
     if budget <= _TWO_STEP_FACES:
         starts.append(_reduce_uncrossed(spared, 2 * budget, context))
     candidates = (_reduce_uncrossed(start, budget, context) for start in starts)
-    errors = ((candidate, _validation_error(candidate, context)) for candidate in candidates)
+    errors = ((candidate, _measure_validation_error(candidate, context)) for candidate in candidates)
     best, error = min(errors, key=lambda pair: pair[1])
     return ReducedSurface(best, budget, original_faces, error)
 
@@ -285,7 +288,7 @@ def _reduce_uncrossed(surface: ClosedSurface, count: int, context: SearchContext
     return _drop_specks(ClosedSurface(*reduced, space), context.training.cameras, context.device)
 
 
-def _validation_error(surface: ClosedSurface, context: SearchContext) -> float:
+def _measure_validation_error(surface: ClosedSurface, context: SearchContext) -> float:
     """Return the validation error of a surface with the best vertex colours; infinite without a face."""
     if not len(surface.faces):
         return math.inf

@@ -1,4 +1,4 @@
-"""Closed meshes: extracted from votes, limited to their visible parts, reduced, repaired and uncrossed."""
+"""Closed meshes: extraction from votes, face reduction, repair, and removal of crossing faces."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msb.bake.arrays import Floats, Ints, Mask, Singles
-from msb.bake.color_fit import edge_laplacian
+from msb.bake.color_fit import make_edge_laplacian
 from msb.bake.options import MIN_CLOSED_FACES
 from msb.meshes.mesh import Mesh
 from msb.topology.components import label_components
@@ -31,20 +31,22 @@ _MIN_VOTE = 0.002
 
 # Reduction of the faces.
 #
-# Growth of the allowed error per pass of the edge collapse. The first gives better meshes, but may end above
-# the face budget; the second is the default of the library.
+# Growth of the allowed error per pass of the edge collapse: the parameter `agg` of fast_simplification. The
+# first value gives better meshes, but may end above the face budget; the second is the library's default.
 _AGGRESSIVENESS, _HIGH_AGGRESSIVENESS = 5, 7
-# Unseen parts are merged while the merged vertices together cover fewer pixels of an average view than the
-# first number, and than the second times the average of all vertices. A walled scene has 10 % of its faces in
-# unseen parts with it instead of 43 %, and gains 0.3 dB.
+# Two vertices of hardly visible parts are merged if both together cover less than either limit. The first
+# limit is in pixels of an average view. The second is relative to the pixels of an average vertex after the
+# reduction. With these limits a walled scene has 10 % of its faces in unseen parts instead of 43 %, and gains
+# 0.3 dB.
 _MAX_MERGED_PIXELS, _MAX_MERGED_SHARE = 2.0, 0.1
-# Collapses are planned down to this share of the face budget. Unseen parts become at most as coarse.
+# The merges follow the edge collapses of a reduction to this share of the face budget. So unseen parts become
+# at most as coarse as that reduction.
 _COARSEST_SHARE = 1 / 8
-# A surface is first reduced to this multiple of the face budget, once for all ways to reduce it further. It
-# saves a fifth of the time and loses no detail that a later step needs.
+# A surface is first reduced to this multiple of the face budget, once for all variants of the further
+# reduction. This saves a fifth of the time and loses no detail that a later step needs.
 _DETAIL_FACTOR = 32
-# Radius in a scene's space within which errors count about alike; further out they count by the logarithm of
-# the distance.
+# Radius in a scene's space within which all errors have about the same weight. Beyond it lengths are measured
+# on a logarithmic scale.
 _MIDDLE_RADIUS = 0.3
 
 # Repair of slivers and crossing faces.
@@ -53,21 +55,21 @@ _MIDDLE_RADIUS = 0.3
 _SLIVER_AREA = 1e-3
 # Largest number of rounds of a repair. A round that leaves open faces removes them and starts again.
 _REPAIR_ROUNDS = 5
-# Largest number of rounds of smoothing the corners of crossing faces. Each time this second number of rounds
-# is over, a further ring of neighbours is included.
+# Largest number of rounds of smoothing the corners of crossing faces. After every `_WIDEN_ROUNDS` rounds a
+# further ring of neighbours is smoothed as well.
 _SMOOTH_ROUNDS, _WIDEN_ROUNDS = 32, 8
-# Largest number of rounds of reverting the corners of crossing faces, before all corners are reverted. A
-# round can make other faces cross.
+# Largest number of rounds that revert the corners of crossing faces; after these all corners are reverted.
+# More than one round is needed, because a round can make other faces cross.
 _REVERT_ROUNDS = 60
-# Largest number of times that faces which still cross are cut out and the hole is closed.
+# Largest number of rounds that cut out faces that still cross, and close the holes.
 _CUT_ROUNDS = 6
-# A vertex at the place of another one moves by this share of the way to the average centre of its faces. The
-# move is invisible, and larger than the rounding of float32.
+# If two vertices have the same place, one moves by this share of the way to the average centre of its faces.
+# The move is invisible, but larger than the rounding error of float32.
 _SEPARATION = 1e-3
 
 
 def extract_boundary(values: Singles, grid: Grid, outside: float) -> tuple[Floats, Ints]:
-    """Return the closed boundary (V, 3), (F, 3) of negative cells; cells beyond the grid are `outside`."""
+    """Return the closed boundary (V, 3), (F, 3) of negative cells; `outside` is the value beyond the grid."""
     from skimage.measure import marching_cubes
 
     padded = np.pad(values, 1, constant_values=outside)
@@ -83,7 +85,7 @@ def label_parts(points: Floats | Singles, faces: Ints) -> NDArray[np.int32]:
 
 
 def select_visible_parts(points: Floats, faces: Ints, pixels: Ints, least: float) -> Mask:
-    """Return the faces (F,) of parts that at least `least` pixels show, and of the most visible part.
+    """Return a mask (F,) of the parts that at least `least` pixels show, and of the most visible part.
 
     `pixels` (F,) is the number of pixels that show each face.
     """
@@ -103,8 +105,8 @@ def drop_unused_points(points: Floats, faces: Ints) -> tuple[Floats, Ints]:
 def reduce_faces(points: Floats, faces: Ints, count: int, space: Space) -> tuple[Floats, Ints]:
     """Return the surface with about `count` faces by quadric error, repaired to a closed manifold.
 
-    The middle of a scene, which its cameras look at, gets more faces: errors are measured in a space where
-    lengths grow as the logarithm of the distance to it.
+    The middle of a scene, which its cameras look at, gets more faces: errors are measured in coordinates in
+    which the distance from the middle is replaced by its logarithm.
     """
     for aggressiveness in (_AGGRESSIVENESS, _HIGH_AGGRESSIVENESS):
         points, faces = _reduce(points, faces, count, space, aggressiveness)
@@ -132,13 +134,13 @@ def coarsen_unseen(
     """Return the surface with its hardly visible parts merged, so that they use up few of `count` faces.
 
     `pixels` (F,) is the number of pixels of an average view that show each face. Vertices are merged along
-    edges that quadric error would collapse, so that the surface keeps its shape. Faces may touch at an edge
-    afterwards.
+    edges that quadric error would collapse, so that the surface keeps its shape. More than two faces may meet
+    at an edge afterwards.
     """
     if len(faces) <= count:
         return points, faces
-    # The edges (n, 2) in the order of their collapse by quadric error: the vertex that stays, the one that
-    # goes.
+    # The edges (n, 2) in the order of their collapse by quadric error: the vertex that stays, the vertex that
+    # is removed.
     placed = _to_logarithm(points) if space.contracted else points
     target = max(int(count * _COARSEST_SHARE), MIN_CLOSED_FACES)
     *_, collapses = _collapse_edges(placed, faces, target, _AGGRESSIVENESS)
@@ -146,7 +148,7 @@ def coarsen_unseen(
     # as faces.
     vertex_pixels = np.bincount(faces.reshape(-1), np.repeat(pixels / 3, 3), len(points))
     most = min(_MAX_MERGED_PIXELS, _MAX_MERGED_SHARE * vertex_pixels.sum() / (count / 2))
-    # Follow the collapses while the merged vertices cover few pixels together.
+    # Apply each collapse whose two vertices together cover few pixels.
     covered, into = vertex_pixels.tolist(), list(range(len(points)))
     for stays, goes in collapses.tolist():
         together = covered[stays] + covered[goes]
@@ -166,18 +168,18 @@ def _collapse_edges(
 ) -> tuple[Floats, Ints, NDArray[np.int32]]:
     """Return the surface with about `count` faces, and the collapsed edges (n, 2) in their order.
 
-    An edge is the number of the vertex that stays and of the one that goes.
+    An edge is a pair of vertex numbers: the vertex that stays and the vertex that is removed.
     """
     import fast_simplification
 
-    fewer, kept, collapses = fast_simplification.simplify(
+    reduced, rest, collapses = fast_simplification.simplify(
         points.astype(np.float32),
         faces.astype(np.int32),
         target_count=count,
         agg=aggressiveness,
         return_collapses=True,
     )
-    return fewer.astype(np.float64), kept.astype(np.int64), collapses
+    return reduced.astype(np.float64), rest.astype(np.int64), collapses
 
 
 def _to_logarithm(points: Floats) -> Floats:
@@ -191,12 +193,13 @@ def _from_logarithm(points: Floats) -> Floats:
 
 
 def repair_closed(points: Floats, faces: Ints) -> tuple[Floats, Ints]:
-    """Return a closed, consistently wound manifold: faces that touch at an edge are split, holes closed.
+    """Return a closed, consistently wound manifold: separate surfaces that touch at an edge, close holes.
 
-    If that fails, faces are removed and the hole is closed again; a part that stays open is removed.
+    Faces that stay open are removed, and the holes are closed again. After several rounds, parts that are
+    still open are removed.
     """
     for _ in range(_REPAIR_ROUNDS):
-        # Pair the faces at edges of more than two, turn them, and close the holes.
+        # Pair the faces at edges with more than two faces, make the winding consistent, and close the holes.
         points, faces = drop_unused_points(points, _drop_flaps(faces))
         change = pair(points, faces)
         points, faces = points[change.vertex_map], change.faces.astype(np.int64)
@@ -206,7 +209,7 @@ def repair_closed(points: Floats, faces: Ints) -> tuple[Floats, Ints]:
         is_open = _find_open_faces(faces)
         if not is_open.any():
             points, faces = drop_unused_points(points, faces)
-            # Separate copies of a vertex here, so that the removal of crossings takes it into account.
+            # Separate vertices at one place here, so that the removal of crossings sees their final places.
             return separate_vertices(Mesh(points, faces)).vertices, faces
         faces = faces[~is_open]
     label = label_parts(points, faces)
@@ -236,7 +239,7 @@ def _close_holes(points: Floats, faces: Ints) -> tuple[Floats, Ints]:
 
 
 def _find_open_faces(faces: Ints) -> Mask:
-    """Return the faces (F,) with an edge that no other face traverses in the opposite direction."""
+    """Return a mask (F,) of faces with an edge that no other face traverses in the opposite direction."""
     count = int(faces.max(initial=0)) + 1
     start, stop = faces.reshape(-1), np.roll(faces, -1, axis=1).reshape(-1)
     is_lone = np.isin(start * count + stop, stop * count + start, invert=True)
@@ -246,8 +249,9 @@ def _find_open_faces(faces: Ints) -> Mask:
 def remove_crossings(points: Floats, faces: Ints, space: Space) -> tuple[Floats, Ints]:
     """Return a closed surface at points (V, 3) of `space` without faces that cross in the world.
 
-    Corners of crossing faces are smoothed. If that does not help, the faces around are cut out and the hole
-    is closed. Faces that still cross then remain.
+    Corners of crossing faces are smoothed. If that does not help, these faces and their neighbours are cut
+    out and the hole is closed. If faces still cross after several rounds, the surface with the fewest
+    crossing faces is returned.
     """
     best, fewest = (points, faces), np.inf
     for _ in range(_CUT_ROUNDS):
@@ -265,11 +269,11 @@ def remove_crossings(points: Floats, faces: Ints, space: Space) -> tuple[Floats,
 def _smooth_crossings(points: Floats, faces: Ints, space: Space) -> tuple[Floats, Ints]:
     """Return smoothed points (V, 3) with fewer crossing faces, and the numbers of faces that still cross.
 
-    Corners of crossing faces and, in the first rounds, of slivers move half way to the average of their
-    neighbours; if faces still cross after some rounds, their neighbours move with them.
+    Corners of crossing faces move half way to the average of their neighbours; in the first rounds corners of
+    slivers do, too. If faces still cross after some rounds, the neighbours of these corners move as well.
     """
     points = points.copy()
-    neighbours = neighbour_average(faces, len(points))
+    neighbours = make_neighbour_average(faces, len(points))
     moved = np.ones(len(points), bool)
     for turn in range(_SMOOTH_ROUNDS):
         crossing = find_crossing_faces(points, faces, space, moved)
@@ -294,7 +298,7 @@ def _find_slivers(points: Floats, faces: Ints) -> Ints:
 def revert_crossings(points: Floats, good: Floats, faces: Ints, space: Space) -> Floats:
     """Return points (V, 3) with corners of crossing faces moved back to `good` (V, 3).
 
-    Only faces that cross in `good` still cross then.
+    In the result, only faces cross that already cross with the points `good`.
     """
     points = points.copy()
     moved = np.ones(len(points), bool)
@@ -325,11 +329,11 @@ def find_crossing_faces(points: Floats, faces: Ints, space: Space, moved: Mask |
     return np.unique(find_crossing_pairs(corners, places, tested))
 
 
-def neighbour_average(faces: Ints, count: int) -> csr_matrix:
+def make_neighbour_average(faces: Ints, count: int) -> csr_matrix:
     """Return the matrix (V, V) that maps values at vertices to the averages over their neighbours."""
     import scipy.sparse as sparse
 
-    laplacian = edge_laplacian(faces, count)
+    laplacian = make_edge_laplacian(faces, count)
     degree = laplacian.diagonal()
     return (sparse.diags(1 / np.maximum(degree, 1)) @ (sparse.diags(degree) - laplacian)).tocsr()
 
@@ -343,14 +347,14 @@ def separate_vertices(mesh: Mesh) -> Mesh:
     vertices, corners = mesh.vertices.copy(), mesh.faces.reshape(-1)
     count = np.bincount(corners, minlength=len(vertices))
     for _ in range(_REPAIR_ROUNDS):
-        # The vertices that repeat the place of an earlier one, and are used by a face.
+        # Numbers (n,) of the used vertices at the place of an earlier vertex.
         _, place = np.unique(vertices, axis=0, return_inverse=True)
         order = np.argsort(place, kind="stable")
         again = order[1:][np.diff(place[order]) == 0]
         again = again[count[again] > 0]
         if not len(again):
             break
-        # Average centres (n, 3) of the faces of each of them, weighted by their corners.
+        # The average centre (n, 3) of the faces of each of these vertices; move the vertex towards it.
         centers = np.repeat(vertices[mesh.faces].mean(axis=1), 3, axis=0)
         sums = [np.bincount(corners, axis, len(vertices))[again] for axis in centers.T]
         means = np.stack(sums, axis=1) / count[again, None]

@@ -1,9 +1,9 @@
-"""Collision shapes: closed, of few faces, near the visible surface of a mesh.
+"""Collision shapes: closed meshes of few faces near the visible surface of a mesh.
 
 A shape is made of a closed surface: the mesh itself, or an enclosure of the visible parts of an open mesh.
-For an object it is that surface with fewer faces, or the convex parts that CoACD cuts it into. For a scene it
-is a thin sheet behind the visible surface. If nothing is closed, hulls of patches are used. There always is a
-shape, and it reports its kind.
+For an object, the shape is that surface with fewer faces, or the convex parts that CoACD cuts it into. For a
+scene, it is a thin sheet behind the visible surface. If there is no closed surface, convex hulls of patches
+of the mesh are used. So there always is a shape; `Collision.kind` says which kind was made.
 """
 
 from collections.abc import Sequence
@@ -33,39 +33,42 @@ from msb.topology.faces import signed_volume
 from msb.topology.hulls import HULL_CORNERS
 from msb.topology.weld import weld_vertices
 
-# All lengths are relative to the diagonal of the visible surface, unless another unit is named.
+# All lengths are relative to the diagonal of the bounding box of the visible surface, unless another unit is
+# named.
 
 # Default time limit of CoACD in seconds. It can run for minutes, and does not end for some surfaces.
 SECONDS = 20.0
 # Distance from the visible surface above which a shape protrudes. 95 % of the points of a surface with 1,000
 # faces are nearer than 0.01 to the original.
 PROTRUSION = 0.02
-# Unseen sides of an enclosure are moved to this distance, unless they are far. It is half of the above, so
-# that they do not count as protruding.
+# Unseen sides of an enclosure are moved to this distance from the mesh, if they are within twice
+# `PROTRUSION`. Moved sides do not count as protruding.
 _NEAR = PROTRUSION / 2
 
 # Enclosure of an open mesh.
 #
-# Pixels of the largest depth map. Finer ones look into every crack.
+# Pixels of the largest depth map. Larger depth maps would reach into every crack.
 PIXELS = 1 << 16
 # Cells along the longest side of the grid, for an object and for a scene, and the margin around an object in
-# cells. With fewer cells the rims of a scene are ragged.
+# cells. With fewer cells the rims of the sheet of a scene are ragged.
 _CELLS, _MARGIN = (96, 224), 1.0
-# Radius in a scene's space beyond which everything is sky: ten times the near radius.
+# Radius in a scene's space beyond which everything counts as sky. It is ten times the near radius in the
+# world.
 _SKY_RADIUS = 1.9
 
 # Shapes.
 #
-# A sheet: the share of the faces on its visible side (the rest are its back and its rims), and its thickness
-# in near radii.
+# The share of a sheet's faces on its visible side (the others are its back and its rims), and the thickness
+# of the sheet in near radii.
 _FRONT_SHARE, _SHEET_THICKNESS = 0.45, 0.02
-# A surface is simplified to this multiple of its face budget first. In one step it is far worse.
+# A surface is simplified to this multiple of its face budget first, then to the budget. A single step gives a
+# far worse shape.
 _FIRST_STEP_FACTOR = 8
 # Largest number of hulls of patches; it bounds the time of the cuts.
 _MAX_HULLS = 256
-# Distance from a convex part below which it covers a point of another.
+# A point within this distance of a convex part counts as covered by it.
 _TOUCH_DISTANCE = 1e-3
-# Faces of a closed surface given to CoACD, whose time grows with them.
+# A closed surface is simplified to this number of faces for CoACD, whose time grows with it.
 _COACD_FACES = 2000
 # CoACD's sample points on a surface and its trials per cut, below its defaults of 2000 and 150, so that it
 # finishes in time.
@@ -80,18 +83,18 @@ class Collision:
     Attributes
     ----------
     mesh : Mesh
-        Closed and consistently wound float32 mesh without colours. Hulls and a box are wound outwards, a mesh
-        as the visible surface. The parts of hulls follow each other.
+        Closed and consistently wound float32 mesh without colours. Hulls and boxes are wound outwards; a mesh
+        is wound like the visible surface. The faces of a hull follow those of the previous one.
     kind : {"mesh", "hulls", "box"}
         The kind that was made, which may differ from the requested one.
     parts : int
         The number of convex parts of "hulls"; else 1.
     mean_distance : float
         Average distance from the visible surface to the shape, as a share of the diagonal. The visible
-        surface is seen by the cameras; without cameras it is all of the mesh.
+        surface is the part of the mesh that the cameras see, or the whole mesh if there are no cameras.
     mid_air_share : float
-        Share of the exposed area of the shape that protrudes: that is farther than 2 % of the diagonal from
-        the mesh.
+        Share of the exposed area of the shape that protrudes, which means that it is farther than 2 % of the
+        diagonal from the mesh.
     why : str
         The reason if the kind differs from the requested one, else empty.
     """
@@ -120,10 +123,11 @@ def make_collision(
         The mesh that is drawn.
     kind : str
         "mesh:N": a surface of about N faces. "hulls:N": up to N convex parts, which CoACD cuts the solid
-        into. "box": one box, turned to be small. If neither the mesh nor its enclosure is closed, hulls
-        replace a mesh. For a scene, and if CoACD does not finish, hulls of patches of the surface are used.
+        into. "box": one box, rotated so that its volume is small. If neither the mesh nor its enclosure is
+        closed, hulls replace a mesh. For a scene, and if CoACD does not finish, hulls of patches of the
+        surface are used.
     cameras : sequence of Camera
-        The parts of an open mesh that they see are enclosed, and a surface of a scene has most faces near
+        The parts of an open mesh that they see are enclosed. A surface of a scene has most of its faces near
         them.
     seconds : float
         The time limit of CoACD.
@@ -155,11 +159,11 @@ def make_collision(
         enclosure = (enclosure - middle) / size
         if space is not None and not space.contracted:
             enclosure = _pull_nearer(enclosure, *surface)
-        # The enclosure of a thin sheet is far thicker, and is not used.
+        # The enclosure of a thin sheet is far thicker than the sheet, so it is not used.
         if len(around) and measure_distances(samples, enclosure, around).mean() < PROTRUSION / 2:
             solid = enclosure, around
-    made_kind, parts, why = _make_parts(requested, count, surface, solid, space, seconds)
-    # One mesh of all parts, back in the asset's unit.
+    actual_kind, parts, why = _make_parts(requested, count, surface, solid, space, seconds)
+    # Join all parts in one mesh, in the unit of the asset.
     starts = np.cumsum([0, *(len(corners) for corners, _ in parts)])
     joined = (
         np.concatenate([corners for corners, _ in parts]),
@@ -167,9 +171,9 @@ def make_collision(
     )
     shape = Mesh((middle + size * joined[0]).astype(np.float32), joined[1], up=mesh.up)
     distance = float(measure_distances(samples, *joined).mean())
-    protruding = _protruding_share(parts, joined, surface)
-    shape = separate_vertices(shape) if made_kind == "mesh" else shape
-    return Collision(shape, made_kind, len(parts), distance, protruding, why)
+    protruding = _measure_protrusion(parts, joined, surface)
+    shape = separate_vertices(shape) if actual_kind == "mesh" else shape
+    return Collision(shape, actual_kind, len(parts), distance, protruding, why)
 
 
 def _make_parts(
@@ -182,8 +186,8 @@ def _make_parts(
 ) -> tuple[CollisionKind, list[PointsAndFaces], str]:
     """Return the kind and the parts of a shape, and the reason if it is not the requested one.
 
-    `surface` is the mesh, `solid` the closed surface if there is one; `space` is None if no camera sees the
-    mesh.
+    `surface` is the mesh. `solid` is the closed surface, or None if there is none. `space` is None if no
+    camera sees the mesh.
     """
     if requested == "box":
         return "box", [fit_box(surface[0])], ""
@@ -247,7 +251,7 @@ def _normalize(mesh: Mesh, visible: Floats) -> tuple[Floats, Ints, Floats, float
     points, faces = points[used].astype(np.float64), number.reshape(-1, 3).astype(np.int64)
     if not np.isfinite(points).all():
         raise MeshError(
-            "MESH_NONFINITE", "a corner of a face is not finite; a collision shape needs finite ones"
+            "MESH_NONFINITE", "a corner of a face is not finite; remove the face or correct its vertex"
         )
     bounds = visible if len(visible) else points
     low, high = bounds.min(axis=0), bounds.max(axis=0)
@@ -256,7 +260,7 @@ def _normalize(mesh: Mesh, visible: Floats) -> tuple[Floats, Ints, Floats, float
 
 
 def _enclose(mesh: Mesh, cameras: Sequence[Camera], device: str | Device | None) -> PointsAndFaces:
-    """Return the enclosure of what cameras see of a mesh, in the world; empty if they enclose nothing."""
+    """Return the enclosure of the visible parts of a mesh, in the world; empty if they have no volume."""
     need_enclosure()
     try:
         points, faces, space = enclose(mesh, cameras, _CELLS, _MARGIN, device=device)
@@ -266,9 +270,9 @@ def _enclose(mesh: Mesh, cameras: Sequence[Camera], device: str | Device | None)
 
 
 def _pull_nearer(points: Floats, seen: Floats, faces: Ints) -> Floats:
-    """Return the points of an enclosure with those moved to the mesh that lie a little too far from it.
+    """Return the points of an enclosure; points that protrude a little are moved towards the mesh.
 
-    Unseen sides are closed flat, for example below a plate with a rim.
+    Points protrude on unseen sides, which are closed flat, for example below a plate with a rim.
     """
     from scipy.spatial import cKDTree
 
@@ -281,7 +285,7 @@ def _pull_nearer(points: Floats, seen: Floats, faces: Ints) -> Floats:
 
 
 def _reduce(solid: PointsAndFaces, count: int) -> PointsAndFaces:
-    """Return a surface of about `count` faces, or of more if it would lose its shape."""
+    """Return a surface of about `count` faces, or of more faces if it would lose its shape with fewer."""
     finer = simplify(*solid, _FIRST_STEP_FACTOR * count)
     reduced = simplify(*finer, count)
     # If the library cannot reach the count it removes whole sides, so allow twice as many faces.
@@ -296,11 +300,12 @@ def _reduce(solid: PointsAndFaces, count: int) -> PointsAndFaces:
 def _reduce_scene(surface: PointsAndFaces, count: int, space: Space) -> PointsAndFaces:
     """Return a surface of about `count` faces, most of them near the cameras.
 
-    Errors are measured in a space where lengths beyond the near radius grow as their square root.
+    Errors are measured in coordinates in which a distance beyond the near radius is replaced by its square
+    root.
     """
     offset = (surface[0] - space.center) / space.radius
-    inside, faces = _reduce((offset / np.sqrt(_far_factor(offset)), surface[1]), count)
-    return drop_unused_points(space.center + space.radius * inside * _far_factor(inside), faces)
+    inside, faces = _reduce((offset / np.sqrt(_measure_far_factor(offset)), surface[1]), count)
+    return drop_unused_points(space.center + space.radius * inside * _measure_far_factor(inside), faces)
 
 
 def _drop_sky(solid: PointsAndFaces, seen: PointsAndFaces, space: Space) -> PointsAndFaces:
@@ -331,7 +336,7 @@ def _make_sheet(patch: PointsAndFaces, count: int, space: Space) -> PointsAndFac
     return repair_closed(np.concatenate([points, back]), joined)
 
 
-def _far_factor(offset: Floats) -> Floats:
+def _measure_far_factor(offset: Floats) -> Floats:
     """Return the distance (n, 1) of points (n, 3) from the origin, at least 1."""
     factor: Floats = np.maximum(np.linalg.norm(offset, axis=1, keepdims=True), 1)
     return factor
@@ -353,7 +358,7 @@ def _run_coacd(points: Floats, faces: Ints, most: int, seconds: float) -> tuple[
 
 
 def cut_in_child(word: str, arrays: Arrays) -> tuple[Any, Arrays]:
-    """Cut a mesh into at most `word` convex parts; a `Work` of `msb.base.children`."""
+    """Cut a mesh into at most `word` convex parts (a `Work` of `msb.base.children`)."""
     import coacd
 
     coacd.set_log_level("error")
@@ -374,12 +379,13 @@ def cut_in_child(word: str, arrays: Arrays) -> tuple[Any, Arrays]:
     return None, result
 
 
-def _protruding_share(parts: list[PointsAndFaces], shape: PointsAndFaces, seen: PointsAndFaces) -> float:
+def _measure_protrusion(parts: list[PointsAndFaces], shape: PointsAndFaces, seen: PointsAndFaces) -> float:
     """Return the share of a shape's exposed area that is far from the mesh `seen`."""
     # Points (n, 3) all over the shape, and the part (n,) of each.
     places, face = sample_surface(*shape)
     part = np.repeat(np.arange(len(parts)), [len(faces) for _, faces in parts])[face]
-    # A point is exposed if it is outside of all other parts, which are convex: above one of their planes.
+    # A point is exposed if it is outside of all other parts. It is outside of a convex part if it is above
+    # one of the planes of its faces.
     is_exposed = np.ones(len(places), bool)
     for number, (points, faces) in enumerate(parts if len(parts) > 1 else ()):
         corners = points[faces]

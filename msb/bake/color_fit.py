@@ -1,4 +1,4 @@
-"""Static colours by least squares: opaque faces with these colours match the images best.
+"""Static colours by least squares: the colours with which opaque faces match images best.
 
 Let w be the barycentric weights of a face's corners at a pixel, and t the colour of the image there. The
 corner colours c minimise the sum of (w . c - t)^2 over the pixels that show the face. That is a system of 3 x
@@ -20,26 +20,27 @@ if TYPE_CHECKING:
 
     from msb.bake.soup_renderer import FaceSums
 
-# Weight of squared differences along edges, relative to a pixel. It smooths faces of less than a pixel and is
-# lost among the pixels of larger ones.
+# Weight of squared differences along edges, relative to a pixel. It smooths the colours of faces that cover
+# less than a pixel, and is negligible for larger faces.
 SMOOTHNESS = 0.3
 # Weight of the previous colours, relative to a pixel: enough to make each system regular.
 PRIOR = 0.05
 # Corner colours are limited to mean +- _MAX_SIGMA sigma + _MARGIN of the pixels of the face. Otherwise a face
 # with one visible tip is extrapolated to black or white. Corners of entirely visible faces reach 3 sigma;
-# limits below 8 cost dB.
+# limits below 8 sigma reduce the PSNR.
 _MAX_SIGMA, _MARGIN = 8.0, 0.05
-# Rings of faces around unseen ones that are coloured with them: next to unseen faces the images show as much
-# of the background as of the face.
+# Rings of faces around unseen faces that are coloured together with these. The images of such faces are
+# unreliable, as they show as much of the background as of the face.
 _STRIP_RINGS = 3
-# Weight of the previous colours where colours are extended to unseen faces. It only matters for a part
+# Weight of the previous colours where colours are extended to unseen faces. It only has an effect on a part
 # without any visible neighbour.
 _FAINT_PRIOR = 1e-6
 # Rounds that clamp colours beyond their limits and solve the others again. Later rounds change little.
 _CLAMP_ROUNDS = 4
-# Limits of the conjugate gradients: steps, and the relative residual, far below a level of 8 bits.
+# Largest number of steps of conjugate gradients, and the relative residual at which they end. It is far below
+# one level of 8 bits.
 _MAX_STEPS, _TOLERANCE = 400, 1e-6
-# Faces of a soup that are solved together: it bounds the memory to about 30 MB per array.
+# Number of faces of a soup that are solved together. It limits the memory to about 30 MB per array.
 _CHUNK = 1 << 16
 
 
@@ -76,8 +77,8 @@ def _solve_faces(products: Floats, targets: Floats, colors: Singles) -> Floats:
     system = products + SMOOTHNESS * (3 * np.eye(3) - 1) + PRIOR * np.eye(3)
     targets = targets + PRIOR * colors
     solution = np.clip(np.linalg.solve(system, targets), -1, 2)
-    # Solve the faces again that leave the limits of their pixels, one channel after the other.
-    low, high = _color_limits(products, solution)
+    # Solve faces with colours beyond their limits again, one channel after the other.
+    low, high = _find_color_limits(products, solution)
     for channel in range(3):
         x, least, most = solution[..., channel], low[:, None, channel], high[:, None, channel]
         rows = np.flatnonzero(((x < least) | (x > most)).any(axis=1))
@@ -88,11 +89,11 @@ def _solve_faces(products: Floats, targets: Floats, colors: Singles) -> Floats:
     return limited
 
 
-def _color_limits(products: Floats, colors: Floats) -> tuple[Floats, Floats]:
+def _find_color_limits(products: Floats, colors: Floats) -> tuple[Floats, Floats]:
     """Return the smallest and the largest allowed colour (n, 3) of a face's corners.
 
-    The limits are the mean and the standard deviation of the face's pixels, as `colors` (n, 3, 3) shows them,
-    within [0, 1].
+    They follow from the mean and the standard deviation over the pixels of the face, if its corners have the
+    colours `colors` (n, 3, 3). They lie within [0, 1].
     """
     share = products.sum(axis=2)
     count = np.maximum(share.sum(axis=1, keepdims=True), 1e-12)
@@ -121,7 +122,7 @@ def _solve_faces_within(system: Floats, targets: Floats, x: Floats, low: Floats,
 def fit_mesh_colors(sums: FaceSums, faces: Ints, colors: Singles, laplacian: csr_matrix) -> Singles:
     """Return the best vertex colours (V, 3) in [0, 1] of a mesh with faces (F, 3) and previous `colors`.
 
-    `laplacian` is `edge_laplacian` of the faces.
+    `laplacian` is `make_edge_laplacian` of the faces.
     """
     import scipy.sparse as sparse
 
@@ -140,21 +141,21 @@ def fit_mesh_colors(sums: FaceSums, faces: Ints, colors: Singles, laplacian: csr
     solution = np.stack(
         [_solve(system, right[:, k], colors[:, k].astype(np.float64)) for k in range(3)], axis=1
     )
-    low, high = _vertex_limits(products, faces, solution)
+    low, high = _find_vertex_limits(products, faces, solution)
     limited = [_solve_within(system, right[:, k], solution[:, k], low[k], high[k]) for k in range(3)]
     return np.stack(limited, axis=1).astype(np.float32)
 
 
-def _vertex_limits(products: Floats, faces: Ints, colors: Floats) -> tuple[Floats, Floats]:
-    """Return the smallest and the largest allowed colours (3, V): the widest limits of a vertex's seen faces.
+def _find_vertex_limits(products: Floats, faces: Ints, colors: Floats) -> tuple[Floats, Floats]:
+    """Return the smallest and largest allowed vertex colours (3, V): the widest limits of adjacent faces.
 
-    Vertices without a seen face have the limits 0 and 1.
+    Only visible faces count. Vertices without a visible face have the limits 0 and 1.
     """
     low, high = np.ones((3, len(colors))), np.zeros((3, len(colors)))
     seen = np.flatnonzero(products.any(axis=(1, 2)))
     for first in range(0, len(seen), _CHUNK):
         chunk = seen[first : first + _CHUNK]
-        least, most = _color_limits(products[chunk], colors[faces[chunk]])
+        least, most = _find_color_limits(products[chunk], colors[faces[chunk]])
         for channel in range(3):
             for corner in faces[chunk].T:
                 np.minimum.at(low[channel], corner, least[:, channel])
@@ -166,7 +167,7 @@ def _vertex_limits(products: Floats, faces: Ints, colors: Floats) -> tuple[Float
 def extend_colors(colors: Singles, faces: Ints, pixels: Floats) -> Singles:
     """Return vertex colours (V, 3); faces without `pixels` (F,) continue the colours around them.
 
-    The continued area includes some rings of seen faces, see `_STRIP_RINGS`.
+    Some rings of visible faces around them are coloured again as well, see `_STRIP_RINGS`.
     """
     import scipy.sparse as sparse
 
@@ -178,7 +179,7 @@ def extend_colors(colors: Singles, faces: Ints, pixels: Floats) -> Singles:
     if len(rows) in (0, len(colors)):
         return colors
     # Solve Laplace's equation on the loose vertices (n,); the fixed ones are its boundary values.
-    laplacian = edge_laplacian(faces, len(colors))[rows]
+    laplacian = make_edge_laplacian(faces, len(colors))[rows]
     system = (laplacian[:, rows] + _FAINT_PRIOR * sparse.identity(len(rows))).tocsr()
     before = colors.astype(np.float64)
     right = _FAINT_PRIOR * before[rows] - laplacian[:, ~loose] @ before[~loose]
@@ -188,7 +189,7 @@ def extend_colors(colors: Singles, faces: Ints, pixels: Floats) -> Singles:
     return result
 
 
-def edge_laplacian(faces: Ints, count: int) -> csr_matrix:
+def make_edge_laplacian(faces: Ints, count: int) -> csr_matrix:
     """Return the graph Laplacian (V, V) of the edges of faces (F, 3) on `count` vertices.
 
     Each edge counts once, however many faces share it.

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from msb.scenes.datasets import Scene
 
 
-# Geometry -> what happened to unseen surface.
+# Geometry -> the treatment of surface that no training view shows.
 _UNSEEN = {
     "kept": "it keeps its old colours",
     "fitted": "it keeps its old colours, as far as the face budget allows",
@@ -135,7 +135,7 @@ def _check_files(files: BakeFiles, views: ViewOptions, typed: Typed) -> None:
 
 
 def _note_losses(baked: Baked, paths: tuple[Path, ...], output: Output) -> None:
-    """Print a note on what a format cannot store."""
+    """Print a note for each property of the mesh that a format cannot store."""
     from msb.asset import ASSET_SUFFIX
     from msb.meshes.assets import fit_to_format, mesh_from_asset
     from msb.meshes.losses import list_losses

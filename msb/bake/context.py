@@ -32,7 +32,7 @@ class BestState:
         self._validation = validation
         self._error = np.inf
         self.evaluations_since = 0
-        """Evaluations since the best one."""
+        """Number of evaluations since the best one."""
         self._soup: Soup | None = None
 
     @property
@@ -63,8 +63,8 @@ class SearchContext:
     progress : callable
         Called as ``progress(stage, done, total)``; returns whether to stop early.
     shows_model_mesh : bool
-        Whether the images are standard-tier images of the model's own triangles. All triangles are then
-        right.
+        Whether the images are standard-tier images of the model's triangles. Then no triangle needs to be
+        pruned.
     """
 
     training: ViewImages
@@ -80,7 +80,7 @@ class SearchContext:
         return replace(self, training=training, validation=validation)
 
     def make_random(self) -> np.random.Generator:
-        """Return a random generator in the state of the seed."""
+        """Return a new random generator with the seed of the search."""
         return np.random.default_rng(self.seed)
 
     @contextmanager

@@ -1,4 +1,4 @@
-"""The solid cells of a grid: depth maps of a soup vote on them, on the device (Curless and Levoy 1996)."""
+"""Votes of depth maps on the solid cells of a grid, on the device (Curless and Levoy 1996)."""
 
 from __future__ import annotations
 
@@ -21,22 +21,22 @@ if TYPE_CHECKING:
     from msb.meshes.mesh import Mesh
     from msb.scenes import Camera
 
-# A view votes on cells up to these distances in front of and behind a surface, in cells. The second is
-# smaller, as views of the other side of a sheet vote the opposite there: with equal distances leaves
-# dissolved.
+# Distances in cells. A cell `REACH` or more in front of a surface gets the largest vote, 1. A cell more than
+# `BEHIND` behind a surface is hidden from the view, which does not vote on it. `BEHIND` is smaller, as views
+# of the other side of a sheet give the opposite vote there: with equal distances leaves dissolved.
 REACH, BEHIND = 3.0, 1.5
 # The surface is moved outwards by this number of cells, so that sheets and stems become solids that the grid
 # can resolve. `pull_in` moves it back where the solid is thick.
 THICKNESS = 1.0
-# Smallest ratio of the views that see a cell to the views that it is hidden from. Below it, the views that
-# see it look through a hole in the soup, and the cell is solid.
+# Smallest ratio of the views that see a cell to the views that it is hidden from. Below it the cell counts as
+# solid: the few views that see it probably look through a hole in the soup.
 MIN_SEEN_RATIO = 0.05
 # Number of steps of `pull_in`; each step interpolates the grid once.
 _PULL_STEPS = 5
 # Work-items of a work-group.
 _GROUP = 64
-# Views that vote in one kernel run, and floats in the record of each. Eight views share a pass over the
-# cells.
+# Number of views that vote in one run of the kernel, and number of floats in the record of a view. Eight
+# views share a pass over the cells.
 _VIEWS_PER_RUN, _RECORD = 8, 19
 # Value of a cell that no view votes on. Votes are at most 1.
 UNKNOWN = 2.0
@@ -81,7 +81,7 @@ class DepthRenderer(StandardRenderer):
         super().__init__(asset_from_mesh(mesh), device=device)
         self._fuse = self._device.program("bake_fuse", {"RECORD": _RECORD, "UNKNOWN": UNKNOWN})
 
-    def visible_points(self, cameras: Sequence[Camera]) -> Floats:
+    def sample_visible_points(self, cameras: Sequence[Camera]) -> Floats:
         """Return points (n, 3) of the world that the cameras see, one per `_PIXELS_PER_POINT` pixels."""
         points = [np.zeros((0, 3))]
         for camera in cameras:
@@ -96,7 +96,7 @@ class DepthRenderer(StandardRenderer):
 
     @in_turn
     def vote(self, cameras: Sequence[Camera], space: Space, grid: Grid) -> Singles:
-        """Return the votes (nx, ny, nz): how far each cell lies in front of the visible surface.
+        """Return the votes (nx, ny, nz): the average distance of each cell in front of the visible surface.
 
         The unit is `REACH` cells, and votes are at most 1. A vote is negative if the cell is solid, and
         `UNKNOWN` if no view contains the cell or it lies beyond the edge of a scene.
@@ -110,7 +110,7 @@ class DepthRenderer(StandardRenderer):
         stride = max(camera.width * camera.height for camera in cameras)
         depths = self._scratch("depths", (_VIEWS_PER_RUN, stride))
         records = self._scratch("cameras", (_VIEWS_PER_RUN, _RECORD))
-        # Draw the depth maps of some views, then add their votes to all cells.
+        # Render the depth maps of some views, then add their votes to all cells.
         for first in range(0, len(cameras), _VIEWS_PER_RUN):
             batch = cameras[first : first + _VIEWS_PER_RUN]
             for number, camera in enumerate(batch):
@@ -145,25 +145,25 @@ def find_visible_points(mesh: Mesh, cameras: Sequence[Camera], device: str | Dev
     if not cameras:
         return np.zeros((0, 3))
     with closing(DepthRenderer(mesh, device)) as renderer:
-        return renderer.visible_points(cameras)
+        return renderer.sample_visible_points(cameras)
 
 
 def complete_votes(votes: Singles, space: Space, grid: Grid) -> Singles:
     """Fill unknown cells in place from the cells around them, and return the votes.
 
-    Everything beyond the edge of a scene is solid: a shell around it, which shows the sky.
+    The space beyond the edge of a scene becomes solid: a shell around the scene, which shows the sky.
     """
     _fill_unknown(votes, votes != UNKNOWN)
     if space.contracted:
-        np.minimum(votes, _shell_votes(grid), out=votes)
+        np.minimum(votes, _make_shell_votes(grid), out=votes)
     return votes
 
 
 def pull_in(points: Floats, values: Singles, grid: Grid) -> Floats:
     """Return surface points (V, 3) moved inwards by half of `THICKNESS` where the solid is thick.
 
-    The two sides of a sheet would meet, so they stay. It is half, as views from the side, which find all of a
-    cell free, already move the average inwards.
+    The sides of a thin sheet stay where they are, as they would meet. The move is only half of `THICKNESS`,
+    because views from the side already move the average inwards: for them a whole cell is free.
     """
     from scipy.ndimage import map_coordinates
 
@@ -175,7 +175,7 @@ def pull_in(points: Floats, values: Singles, grid: Grid) -> Floats:
     places = (points - grid.low) / grid.cell
     inward = np.stack([interpolate(places - step) - interpolate(places + step) for step in np.eye(3)], axis=1)
     inward /= np.maximum(np.linalg.norm(inward, axis=1, keepdims=True), 1e-12)
-    # Thick: the vote some cells further in is well below the vote inside a sheet.
+    # The solid is thick where the vote some cells further in is well below the vote inside a sheet.
     depth = THICKNESS / REACH
     is_thick = interpolate(places + (THICKNESS + BEHIND) * inward) < -1.5 * depth
     move = THICKNESS / _PULL_STEPS * is_thick[:, None] * inward
@@ -190,7 +190,8 @@ def pull_in(points: Floats, values: Singles, grid: Grid) -> Floats:
 def _fill_unknown(values: Singles, known: Mask) -> None:
     """Fill the cells (nx, ny, nz) that are not known, in place.
 
-    Each gets the smoothed average of the smallest block of 2, 4, 8, ... cells along a side with known cells.
+    Each gets the smoothed average of the smallest block around it that contains known cells. Blocks have 2,
+    4, 8, ... cells along a side.
     """
     from scipy.ndimage import uniform_filter
 
@@ -216,8 +217,8 @@ def _fill_unknown(values: Singles, known: Mask) -> None:
     np.copyto(values, uniform_filter(sums[:nx, :ny, :nz], 3, mode="nearest"), where=~known)
 
 
-def _shell_votes(grid: Grid) -> Singles:
-    """Return votes (nx, ny, nz) for the shell around a scene; its surface lies half a `REACH` further in."""
+def _make_shell_votes(grid: Grid) -> Singles:
+    """Return votes (nx, ny, nz) for the shell around a scene; its surface lies `REACH` / 2 inside `EDGE`."""
     axes = [grid.low[k] + grid.cell * np.arange(grid.shape[k]) for k in range(3)]
     x, y, z = np.meshgrid(*(np.square(axis).astype(np.float32) for axis in axes), indexing="ij", sparse=True)
     reach = REACH * grid.cell

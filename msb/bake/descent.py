@@ -1,10 +1,10 @@
 """Gradient descent on the corners of an opaque soup, by the squared error of its images.
 
 An opaque image changes at the borders between faces as these move. The kernel `sums` of bake.cl computes the
-gradient of the error by each corner: a sum over the pixels at the borders, for a few views at a time. Corners
-move against it by Adam's rule (Kingma and Ba 2015, with one scale for all coordinates of a face). Colours
-follow by least squares over the sums of the last steps. Between steps faces are hidden or shown if that
-reduces the error (`msb.bake.face_selection`).
+derivative of the error by the place of each corner: a sum over the pixels at the borders, for a few views at
+a time. Corners move against it by Adam's rule (Kingma and Ba 2015, with one scale for all coordinates of a
+face). Colours are fitted again every few steps, by least squares over the sums of the last steps. Between
+steps faces are hidden or shown if that reduces the error (`msb.bake.face_selection`).
 """
 
 import time
@@ -20,18 +20,20 @@ from msb.bake.soup import Soup
 from msb.bake.soup_renderer import SoupRenderer
 
 # Adam's decay per step of the average gradient and of the average squared gradient. The second is 0.99, not
-# 0.999 as in the paper, as a search has only some hundred steps.
+# 0.999 as in the paper, because a search has only a few hundred steps.
 _MOMENTUM, _SCALE_DECAY = 0.9, 0.99
 # Smallest divisor, which avoids division by 0 for faces without a gradient.
 _EPSILON = 1e-30
-# Decay per step of the colour sums of earlier steps: colours follow the last ten steps, about 80 views.
+# Decay per step of the colour sums of earlier steps. With it colours depend on the last ten steps, which have
+# about 80 views.
 COLOR_DECAY = 0.9
 # Steps between two fits of the colours, and between two rounds of the face selection. A round takes as long
 # as several steps.
 COLOR_STEPS, _SELECTION_STEPS = 5, 40
-# Steps between two validations, which draw all validation views.
+# Steps between two validations. A validation renders all validation views.
 VALIDATION_STEPS = 20
-# Largest move of a corner in a step, relative to the step length. Adam's first steps can be much larger.
+# Largest move of a corner in a step, relative to the step length. Without this limit Adam's first steps could
+# be much larger.
 _MAX_MOVE = 3.0
 # Steps after which the time per step is known well enough to plan the rest. The first step is not counted, as
 # kernels are built in it.
@@ -58,7 +60,7 @@ class StepSchedule:
         self._is_short = False
 
     def finish_step(self, step: int) -> float:
-        """Return the share of the search that is done after a step; 1 ends it."""
+        """Record the end of a step; return the share of the search that is done, 1 at its end."""
         stop = self._progress(step, self._steps)
         self._taken = step
         now, left = time.monotonic(), self._planned - step
@@ -68,8 +70,8 @@ class StepSchedule:
             pace = max(now - self._first, _EPSILON) / (step - 1)
             possible = int((self._until - now) / pace)
             self._is_short |= possible < left
-            # Once the time was short the step lengths depend on the clock. Leave out a step in any case, so
-            # that a note reports it.
+            # If the time was short once, the step lengths depend on the clock. Then leave out at least one
+            # step, so that a note is made.
             if self._is_short:
                 left = min(possible, left - 1)
         if stop or now > self._until or left <= 0:
@@ -79,7 +81,7 @@ class StepSchedule:
         return self._share
 
     def notes(self, subject: str) -> list[str]:
-        """Return the note that `subject` was moved in fewer steps than planned, if it was."""
+        """Return a note that starts with `subject` if fewer steps than planned were taken, else no note."""
         if not 0 < self._taken < self._planned:
             return []
         text = f"{subject}: stopped after {self._taken} of {self._planned} steps; the quality is reduced"
@@ -87,9 +89,9 @@ class StepSchedule:
 
 
 class Adam:
-    """The direction and length of each step by Adam's rule, in units of the step length.
+    """Adam's rule, which computes moves in units of the step length from gradients.
 
-    Coordinates that belong together have one scale.
+    Coordinates that move together, such as those of a face, share one scale.
 
     Parameters
     ----------
@@ -134,7 +136,8 @@ def move_faces(
     """Move the corners of the selected faces; return the state with the smallest validation error.
 
     Step lengths fall from the first to the last of `step_lengths`, which are relative to the size of a face.
-    At most `most` faces are selected. If faces have too few pixels they are not moved.
+    At most `most` faces are selected. If faces have fewer than `MIN_FACE_PIXELS` pixels on average, they are
+    not moved.
     """
     soup.refit_colors(renderer)
     best = BestState(validation)
@@ -153,7 +156,7 @@ def move_faces(
         move = adam.compute_move(gradients, np.square(gradients).mean(axis=(1, 2), keepdims=True))
         first, last = step_lengths
         length = first + (last - first) * share
-        soup.corners -= (length * _face_sizes(soup)[:, None, None] * move).astype(np.float32)
+        soup.corners -= (length * _measure_face_sizes(soup)[:, None, None] * move).astype(np.float32)
         # Colours, face selection and validation take turns.
         sums = seen.sums if sums is None else COLOR_DECAY * sums + seen.sums
         if step % COLOR_STEPS == 0:
@@ -169,7 +172,7 @@ def move_faces(
     return best.soup
 
 
-def _face_sizes(soup: Soup) -> Floats:
+def _measure_face_sizes(soup: Soup) -> Floats:
     """Return the size (F,) of each face: the square root of twice its area."""
     sides = soup.corners[:, 1:].astype(np.float64) - soup.corners[:, :1]
     sizes: Floats = np.sqrt(np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1))

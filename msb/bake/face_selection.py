@@ -1,9 +1,9 @@
-"""The selection of faces of an opaque soup: many faces are hidden or shown at once, and what pays is kept.
+"""Face selection of an opaque soup: hide or show many faces at once, and keep changes that are a gain.
 
 A round hides some of the selected faces and shows some of the hidden ones, draws a few views before and
 after, and assigns the change of each pixel's squared error to the face that it shows or showed
-(`SoupRenderer.measure_changes`). A change is kept if its gain is significant over the views, so that faces of
-few pixels do not follow noise.
+(`SoupRenderer.measure_changes`). A change is only kept if its gain is significant over the views. Otherwise
+noise would decide about faces of few pixels.
 """
 
 import numpy as np
@@ -12,19 +12,20 @@ from msb.bake.arrays import Floats, Ints, Mask
 from msb.bake.soup import Soup
 from msb.bake.soup_renderer import SoupRenderer
 
-# Share of the faces that are tried in a round. It is small, so that neighbours rarely change together: then
-# each would be blamed for the other.
+# Share of the faces that are tried in a round. It is small, so that neighbours rarely change together: a face
+# would then be charged with an error that its neighbour causes.
 TRIED_SHARE = 0.08
-# Views that judge a round, and that supply gradients for a step. The time grows with them, and the noise
-# falls with their square root.
+# Number of views that judge a round of the face selection, and number of views that give the gradients of a
+# step. The time grows with this number, and the noise falls with its square root.
 BATCH_VIEWS = 8
 # A gain must exceed this number of its standard errors. Without it, faces with few pixels overfit the
 # training views.
 MIN_STANDARD_ERRORS = 0.5
-# Squared error over all views of a round that a gain must exceed: far below the error of one wrong pixel.
+# A gain must also exceed this squared error, summed over all views of a round. It is far below the error of
+# one wrong pixel.
 _MIN_GAIN = 1e-4
-# `hide_cheapest_faces` hides the tried faces divided by this number at a time. They are judged together, so
-# hiding all of them would open holes behind pairs of faces.
+# `hide_cheapest_faces` hides one in this number of the tried faces per round. All tried faces are judged
+# together, so hiding all of them would open holes where two of them overlap.
 _TRIED_PER_HIDDEN = 4
 
 
@@ -39,11 +40,11 @@ def toggle_faces(
 ) -> None:
     """Hide some selected faces and show some hidden ones, if that reduces the error.
 
-    Both at once takes half of the renderings, but confuses the two if they overlap. At most `most` faces are
-    selected afterwards.
+    Hiding and showing in one round takes half as many renderings, but mixes up the gains of faces that
+    overlap. At most `most` faces are selected afterwards.
     """
     selected, hidden = (
-        _draw_faces(soup, random, pool) for pool in (soup.selected & hide, ~soup.selected & show)
+        _pick_faces(soup, random, pool) for pool in (soup.selected & hide, ~soup.selected & show)
     )
     room = None if most is None else max(0, most - soup.selected_count)
     chosen = np.concatenate([selected, hidden[:room]])
@@ -54,20 +55,23 @@ def toggle_faces(
     views, total = len(rise), rise.sum(axis=0)
     squares = np.maximum(np.square(rise).sum(axis=0) - total**2 / views, 0)
     spread = np.sqrt(views * squares / max(views - 1, 1))
-    pays = total < -MIN_STANDARD_ERRORS * spread - _MIN_GAIN
-    soup.selected[chosen[pays]] ^= True
+    is_gain = total < -MIN_STANDARD_ERRORS * spread - _MIN_GAIN
+    soup.selected[chosen[is_gain]] ^= True
 
 
 def hide_cheapest_faces(soup: Soup, renderer: SoupRenderer, random: np.random.Generator, most: int) -> None:
-    """Hide faces until `most` are selected: in each round the quarter that increases the error least."""
+    """Hide faces until `most` are selected.
+
+    Each round hides the quarter of the tried faces that increases the error least.
+    """
     while (over := soup.selected_count - most) > 0:
-        chosen = _draw_faces(soup, random, soup.selected)
+        chosen = _pick_faces(soup, random, soup.selected)
         total = _measure_toggle(soup, renderer, random, chosen).sum(axis=0)
         cheapest = np.argsort(total, kind="stable")[: min(over, -(-len(chosen) // _TRIED_PER_HIDDEN))]
         soup.selected[chosen[cheapest]] = False
 
 
-def _draw_faces(soup: Soup, random: np.random.Generator, pool: Mask) -> Ints:
+def _pick_faces(soup: Soup, random: np.random.Generator, pool: Mask) -> Ints:
     """Return random faces of `pool` (F,), at most the share `TRIED_SHARE` of all faces."""
     numbers = np.flatnonzero(pool)
     count = min(len(numbers), max(1, int(TRIED_SHARE * len(soup.selected))))
@@ -75,7 +79,7 @@ def _draw_faces(soup: Soup, random: np.random.Generator, pool: Mask) -> Ints:
 
 
 def _measure_toggle(soup: Soup, renderer: SoupRenderer, random: np.random.Generator, chosen: Ints) -> Floats:
-    """Return by how much (views, n) the error of some views rises if each chosen face is hidden or shown."""
+    """Return the increase (views, n) of the error of random views if each chosen face is hidden or shown."""
     owner = np.full(len(soup.selected), -1, np.int32)
     owner[chosen] = np.arange(len(chosen), dtype=np.int32)
     soup.upload(renderer)

@@ -28,7 +28,8 @@ ASSET = "asset.glb"
 PAGE = "index.html"
 _REPORT, _PREVIEW = "bake.json", "preview.png"
 _SCRIPTS = "camera.js", "page.js", "controls.js", "baked.js", "start.js"
-# Pixels of the longer side of a view on the page. Smaller views are enlarged, as a mesh has no resolution.
+# Smallest number of pixels of the longer side of a view on the page. Smaller views are enlarged, as a mesh
+# can be drawn at any resolution.
 _MIN_PAGE_SIDE = 1024
 
 
@@ -51,7 +52,7 @@ def is_folder_output(paths: Sequence[Path]) -> bool:
     """
     folder = next((path for path in paths if is_folder(path)), None)
     if folder is not None and len(paths) > 1:
-        text = "a folder must be the only output; give files, or the folder alone"
+        text = "a folder must be the only output; pass either files or one folder"
         raise UsageError("USAGE", text, file=folder)
     return folder is not None
 
@@ -96,7 +97,7 @@ def _make_page(
         "facts": _make_facts(report),
         "losses": _make_quality_table(report),
         "preview": f"data:image/png;base64,{_encode(image)}",
-        "caption": f"From the left: {', '.join(preview.columns)}. 16 samples per pixel, {rows}.",
+        "caption": f"Columns: {', '.join(preview.columns)}. Rows: {rows}. Meshes have 16 samples per pixel.",
         "notes": list(report.notes),
     }
     meshes = [
@@ -112,7 +113,7 @@ def _encode(data: bytes) -> str:
 
 
 def _make_facts(report: Report) -> list[list[str]]:
-    """Return a term and a text for each file, and for the mesh before and after."""
+    """Return a list of terms and texts: the files, and the audit of the mesh before and after the bake."""
     facts = [[ASSET, f"{report.geometry}, {report.size}"]]
     facts += [[str(lod.output), lod.sentence] for lod in report.lods]
     if report.collision is not None:

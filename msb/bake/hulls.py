@@ -10,17 +10,17 @@ from msb.topology.hulls import hull_directions
 # Points (V, 3) and the faces (F, 3) on them.
 PointsAndFaces = tuple[Floats, Ints]
 
-# Largest number of corners of the hull of a patch. Physics engines take hulls of some dozens of corners.
+# Largest number of corners of the hull of a patch. Physics engines accept hulls of some dozens of corners.
 PATCH_CORNERS = 32
 # Thickness of a box, or of the hull of a flat patch, relative to the diagonal: thin, and still a solid.
 _MIN_THICKNESS = 1e-3
 # Volume relative to the cube of the diagonal below which a hull counts as flat and is thickened.
 _FLAT_VOLUME = 1e-6
-# Both patches reach this far beyond a cut, relative to the diagonal, so that nothing falls through.
+# Both patches reach this far beyond a cut, relative to the diagonal, so that no gap is left between them.
 _OVERLAP = 4e-3
-# Shares of a patch's points on one side of a tried cut, along each of its axes. More cuts take longer.
+# Cuts are tried at these quantiles of a patch's points along each principal axis. More cuts take longer.
 _CUT_QUANTILES = (0.15, 0.3, 0.4, 0.5, 0.6, 0.7, 0.85)
-# Sample points on the faces that patches are made of, in addition to the vertices: they fill large faces.
+# Number of sample points on the faces, which complete the vertices: large faces have few vertices.
 _SAMPLE_POINTS = 5000
 # Boxes are tried on this number of the largest hull faces. The smallest box lies on a large face.
 _MAX_BASES = 500
@@ -45,7 +45,7 @@ def split_into_patches(points: Floats, faces: Ints, count: int) -> list[Floats]:
     Repeatedly, the patch with the largest hull is cut at the place that saves the most volume.
     """
     points = np.concatenate([points, sample_surface(points, faces, _SAMPLE_POINTS)[0]])
-    patches = [(_volume(points), points)]
+    patches = [(_measure_volume(points), points)]
     while len(patches) < count:
         largest = max(range(len(patches)), key=lambda number: patches[number][0])
         halves = _cut_patch(patches[largest][1])
@@ -61,38 +61,38 @@ def _cut_patch(points: Floats) -> list[tuple[float, Floats]]:
     if len(points) < 2:
         return best
     # Try cuts across each principal axis: at the widest gap, and at some quantiles.
-    for axis in _principal_axes(points):
+    for axis in _find_principal_axes(points):
         along = points @ axis
-        for place in (_widest_gap(along), *np.quantile(along, _CUT_QUANTILES)):
+        for place in (_find_widest_gap(along), *np.quantile(along, _CUT_QUANTILES)):
             halves = points[along <= place + _OVERLAP], points[along >= place - _OVERLAP]
             if max(map(len, halves)) < len(points):
-                volumes = [_volume(half) for half in halves]
+                volumes = [_measure_volume(half) for half in halves]
                 if not best or sum(volumes) < sum(volume for volume, _ in best):
                     best = list(zip(volumes, halves, strict=True))
     return best
 
 
-def _widest_gap(values: Floats) -> float:
+def _find_widest_gap(values: Floats) -> float:
     """Return the middle of the widest gap between neighbouring values."""
     ordered = np.sort(values)
     at = int(np.diff(ordered).argmax())
     return float(ordered[at] + ordered[at + 1]) / 2
 
 
-def _principal_axes(points: Floats) -> Floats:
+def _find_principal_axes(points: Floats) -> Floats:
     """Return the principal axes (3, 3) as rows, from the smallest to the largest variance."""
     offset = points - points.mean(axis=0)
     axes: Floats = np.linalg.eigh(offset.T @ offset)[1].T
     return axes
 
 
-def _volume(points: Floats) -> float:
+def _measure_volume(points: Floats) -> float:
     """Return the volume of the convex hull, thickened if it is flat."""
-    exact = _exact_volume(points)
-    return exact if exact >= _FLAT_VOLUME else _exact_volume(_thicken(points))
+    exact = _measure_exact_volume(points)
+    return exact if exact >= _FLAT_VOLUME else _measure_exact_volume(_thicken(points))
 
 
-def _exact_volume(points: Floats) -> float:
+def _measure_exact_volume(points: Floats) -> float:
     from scipy.spatial import ConvexHull, QhullError
 
     try:
@@ -111,11 +111,11 @@ def make_hull(points: Floats) -> PointsAndFaces:
     from scipy.spatial import ConvexHull
 
     # The extreme points in evenly spread directions, in coordinates scaled by the principal axes.
-    axes = _principal_axes(points)
+    axes = _find_principal_axes(points)
     along = (points - points.mean(axis=0)) @ axes.T
     along /= np.maximum(np.abs(along).max(axis=0), _TINY)
     corners = points[np.unique((along @ hull_directions(PATCH_CORNERS).T).argmax(axis=0))]
-    if _exact_volume(corners) < _FLAT_VOLUME:
+    if _measure_exact_volume(corners) < _FLAT_VOLUME:
         corners = _thicken(corners)
     # Renumber the corners and turn all faces outwards.
     hull = ConvexHull(corners)
@@ -128,13 +128,13 @@ def make_hull(points: Floats) -> PointsAndFaces:
 
 
 def fit_box(points: Floats) -> PointsAndFaces:
-    """Return a small box around the points: the smallest one along some directions.
+    """Return a small box around the points: the smallest one in several frames of directions.
 
-    The directions are the coordinate axes, the principal axes, and for large faces of the convex hull the
-    normal and an edge.
+    The directions are the coordinate axes, the principal axes, and frames of large faces of the convex hull.
+    Such a frame consists of the normal of the face, an edge, and the direction across both.
     """
-    bases, corners = _hull_bases(points)
-    axes = _principal_axes(points)
+    bases, corners = _make_hull_frames(points)
+    axes = _find_principal_axes(points)
     axes[2] *= np.sign(np.linalg.det(axes))  # in a mirrored frame the faces would look inwards
     # Extents (n, 3) of the corners along each frame (n, 3, 3), and the frame with the smallest volume.
     frames = np.concatenate([[np.eye(3), axes], bases])
@@ -146,18 +146,18 @@ def fit_box(points: Floats) -> PointsAndFaces:
     return placed, _BOX_FACES
 
 
-def _hull_bases(points: Floats) -> tuple[Floats, Floats]:
+def _make_hull_frames(points: Floats) -> tuple[Floats, Floats]:
     """Return frames (n, 3, 3) on the largest faces of the convex hull, and the corners of the hull."""
     from scipy.spatial import ConvexHull, QhullError
 
-    for options in ("Qt", "QJ"):  # joggling gives flat points a hull, too
+    for options in ("Qt", "QJ"):  # QJ moves points at random, so that flat ones have a hull, too
         try:
             hull = ConvexHull(points, qhull_options=options)
         except QhullError:
             continue
         corners = hull.points[hull.simplices]
         largest = np.argsort(-face_areas(hull.points, hull.simplices)[0], kind="stable")[:_MAX_BASES]
-        # For each of three sides: along the side, across it in the face, and the normal of the face.
+        # One frame per side of a face: along the side, across it within the face, and the normal of the face.
         side = np.roll(corners[largest], -1, axis=1) - corners[largest]
         along = (side / np.maximum(np.linalg.norm(side, axis=2, keepdims=True), _TINY)).reshape(-1, 3)
         up = np.repeat(hull.equations[largest, :3], 3, axis=0)

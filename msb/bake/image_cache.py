@@ -24,7 +24,7 @@ _HASH_BYTES = hashlib.sha256().digest_size
 class ImageCache:
     """A folder with one file per image, named by a hash of the model, the renderer and the camera.
 
-    A file is the SHA-256 of its pixels, followed by rows of pixels of three uint16.
+    A file consists of the SHA-256 of the pixels and the pixels themselves: row by row, three uint16 each.
 
     Parameters
     ----------
@@ -54,9 +54,10 @@ class ImageCache:
     ) -> NDArray[np.uint16]:
         """Return the image (H, W, 3) of a camera from its file, or render and store it.
 
-        Damaged files are ignored and rendered again. Raises the errors of `render`, and OutputError.
+        A damaged file is ignored, and its image is rendered again. Raises the errors of `render`, and
+        OutputError.
         """
-        key = self._key(camera, background)
+        key = self._make_key(camera, background)
         path = self._folder / f"{key}{SUFFIX}"
         shape = camera.height, camera.width, 3
         if is_file(path):
@@ -77,12 +78,12 @@ class ImageCache:
         if not self._reused and not self._damaged:
             return []
         count = len(self._reused)
-        text = f"{count} of {count + len(self._rendered)} images taken from the cache"
+        text = f"{count} of {count + len(self._rendered)} images were taken from the cache"
         if self._damaged:
             text = f"{text}; {self._damaged} cached images are damaged and were rendered again"
         return [text]
 
-    def _key(self, camera: Camera, background: tuple[float, float, float]) -> str:
+    def _make_key(self, camera: Camera, background: tuple[float, float, float]) -> str:
         lens = camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy, camera.unit
         parts = [
             *self._identity,

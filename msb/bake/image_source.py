@@ -31,11 +31,11 @@ SAMPLES_PER_SIDE = 4
 
 
 class ImageSource:
-    """Draws the images that the views of a bake should show.
+    """Renders or reads the target images of the views of a bake.
 
     The native rendering is the dedicated tier. A mesh without one is drawn on the standard tier with 16
     samples per pixel. With the supervision "photographs" the training images are the scene's photographs, and
-    native renderings are only used for measurements. With a folder `cache` native renderings are reused.
+    native renderings are only used for measurements. Native renderings in the folder `cache` are reused.
     """
 
     def __init__(
@@ -68,7 +68,7 @@ class ImageSource:
     def training_images(self, cameras: Sequence[Camera], scale: int = 1) -> ViewImages:
         """Return the images that supervise, `scale` times as large as the views.
 
-        Photographs are not scaled, as they have no further pixels.
+        Photographs are not scaled, as enlarging them would add no detail.
         """
         if self.supervision == "photographs":
             return self.photographs(cameras)
@@ -82,7 +82,7 @@ class ImageSource:
         return ViewImages(cameras, self._views.background, draw)
 
     def photographs(self, cameras: Sequence[Camera]) -> ViewImages:
-        """Return the photographs of the scene's cameras as metrics compare them, read on first use."""
+        """Return the photographs of the scene's cameras, prepared as for metrics, read on first use."""
         return ViewImages(cameras, self._views.background, self._read_photograph)
 
     def _render(self, camera: Camera) -> NDArray[np.uint16]:

@@ -23,7 +23,7 @@ DrawImage = Callable[["Camera"], Singles | NDArray[np.uint16]]
 # that it does not limit PSNR.
 MAX_LEVEL = 65535
 # With this number of views or more, each image is halved on one pixel grid instead of two. Neighbouring views
-# then sample the other grids, and a sixth of the pixels is saved.
+# then use the other grids. This saves a sixth of the pixels.
 _MANY_VIEWS = 32
 
 
@@ -68,16 +68,16 @@ class ViewImages:
         return np.frombuffer(self._file.read(2 * count), np.uint16).reshape(camera.height, camera.width, 3)
 
     def select(self, numbers: Sequence[int]) -> ViewImages:
-        """Return the images with these numbers. They stay stored here."""
+        """Return the images with these numbers. They stay stored in this object."""
         return _ImageSubset([(self, number) for number in numbers], [self.weights[k] for k in numbers])
 
     def with_coarser_levels(self, pixels: int) -> ViewImages:
         """Return these images and halved copies of them, down to images of at most `pixels` pixels.
 
-        A halved image can lie on four pixel grids. Each image is halved on two of them, which together have a
-        pixel in every row and column, or on one if there are many views; views take turns. Pixels of a halved
-        image have a larger weight, so that all levels count alike. Images of two pixels or less along a side
-        are not halved.
+        An image can be halved on four pixel grids, which start 0 or 1 pixels further right and down. Each
+        image is halved on two grids that together cover all rows and columns. If there are many views, it is
+        halved on one grid. Successive views use different grids. Pixels of a halved image have a larger
+        weight, so that all levels count alike. Images of two pixels or less along a side are not halved.
         """
         level = [(self, number) for number in range(len(self))]
         chosen, weights = [*level], [1.0] * len(level)
@@ -105,8 +105,8 @@ class ViewImages:
     def limited_to(self, pixels: int) -> ViewImages:
         """Return these images, halved until the largest has at most `pixels` pixels.
 
-        A pixel of a halved image is the average of four. Each size is made once, and closed with these
-        images.
+        A pixel of a halved image is the average of four. Each size is computed once. Its files are deleted by
+        `close` of these images.
         """
         if self.max_pixels <= pixels:
             return self

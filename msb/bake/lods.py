@@ -20,15 +20,16 @@ from msb.bake.space import Space
 from msb.bake.surface_distance import measure_distances, sample_surface
 from msb.meshes.mesh import Mesh
 
-# The geometric error of a level must be below a pixel of an image with this number of rows, a full-HD screen.
+# Number of rows of the image in which the geometric error of a level must be below a pixel: a full-HD screen.
 SCREEN_ROWS = 1080
-# Percentile of the sample points whose error counts, so that a few outliers do not decide.
+# Percentile of the errors of the sample points that counts as the error of a level, so that a few outliers do
+# not decide.
 _ERROR_PERCENTILE = 95.0
-# Share of a soup's faces that one stage keeps before the others are moved. A level of 50 % loses 0.1 to 0.3
-# dB in such stages, and lost up to 0.6 in larger ones.
+# Smallest share of a soup's faces that one stage keeps; the kept faces are then moved. A level of 50 % loses
+# 0.1 to 0.3 dB with such stages, and lost up to 0.6 dB with stages that hid more faces.
 _STAGE_SHARE = 0.5
-# Steps that move the remaining faces of a stage, or the vertices of a surface. A walled scene's level gains
-# 0.2 dB with 300 instead of 200 steps.
+# Steps that move the remaining faces of a stage, or the vertices of a surface. A level of a walled scene
+# gains 0.2 dB with 300 steps instead of 200.
 _STEPS = 300
 # Step length of a soup at the start and at the end, relative to the size of a face. Small last steps keep the
 # gain of the first ones.
@@ -40,18 +41,19 @@ def make_lods(
 ) -> Iterator[tuple[Mesh, list[str]]]:
     """Yield for each of the falling `shares` a mesh with that share of the faces, and notes for the user.
 
-    A level is made when it is requested, for at most `seconds`. Its vertex colours are rough, and it has no
-    texture.
+    A level is made when the iterator reaches it, and its search takes at most `seconds`. Its vertex colours
+    are rough, and it has no texture.
 
-    A soup keeps the faces that are worth most in the training images, and these move to replace the others;
-    each level is made from the one before. A connected mesh is reduced by quadric error, with its colour
-    seams merged. A closed one is reduced in the space of `Space.fit`, and its vertices then move there; it
-    stays closed, manifold and consistently wound. Unseen parts keep the colours of `mesh`.
+    A soup keeps the faces without which the error in the training images would rise most. These faces are
+    moved to replace the others. Each level is made from the previous one. A connected mesh is reduced by
+    quadric error, with its colour seams merged. A closed mesh is reduced in the coordinates of `Space.fit`,
+    and its vertices are then moved there; it stays closed, manifold and consistently wound. Unseen parts keep
+    the colours of `mesh`.
 
     Raises
     ------
     AssetError
-        TRIASSET_EMPTY, by the iterator: nothing closed is left with this number of faces.
+        TRIASSET_EMPTY, raised by the iterator: no closed surface is left with this number of faces.
     DeviceError
     """
     counts = [max(1, round(share * len(mesh.faces))) for share in shares]
@@ -74,7 +76,7 @@ def _reduce_soup(
     notes: list[str] = []
     seconds = level_seconds
     for stage, (count, left) in enumerate(stages):
-        # Larger faces need fewer pixels. At 1/8 of the faces the images that moved all of them suffice.
+        # Larger faces need fewer pixels. With 1/8 of the faces, images of `PIXELS_TO_MOVE` pixels suffice.
         pixels = 8 * PIXELS_TO_MOVE * count // whole
         with context.limited_to(pixels).open_renderers(soup) as (renderer, validation):
             # Hide unseen faces first, then the least useful ones.
@@ -90,9 +92,9 @@ def _reduce_soup(
                 soup, renderer, validation, random, step_lengths=lengths, most=count, schedule=schedule
             )
             seconds = max(0.0, seconds - (time.monotonic() - began))
-        # Hidden faces do not come back in later stages, where they would be tried again.
+        # Drop hidden faces, so that later stages do not try to show them again.
         soup = soup.drop_hidden()
-        notes = schedule.notes("moving the triangles") or notes  # a level is made of those before it
+        notes = schedule.notes("moving the triangles") or notes  # they also apply to later levels
         if left == 1:
             yield soup.to_mesh(), notes
             seconds = level_seconds
@@ -101,7 +103,7 @@ def _reduce_soup(
 def _reduce_closed(
     mesh: Mesh, whole: SearchContext, counts: Sequence[int], seconds: float
 ) -> Iterator[tuple[Mesh, list[str]]]:
-    """Yield a closed surface with fewer faces, whose vertices move in its space."""
+    """Yield a closed surface with fewer faces for each count; its vertices are moved."""
     context = whole.limited_to(PIXELS_TO_MOVE)
     cameras = context.training.cameras
     visible = find_visible_points(mesh, cameras, context.device)
@@ -121,7 +123,7 @@ def _reduce_closed(
 def _reduce_open(
     mesh: Mesh, context: SearchContext, counts: Sequence[int]
 ) -> Iterator[tuple[Mesh, list[str]]]:
-    """Yield an open surface with fewer faces, which are not moved."""
+    """Yield an open surface with fewer faces for each count; its vertices are not moved."""
     points = mesh.vertices.astype(np.float64)
     for level, count in enumerate(counts):
         _report_progress(context, level, len(counts), 0, 1)
@@ -140,7 +142,7 @@ def _report_progress(context: SearchContext, level: int, levels: int, done: int,
 
 
 def _plan_stages(faces: int, counts: Sequence[int]) -> list[tuple[int, int]]:
-    """Return for each stage its number of faces, and the stages left until the next level (1: this one).
+    """Return for each stage its number of faces, and the number of stages until the next level (1: its own).
 
     The numbers fall from `faces` through all `counts` by a factor of at least `_STAGE_SHARE`.
     """
@@ -154,11 +156,12 @@ def _plan_stages(faces: int, counts: Sequence[int]) -> list[tuple[int, int]]:
 
 
 def measure_screen_share(mesh: Mesh, lod: Mesh, *, rows: int = SCREEN_ROWS) -> float:
-    """Return the height of the model, as a share of the image's, below which `lod` can replace `mesh`.
+    """Return the share of the image height below which the model can be drawn as `lod` instead of `mesh`.
 
-    Below it 95 % of the points of either surface are nearer to the other than a pixel of an image of `rows`
-    rows. The height of the model is the diameter of a sphere around the centre of its box through its
-    farthest vertex. The result is at most 1. Differences of colour are not measured.
+    If the model is smaller than this, 95 % of the points of either surface are less than a pixel away from
+    the other surface, in an image of `rows` rows. The height of the model is the diameter of a sphere around
+    the centre of its box through its farthest vertex. The result is at most 1. Differences of colour are not
+    measured.
     """
     # Distances in both directions.
     ends = [(part.vertices.astype(np.float64), part.faces) for part in (mesh, lod)]

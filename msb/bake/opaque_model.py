@@ -16,12 +16,13 @@ from msb.meshes.assets import mesh_from_asset, with_vertex_colors
 from msb.meshes.charts import with_sampled_colors
 from msb.meshes.mesh import Mesh
 
-# Smallest ratio of a face's blending weight to the pixels that it covers as an opaque face, tried in this
-# order. Faces below it are pruned: the faces behind them contribute more. The validation images decide where
-# to stop. 0.25 was best for a walled scene and for a garden; above 0.4 holes open.
+# Limits, tried in this order, for the ratio of a face's blending weight to the number of pixels that it
+# covers as an opaque face. Faces below the limit are pruned, because the faces behind them contribute more.
+# The validation images decide which limit is best. 0.25 was best for a walled scene and for a garden; above
+# 0.4 holes open.
 WEIGHT_RATIOS = (0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35)
-# Every n-th training view measures covered pixels here. Every other view saves a fifth of the time of a bake
-# with kept triangles.
+# Covered pixels are measured in every second training view. This saves a fifth of the time of a bake with
+# kept triangles.
 _VIEW_STEP = 2
 
 
@@ -38,8 +39,8 @@ def prune_faces(
 ) -> None:
     """Prune the faces of `soup` that cover far more pixels than they contribute to native renderings.
 
-    `best` keeps the state with the smallest validation error. Without `weights` no face is pruned. A face
-    starts with the average colour of the images at its pixels, until its colour is fitted.
+    `best` keeps the state with the smallest validation error. Without `weights` no face is pruned. Until its
+    colour is fitted, a face has the average colour of the images where they show it.
     """
     if weights is not None:
         # Weights (F,) in pixels, scaled from the images that they were measured in to the drawn ones.

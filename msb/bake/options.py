@@ -22,7 +22,7 @@ CollisionKind = Literal["mesh", "hulls", "box"]
 
 # Faces of the smallest closed mesh, a tetrahedron.
 MIN_CLOSED_FACES = 4
-# Largest number of faces or convex parts of a collision shape; a typing mistake beyond it is rejected.
+# Largest number of faces or convex parts of a collision shape. The limit catches typing mistakes.
 _MAX_COLLISION_SIZE = 1 << 20
 
 
@@ -151,7 +151,7 @@ class BakeKeywords(TypedDict, total=False):
 
 
 def parse_lods(lods: str | Sequence[float]) -> tuple[float, ...]:
-    """Return the shares of the faces in "0.5,0.25,0.1" or in a sequence; each is in (0, 1) and falling.
+    """Return the shares of the faces in "0.5,0.25,0.1" or in a sequence; they are in (0, 1) and fall.
 
     Raises
     ------
@@ -186,8 +186,8 @@ def parse_collision(text: str) -> tuple[CollisionKind, int]:
         return "mesh", count
     if name == "hulls" and 1 <= count <= _MAX_COLLISION_SIZE:
         return "hulls", count
-    wanted = f"mesh:N (N faces, {MIN_CLOSED_FACES} or more), hulls:N (N convex parts) or box"
-    raise UsageError("USAGE", f'--collision is "{shorten(text, 40)}"; it must be {wanted}')
+    expected = f"mesh:N (N faces, {MIN_CLOSED_FACES} or more), hulls:N (N convex parts) or box"
+    raise UsageError("USAGE", f'--collision is "{shorten(text, 40)}"; it must be {expected}')
 
 
 def need_libraries(options: BakeOptions) -> None:

@@ -35,7 +35,7 @@ _SMALLEST_TEXTURED = Mesh(
 
 
 class OutputAsset(NamedTuple):
-    """An asset of a bake, the ending of its file's name, and data that a GLB carries.
+    """An asset of a bake, the ending of its file name, and the `extras` that its GLB contains.
 
     `collision` is the collision shape that a USD stage includes, and `is_convex` whether its parts are
     convex.
@@ -49,7 +49,7 @@ class OutputAsset(NamedTuple):
 
 
 def list_endings(levels: int, *, has_collision: bool) -> list[str]:
-    """Return the endings of the names: of the main asset, its levels of detail, its collision shape."""
+    """Return the endings of file names: of the main asset, its levels of detail, its collision shape."""
     endings = ["", *(f"_lod{number}" for number in range(1, levels + 1))]
     return [*endings, "_collision"] if has_collision else endings
 
@@ -85,8 +85,8 @@ def write_assets(
 ) -> list[tuple[Path, int]]:
     """Write assets to all paths, each in the format of its suffix, all or none.
 
-    Returns for each asset its file at the first path, and its bytes including the files that it needs beside
-    it.
+    Returns for each asset its file at the first path, and the size in bytes of this file and of the files
+    that it needs beside it.
     """
     if not paths:
         raise UsageError("USAGE", "missing output; pass a path to write to")

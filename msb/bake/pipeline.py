@@ -1,4 +1,4 @@
-"""The stages of a bake between its images and its files: candidates, colour, choice, levels and collision."""
+"""The stages of a bake from its images to its meshes: candidates, choice, colours, levels and collision."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -37,20 +37,24 @@ from msb.meshes.assets import asset_from_mesh
 from msb.meshes.mesh import Mesh
 from msb.topology.faces import face_areas
 
-# Smallest share of the model's area that generated views must see. With less, they do not suit the model.
+# Smallest share of the model's area that generated views must see. If they see less, they do not suit the
+# model.
 MIN_SEEN_SHARE = 0.8
-# Shares of `seconds`. For moving fitted triangles, and for each level of detail:
+# Share of the option `seconds` for moving fitted triangles, and for each level of detail.
 _FITTED_SHARE = 2 / 3
-# For each of a surface's two searches, of the soup that its depth maps show and of its vertices. Together
-# with the fixed steps a surface takes half as long again as fitted triangles.
+# The same for each of the two searches of a surface: the soup that its depth maps show, and its vertices.
+# Including the steps without a time limit, a surface takes 1.5 times as long as fitted triangles.
 _SURFACE_SHARE = 0.4
-# Smallest time in seconds of a search, which then moves for a single step.
+# Smallest time limit of a search in seconds. It allows a single step.
 _MIN_SECONDS = 1e-3
-# Scale of the training images relative to the views. A texture can only be as sharp as the images drawn with
-# it if these have twice the pixels, and faces moved by smaller images followed their aliasing (1.3 dB).
+# Width and height of the training images relative to the views. A texture that is fitted to images of the
+# same size as the views is blurred in them, and faces moved by such images followed their aliasing, which
+# cost 1.3 dB.
 _IMAGE_SCALE = 2
 _SOLID_CANDIDATES: tuple[Geometry, ...] = ("fitted", "surface")
-_OPAQUE_NOTE = "its triangles are opaque; parts that alpha cut off have the colour of the surface behind"
+_OPAQUE_NOTE = (
+    "the baked triangles are opaque; parts that alpha cut off have the colour of the surface behind"
+)
 
 
 def _is_solid(asset: Asset) -> bool:
@@ -59,7 +63,7 @@ def _is_solid(asset: Asset) -> bool:
 
 @dataclass(frozen=True)
 class Choice:
-    """The chosen geometry, the share of the area that is unseen, the PSNR of the candidates, and notes."""
+    """The chosen geometry, the unseen share of the model's area, the PSNR of the candidates, and notes."""
 
     geometry: Geometry
     unseen_area: float
@@ -96,7 +100,7 @@ class BakePipeline:
         self._asset, self._views, self._source, self._options = asset, views, source, options
         self._device, self._progress = device, progress
         self._pixels = max(camera.width * camera.height for camera in views.all_but_test)
-        self._images = source.training_images(views.all_but_test, self._image_scale())
+        self._images = source.training_images(views.all_but_test, self._choose_image_scale())
         # Validation views come last; without any, the training views validate as well.
         first = range(len(views.all_but_test) - len(views.validation))
         self._training = self._images.select(first)
@@ -108,12 +112,12 @@ class BakePipeline:
         self._soups: dict[int | None, tuple[Mesh, list[str]]] = {}
         self._untextured: Mesh | None = None
 
-    def _image_scale(self) -> int:
+    def _choose_image_scale(self) -> int:
         """Return the scale of the training images relative to the views.
 
-        Larger images show borders of faces more precisely; small views get four times the width and height.
-        If nothing moves and no texture is fitted, pixels of the views suffice for faces that have some, and
-        the images are drawn in a quarter of the time.
+        Larger images show borders of faces more precisely, so small views get four times the width and
+        height. If no face moves and no texture is fitted, a scale of 1 suffices for faces with enough pixels.
+        The images are then rendered in a quarter of the time.
         """
         if (2 * _IMAGE_SCALE) ** 2 * self._pixels <= PIXELS_TO_MOVE:
             return 2 * _IMAGE_SCALE
@@ -130,7 +134,7 @@ class BakePipeline:
             images.close()
 
     def make_mesh(self, stopped: Callable[[], bool]) -> tuple[Mesh, Choice]:
-        """Return the mesh as it is written, and the choice between its candidates."""
+        """Return the mesh as it is written to files, and the choice between its candidates."""
         self._progress("looking at the model", 0, len(self._images))
         for number in range(len(self._images)):
             self._images.stored_image(number)
@@ -163,13 +167,14 @@ class BakePipeline:
                 if not candidates:
                     raise
                 notes.append(f"{name} could not be made: {error.message}")
-        # Compare the candidates on validation images, in colours fitted without these.
+        # Compare the candidates in the validation images, with colours that are fitted to the training images
+        # alone.
         tried: dict[str, float] = {}
         if len(candidates) > 1:
             targets = [self._validation.limited_to(self._pixels)]
             for name in reversed(candidates):
                 mesh = candidates[name]
-                colored = self._fit_colors(name, mesh, self._color_target(name, mesh), self._training)
+                colored = self._fit_colors(name, mesh, self._choose_color_target(name, mesh), self._training)
                 self._progress("comparing", 0, 1)
                 asset = asset_from_mesh(colored)
                 tried[name] = measure_psnr(asset, targets, SAMPLES_PER_SIDE, self._device)[0]
@@ -180,15 +185,14 @@ class BakePipeline:
         if stopped():
             notes.append("interrupted; this is the best result until then")
         # The final colours are fitted to all images.
-        target = self._color_target(chosen, candidates[chosen])
+        target = self._choose_color_target(chosen, candidates[chosen])
         mesh = self._fit_colors(chosen, candidates[chosen], target, self._images)
         if why:
             notes.append(f"{why}. {describe_choice(tried)}")
         if dropped := self._asset.manifest.face_count - len(mesh.faces):
             plural = "s" if abs(dropped) > 1 else ""
-            notes.append(
-                f"{abs(dropped):,} {'fewer' if dropped > 0 else 'more'} triangle{plural} than the model"
-            )
+            more_or_fewer = "fewer" if dropped > 0 else "more"
+            notes.append(f"the mesh has {abs(dropped):,} {more_or_fewer} triangle{plural} than the model")
         return mesh, Choice(chosen, unseen, tried, tuple(notes))
 
     def _choose_candidate(
@@ -199,14 +203,14 @@ class BakePipeline:
         if not tried:
             return best, ""
         if "surface" not in candidates:
-            return best, f"{best} was chosen as the better of two"
+            return best, f"{best} was chosen as the better of kept and fitted"
         verdict = Verdict.of(audit(asset_from_mesh(candidates["surface"])))
         if verdict.level == "bad":
             return "fitted", f"fitted was chosen, because the verdict on the surface is BAD: {verdict.reason}"
         return "surface", "surface was chosen, as tools for solids need it"
 
     def _measure_visibility(self) -> tuple[float, BlendingWeights | None]:
-        """Return the share of the area that no view sees, and blending weights in the training images.
+        """Return the area share that no view sees, and the blending weights in the training images.
 
         Raises
         ------
@@ -235,7 +239,7 @@ class BakePipeline:
         return unseen, None if why_not(self._asset.manifest, "dedicated") else training
 
     def _list_candidates(self) -> tuple[Sequence[Geometry], list[str]]:
-        """Return the names of the candidates to make, and a note on one that is left out."""
+        """Return the names of the candidates to make, and notes on candidates that are left out."""
         options, count = self._options, self._asset.manifest.face_count
         if options.geometry != "auto":
             return [options.geometry], []
@@ -254,10 +258,10 @@ class BakePipeline:
         """Return whether the images have too few pixels to move `count` faces."""
         return count * MIN_FACE_PIXELS > min(self._images.max_pixels, PIXELS_TO_MOVE)
 
-    def _color_target(self, name: Geometry, mesh: Mesh) -> ColorTarget:
+    def _choose_color_target(self, name: Geometry, mesh: Mesh) -> ColorTarget:
         """Return whether the colours of a candidate go to a texture or to the vertices.
 
-        A texture for tiny triangles has ten times the bytes of vertex colours.
+        Tiny fitted triangles have vertex colours by default, as a texture would have ten times the bytes.
         """
         options = self._options
         is_free = options.color is None and options.texture is None
@@ -274,7 +278,7 @@ class BakePipeline:
         # `--faces` limits the faces of the surface itself, not of the soup that it is made from.
         budget = options.faces if name == "fitted" else None
         if budget not in self._soups:
-            seconds = self._seconds(_FITTED_SHARE if name == "fitted" else _SURFACE_SHARE)
+            seconds = self._limit_seconds(_FITTED_SHARE if name == "fitted" else _SURFACE_SHARE)
             self._soups[budget] = make_fitted(
                 self._asset, self._context, weights, seconds=seconds, faces=budget, pixels=self._pixels
             )
@@ -286,12 +290,12 @@ class BakePipeline:
             self._context,
             faces=options.faces,
             pixels=self._pixels,
-            seconds=self._seconds(_SURFACE_SHARE),
+            seconds=self._limit_seconds(_SURFACE_SHARE),
         )
         return mesh, [*(f"triangle soup for the surface: {note}" for note in notes), *surface_notes]
 
-    def _seconds(self, share: float) -> float:
-        """Return the time limit of a search that has this share of the time."""
+    def _limit_seconds(self, share: float) -> float:
+        """Return the time limit in seconds of a search that has this share of the option `seconds`."""
         return max(share * self._options.seconds, _MIN_SECONDS)
 
     def make_levels(
@@ -306,7 +310,7 @@ class BakePipeline:
         size = mesh.textures[0].shape[0] if mesh.textures else None
         whole = mesh if size is None else self._untextured
         assert whole is not None
-        lods = make_lods(whole, self._context, shares, seconds=self._seconds(_FITTED_SHARE))
+        lods = make_lods(whole, self._context, shares, seconds=self._limit_seconds(_FITTED_SHARE))
         levels, notes = [], []
         for share in shares:
             try:
@@ -333,10 +337,10 @@ class BakePipeline:
     def _fit_colors(
         self, name: Geometry, mesh: Mesh, target: ColorTarget, images: ViewImages, size: int | None = None
     ) -> Mesh:
-        """Return a mesh as it is written, with colours fitted to the images.
+        """Return a mesh as it is written to files, with colours fitted to the images.
 
-        They are bytes at the vertices, or a texture of `size` texels along a side, by default of the size of
-        `--texture`.
+        Vertex colours are rounded to bytes. A texture has `size` texels along a side, by default those of the
+        option `texture`.
         """
         cameras = images.limited_to(_IMAGE_SCALE**2 * self._pixels).cameras
         images = images.with_coarser_levels(self._pixels)

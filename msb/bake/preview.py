@@ -1,4 +1,4 @@
-"""A preview image of a bake: the target, the standard-tier mesh of the model, and the baked mesh."""
+"""The preview image of a bake: target images, the unbaked standard-tier mesh, and the baked mesh."""
 
 from dataclasses import dataclass
 
@@ -13,7 +13,7 @@ from msb.render import Renderer
 from msb.scenes import Camera
 from msb.views import spread_evenly
 
-# Rows of the preview, a view each.
+# Number of rows of the preview. A row shows one view.
 _VIEWS = 2
 # Pixels of the largest image; three columns of it fit on a screen.
 _MAX_PIXELS = 1 << 18
@@ -26,7 +26,7 @@ class Preview:
     Attributes
     ----------
     image : (H, W, 3) float32
-        RGB in [0, 1]: a row for each of a few views. Meshes have 16 samples per pixel.
+        RGB in [0, 1], with one row of images per view. Meshes are drawn with 16 samples per pixel.
     columns : tuple of str
         The titles of its columns, from the left: "photograph" or "native rendering"; "unbaked mesh", if the
         model has a standard tier; "baked".
@@ -66,7 +66,7 @@ def make_preview(
 
 
 def _join_columns(columns: list[list[Singles]], background: tuple[float, float, float]) -> Singles:
-    """Return one image of columns of images; the images of a row have one size, rows may differ."""
+    """Join columns of images; all images of a row have the same size, but rows may differ in size."""
     width = max(image.shape[1] for image in columns[0])
     heights = [image.shape[0] for image in columns[0]]
     joined = np.full((sum(heights), len(columns) * width, 3), background, np.float32)

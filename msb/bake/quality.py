@@ -47,9 +47,9 @@ def measure_quality(
 def measure_psnr(
     asset: Asset, targets: Sequence[ViewImages], samples: int, device: str | None
 ) -> list[float]:
-    """Return the average PSNR in dB of the standard tier to each of several sets of images of one camera set.
+    """Return the average PSNR in dB of standard-tier images to each set of target images.
 
-    Images have `samples` samples along each side of a pixel.
+    All sets have the same cameras. Images have `samples` samples along each side of a pixel.
     """
     values: list[list[float]] = [[] for _ in targets]
     with closing(StandardRenderer(asset, device=device, supersample=samples)) as renderer:

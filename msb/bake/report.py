@@ -1,4 +1,4 @@
-"""The report of a bake: its result, and the quality of that on the test views."""
+"""The report of a bake: its result, and the quality of the result on the test views."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ from msb.topology.verdict import judge
 
 SCHEMA = "msb.bake/1"
 WORSE_NOTE = (
-    "the unbaked mesh is closer to the native rendering than the baked one; give more views, or larger ones"
+    "the unbaked mesh is closer to the native rendering than the baked one; pass more views or larger ones"
 )
 
 
 @dataclass(frozen=True)
 class Psnr:
-    """Average PSNR over the test views, in dB, of images of 8 bits; None where it does not exist.
+    """Average PSNR in dB over the test views, of images with 8 bits per channel.
 
     Attributes
     ----------
     native : float or None
-        Of native renderings to the photographs; None if native renderings are the reference.
+        PSNR of native renderings, compared with photographs; None if native renderings are the reference.
     before : float or None
-        Of the model's standard-tier mesh; None if the model has no standard tier.
+        PSNR of the model's standard-tier mesh; None if the model has no standard tier.
     after, after_16 : float
-        Of the baked mesh on the standard tier, with one sample per pixel and with 16.
+        PSNR of the baked mesh on the standard tier, with one sample per pixel and with 16.
     """
 
     native: float | None
@@ -145,12 +145,12 @@ class Report:
     texture : (int, int) or None
         Width and height of the texture.
     bytes : int or None
-        Of the first file; None before it is written.
+        Size of the first file in bytes; None before it is written.
     seconds : float
-        The time of the bake, without reading the model and writing files.
+        The time of the bake in seconds, without reading the model and writing files.
     training, validation, test, interpolated : int
-        The numbers of views. Training and interpolated views supervise, validation views decide between
-        results, and test views are held out for the numbers.
+        The numbers of views. The images of training and interpolated views supervise, validation views decide
+        between results, and test views are held out for the measurement.
     views : str
         Where the views come from.
     supervision : str
@@ -259,7 +259,7 @@ class Report:
         change = "as before" if self.before.level == self.after.level else f"was {self.before.level.upper()}"
         text = f"Audit: {self.after.level.upper()}, {change}"
         text += f" ({self.after.reason})" if self.after.reason else ""
-        # If a surface was made or tried, nothing else helps.
+        # If a surface was made or tried already, there is no other advice.
         can_help = self.after.level != "ok" and "surface" not in (self.geometry, *self.tried)
         return text + (": use --geometry surface for a watertight mesh" if can_help else "")
 
@@ -288,9 +288,9 @@ class Report:
         }
 
     def extras(self) -> dict[str, Any]:
-        """Return the main numbers, which a GLB carries: no paths, and nothing about the machine.
+        """Return the main numbers, which are stored in a GLB.
 
-        They are the same whenever the same asset is made.
+        They contain no path, time or device, so that bakes of equal results have equal files.
         """
         names = ("schema", "geometry", "color", "faces", "texture", "views", "unseen_area", "psnr")
         data = self.to_dict()

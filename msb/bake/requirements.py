@@ -1,4 +1,4 @@
-"""The options of a bake applied to a model, and the libraries they need, checked before any work."""
+"""Checks of a bake's options for a model, and of the libraries that they need, before any work."""
 
 from msb.asset import Asset
 from msb.asset.look import tint_of
@@ -22,7 +22,7 @@ def choose_color_target(options: BakeOptions, geometry: Geometry, asset: Asset) 
 
 
 def check_model(options: BakeOptions, asset: Asset) -> None:
-    """Reject options whose libraries are not installed, as far as the model decides which are needed.
+    """Reject options that need a library for this model that is not installed.
 
     Raises
     ------
@@ -57,8 +57,9 @@ def need_enclosure() -> None:
 def _fits_vertices(asset: Asset) -> bool:
     """Return whether vertex colours can show the model.
 
-    They cannot if its colours vary within a face, nor if its faces are uniform and share vertices, unless the
-    library that makes a texture for such faces is missing.
+    They cannot if the colours vary within a face, or if faces are uniform and share vertices. Without xatlas,
+    which makes the texture of faces that share vertices, vertex colours are used for all models whose faces
+    share vertices.
     """
     if why_not(asset.manifest, "standard") is not None:
         return False

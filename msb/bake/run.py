@@ -43,7 +43,7 @@ class Baked:
     asset : Asset
         An asset of method "mesh" in memory, with a texture or vertex colours.
     report : Report
-        Printed as one line; `to_dict` returns what `msb bake --json` writes.
+        Its `sentence` is the result in one line; `to_dict` returns the data that `msb bake --json` writes.
     preview : Preview
         Images of the target, of the unbaked mesh and of the baked mesh side by side.
     lods : tuple of Asset
@@ -257,9 +257,10 @@ def bake(
 
 @contextmanager
 def _catch_interrupt(keep_best: bool) -> Iterator[Callable[[], bool]]:
-    """Yield a function that returns whether to stop: after the first Ctrl-C, if the best result is kept.
+    """Yield a function that returns whether to stop: true after the first Ctrl-C with `keep_best`.
 
-    A second Ctrl-C interrupts as usual. Signals only reach the main thread.
+    A second Ctrl-C interrupts as usual. Outside the main thread, which alone receives signals, it returns
+    false.
     """
     received: list[int] = []
     if not keep_best or threading.current_thread() is not threading.main_thread():

@@ -1,4 +1,4 @@
-"""Fewer faces by quadric error, for a surface that stays as closed, manifold and oriented as it was."""
+"""Face reduction by quadric error that keeps a closed surface closed, manifold and consistently wound."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from msb.topology import audit_arrays
 from msb.topology.seams import is_closed
 from msb.topology.steps import drop, turn_faces
 
-# Growth of the allowed error per pass of the library, 7 by default. Slower growth keeps the shape better, but
-# ends above the face budget.
+# Growth of the allowed error per pass of the library, 7 by default. Slower growth preserves the shape better,
+# but may end above the face budget.
 _AGGRESSIVENESS = 5
 
 
@@ -26,8 +26,8 @@ def is_closed_surface(points: NDArray[Any], faces: Ints) -> bool:
 def simplify(points: Floats, faces: Ints, count: int) -> tuple[Floats, Ints]:
     """Return a surface with about `count` faces, at most as many as it has: points (V, 3), faces (F, 3).
 
-    A closed surface stays closed, manifold and consistently wound; if nothing is left of it, it gets more
-    faces. An open surface loses faces at edges with more than two faces.
+    A closed surface stays closed, manifold and consistently wound; if no face would be left, it gets more
+    faces than `count`. An open surface loses surplus faces at edges with more than two faces.
     """
     import fast_simplification
 

@@ -29,12 +29,12 @@ if TYPE_CHECKING:
 
 
 def find_color_seams(points: NDArray[Any], faces: NDArray[Any]) -> Seams | None:
-    """Return the cut edges of a mesh, whatever the cut vertices differ in; None if it has no cut."""
+    """Return the cut edges of a mesh, whichever attributes differ across a cut; None if it has no cut."""
     return find_seams(points, faces, {"color": np.arange(len(points))[:, None]})
 
 
 def merge_seams(mesh: Mesh) -> Mesh:
-    """Return `mesh` with vertices merged that a cut doubled; `mesh` itself if it has no cut."""
+    """Return `mesh` with the doubled vertices of cuts merged; `mesh` itself if it has no cut."""
     seams = find_color_seams(mesh.vertices, mesh.faces)
     if seams is None:
         return mesh
@@ -50,8 +50,8 @@ def merge_seams(mesh: Mesh) -> Mesh:
 def is_uncut_soup(points: NDArray[Any], faces: NDArray[Any]) -> bool:
     """Return whether the faces are a soup, and not a surface that was cut along all its edges.
 
-    Faces that use the vertices one after the other are always a soup, as assets store it: there corners may
-    coincide by chance.
+    Faces that use all vertices in their order are always a soup, as that is how assets store soups. Their
+    corners may coincide by chance.
     """
     if not is_unindexed(faces, len(points)):
         return False
@@ -71,7 +71,8 @@ class Soup:
     selected : (F,) bool
         The faces that are drawn.
     shared : (F, 3) int64, optional
-        The vertex of each corner, if corners of one vertex have one colour. None: each corner has a colour.
+        The vertex of each corner, if corners of one vertex have one colour. If None, the corners have
+        independent colours.
     """
 
     corners: Singles
@@ -124,12 +125,12 @@ class Soup:
     def _laplacian(self) -> csr_matrix:
         """The Laplacian of the edges between shared vertices, which a search does not change."""
         assert self.shared is not None
-        return color_fit.edge_laplacian(self.shared, int(self.shared.max()) + 1)
+        return color_fit.make_edge_laplacian(self.shared, int(self.shared.max()) + 1)
 
-    def refit_colors(self, renderer: SoupRenderer, every: int = 1) -> FaceSums:
-        """Fit the colours using every `every`-th view of `renderer`; return the sums over the pixels."""
+    def refit_colors(self, renderer: SoupRenderer, step: int = 1) -> FaceSums:
+        """Fit the colours to every `step`-th view of `renderer`; return the sums over the pixels."""
         self.upload(renderer)
-        sums = renderer.sum_faces(range(0, len(renderer.images), every), gradients=False)
+        sums = renderer.sum_faces(range(0, len(renderer.images), step), gradients=False)
         self.fit_colors(sums)
         return sums
 
@@ -158,12 +159,12 @@ class Soup:
     def halve(self, times: Ints) -> Self:
         """Return the selected faces, each cut into 2^times pieces.
 
-        `times` has a number for each selected face. Each cut halves a piece across its longest side.
+        `times` has a number for each selected face. A cut halves a piece at the middle of its longest side.
         """
         soup = self.drop_hidden()
         while times.any():
             cut = times > 0
-            # Turn the corners (n, 3) of the faces to cut so that the longest side is the first one.
+            # Rotate the corners (n, 3) of the faces to cut, so that the longest side is the first one.
             longest = np.linalg.norm(soup.corners - np.roll(soup.corners, -1, axis=1), axis=2).argmax(axis=1)
             turned = (np.flatnonzero(cut)[:, None], (longest[cut, None] + np.arange(3)) % 3)
             corners, colors = (

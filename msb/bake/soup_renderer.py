@@ -1,6 +1,7 @@
 """Standard-tier renderers that compare their images with target images on the device.
 
-A soup changes between renderings; sums over the pixels of each face say how to change it.
+A soup changes between renderings. Sums over the pixels of each face give its best colours and the gradient of
+the error.
 """
 
 from __future__ import annotations
@@ -25,12 +26,12 @@ from msb.render.standard.triangles import RECORD_DEFINES
 
 # Sums per face: six products of weights (aa, ab, ac, bb, bc, cc), then red, green, blue times a, b and c.
 SUMS_PER_FACE = 15
-# Work-items of a work-group; devices of all kinds support it.
+# Work-items of a work-group. All kinds of devices support this number.
 _GROUP = 64
 # Pixels along each side of the blocks whose averages `measure_error` compares. Most of the error of single
 # pixels is at edges and depends on their position between samples.
 _BLOCK = 2
-# Bytes of target images that stay on the device. Beyond it each image is sent when it is needed.
+# Bytes of target images that stay on the device. If there are more, each image is sent when it is needed.
 _MAX_RESIDENT_BYTES = 1 << 28
 
 
@@ -41,7 +42,7 @@ class FaceSums(NamedTuple):
     sums: Singles
     # (F,) the largest number of pixels in one view.
     max_pixels: NDArray[np.uint32]
-    # (F, 3, 3) the derivative of the squared error by each corner, per unit of the scene.
+    # (F, 3, 3) the derivative of the squared error by the place of each corner, per unit of the scene.
     gradients: Singles
 
 
@@ -72,7 +73,7 @@ class SupervisedRenderer(StandardRenderer):
         planes = self._run(camera, self.images.background, everything=True, view=view)
         return planes, view, self._count_pixels(number)
 
-    def _target(self, number: int) -> Buffer:
+    def _load_target(self, number: int) -> Buffer:
         """Return the target image of a view on the device."""
         if number in self._targets:
             return self._targets[number]
@@ -156,7 +157,7 @@ class SoupRenderer(SupervisedRenderer):
                 np.uint32(count),
                 np.uint32(pixels),
             )
-            target = self._target(number)
+            target = self._load_target(number)
             self._kernels.sums(pixels, _GROUP, *lists, target, *drawn, *size, *outputs, most, *settings)
         return FaceSums(outputs[0].read(), most.read(), outputs[1].read())
 
@@ -177,7 +178,7 @@ class SoupRenderer(SupervisedRenderer):
         self._old = self._scratch("old faces", total, np.int32), self._scratch("old errors", total)
         for place, number in enumerate(numbers):
             planes, _, count = self._draw_view(number)
-            drawn = planes["image"], planes["face_id"], self._target(number)
+            drawn = planes["image"], planes["face_id"], self._load_target(number)
             start = np.uint32(self._starts[place])
             self._kernels.remember(count, _GROUP, *drawn, *self._old, start, np.uint32(count))
 
@@ -185,22 +186,24 @@ class SoupRenderer(SupervisedRenderer):
     def measure_changes(self, owner: NDArray[np.int32], proposals: int) -> Floats:
         """Return by how much each proposal increases the squared error of each remembered view.
 
-        `owner` (F,) is the proposal that a face belongs to, or -1. A pixel counts for the proposal of the
-        face that it shows now or showed before; if these are two, each gets a half. Returns (views,
-        proposals): squared differences of colours in [0, 1], summed over channels and pixels.
+        `owner` (F,) is the proposal that a face belongs to, or -1. The change of a pixel counts for the
+        proposals of the face that it shows now and of the face that it showed before; two different proposals
+        get one half each. Returns (views, proposals): squared differences of colours in [0, 1], summed over
+        channels and pixels.
         """
         views = len(self._numbers)
         owners = self._scratch("owner", self._count, np.int32)
         owners.write(owner)
         totals = self._scratch("totals", (views, proposals), self._total_type)
         totals.fill(0)
-        # Sums are integers, so that they do not depend on the order; the unit is as fine as fits.
+        # Sums are integers, so that they do not depend on the order. Their unit is as small as the range of
+        # the integers allows.
         bits = 62 if self._total_type is np.int64 else 30
         largest = 6.0 * float(np.diff(self._starts).max())
         unit = np.float32(2.0 ** min(32, bits - int(np.ceil(np.log2(largest)))))
         for place, number in enumerate(self._numbers):
             planes, _, count = self._draw_view(number)
-            drawn = planes["image"], planes["face_id"], self._target(number)
+            drawn = planes["image"], planes["face_id"], self._load_target(number)
             start, row = np.uint32(self._starts[place]), np.uint32(place * proposals)
             places = start, row, np.uint32(count)
             self._kernels.judge(count, _GROUP, *drawn, *self._old, owners, totals, unit, *places)
@@ -220,5 +223,5 @@ class SoupRenderer(SupervisedRenderer):
         return total / count
 
     def pixels_per_face(self, faces: int) -> float:
-        """Return the average number of pixels of a view for each of `faces` faces."""
+        """Return the number of pixels of an average view, divided by `faces`."""
         return self.pixels / max(1, len(self.images)) / max(1, faces)

@@ -13,24 +13,25 @@ from msb.bake.arrays import Floats
 if TYPE_CHECKING:
     from msb.scenes import Camera
 
-# Share of the visible points farther from the focus than the cameras, above which the model is a scene and
-# not an object. It allows for some stray faces.
+# If more than this share of the visible points is farther from the focus than the cameras, the model is a
+# scene and not an object. The share allows for some stray faces.
 _SCENE_SHARE = 0.02
 # Radius of the undistorted part of a scene, in median distances of the cameras from the focus.
 _NEAR_RADIUS = 0.5
 # Percentage of the visible points that may lie outside an object's box at each side: stray faces.
 _TRIM_PERCENT = 0.1
-# Smallest conditioning of the point where camera axes meet, in its worst direction, per camera. Below it the
-# axes are parallel.
+# Smallest eigenvalue per camera of the equations for the point where the camera axes meet. Below it the axes
+# count as parallel.
 _MIN_CONDITIONING = 1e-3
 # Smallest distance of the focus in front of the cameras, relative to the distance of the visible points.
-# Cameras that turn in one place meet where they stand, up to rounding.
+# The axes of cameras that turn in one place meet at that place, up to rounding.
 _MIN_AHEAD = 1e-4
 # Distance of the visible centre from the cameras, in the same unit, below which the cameras stand inside.
 _INSIDE_DISTANCE = 0.5
-# Half the shortest side of an object's box, relative to the longest: a flat object still has a volume.
+# Smallest side of an object's box relative to its longest side, so that a flat object still has a volume.
 _MIN_THICKNESS = 1e-3
-# Outer radius of a scene's grid; 2 is infinitely far, and 1.96 is 25 radii away.
+# Outer radius of a scene's grid. A radius of 2 is infinitely far away in the world, and 1.96 is 25 near radii
+# away.
 EDGE = 1.96
 
 
@@ -39,8 +40,8 @@ class Space:
     """Coordinates relative to `center` in units of `radius`, contracted for scenes.
 
     The contraction leaves the unit ball as it is and maps x beyond it to (2 - 1 / |x|) x / |x|, as Mip-NeRF
-    360 does (Barron et al. 2022). So far parts get as many cells and faces as they have pixels. It is
-    continuous and invertible: a closed manifold stays one.
+    360 does (Barron et al. 2022). Distant parts therefore get cells and faces in proportion to their pixels.
+    The contraction is continuous and invertible, so a closed manifold stays a closed manifold.
 
     Attributes
     ----------
@@ -65,7 +66,7 @@ class Space:
         focus = _find_focus(cameras, _MIN_AHEAD * offset)
         center = np.median(points, axis=0) if focus is None else focus
         distance = float(np.median(np.linalg.norm(at - center, axis=1)))
-        # The distances between cameras that turn in one place say nothing about the size of the scene.
+        # If the cameras turn in one place, their distances say nothing about the size of the scene.
         is_inside = focus is None and distance < _INSIDE_DISTANCE * offset
         distance = offset if is_inside else distance
         if is_inside or (np.linalg.norm(points - center, axis=1) > distance).mean() > _SCENE_SHARE:
@@ -110,7 +111,7 @@ class Space:
         return result
 
     def _stretch(self, points: Floats) -> tuple[Floats, Floats]:
-        """Return the growth (n, 1) of lengths from these coordinates to the world.
+        """Return two factors (n, 1) by which lengths grow in the world, in addition to `radius`.
 
         The first is for lengths across the direction to the centre, the second along it.
         """
@@ -123,7 +124,7 @@ class Space:
 
 
 def _find_focus(cameras: Sequence[Camera], ahead: float) -> Floats | None:
-    """Return the point nearest to all camera axes; None unless it is `ahead` of each camera."""
+    """Return the point nearest to all camera axes; None unless it is `ahead` in front of each camera."""
     # Least squares: the sum over cameras of the projection across the axis (3, 3), times the point.
     at = np.stack([camera.center for camera in cameras])
     axes = np.stack([camera.world_to_camera[2, :3] for camera in cameras])

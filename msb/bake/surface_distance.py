@@ -8,18 +8,19 @@ from msb.topology.faces import face_areas
 # Sample points on a surface. With 20,000 points the standard error of an average distance is below 1 % of its
 # spread.
 POINTS = 20_000
-# Random points on the other surface, in addition to one per face, that find the nearest faces. More of them
-# find the nearest face more reliably, at the cost of a larger search tree.
+# Number of random search points on the other surface, in addition to one per face. Search points find the
+# nearest faces: more points find them more reliably, but need a larger search tree.
 _SEARCH_POINTS = 40_000
-# Nearest search points of a sample point. The exact distance is computed to the faces of all of them, as the
-# nearest search point need not lie on the nearest face.
+# Number of nearest search points per sample point. The exact distance is computed to the faces of all of
+# them, as the nearest search point need not lie on the nearest face.
 _NEIGHBOURS = 12
 
 
 def sample_surface(points: Floats, faces: Ints, count: int = POINTS) -> tuple[Floats, Ints]:
     """Return `count` points (count, 3), uniform over the area, and the face (count,) of each.
 
-    The result is the same in every call. If no face has an area, it is one corner of each face.
+    The result is the same in every call. If no face has an area, the points are the first corners of the
+    faces.
     """
     area = face_areas(points, faces)[0]
     if not area.sum() > 0:

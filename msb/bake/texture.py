@@ -1,7 +1,7 @@
 """The texture of a mesh by least squares over the pixels of images.
 
-The equations assume that texels are blended in sRGB and stored without rounding. The image that is really
-drawn comes from the standard tier, and the equations give the change that reduces its remaining error.
+The equations assume that texels are blended in sRGB and stored without rounding. The standard tier draws the
+actual image, and the equations give the change of the texels that reduces its remaining error.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ FIRST_PASS_STEP = 6
 # Smallest and largest default number of texels along a side. With 256 texels the demo models lose 0.3 dB;
 # 4096 is the largest texture of many phones.
 _DEFAULT_SIZES = 512, 4096
-# The initial texture is drawn in tiles of this number of texels along a side; it bounds the memory.
+# The initial texture is drawn in tiles of this number of texels along a side; this limits the memory.
 _TILE = 1024
 _SAMPLER = Sampler("linear", mipmaps=True, wrap_u="clamp", wrap_v="clamp")
 
@@ -84,12 +84,12 @@ def fit_texture(
     pixels = np.zeros(len(mesh.faces))
     for count in count_pixels_by_view(mesh, cameras, device):
         np.maximum(pixels, count, out=pixels)
-    size = _default_size(pixels) if size is None else size
+    size = _choose_default_size(pixels) if size is None else size
     if is_soup(mesh.faces):
         uvs = make_soup_atlas(mesh.vertices[mesh.faces], pixels, size)
     else:
         uvs = make_chart_atlas(_contract_vertices(mesh, cameras, device), mesh.faces, pixels, size)
-    colors = _corner_colors(mesh, pixels if extends_colors else None)
+    colors = _get_corner_colors(mesh, pixels if extends_colors else None)
     chart, texture = _draw_initial_texture(mesh, colors, uvs, size, device)
     textured = replace(
         mesh,
@@ -123,7 +123,7 @@ def select_first_pass(images: ViewImages) -> ViewImages:
     return images.select(range(0, len(images), FIRST_PASS_STEP))
 
 
-def _corner_colors(mesh: Mesh, pixels: Floats | None) -> NDArray[Any]:
+def _get_corner_colors(mesh: Mesh, pixels: Floats | None) -> NDArray[Any]:
     """Return the colour of each corner (3F, 3).
 
     With `pixels` (F,), faces without pixels continue the colours around them.
@@ -149,8 +149,8 @@ def _contract_vertices(mesh: Mesh, cameras: Sequence[Camera], device: str | Devi
     return Space.fit(points, cameras).from_world(mesh.vertices) if len(points) else mesh.vertices
 
 
-def _default_size(pixels: Floats) -> int:
-    """Return the power of two nearest to as many texels as pixels (F,) show the faces, within limits."""
+def _choose_default_size(pixels: Floats) -> int:
+    """Return the default texels along a side: a power of two with about one texel per pixel (F,)."""
     side = float(np.sqrt(np.maximum(pixels, 1).sum()))
     least, most = _DEFAULT_SIZES
     return int(min(max(2 ** round(np.log2(side)), least), most))
@@ -176,7 +176,7 @@ def _draw_initial_texture(
                 tile = np.s_[top : top + height, left : left + width]
                 assert frame.face_id is not None
                 faces[tile], texture[tile] = frame.face_id, np.rint(frame.image * 255)
-    # Faces that cover no texel centre are single points: each gets its texel and its average colour.
+    # A face that covers no texel centre is a point; the texel there gets the average colour of the face.
     x, y = np.clip((uvs[::3] * size).astype(np.int64), 0, size - 1).T
     drawn = np.bincount(faces[faces >= 0], minlength=len(mesh.faces)) > 0
     lost = np.flatnonzero(~drawn & (faces[y, x] < 0))

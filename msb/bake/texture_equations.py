@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from msb.cl import Buffer, Device
 
 # Weight of the squared difference between the changes of neighbouring texels, relative to a pixel. It spreads
-# changes to texels without pixels, and is small beside the pixels of the others.
+# changes to texels without pixels, and has little influence on texels with pixels.
 SMOOTHNESS = 0.5
 # Steps of conjugate gradients. Few suffice, as the initial texture is near the solution and each step costs a
 # pass over all texels.
@@ -30,18 +30,21 @@ STEPS = 15
 _ZERO = 1e-12
 # Work-items of a work-group.
 _GROUP = 64
-# Texels that one work-item sums over, and the number of such work-items of a work-group. Fixed runs make sums
-# reproducible.
+# Number of texels that one work-item sums over, and number of such work-items in a work-group. Sums are
+# reproducible, as the texels of a work-item do not depend on the device.
 _RUN, _RUN_GROUP = 64, 8
 
 
 class TextureEquations(OnDevice):
     """The normal equations of a square texture and its mip levels.
 
-    `stencils` (texels, 8) holds for each texel, level by level, the products of its weight with itself and
-    with the texels to the right, below, below right and below left, and the right sides of red, green and
-    blue. `msb.bake.texture_renderer` sums them. `sides` are the texels along a side of each level, `starts`
-    the first texel of each level and the number of texels in all.
+    `stencils` (texels, 8) has a row for each texel, level by level. The first five values are the sums of
+    products of the texel's weight with the weights of five texels: itself, and the texels to the right,
+    below, below right and below left. The other three are the right sides of red, green and blue.
+    `msb.bake.texture_renderer` adds up these sums.
+
+    `sides` are the numbers of texels along a side of each level. `starts` are the numbers of the first texel
+    of each level, followed by the number of all texels.
     """
 
     def __init__(self, size: int, device: str | Device | None = None) -> None:
@@ -110,7 +113,7 @@ class TextureEquations(OnDevice):
         return result
 
     def _describe_levels(self) -> list[tuple[int, tuple[np.uint32, np.uint32, np.int32]]]:
-        """Return for each level its texels, its first texel, the next level's first texel or 0, its side."""
+        """Return for each level (texels, (first texel, first texel of the next level or 0, side))."""
         starts = [*map(np.uint32, self.starts[:-1]), np.uint32(0)]
         sides = self.sides.tolist()
         return [(n * n, (starts[k], starts[k + 1], np.int32(n))) for k, n in enumerate(sides)]

@@ -1,4 +1,4 @@
-"""A mesh with a texture on the standard tier, and the least-squares equations of its texels."""
+"""A standard-tier renderer of a textured mesh that sums the least-squares equations of the texels."""
 
 from collections.abc import Iterator
 
@@ -47,14 +47,14 @@ class TextureRenderer(SupervisedRenderer):
     def _add_view(
         self, number: int, equations: TextureEquations, shape: tuple[Buffer, np.int32, np.int32]
     ) -> None:
-        """Queue the sums over one view; `shape` is the first texel of each level, the size and the levels."""
+        """Queue the sums over one view; `shape` is (first texels of the levels, size, number of levels)."""
         planes, view, count = self._draw_view(number)
         texels = np.uint32(equations.starts[-1])
         # A key per sample: the first of its four texels. A pixel has samples in two neighbouring levels.
         keys = self._scratch("texels", 2 * count, np.uint32)
         samples = self._scratch("samples", (2 * count, 4)), self._scratch("errors", (count, 4))
         width = np.int32(self.images.cameras[number].width)
-        drawn = planes["face_id"], planes["image"], self._target(number)
+        drawn = planes["face_id"], planes["image"], self._load_target(number)
         # Linear forms of the texture coordinates of each face, then the samples of each pixel.
         faces = self._faces[0].shape[0]
         forms = self._scratch("ways", (faces, _FACE_FLOATS))

@@ -19,8 +19,8 @@ from msb.meshes.mesh import Mesh
 def fit_vertex_colors(mesh: Mesh, images: ViewImages, device: str | Device | None) -> Mesh:
     """Return `mesh` with the vertex colours that fit the images best; unseen vertices keep their colours.
 
-    If a mesh is cut along an edge, vertices of equal colour on both sides keep one colour. Two colours would
-    make a visible seam.
+    If the two copies of a vertex at a cut have the same colour, they keep one common colour. Two colours
+    would make the cut visible.
     """
     soup = Soup.from_mesh(mesh, share_colors=True)
     if soup.shared is not None and mesh.vertex_colors is not None:
@@ -31,7 +31,7 @@ def fit_vertex_colors(mesh: Mesh, images: ViewImages, device: str | Device | Non
 
 
 def _merge_equal_colors(mesh: Mesh, colors: NDArray[Any]) -> Ints:
-    """Return for each vertex (V,) the first one of equal place and colour on the other sides of a cut."""
+    """Return for each vertex (V,) the first of its copies at a cut that has the same colour."""
     first = np.arange(len(mesh.vertices))
     seams = find_color_seams(mesh.vertices, mesh.faces)
     if seams is not None:

@@ -28,9 +28,9 @@ if TYPE_CHECKING:
 SMOOTHING = 0.5
 # Steps without a time limit: a surface of a demo model takes about 45 s with them on two cores.
 STEPS = 200
-# Average step length of a vertex in edge lengths, at the start and at the end.
+# Average move of a vertex in a step, in edge lengths, at the start and at the end.
 STEP_LENGTHS = 0.12, 0.01
-# Largest move of a vertex in a step, in step lengths. Single gradients are much larger than the average.
+# Largest move of a vertex in a step, in step lengths. Some gradients are much larger than the average.
 _MAX_MOVE = 4.0
 
 
@@ -45,7 +45,7 @@ def move_vertices(
 ) -> None:
     """Move the vertices at `points` (V, 3) of `space`, which the faces of `soup` share, to reduce the error.
 
-    No further faces cross. `best` validates the state every few steps.
+    The moves make no further faces cross. `best` evaluates the state every few steps.
     """
     from scipy.sparse import identity
     from scipy.sparse.linalg import splu
@@ -53,7 +53,7 @@ def move_vertices(
     assert soup.shared is not None
     faces, count = soup.shared, len(points)
     # `smooth` solves (I + SMOOTHING * Laplacian) x = b; the descent runs on `variables` = its left side.
-    bending = identity(count, format="csr") + SMOOTHING * color_fit.edge_laplacian(faces, count)
+    bending = identity(count, format="csr") + SMOOTHING * color_fit.make_edge_laplacian(faces, count)
     smooth = splu(bending.tocsc()).solve
     good, variables = points, bending @ points
     adam = Adam(_MAX_MOVE)
@@ -70,7 +70,7 @@ def move_vertices(
         # A step of the variables, and the points that follow from them.
         first, last = STEP_LENGTHS
         length = first + (last - first) * share
-        variables -= length * _median_edge(points, faces) * move
+        variables -= length * _measure_median_edge(points, faces) * move
         points = space.clamp(smooth(variables))
         sums = seen.sums if sums is None else COLOR_DECAY * sums + seen.sums
         share = schedule.finish_step(step)
@@ -95,6 +95,6 @@ def _sum_at_vertices(values: Floats, faces: Ints, count: int) -> Floats:
     return np.stack(sums, axis=1)
 
 
-def _median_edge(points: Floats, faces: Ints) -> float:
+def _measure_median_edge(points: Floats, faces: Ints) -> float:
     """Return the median length of the first edges of the faces."""
     return float(np.median(np.linalg.norm(points[faces[:, 0]] - points[faces[:, 1]], axis=1)))

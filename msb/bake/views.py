@@ -19,24 +19,25 @@ from msb.scenes.colors import Color, check_background
 from msb.scenes.datasets import Scene, compare_training, default_background, scene_of, stated_background
 from msb.scenes.sets import split_every_8th
 from msb.scenes.walk import fill_gaps
-from msb.views import ChosenViews, find_training_views, generate_views, given_views
+from msb.views import ChosenViews, check_given_views, find_training_views, generate_views
 
 # Generated views: (degrees above the horizon, number of views). 40 views in all; the number per ring falls as
 # the circle shrinks towards the pole.
 RINGS = ((15.0, 18), (40.0, 14), (65.0, 8))
-# The same for views from below, which only a mesh file gets: training cameras rarely look up from below, so
-# there the native rendering of a trained model is arbitrary.
+# The same for views from below, which are only generated for mesh files. Training cameras rarely look up from
+# below, so native renderings of a trained model from there are arbitrary.
 RING_BELOW = (-35.0, 12)
 # Width and height of generated views in pixels, like the small captures that methods train on.
 _GENERATED_SIZE = 480, 360
 # Pixels of the largest view. Larger views are scaled down, which bounds the time of a bake.
 MAX_PIXELS = 1 << 20
-# Smallest number of views to take validation views from; with fewer views all have to supervise.
+# With fewer views than this there are no validation views, because all views have to supervise.
 _MIN_VIEWS_TO_SPLIT = 3
 # Number of views below which interpolated views are added. With few views, optimised triangles cause
 # artefacts of up to 6 dB in other views.
 _ENOUGH_VIEWS = 40
-# Interpolated views per given view after the first. Two views alone have little between them.
+# Largest number of interpolated views per training view after the first. Between few views little can be
+# interpolated.
 _MAX_INTERPOLATED = 8
 
 
@@ -111,15 +112,15 @@ def choose_bake_views(
     MetricError
         METRIC_NOTHING_SHOWN: no view sees the asset.
     UsageError, SceneError
-        No camera is given, a scene and cameras are both given, or the scene is invalid.
+        `cameras` is empty, a scene and cameras are both given, or the scene is invalid.
     """
     if scene is not None and cameras is not None:
-        raise UsageError("USAGE", "cameras and a scene are given; give one of them")
+        raise UsageError("USAGE", "cameras and a scene are both given; pass only one of them")
     if scene is not None:
         return _choose_scene_views(asset, scene, background, photographs, device)
     notes: list[str] = []
     if cameras is not None:
-        chosen = given_views(cameras)
+        chosen = check_given_views(cameras)
     else:
         chosen = find_training_views(asset, device) or _generate_views(asset, up, notes, device)
     chosen = _drop_blind_views(asset, chosen, device)
@@ -139,6 +140,10 @@ def _choose_scene_views(
     photographs: bool,
     device: str | None,
 ) -> BakeViews:
+    """Return the views of a bake with the split of a scene.
+
+    With `photographs`, training views without a photograph are left out.
+    """
     manifest = asset.manifest
     if not isinstance(scene, Scene):
         scene = scene_of(manifest, scene)
@@ -196,7 +201,7 @@ def _limit_size(cameras: Sequence[Camera], notes: list[str]) -> list[Camera]:
     if large:
         old, new = large[0]
         sizes = f"from {old.width} x {old.height} to {new.width} x {new.height} pixels"
-        notes.append(f"{len(large)} of {len(cameras)} training views are scaled down, for example {sizes}")
+        notes.append(f"{len(large)} of {len(cameras)} views are scaled down, for example {sizes}")
     return scaled
 
 
@@ -211,7 +216,7 @@ def _split(
 ) -> BakeViews:
     """Return the views of a bake, with validation views split off and interpolated views added.
 
-    `training` and `test` are the chosen views. Photographs cannot be interpolated.
+    `training` and `test` are the views of `chosen`. With photographs, `interpolate` must be false.
     """
     count = len(training)
     fitting, validation = split_every_8th(training) if count >= _MIN_VIEWS_TO_SPLIT else (training, [])

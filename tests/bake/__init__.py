@@ -1,1 +1,1 @@
-"""Tests of bakes: opaque meshes that look like the native rendering of a model."""
+"""Tests of `msb.bake`, which makes opaque meshes that look like the native rendering of a model."""

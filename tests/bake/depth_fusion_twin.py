@@ -21,10 +21,12 @@ def vote(
 ) -> Reals:
     """Return the votes (n,) on places (n, 3) of the world; NaN if no view contains a place.
 
-    A vote is the average distance of a place in front of the visible surface, less `thick`. Distances are
-    along z, in units of `reach` (n,), and at most 1; `depths` are (H, W), 0 for the background. A place
-    farther than `behind` (n,) behind the surface is hidden from a view. It is solid, -1, if the ratio of the
-    views that see it to the others is below `share`, and partly solid up to twice that share.
+    A vote is the average distance of a place in front of the visible surface, minus `thick`. Distances are
+    along z, in units of `reach` (n,), and at most 1. `depths` are maps (H, W), 0 for the background.
+
+    A place more than `behind` (n,) behind the surface is hidden from a view. A place is solid, with the vote
+    -1, if the ratio of the views that see it to the views that it is hidden from is below `share`. Between
+    this share and twice this share, the vote is interpolated.
     """
     total, seen, hidden = np.zeros((3, len(places)))
     for camera, depth in zip(cameras, depths, strict=True):
@@ -47,7 +49,7 @@ def vote(
 
 
 def _depth_at(depth: Reals, u: float, v: float, reach: float) -> float:
-    """Return the depth at a place of the image, interpolated if the four pixels belong to one surface."""
+    """Return the depth at a place (u, v) of the image, interpolated if the four pixels show one surface."""
     nearest = float(depth[int(v), int(u)])
     height, width = depth.shape
     column = min(max(int(np.floor(u - 0.5)), 0), width - 2)

@@ -1,4 +1,4 @@
-"""Soups, closed meshes, cameras and target images for the tests of bakes."""
+"""Triangle soups, closed meshes, cameras and target images for the tests of bakes."""
 
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
@@ -41,16 +41,18 @@ def cameras(count: int, width: int = 48, height: int = 36) -> list[Camera]:
     return [Camera.look_at(place, (0, 0, 0), width=width, height=height, fov_y=0.9) for place in places]
 
 
-def all_round(away: float, heights: tuple[float, ...], count: int = 8, side: int = 64) -> list[Camera]:
+def all_round(distance: float, heights: tuple[float, ...], count: int = 8, side: int = 64) -> list[Camera]:
     """Return cameras on rings around the z axis, at some heights, that look at the origin."""
     turns = 2 * np.pi * np.arange(count) / count
-    places = [(away * np.cos(turn), away * np.sin(turn), height) for height in heights for turn in turns]
+    places = [
+        (distance * np.cos(turn), distance * np.sin(turn), height) for height in heights for turn in turns
+    ]
     size: Any = {"width": side, "height": side, "fov_y": 0.9}
     return [Camera.look_at(place, (0, 0, 0), up=(0, 0, 1), **size) for place in places]
 
 
 def sparse(scene: str, method: str) -> Scene:
-    """Return a shipped scene with every third of its views, for quicker and rougher bakes."""
+    """Return a shipped scene with every third of its views, which makes bakes quicker and rougher."""
     path = ROOT / "data_stubs/scenes" / scene
     whole = scene_at(path, dataset_of(path), method).read()
     return replace(whole, train=whole.train[::3], test=whole.test[::3])
@@ -99,13 +101,16 @@ def open_renderer(
 def open_context(
     target: ColoredSoup, training: list[Camera], validation: list[Camera] | None = None, **options: Any
 ) -> Iterator[SearchContext]:
-    """Yield a search context whose images show a soup; by default the training views validate."""
+    """Yield a search context whose images show a soup.
+
+    The default validation views are the training views.
+    """
     with images_of(*target, training) as images, images_of(*target, validation or training) as others:
         yield SearchContext(images, others, **options)
 
 
 def ball(rows: int = 16, radius: float = 1.0) -> Mesh:
-    """Return a closed ball of 4 rows (rows - 1) faces, wound outwards, coloured by its places."""
+    """Return a closed ball of 4 rows (rows - 1) faces, wound outwards, with the colours of `colors_at`."""
     columns = 2 * rows
     up, turn = np.meshgrid(np.pi * np.arange(1, rows) / rows, np.pi * np.arange(columns) / rows)
     grid = np.stack([np.sin(up) * np.cos(turn), np.sin(up) * np.sin(turn), np.cos(up)], axis=-1)
@@ -127,7 +132,7 @@ def ball_soup() -> ColoredSoup:
 
 
 def colors_at(points: NDArray[np.float64]) -> NDArray[np.float32]:
-    """Return colours that change slowly from place to place."""
+    """Return the colours (n, 3) of points (n, 3); they change slowly from place to place."""
     return (0.5 + 0.4 * points).astype(np.float32)
 
 
@@ -144,7 +149,7 @@ def upper_part(mesh: Mesh, z: float) -> Mesh:
 
 
 def box(sides: tuple[float, float, float], turn: NDArray[np.float64] | None = None) -> Mesh:
-    """Return a closed box around the origin, wound outwards, turned by the matrix `turn`."""
+    """Return a closed box around the origin, wound outwards, rotated by the matrix `turn`."""
     corners = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)]) * sides
     quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
     faces = np.array([part for a, b, c, d in quads for part in ((a, b, c), (a, c, d))], np.int64)

@@ -71,7 +71,7 @@ def _border_gradient(drawn: Drawn, target: Reals, y: int, x: int) -> Reals:
 
 
 def changes_of(before: Drawn, after: Drawn, target: Reals, owner: NDArray[np.int32], proposals: int) -> Reals:
-    """Return the change of the squared error by each proposal; `owner` (F,) is a face's proposal or -1."""
+    """Return the squared-error change of each proposal; `owner` (F,) is the proposal of each face, or -1."""
     changes = np.zeros(proposals)
     for y, x in np.ndindex(*before.face_id.shape):
         rise = _error(after.image[y, x], target[y, x]) - _error(before.image[y, x], target[y, x])
@@ -87,14 +87,14 @@ def _error(color: Reals, target: Reals) -> float:
 
 
 class Samples(NamedTuple):
-    """The texels that pixels blend, a row for each mip level of a pixel."""
+    """The texels that pixels blend, with a row for each mip level that a pixel uses."""
 
     pixel: NDArray[np.int64]
-    """(n,) the pixel."""
+    """(n,) the number of the pixel."""
     texels: NDArray[np.int64]
-    """(n, 4) the four texels."""
+    """(n, 4) the numbers of the four texels."""
     blend: Reals
-    """(n, 4) the weight of each texel in the level; 1 in all."""
+    """(n, 4) the weight of each texel in the level; the sum is 1."""
     share: Reals
     """(n,) the weight of the level in the pixel."""
 
@@ -104,9 +104,9 @@ def samples_of(
 ) -> Samples:
     """Return the samples of the pixels that show faces, `face_id` (H, W), in levels with these `sides`.
 
-    Along a ray r a texture coordinate is U r / C r. C is the sum of the vectors that give the weights of a
-    face's corners (F, 3, 3), and U their sum weighted by the corners' coordinates (F, 3, 2). So derivatives
-    are exact, too.
+    Each corner of a face has a vector; its dot product with a ray is the unnormalised weight of the corner.
+    Let C be the sum of the three vectors, and U their sum weighted by the texture coordinates of the corners.
+    Along a ray r the texture coordinate is then U r / C r, and its derivatives are exact.
     """
     y, x = np.nonzero(face_id >= 0)
     face = face_id[y, x]
@@ -142,10 +142,10 @@ def samples_of(
 
 
 def equations_of(samples: Samples, differences: Reals, count: int) -> Reals:
-    """Return the equations (count, 8) of texels, for pixels that differ from the target by `differences`.
+    """Return the equations (count, 8) of texels; `differences` (H W, 3) are target minus image.
 
-    These are (H W, 3). A row holds the products of a texel's weights with itself and with the texels to the
-    right, below, below right and below left, and the right sides.
+    A row has five sums of products: the weight of a texel times that of itself and of the texels to the
+    right, below, below right and below left. Its last three values are the right sides.
     """
     equations = np.zeros((count, 8))
     pixel, texels, blend, share = samples
@@ -166,14 +166,15 @@ def equations_of(samples: Samples, differences: Reals, count: int) -> Reals:
 
 
 def apply_equations(equations: Reals, sides: NDArray[np.int64], change: Reals) -> Reals:
-    """Return the left sides (texels, channels) for a change of a texture with these `sides` of its levels."""
+    """Return the left sides (texels, channels) for a change of a texture; `sides` are those of its levels."""
     parts: list[Reals] = []
     for level, side in zip(_split_levels(equations, sides), sides, strict=True):
         if parts:
             change = change.reshape(side, 2, side, 2, -1).mean(axis=(1, 3)).reshape(side**2, -1)
         center, *others = level[:, :5].T[..., None]
         product = center * change
-        # In rows one after the other: a texel at the border is not coupled beyond it.
+        # Texels are numbered row by row, so a step in the numbers leads to a neighbour. Texels at the border
+        # have no coupling across it.
         for plane, step in zip(others, (1, side, side + 1, side - 1), strict=True):
             product[:-step] += plane[:-step] * change[step:]
             product[step:] += plane[:-step] * change[:-step]
@@ -210,7 +211,10 @@ def _split_levels(equations: Reals, sides: NDArray[np.int64]) -> list[Reals]:
 
 
 def _restrict(parts: list[Reals], share: float) -> Reals:
-    """Return the sum over levels at the texels of the first: each texel of a level counts `share` below."""
+    """Return the sums over all levels at the texels of the first level.
+
+    On the way to the four texels below it, the value of a texel is multiplied by `share`.
+    """
     total = parts[-1]
     for part in parts[-2::-1]:
         half = np.sqrt(len(total)).astype(int)

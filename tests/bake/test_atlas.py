@@ -15,7 +15,7 @@ NEEDS_XATLAS = pytest.mark.skipif(not is_installed("xatlas"), reason="xatlas is 
 
 
 def random_pixels(count: int, largest: float) -> NDArray[np.float64]:
-    """Return numbers of pixels from 0 to `largest`."""
+    """Return random numbers of pixels from 0 to `largest`; a fifth of them is 0."""
     rng = np.random.default_rng(3)
     return np.where(rng.random(count) < 0.2, 0, largest ** rng.random(count))
 
@@ -44,7 +44,7 @@ def points_inside(corners: NDArray[np.float64]) -> NDArray[np.float64]:
 @pytest.mark.slow
 @pytest.mark.parametrize(("largest", "last"), [(60.0, 2), (2000.0, 1)])
 def test_no_mip_level_mixes_two_faces(largest: float, last: int) -> None:
-    """Three levels are separate if there is room for all requested texels, else two."""
+    """Faces are separate in three levels if there is room for all requested texels, else in two."""
     size, count = 256, 200
     uvs = make_soup_atlas(triangles(count), random_pixels(count, largest), size)
     faces = np.flatnonzero(texel_areas(uvs, size))

@@ -1,4 +1,4 @@
-"""The candidates kept and fitted, and their steps, on soups whose best result is known."""
+"""The candidates kept and fitted, and the steps that make them, on soups whose best result is known."""
 
 from collections.abc import Callable
 from contextlib import nullcontext
@@ -198,7 +198,7 @@ def test_a_schedule_fits_its_steps_into_the_time(
 
 
 def cut_by_colour(mesh: Mesh, is_turned: bool) -> Mesh:
-    """Return a mesh with a texture, cut between its red and its blue faces; the red ones may be turned."""
+    """Return a textured mesh, cut between its red and blue faces; `is_turned` reverses the red faces."""
     is_red = mesh.vertices[mesh.faces].mean(axis=1)[:, :1] > 0
     colors = np.where(is_red, np.float32([[1, 0, 0]]), np.float32([[0, 0, 1]])).astype(np.float32)
     faces = np.where(is_turned & is_red, mesh.faces[:, ::-1], mesh.faces)

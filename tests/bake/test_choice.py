@@ -1,4 +1,4 @@
-"""The choice between geometries, and the PSNR and the soundness of each for trained models."""
+"""The choice between geometries, and the PSNR and the topology of each for trained models."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -20,7 +20,7 @@ from tests.bake.soups import MODELS, all_round, ball, ring, soup_of, sparse
 from tests.conftest import TETRAHEDRON
 
 GOLDEN = {"kept": 25.76, "fitted": 26.20, "surface": 26.50}
-"""PSNR in dB to the native rendering with 16 samples per pixel, on held-out views."""
+"""PSNR in dB of each geometry with 16 samples per pixel, to the native rendering on held-out views."""
 
 
 @pytest.mark.slow
@@ -132,7 +132,7 @@ def test_other_libraries_accept_a_surface_as_closed_and_manifold(model: str, sce
     np.testing.assert_array_equal(igl.bfs_orient(faces)[0], faces)
     solid = manifold3d.Manifold(manifold3d.Mesh(vertices, faces.astype(np.uint32)))
     assert solid.status() == manifold3d.Error.NoError
-    assert solid.num_tri() >= 0.999 * len(faces)  # it collapses edges below its precision
+    assert solid.num_tri() >= 0.999 * len(faces)  # Manifold collapses edges below its precision
     if model.startswith("pebble"):
         assert solid.volume() > 0
         pytest.importorskip("msb.trial")

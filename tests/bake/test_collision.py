@@ -77,7 +77,7 @@ def test_a_turned_box_is_found() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_room_of_few_large_faces_has_a_shape(kind: str) -> None:
-    """All of its corners are as far away as the sky."""
+    """All corners of the room are so far away that they count as sky."""
     room = box((60, 60, 60))
     inside = Mesh(room.vertices, room.faces[:, ::-1].copy())
     shape = make_collision(inside, kind, all_round(2, (-0.5, 0.5)))
@@ -240,7 +240,7 @@ def test_a_usd_stage_has_each_part_as_an_invisible_collider(tmp_path: Path) -> N
 
 
 def convex_corners(shape: Collision) -> list[NDArray[np.float64]]:
-    """Return the corners of convex solids that make up a shape: its parts, or 0.03 thick faces of a mesh."""
+    """Return the corners of convex solids that form a shape: its parts, or its faces with 0.03 thickness."""
     mesh = shape.mesh
     if shape.kind != "mesh":
         label = label_parts(mesh)
@@ -254,7 +254,7 @@ def convex_corners(shape: Collision) -> list[NDArray[np.float64]]:
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["mesh:300", "hulls:8", "box"])
 def test_a_simulated_box_rests_on_the_visible_surface(kind: str) -> None:
-    """A box, 0.16 wide, falls on the shape of an open ellipsoid and comes to rest at its surface."""
+    """A box of side 0.16 falls on the shape of an open ellipsoid and comes to rest on the ellipsoid."""
     mujoco: Any = pytest.importorskip("mujoco", reason="extra test is not installed")
     flat = Mesh(ball().vertices * np.float32([1, 1, 0.5]), ball().faces)
     pebble = upper_part(soup_of(flat), -0.35)

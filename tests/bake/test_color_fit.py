@@ -15,10 +15,10 @@ from msb.bake.blending_weights import measure_blending_weights
 from msb.bake.color_fit import (
     PRIOR,
     SMOOTHNESS,
-    edge_laplacian,
     extend_colors,
     fit_mesh_colors,
     fit_soup_colors,
+    make_edge_laplacian,
 )
 from msb.bake.images import ViewImages
 from msb.bake.soup_renderer import FaceSums
@@ -38,13 +38,13 @@ EDGES = [(0, 1), (0, 2), (1, 2), (1, 3), (2, 3), (1, 4), (3, 4), (0, 4)]
 def sums_of(
     faces: NDArray[np.int64], colors: NDArray[np.float64], pixels: int, seed: int, tip: float = 1.0
 ) -> FaceSums:
-    """Return sums over random pixels of each face, or of a `tip` of it, that show vertex `colors`."""
+    """Return sums over random pixels that show vertex `colors`, all over each face or in a `tip` of it."""
     random = np.random.default_rng(seed)
     weights = random.dirichlet((1, 1, 1), (len(faces), pixels))
     weights = tip * weights + [1 - tip, 0, 0]
-    shown = np.einsum("fpi,fic->fpc", weights, colors[faces])
+    seen_colors = np.einsum("fpi,fic->fpc", weights, colors[faces])
     products = np.einsum("fpi,fpj->fij", weights, weights)[:, *np.triu_indices(3)]
-    targets = np.einsum("fpi,fpc->fic", weights, shown).reshape(len(faces), 9)
+    targets = np.einsum("fpi,fpc->fic", weights, seen_colors).reshape(len(faces), 9)
     sums = np.concatenate([products, targets], axis=1).astype(np.float32)
     return FaceSums(sums, np.full(len(faces), pixels, np.uint32), np.zeros((len(faces), 3, 3), np.float32))
 
@@ -73,8 +73,8 @@ def test_the_laplacian_counts_each_edge_once() -> None:
     for a, b in EDGES:
         expected[[a, b], [a, b]] += 1
         expected[[a, b], [b, a]] -= 1
-    np.testing.assert_array_equal(edge_laplacian(FAN, 5).toarray(), expected)
-    np.testing.assert_array_equal(edge_laplacian(np.array([[0, 0, 1]]), 2).toarray(), [[1, -1], [-1, 1]])
+    np.testing.assert_array_equal(make_edge_laplacian(FAN, 5).toarray(), expected)
+    np.testing.assert_array_equal(make_edge_laplacian(np.array([[0, 0, 1]]), 2).toarray(), [[1, -1], [-1, 1]])
 
 
 @pytest.mark.parametrize(("spread", "tolerance"), [(0.4, 1e-4), (0.9, 0.02)], ids=["inside", "clamped"])
@@ -82,7 +82,7 @@ def test_shared_vertices_get_the_colours_of_a_dense_solver(spread: float, tolera
     random = np.random.default_rng(1)
     colors = 0.5 + spread * random.uniform(-1, 1, (5, 3))
     sums, before = sums_of(FAN, colors, 40, 2), random.random((5, 3), np.float32)
-    laplacian = edge_laplacian(FAN, 5)
+    laplacian = make_edge_laplacian(FAN, 5)
     fitted = fit_mesh_colors(sums, FAN, before, laplacian)
     expected = solve_densely(FAN, laplacian.toarray(), sums, before)
     np.testing.assert_allclose(fitted, expected, atol=tolerance)
@@ -95,17 +95,17 @@ def test_faces_of_a_soup_get_the_colours_of_a_dense_solver() -> None:
     faces = np.arange(12).reshape(4, 3)
     sums = sums_of(faces, 0.5 + 0.4 * random.uniform(-1, 1, (12, 3)), 40, 4)
     before = random.random((4, 3, 3), np.float32)
-    expected = solve_densely(faces, edge_laplacian(faces, 12).toarray(), sums, before.reshape(12, 3))
+    expected = solve_densely(faces, make_edge_laplacian(faces, 12).toarray(), sums, before.reshape(12, 3))
     np.testing.assert_allclose(fit_soup_colors(sums, before).reshape(12, 3), expected, atol=1e-4)
 
 
 @pytest.mark.parametrize("is_shared", [False, True])
 def test_a_face_with_a_visible_tip_is_not_extrapolated(is_shared: bool) -> None:
-    """At its tip a face goes from 0.45 to 0.55; with this slope it would reach 0 and 1."""
+    """The visible tip has colours from 0.45 to 0.55; extrapolated, the corners would reach 0 and 1."""
     faces, tip = np.array([[0, 1, 2]]), 0.05
     colors = 0.5 + np.array([[0.0], [1.0], [-1.0]]) * np.full(3, 0.05 / tip)
     sums, before = sums_of(faces, colors, 40_000, 5, tip), np.full((3, 3), 0.5, np.float32)
-    laplacian = edge_laplacian(faces, 3)
+    laplacian = make_edge_laplacian(faces, 3)
     if is_shared:
         fitted = fit_mesh_colors(sums, faces, before, laplacian)
     else:
@@ -121,7 +121,7 @@ def test_unseen_vertices_continue_the_colours_some_faces_away() -> None:
     before = np.full((22, 3), 0.25, np.float32)
     before[10:] = 1.0
     extended = extend_colors(before, faces, np.where(np.arange(20) < 15, 9.0, 0.0))
-    # Faces from 15 on are unseen; three rings of two faces each beside them are coloured again, too.
+    # Faces from 15 on are unseen. Three rings of two faces each beside them are also coloured again.
     np.testing.assert_array_equal(extended[:9], before[:9])
     np.testing.assert_allclose(extended[9:], 0.25, atol=1e-3)
 

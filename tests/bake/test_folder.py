@@ -29,8 +29,8 @@ def list_names(folder: Path) -> set[str]:
 def page_data(folder: Path) -> Any:
     """Return the data in a folder's page."""
     text = (folder / "index.html").read_text("utf-8")
-    found = re.search(r'<script type="application/json" id="scene">(.*?)</script>', text)
-    return json.loads(found[1])["baked"]
+    match = re.search(r'<script type="application/json" id="scene">(.*?)</script>', text)
+    return json.loads(match[1])["baked"]
 
 
 @pytest.mark.slow
@@ -93,7 +93,7 @@ def test_python_writes_the_same_folder(model: Path) -> None:
     assert baked.save(out).output == str(out / "asset.glb")
     assert list_names(out) == NAMES
     assert len(baked.preview.columns) == 3
-    # The only view supervises, so there are images and no numbers.
+    # The only view is a training view, so the page has a preview image but no PSNR.
     assert page_data(out)["losses"] == []
     for places, code in (((out,), "OUTPUT_EXISTS"), ((model.parent / "b", model.parent / "a.glb"), "USAGE")):
         with pytest.raises(UsageError) as caught:
@@ -106,17 +106,17 @@ def test_the_page_shows_each_file(here: Here, model: Path, in_browser: Callable[
     assert here(*bake_words(model, "-q", "--collision", "box", out="out")).status == 0
     script = """
         await ready;
-        const shown = () => [byId("name").textContent, byId("facts").textContent, canvas.toDataURL()];
+        const readPage = () => [byId("name").textContent, byId("facts").textContent, canvas.toDataURL()];
         showNow();
-        const first = shown(), select = byId("file-shown");
+        const first = readPage(), select = byId("file-shown");
         select.value = "asset_collision.glb";
         select.dispatchEvent(new Event("change"));
         for (let i = 0; i < 500 && byId("facts").textContent === first[1]; i += 1)
           await new Promise((done) => setTimeout(done, 20));
         showNow();
         const kinds = [...document.querySelectorAll("[data-for]")].filter((part) => !part.hidden);
-        return [first, shown(), [...select.options].map((option) => option.value), byId("losses").textContent,
-          kinds.map((part) => part.dataset.for), byId("preview").naturalWidth > 0,
+        return [first, readPage(), [...select.options].map((option) => option.value),
+          byId("losses").textContent, kinds.map((part) => part.dataset.for), byId("preview").naturalWidth > 0,
           byId("message").textContent];"""
     page = (model.parent / "out" / "index.html").read_bytes()
     first, second, listed, losses, kinds, picture, message = in_browser(page, script)

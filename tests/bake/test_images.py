@@ -107,7 +107,7 @@ def test_other_models_and_views_are_rendered(views: BakeViews, tmp_path: Path) -
     larger = {**asset.buffers, "positions": 2 * asset.buffers["positions"]}
     scaled = tuple(camera.scaled(2) for camera in views.all_but_test)
     for other, model in (
-        (views, replace(asset, buffers=colors)),  # its manifest has the hashes of the old buffers
+        (views, replace(asset, buffers=colors)),  # the manifest still has the hashes of the old buffers
         (views, build_asset(larger, {"color": "vertex"})),
         (replace(views, background=(0.0, 0.5, 1.0)), asset),
         (replace(views, training=scaled, validation=()), asset),

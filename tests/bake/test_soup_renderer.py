@@ -65,7 +65,7 @@ def test_two_runs_have_the_same_bits(device: Device) -> None:
 
 
 def test_gradients_agree_with_finite_differences(device: Device) -> None:
-    """The target of a bright face is the same face, larger, on a dark background."""
+    """The target image shows the same bright face, enlarged, on a dark background."""
     corners = np.array([[[-1, -1, 0], [1, -1, 0], [0, 1, 0]]], np.float32)
     colors = np.full((1, 3, 3), 0.8, np.float32)
     larger = corners * np.float32(1.2)

@@ -1,4 +1,4 @@
-"""Closed surfaces of soups, and the votes, spaces and repairs that they are made with."""
+"""Closed surfaces of triangle soups, and the votes, coordinate spaces and repairs that make them."""
 
 from contextlib import closing
 from dataclasses import replace
@@ -130,7 +130,7 @@ def test_a_square_and_the_far_wall_behind_it_keep_their_places() -> None:
     assert (depth > 0).mean() > 0.95
     assert np.median(np.abs(depth - target)[near]) < 0.2  # cells are 0.12 wide
     far = (target > 6) & (depth > 0)
-    assert np.median(np.abs(depth[far] / target[far] - 1)) < 0.15  # cells are 0.3 of the depth wide there
+    assert np.median(np.abs(depth[far] / target[far] - 1)) < 0.15  # a cell there is 0.3 of the depth wide
 
 
 @pytest.mark.usefixtures("quick")
@@ -180,7 +180,8 @@ def test_odd_views_give_a_solid(case: str) -> None:
 @pytest.mark.slow
 @pytest.mark.usefixtures("quick")
 def test_leaves_without_thickness_stay_whole() -> None:
-    # Crossed sheets on a stick; cells are a 48th of them, and the stick is as thin as one.
+    # Two crossed sheets on a stick. The grid has 48 cells along the longest side; the stick is as thin as a
+    # cell.
     blade = square(0.5, 0) * np.float32([1, 1.8, 1])
     turned = blade[..., [2, 1, 0]]
     stick = square(1, 0) * np.float32([0.02, 0.9, 1])
@@ -190,8 +191,8 @@ def test_leaves_without_thickness_stay_whole() -> None:
     mesh = surface_of(soup, colors, around(16), around(4), faces=1500)
     check_solid(mesh)
     for camera in around(3, 4.5):
-        shown, target = (depth_of(part, camera) > 0 for part in (mesh, mesh_of(soup, colors)))
-        assert (shown & target).sum() / (shown | target).sum() > 0.8
+        visible, target = (depth_of(part, camera) > 0 for part in (mesh, mesh_of(soup, colors)))
+        assert (visible & target).sum() / (visible | target).sum() > 0.8
 
 
 @pytest.mark.usefixtures("quick")
@@ -242,7 +243,7 @@ def test_votes_agree_with_numpy(device: Device, contracted: bool) -> None:
         twin[np.linalg.norm(places, axis=1) > EDGE + REACH * grid.cell] = np.nan
     twin = twin.reshape(grid.shape)
     is_equal = np.isclose(votes, np.where(np.isnan(twin), 2, twin), atol=2e-3)
-    assert is_equal.mean() > 0.995  # a cell at the edge of a pixel may fall to its neighbour
+    assert is_equal.mean() > 0.995  # rounding may move a cell at the edge of a pixel to the next pixel
     assert 0.02 < (twin < 0).mean() < 0.98
 
 

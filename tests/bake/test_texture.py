@@ -1,4 +1,4 @@
-"""Textures by least squares: they match their target images, and unseen texels keep their colours."""
+"""Textures by least squares match their target images, and unseen texels keep their colours."""
 
 from contextlib import closing
 from dataclasses import replace
@@ -92,7 +92,7 @@ def test_a_texture_matches_new_views_and_is_reproducible() -> None:
 
 
 def test_cut_faces_share_no_chart() -> None:
-    """The colours of a mesh that was cut along all its edges jump there."""
+    """The colours of a mesh that was cut along all its edges differ on the two sides of each cut."""
     whole = wall(joined=True)
     colors = np.eye(3, dtype=np.float32)
     mesh = with_vertex_colors(replace(whole, vertex_colors=None, face_colors=colors))
@@ -118,7 +118,7 @@ def test_a_connected_mesh_keeps_the_colours_of_unseen_parts() -> None:
 @pytest.mark.skipif(not is_installed("xatlas"), reason="xatlas is not installed")
 @pytest.mark.parametrize(("extends", "green"), [(True, 0), (False, 255)])
 def test_unseen_faces_continue_the_colours_around_them_on_request(extends: bool, green: int) -> None:
-    """The wall continues to the right beyond all images; its colours have green there."""
+    """The wall continues to the right of all images; its vertex colours contain green there."""
     x = np.repeat(np.arange(-12, 40) / 4, 2)
     y = np.tile([-1.0, 1.0], 52)
     faces = np.array([[k, k + 1 + k % 2, k + 2 - k % 2] for k in range(102)])
@@ -139,7 +139,7 @@ def test_an_unseen_face_of_a_soup_is_a_texel_of_its_average_colour() -> None:
 
 
 def test_samples_predict_the_change_of_the_image() -> None:
-    """Change the texels a little, in near, far and oblique views."""
+    """Compare the samples with the effect of small changes of the texels in near, far and oblique views."""
     size = 64
     rng = np.random.default_rng(5)
     change = rng.integers(-6, 7, (size, size, 3))
@@ -162,12 +162,12 @@ def test_samples_predict_the_change_of_the_image() -> None:
         texels = np.concatenate([level.reshape(-1, 3) for level in levels])
         predicted = np.zeros((faces.size, 3))
         np.add.at(predicted, row, np.einsum("n,nk,nkc->nc", share, blend, texels[texel]))
-        assert np.abs(predicted - difference)[pixel].max() < 0.004  # rounded to bytes at each level
+        assert np.abs(predicted - difference)[pixel].max() < 0.004  # each level is rounded to bytes
         assert np.corrcoef(predicted[pixel].ravel(), difference[pixel].ravel())[0, 1] > 0.97
 
 
 def test_stencils_equal_the_normal_equations_of_the_samples() -> None:
-    """Compare them with a dense matrix that has a row for each sample."""
+    """Compare the stencils with a dense matrix that has a row for each sample."""
     rng = np.random.default_rng(1)
     sides, seen = np.array([8, 4, 2]), camera(0.1, 0.4, 4.0)
     mesh = painted()
@@ -197,13 +197,13 @@ def test_stencils_equal_the_normal_equations_of_the_samples() -> None:
 
 @pytest.mark.parametrize("size", [64, 100, 34, 7, 2])
 def test_solutions_agree_with_numpy(device: Device, size: int) -> None:
-    """Green is solved already, some texels have no equation, and results are reproducible."""
+    """The right sides of green are 0, and some texels have no equation. Results are reproducible."""
     rng = np.random.default_rng(size)
     with closing(TextureEquations(size, device)) as system:
         equations = rng.uniform(-0.2, 0.2, (int(system.starts[-1]), 8)).astype(np.float32)
         equations[:, 0] = rng.uniform(2, 4, len(equations))
         equations[:, 6] = 0
-        for side, start in zip(system.sides, system.starts, strict=False):  # none beyond the border
+        for side, start in zip(system.sides, system.starts, strict=False):  # no coupling across the border
             level = equations[start : start + side**2].reshape(side, side, 8)
             level[:, -1, [1, 3]] = level[:, 0, 4] = level[-1, :, 2:5] = 0
         equations[: size**2 // 4] = 0
@@ -219,7 +219,7 @@ def test_solutions_agree_with_numpy(device: Device, size: int) -> None:
 
 
 def test_sums_of_stencils_agree_with_numpy(device: Device) -> None:
-    """In near, far and oblique views of several sizes and weights."""
+    """The views are near, far and oblique, and have several sizes and weights."""
     mesh = painted()
     views = [CAMERAS[0], camera(0.0, 1.2, 3.0), camera(0.0, 0.3, 9.0, 50)]
     with target_images(views) as images, closing(TextureEquations(64, device)) as system:
@@ -255,7 +255,7 @@ def test_texels_are_coupled_within_their_chart_only(device: Device) -> None:
 
 
 def test_an_unseen_texel_that_is_alone_in_its_chart_stays(device: Device) -> None:
-    """The texels beside it make up for the difference of a smaller level."""
+    """A pixel of a smaller level differs from its target; the other texels below it change instead."""
     chart = np.ones((4, 4), np.int32)
     chart[0, 0] = 0
     with closing(TextureEquations(4, device)) as system:
