@@ -36,7 +36,7 @@ ALLOWED: dict[str, set[str]] = {
     "errors": set(),
     # The registry and the declarations of methods, which use `scenes` to declare how datasets are read.
     "registry": {"errors", "base", "scenes"},
-    "methods": {"registry", "scenes"},
+    "methods": {"errors", "registry", "scenes"},
     "base": {"errors"},
     "asset": GROUND,
     # Some methods of an asset call functions of `msb`. They import `msb` when they are called.

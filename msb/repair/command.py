@@ -16,6 +16,7 @@ from msb.cli.command import Typed, command, option_value, require
 from msb.cli.output import JsonOutput, Output, echo, file_option, plain_table, report_error
 from msb.errors import UsageError, about, one_line
 from msb.render.options import RendererOptions, Source, ViewOptions
+from msb.repair.options import PLAN_STEPS
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -28,13 +29,6 @@ if TYPE_CHECKING:
     from msb.topology import Audit
     from msb.trial.repairs import StrategyResult, TierLikeness
     from msb.trial.run import Trial
-
-
-# The values of --plan. `msb trial` has the same option.
-PLAN_STEPS = (
-    "Steps separated by commas: orient, pair, cut, drop, weld, debris, close. Numbers may follow a step: "
-    "weld:0.01, pair:0.25, debris:10:0, close:8:0.25."
-)
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from msb.cli.command import Typed, command, option_value
 from msb.cli.output import LinesOutput, Output, echo, report_error
 from msb.errors import GateFailed, MsbError, UsageError, one_line
 from msb.render.options import NO_CAMERAS, RendererOptions, ViewOptions
-from msb.repair.command import PLAN_STEPS
+from msb.repair.options import PLAN_STEPS
 
 if TYPE_CHECKING:
     from msb.trial.run import Trial, Trials
