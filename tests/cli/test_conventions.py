@@ -51,7 +51,7 @@ def test_keys_are_documented_of_eleven_commands() -> None:
 def _documented_keys() -> dict[str, set[str]]:
     """Return command -> keys in the table of docs/cli.md."""
     text = (ROOT / "docs" / "cli.md").read_text(encoding="utf-8")
-    table = text.partition("| Command | Key | Meaning |")[2].partition("\n\n")[0]
+    table = text.partition("| command | key | meaning |")[2].partition("\n\n")[0]
     keys: dict[str, set[str]] = {}
     command = ""
     for line in table.splitlines()[2:]:

@@ -105,7 +105,7 @@ def test_a_read_only_format_cannot_be_written(monkeypatch: pytest.MonkeyPatch, t
 
 def test_every_format_is_documented_and_has_a_small_test_file() -> None:
     text = (ROOT / "docs" / "meshes.md").read_text()
-    read, written = (text.split(f"## What is {what}")[1].split("\n## ")[0] for what in ("read", "written"))
+    read, written = (text.split(f"\n## {what}\n")[1].split("\n## ")[0] for what in ("Reading", "Writing"))
     assert set(re.findall(r"^\| (glTF|[A-Z]+) \|", read, re.MULTILINE)) == {f.title for f in FORMATS.values()}
     writers = {form.title for form in FORMATS.values() if form.write is not None}
     assert set(re.findall(r"^\| ([A-Z]+) \|", written, re.MULTILINE)) == writers
