@@ -108,8 +108,8 @@ def _print(
         return
     if not output.quiet:
         console.print(escape(f"views: {views.description}"), soft_wrap=True)
-        console.print("PSNR between the images with and without each cause. Below 30 dB the difference is")
-        console.print("clearly visible, above 40 dB it is invisible.\n")
+        console.print("PSNR between the images with and without each cause. The difference is")
+        console.print("clearly visible below 30 dB, and invisible above 40 dB.\n")
     measured = sorted((cause for cause in causes if cause.db is not None), key=lambda cause: cause.db or 0.0)
     rows = [
         (cause.title, _format_db(cause.db).removesuffix(" dB"), "" if output.quiet else cause.how_to_see)
