@@ -1,15 +1,12 @@
 """DiffSoup: triangles with binary opacity and feature lattices, which a small network decodes to colours."""
 
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 from msb.errors import AssetError
 from msb.registry import AWARE, Method, Native, PaperNote, Retained, Setting
 from msb.scenes.colors import BLACK, WHITE
 from msb.scenes.datasets.catalog import CUSTOM
 from msb.scenes.datasets.rules import Photographs, Rules
-
-if TYPE_CHECKING:
-    from msb.asset import Asset
 
 # Features per lattice sample, in addition to its opacity.
 FEATURES = 7
@@ -24,12 +21,11 @@ def samples(level: int) -> int:
     return ((1 << level) + 1) * ((1 << level) + 2) // 2
 
 
-def lattice_level(asset: "Asset") -> int:
-    """Return the level of an asset's lattices; TRIASSET_FIELD if the manifest has no valid level."""
-    level = asset.manifest.appearance.get("level")
+def check_level(level: object, file: Path | None) -> int:
+    """Return the lattice level of the manifest in `file`; raise TRIASSET_FIELD if it is invalid."""
     if type(level) is not int or not 0 <= level <= MAX_LEVEL:
         text = f"appearance.level is {level!r:.40}; it must be an integer from 0 to {MAX_LEVEL}"
-        raise AssetError("TRIASSET_FIELD", text, file=asset.path, pointer="/appearance/level")
+        raise AssetError("TRIASSET_FIELD", text, file=file, pointer="/appearance/level")
     return level
 
 

@@ -14,7 +14,7 @@ from msb.asset import Asset
 from msb.asset.drawable import check_drawable, require, required_buffer
 from msb.asset.planes import invert_projection
 from msb.errors import AssetError
-from msb.methods.diffsoup import FEATURES, LAYERS, lattice_level, samples
+from msb.methods.diffsoup import FEATURES, LAYERS, check_level, samples
 from msb.render.surface import Surface
 from msb.scenes import Camera
 
@@ -64,7 +64,7 @@ def diffsoup_model(asset: Asset, *, quantise: bool = False) -> DiffSoupModel:
         0, 255)), with the product in float32 (kenji-tojo/diffsoup: examples/06_export_web.py).
     """
     require(asset, "compositing", "kind", "binary_z_buffer")
-    level = lattice_level(asset)
+    level = check_level(asset.manifest.appearance.get("level"), asset.path)
     check_drawable(asset)
     faces = asset.manifest.face_count
     positions = required_buffer(asset, "positions", asset.manifest.vertex_count, 3)

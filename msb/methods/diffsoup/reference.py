@@ -15,7 +15,7 @@ from msb.asset import Asset
 from msb.asset.drawable import required_buffer
 from msb.asset.planes import invert_projection
 from msb.asset.sh import SH_C0, sh_basis
-from msb.methods.diffsoup import FEATURES, LAYERS, lattice_level, samples
+from msb.methods.diffsoup import FEATURES, LAYERS, check_level, samples
 from msb.reference.arithmetic import Reals, dot, matrix_product, norm, sigmoid, transform
 from msb.reference.frame import ReferenceFrame
 from msb.reference.tiles import Modes
@@ -147,7 +147,7 @@ def diffsoup_projection(
 
 def lattices(asset: Asset, dtype: type[Any]) -> tuple[int, Reals, Reals]:
     """Return the level, features (F, S, 7) and opacity (F, S) of the lattices; bytes become v / 255."""
-    level, count = lattice_level(asset), asset.manifest.face_count
+    level, count = check_level(asset.manifest.appearance.get("level"), asset.path), asset.manifest.face_count
     lattice, opacity = (
         array.astype(dtype) / dtype(255) if array.dtype == np.uint8 else array.astype(dtype, copy=False)
         for array in (
