@@ -94,8 +94,8 @@ class Options:
 def parse_plan(plan: Sequence[str] | str | None = None, **options: Any) -> Options:
     """Return the validated options of a plan: a sequence of steps, or a text with commas between them.
 
-    A step may have numbers, as in "weld:0.01,orient,pair,debris:20:0.001". None is the default plan, or the
-    steps that the peer can do. `options` are other fields of `Options`.
+    A step may have numbers, as in "weld:0.01,orient,pair,debris:20:0.001". Without a plan, the default
+    is used; if `options` name a peer, it is the step of that peer. `options` are other fields of `Options`.
     """
     if plan is None:
         plan = BY_PEER.get(options.get("peer") or "", DEFAULT)

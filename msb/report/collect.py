@@ -320,7 +320,8 @@ def _notes_on(metric: str, result: Result) -> Iterable[str]:
 
 
 def _average(numbers: Mapping[str, Number], members: Iterable[str]) -> Number:
-    """Return the mean of `numbers` (by scene) over the scenes `members`, with their notes."""
+    """Return the mean over the scenes `members`, with the notes of all numbers; `numbers` maps scene ->
+    number."""
     mean = mean_over({scene: number.value for scene, number in numbers.items()}, members)
     if mean.value is not None:
         notes = dict.fromkeys(note for number in numbers.values() for note in number.notes)

@@ -109,7 +109,8 @@ def _advise(stored: Strategy, others: Sequence[Strategy]) -> tuple[list[str], st
         All strategies that ran.
     """
     better = [strategy for strategy in others if _grade(strategy) < _grade(stored)]
-    # The best of our strategies without a visible change, and the best of all strategies with one.
+    # Recommend two strategies: the best of ours that changes no pixel, and the best one that changes the
+    # image.
     invisible = min(
         (strategy for strategy in better if strategy.peer is None and strategy.looks.standard.same),
         key=_rank,

@@ -27,7 +27,9 @@ def make_protocol(
     keys: str = "",
     tail: str = "",
 ) -> ProtocolFile:
-    """Return a protocol in `folder` of methods on one scene, with two timed frames.
+    """Return a protocol that runs the methods on one scene and times two frames.
+
+    Its results go below `folder`; no file is written.
 
     `head` comes first, `keys` are added to every method, and `tail` comes last.
     """

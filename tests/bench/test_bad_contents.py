@@ -14,9 +14,9 @@ from tests.fuzz.bad_texts import Bad
 from tests.report.factory import AUDIT, TASK, chamfer, make_result, repairs, strategy_json, trial
 
 DIGITS = b"1" * 5000
-"""More digits than Python converts to a number."""
+"""A decimal number with more digits than Python converts."""
 HEXADECIMAL = b"0x" + b"f" * 5000
-"""A number that Python reads and cannot print."""
+"""A hexadecimal number with more decimal digits than Python converts to text."""
 
 
 def protocol(more: bytes, old: str = "", new: str = "") -> bytes:

@@ -83,7 +83,7 @@ def feed_targets(scratch: Path, names: list[str]) -> None:
 
         seeds = TARGETS[name].small_seeds()
         feeds[name] = TARGETS[name].at(scratch / name), inputs(name, seeds)
-        for seed in seeds[:3]:  # import modules that are loaded on first use, which the guard would forbid
+        for seed in seeds[:3]:  # Import lazily loaded modules now, because the guard forbids imports later.
             feeds[name][0](seed)
     limit_memory()
     guard = Guard(scratch, report)
@@ -107,7 +107,7 @@ def read_corpora(root: Path) -> None:
     """Read every file of the index; the first file with another error code ends the process."""
     rows = json.loads((root / "index.json").read_text())
     for reader, path, _, code in rows:
-        if not code:  # import modules that are loaded on first use, which the guard would forbid
+        if not code:  # Import lazily loaded modules now, because the guard forbids imports later.
             getattr(readers, reader)(Path(path))
     limit_memory()
     guard = ClosedGuard(root, report)

@@ -73,7 +73,7 @@ class Lookup:
 
 
 def words_of(label: str, cell: dict[str, Any]) -> list[str]:
-    """Return texts of the row and column, in our table, that hold a cell of the paper."""
+    """Return the texts of the row and of the column of our table that correspond to a cell of the paper."""
     metric = NAMES.get(cell["metric"], cell["metric"])
     condition, scene = condition_title(cell["condition"]), scene_title(cell["scene"])
     on, method, name = dataset_title(cell["dataset"]), title_of(cell), METRICS[metric].title

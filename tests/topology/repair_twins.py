@@ -173,7 +173,7 @@ def fewest_dropped(faces: list[Face]) -> int:
 
 
 def weld(points: list[Point], faces: list[Face]) -> tuple[list[int], list[Face]]:
-    """Return the faces that stay, and their corners as old vertices, the first in each position."""
+    """Return the remaining faces, and their corners as the lowest old vertex in each position."""
     first: dict[Point, int] = {}
     leader = [first.setdefault((p[0] + 0.0, p[1] + 0.0, p[2] + 0.0), v) for v, p in enumerate(points)]
     new = [(leader[a], leader[b], leader[c]) for a, b, c in faces]
@@ -182,7 +182,7 @@ def weld(points: list[Point], faces: list[Face]) -> tuple[list[int], list[Face]]
 
 
 def debris(points: list[Point], faces: list[Face], least_faces: int, least_share: float) -> list[int]:
-    """Return the faces that stay."""
+    """Return the remaining faces."""
     proper = proper_faces(faces)
     component = flood(proper, faces, edge_faces(faces, proper), lambda count: count >= 2)
     areas = {f: area(points, faces[f]) for f in proper}
@@ -196,7 +196,7 @@ def debris(points: list[Point], faces: list[Face], least_faces: int, least_share
 
 
 def holes(points: list[Point], faces: list[Face], edges: int, share: float) -> list[list[tuple[int, int]]]:
-    """Return the rims that are closed: the edges of each, in the direction of the adjacent faces."""
+    """Return the edges of each closed rim, in the direction of the adjacent faces."""
     proper = proper_faces(faces)
     at_edge = edge_faces(faces, proper)
     component = flood(proper, faces, at_edge, lambda count: count >= 2)

@@ -28,7 +28,7 @@ def test_cut_edges_are_found_from_positions_alone() -> None:
 
 
 def counted(mesh: Any) -> tuple[Counter[Any], Counter[Any]]:
-    """Return how many faces and edges lie at each set of positions."""
+    """Return the numbers of faces and of edges with the same corner positions."""
     points, faces = mesh
     place = {v: tuple(float(x) for x in np.float32(row)) for v, row in enumerate(points.tolist())}
     rows = [tuple(row) for row in faces.tolist()]

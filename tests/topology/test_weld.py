@@ -32,8 +32,8 @@ NAN, INF = np.nan, np.inf
         (line(0.1, 0.1 + 1e-12, 0.1 + 1e-7), "exact", [0, 0, 1]),  # as float32
         ([[0.0, -0.0, 0.0], [-0.0, 0.0, 0.0], [0.0, 0.0, 1e-45]], "exact", [0, 0, 1]),
         (line(NAN, NAN, INF, INF, -INF), "exact", [0, 1, 2, 2, 3]),
-        (line(0.0, 1.0, 2.0, 3.5, 4.0, 9.0), 1.0, [0, 0, 0, 1, 1, 2]),  # chains
-        # a distance equal to the length merges
+        (line(0.0, 1.0, 2.0, 3.5, 4.0, 9.0), 1.0, [0, 0, 0, 1, 1, 2]),  # chains are merged
+        # vertices at exactly the given distance are merged
         ([[0.0, 0, 0], [3, 4, 0], [10, 0, 0], [10, 3, 4.001]], 5.0, [0, 0, 1, 2]),
         ([[0, 0, 0], [NAN, 0, 0], [NAN, 0, 0], [INF, 0, 0], [0.1, 0, 0]], 1.0, [0, 1, 2, 3, 0]),
         (np.full((3, 3), NAN), 1.0, [0, 1, 2]),

@@ -72,7 +72,7 @@ _CONNECTIVITY = {
     "Local structure": ("boundary_edge_ratio", "nonmanifold_edge_ratio", "nonmanifold_vertex_ratio"),
     "Global connectivity": ("lcc_face_ratio", "lcc_area_ratio", "components"),
 }
-# Name of a group's mean -> heading of the group's scenes.
+# Metric key of a group mean -> heading of the rows with the scenes of this group.
 _GROUPS = {"indoor_mean": "indoor scenes", "outdoor_mean": "outdoor scenes"}
 
 

@@ -117,7 +117,11 @@ class Facts:
         return replace(flag, ours=True, why=f"it treats the {rows} duplicated at seams as a border")
 
     def euler(self, call: str, vertices: int, which: str, edges: str) -> Expected:
-        """Expect V - E + F with a different V, and with the vertex pairs of repeated-index rows in E."""
+        """Expect the Euler characteristic of a peer that counts other vertices and edges than we do.
+
+        The peer counts `vertices` vertices, described by `which`. Its edges include the pairs of
+        repeated-index rows.
+        """
         ours = self.report.metrics.euler_characteristic
         fewer = vertices - self.counts.vertices
         parts = [f"it counts the vertices {which}, {vertices} of {self.counts.vertices}"] if fewer else []
@@ -214,7 +218,7 @@ def expect_trimesh(facts: Facts) -> list[Expected]:
 
 
 def _expect_flag(quantity: str, call: str, ours: bool, theirs: bool, facts: Facts) -> Expected:
-    """Expect a flag that only repeated-index rows can change."""
+    """Expect a flag that differs from ours only through repeated-index rows."""
     why = "" if ours == theirs else f"it counts the vertex pairs of {facts.rows}"
     return Expected(quantity, call, quantity, ours, theirs, why)
 

@@ -20,9 +20,9 @@ def drop(points: NDArray[Any], faces: NDArray[Any], *, weights: NDArray[Any] | N
 
     Faces with many such edges are removed first, and among equal numbers those with the smallest weight (F,),
     by default the area. Finding the smallest set of faces is NP-hard (it contains hypergraph matching), so
-    the choice is greedy. Afterwards removed faces are restored while no edge gets a third face. Each round
-    removes many faces that share no such edge. There are few rounds; each takes O(F log F) time. Copies of
-    vertices come last.
+    the choice is greedy. Afterwards, removed faces are restored as long as no edge gets a third face. Each
+    round removes many faces that share no such edge. There are few rounds; each takes O(F log F) time. Copies
+    of vertices come last.
     """
     mesh = build_half_edges(faces, len(points))
     weight = face_areas(points, faces)[0] if weights is None else np.asarray(weights, np.float64)

@@ -60,7 +60,8 @@ def _find_loops_to_cut(
     differ = mesh.origin[first] == mesh.origin[second]
     face, beyond = face_of(first), face_of(second)
     clash = differ ^ sides.other[face] ^ sides.other[beyond]
-    # Nodes of the search: all corners around a vertex, or along a rim. Corners of one face have one sense.
+    # Nodes of the search: all corners around a vertex, or along a rim. All corners of a face have the same
+    # sense of rotation.
     (low, high), across = find_end_corners(mesh, first), find_end_corners(mesh, second)
     rim = mesh.edge_halfedges[np.repeat(mesh.multiplicity != 2, mesh.multiplicity)]
     pairs = np.concatenate([low, high, rim]), np.concatenate([*across, next_in_face(rim)])
