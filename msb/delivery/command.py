@@ -230,8 +230,10 @@ def _write_mesh(source: Path, target: Path, options: ConvertOptions, output: Out
     with output.progress(f"writing {target.name}"), about(source):
         storable = fit_to_format(mesh, suffix)
         write_mesh_files(storable, target, output, style)
-    rotated = [f"rotated upright ({mesh.up} was up)"] if mesh.up != storable.up else []
-    _say(target, [*_list_contents(storable, suffix), *rotated, *([quality] if quality else [])], output)
+    changes = [f"rotated upright ({mesh.up} was up)"] if mesh.up != storable.up else []
+    if mesh.metres_per_unit not in (None, 1.0):
+        changes.append(f"scaled to metres (a unit was {mesh.metres_per_unit:g} m)")
+    _say(target, [*_list_contents(storable, suffix), *changes, *([quality] if quality else [])], output)
     if mesh.textures and not storable.textures and storable.vertex_colors is not None:
         loss = ImageLoss.of(mesh, asset).describe(replace(storable, vertices=mesh.vertices))
         output.note(f"{target}: {suffix} has no textures; they were converted to vertex colours{loss}")
@@ -248,15 +250,18 @@ def _list_contents(mesh: Mesh, suffix: str) -> list[str]:
     """Return the numbers of vertices and faces, and the kinds of colours that the file stores."""
     from msb.meshes.formats import FORMATS
 
-    keeps = FORMATS[suffix].keeps
+    form = FORMATS[suffix]
+    counts = [f"{len(mesh.vertices):,} vertices", f"{len(mesh.faces):,} faces"]
+    if mesh.textures and form.list_stored:
+        return [*counts, *form.list_stored(mesh)]
     colors = [
         key.replace("_colors", " colours").replace("_uvs", " UVs")
-        for key in keeps
+        for key in form.keeps
         if key not in ("textures", "collision") and getattr(mesh, key) is not None
     ]
     if mesh.textures:
         colors.append(f"{len(mesh.textures)} texture{'' if len(mesh.textures) == 1 else 's'}")
-    return [f"{len(mesh.vertices):,} vertices", f"{len(mesh.faces):,} faces", *(colors or ["no colours"])]
+    return [*counts, *(colors or ["no colours"])]
 
 
 def _say(target: Path, parts: list[str], output: Output) -> None:

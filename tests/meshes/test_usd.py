@@ -105,7 +105,8 @@ def test_a_foreign_stage_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     assert mesh.up == "+z"
     # The corners of left-handed polygons are in clockwise order.
     np.testing.assert_array_equal(mesh.faces, [[0, 2, 1], [0, 3, 2]])
-    np.testing.assert_array_equal(mesh.vertices[:, 2], 5)
+    # A stage that does not state its unit is in centimetres.
+    np.testing.assert_array_equal(mesh.vertices[:, 2], 0.05)
     np.testing.assert_array_equal(mesh.face_colors, np.array([[255, 0, 0]] * 2, np.uint8))
     assert ["Sphere" in text for text in mesh.left_out] == [True]
 
