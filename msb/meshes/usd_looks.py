@@ -55,6 +55,9 @@ def group_faces(mesh: Mesh) -> list[FaceGroup]:
         used = None if is_plain(image, mesh) else number
         # rows (n, 3, 3): the colours of the corners. One material per colour, if no face has several.
         rows = light[faces]
+        if (rows == rows[0, 0]).all():
+            groups.append(FaceGroup(faces, used, tuple(rows[0, 0].tolist())))
+            continue
         distinct, of_face = np.unique(rows[:, 0], axis=0, return_inverse=True)
         if (rows == rows[:, :1]).all() and len(distinct) <= _MAX_COLORS:
             of_face = of_face.reshape(-1)
