@@ -231,8 +231,8 @@ def _write_mesh(source: Path, target: Path, options: ConvertOptions, output: Out
         storable = fit_to_format(mesh, suffix)
         write_mesh_files(storable, target, output, style)
     changes = [f"rotated upright ({mesh.up} was up)"] if mesh.up != storable.up else []
-    if mesh.metres_per_unit not in (None, 1.0):
-        changes.append(f"scaled to metres (a unit was {mesh.metres_per_unit:g} m)")
+    if mesh.meters_per_unit not in (None, 1.0):
+        changes.append(f"scaled to metres (a unit was {mesh.meters_per_unit:g} m)")
     _say(target, [*_list_contents(storable, suffix), *changes, *([quality] if quality else [])], output)
     if mesh.textures and not storable.textures and storable.vertex_colors is not None:
         loss = ImageLoss.of(mesh, asset).describe(replace(storable, vertices=mesh.vertices))

@@ -42,7 +42,7 @@ class Mesh:
         Parts of the file that were not read, such as "normals", "UVs" or "2 textures".
     up : str, optional
         The axis that points up, such as "+y"; None if unknown.
-    metres_per_unit : float, optional
+    meters_per_unit : float, optional
         The length of the file's unit in metres, by which the positions were multiplied; None if unknown.
     wrong_face : str, optional
         For text files: a text about the first face with an invalid vertex index, with its line number.
@@ -64,7 +64,7 @@ class Mesh:
     sampler: Sampler = field(default_factory=Sampler)
     left_out: tuple[str, ...] = ()
     up: str | None = None
-    metres_per_unit: float | None = None
+    meters_per_unit: float | None = None
     wrong_face: str | None = None
 
     def __post_init__(self) -> None:

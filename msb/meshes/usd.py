@@ -69,7 +69,7 @@ def read(source: Source) -> Mesh:
         face_textures=arrays.get("face_textures"),
         left_out=tuple(data["left_out"]),
         up=data["up"],
-        metres_per_unit=data["metres_per_unit"],
+        meters_per_unit=data["meters_per_unit"],
     )
     if "corner" in colors:
         from msb.meshes.assets import with_corner_colors

@@ -72,7 +72,7 @@ def group_faces(mesh: Mesh) -> list[FaceGroup]:
 
 
 def corner_light(mesh: Mesh) -> NDArray[np.float32]:
-    """Return the colours (F, 3, 3) of the face corners in linear light, times the texels of plain textures."""
+    """Return the linear colours (F, 3, 3) of the face corners, times the texels of plain textures."""
     light = np.ones((len(mesh.faces), 3, 3), np.float32)
     if mesh.vertex_colors is not None:
         light *= linear_light(mesh.vertex_colors)[:, :3][mesh.faces]

@@ -69,7 +69,7 @@ class Material:
     primvar: str | None = None
 
 
-# What a mesh without a material looks like.
+# The material of meshes without one.
 UNBOUND = Material(primvar="displayColor")
 
 
@@ -82,7 +82,7 @@ class _Source(NamedTuple):
 
 
 class MaterialReader:
-    """Reads the materials that are bound to prims, each one once; `left_out` collects what is not read."""
+    """Reads the materials of prims, each one once, and adds the names of unread parts to `left_out`."""
 
     def __init__(self, time: Any, left_out: dict[str, None]) -> None:
         self._time, self._left_out = time, left_out
@@ -198,7 +198,7 @@ class MaterialReader:
         return None
 
     def _read_path(self, reader: Any) -> str:
-        """Return the path of the image of a texture reader; empty if there is none."""
+        """Return the path of the image of a texture reader; empty without an image."""
         file = self._follow(reader, "file").value
         return str(getattr(file, "path", file) or "")
 
@@ -217,7 +217,7 @@ class MaterialReader:
 
 
 def _color(value: Any, default: Vector) -> Vector:
-    """Return `value` as three numbers, which may be outside [0, 1] or NaN; `default` if it is no colour."""
+    """Return `value` as three numbers, which may be outside [0, 1] or NaN; else `default`."""
     numbers = _list_numbers(value)
     return numbers if len(numbers) == len(default) else default
 
@@ -244,7 +244,7 @@ def _list_numbers(value: Any) -> Vector:
 def unite_textures(materials: list[Material], left_out: dict[str, None]) -> tuple[tuple[str, str], Any]:
     """Return the wrap modes and the alpha cut-off of a mesh with these textured materials.
 
-    A mesh has one sampler: that of the first material, with the smallest cut-off.
+    A mesh has one sampler: the sampler of the first material, with the smallest cut-off.
     """
     cutoffs = {material.cutoff for material in materials if material.cutoff is not None}
     if len({material.wraps for material in materials}) > 1:

@@ -61,7 +61,7 @@ def read_stage(word: str, _: Arrays) -> tuple[Any, Arrays]:
     images = list(reader.images) if any(reader.images) else []
     data = {
         "up": "+z" if UsdGeom.GetStageUpAxis(stage) == UsdGeom.Tokens.z else "+y",
-        "metres_per_unit": reader.metres_per_unit,
+        "meters_per_unit": reader.meters_per_unit,
         "textures": [None if image is None else asdict(image) for image in images],
         "wraps": wraps,
         "cutoff": cutoff,
@@ -78,7 +78,7 @@ class _Reader:
     """Reads the mesh prims of a stage.
 
     `images` numbers the images in the order of their use; None stands for faces without an image. `textured`
-    has the materials with an image that are used, and `left_out` collects what is not read.
+    has the used materials with an image, and `left_out` has the names of unread parts.
     """
 
     def __init__(self, stage: Any) -> None:
@@ -90,7 +90,7 @@ class _Reader:
         self.textured: dict[Material, None] = {}
         self.left_out: dict[str, None] = {}
         self._materials = MaterialReader(self._time, self.left_out)
-        self.metres_per_unit = self._read_unit(stage)
+        self.meters_per_unit = self._read_unit(stage)
         if stage.GetCompositionErrors():
             self.left_out["references that cannot be resolved"] = None
 
@@ -141,7 +141,7 @@ class _Reader:
         # Transform to world coordinates in metres. A mirroring transform reverses the winding, like
         # left-handed orientation.
         matrix = np.array(self._places.GetLocalToWorldTransform(prim))
-        matrix[:, :3] *= self.metres_per_unit
+        matrix[:, :3] *= self.meters_per_unit
         is_left = mesh.GetOrientationAttr().Get(self._time) == UsdGeom.Tokens.leftHanded
         if not np.array_equal(matrix, np.eye(4)):
             with np.errstate(over="ignore", invalid="ignore"):
@@ -186,7 +186,7 @@ class _Reader:
                 self.textured[material] = None
                 uvs.append((faces, placed[key]))
         arrays.uvs = _combine(uvs, arrays, 2, 0.0)
-        # Number the images, and collect the colours. White is no colour beside images.
+        # Number the images, and collect the colours. Beside images, white is the default.
         colors = [(faces, _choose_color(material, read)) for material, faces in materials]
         for material, faces in materials:
             arrays.textures[faces] = self.images.setdefault(material.image, len(self.images))
@@ -245,7 +245,7 @@ class _Reader:
         """
         from pxr import UsdGeom, UsdShade
 
-        # owner (P,): the material of each polygon, which is that of the prim or that of a subset.
+        # owner (P,): the material of each polygon: the prim's, or the subset's.
         numbers = {self._materials.find(mesh.GetPrim()): 0}
         owner = np.zeros(count, np.int64)
         kind = UsdShade.Tokens.materialBind
@@ -273,6 +273,8 @@ class _Reader:
         stored = opacity.Get(self._time) if opacity else None
         if stored is not None and (np.array(stored, np.float64) < 1).any():
             self.left_out["opacity of vertices and faces"] = None
+        if UsdGeom.PrimvarsAPI(mesh).FindPrimvarWithInheritance("skel:jointIndices"):
+            self.left_out["a skin"] = None
         scheme = mesh.GetSubdivisionSchemeAttr()
         if scheme.HasAuthoredValue() and scheme.Get(self._time) != UsdGeom.Tokens.none:
             self.left_out["subdivision"] = None
@@ -331,14 +333,15 @@ def _spread(values: Values, part: _PrimArrays, faces: Any) -> NDArray[Any]:
     Corners with an invalid index get the values of another vertex. Constant values have one row and column.
     """
     domain, rows = values
+    width = rows.shape[1]
     if domain == "constant":
-        return rows[:, None]
-    if domain == "face":
-        return rows[faces][:, None]
-    if domain == "corner":
-        return rows.reshape(len(part.faces), 3, -1)[faces]
-    rows = rows if len(rows) else np.ones((1, rows.shape[1]), np.float32)
-    return rows[part.faces[faces].clip(0, len(rows) - 1)]
+        return rows.reshape(1, 1, width)
+    if domain == "vertex":
+        rows = rows if len(rows) else np.ones((1, width), np.float32)
+        by_face: NDArray[Any] = rows[part.faces.clip(0, len(rows) - 1)]
+    else:
+        by_face = rows.reshape(-1, 1 if domain == "face" else 3, width)
+    return np.asarray(by_face[faces])
 
 
 def _join_parts(parts: list[_PrimArrays], textures: int) -> dict[str, NDArray[Any]]:

@@ -332,7 +332,7 @@ def test_positions_are_in_metres(head: str, unit: float | None, tmp_path: Path) 
     mesh = read(stage(body, f'{head}\n upAxis = "Z"'), tmp_path)
     # An invalid unit is reported, and replaced by the default of USD, the centimetre.
     assert [part.startswith("metersPerUnit") for part in mesh.left_out] == [True] * (unit is None)
-    assert (mesh.up, mesh.metres_per_unit) == ("+z", unit or 0.01)
+    assert (mesh.up, mesh.meters_per_unit) == ("+z", unit or 0.01)
     np.testing.assert_array_equal(np.ptp(mesh.vertices, axis=0), np.array([2, 1, 0]) * (unit or 0.01))
     assert mesh.vertices.dtype == (np.float32 if unit == 1 else np.float64)
 
@@ -387,7 +387,7 @@ def tinted(tint: np.ndarray | None, domain: str = "face", texels: object = ((255
 
 RED, WHITE, PINK = [255, 0, 0], [255, 255, 255], [250, 120, 130]
 RANDOM = np.random.default_rng(6).integers(0, 256, (12, 3), np.uint8)
-# Name -> mesh, what the file stores, and what it loses.
+# Name -> mesh, stored parts, lost parts.
 TINTED = {
     "no colours": (tinted(None), ["1 texture"], []),
     "plain": (tinted(np.uint8([WHITE, WHITE, RED, RED])), ["1 texture", "1 material colour"], []),
