@@ -90,11 +90,15 @@ class MaterialReader:
 
     def find(self, prim: Any) -> Material:
         """Return the material of a prim: the one for previews, else the one for full renderings."""
-        from pxr import UsdShade
+        from pxr import Tf, UsdShade
 
         binding = UsdShade.MaterialBindingAPI(prim)
         for purpose in (UsdShade.Tokens.preview, UsdShade.Tokens.full):
-            material = binding.ComputeBoundMaterial(purpose)[0]
+            try:
+                material = binding.ComputeBoundMaterial(purpose)[0]
+            except Tf.ErrorException:
+                self._left_out["invalid material bindings"] = None
+                continue
             if material:
                 path = str(material.GetPath())
                 if path not in self._materials:
@@ -218,13 +222,13 @@ class MaterialReader:
 
 def _color(value: Any, default: Vector) -> Vector:
     """Return `value` as three numbers, which may be outside [0, 1] or NaN; else `default`."""
-    numbers = _list_numbers(value)
+    numbers = list_numbers(value)
     return numbers if len(numbers) == len(default) else default
 
 
 def _vector(value: Any, default: Vector) -> Vector:
     """Return `value` as finite numbers; `default` if it is missing, not finite or has another length."""
-    numbers = _list_numbers(value)
+    numbers = list_numbers(value)
     return numbers if len(numbers) == len(default) and np.isfinite(numbers).all() else default
 
 
@@ -233,7 +237,7 @@ def _number(value: Any, default: float) -> float:
     return _vector(value, (default,))[0]
 
 
-def _list_numbers(value: Any) -> Vector:
+def list_numbers(value: Any) -> Vector:
     """Return the numbers in `value`; empty if it is missing or not numeric."""
     try:
         return tuple(np.array([] if value is None else value, np.float64).reshape(-1).tolist())

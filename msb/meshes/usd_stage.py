@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from msb.base.children import Arrays
 from msb.meshes.polygons import fan_triangulate, join_faces
-from msb.meshes.usd_materials import UNBOUND, ImageUse, Material, MaterialReader, unite_textures
+from msb.meshes.usd_materials import UNBOUND, ImageUse, Material, MaterialReader, list_numbers, unite_textures
 
 Floats = NDArray[np.float32]
 # A domain ("constant", "vertex", "face", "corner") and its values (n, width).
@@ -220,7 +220,10 @@ class _Reader:
         if not primvar or not primvar.HasValue():
             return None
         stored = primvar.ComputeFlattened(self._time)
-        values = np.array([] if stored is None else stored, np.float32)
+        try:
+            values = np.array([] if stored is None else stored, np.float32)
+        except (TypeError, ValueError):  # texts and other types
+            values = np.array([], np.float32)
         kind = str(primvar.GetInterpolation())
         domain = _DOMAINS.get(kind, "vertex")
         count = {"vertex": shape[0], "face": shape[1], "corner": shape[2]}[domain]
@@ -270,8 +273,7 @@ class _Reader:
         if mesh.GetHoleIndicesAttr().HasAuthoredValue():
             self.left_out["holes"] = None
         opacity = UsdGeom.PrimvarsAPI(mesh).FindPrimvarWithInheritance("displayOpacity")
-        stored = opacity.Get(self._time) if opacity else None
-        if stored is not None and (np.array(stored, np.float64) < 1).any():
+        if opacity and any(value < 1 for value in list_numbers(opacity.Get(self._time))):
             self.left_out["opacity of vertices and faces"] = None
         if UsdGeom.PrimvarsAPI(mesh).FindPrimvarWithInheritance("skel:jointIndices"):
             self.left_out["a skin"] = None
