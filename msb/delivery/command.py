@@ -231,10 +231,11 @@ def _write_mesh(source: Path, target: Path, options: ConvertOptions, output: Out
     with output.progress(f"writing {target.name}"), about(source):
         storable = fit_to_format(mesh, suffix)
         write_mesh_files(storable, target, output, style)
-    rotated = [f"rotated upright (the up axis was {mesh.up})"] if mesh.up != storable.up else []
-    _print_summary(
-        target, [*_list_contents(storable, suffix), *rotated, *([quality] if quality else [])], output
-    )
+    changes = [f"rotated upright (the up axis was {mesh.up})"] if mesh.up != storable.up else []
+    if mesh.meters_per_unit not in (None, 1.0):
+        changes.append(f"scaled to metres (a unit was {mesh.meters_per_unit:g} m)")
+    quality_text = [quality] if quality else []
+    _print_summary(target, [*_list_contents(storable, suffix), *changes, *quality_text], output)
     if mesh.textures and not storable.textures and storable.vertex_colors is not None:
         loss = ImageLoss.of(mesh, asset).describe(replace(storable, vertices=mesh.vertices))
         output.note(f"{target}: {suffix} has no textures; they were converted to vertex colours{loss}")
@@ -251,15 +252,18 @@ def _list_contents(mesh: Mesh, suffix: str) -> list[str]:
     """Return the numbers of vertices and faces, and the kinds of colours that the file stores."""
     from msb.meshes.formats import FORMATS
 
-    keeps = FORMATS[suffix].keeps
+    form = FORMATS[suffix]
+    counts = [f"{len(mesh.vertices):,} vertices", f"{len(mesh.faces):,} faces"]
+    if mesh.textures and form.list_stored:
+        return [*counts, *form.list_stored(mesh)]
     colors = [
         key.replace("_colors", " colours").replace("_uvs", " UVs")
-        for key in keeps
+        for key in form.keeps
         if key not in ("textures", "collision") and getattr(mesh, key) is not None
     ]
     if mesh.textures:
         colors.append(f"{len(mesh.textures)} texture{'' if len(mesh.textures) == 1 else 's'}")
-    return [f"{len(mesh.vertices):,} vertices", f"{len(mesh.faces):,} faces", *(colors or ["no colours"])]
+    return [*counts, *(colors or ["no colours"])]
 
 
 def _print_summary(target: Path, parts: list[str], output: Output) -> None:

@@ -25,12 +25,17 @@ def stored_colors(values: NDArray[Any]) -> NDArray[Any]:
         bytes_as_floats = (values == np.floor(values)).all() and (values >= 0).all()
         if values.size and bytes_as_floats and 1 < values.max() <= 255:
             return values.astype(np.uint8)
-        values = np.clip(values, 0, 1)
+        values = clamp_floats(values)
     elif values.dtype == np.uint16:
         values = values / 65535
     else:
         return values.clip(0, 255).astype(np.uint8)
     return values.astype(np.float32)
+
+
+def clamp_floats(values: NDArray[Any]) -> NDArray[Any]:
+    """Return float colours clamped to [0, 1]; NaN becomes 0."""
+    return np.asarray(np.nan_to_num(values, nan=0.0).clip(0, 1))
 
 
 def with_alpha(colors: NDArray[Any]) -> NDArray[Any]:

@@ -57,6 +57,7 @@ def list_losses(mesh: Mesh, written: Mesh, suffix: str, left_out: Sequence[str])
         yield f"{suffix} cannot store texture filtering and wrapping"
     # UVs without a texture are listed in `left_out`, but a GLB stores them anyway.
     lost = [part for part in left_out if part != "UVs" or not _has_uvs(written)]
+    lost += form.list_lost(written) if form.list_lost else []
     if not form.keeps and mesh.textures:
         lost.append(f"textures ({suffix} cannot store them)")
     elif not form.keeps and (mesh.vertex_colors is not None or mesh.face_colors is not None):

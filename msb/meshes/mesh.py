@@ -19,7 +19,8 @@ class Mesh:
     Parameters
     ----------
     vertices : (V, 3) float32 or float64
-        Positions in the file's units and precision. Unused vertices and non-finite coordinates are included.
+        Positions in the file's precision, in the file's units or, if it states them, in metres. Unused
+        vertices and non-finite coordinates are included.
     faces : (F, 3) int64
         Vertex indices as stored. They may be out of range (negative, or V and more); the audit reports that.
     vertex_colors : (V, 3) or (V, 4) uint8 or float32 in [0, 1], optional
@@ -41,6 +42,8 @@ class Mesh:
         Parts of the file that were not read, such as "normals", "UVs" or "2 textures".
     up : str, optional
         The axis that points up, such as "+y"; None if unknown.
+    meters_per_unit : float, optional
+        The length of the file's unit in metres, by which the positions were multiplied; None if unknown.
     wrong_face : str, optional
         For text files: a text about the first face with an invalid vertex index, with its line number.
 
@@ -61,6 +64,7 @@ class Mesh:
     sampler: Sampler = field(default_factory=Sampler)
     left_out: tuple[str, ...] = ()
     up: str | None = None
+    meters_per_unit: float | None = None
     wrong_face: str | None = None
 
     def __post_init__(self) -> None:

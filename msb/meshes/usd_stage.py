@@ -1,7 +1,8 @@
 """Read the visible meshes of a USD stage as arrays. This runs usd-core, in a child process."""
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -9,38 +10,28 @@ from numpy.typing import NDArray
 
 from msb.base.children import Arrays
 from msb.meshes.polygons import fan_triangulate, join_faces
+from msb.meshes.usd_materials import UNBOUND, ImageUse, Material, MaterialReader, list_numbers, unite_textures
 
 Floats = NDArray[np.float32]
+# A domain ("constant", "vertex", "face", "corner") and its values (n, width).
+Values = tuple[str, Floats]
 
 # Interpolation of a primvar -> the domain of its values; others are per vertex.
 _DOMAINS = {"uniform": "face", "faceVarying": "corner"}
-_WRAPS = {"clamp": "clamp", "black": "clamp", "mirror": "mirror"}
 
 
 @dataclass
 class _PrimArrays:
     """The triangles of a mesh prim with their colours, UVs and textures.
 
-    `colors` (linear light) and `uvs` are None, or a domain ("vertex", "face", "corner") and its values.
-    `textures` (F,) are image numbers.
+    `colors` (linear light) and `uvs` are None if the prim has none. `textures` (F,) are image numbers.
     """
 
     points: NDArray[Any]
     faces: NDArray[np.int64]
-    colors: tuple[str, Floats] | None
-    uvs: tuple[str, Floats] | None
+    colors: Values | None
+    uvs: Values | None
     textures: NDArray[np.uint32]
-
-
-@dataclass(frozen=True)
-class _Material:
-    """A material: its image ("" without one), UV primvar, wrap modes, alpha cut-off, and uniform colour."""
-
-    image: str = ""
-    varname: str = "st"
-    wraps: tuple[str, str] = ("repeat", "repeat")
-    cutoff: float | None = None
-    color: tuple[float, ...] | None = None
 
 
 def read_stage(word: str, _: Arrays) -> tuple[Any, Arrays]:
@@ -49,34 +40,34 @@ def read_stage(word: str, _: Arrays) -> tuple[Any, Arrays]:
 
     try:
         layer = Sdf.Layer.FindOrOpen(word)
-        needs = layer.GetCompositionAssetDependencies() if layer else []
-        stage = Usd.Stage.Open(layer) if layer and not needs else None
+        # References to prims of the same file have an empty path.
+        others = [path for path in layer.GetCompositionAssetDependencies() if path] if layer else []
+        stage = Usd.Stage.Open(layer) if layer and not others else None
     except Tf.ErrorException:
         layer = None
     if layer is None:
         return {"refused": ("MESH_FILE_INVALID", "usd-core finds no stage in the file; export it again")}, {}
-    if needs:
-        text = f"the stage refers to other files ({needs[0][:80]}); merge them with usdcat --flatten"
+    if others:
+        text = f"the stage refers to other files ({others[0][:80]}); merge them with usdcat --flatten"
         return {"refused": ("MESH_FILE_UNSUPPORTED", text)}, {}
-    reader = _Reader(UsdGeom.XformCache(Usd.TimeCode.EarliestTime()))
+    reader = _Reader(stage)
     try:
         parts = [reader.read_prim(UsdGeom.Mesh(prim)) for prim in reader.visible_meshes(stage)]
     except _Refused as refused:
         return {"refused": ("MESH_FILE_INVALID", str(refused))}, {}
     if not parts:
         return {"refused": ("MESH_FILE_INVALID", "the stage has no visible mesh")}, {}
-    up = "+z" if UsdGeom.GetStageUpAxis(stage) == UsdGeom.Tokens.z else "+y"
-    # The mesh has one sampler: that of the first textured material.
-    first = next((material for material in reader.materials.values() if material.image), _Material())
-    textures = list(reader.images) if any(reader.images) else []
+    wraps, cutoff = unite_textures(list(reader.textured), reader.left_out)
+    images = list(reader.images) if any(reader.images) else []
     data = {
-        "up": up,
-        "textures": textures,
-        "wraps": first.wraps,
-        "cutoff": first.cutoff,
+        "up": "+z" if UsdGeom.GetStageUpAxis(stage) == UsdGeom.Tokens.z else "+y",
+        "meters_per_unit": reader.meters_per_unit,
+        "textures": [None if image is None else asdict(image) for image in images],
+        "wraps": wraps,
+        "cutoff": cutoff,
         "left_out": list(reader.left_out),
     }
-    return data, _join_parts(parts, textures)
+    return data, _join_parts(parts, len(images))
 
 
 class _Refused(Exception):
@@ -86,14 +77,33 @@ class _Refused(Exception):
 class _Reader:
     """Reads the mesh prims of a stage.
 
-    `images` numbers the images in the order of their use, and `left_out` collects what is not read.
+    `images` numbers the images in the order of their use; None stands for faces without an image. `textured`
+    has the used materials with an image, and `left_out` has the names of unread parts.
     """
 
-    def __init__(self, places: Any) -> None:
-        self._places, self._time = places, places.GetTime()
-        self.materials: dict[str, _Material] = {}
-        self.images: dict[str, int] = {}
+    def __init__(self, stage: Any) -> None:
+        from pxr import Usd, UsdGeom
+
+        self._time = Usd.TimeCode.EarliestTime()
+        self._places = UsdGeom.XformCache(self._time)
+        self.images: dict[ImageUse | None, int] = {}
+        self.textured: dict[Material, None] = {}
         self.left_out: dict[str, None] = {}
+        self._materials = MaterialReader(self._time, self.left_out)
+        self.meters_per_unit = self._read_unit(stage)
+        if stage.GetCompositionErrors():
+            self.left_out["references that cannot be resolved"] = None
+
+    def _read_unit(self, stage: Any) -> float:
+        """Return the length of the stage's unit in metres: one centimetre if the stage has no valid one."""
+        from pxr import UsdGeom
+
+        stored = float(UsdGeom.GetStageMetersPerUnit(stage))
+        if np.isfinite(stored) and stored > 0:
+            return stored
+        default = float(UsdGeom.LinearUnits.centimeters)
+        self.left_out[f"metersPerUnit ({stored:g} is not a length; {default:g} is used)"] = None
+        return default
 
     def visible_meshes(self, stage: Any) -> Iterator[Any]:
         """Yield the mesh prims that are rendered, including instances."""
@@ -128,9 +138,10 @@ class _Reader:
             raise _Refused(text)
         # order (F, 3) are places in `corners`, polygon (F,) the polygon of each triangle.
         order, polygon = fan_triangulate(np.arange(len(corners)), counts)
-        # Transform to world coordinates. A mirroring transform reverses the winding, like left-handed
-        # orientation.
+        # Transform to world coordinates in metres. A mirroring transform reverses the winding, like
+        # left-handed orientation.
         matrix = np.array(self._places.GetLocalToWorldTransform(prim))
+        matrix[:, :3] *= self.meters_per_unit
         is_left = mesh.GetOrientationAttr().Get(self._time) == UsdGeom.Tokens.leftHanded
         if not np.array_equal(matrix, np.eye(4)):
             with np.errstate(over="ignore", invalid="ignore"):
@@ -138,32 +149,50 @@ class _Reader:
                 is_left ^= np.linalg.det(matrix[:3, :3]) < 0
         if is_left:
             order = order[:, [0, 2, 1]]
-        # Number the images of the materials, and assign them to the polygons: first the material of the prim,
-        # then those of its subsets.
-        materials = self._read_materials(mesh, len(counts))
-        numbers = np.array([self.images.setdefault(mat.image, len(self.images)) for mat, _ in materials])
-        textures = np.zeros(len(counts), np.uint32)
-        for number, (_, faces) in zip(numbers, materials, strict=True):
-            textures[faces] = number
         self._note_ignored(mesh)
-        arrays = _PrimArrays(points, corners[order], None, None, textures[polygon])
-        # A prim has texture coordinates, with v upwards, or else colours.
+        arrays = _PrimArrays(points, corners[order], None, None, np.zeros(len(order), np.uint32))
         shape = len(points), len(counts), len(corners)
-        varname = next((material.varname for material, _ in materials if material.image), None)
-        if varname is not None:
-            arrays.uvs = self._read_primvar(mesh, varname, 2, shape, order, polygon)
-            if arrays.uvs is None:
-                self.left_out["textures without UVs"] = None
-                arrays.textures[:] = self.images.setdefault("", len(self.images))
-            else:
-                arrays.uvs[1][:, 1] = 1 - arrays.uvs[1][:, 1]
-        if varname is None or arrays.uvs is None:
-            arrays.colors = self._read_primvar(mesh, "displayColor", 3, shape, order, polygon)
-            if arrays.colors is None:
-                arrays.colors = _collect_material_colors(materials, len(points), polygon, len(counts))
-        elif any(material.color is not None for material, _ in materials):
-            self.left_out["colours of materials"] = None
+
+        @cache
+        def read(name: str, width: int) -> Values | None:
+            return self._read_primvar(mesh, name, width, shape, order, polygon)
+
+        self._add_look(arrays, self._read_materials(mesh, len(counts), polygon), read)
         return arrays
+
+    def _add_look(
+        self,
+        arrays: _PrimArrays,
+        materials: list[tuple[Material, NDArray[np.int64]]],
+        read: Callable[[str, int], Values | None],
+    ) -> None:
+        """Add colours, UVs and textures to the `arrays` of a prim.
+
+        `materials` are its materials with their triangles. `read` returns a primvar with values of a width.
+        """
+        # Read the coordinates of the images. A material without them loses its image.
+        placed: dict[tuple[str, Any], Values | None] = {}
+        uvs: list[tuple[NDArray[np.int64], Values | None]] = []
+        for number, (material, faces) in enumerate(materials):
+            if material.image is None:
+                continue
+            key = material.varname, material.transform
+            if key not in placed:
+                placed[key] = _place(read(material.varname, 2), material.transform)
+            if placed[key] is None:
+                self.left_out["textures without UVs"] = None
+                materials[number] = UNBOUND, faces
+            else:
+                self.textured[material] = None
+                uvs.append((faces, placed[key]))
+        arrays.uvs = _combine(uvs, arrays, 2, 0.0)
+        # Number the images, and collect the colours. Beside images, white is the default.
+        colors = [(faces, _choose_color(material, read)) for material, faces in materials]
+        for material, faces in materials:
+            arrays.textures[faces] = self.images.setdefault(material.image, len(self.images))
+        is_white = all(values is None or bool((values[1] == 1).all()) for _, values in colors)
+        if not (uvs and is_white):
+            arrays.colors = _combine(colors, arrays, 3, 1.0)
 
     def _read_array(self, attribute: Any, dtype: Any, shape: tuple[int, ...]) -> NDArray[Any]:
         """Return the values of an attribute; an empty array if it is not set."""
@@ -178,11 +207,12 @@ class _Reader:
         shape: tuple[int, int, int],
         order: NDArray[np.int64],
         polygon: NDArray[np.int64],
-    ) -> tuple[str, Floats] | None:
+    ) -> Values | None:
         """Return the domain of the primvar `name` and its values (n, `width`), or None if it is not set.
 
         `shape` are the numbers of vertices, polygons and polygon corners; `order` and `polygon` are as in
-        `read_prim`. Values of polygons become values of triangles.
+        `read_prim`. Values of polygons become values of triangles. A wrong number of values is left out, but
+        it is an error for `displayColor`.
         """
         from pxr import UsdGeom
 
@@ -190,12 +220,18 @@ class _Reader:
         if not primvar or not primvar.HasValue():
             return None
         stored = primvar.ComputeFlattened(self._time)
-        values = np.array([] if stored is None else stored, np.float32)
+        try:
+            values = np.array([] if stored is None else stored, np.float32)
+        except (TypeError, ValueError):  # texts and other types
+            values = np.array([], np.float32)
         kind = str(primvar.GetInterpolation())
         domain = _DOMAINS.get(kind, "vertex")
         count = {"vertex": shape[0], "face": shape[1], "corner": shape[2]}[domain]
         if kind == "constant" and values.size == width:
             values = np.tile(values.reshape(1, width), (count, 1))
+        if values.shape != (count, width) and name != "displayColor":
+            self.left_out[f"invalid values of {name[:40]}"] = None
+            return None
         if values.shape != (count, width):
             text = f"it has {len(values)} values of {name}, but {count} are needed"
             raise _Refused(f"{mesh.GetPrim().GetPath()}: {text}")
@@ -203,70 +239,30 @@ class _Reader:
             return domain, values[polygon]
         return domain, values[order.reshape(-1)] if domain == "corner" else values
 
-    def _read_materials(self, mesh: Any, count: int) -> list[tuple[_Material, Any]]:
-        """Return the materials of a mesh with `count` polygons, each with the numbers of its polygons."""
+    def _read_materials(
+        self, mesh: Any, count: int, polygon: NDArray[np.int64]
+    ) -> list[tuple[Material, NDArray[np.int64]]]:
+        """Return the materials that the triangles of a mesh use, each with the numbers of its triangles.
+
+        The mesh has `count` polygons; `polygon` (F,) is the polygon of each triangle.
+        """
         from pxr import UsdGeom, UsdShade
 
-        materials: list[tuple[_Material, Any]] = [(self._find_material(mesh.GetPrim()), slice(None))]
+        # owner (P,): the material of each polygon: the prim's, or the subset's.
+        numbers = {self._materials.find(mesh.GetPrim()): 0}
+        owner = np.zeros(count, np.int64)
         kind = UsdShade.Tokens.materialBind
         for part in UsdGeom.Subset.GetGeomSubsets(mesh, UsdGeom.Tokens.face, kind):
             faces = self._read_array(part.GetIndicesAttr(), np.int64, (-1,))
             if faces.size and not 0 <= faces.min() <= faces.max() < count:
                 raise _Refused(f"{part.GetPrim().GetPath()}: it selects faces that do not exist")
-            materials.append((self._find_material(part.GetPrim()), faces))
-        return materials
-
-    def _find_material(self, prim: Any) -> _Material:
-        """Return the material of a prim; each material is read once."""
-        from pxr import UsdShade
-
-        material = UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial()[0]
-        if not material:
-            return _Material()
-        path = str(material.GetPath())
-        if path not in self.materials:
-            self.materials[path] = self._read_surface(material)
-        return self.materials[path]
-
-    def _read_surface(self, material: Any) -> _Material:
-        """Return the material of a surface shader: its texture or its uniform colour."""
-        surface = material.ComputeSurfaceSource()[0]
-        if not surface or surface.GetShaderId() != "UsdPreviewSurface":
-            self.left_out["materials other than UsdPreviewSurface"] = None
-            return _Material()
-        for name in ("emissiveColor", "diffuseColor"):
-            given = surface.GetInput(name)
-            source = given.GetConnectedSources()[0] if given else []
-            if source:
-                reader = _get_shader(source[0])
-                if reader and reader.GetShaderId() == "UsdUVTexture":
-                    return self._read_texture(surface, reader)
-                return _Material()  # the primvar displayColor, which is read from the mesh
-        color = self._read_value(surface, "diffuseColor")
-        return _Material() if color is None else _Material(color=tuple(color))
-
-    def _read_texture(self, surface: Any, reader: Any) -> _Material:
-        """Return the material of a texture reader that is connected to `surface`."""
-        file = self._read_value(reader, "file")
-        if file is None or not file.path or "<UDIM>" in file.path:
-            self.left_out["textures in several images (UDIM)"] = None
-            return _Material()
-        varname = "st"
-        given = reader.GetInput("st")
-        for source in given.GetConnectedSources()[0] if given else []:
-            placed = _get_shader(source)
-            if placed and placed.GetShaderId() == "UsdTransform2d":
-                self.left_out["transforms of textures"] = None
-            elif placed and placed.GetInput("varname"):
-                varname = str(self._read_value(placed, "varname"))
-        u, v = (_WRAPS.get(str(self._read_value(reader, name)), "repeat") for name in ("wrapS", "wrapT"))
-        cutoff = float(self._read_value(surface, "opacityThreshold") or 0)
-        return _Material(file.path, varname, (u, v), cutoff or None)
-
-    def _read_value(self, shader: Any, name: str) -> Any:
-        """Return the value of a shader's input, or None if the input does not exist."""
-        given = shader.GetInput(name)
-        return given.Get(self._time) if given else None
+            owner[faces] = numbers.setdefault(self._materials.find(part.GetPrim()), len(numbers))
+        # Group the triangles by material.
+        owner = owner[polygon]
+        by_material = np.argsort(owner, kind="stable")
+        used, first = np.unique(owner[by_material], return_index=True)
+        groups = np.split(by_material, first[1:])
+        return [(list(numbers)[number], faces) for number, faces in zip(used, groups, strict=False)]
 
     def _note_ignored(self, mesh: Any) -> None:
         """Add the names of the data in a mesh prim that is not read to `left_out`."""
@@ -276,6 +272,11 @@ class _Reader:
             self.left_out["normals"] = None
         if mesh.GetHoleIndicesAttr().HasAuthoredValue():
             self.left_out["holes"] = None
+        opacity = UsdGeom.PrimvarsAPI(mesh).FindPrimvarWithInheritance("displayOpacity")
+        if opacity and any(value < 1 for value in list_numbers(opacity.Get(self._time))):
+            self.left_out["opacity of vertices and faces"] = None
+        if UsdGeom.PrimvarsAPI(mesh).FindPrimvarWithInheritance("skel:jointIndices"):
+            self.left_out["a skin"] = None
         scheme = mesh.GetSubdivisionSchemeAttr()
         if scheme.HasAuthoredValue() and scheme.Get(self._time) != UsdGeom.Tokens.none:
             self.left_out["subdivision"] = None
@@ -283,38 +284,75 @@ class _Reader:
             self.left_out["animation"] = None
 
 
-def _collect_material_colors(
-    materials: list[tuple[_Material, Any]], vertices: int, polygon: NDArray[np.int64], polygons: int
-) -> tuple[str, Floats] | None:
-    """Return the materials' uniform colours: per vertex for one material, else per face, or None.
+def _choose_color(material: Material, read: Callable[[str, int], Values | None]) -> Values | None:
+    """Return the colours that a material gives to a prim, or None for white."""
+    values = None if material.primvar is None else read(material.primvar, 3)
+    if values is None and material.color is not None:
+        return "constant", np.array([material.color], np.float32)
+    return values
 
-    Faces whose material has no colour are white. `polygon` (F,) is the polygon of each triangle.
-    """
-    if all(material.color is None for material, _ in materials):
+
+def _place(uvs: Values | None, transform: Any) -> Values | None:
+    """Return texture coordinates, stored with v upwards, transformed and with v downwards."""
+    if uvs is None:
         return None
-    if len(materials) == 1:
-        return "vertex", np.tile(np.array(materials[0][0].color, np.float32), (vertices, 1))
-    colors = np.ones((polygons, 3), np.float32)
-    for material, faces in materials:
-        if material.color is not None:
-            colors[faces] = material.color
-    return "face", colors[polygon]
+    domain, stored = uvs
+    if transform is not None:
+        matrix = np.array(transform)
+        with np.errstate(over="ignore", invalid="ignore"):
+            stored = (stored.astype(np.float64) @ matrix[:, :2].T + matrix[:, 2]).astype(np.float32)
+    return domain, np.column_stack((stored[:, 0], 1 - stored[:, 1]))
 
 
-def _get_shader(source: Any) -> Any:
-    """Return the shader of a connected source."""
-    from pxr import UsdShade
+def _combine(
+    pieces: Sequence[tuple[NDArray[np.int64], Values | None]], part: _PrimArrays, width: int, blank: float
+) -> Values | None:
+    """Return the values of a prim whose triangles have different values; None if none has any.
 
-    return UsdShade.Shader(source.source.GetPrim())
+    Each of the `pieces` has the numbers of its triangles, and values for the whole prim.
+    """
+    given = [values for _, values in pieces]
+    if all(values is None for values in given):
+        return None
+    if all(values is given[0] for values in given):
+        assert given[0] is not None
+        if given[0][0] == "constant":
+            return "vertex", np.tile(given[0][1], (len(part.points), 1))
+        return given[0]
+    by_face = all(values is None or values[0] in ("constant", "face") for values in given)
+    combined = np.full((len(part.faces), 1 if by_face else 3, width), blank, np.float32)
+    for faces, values in pieces:
+        if values is not None and by_face:
+            combined[faces, 0] = values[1] if values[0] == "constant" else values[1][faces]
+        elif values is not None:
+            combined[faces] = _spread(values, part, faces)
+    return "face" if by_face else "corner", combined.reshape(-1, width)
 
 
-def _join_parts(parts: list[_PrimArrays], textures: list[str]) -> dict[str, NDArray[Any]]:
+def _spread(values: Values, part: _PrimArrays, faces: Any) -> NDArray[Any]:
+    """Return the values (n, 3, width) at the corners of the triangles `faces` (n,) of a part.
+
+    Corners with an invalid index get the values of another vertex. Constant values have one row and column.
+    """
+    domain, rows = values
+    width = rows.shape[1]
+    if domain == "constant":
+        return rows.reshape(1, 1, width)
+    if domain == "vertex":
+        rows = rows if len(rows) else np.ones((1, width), np.float32)
+        by_face: NDArray[Any] = rows[part.faces.clip(0, len(rows) - 1)]
+    else:
+        by_face = rows.reshape(-1, 1 if domain == "face" else 3, width)
+    return np.asarray(by_face[faces])
+
+
+def _join_parts(parts: list[_PrimArrays], textures: int) -> dict[str, NDArray[Any]]:
     """Return the concatenated arrays of all parts, under the names that `msb.meshes.usd` expects."""
     arrays: dict[str, NDArray[Any]] = {
         "vertices": np.concatenate([part.points for part in parts]),
         "faces": join_faces((part.faces for part in parts), [len(part.points) for part in parts]),
     }
-    if len(textures) > 1:
+    if textures > 1:
         arrays["face_textures"] = np.concatenate([part.textures for part in parts])
     for name, width, blank in (("colors", 3, 1.0), ("uvs", 2, 0.0)):
         # Keep the domain if it is the same for all parts; otherwise convert the values to corners.
@@ -331,15 +369,13 @@ def _join_parts(parts: list[_PrimArrays], textures: list[str]) -> dict[str, NDAr
 
 
 def _convert_domain(
-    domain: str, part: _PrimArrays, values: tuple[str, Floats] | None, width: int, blank: float
+    domain: str, part: _PrimArrays, values: Values | None, width: int, blank: float
 ) -> Floats:
-    """Return the values (n, `width`) of a part, converted to `domain`; `blank` if it has no values."""
+    """Return the values (n, `width`) of a part in `domain`, its own or "corner"; `blank` if it has none."""
     count = {"vertex": len(part.points), "face": len(part.faces), "corner": part.faces.size}[domain]
     if values is None:
         return np.full((count, width), blank, np.float32)
     if values[0] == domain:
         return values[1]
-    if values[0] == "face":
-        return np.repeat(values[1], 3, axis=0)
-    rows: Floats = values[1][part.faces.reshape(-1).clip(0, max(len(values[1]) - 1, 0))]
-    return rows
+    at_corners = np.broadcast_to(_spread(values, part, slice(None)), (len(part.faces), 3, width))
+    return at_corners.reshape(-1, width)

@@ -1,0 +1,127 @@
+"""Split a textured mesh into groups of faces that one UsdPreviewSurface material can show.
+
+Such a material multiplies an image with one colour, or shows one colour or the primvar `displayColor`. It
+cannot multiply an image with colours that vary over it.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from msb.asset.texture import LINEAR
+from msb.meshes.colors import linear_light
+from msb.meshes.formats import Style
+from msb.meshes.image_files import encode_image, name_images
+from msb.meshes.mesh import Mesh
+
+# Largest number of materials for the faces of one texture. With more colours, faces without an image use
+# `displayColor`, and other faces the average colour.
+_MAX_COLORS = 64
+_WHITE = (1.0, 1.0, 1.0)
+
+
+@dataclass(frozen=True)
+class FaceGroup:
+    """Faces with the same look.
+
+    Attributes
+    ----------
+    faces : (n,) int32
+        Their numbers, in ascending order.
+    image : int, optional
+        The number of their texture.
+    color : tuple of float, optional
+        The colour of the faces or, if they have an image, its factor; linear light. None: `displayColor`.
+    is_average : bool
+        Whether the colour replaces colours that vary.
+    """
+
+    faces: NDArray[np.int32]
+    image: int | None
+    color: tuple[float, ...] | None
+    is_average: bool = False
+
+
+def group_faces(mesh: Mesh) -> list[FaceGroup]:
+    """Return the groups of all faces of a textured mesh, in the order of its textures."""
+    light, groups, textures = corner_light(mesh), [], mesh.face_textures
+    if textures is None:
+        textures = np.zeros(len(mesh.faces), np.uint32)
+    for number, image in enumerate(mesh.textures):
+        faces = np.flatnonzero(textures == number).astype(np.int32)
+        if not len(faces):
+            continue
+        used = None if is_plain(image, mesh) else number
+        # rows (n, 3, 3): the colours of the corners. One material per colour, if no face has several.
+        rows = light[faces]
+        if (rows == rows[0, 0]).all():
+            groups.append(FaceGroup(faces, used, tuple(rows[0, 0].tolist())))
+            continue
+        distinct, of_face = np.unique(rows[:, 0], axis=0, return_inverse=True)
+        if (rows == rows[:, :1]).all() and len(distinct) <= _MAX_COLORS:
+            of_face = of_face.reshape(-1)
+            for color, values in enumerate(distinct.tolist()):
+                groups.append(FaceGroup(faces[of_face == color], used, tuple(values)))
+        elif used is None:
+            groups.append(FaceGroup(faces, None, None))
+        else:
+            average = tuple(rows.mean(axis=(0, 1), dtype=np.float64).tolist())
+            groups.append(FaceGroup(faces, number, average, is_average=True))
+    return groups
+
+
+def corner_light(mesh: Mesh) -> NDArray[np.float32]:
+    """Return the linear colours (F, 3, 3) of the face corners, times the texels of plain textures."""
+    light = np.ones((len(mesh.faces), 3, 3), np.float32)
+    if mesh.vertex_colors is not None:
+        light *= linear_light(mesh.vertex_colors)[:, :3][mesh.faces]
+    elif mesh.face_colors is not None:
+        light *= linear_light(mesh.face_colors)[:, None, :3]
+    for number, image in enumerate(mesh.textures):
+        if is_plain(image, mesh):
+            shown = slice(None) if mesh.face_textures is None else mesh.face_textures == number
+            light[shown] *= LINEAR[image[0, 0, :3]]
+    return light
+
+
+def is_plain(image: NDArray[np.uint8], mesh: Mesh) -> bool:
+    """Return whether a texture of `mesh` is one opaque texel, which needs no image file."""
+    is_opaque = image.shape[-1] == 3 or mesh.sampler.alpha_cutoff is None or image[0, 0, 3] == 255
+    return image.shape[:2] == (1, 1) and bool(is_opaque)
+
+
+def encode_used_images(mesh: Mesh, style: Style) -> dict[str, bytes]:
+    """Return the image files that the materials use, as file name -> content."""
+    used = {group.image for group in group_faces(mesh)} if mesh.textures else set()
+    named = enumerate(zip(name_images(mesh, style), mesh.textures, strict=True))
+    return {
+        name: encode_image(image, style.texture, mesh.sampler)[0]
+        for number, (name, image) in named
+        if number in used
+    }
+
+
+def list_stored(mesh: Mesh) -> list[str]:
+    """Return the numbers of the images and colours that a USD file of a textured mesh stores."""
+    groups = group_faces(mesh)
+    images = len({group.image for group in groups if group.image is not None})
+    colors = len({group.color for group in groups if group.color not in (None, _WHITE)})
+    stored = [f"{images} texture{'' if images == 1 else 's'}"] if images else []
+    if colors:
+        stored.append(f"{colors} material colour{'' if colors == 1 else 's'}")
+    return stored + ["vertex colours"] * any(group.color is None for group in groups)
+
+
+def list_lost(mesh: Mesh) -> list[str]:
+    """Return the names of the parts of a mesh's colours that a USD file does not store."""
+    lost = []
+    if mesh.textures and any(group.is_average for group in group_faces(mesh)):
+        lost.append("colours that vary over a texture (their average is stored)")
+    colors = mesh.face_colors if mesh.vertex_colors is None else mesh.vertex_colors
+    if colors is not None and colors.shape[1] == 4:
+        opaque = 1 if colors.dtype.kind == "f" else np.iinfo(colors.dtype).max
+        lost += ["opacity of colours"] if (colors[:, 3] != opaque).any() else []
+    if mesh.textures and (mesh.sampler.filter != "linear" or not mesh.sampler.mipmaps):
+        lost.append("texture filters")
+    return lost
