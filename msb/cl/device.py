@@ -82,7 +82,7 @@ class Device:
         self._memory.release_scratch(prefix)
 
     def memory(self) -> dict[str, int]:
-        """Return use -> bytes currently allocated on the device by all its users."""
+        """Return the bytes that all users of the device have currently allocated for each use."""
         return bytes_by_use(self._queue.allocations)
 
     def new_memory(self) -> Memory:
@@ -93,7 +93,8 @@ class Device:
     def using(self, memory: Memory | None = None) -> Iterator[None]:
         """Reserve the device for a block; other threads wait.
 
-        Buffers allocated in the block belong to `memory`, an account from `new_memory`, or to the device.
+        Buffers allocated in the block belong to the account `memory`, which `new_memory` returned. Without
+        `memory` they belong to the device.
         """
         with self._lock:
             before, self._memory = self._memory, memory or self._default_memory

@@ -1,8 +1,8 @@
 """Let the PoCL wheel build kernels on processors that it does not know.
 
 Purpose: `pip install meshsplatbench` must be able to render without a driver, and the only PoCL wheel for
-x86-64 is 3.0-rc2 of 2022 with LLVM 14. It asks LLVM for the name of the processor and passes it to clang.
-LLVM calls every newer processor "generic", and clang then rejects each build with "unknown target CPU
+x86-64 is 3.0-rc2 of 2022 with LLVM 14. The wheel asks LLVM for the name of the processor and passes it to
+clang. LLVM calls every newer processor "generic", and clang then rejects each build with "unknown target CPU
 'generic'". No environment variable and no build option changes that name. Without this module, x86-64
 processors that are newer than the wheel have no OpenCL device unless a driver is installed.
 
@@ -98,7 +98,7 @@ def can_apply(device: Any) -> bool:
 
 
 def apply(device: Any) -> bool:
-    """Replace the name if `can_apply`; return whether the name is ours now."""
+    """Replace the name if `can_apply`; return whether the name is now `NAME`."""
     if can_apply(device):
         _write(device, UNKNOWN, NAME)
         _fixed.add(device.int_ptr)

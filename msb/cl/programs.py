@@ -46,9 +46,9 @@ _NAMELESS = "<kernel>"
 # Message of clang if the LLVM of PoCL is older than the processor.
 UNKNOWN_CPU = "unknown target CPU"
 
-# Maximum number of builds, repeated only if a build fails without an error in the source. PoCL processes that
-# build the same program at the same time on an empty cache disturb each other: 1 of 200 builds fails with 8
-# processes.
+# Maximum number of attempts. A build is repeated only if it fails without an error in the source. PoCL
+# processes that build the same program at the same time on an empty cache disturb each other: 1 of 200 builds
+# fails with 8 processes.
 _ATTEMPTS = 5
 _PAUSE = 0.2  # seconds
 
@@ -144,7 +144,7 @@ class Kernel:
             raise
 
     def _set(self, number: int, value: Any, mark: Any) -> None:
-        """Set an argument unless it is already set; on a GPU, setting ten takes longer than a launch."""
+        """Set an argument unless it is already set. On a GPU, setting ten takes longer than a launch."""
         if mark is None or self._marks[number] != mark:
             self._marks[number] = None
             self._handle.set_arg(number, value)
@@ -229,7 +229,7 @@ def _build_error(
 
 
 def _find_first_complaint(log: str) -> str:
-    """Return the first line of the log that is an error, or else the first line of the compiler."""
+    """Return the first error in the log, or else the first line that the compiler wrote."""
     lines = [line.strip() for line in log.splitlines() if line.strip()]
     errors = (match["text"] for match in map(_COMPLAINT.match, lines) if match)
     others = (line for line in lines if not _WRAPPING.search(line))
@@ -274,7 +274,8 @@ def _convert(kind: Any, value: Any) -> Any:
 def _identify(argument: Any) -> Any:
     """Return a value that identifies an argument, or None if it must be set at every launch.
 
-    The value does not keep the memory of a buffer alive. That of a released buffer equals no other value.
+    The value does not keep the memory of a buffer alive. The value of a released buffer equals no other
+    value.
     """
     if isinstance(argument, Buffer):
         return weakref.ref(argument.allocation)

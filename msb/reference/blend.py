@@ -134,8 +134,8 @@ def _attenuate(
 ) -> tuple[Reals, NDArray[np.bool_], NDArray[np.bool_]]:
     """Lower the transmittance T of P pixels by K faces of `alpha` (K, P).
 
-    Returns T in front of every face and whether the face is blended, both (K, P), and which pixels are not
-    finished, (P,).
+    Returns three arrays: T in front of every face (K, P), whether the face is blended (K, P), and which
+    pixels are not finished (P,).
     """
     # T in front of the first face, between the faces, and behind the last: products from front to back.
     chain = np.concatenate([transmittance[pixels][None], 1 - alpha])

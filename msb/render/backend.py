@@ -42,7 +42,7 @@ ENGINES = {
 # frame.
 Group = Literal["geometry", "appearance", "scratch", "targets"]
 
-# Number of the frame before which a renderer may still reorganise its data. The memory of later frames
+# A renderer may reorganise its data until it draws the frame with this number. The memory of later frames
 # depends on the cameras only, not on the number of frames. Benchmarks measure from this frame on.
 SETTLED_AT = 3
 
@@ -92,7 +92,7 @@ class Backend(Protocol):
         """Draw and wait until the frame is complete, without reading it back. Benchmarks time this."""
 
     def memory(self) -> Mapping[str, int]:
-        """Return purpose -> bytes of device memory for this asset; empty if the renderer cannot tell."""
+        """Return the bytes of device memory for this asset by purpose; empty if the renderer cannot tell."""
 
     def close(self) -> None:
         """Release all memory. A second call has no effect."""

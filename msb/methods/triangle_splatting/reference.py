@@ -99,7 +99,7 @@ def points_seen(vertices: Reals, view_dir: str) -> Reals:
 
 
 def contour_tiles(windows: Windows, opacity: Reals, sigma: Reals, view: SplattingCamera) -> Rectangles:
-    """Return the tiles of the contour o phi^sigma = 0.01: the edges moved inwards, then intersected.
+    """Return the tiles of the contour o phi^sigma = 0.01: its edges are moved inwards, then intersected.
 
     Samples beyond the contour, down to alpha = 1/255, are visible only in tiles that the contour touches.
     """
@@ -122,7 +122,8 @@ def contour_tiles(windows: Windows, opacity: Reals, sigma: Reals, view: Splattin
         x = -(t * m[:, 1] - s * n[:, 1]) / determinant
         y = -(s * n[:, 0] - t * m[:, 0]) / determinant
         corner = np.stack([x, y], axis=-1)
-        # The official test compares with a double. For the last pair it is reversed, so NaN skips that pair.
+        # The official test compares with a double. For the last pair the comparison is reversed, so NaN skips
+        # that pair.
         size = np.abs(determinant).astype(np.float64)
         skipped = ~(size > MIN_DETERMINANT) if current == 0 else size < MIN_DETERMINANT
         use = ~skipped[:, None]

@@ -122,7 +122,7 @@ def _list_details(device: Tried) -> Iterator[tuple[str, str]]:
 
 
 def _explain_failures(tried: list[Tried]) -> list[str]:
-    """Return for each device that does not build kernels the reason and the remedy."""
+    """Return the reason and the remedy for each device that does not build kernels."""
     return [
         f"{record.selector} does not build kernels: {trial.why}. {advice}."
         for record, trial, advice in tried
