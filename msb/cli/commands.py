@@ -1,6 +1,6 @@
 """Find commands: built-in ones in a table, others in the entry-point group `msb.commands`.
 
-The module of a command is imported when the command or its help is used, not for the list of commands.
+The module of a command is imported when the command or its help is used. Listing commands does not import it.
 """
 
 import re

@@ -32,7 +32,7 @@ _LINE = 18
 
 @dataclass(frozen=True, eq=False)
 class Composition:
-    """The image (H, W, 3), and the box of each tier, of "wipe" or of "difference" in it."""
+    """The image (H, W, 3), and the boxes in it: of each tier, of "wipe" or of "difference"."""
 
     image: NDArray[np.uint8]
     pictures: dict[str, Box]
@@ -96,7 +96,7 @@ class _Composer:
             self.draw_caption(tier, Box(box.left + index * (half + gap), box.top, half, box.height))
 
     def draw_wipe(self, cell: Box) -> Box:
-        """Draw A left and B right of a divider, and return the box."""
+        """Draw the left part of A and the right part of B with a divider between them; return the box."""
         a, b = self.state.pair
         first, second = self.image_of(a), self.image_of(b)
         if first is None or second is None:
