@@ -103,7 +103,7 @@ def test_colour_follows_options_and_variables(
 @pytest.mark.slow
 @pytest.mark.skipif(os.name == "nt", reason="pseudo-terminals are POSIX")
 def test_json_on_a_terminal_has_no_escape_sequences() -> None:
-    """On a terminal JSON has neither progress nor escape sequences."""
+    """On a terminal JSON is printed without progress and escape sequences."""
     outputs = {option: on_terminal("validate", *option.split(), ASSET) for option in ("--json -", "-q")}
     assert "\x1b" not in outputs["--json -"]
     assert outputs["--json -"].startswith("{")

@@ -182,7 +182,7 @@ def markers(points: NDArray[np.float32], color: Color, shape: str, size: float) 
 
 
 def clip(actors: Iterable[Any], box: NDArray[Any] | None) -> None:
-    """Draw only the part of the actors in `box` (3, 2), low and high per axis; None draws everything."""
+    """Draw only what is inside a box (3, 2), low and high per axis; None draws everything."""
     from vtkmodules.vtkCommonDataModel import vtkPlane
 
     planes = []
