@@ -58,7 +58,7 @@ def is_checkpoint(path: Path) -> bool:
 
 
 def locate(path: str | os.PathLike[str]) -> Place:
-    """Return the place of the model in `path`. Of several iterations it is the last one."""
+    """Return the place of the model in `path`, which is the last one if there are several iterations."""
     given = given_path(path)
     if given.suffix.lower() == ASSET_SUFFIX and os.path.lexists(given):
         text = "it is already a .triasset; use msb convert to write another format"

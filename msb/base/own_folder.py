@@ -63,9 +63,9 @@ def own_folder(path: str | os.PathLike[str], *, overwrite: bool = True) -> Itera
 
 
 def _keep_others(old: Path, new: Path) -> None:
-    """Add the files of the old folder that are not in its list to the new folder.
+    """Copy files of the old folder to the new folder, unless they are in the list of the old folder.
 
-    They are added as hard links if possible, and otherwise copied.
+    Hard links are used if possible.
     """
     listed = {*(listed_files(old) or ()), LIST}
     for root, folders, files in os.walk(old):

@@ -264,7 +264,7 @@ class Output:
             raise UsageError("USAGE", f"{label} and {other} name the same file", file=path)
 
     def check_free(self, path: Path | None, *, folder: bool = False) -> None:
-        """Reject an output that is also an input, exists without --force, or cannot be written.
+        """Reject an output that is also an input, that cannot be written, or that may not be replaced.
 
         Without --force an existing `folder` must be empty. Devices and pipes are always accepted.
         """

@@ -178,7 +178,7 @@ def check_image(image: ArrayLike, name: str) -> NDArray[Any]:
 
 
 def _to_unit_range(array: NDArray[Any], quantize: bool) -> NDArray[np.float64]:
-    """Return checked values in [0, 1]; floats are rounded in their precision, like a PNG."""
+    """Return values in [0, 1]. With `quantize` floats are first rounded to bytes, in their precision."""
     if array.dtype != np.uint8:
         kind = array.dtype if array.dtype.itemsize >= 4 else np.dtype(np.float32)
         clamped = np.clip(array.astype(kind), 0, 1)

@@ -1,13 +1,13 @@
-"""Sampling of a splatting method's triangles by a game engine: the rasterisation rules of graphics hardware.
+"""How a game engine samples the triangles of a splatting method: by the rules of graphics hardware.
 
 Fragments exist only at pixel centres inside the projected triangle. Geometry nearer than the near plane is
 clipped. Attributes are interpolated with perspective correction. Tiles do not exist, and nothing is culled by
 size or distance. Coverage window, colours and blending follow the method.
 
-Barycentric coordinates divided by depth are affine on the screen, and so is 1 / depth: homogeneous edge
-functions (Olano and Greer, "Triangle scan conversion using 2D homogeneous coordinates", 1997). With them no
-polygon has to be clipped: where a line of sight meets the triangle behind the camera, all three functions are
-negative.
+Barycentric coordinates divided by depth are affine on the screen, and so is 1 / depth. They are called
+homogeneous edge functions (Olano and Greer, "Triangle scan conversion using 2D homogeneous coordinates",
+1997). With them no polygon has to be clipped, because all three functions are negative where a line of sight
+meets the triangle behind the camera.
 """
 
 from dataclasses import dataclass

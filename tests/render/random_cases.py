@@ -1,7 +1,8 @@
 """Random cases for property tests of renderers: one seed gives a model, settings, camera and background.
 
 Difficult values are likely: settings at their limits, images of one pixel, principal points far off the
-middle, fields of view from 1 to 170 degrees, faces that coincide, have no area or are all behind the camera.
+middle, and fields of view from 1 to 170 degrees. Faces may coincide, have no area, or all be behind the
+camera.
 """
 
 from dataclasses import dataclass

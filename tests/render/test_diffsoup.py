@@ -15,7 +15,7 @@ from tests.render.frames import frame_of
 
 VIEWS = golden_views("diffsoup")
 TAME = [view for view in VIEWS if not view.name.startswith("soup")]
-"""No triangle crosses the camera plane: the viewer would clip it, and the evaluator would drop it."""
+"""Views without triangles that cross the camera plane: the viewer clips those, the evaluator drops them."""
 
 
 def draw(device: Device, view: View, web: bool = False, **options: Any) -> Frame:

@@ -206,7 +206,7 @@ def rasterize(
 def box_pixels(
     faces: NDArray[np.int64], boxes: NDArray[np.int64]
 ) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]]:
-    """Yield face, column and row, (n,) each, of all pixels in the boxes (F, 4) of the ascending `faces`.
+    """Yield the pixels in the boxes (F, 4) of the ascending `faces`: face, column and row, (n,) each.
 
     Several faces are yielded together while they have at most `_TOGETHER` pixels; a face is never split.
     """

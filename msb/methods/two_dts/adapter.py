@@ -42,7 +42,7 @@ _LOG_HEAD = re.compile(r"config args:[ \t]*\n=+[^\n]*=+[ \t]*\n(.*?)^=+[ \t]*$",
 
 
 def training_scene(root: Path) -> object:
-    """Return the folder of the training scene named in the configuration in `root`, or None."""
+    """Return the folder of the training scene, which the configuration in `root` names; None without one."""
     dataset = read_config(root, None)[0].get("dataset")
     return dataset.get("local_dir") if isinstance(dataset, dict) else None
 

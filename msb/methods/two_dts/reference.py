@@ -318,8 +318,8 @@ def eccentricity(a1: Reals, a2: Reals, a3: Reals) -> Reals:
 def resize(raster: Reals, scale: int) -> Reals:
     """Return (s H, s W, ...) reduced to (H, W, ...) by bilinear interpolation at pixel centres.
 
-    Like torch's interpolate(mode="bilinear", align_corners=False): for scale 2 the mean of 2 x 2 samples, for
-    an odd scale the sample in the middle, for larger even scales the mean of the middle 2 x 2 samples.
+    The result is that of torch's interpolate(mode="bilinear", align_corners=False). If the scale is even, a
+    pixel is the mean of the middle 2 x 2 samples. If it is odd, a pixel is the sample in the middle.
     """
     if scale == 1:
         return raster

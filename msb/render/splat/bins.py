@@ -91,7 +91,7 @@ class DepthSort:
         return sort_pairs(self._device, keys, places, bits=bits, name="splat number sort")[1]
 
     def _settle(self, projected: Projected, depths: Buffer, places: Buffer) -> bool:
-        """Sort places of equal depth by face number in place; return False if a run is too long for that."""
+        """Sort runs of equal depth in `places` by face number; return False if a run is too long for that."""
         unsettled = self._device.scratch("splat unsettled", 1, np.uint32)
         unsettled.fill(0)
         arguments = depths, places, projected.faces, unsettled, np.uint32(places.size)

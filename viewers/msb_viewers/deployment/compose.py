@@ -24,7 +24,7 @@ from msb_viewers.palette import INK
 from msb_viewers.sheet import FAINT, text_scale
 
 _LAYOUTS = {"side": "side by side", "wipe": "wipe", "difference": "difference"}
-# Minimum width of a caption in pixels at scale 1, if the cell of a narrow image is wide enough.
+# Captions of narrow images are at least this wide, in pixels at scale 1, if the cell is wide enough.
 _LEAST_CAPTION = 300
 # Distance between lines of a caption, in pixels at scale 1.
 _LINE = 18
