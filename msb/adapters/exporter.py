@@ -32,7 +32,7 @@ class Adapter(Protocol):
 
 
 def adapters() -> dict[str, Adapter]:
-    """Return method -> adapter, in the order of detection: adapters of other packages first.
+    """Return the adapters by method in the order of detection: adapters of other packages come first.
 
     An adapter of another package can distinguish its files from those of the built-in methods. The built-in
     adapters do not know the files of other packages.

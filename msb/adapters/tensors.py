@@ -14,7 +14,7 @@ from msb.errors import CheckpointError, Finding, finding, shorten
 # The length of an axis, or a letter. All axes with the same letter must have the same length.
 Axis = int | str
 
-# Number K of SH coefficients per channel, not counting the first -> degree L, where K = (L + 1)^2 - 1.
+# The degree L of SH by the number K of coefficients per channel, not counting the first: K = (L + 1)^2 - 1.
 SH_COEFFICIENTS = {0: 0, 3: 1, 8: 2, 15: 3}
 
 

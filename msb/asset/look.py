@@ -23,7 +23,7 @@ AMBIENT = 0.35
 # Direction (right, up, front) from which the rest of the light comes: from above, a little from the front and
 # right.
 _LIGHT = (0.36, 0.8, 0.48)
-# Up axis -> indices of the front and right axes in a right-handed frame.
+# For each up axis, the indices of the front and right axes in a right-handed frame.
 _AXES = {"x": (1, 2), "y": (2, 0), "z": (0, 1)}
 # Number of faces whose normals are computed at a time.
 _AT_ONCE = 1 << 14

@@ -19,7 +19,7 @@ CENTRAL = struct.Struct("<4s6H3I5H2I")
 END = struct.Struct("<4s4H2IH")
 END64 = struct.Struct("<4sQ2H2I4Q")
 LOCATOR = struct.Struct("<4sIQI")
-# Layouts of the record after the data of a member: the usual one, and the one of ZIP64.
+# Layouts of the record after the data of a member, without and with ZIP64.
 _DESCRIPTORS = (struct.Struct("<4sI2I"), struct.Struct("<4sI2Q"))
 
 # Placeholders of values that are in the ZIP64 record.

@@ -47,7 +47,7 @@ class Everywhere:
 
 
 class Typed(dict[str, str]):
-    """The parameters that are on the command line: name -> label, such as ``size`` -> ``--size``."""
+    """The parameters that are on the command line: their labels by name, such as ``--size`` for ``size``."""
 
     def reject(self, names: Iterable[str], text: str) -> None:
         """Raise a UsageError if one of these parameters is on the command line. `text` follows its label."""

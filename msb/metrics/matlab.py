@@ -59,7 +59,7 @@ class Variable:
 
 
 def find_variables(data: bytes) -> dict[str, Variable]:
-    """Return name -> array of the MATLAB 5 file `data`."""
+    """Return the arrays of the MATLAB 5 file `data` by name."""
     order = {b"IM": "<", b"MI": ">"}.get(data[_HEADER - 2 : _HEADER])
     if order is None:
         raise ValueError("the header of a MATLAB 5 file is missing")

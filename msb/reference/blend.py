@@ -169,7 +169,7 @@ def _add(
         color = layers.color * alpha[:, None] * before[:, None]
     totals = (*image.color.T, image.depth, *image.normal.T)
     terms = (*color.T, layers.depth * weight, *(layers.normal * weight[:, None]).T)
-    # add.at adds one pair after the other, and is faster for one channel at a time.
+    # add.at adds one pair after the other. It is faster if it is called for each channel.
     for total, term in zip(totals, terms, strict=True):
         np.add.at(total, pixels, term)
     # The last pair of each pixel with T > 0.5 in front of the face.

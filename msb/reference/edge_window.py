@@ -117,7 +117,8 @@ def project_windows(triangles: Reals, view: SplattingCamera) -> Windows:
     a, b, c = norm(second - third)[:, None], norm(first - third)[:, None], norm(first - second)[:, None]
     incentre = (a * first + b * second + c * third) / (a + b + c)
 
-    # Edge normals and offsets, then turned outwards: the incentre must be inside, at a negative distance.
+    # Compute edge normals and offsets, then turn the normals outwards: the incentre must have a negative
+    # distance.
     start, end = corners, np.roll(corners, -1, axis=1)
     edge_normal = np.stack([end[..., 1] - start[..., 1], -(end[..., 0] - start[..., 0])], axis=-1)
     edge_normal = edge_normal * (1 / norm(edge_normal))[..., None]

@@ -19,7 +19,7 @@ Integers = NDArray[Any]
 
 @dataclass(frozen=True)
 class Rectangles:
-    """The tiles [low, high) that list each of F faces; `low` and `high` are (F, 2) integers, x and y."""
+    """The rectangle [low, high) of tiles that list each of F faces; both are (F, 2) integers, x and y."""
 
     low: Integers
     high: Integers

@@ -51,7 +51,7 @@ SETTLED_AT = 3
 class DrawTime:
     """The time that a frame took on the device, in milliseconds."""
 
-    # Stage -> run time of its commands. The sum is the time during which the device was busy.
+    # The run time of the commands of each stage. The sum is the time during which the device was busy.
     stages: Mapping[str, float]
     # Time from the start of the first command to the end of the last command.
     span: float
@@ -156,7 +156,10 @@ def is_ours(name: str) -> bool:
 
 @cache
 def renderers() -> dict[str, str]:
-    """Return name -> "module:Class": built-in renderers, engines, then entry points. Nothing is imported."""
+    """Return "module:Class" of each renderer by name: built-in ones, engines, then entry points.
+
+    Nothing is imported.
+    """
     ours = {**BUILT_IN, **ENGINES}
     others = find_installed("renderer", ours, lambda _, value: value, pattern=None)
     return ours | {name: value for name, (value, _) in others.items()}

@@ -1,7 +1,7 @@
 """The contribution of each face to the images of given cameras, computed in OpenCL.
 
-`ReferenceFrame.contribution` (`msb.reference`) is the readable NumPy version; it counts samples, this module
-pixels.
+`ReferenceFrame.contribution` (`msb.reference`) is the readable NumPy version; it counts samples, but this
+module counts pixels.
 """
 
 from collections.abc import Iterable, Iterator, Mapping

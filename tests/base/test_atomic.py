@@ -49,7 +49,7 @@ def fail_half_way(path: Path, kind: str, error: BaseException) -> None:
 
 
 def read_files(folder: Path) -> dict[str, bytes]:
-    """Return relative path -> bytes of all files in a folder."""
+    """Return the bytes of all files in a folder, by relative path."""
     return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 

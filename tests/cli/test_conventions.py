@@ -49,7 +49,7 @@ def test_keys_are_documented_of_eleven_commands() -> None:
 
 
 def _documented_keys() -> dict[str, set[str]]:
-    """Return command -> keys in the table of docs/cli.md."""
+    """Return the keys of each command in the table of docs/cli.md."""
     text = (ROOT / "docs" / "cli.md").read_text(encoding="utf-8")
     table = text.partition("| command | key | meaning |")[2].partition("\n\n")[0]
     keys: dict[str, set[str]] = {}

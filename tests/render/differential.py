@@ -165,7 +165,7 @@ def snapping(points: NDArray[np.float64], camera: Camera, random: np.random.Gene
 
 
 def fields_apart(frame: Any, wanted: ReferenceFrame, limit: float = OFF) -> dict[str, NDArray[np.bool_]]:
-    """Return field -> mask of the pixels (H, W), or faces, that differ between `frame` and `wanted`.
+    """Return for each field a mask of the pixels (H, W) or faces that differ between `frame` and `wanted`.
 
     Fields that `frame` does not have are omitted.
     """

@@ -43,7 +43,7 @@ def model(method: str, faces: int = 600) -> Asset:
 
 
 def draw(asset: Asset, device: Device, outputs: Any = "all") -> tuple[dict[str, int], dict[str, int]]:
-    """Draw a frame; return purpose -> bytes of the model, and of the frame."""
+    """Draw a frame; return the bytes by purpose, of the model and of the frame."""
     renderer = dedicated_renderer(asset, device=device, outputs=outputs)
     try:
         model = device.memory()

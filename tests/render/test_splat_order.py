@@ -19,7 +19,7 @@ from tests.render.frames import assert_same
 COUNT = 5003
 BITS = 18
 NUMBER_WORD = {"two_dts": 22, "triangle_splatting": 23, "mesh_splatting": 37}
-"""Method -> index of the word in a face record that holds the number of the face."""
+"""For each method, the index of the word in a face record that holds the number of the face."""
 
 
 def triangles_of_all_sizes(seed: int = 0) -> NDArray[np.float32]:

@@ -18,8 +18,7 @@ _CLICK = 4
 # Priority of these handlers. They must run before those of VTK's interactor style, because that style also
 # uses most keys.
 _FIRST = 10.0
-# Other names of keys -> their names in `TopologyControls.keys`. These are names in VTK or X11, and second
-# keys for the same action.
+# Names of keys in VTK or X11, and second keys for an action -> names in `TopologyControls.keys`.
 _NAMES = {
     "[": "bracketleft",
     "]": "bracketright",

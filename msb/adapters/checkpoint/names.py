@@ -126,7 +126,7 @@ NAMES: dict[tuple[str, str], Function | StorageType] = {
     ("_codecs", "encode"): Function("encode", _encode),
 }
 
-# Names in `torch._utils` -> unsupported kinds of tensors, for a clear message.
+# Names in `torch._utils` -> kinds of tensors that are not supported. Messages name the kind.
 OTHER_TENSORS = {
     "_rebuild_tensor": "in the format before torch 0.4",
     "_rebuild_tensor_v3": "of a type with untyped storage (uint16, float8, ...)",

@@ -50,7 +50,8 @@ class _Machine:
         # For each open mark, the stack below it.
         self.below: list[list[Any]] = []
         self.memo: dict[int, Any] = {}
-        # id -> dictionary that was an OrderedDict. Only such dictionaries can have attributes.
+        # The dictionaries that were OrderedDicts in the file, by id. Only such dictionaries can have
+        # attributes.
         self.ordered: dict[int, dict[Any, Any]] = {}
 
     def run(self) -> Any:
@@ -307,7 +308,8 @@ INSTRUCTIONS: dict[int, Callable[[_Machine], None]] = {
     0x94: lambda m: m.put(len(m.memo), memoize=True),  # MEMOIZE
     0x93: _Machine.name_from_stack,  # STACK_GLOBAL
 }
-# Byte -> first protocol with the instruction. All other instructions belong to protocol 2 or earlier.
+# The first protocol that has an instruction, by the byte of the instruction. All other instructions belong to
+# protocol 2 or earlier.
 _SINCE = dict.fromkeys(b"\x42\x43", 3) | dict.fromkeys(b"\x95\x8c\x8d\x8e\x94\x93", 4)
 
 

@@ -21,7 +21,7 @@ from msb.errors import finding
 from msb.methods.diffsoup import FEATURES, LAYERS, MAX_LEVEL, METHOD, samples
 
 KEYS = ("Rmax", "V", "F", "feat_acc", "alpha_acc", "color_mlp")
-# Key in the state dict of the colour MLP -> shape; a weight is [out, in].
+# Key in the state dict of the colour MLP -> shape of the array. Weights have the shape [out, in].
 DECODER: dict[str, tuple[int, ...]] = {}
 for _layer, _shape in LAYERS.items():
     DECODER |= {f"{_layer}.weight": _shape, f"{_layer}.bias": _shape[:1]}

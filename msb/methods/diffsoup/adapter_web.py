@@ -21,7 +21,8 @@ from msb.methods.diffsoup.adapter import DECODER, describe, direction, domains
 
 # Largest width of a look-up texture, in texels.
 MAX_WIDTH = 4096
-# Key in mlp_weights.json (a flat list, row-major [out][in]) -> key of the state dict.
+# Key in mlp_weights.json -> key of the state dict. In the JSON file, weights are flat lists in the order
+# [out][in].
 WEIGHTS = dict(zip(("W1", "b1", "W2", "b2", "W3", "b3"), DECODER, strict=True))
 
 

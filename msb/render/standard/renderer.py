@@ -41,9 +41,10 @@ _GROUPS, _GROUPS_A_UNIT, _ROWS = 256, 32, 16
 class StandardRenderer(OnDevice):
     """Renders any asset with static colours as an opaque mesh; docs/standard.md has the rules.
 
-    Each pixel has one sample at its centre. Faces are two-sided and clipped at a near plane of 0.01 scene
-    units, without a far plane. Colours are interpolated with perspective correction. If two faces share an
-    edge, exactly one of them covers each sample. At equal depths the face with the lowest number is visible.
+    Each pixel has one sample at its centre. Faces are two-sided. They are clipped at a near plane of 0.01
+    scene units, and there is no far plane. Colours are interpolated with perspective correction. If two faces
+    share an edge, exactly one of them covers each sample. At equal depths the face with the lowest number is
+    visible.
 
     Of the asset's settings only `ste_threshold`, which hides faces, has an effect. With `supersample` from 2
     to 16 the image is rendered that many times as wide and high, and averaged.

@@ -17,8 +17,8 @@ from msb.render.standard.texels import Texels, put_texels
 SUBPIXEL_BITS = 12
 # Floats of a triangle's record.
 WORDS = 16
-# Kinds of colours: RGBA8 per corner, or RGB per face (both in the record); RGB floats per corner in a
-# separate buffer; textures.
+# Kinds of colours: RGBA8 per corner (in the record), RGB per face (in the record), RGB floats per corner (in
+# a separate buffer), textures.
 BYTES_OF_CORNERS, FLOATS_OF_FACE, FLOATS_OF_CORNERS, TEXTURES = range(4)
 # Definitions for every program that includes zbuffer_math.cl.
 RECORD_DEFINES = {
