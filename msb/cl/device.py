@@ -57,9 +57,8 @@ class Device:
 
         Kernels may write to the buffer if the array is writable. Read results from the buffer, because only
         PoCL writes them to the array. Keep the array alive and unchanged until `finish` was called and the
-        buffer released. Kernels must not assume more alignment than the dtype has. The first access to the
-        memory of a large NumPy array takes a fifth of the time that `allocate` needs, if the system has huge
-        pages.
+        buffer released. Kernels must not assume more alignment than the dtype has. If the system has huge
+        pages, the first access to a large NumPy array takes a fifth of the time that `allocate` needs.
         """
         return self._memory.share(array, use, group)
 

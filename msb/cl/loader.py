@@ -1,11 +1,11 @@
 """Make the OpenCL loader find every installed platform without settings by the user.
 
 A loader finds platforms through ``*.icd`` files, each with the name of a library (cl_khr_icd). The loader of
-the pyopencl wheel reads the system's files and the files in its folder, where the PoCL wheel installs one
-(`inducer/pyopencl`: scripts/build-wheels.sh). Two installations lack a valid file: the Intel CPU runtime from
-PyPI, whose files name a missing folder, and NVIDIA drivers in containers. If one of them is present, this
-module creates a temporary folder with files for it and for the system's platforms, and sets OCL_ICD_VENDORS
-to that folder while the loader starts.
+the pyopencl wheel reads the files of the system and the files in its own folder, where the PoCL wheel
+installs a file (`inducer/pyopencl`: scripts/build-wheels.sh). Two installations lack a valid file: NVIDIA
+drivers in containers, and the Intel CPU runtime from PyPI, because its files name a missing folder. If one of
+these is installed, this module creates a temporary folder with files for it and for the platforms of the
+system. While the loader starts, OCL_ICD_VENDORS names that folder.
 """
 
 import contextlib

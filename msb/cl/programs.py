@@ -89,10 +89,10 @@ class Kernel:
     is rounded up to a multiple of `local_size`, so a kernel must compare its global id with a count. The
     local size is required, because PoCL compiles a kernel again for each new local size.
 
-    Arguments are `Buffer`, `LocalMemory`, NumPy scalars of exactly the type of the kernel (``np.uint32(n)``)
-    or, for vector types, NumPy arrays with as many elements. Anything else raises a TypeError. A work-group
-    that exceeds the limit of the device raises a DeviceError `DEVICE_COMMAND`. If it exceeds only the limit
-    of the kernel, the error is raised when the platform rejects the launch.
+    Arguments are `Buffer`, `LocalMemory`, or NumPy scalars of exactly the type in the kernel
+    (``np.uint32(n)``). For a vector type, pass a NumPy array with as many elements. Anything else raises a
+    TypeError. A work-group that exceeds the limit of the device raises a DeviceError `DEVICE_COMMAND`. If it
+    exceeds only the limit of the kernel, the error is raised when the platform rejects the launch.
 
     Attributes
     ----------
@@ -205,7 +205,7 @@ def build(queue: Queue, package: str, name: str, defines: Mapping[str, Define]) 
 def _compile(queue: Queue, source: str, options: tuple[str, ...]) -> list[Any]:
     cl = queue.cl
     # cl.Program(context, source) is avoided: its disk cache waits a minute for the lock of a killed process,
-    # and PoCL and NVIDIA have their own caches.
+    # and it is not needed, because PoCL and NVIDIA have caches.
     program = cl.Program(cl._cl._Program(queue.context, source))
     with warnings.catch_warnings():
         # Compiler warnings are not meant for the user; errors arrive as exceptions.

@@ -1,4 +1,5 @@
-"""The DTU Chamfer distance compared with the reference script by stage; MATLAB files compared with SciPy."""
+"""The DTU Chamfer distance, compared by stage with the reference script. MATLAB files, compared with
+SciPy."""
 
 import io
 import shutil

@@ -90,9 +90,9 @@ def render(
 def points_seen(vertices: Reals, view_dir: str) -> Reals:
     """Return the points (F, 3) that define the view directions of triangles (F, 3 corners, 3).
 
-    "broadcast_z": (g_z, g_z, g_z), where g_z is the world z of the centroid. The official kernel intends the
-    centroid, but its expression broadcasts the last component, so trained coefficients are correct only with
-    this direction.
+    "broadcast_z": (g_z, g_z, g_z), where g_z is the world z of the centroid. The official kernel was meant to
+    use the centroid, but its expression broadcasts the last component. So trained coefficients are correct
+    only with this direction.
     """
     center = centroid(vertices)
     return np.repeat(center[:, 2:], 3, axis=1) if view_dir == "broadcast_z" else center

@@ -275,8 +275,8 @@ class EngineRasterizer:
     """Both rasterizers as an engine samples them: by hardware, with exact perspective and no low-pass filter.
 
     Hardware generates no fragments outside a triangle, but this method's coverage extends beyond its edges.
-    So the triangles are enlarged about their centroids until they contain all of their coverage, which a
-    vertex shader can do.
+    So the triangles are enlarged about their centroids until they contain all of their coverage. A vertex
+    shader can do this.
 
     Attributes as in `AffineRasterizer`, without an official radius. `reached` (F,) is computed by `reach`.
     """

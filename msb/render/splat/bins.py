@@ -1,7 +1,7 @@
 """From projected primitives to depth order and tile lists, all on the device.
 
-The host reads only two counts: the number of listed faces, and the total length of all lists, which decides
-how much memory the lists need.
+The host reads only two counts: the number of listed faces, and the total length of all lists. That length
+decides how much memory the lists need.
 """
 
 from typing import NamedTuple

@@ -92,8 +92,9 @@ class StandardRenderer(OnDevice):
         """Draw the asset from `camera` over `background` (RGB, in the asset's colour space).
 
         With supersampling, image and alpha are means over the samples of a pixel; depth and face are taken
-        from its nearest sample. Without it, `out` may be a frame of this size that is no longer needed: its
-        arrays are overwritten, because the first access to new memory takes longer than the copy.
+        from its nearest sample. Without it, `out` may be a frame of this size that is no longer needed. Its
+        arrays are overwritten. This saves time, because the first access to new memory takes longer than the
+        copy.
         """
         reused = {} if out is None or self._supersample > 1 else vars(out)
         with self._device.timing() as timing:
