@@ -1,5 +1,4 @@
-"""The DTU Chamfer distance, compared by stage with the reference script. MATLAB files, compared with
-SciPy."""
+"""DTU Chamfer distances against the reference script, stage by stage; MATLAB files against SciPy."""
 
 import io
 import shutil
