@@ -25,14 +25,14 @@ class Adapter(Protocol):
     """The functions of an adapter module. Its optional `KEYS` are the keys that all its state dicts have."""
 
     def recognises(self, content: Content) -> bool:
-        """Return whether the content has the features that only models of this method have."""
+        """Return whether the content has features that only models of this method have."""
 
     def read(self, place: Place, content: Content, options: Options) -> Model:
         """Return the model, or raise an error."""
 
 
 def adapters() -> dict[str, Adapter]:
-    """Return method -> adapter, in the order of detection: adapters of other packages first.
+    """Return the adapters by method in the order of detection: adapters of other packages come first.
 
     An adapter of another package can distinguish its files from those of the built-in methods. The built-in
     adapters do not know the files of other packages.
@@ -44,7 +44,7 @@ def adapters() -> dict[str, Adapter]:
 
 
 def _by_name(method: str) -> Adapter | None:
-    """Return the adapter of a method whose meshes are only recognised by their names, or None.
+    """Return the adapter of a method whose files are only recognised by their names; None for other methods.
 
     These are the methods without native rendering.
     """
@@ -172,7 +172,7 @@ def _detect(content: Content) -> str:
 
 
 def _describe_nearest(value: object, adapters_by_name: Mapping[str, Adapter]) -> str:
-    """Return a text with the most similar method and the keys that `value` lacks; "" if none is similar."""
+    """Return text about the most similar method and the keys that `value` lacks; "" if none is similar."""
     parts = [value] if isinstance(value, dict) else value if isinstance(value, tuple) else []
     keys = {str(key) for part in parts[:1] if isinstance(part, dict) for key in part}
     keys_of = {name: set(getattr(adapter, "KEYS", ())) for name, adapter in adapters_by_name.items()}

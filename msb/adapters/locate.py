@@ -58,7 +58,7 @@ def is_checkpoint(path: Path) -> bool:
 
 
 def locate(path: str | os.PathLike[str]) -> Place:
-    """Return the place of the model in `path`. Of several iterations it is the last one."""
+    """Return the place of the model in `path`, which is the last one if there are several iterations."""
     given = given_path(path)
     if given.suffix.lower() == ASSET_SUFFIX and os.path.lexists(given):
         text = "it is already a .triasset; use msb convert to write another format"
@@ -74,7 +74,7 @@ def locate(path: str | os.PathLike[str]) -> Place:
 
 
 def _model_file(path: Path) -> tuple[Path, Path]:
-    """Return the file of the model, and the path that contains it: `path` or the only checkpoint in it."""
+    """Return the file of the model, and the path that contains it: `path`, or the only checkpoint in it."""
     try:
         folder = path.is_dir()
     except (OSError, ValueError) as error:
@@ -195,7 +195,7 @@ def _to_expression(name: str) -> str:
 
 
 def _find_iteration(folder: Path) -> Path | None:
-    """Return the last model of the 3DGS family: a state dict, a mesh of 2DGS, or Gaussians."""
+    """Return the last file that the 3DGS family wrote: a state dict, a mesh of 2DGS, or Gaussians."""
     if re.match(r"iteration_\d+\Z", folder.name):
         latest: Path | None = folder
     else:

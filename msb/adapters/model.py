@@ -91,7 +91,7 @@ class Settings:
     def add(
         self, name: str, value: Any, source: SettingSource, file: Path | None = None, key: str | None = None
     ) -> None:
-        """Set `name` to `value`, which is stored in `file` under `key`, unless the user sets it."""
+        """Set `name` to `value` unless the user sets it. The value was stored in `file` under `key`."""
         if name in self._flags:
             return
         if not isinstance(value, bool | int | float | str | None):
@@ -151,7 +151,7 @@ class Model:
 def soup_buffers(
     triangles: NDArray[np.float32], **by_face: NDArray[np.float32] | None
 ) -> dict[str, NDArray[Any]]:
-    """Return the buffers of separate triangles (N, 3, 3) with values `by_face` (N, ...); None is omitted."""
+    """Return buffers of separate triangles (N, 3, 3) with values `by_face` (N, ...); None adds no buffer."""
     count = len(triangles)
     buffers: dict[str, NDArray[Any]] = {
         "positions": triangles.reshape(3 * count, 3),

@@ -1,4 +1,4 @@
-"""Write the same mesh as the official exporter of a method, from an asset.
+"""Write an asset as the same mesh file that the official exporter of its method writes.
 
 These files differ from the standard-tier mesh: some exporters keep alpha, evaluate SH in a fixed direction,
 merge vertices or write every face twice. Tests compare with files of the official code.

@@ -14,7 +14,7 @@ from msb.errors import CheckpointError, Finding, finding, shorten
 # The length of an axis, or a letter. All axes with the same letter must have the same length.
 Axis = int | str
 
-# Number K of SH coefficients per channel without the first -> degree L, where K = (L + 1)^2 - 1.
+# The degree L of SH by the number K of coefficients per channel, not counting the first: K = (L + 1)^2 - 1.
 SH_COEFFICIENTS = {0: 0, 3: 1, 8: 2, 15: 3}
 
 
@@ -99,7 +99,7 @@ class Tensors:
         return int(number)
 
     def degree(self, key: str, coefficients: int) -> int:
-        """Return the SH degree of a tensor `key` with `coefficients` per channel without the first."""
+        """Return the SH degree of a tensor `key` with `coefficients` per channel, not counting the first."""
         if coefficients not in SH_COEFFICIENTS:
             text = f"{key} has {coefficients} SH coefficients per channel; degrees 0 to 3 have 0, 3, 8 or 15"
             raise self.error("CHECKPOINT_LAYOUT", text, key)

@@ -14,7 +14,7 @@ from msb.scenes import Camera, read_cameras
 # File of the 3DGS family in the output folder (graphdeco-inria/gaussian-splatting: scene/__init__.py).
 # `msb run` writes it next to its assets.
 CAMERAS = "cameras.json"
-# Maximum number of components at the end of a scene's path that are looked for in other folders.
+# At most this many of the last components of a scene's path are looked for in other folders.
 _DEEPEST = 40
 # Number of folders above a model that are searched for the scene, if the path in the config does not exist.
 _LEVELS = 6

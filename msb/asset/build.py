@@ -136,7 +136,7 @@ def measure_bounds(positions: NDArray[np.float32]) -> tuple[Bounds, BoundingSphe
     At least one row must be finite. The sphere has the centre of the box, and at most sqrt(3) times the
     radius of the smallest sphere. It does not depend on the order of the points. O(V) time, O(1) memory.
     """
-    # First pass: the box. Second pass: the largest distance from its centre.
+    # First pass: the box. Second pass: the largest distance of a vertex from the centre of the box.
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
     for rows in _finite_chunks(positions):
         low = np.minimum(low, _columnwise(np.minimum, rows))
@@ -166,7 +166,7 @@ def _finite_chunks(positions: NDArray[np.float32]) -> Iterator[NDArray[np.float3
 
 
 def _columnwise(ufunc: np.ufunc, rows: NDArray[np.float32]) -> NDArray[np.float64]:
-    """Return `ufunc` reduced over the rows (N, 3). 1024 rows are reduced side by side, which is faster."""
+    """Return `ufunc` reduced over the rows (N, 3). To save time, 1024 rows are reduced side by side."""
     whole = len(rows) - len(rows) % 1024
     rest = rows[whole:]
     if whole:
@@ -197,7 +197,7 @@ def _topology(positions: NDArray[np.float32], indices: NDArray[np.uint32]) -> To
 
 
 def first_shared(indices: NDArray[np.uint32]) -> int | None:
-    """Return the first number i of a corner (0 to 3 F - 1) whose vertex index is not i; None for a soup."""
+    """Return the number i of the first corner (0 to 3 F - 1) whose vertex index is not i; None for a soup."""
     for start in range(0, len(indices), CHUNK_ROWS):
         rows = indices[start : start + CHUNK_ROWS].ravel()
         wrong = rows != np.arange(3 * start, 3 * start + rows.size, dtype=np.uint64)

@@ -21,7 +21,7 @@ _RESERVED = {"con", "prn", "aux", "nul", *(f"{port}{i}" for port in ("com", "lpt
 # Orders of the columns of f_rest. Coefficient k = 1..K of channel c = 0..2 is in column 3 (k - 1) + c in the
 # first order, and in column c K + k - 1 in the second.
 F_REST_ORDERS = ("coefficient_major", "channel_major")
-# Standard buffer -> (dtypes, lengths of the second axis or None for a one-dimensional buffer, domains).
+# For each standard buffer: its possible dtypes, lengths of the second axis (None without one), and domains.
 _STANDARD: dict[str, tuple[tuple[str, ...], tuple[int, ...] | None, tuple[str, ...]]] = {
     "positions": (("float32",), (3,), ("vertex",)),
     "indices": (("uint32",), (3,), ("face",)),
@@ -290,7 +290,7 @@ def _check_layout(buffers: dict[str, Json]) -> Iterator[Finding]:
 
     The buffers in a file must fill it from byte 0, aligned and without gaps.
     """
-    # File -> (offset, length, name) of its buffers.
+    # For each file, (offset, length, name) of its buffers.
     files: dict[str, list[tuple[int, int, str]]] = {}
     for name, spec in buffers.items():
         files.setdefault(spec["file"], []).append((spec["offset"], spec["byte_length"], name))

@@ -42,7 +42,7 @@ _BUFFER_FILE = re.compile(r"buffers/[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}\.bin\Z")
 class _Packed(Policy):
     """The content that a packed asset may have. Errors name `file`."""
 
-    # manifest.json and the 64 buffers a manifest can declare.
+    # manifest.json, and the 64 buffers that a manifest can declare.
     max_members = 65
 
     def __init__(self, file: object) -> None:
@@ -107,7 +107,7 @@ class PackedContainer:
         return self._member(file).size
 
     def map(self, file: str) -> tuple[memoryview, int]:
-        """Return mapped bytes, and the offset of `file` in them."""
+        """Return mapped bytes that contain `file`, and its offset in them."""
         return self._view, self._member(file).offset
 
     def undeclared(self, declared: set[str]) -> list[Finding]:
@@ -201,7 +201,7 @@ class FolderContainer:
 
 
 def _map_member(path: Path, member: str, *, asset: object) -> tuple[mmap.mmap | bytes, os.stat_result]:
-    """Return a read-only mapping of the file `member` of `asset`, whose path is `path`, and its status.
+    """Map `path`, the file `member` of `asset`, read-only. Return the mapping and the file's status.
 
     Links, pipes, devices and folders are rejected before they are opened, and again after opening.
     """

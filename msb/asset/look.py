@@ -20,9 +20,10 @@ from msb.asset.texture import Textured, linear_to_srgb, sample, srgb_to_linear, 
 GREY = 0.8
 # Fraction of the light that comes from all directions.
 AMBIENT = 0.35
-# Direction (right, up, front) towards the rest of the light: above, and a little to the front and right.
+# Direction (right, up, front) from which the rest of the light comes: from above, a little from the front and
+# right.
 _LIGHT = (0.36, 0.8, 0.48)
-# Up axis -> indices of the front and right axes in a right-handed frame.
+# For each up axis, the indices of the front and right axes in a right-handed frame.
 _AXES = {"x": (1, 2), "y": (2, 0), "z": (0, 1)}
 # Number of faces whose normals are computed at a time.
 _AT_ONCE = 1 << 14
@@ -112,8 +113,8 @@ def daylight(vertices: NDArray[Any], faces: NDArray[Any], axis: str) -> NDArray[
     """Return the brightness (F,) of faces: a + (1 - a) |n . l|.
 
     n is the normal of a face, l the direction of the light and a the ambient part. Both sides have the same
-    brightness, because the winding can be inconsistent. Faces without a normal get a. `axis`, such as "+y",
-    points up.
+    brightness, because the winding can be inconsistent. A face without a normal has the brightness a. `axis`,
+    such as "+y", points up.
     """
     facing, light = np.zeros(len(faces)), light_toward(axis)
     for here, _, normals in normals_of(vertices, faces):
@@ -159,7 +160,7 @@ def written_up(asset: Asset) -> str | None:
 
 
 def known_up(stored: str, method: str | None) -> str:
-    """Return the up axis: `stored`, or if it is "unknown" a default.
+    """Return the up axis: `stored`, or a default if that is "unknown".
 
     The default is +y for a mesh file (method None or "mesh"), as in glTF, and -y for a trained scene, as in
     COLMAP.
@@ -186,8 +187,8 @@ def visible_faces(asset: Asset, ste_threshold: float | None) -> NDArray[np.bool_
     """Return the mask (F,) of faces with an opacity above the STE threshold (a setting of 2DTS).
 
     The result is None without a threshold, or if the asset has no opacity. Opacity and threshold are compared
-    as float32, as in the official code (GaodeRender/triangle-splatting). The standard tier uses opacity for
-    nothing else. Opacity of another domain raises `TRIASSET_BUFFER`.
+    as float32, as in the official code (GaodeRender/triangle-splatting). The standard tier does not use
+    opacity otherwise. Opacity of another domain raises `TRIASSET_BUFFER`.
     """
     if ste_threshold is None or "opacity" not in asset.buffers:
         return None

@@ -1,4 +1,4 @@
-"""Settings of a method: values stored in an asset, overrides of a call, and assignments of a command line."""
+"""Settings of a method: values in an asset, overrides in a call, and assignments on a command line."""
 
 import difflib
 from collections.abc import Iterable, Mapping

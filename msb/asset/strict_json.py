@@ -22,7 +22,7 @@ _SURROGATE = re.compile(r"[\ud800-\udfff]")
 
 
 class _RejectedError(Exception):
-    """The problem of a document, as text that follows its name, and the position of the byte."""
+    """The problem of a document, and its position in bytes. The text follows the name of the document."""
 
     def __init__(self, message: str, byte: int | None = None) -> None:
         super().__init__(message)
@@ -40,7 +40,7 @@ def parse_strict_json(
 ) -> Any:
     """Return the value of a JSON document: UTF-8 without byte-order mark.
 
-    Errors have the class `error` and the code `code`. They name `file`, and in it the document `name`.
+    Errors have the class `error` and the code `code`. They name `file`, and the document `name` in it.
     """
     try:
         text = _decode(data, max_bytes)

@@ -19,7 +19,7 @@ CENTRAL = struct.Struct("<4s6H3I5H2I")
 END = struct.Struct("<4s4H2IH")
 END64 = struct.Struct("<4sQ2H2I4Q")
 LOCATOR = struct.Struct("<4sIQI")
-# Layouts of the record after the data of a member: the usual one, and the one of ZIP64.
+# Layouts of the record after the data of a member, without and with ZIP64.
 _DESCRIPTORS = (struct.Struct("<4sI2I"), struct.Struct("<4sI2Q"))
 
 # Placeholders of values that are in the ZIP64 record.
@@ -54,8 +54,8 @@ class Policy:
     """The rules of one kind of archive. The checks of this base class accept everything."""
 
     max_members: int
-    # Whether sizes and checksum may follow the data, and local headers may repeat the central ZIP64 record,
-    # as written by torch.
+    # Whether the archive may be as torch writes it: sizes and checksum may follow the data, and local headers
+    # may repeat the central ZIP64 record.
     descriptors = False
 
     def refuse(self, code: str, message: str, at: int) -> NoReturn:  # pragma: no cover
@@ -79,11 +79,11 @@ class Policy:
         """Check the length of a central header's extra field, and its external attributes."""
 
     def check_place(self, name: str, start: int, extra: int) -> None:
-        """Check the start of a member's data, which follows `extra` bytes of extra field."""
+        """Check the start of a member's data. It follows an extra field of `extra` bytes."""
 
 
 def read_members(data: Any, policy: Policy) -> dict[str, Member]:
-    """Return name -> member of an archive, whose file is `data`, in the order of the file."""
+    """Return the members of the archive `data` by name, in the order of the file."""
     return _Parser(data, policy).members()
 
 
@@ -97,7 +97,7 @@ class _Parser:
         return bytes(self.data[start:end])
 
     def record(self, layout: struct.Struct, at: int, signature: bytes, what: str) -> tuple[Any, ...]:
-        """Return the fields of the record at byte `at`, without the signature, which is checked."""
+        """Check the signature of the record at byte `at`, and return the fields after it."""
         if at < 0 or at + layout.size > self.size:
             self.refuse("DAMAGED", f"the {what} at byte {at} does not fit into the file", at)
         start, *fields = layout.unpack_from(self.data, at)
@@ -106,7 +106,7 @@ class _Parser:
         return tuple(fields)
 
     def members(self) -> dict[str, Member]:
-        """Return name -> member, after all checks."""
+        """Check everything, and return the members by name."""
         count, start, end = self.directory()
         most = self.policy.max_members
         if count > most:
@@ -244,11 +244,11 @@ class _Parser:
         flags: int,
         label: str,
     ) -> tuple[int, int]:
-        """Return size and packed size of a local header that torch wrote.
+        """Return the size and the packed size in a local header that torch wrote.
 
-        Beyond 4 GiB the sizes in the header are 0, and its ZIP64 record repeats the record of the central
-        directory: the size, a packed size of 0, and the offset. (A local header has no field for the offset.)
-        All values must be right.
+        Beyond 4 GiB both sizes in the header are 0. Its ZIP64 record then repeats the record in the central
+        directory: the size, a packed size of 0, and an offset, for which a local header has no field. All
+        values must be right.
         """
         _, size, header = central
         wide = self.zip64(at, length, label)

@@ -21,8 +21,8 @@ Wrap = Literal["repeat", "clamp", "mirror"]
 KIND = "texture"
 # The pass of the standard tier that draws textures.
 PASS = "opaque_unlit_texture"
-# Tolerance of the alpha cutoff: alpha may be less than the cutoff by this much, and is still drawn. Rounding
-# during interpolation can reduce alpha by as much.
+# Tolerance of the alpha cutoff. A sample is also drawn if its alpha is less than the cutoff by this much,
+# because rounding during interpolation can reduce alpha.
 ROUNDING = 1e-6
 NAME = re.compile(r"texture\.(0|[1-9][0-9]?)")
 # Maximum number of texels along a side of a texture.
@@ -179,8 +179,8 @@ def encode_texels(values: NDArray[np.float32], channels: int) -> NDArray[np.uint
 def mip_levels(image: NDArray[np.uint8]) -> list[NDArray[np.uint8]]:
     """Return `image` and its mip levels, each half as large as the one before, down to one texel.
 
-    A texel is the average, in linear light, of 2 x 2 texels of the level before, or of 3 along odd sides. It
-    is rounded to bytes, like in the memory of a GPU.
+    A texel is the average, in linear light, of 2 x 2 texels of the level before. Along odd sides it is the
+    average of 3 texels instead of 2. The average is rounded to bytes, like in the memory of a GPU.
     """
     levels = [image]
     for size in level_sizes(*image.shape[:2])[1:]:
@@ -189,7 +189,7 @@ def mip_levels(image: NDArray[np.uint8]) -> list[NDArray[np.uint8]]:
 
 
 def levels_read(image: NDArray[np.uint8], sampler: Sampler) -> list[NDArray[np.uint8]]:
-    """Return the levels of `image` that a sampler uses: all `mip_levels`, or without mip maps the first."""
+    """Return the levels of `image` that a sampler uses: all `mip_levels`, or only the first."""
     return mip_levels(image) if sampler.mipmaps else [image]
 
 
@@ -225,7 +225,7 @@ def _halve(image: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np.uint8]
 def _find_covered(
     size: int, half: int, rows: NDArray[np.intp]
 ) -> list[tuple[NDArray[np.intp], NDArray[np.float32]]]:
-    """Return the texels along an axis that are averaged for the texels `rows` (n,) of the next mip level.
+    """Return which texels along an axis are averaged for the texels `rows` (n,) of the next mip level.
 
     The axis has `size` texels, and `half` in the next level. The result has 1, 2 or 3 pairs of texel indices
     (n,) and their weights (n,).
@@ -234,7 +234,7 @@ def _find_covered(
         return [(rows, np.ones(len(rows), np.float32))]
     if size == 2 * half:
         shares: list[NDArray[Any]] = [np.full(len(rows), 0.5)] * 2
-    else:  # size is 2 half + 1: each texel covers one texel completely and its neighbours partly
+    else:  # size is 2 half + 1: each new texel covers one texel completely, and both its neighbours partly
         shares = [(half - rows) / size, np.full(len(rows), half / size), (rows + 1) / size]
     return [(2 * rows + offset, share.astype(np.float32)) for offset, share in enumerate(shares)]
 
@@ -244,8 +244,8 @@ def sample(
 ) -> NDArray[np.float32]:
     """Return linear light and alpha (N, 4) of a texture with mip `levels` at `uvs` (N, 2).
 
-    `lod` (N,) is log2 of the number of texels of level 0 per pixel. Level 0 is used without `lod`, and if it
-    is 0 or less. Two levels are blended by the fraction of `lod`.
+    `lod` (N,) is log2 of the number of texels of level 0 per pixel. Level 0 is used if `lod` is missing, 0 or
+    less. Two levels are blended by the fraction of `lod`.
     """
     if lod is None or not sampler.mipmaps or len(levels) == 1:
         return _sample_level(levels[0], uvs, sampler)

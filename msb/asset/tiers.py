@@ -17,7 +17,7 @@ def why_not(manifest: Manifest, tier: Tier) -> str | None:
 
 
 def refusal(manifest: Manifest, tier: Tier) -> str | None:
-    """Return why `tier` cannot draw an asset, with an alternative if there is one; None if it can."""
+    """Return why `tier` cannot draw an asset, and an alternative if there is one; None if it can draw it."""
     why = why_not(manifest, tier)
     if why is None:
         return None

@@ -85,7 +85,7 @@ def check_asset_folder(folder: Path) -> None:
 
 
 def write_packed(asset: Asset, file: IO[bytes]) -> None:
-    """Write a packed `.triasset` to an open file, which the caller creates together with others."""
+    """Write a packed `.triasset` to an open file, so that the caller can create several files together."""
     _check_readable(asset, getattr(file, "name", None))
     _write_packed(asset, file, Meter("writing", 0, None))
 

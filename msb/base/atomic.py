@@ -119,7 +119,7 @@ def new_files(paths: Sequence[Path], *, overwrite: bool = True) -> Iterator[Sequ
 
 @contextlib.contextmanager
 def room_for_temporaries() -> Iterator[None]:
-    """Name the folder of temporary files in the error if the disk is full when the block writes to it."""
+    """If the block cannot write temporary files, raise an error that names their folder and the remedy."""
     try:
         yield
     except OSError as error:
@@ -170,7 +170,7 @@ def new_folder(
 
 
 def _about_target(error: OutputError, temporary: Path, target: Path) -> OutputError:
-    """Return an error about a file in the temporary folder as an error about the same file in `target`."""
+    """Convert an error about a file in the temporary folder to an error about the same file in `target`."""
     file = Path(str(error.file))
     if not file.is_relative_to(temporary):
         return error
@@ -197,7 +197,7 @@ def check_place(path: str | os.PathLike[str], *, folder: bool = False) -> None:
         return
     with _output_errors(target, None):
         with contextlib.suppress(FileNotFoundError, NotADirectoryError, PermissionError):
-            target.lstat()  # the error that remains: the name is too long
+            target.lstat()  # only a name that is too long can raise this error
         if not folder:
             _reject_folder(target)
         above = _above(target)
@@ -230,7 +230,7 @@ def is_stream(path: str | os.PathLike[str]) -> bool:
     return not stat.S_ISDIR(mode) and (not stat.S_ISREG(mode) or _descriptor(path) is not None)
 
 
-# Error numbers of a write that fails because of the disk, not because of the program.
+# A write with one of these error numbers failed because of the disk, not because of the program.
 DISK_ERRORS = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO}
 _NO_SPACE = {errno.ENOSPC, errno.EDQUOT}
 # The remedy in errors about existing files. Commands replace it by their option --force.
@@ -344,7 +344,7 @@ _STANDARD = ("stdin", "stdout", "stderr")
 
 
 def _temporary_name(target: Path) -> Path:
-    # 50 characters take at most 200 bytes, so that the longer name fits into the limit of 255 bytes.
+    # 50 characters take at most 200 bytes, so the temporary name is shorter than the limit of 255 bytes.
     return target.with_name(f".{target.name[:50]}.{secrets.token_hex(6)}.part")
 
 

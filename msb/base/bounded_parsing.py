@@ -1,7 +1,8 @@
 """Limit the nesting of JSON and TOML documents before a recursive parser reads them.
 
-A parser that reaches Python's recursion limit can fail anywhere, even inside a destructor, whose errors are
-printed on standard error. Measuring the nesting first, without recursion, avoids this.
+A parser that reaches Python's recursion limit can fail anywhere. It can even fail inside a destructor, and
+Python prints errors of destructors on standard error. Measuring the nesting first, without recursion, avoids
+this.
 """
 
 import re
@@ -15,8 +16,8 @@ _TOO_DEEP = f"nested too deeply ({MAX_TOML_DEPTH} levels are allowed)"
 # Matches a string, even one without an end, or a bracket. The possessive quantifier (++) needs no memory for
 # backtracking, however long a string is.
 _JSON_TOKEN = re.compile(r'"(?:[^"\\]++|\\.)*+"?|[\[{\]}]', re.DOTALL)
-# The same for TOML, with comments, dots and the characters that end a key. A multi-line string ends with
-# three quotes, which can follow up to two quotes of its text (TOML 1.0, section String).
+# The same for TOML. It also matches comments, dots and the characters that end a key. A multi-line string
+# ends with three quotes, which can follow up to two quotes of its text (TOML 1.0, section String).
 _TOML_TOKEN = re.compile(
     r'"""(?:[^"\\]++|\\.|"{1,2}+(?!"))*+(?:"{3,5})?+'
     r"|'''(?:[^']++|'{1,2}+(?!'))*+(?:'{3,5})?+"
@@ -55,7 +56,7 @@ def _children(value: dict[str, Any] | list[Any]) -> list[Any]:
 
 
 def _deepest(token: re.Pattern[str], text: str) -> int:
-    """Return the deepest nesting of brackets, or the largest number of dots in a key if that is more.
+    """Return the deepest nesting of brackets or the largest number of dots in a key, whichever is larger.
 
     Dots count because the TOML library needs time quadratic in their number.
     """

@@ -34,7 +34,7 @@ Arrays = Mapping[str, NDArray[Any]]
 Work = Callable[[str, Arrays], tuple[Any, Arrays]]
 # Seconds between two checks of the running processes. Starting Python alone takes at least 0.3 s.
 _POLL = 0.02
-# Names of the files that a child writes: its result, and its standard error.
+# Names of the two files that a child writes: its result and its standard error.
 _REPLY, _ERRORS = "reply.json", "errors"
 # Maximum number of bytes that are read from these files.
 _MOST_REPLY, _MOST_ERRORS = 1 << 26, 1 << 16

@@ -16,7 +16,7 @@ def install(extra: str) -> str:
 
 
 def need_extra(extra: str, *modules: str, what: str, instead: str = "") -> None:
-    """Check that `modules` are installed, which belong to `extra`.
+    """Check that the `modules` of `extra` are installed.
 
     Parameters
     ----------

@@ -68,7 +68,7 @@ def is_folder(path: Path) -> bool:
 
 @contextlib.contextmanager
 def _open_regular(path: Path) -> Iterator[int]:
-    """Yield a descriptor of the regular file at `path`, whose kind is checked before and after opening it."""
+    """Yield a descriptor of the regular file at `path`; its kind is checked before and after opening."""
     try:
         _reject_special(path.stat(), path)
         descriptor = os.open(path, READ_ONLY)
@@ -87,7 +87,7 @@ def _reject_special(status: os.stat_result, path: Path) -> None:
 
 
 def special_kind(status: os.stat_result) -> str | None:
-    """Return the kind of a file that is not a regular one, with its article; None for a regular file."""
+    """Return the kind of a file that is not regular, such as "a folder"; None for a regular file."""
     if stat.S_ISREG(status.st_mode):
         return None
     return "a folder" if stat.S_ISDIR(status.st_mode) else "a pipe, socket or device"

@@ -9,8 +9,8 @@ def inverse(matrix: NDArray[np.floating]) -> NDArray[np.float64]:
 
     A singular matrix gives infinities or NaN, with warnings. Use this function for the few matrices of a
     frame. With OpenBLAS 0.3.23 (NumPy 1.26), `numpy.linalg.inv` wakes all threads even for a 3 x 3 matrix.
-    The threads spin for the next 25 ms, take half of the processor from the OpenCL kernels, and double the
-    time of a frame.
+    The threads then spin for 25 ms. They take half of the processor from the OpenCL kernels, and a frame
+    takes twice as long.
     """
     size = len(matrix)
     rows = np.concatenate([matrix, np.eye(size)], axis=1)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 
 def write_npy(path: Path, array: NDArray[Any]) -> None:
-    """Write `array` as `numpy.save` does, but with an error that names a full disk as the cause."""
+    """Write `array` as `numpy.save` does. If the disk is full, the error says so."""
     with path.open("wb") as file:
         stream: Any = SimpleNamespace(write=file.write)  # given a real file, NumPy would call ndarray.tofile
         np.lib.format.write_array(stream, array, allow_pickle=False)

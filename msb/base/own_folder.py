@@ -63,9 +63,9 @@ def own_folder(path: str | os.PathLike[str], *, overwrite: bool = True) -> Itera
 
 
 def _keep_others(old: Path, new: Path) -> None:
-    """Add the files of the old folder that are not in its list to the new folder.
+    """Copy files of the old folder to the new folder, unless they are in the list of the old folder.
 
-    They are added as hard links if possible, and otherwise copied.
+    Hard links are used if possible.
     """
     listed = {*(listed_files(old) or ()), LIST}
     for root, folders, files in os.walk(old):
@@ -77,7 +77,7 @@ def _keep_others(old: Path, new: Path) -> None:
             if place.as_posix() in listed:
                 continue
             target = new / place
-            # Do not replace a file that a user added and that has the name of a new file.
+            # Do not replace a file of the user that has the same name as a new file.
             if os.path.lexists(target):
                 text = f"{shorten(place.as_posix(), 60)} exists and is not in the list of an earlier run"
                 raise UsageError("OUTPUT_EXISTS", f"{text}; move it or name another folder", file=old)

@@ -198,11 +198,11 @@ class Memory:
         self._pool: dict[str, Buffer] = {}
 
     def by_use(self) -> dict[str, int]:
-        """Return use -> bytes currently allocated for it, sorted by name."""
+        """Return the bytes that are currently allocated for each use, sorted by name."""
         return bytes_by_use(self._allocations)
 
     def groups(self) -> dict[str, str]:
-        """Return use -> group for the uses that `by_use` returns."""
+        """Return the group of each use that `by_use` returns."""
         return {block.use: block.group for block in list(self._allocations) if block.handle is not None}
 
     def allocate(self, shape: Shape, dtype: DTypeLike, use: str, group: str = SCRATCH) -> Buffer:
@@ -244,7 +244,7 @@ class Memory:
         pooled = self._pool.get(name)
         if pooled is None or pooled.nbytes < nbytes:
             if pooled is not None:
-                self._pool.pop(name).release()  # released first, so that both need not fit at once
+                self._pool.pop(name).release()  # the old one first, so that both need not fit
             size = _round_up(nbytes)
             size = size if size <= self._limit() else nbytes
             pooled = self._pool[name] = self.allocate(size, np.uint8, name, group)
@@ -271,7 +271,8 @@ class Memory:
 
     def _works_in_place(self) -> bool:
         # PoCL works directly on host memory. Other platforms may keep a copy and write it back when the
-        # buffer is mapped; Intel does so for some alignments and crashes if a file is mapped read-only.
+        # buffer is mapped. Intel does so for some alignments, and then crashes if the memory is a file that
+        # is mapped read-only.
         record = self.queue.record
         return short_name(record.platform) == "pocl" and record.kind == "cpu"
 
@@ -311,7 +312,7 @@ class Memory:
 
 
 def bytes_by_use(allocations: Iterable[Allocation]) -> dict[str, int]:
-    """Return use -> bytes currently allocated for it, sorted by name."""
+    """Return the bytes that are currently allocated for each use, sorted by name."""
     held: Counter[str] = Counter()
     for allocation in list(allocations):
         if allocation.handle is not None:

@@ -57,9 +57,8 @@ class Device:
 
         Kernels may write to the buffer if the array is writable. Read results from the buffer, because only
         PoCL writes them to the array. Keep the array alive and unchanged until `finish` was called and the
-        buffer released. Kernels must not assume more alignment than the dtype has. The first access to the
-        memory of a large NumPy array takes a fifth of the time that `allocate` needs, if the system has huge
-        pages.
+        buffer released. Kernels must not assume more alignment than the dtype has. If the system has huge
+        pages, the first access to a large NumPy array takes a fifth of the time that `allocate` needs.
         """
         return self._memory.share(array, use, group)
 
@@ -82,7 +81,7 @@ class Device:
         self._memory.release_scratch(prefix)
 
     def memory(self) -> dict[str, int]:
-        """Return use -> bytes currently allocated on the device by all its users."""
+        """Return the bytes that all users of the device have currently allocated for each use."""
         return bytes_by_use(self._queue.allocations)
 
     def new_memory(self) -> Memory:
@@ -93,7 +92,8 @@ class Device:
     def using(self, memory: Memory | None = None) -> Iterator[None]:
         """Reserve the device for a block; other threads wait.
 
-        Buffers allocated in the block belong to `memory`, an account from `new_memory`, or to the device.
+        Buffers allocated in the block belong to the account `memory`, which `new_memory` returned. Without
+        `memory` they belong to the device.
         """
         with self._lock:
             before, self._memory = self._memory, memory or self._default_memory

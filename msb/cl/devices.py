@@ -103,7 +103,8 @@ def shared_device(selector: str | None = None, *, style: Style | None = None) ->
 
 
 _sharing = threading.Lock()
-# (address of the platform's device, style) -> (open device, process that opened it).
+# The open devices, each with the process that opened it. The key is the address of the platform's device, and
+# the style.
 _shared: dict[tuple[int, Style | None], tuple[Device, int]] = {}
 
 

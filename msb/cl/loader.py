@@ -1,11 +1,11 @@
 """Make the OpenCL loader find every installed platform without settings by the user.
 
 A loader finds platforms through ``*.icd`` files, each with the name of a library (cl_khr_icd). The loader of
-the pyopencl wheel reads the system's files and the files in its folder, where the PoCL wheel installs one
-(`inducer/pyopencl`: scripts/build-wheels.sh). Two installations lack a valid file: the Intel CPU runtime from
-PyPI, whose files name a missing folder, and NVIDIA drivers in containers. If one of them is present, this
-module creates a temporary folder with files for it and for the system's platforms, and sets OCL_ICD_VENDORS
-to that folder while the loader starts.
+the pyopencl wheel reads the files of the system and the files in its own folder, where the PoCL wheel
+installs a file (`inducer/pyopencl`: scripts/build-wheels.sh). Two installations lack a valid file: NVIDIA
+drivers in containers, and the Intel CPU runtime from PyPI, because its files name a missing folder. If one of
+these is installed, this module creates a temporary folder with files for it and for the platforms of the
+system. While the loader starts, OCL_ICD_VENDORS names that folder.
 """
 
 import contextlib
@@ -120,19 +120,19 @@ def _start(cl: Any, early: bool) -> None:
                 stack.enter_context(_writable_cache())
             except OSError as error:
                 _notes.append(f"no temporary folder for the OpenCL loader: {shorten(str(error), 200)}")
-        importlib.import_module("pyopencl.invoker")  # it opens a file in the cache
+        importlib.import_module("pyopencl.invoker")  # this opens a file in the cache
 
         with contextlib.suppress(cl.Error):
             for candidate in cl.get_platforms():
                 _platforms.append(candidate.name.strip())
-                candidate.get_devices()  # PoCL reads the environment only here
+                candidate.get_devices()  # during this call PoCL reads the environment
     if INTEL_PACKAGE in registered and not any("Intel" in name for name in _platforms):
         cause = "pyopencl was loaded before msb.cl" if early else "its library cannot be loaded"
         _notes.append(f"{INTEL_PACKAGE} is installed, but its platform is missing: {cause}")
 
 
 def _find_missing_entries() -> dict[str, str]:
-    """Return name -> library of installed platforms without an entry; load their dependencies."""
+    """Load the dependencies of installed platforms that have no entry; return the libraries by name."""
     user = os.environ.get(VENDOR_VARIABLE)
     known = " ".join(_read_system_entries().values())
     entries: dict[str, str] = {}
@@ -153,7 +153,7 @@ def _find_missing_entries() -> dict[str, str]:
 
 
 def _read_system_entries() -> dict[str, str]:
-    """Return name -> library of the system entries whose library may exist."""
+    """Return the libraries in the entries of the system by name, except libraries that do not exist."""
     entries: dict[str, str] = {}
     for folder in _SYSTEM_VENDORS:
         with contextlib.suppress(OSError, UnicodeDecodeError):
@@ -174,7 +174,7 @@ def _find_intel_library() -> Path | None:
 
 
 def _preload(folder: Path) -> str | None:
-    """Load the libraries that the Intel library links to, without LD_LIBRARY_PATH; return a missing one."""
+    """Load what the Intel library links to, so that it needs no LD_LIBRARY_PATH; return a missing library."""
     for name in _INTEL_NEEDS:
         try:
             ctypes.CDLL(str(folder / name), mode=ctypes.RTLD_GLOBAL)

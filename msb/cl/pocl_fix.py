@@ -1,19 +1,19 @@
 """Let the PoCL wheel build kernels on processors that it does not know.
 
 Purpose: `pip install meshsplatbench` must be able to render without a driver, and the only PoCL wheel for
-x86-64 is 3.0-rc2 of 2022 with LLVM 14. It asks LLVM for the name of the processor and passes it to clang.
-LLVM calls every newer processor "generic", and clang then rejects each build with "unknown target CPU
+x86-64 is 3.0-rc2 of 2022 with LLVM 14. The wheel asks LLVM for the name of the processor and passes it to
+clang. LLVM calls every newer processor "generic", and clang then rejects each build with "unknown target CPU
 'generic'". No environment variable and no build option changes that name. Without this module, x86-64
 processors that are newer than the wheel have no OpenCL device unless a driver is installed.
 
 Method: PoCL keeps a pointer to the name in its device structure, at byte 640 in this build of the library.
 The characters there are overwritten by the name of a compatible processor with the same length.
 
-Safety: nothing is written unless the version of the wheel, the version of the driver, the file of the library
-(its name contains a hash of its content), the offset of the pointer and the name there are exactly the known
-ones. Memory is read through /proc/self/mem, so a wrong address cannot crash the process. `msb.cl.trial` first
-builds and runs kernels with the new name in a separate process. Delete this module as soon as a wheel knows
-current processors.
+Safety: nothing is written unless all of these are known: the versions of the wheel and of the driver, the
+file name of the library (which has a hash of its content), the offset of the pointer, and the name that it
+points to. Memory is read through /proc/self/mem, so a wrong address cannot crash the process. `msb.cl.trial`
+first builds and runs kernels with the new name in a separate process. Delete this module as soon as a wheel
+knows current processors.
 """
 
 import contextlib
@@ -27,7 +27,7 @@ from typing import Any
 
 # Environment variable; the value 0 disables this module.
 FIX_VARIABLE = "MSB_MEND_POCL"
-# The replacement name: a processor with AVX2 and FMA. A processor with AVX-512 changes the speed by less than
+# The replacement name: a processor with AVX2 and FMA. A name with AVX-512 would change the speed by less than
 # 10 %.
 NAME = b"haswell"
 UNKNOWN = b"generic"
@@ -37,7 +37,7 @@ _WHEEL_VERSION = "3.0"
 DRIVER = "3.0-rc2"
 # The file name contains a hash of the content, added by `auditwheel`.
 _LIBRARY = "libpocl-21062cec.so"
-# Byte offset of the pointer to the name in the device structure, in this build of the library.
+# Byte offset in the device structure at which this build of the library keeps the pointer to the name.
 _SLOT = 640
 # Number of bytes of the device structure to check. The pointer at _SLOT must be the only one to that name.
 _STRUCTURE = 1024
@@ -98,7 +98,7 @@ def can_apply(device: Any) -> bool:
 
 
 def apply(device: Any) -> bool:
-    """Replace the name if `can_apply`; return whether the name is ours now."""
+    """Replace the name if `can_apply`; return whether the name is now `NAME`."""
     if can_apply(device):
         _write(device, UNKNOWN, NAME)
         _fixed.add(device.int_ptr)

@@ -46,9 +46,9 @@ _NAMELESS = "<kernel>"
 # Message of clang if the LLVM of PoCL is older than the processor.
 UNKNOWN_CPU = "unknown target CPU"
 
-# Maximum number of builds, repeated only if a build fails without an error in the source. PoCL processes that
-# build the same program at the same time on an empty cache disturb each other: 1 of 200 builds fails with 8
-# processes.
+# Maximum number of attempts. A build is repeated only if it fails without an error in the source. PoCL
+# processes that build the same program at the same time on an empty cache disturb each other: 1 of 200 builds
+# fails with 8 processes.
 _ATTEMPTS = 5
 _PAUSE = 0.2  # seconds
 
@@ -89,10 +89,10 @@ class Kernel:
     is rounded up to a multiple of `local_size`, so a kernel must compare its global id with a count. The
     local size is required, because PoCL compiles a kernel again for each new local size.
 
-    Arguments are `Buffer`, `LocalMemory`, NumPy scalars of exactly the type of the kernel (``np.uint32(n)``)
-    or, for vector types, NumPy arrays with as many elements. Anything else raises a TypeError. A work-group
-    that exceeds the limit of the device raises a DeviceError `DEVICE_COMMAND`. If it exceeds only the limit
-    of the kernel, the error is raised when the platform rejects the launch.
+    Arguments are `Buffer`, `LocalMemory`, or NumPy scalars of exactly the type in the kernel
+    (``np.uint32(n)``). For a vector type, pass a NumPy array with as many elements. Anything else raises a
+    TypeError. A work-group that exceeds the limit of the device raises a DeviceError `DEVICE_COMMAND`. If it
+    exceeds only the limit of the kernel, the error is raised when the platform rejects the launch.
 
     Attributes
     ----------
@@ -144,7 +144,7 @@ class Kernel:
             raise
 
     def _set(self, number: int, value: Any, mark: Any) -> None:
-        """Set an argument unless it is already set; on a GPU, setting ten takes longer than a launch."""
+        """Set an argument unless it is already set. On a GPU, setting ten takes longer than a launch."""
         if mark is None or self._marks[number] != mark:
             self._marks[number] = None
             self._handle.set_arg(number, value)
@@ -205,7 +205,7 @@ def build(queue: Queue, package: str, name: str, defines: Mapping[str, Define]) 
 def _compile(queue: Queue, source: str, options: tuple[str, ...]) -> list[Any]:
     cl = queue.cl
     # cl.Program(context, source) is avoided: its disk cache waits a minute for the lock of a killed process,
-    # and PoCL and NVIDIA have their own caches.
+    # and it is not needed, because PoCL and NVIDIA have caches.
     program = cl.Program(cl._cl._Program(queue.context, source))
     with warnings.catch_warnings():
         # Compiler warnings are not meant for the user; errors arrive as exceptions.
@@ -229,7 +229,7 @@ def _build_error(
 
 
 def _find_first_complaint(log: str) -> str:
-    """Return the first line of the log that is an error, or else the first line of the compiler."""
+    """Return the first error in the log, or else the first line that the compiler wrote."""
     lines = [line.strip() for line in log.splitlines() if line.strip()]
     errors = (match["text"] for match in map(_COMPLAINT.match, lines) if match)
     others = (line for line in lines if not _WRAPPING.search(line))
@@ -274,7 +274,8 @@ def _convert(kind: Any, value: Any) -> Any:
 def _identify(argument: Any) -> Any:
     """Return a value that identifies an argument, or None if it must be set at every launch.
 
-    The value does not keep the memory of a buffer alive. That of a released buffer equals no other value.
+    The value does not keep the memory of a buffer alive. The value of a released buffer equals no other
+    value.
     """
     if isinstance(argument, Buffer):
         return weakref.ref(argument.allocation)

@@ -13,7 +13,7 @@ from msb.cl.programs import Program
 MOST = 2**31
 # Minimum number of elements per work-item: with fewer, a second work-item costs more than it saves.
 _SMALLEST_CHUNK = 4096
-# Chunks per compute unit. With several, a delayed unit does not delay the others.
+# Chunks per compute unit. With several chunks, other units take over the work of a delayed unit.
 _CHUNKS_PER_UNIT = 4
 # Consecutive elements per work-item on a GPU.
 _ITEMS = 8
@@ -99,7 +99,7 @@ def chunks_of(device: Device, count: int) -> tuple[int, int]:
 
 
 def build_grouped_program(device: Device, name: str, defines: Mapping[str, Define]) -> tuple[Program, int]:
-    """Return a program in GPU style and the size of its work-groups, which is its define GROUP.
+    """Return a program in GPU style, and the size of its work-groups. Its define GROUP has this size.
 
     The size is the largest power of two, up to 256, that the device and every built kernel allow.
     """

@@ -34,7 +34,7 @@ class Timing:
         self._events.append((self._stage, event))
 
     def milliseconds(self) -> dict[str, float]:
-        """Return stage -> milliseconds during which its commands ran, in order of first appearance.
+        """Return for how many milliseconds the commands of each stage ran, in order of first appearance.
 
         Time between commands is excluded; `span` includes it.
         """

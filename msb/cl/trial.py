@@ -117,7 +117,7 @@ def _find_failure(record: DeviceRecord, *, mended: bool) -> tuple[str | None, bo
 def run_trial(word: str, arrays: Arrays) -> tuple[str | None, Arrays]:
     """Build and run trial.cl in this child process; return why the device does not work, or None.
 
-    `word` is the selector of the device and whether its compiler is fixed first; `arrays` is empty.
+    `word` has the selector of the device, and whether its compiler must be fixed first. `arrays` is empty.
     """
     os.environ["POCL_KERNEL_CACHE"] = "0"  # a cached kernel would not test the compiler
     from msb.cl.devices import find_devices
@@ -180,7 +180,7 @@ def _find_cache_file() -> Path | None:
 
 
 def _read_results() -> dict[str, Trial]:
-    """Return the cached results, one line per device: KEY builds MENDED or KEY fails WHY."""
+    """Return the cached results. The file has lines "KEY builds MENDED" and "KEY fails WHY"."""
     file, text = _find_cache_file(), ""
     with contextlib.suppress(OSError):
         if file is not None and file.stat().st_size <= _MOST_BYTES:

@@ -47,7 +47,7 @@ class Everywhere:
 
 
 class Typed(dict[str, str]):
-    """The parameters that are on the command line: name -> label, such as ``size`` -> ``--size``."""
+    """The parameters that are on the command line: their labels by name, such as ``--size`` for ``size``."""
 
     def reject(self, names: Iterable[str], text: str) -> None:
         """Raise a UsageError if one of these parameters is on the command line. `text` follows its label."""
@@ -119,7 +119,7 @@ class _Group(NamedTuple):
     declared: tuple[_Declared, ...]
 
     def build(self, values: Mapping[str, Any]) -> Any:
-        """Return the object, with its fields taken from the values of all options."""
+        """Return the object. Its fields get their values from the options."""
         return self.kind(**{parameter.name: values[parameter.name] for parameter in self.declared})
 
 
@@ -141,8 +141,9 @@ class Command(TyperCommand):
     """A command of typer with a section for arguments in its help. Empty words are errors."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Parse the words. Empty ones, as from unset shell variables, are errors, not the current folder."""
-        # Commands without interspersed options pass their words to another program, which may get empty ones.
+        """Parse the words. An empty word, as from an unset shell variable, is an error."""
+        # Commands without interspersed options pass their words to another program, and empty words are
+        # allowed there.
         checks = ctx.allow_interspersed_args and not ctx.resilient_parsing
         if checks and any(_EMPTY.fullmatch(word) for word in args):
             ctx.fail("an argument or the value of an option is empty; use . for the current folder")
@@ -245,7 +246,7 @@ def _command(named: dict[str, Any], function: Callable[..., Any]) -> Callable[..
 
 
 def _fields(kind: type, names: tuple[str, ...] | None) -> Iterator[_Declared]:
-    """Yield the options of the fields of a dataclass, of all fields or of those in `names`."""
+    """Yield the options of a dataclass: of all its fields, or of the fields in `names`."""
     hints = get_type_hints(kind, include_extras=True)
     known = {field.name: field for field in fields(kind)}
     for name in names or known:

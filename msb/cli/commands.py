@@ -1,6 +1,6 @@
 """Find commands: built-in ones in a table, others in the entry-point group `msb.commands`.
 
-The module of a command is imported when the command or its help is used, not for the list of commands.
+The module of a command is imported when the command or its help is used. Listing commands does not import it.
 """
 
 import re
@@ -20,7 +20,8 @@ class Entry(NamedTuple):
     help: str
 
 
-# Heading -> command -> module. The folder of a module is missing if its capability was removed.
+# The module of each command, by heading and name. The folder of a module is missing if its capability was
+# removed.
 BUILT_IN: dict[str, dict[str, Entry]] = {
     "Check and repair a mesh": {
         "audit": Entry(
@@ -70,7 +71,7 @@ _NAME = r"^[a-z][a-z0-9-]{0,39}$"
 
 
 def listed() -> dict[str, dict[str, str]]:
-    """Return heading -> command -> its line of help, for all installed commands. No module is imported."""
+    """Return the line of help of each installed command, by heading and command. No module is imported."""
     ours = {
         title: {name: place.help for name, place in places.items() if not _missing_package(place.module)}
         for title, places in BUILT_IN.items()
@@ -115,7 +116,7 @@ def _missing_package(module: str) -> str:
 
 
 def _plugin_commands() -> dict[str, str]:
-    """Return the commands of other packages: name -> value of its entry point."""
+    """Return the commands of other packages: the value of the entry point by name."""
     ours = {name: place.module for places in BUILT_IN.values() for name, place in places.items()}
     plugins = find_installed("command", ours, lambda _, value: value, pattern=_NAME)
     return {name: value for name, (value, _) in plugins.items()}

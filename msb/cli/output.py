@@ -95,7 +95,8 @@ class Output:
     def console(self) -> Console:
         """Return the console for results. Rich applies FORCE_COLOR and TERM=dumb; NO_COLOR gives plain text.
 
-        It has at least 80 columns. A narrower terminal then wraps the lines of a table, not its numbers.
+        It has at least 80 columns. So a narrower terminal wraps whole lines of a table, and does not break
+        its numbers.
         """
         from rich.console import Console
 
@@ -263,7 +264,7 @@ class Output:
             raise UsageError("USAGE", f"{label} and {other} name the same file", file=path)
 
     def check_free(self, path: Path | None, *, folder: bool = False) -> None:
-        """Reject an output that is also an input, exists without --force, or cannot be written.
+        """Reject an output that is also an input, that cannot be written, or that may not be replaced.
 
         Without --force an existing `folder` must be empty. Devices and pipes are always accepted.
         """
@@ -273,7 +274,7 @@ class Output:
         taken = folder_is_taken(path) if folder else os.path.lexists(path) and not is_stream(path)
         if taken and not self.may_replace(path):
             if not folder and is_folder(path):
-                check_place(path)  # reports that even --force cannot replace a folder by a file
+                check_place(path)  # a folder cannot be replaced, even with --force
             raise UsageError("OUTPUT_EXISTS", f"it exists; {self._remedy}", file=path)
         check_place(path, folder=folder)
         if not is_stream(path):
@@ -296,7 +297,7 @@ class Output:
         self._check_apart(folder)
         files = [folder / name for name in listed_files(folder) or ()]
         for place in {*files, *(above for file in files for above in file.parents)} - {*folder.parents}:
-            self._check_apart(place)  # an input can also be a folder of these files
+            self._check_apart(place)  # an input that is a folder has these files
 
     def may_replace(self, path: Path) -> bool:
         """Return whether a file at `path` may be replaced, even if it appears while the command runs."""
@@ -403,7 +404,7 @@ def report_error(error: MsbError) -> int:
 
 
 def _print_aside(text: str) -> None:
-    """Print on standard error. If that is closed or full, the text is lost."""
+    """Print on standard error. If standard error is closed or full, the text is lost."""
     try:
         print(text, file=sys.stderr)  # noqa: T201 - the only place that prints notes and errors
     except OSError:

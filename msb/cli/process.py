@@ -78,8 +78,8 @@ def _run(app: typer.Typer, name: str) -> int:
 def _interruption(error: BaseException) -> int | None:
     """Return the exit status of the interruption that led to `error`; None if no interruption did.
 
-    Closing files after an interruption can raise another error that replaces it, for example about an
-    incomplete archive.
+    After an interruption, closing files can raise another error that replaces the interruption, for example
+    about an incomplete archive.
     """
     before = error.__context__
     while before is not None:
@@ -128,7 +128,8 @@ def _open_closed_streams() -> None:
 def _output_error(error: Exception) -> OutputError | None:
     """Return the error to report if `error` comes from writing to standard output, else None.
 
-    Other files are excluded: `msb.base.atomic` has its own errors, and errors of opening have a file name.
+    Errors of other files are excluded: `msb.base.atomic` raises its own errors, and errors of opening a file
+    have its name.
     """
     if not isinstance(error, OSError) or error.filename is not None or error.errno not in DISK_ERRORS:
         return None

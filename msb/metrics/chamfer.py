@@ -14,10 +14,10 @@ from msb.metrics.sampling import mesh_arrays, sample_surface, thin
 
 # Spacing of the samples and radius of the thinning in mm, as in the benchmark.
 DENSITY = 0.2
-# Margin in mm around the bounding box within which points count: this much below its lower corner, and twice
-# as much above its upper corner, as in upstream.
+# Points count up to this many mm below the lower corner of the bounding box, and up to twice as many above
+# the upper corner, as in upstream.
 PATCH = 60.0
-# Distances from here on, in mm, are excluded from the averages, not clipped.
+# Distances of at least this many mm are excluded from the averages. They are not clipped.
 MAX_DISTANCE = 20.0
 # Number of query points per batch.
 _QUERIES = 1 << 20
@@ -80,7 +80,7 @@ def chamfer_surface(
 ) -> dict[str, Any]:
     """Return the result of `chamfer_dtu` for a mesh given as arrays (V, 3), in mm, and (F, 3).
 
-    Each vertex is a sample, used or not. Zero-area faces give no samples.
+    Every vertex is a sample, even if no face uses it. Zero-area faces give no samples.
     """
     generator = np.random.default_rng(seed)
     points, corners = mesh_arrays(vertices, faces)
@@ -95,14 +95,13 @@ def chamfer_surface(
 
 
 def chamfer_points(points: ArrayLike, data: DtuScan, *, max_distance: float = MAX_DISTANCE) -> dict[str, Any]:
-    """Return the distances in mm between points (N, 3), already thinned, and a scan: the steps after
-    thinning.
+    """Return the distances in mm between thinned points (N, 3) and a scan.
 
     The keys are the same as for `chamfer_dtu`, without the keys that need a mesh.
     """
     cloud, _ = mesh_arrays(points, ())
     low, high = data.box[:1] - np.float32(PATCH), data.box[1:] + np.float32(2 * PATCH)
-    # inside: points within the margins of the box; seen: those in observed voxels; above: scan points above
+    # inside: points within the margins of the box; seen: points in observed voxels; above: scan points above
     # the table.
     inside = cloud[((cloud >= low) & (cloud < high)).all(axis=1)]
     voxel = np.around((inside - data.box[:1]) / data.resolution)
@@ -144,7 +143,7 @@ def _measure_distances(
     tree = cKDTree(targets)
     parts = []
     for start in range(0, len(queries), _QUERIES):
-        # The bound ends the search for distant queries early.
+        # The upper bound shortens the search for distant queries.
         nearest, _ = tree.query(queries[start : start + _QUERIES], distance_upper_bound=limit, workers=-1)
         parts.append(nearest[nearest < limit])
     return np.concatenate(parts)

@@ -37,8 +37,8 @@ def cull_dtu(
     """Return the part of a mesh that lies in the dilated masks of all views, in DTU's world.
 
     A view keeps a vertex if its mask, dilated by `dilation` pixels, contains the nearest pixel, or if the
-    vertex projects outside the image. A vertex stays if all views keep it. Depth is not tested: a vertex
-    behind a camera is judged by its mirrored projection, as in upstream.
+    vertex projects outside the image. A vertex stays if all views keep it. As in upstream, depth is not
+    tested: a vertex behind a camera is tested at its mirrored projection.
 
     The vertices (V, 3) are in the normalised frame of cameras.npz, like the COLMAP model and the trained
     asset. A kept vertex x becomes scale_mat_0[0, 0] x + scale_mat_0[:3, 3], in millimetres. `world_mats` and
@@ -74,7 +74,8 @@ def _test_view(
     from scipy.ndimage import distance_transform_edt
 
     height, width = mask.shape
-    # Scale to K [R | t] with K[2, 2] = 1, so that z is a depth and 1e-6 a suitable guard against z = 0.
+    # Scale the matrix to K [R | t] with K[2, 2] = 1. Then z is a depth, and adding 1e-6 avoids division by
+    # zero.
     norm = np.linalg.norm(matrix[2, :3])
     sign = np.linalg.det(matrix[:3, :3])
     if not norm > 0 or sign == 0:
@@ -83,7 +84,7 @@ def _test_view(
     image = points @ projection[:, :3].T + projection[:, 3]
     with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
         place = image[:, :2] / (image[:, 2:] + 1e-6)
-        # Pixels in [-1, 1]; points outside the image are not judged.
+        # Pixel coordinates scaled to [-1, 1]. Vertices that project outside the image are kept.
         centred = 2 * place / (width - 1, height - 1) - 1
         valid = (np.abs(centred) < 1).all(axis=1)
     wide = distance_transform_edt(~mask) <= dilation if mask.any() else mask

@@ -24,7 +24,7 @@ _SHAPES = {"BB": (2, 3), "Res": (1, 1), "P": (4, 1)}
 
 @dataclass(frozen=True, eq=False)
 class DtuScan:
-    """The data that one scan is evaluated against; lengths are in millimetres."""
+    """The data with which meshes of one scan are compared; lengths are in millimetres."""
 
     # (N, 3), points of the laser scan.
     points: NDArray[np.float64]
@@ -59,7 +59,7 @@ def read_dtu_scan(dataset_dir: str | os.PathLike[str], scan: int) -> DtuScan:
     cloud = folder / "Points" / "stl" / f"stl{scan:03d}_total.ply"
     points = read_mesh(cloud, images=False).vertices.astype(np.float64, copy=False)
     _check_numbers(cloud, "a coordinate", points)
-    # float32 as in upstream: it decides which points lie on the border of the box.
+    # float32 as in upstream, because rounding decides whether a point at the border is in the box.
     box = np.asarray(grid["BB"], np.float32)
     return DtuScan(points, grid["ObsMask"] != 0, box, resolution, np.asarray(plane, np.float64).ravel())
 
@@ -74,7 +74,7 @@ def _read_mat(path: Path, names: tuple[str, ...]) -> dict[str, NDArray[Any]]:
         arrays = {name: variables[name].read() for name in names}
     except MetricError:
         raise
-    except Exception as error:  # damaged files raise any exception
+    except Exception as error:  # a damaged file can raise any exception
         text = f"it cannot be read as a MATLAB 5 file: {library_reason(error)}"
         raise _file_error(place, text) from error
     for name, array in arrays.items():

@@ -1,4 +1,4 @@
-"""The photograph that a rendering is compared with, after masking, resizing and rounding."""
+"""Prepare a photograph for comparison with a rendering: mask, resize and round it."""
 
 from pathlib import Path
 from typing import Any
@@ -71,7 +71,7 @@ def ground_truth(scene: Scene, camera: Camera) -> NDArray[np.float32]:
 def find_mask_file(scene: Scene, camera: Camera) -> Path:
     """Return the mask file of a camera in a scene with a mask folder."""
     assert camera.image_path is not None
-    # The scene stores only the masks of its test views, which a run evaluates.
+    # `scene.masks` only has the masks of test views, because a run evaluates only these.
     return scene.masks.get(str(camera.name)) or find_mask(scene.root, camera.image_path)
 
 
@@ -91,7 +91,7 @@ def _composite(color: NDArray[np.uint8], alpha: NDArray[np.uint8], background: A
 
 
 def _resize(image: NDArray[Any], size: tuple[int, int], resampling: str) -> NDArray[Any]:
-    """Return the image at `size`, resized by Pillow: bytes as bytes, floats as float32 planes."""
+    """Return the image, resized by Pillow to `size`. Bytes stay bytes, and floats become float32."""
     from PIL import Image
 
     if (image.shape[1], image.shape[0]) == size:

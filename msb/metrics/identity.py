@@ -42,7 +42,7 @@ class Identity:
 
 
 def defined(identity: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the part of the JSON of an identity that defines the metric: all but library versions."""
+    """Return the JSON of an identity without library versions: the part that defines the metric."""
     return {key: value for key, value in identity.items() if key != "libraries"}
 
 

@@ -32,8 +32,8 @@ def read_image(path: str | os.PathLike[str], *, background: Color | None = None)
 
     The suffix determines the format. PNG and JPEG have 8-bit RGB, PNG optionally with alpha; NPY holds (H, W,
     3) uint8 or float; EXR has the channels R, G, B. Orientation, gamma and colour profiles are ignored.
-    Partly transparent pixels are composited over `background`, in [0, 1], in float64 without rounding: rgb a
-    + background (1 - a). An image with alpha 255 everywhere needs no background.
+    Partly transparent pixels become rgb a + background (1 - a), with values in [0, 1], in float64 without
+    rounding. An image with alpha 255 everywhere needs no background.
     """
     place = regular_file(path)
     suffix = place.suffix.lower()

@@ -19,8 +19,8 @@ _WINDOW_RADIUS = 5
 
 
 def find_max_psnr(pixels: int) -> float:
-    """Return the maximum PSNR in dB between different 8-bit images with this number of pixels."""
-    # Values are bytes over 255, so the mean squared error is at least one step of one value.
+    """Return the largest PSNR in dB that two different 8-bit images with this number of pixels can have."""
+    # Values are bytes / 255. The smallest difference is a step of 1/255 in a single value.
     return 10 * math.log10(255**2 * 3 * pixels)
 
 
@@ -64,8 +64,8 @@ def psnr(pred: ArrayLike, gt: ArrayLike, *, quantize: bool = True) -> float:
 def psnr_of_mse(mse: float) -> float:
     """Return the PSNR in dB of a mean squared error of values in [0, 1]; inf if it is 0.
 
-    Divide errors of bytes by 255^2 first. Callers that print or average decide how to represent an infinite
-    PSNR: as `PSNR_CAP`, as None or as "equal".
+    Divide errors of bytes by 255^2 first. Callers decide how to print or average an infinite PSNR: as
+    `PSNR_CAP`, as None or as "equal".
     """
     return math.inf if mse == 0 else -10 * math.log10(mse)
 
@@ -110,7 +110,7 @@ def ssim(pred: ArrayLike, gt: ArrayLike, *, quantize: bool = True) -> float:
 
 def _ssim(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
     need_extra("bench", "skimage", what="SSIM")
-    with ThreadPoolExecutor(3) as pool:  # the filters release the interpreter, and memory is per channel
+    with ThreadPoolExecutor(3) as pool:  # the filters release the GIL, and need memory per channel
         channels = list(pool.map(_ssim_channel, np.moveaxis(a, 2, 0), np.moveaxis(b, 2, 0)))
     return math.fsum(channels) / len(channels)
 
@@ -118,8 +118,8 @@ def _ssim(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
 def _ssim_channel(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
     """Return the average SSIM over a channel (H, W).
 
-    scikit-image averages over windows that lie inside its input. After padding by the radius of the
-    window, these are all pixels of the image, with zeros beyond the border.
+    scikit-image averages over windows that lie inside its input. So the image is first padded with zeros by
+    the radius of the window. Then there is a window around every pixel of the image.
     """
     from skimage.metrics import structural_similarity
 
@@ -178,7 +178,7 @@ def check_image(image: ArrayLike, name: str) -> NDArray[Any]:
 
 
 def _to_unit_range(array: NDArray[Any], quantize: bool) -> NDArray[np.float64]:
-    """Return checked values in [0, 1]; floats are rounded in their precision, like a PNG."""
+    """Return values in [0, 1]. With `quantize` floats are first rounded to bytes, in their precision."""
     if array.dtype != np.uint8:
         kind = array.dtype if array.dtype.itemsize >= 4 else np.dtype(np.float32)
         clamped = np.clip(array.astype(kind), 0, 1)

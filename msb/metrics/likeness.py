@@ -9,5 +9,5 @@ NEARLY = 25.0
 
 
 def decibels(value: float) -> str:
-    """Return "34.9 dB" for 34.998: rounded down, so that no value seems to reach a limit that it misses."""
+    """Return "34.9 dB" for 34.998. Rounding down keeps a value below a limit that it does not reach."""
     return f"{math.floor(10 * value + 1e-9) / 10:.1f} dB"

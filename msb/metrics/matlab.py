@@ -59,7 +59,7 @@ class Variable:
 
 
 def find_variables(data: bytes) -> dict[str, Variable]:
-    """Return name -> array of the MATLAB 5 file `data`."""
+    """Return the arrays of the MATLAB 5 file `data` by name."""
     order = {b"IM": "<", b"MI": ">"}.get(data[_HEADER - 2 : _HEADER])
     if order is None:
         raise ValueError("the header of a MATLAB 5 file is missing")
@@ -94,7 +94,7 @@ def _describe(body: memoryview, compressed: bool, order: str) -> Variable:
 def _read_element(data: bytes | memoryview, at: int, order: str) -> tuple[int, int, int, int]:
     """Return type, start and length of the element at `at`, and the position of the next element."""
     word = _read_numbers(data, at, 1, order, "I")[0]
-    if word >> 16:  # small format: length in the upper half, data in place of the length
+    if word >> 16:  # small format: the upper half of the word is the length, and the data follow at once
         return word & 0xFFFF, at + 4, word >> 16, at + 8
     size = _read_numbers(data, at + 4, 1, order, "I")[0]
     return word, at + 8, size, at + 8 + size + -size % 8

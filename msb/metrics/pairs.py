@@ -29,9 +29,9 @@ def pair_images(
 ) -> list[ImagePair]:
     """Return the pairs of images in two folders and their subfolders, or of two files, sorted by name.
 
-    Names are compared without suffix, which must be one of `IMAGE_SUFFIXES`, and in composed Unicode (NFC).
-    Hidden files are ignored, and so are the depths and face ids that `msb render` writes beside an image.
-    With `subset`, `gt` may contain further images, such as training views.
+    Names are compared in composed Unicode (NFC) and without suffix. The suffix must be one of
+    `IMAGE_SUFFIXES`. Hidden files are ignored. So are depths and face ids, which `msb render` writes beside
+    an image. With `subset`, `gt` may contain further images, such as training views.
     """
     pred, gt = given_path(pred), given_path(gt)
     folders = [_is_folder(path) for path in (pred, gt)]
@@ -62,7 +62,7 @@ def _is_folder(path: Path) -> bool:
 
 
 def images_below(folder: Path) -> dict[str, Path]:
-    """Return name -> file of the images in `folder` and its subfolders; see `pair_images`."""
+    """Return the image files in `folder` and its subfolders by name; see `pair_images`."""
 
     def reject(error: OSError) -> None:
         text = f"the folder cannot be read: {error.strerror}"

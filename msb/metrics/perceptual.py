@@ -1,8 +1,10 @@
-"""LPIPS with VGG16 weights from the user, on [-1, 1]; torch is imported only here, on first use.
+"""LPIPS of images mapped to [-1, 1], with VGG16 weights from the user.
 
-The network is written out below instead of using the lpips package. Its constructor downloads a backbone or
-fills 138 million parameters with random numbers, and its import needs torchvision. The linear layers come
-from the package.
+Torch is only imported on first use.
+
+The network is written out below instead of using the lpips package. The constructor in that package downloads
+a backbone or fills 138 million parameters with random numbers, and importing the package needs torchvision.
+Only the linear layers come from the package.
 """
 
 from __future__ import annotations

@@ -95,7 +95,8 @@ class _PackageMeasure:
         return number
 
 
-# Key in records, tables and JSON -> metric: ours in the order of tables, then metrics of packages.
+# The metrics by their key in records, tables and JSON: built-in ones in the order of tables, then those of
+# other packages.
 IMAGE_METRICS: Mapping[str, ImageMetric] = Lazy(_installed)
 
 
@@ -164,7 +165,7 @@ class Measures:
         self.failed: dict[str, str] = {}
 
     def __call__(self, pred: ArrayLike, gt: ArrayLike) -> dict[str, float | None]:
-        """Return key -> value for two images as `psnr` takes them.
+        """Return the value of each metric by its key, for two images as `psnr` takes them.
 
         A value is None if weights are missing or the metric of a package failed.
         """

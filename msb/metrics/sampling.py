@@ -1,7 +1,7 @@
 """Sample points on a mesh at a given spacing, and thin them until no two are close.
 
-Both follow `jzhangbs/DTUeval-python`: eval.py, which `hbb1/2d-gaussian-splatting` adapts in
-scripts/eval_dtu/eval.py, but with bounded memory and without a loop over faces.
+Both follow eval.py of `jzhangbs/DTUeval-python`, which `hbb1/2d-gaussian-splatting` adapts in
+scripts/eval_dtu/eval.py. Unlike eval.py, they use bounded memory and have no loop over faces.
 """
 
 from collections.abc import Iterator
@@ -19,8 +19,8 @@ MAX_SAMPLES = 1 << 28
 _CANDIDATES = 1 << 20
 # Size of the first window of `thin`.
 _FIRST_WINDOW = 64
-# Maximum number of points per window of `thin`, and of neighbours of all its points together. A single point
-# may have more neighbours.
+# Maximum number of points per window of `thin`, and maximum number of neighbours of all points in a window. A
+# single point may have more neighbours.
 _WINDOW = 1 << 16
 _NEIGHBORS = 1 << 22
 
@@ -52,11 +52,12 @@ def mesh_arrays(vertices: ArrayLike, faces: ArrayLike) -> tuple[NDArray[np.float
 def sample_surface(
     vertices: NDArray[np.float64], faces: NDArray[np.int64], spacing: float
 ) -> tuple[NDArray[np.float64], int]:
-    """Return points on the faces about `spacing` apart, in face order, and the number of faces with an area.
+    """Return points on the faces, in the order of the faces, and the number of faces with an area.
 
-    `spacing` has the units of the vertices. For each face, with edges e1 = v1 - v0 and e2 = v2 - v0 of
-    lengths l1 and l2: step = spacing sqrt(l1 l2 / |e1 x e2|), n = floor(l / step), and v0 + c1 e1 + c2 e2 for
-    c = (i + 0.5) / n wherever c1 + c2 < 1. A face shorter than a step along an edge gets no points.
+    The points are about `spacing` apart, in the units of the vertices. A face has the edges e1 = v1 - v0 and
+    e2 = v2 - v0 of lengths l1 and l2. With step = spacing sqrt(l1 l2 / |e1 x e2|), each of these edges has n
+    = floor(l / step) steps. The points are v0 + c1 e1 + c2 e2 with c = (i + 0.5) / n, wherever c1 + c2 < 1. A
+    face shorter than a step along an edge gets no points.
     """
     origin = vertices[faces[:, 0]]
     first, second = vertices[faces[:, 1]] - origin, vertices[faces[:, 2]] - origin
@@ -93,9 +94,9 @@ def _limit_error(points: float, spacing: float) -> MetricError:
 def _place_grid_points(
     counts: NDArray[np.int64], candidates: NDArray[np.int64]
 ) -> Iterator[tuple[NDArray[np.int64], NDArray[np.float64]]]:
-    """Yield the face (n,) and position (c1, c2), (n, 2), of the points to keep, in batches of candidates.
+    """Yield the faces (n,) and positions (n, 2) of the points to keep, in batches. A position is (c1, c2).
 
-    Candidates are numbered through all faces, so that a huge face is divided like many small ones.
+    Candidates are numbered across all faces, so that a huge face is split into batches like many small ones.
     """
     ends = np.cumsum(candidates)
     total = int(ends[-1]) if len(ends) else 0
@@ -110,7 +111,7 @@ def _place_grid_points(
 
 
 def thin(points: NDArray[np.float64], spacing: float) -> NDArray[np.float64]:
-    """Thin points (N, 3): keep each remaining point, in order, and remove all others within `spacing` of it.
+    """Thin points (N, 3): go through the remaining points, and remove all others within `spacing` of each.
 
     The order decides which points remain, so shuffle them first. Points at exactly this distance are removed
     too. Neighbours are searched for one window of remaining points at a time, so that they fit into memory.

@@ -1,8 +1,8 @@
 """Temporal stability of the frames of a camera path: popping, shimmer and holes.
 
 Image content moves as the camera moves. Depths and cameras predict this motion, so the remaining change can
-be measured: triangles that swap their blending order pop, and too few samples per pixel shimmer.
-docs/protocol.md has the full definitions.
+be measured. Triangles pop if they swap their blending order, and an image shimmers if it has too few samples
+per pixel. docs/protocol.md has the full definitions.
 """
 
 from dataclasses import dataclass
@@ -15,14 +15,14 @@ from msb.scenes import Camera
 Floats = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
-# Standard deviation in pixels of the Gaussian that smooths images before comparison. It makes cubic splines
-# between pixels accurate to a fraction of a level of 255.
+# Standard deviation in pixels of the Gaussian that smooths images before comparison. In a smoothed image
+# cubic splines between pixels are accurate to a fraction of 1/255.
 BLUR = 1.5
 # Radius in pixels within which another surface may affect a smoothed pixel.
 REACH = 3
 # Maximum relative difference of the depths of one surface point in two frames.
 SAME = 0.02
-# Maximum relative difference of depths within `REACH` for a surface away from borders.
+# A pixel is away from borders if depths within `REACH` of it differ by at most this fraction.
 _FLAT = 0.05
 
 
@@ -125,7 +125,7 @@ def _sample_colors(frame: PreparedFrame, place: NDArray[np.float64]) -> Floats:
 def _project_into(
     here: PreparedFrame, camera: Camera, rows: NDArray[np.int_], columns: NDArray[np.int_], inverse: Floats
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the positions (2, N) of the surface points of N pixels in another camera, and inverse depths.
+    """Return where another camera sees the surface points of N pixels: positions (2, N), and inverse depths.
 
     Positions are rows and columns, with integers at pixel centres. Points behind the camera are far outside
     the image, so NaN does not occur.
@@ -150,7 +150,7 @@ def _compute_rays(camera: Camera, rows: NDArray[np.int_], columns: NDArray[np.in
 def _test_depths(
     inverse_depths: Floats, place: NDArray[np.float64], expected: NDArray[np.float64]
 ) -> NDArray[np.bool_]:
-    """Return at which of N positions (2, N), well inside the image, a frame has the expected depth (N,)."""
+    """Return a mask (N,) of positions (2, N) in the image at which a frame has the expected depth (N,)."""
     ends = np.array(inverse_depths.shape)[:, None] - 1
     inside = ((place >= REACH) & (place <= ends - REACH)).all(axis=0)
     row, column = np.clip(np.rint(place), 0, ends).astype(np.int64)

@@ -19,7 +19,7 @@ _NUMBERS = (0, 2, 5, 7, 10, 12, 14, 17, 19, 21, 24, 26, 28)
 _CHANNELS = (3, *2 * (64,), *2 * (128,), *3 * (256,), *6 * (512,))
 # (N, in, out): number and channels of each 3 x 3 convolution features.N of the torchvision VGG16.
 LAYERS = tuple(zip(_NUMBERS, _CHANNELS[:-1], _CHANNELS[1:], strict=True))
-# Compared layer -> its channels, after the ReLU: relu1_2, 2_2, 3_3, 4_3, 5_3.
+# The number of channels of each compared layer: relu1_2, 2_2, 3_3, 4_3 and 5_3, all after their ReLU.
 TAPS = {2: 64, 7: 128, 14: 256, 21: 512, 28: 512}
 VGG_FILE = "vgg16-397923af.pth"
 # SHA-256 of the published weight file of torchvision; the file name contains its first eight digits.

@@ -2,9 +2,9 @@
 
 Every function works in the dtype of its arguments, float32 or float64. NumPy rounds after each operation and
 never fuses a multiplication with an addition, so float32 arguments give strict IEEE float32 in the order
-written here. Exponentials, logarithms and powers are evaluated in double and then rounded. That is the
-correctly rounded float32 result (up to double rounding) on every machine, unlike NumPy's float32 functions,
-which depend on vector libraries.
+written here. Exponentials, logarithms and powers are evaluated in double and then rounded. So the float32
+result is correctly rounded (up to double rounding) on every machine. NumPy's float32 functions would depend
+on vector libraries.
 """
 
 from typing import Any

@@ -134,8 +134,8 @@ def _attenuate(
 ) -> tuple[Reals, NDArray[np.bool_], NDArray[np.bool_]]:
     """Lower the transmittance T of P pixels by K faces of `alpha` (K, P).
 
-    Returns T in front of every face and whether the face is blended, both (K, P), and which pixels are not
-    finished, (P,).
+    Returns three arrays: T in front of every face (K, P), whether the face is blended (K, P), and which
+    pixels are not finished (P,).
     """
     # T in front of the first face, between the faces, and behind the last: products from front to back.
     chain = np.concatenate([transmittance[pixels][None], 1 - alpha])
@@ -169,7 +169,7 @@ def _add(
         color = layers.color * alpha[:, None] * before[:, None]
     totals = (*image.color.T, image.depth, *image.normal.T)
     terms = (*color.T, layers.depth * weight, *(layers.normal * weight[:, None]).T)
-    # add.at adds one pair after the other, and is faster for one channel at a time.
+    # add.at adds one pair after the other. It is faster if it is called for each channel.
     for total, term in zip(totals, terms, strict=True):
         np.add.at(total, pixels, term)
     # The last pair of each pixel with T > 0.5 in front of the face.

@@ -1,8 +1,8 @@
 """The matrices that each method's official code derives from a camera.
 
 `msb.Camera` has OpenCV axes and pixel centres at half-integers. Official code reads angles of view or an
-intrinsic matrix. Converting the camera back to these reproduces the official float32 matrices
-(docs/reference.md describes the remaining differences).
+intrinsic matrix. Converting the camera to that form reproduces the official float32 matrices.
+docs/reference.md describes the remaining differences.
 """
 
 import math

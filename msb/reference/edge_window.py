@@ -29,14 +29,15 @@ from msb.reference.tiles import Integers, Modes
 NEAR, FAR = 0.01, 100.0
 # Faces whose centroid has at most this depth (camera z, scene units) are dropped.
 NEAREST = 0.2
-# Faces are dropped if the cosine between normal and view direction is smaller in magnitude.
+# Faces are dropped if the cosine between their normal and the view direction is smaller than this in
+# magnitude.
 GRAZING = 0.001
-# Vectors are divided by at least this when they are normalised: scene units, or square scene units for the
-# cross products of edges.
+# Least divisor when a vector is normalised, in scene units, or in square scene units for cross products of
+# edges.
 MIN_LENGTH = 1e-4
 # Faces with a lower opacity are dropped.
 MIN_OPACITY = 0.01
-# Faces with a corner farther than this from their centroid are dropped, in samples.
+# Faces with a corner more than this many samples away from their centroid are dropped.
 MAX_RADIUS = 1600
 
 
@@ -44,8 +45,8 @@ MAX_RADIUS = 1600
 class Windows:
     """F faces on the screen, in samples.
 
-    Methods take face numbers and the columns and rows of samples, which broadcast against each other: K faces
-    as (K, 1) with P samples as (P,), or N faces with one sample each, all (N,).
+    Methods take face numbers, and the columns and rows of samples. These arrays are broadcast: pass K faces
+    as (K, 1) and P samples as (P,), or N faces with one sample each as (N,).
     """
 
     # (F,) whether a face is culled by distance, grazing view or size. The methods also cull by opacity and
@@ -116,7 +117,8 @@ def project_windows(triangles: Reals, view: SplattingCamera) -> Windows:
     a, b, c = norm(second - third)[:, None], norm(first - third)[:, None], norm(first - second)[:, None]
     incentre = (a * first + b * second + c * third) / (a + b + c)
 
-    # Edge normals and offsets, then turned outwards: the incentre must be inside, at a negative distance.
+    # Compute edge normals and offsets, then turn the normals outwards: the incentre must have a negative
+    # distance.
     start, end = corners, np.roll(corners, -1, axis=1)
     edge_normal = np.stack([end[..., 1] - start[..., 1], -(end[..., 0] - start[..., 0])], axis=-1)
     edge_normal = edge_normal * (1 / norm(edge_normal))[..., None]

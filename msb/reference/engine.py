@@ -1,13 +1,13 @@
-"""Sampling of a splatting method's triangles by a game engine: the rasterisation rules of graphics hardware.
+"""How a game engine samples the triangles of a splatting method: by the rules of graphics hardware.
 
 Fragments exist only at pixel centres inside the projected triangle. Geometry nearer than the near plane is
 clipped. Attributes are interpolated with perspective correction. Tiles do not exist, and nothing is culled by
 size or distance. Coverage window, colours and blending follow the method.
 
-Barycentric coordinates divided by depth are affine on the screen, and so is 1 / depth: homogeneous edge
-functions (Olano and Greer, "Triangle scan conversion using 2D homogeneous coordinates", 1997). With them no
-polygon has to be clipped: where a line of sight meets the triangle behind the camera, all three functions are
-negative.
+Barycentric coordinates divided by depth are affine on the screen, and so is 1 / depth. They are called
+homogeneous edge functions (Olano and Greer, "Triangle scan conversion using 2D homogeneous coordinates",
+1997). With them no polygon has to be clipped, because all three functions are negative where a line of sight
+meets the triangle behind the camera.
 """
 
 from dataclasses import dataclass
@@ -23,7 +23,7 @@ from msb.reference.tiles import TILE, Integers, Rectangles
 NEAR = 0.01
 # The box of a triangle is widened by this number of samples, so that rounding cuts off nothing.
 SLACK = 0.1
-# Added to the low end of a box before it is floored to the first sample, as in splat_common.cl, so that a
+# The low end of a box plus this number is rounded down to the first sample, as in splat_common.cl. So a
 # sample just outside the box is included.
 ALMOST_ONE = 0.999
 
@@ -160,13 +160,13 @@ def project_engine(triangles: Reals, view: SplattingCamera, *, incentre: bool) -
 
 
 def _scale(view: SplattingCamera) -> tuple[Reals, Reals]:
-    """Return the ray's step between samples, and the sample on the optical axis, (2,) each."""
+    """Return the difference of the rays of adjacent samples (2,), and the sample on the optical axis (2,)."""
     size = np.array([view.width, view.height], view.tan_fov.dtype)
     return 2 * view.tan_fov / size, (size - 1) * size.dtype.type(0.5) + view.shift
 
 
 def _on_raster(planes: Reals, view: SplattingCamera) -> Reals:
-    """Return the products n . ray of normals (..., 3) as factors of a sample's x and y, and a constant."""
+    """Return (a, b, c) of normals (..., 3): n . ray is a x + b y + c at the sample (x, y)."""
     step, middle = _scale(view)
     a, b = planes[..., 0] * step[0], planes[..., 1] * step[1]
     return np.stack([a, b, (planes[..., 2] - a * middle[0]) - b * middle[1]], axis=-1)
@@ -177,7 +177,7 @@ def _sample_box(corners: Reals, view: SplattingCamera) -> tuple[Integers, Intege
     real = corners.dtype.type
     near, (step, middle) = real(NEAR), _scale(view)
     z, following = corners[..., 2], np.roll(corners, -1, axis=1)
-    # Points where the edges cross the near plane (valid only for edges that do).
+    # Points where the edges cross the near plane (valid only for edges that cross it).
     share = (near - z) / (following[..., 2] - z)
     cut = corners[..., :2] + share[..., None] * (following[..., :2] - corners[..., :2])
     inside = z >= near

@@ -7,7 +7,7 @@ from msb.reference.arithmetic import Reals, norm
 
 
 def colors_from_sh(coefficients: Reals, points: Reals, center: Reals, degree: int) -> Reals:
-    """Return max(0.5 + sum_i B_i(d) k_i, 0), without an upper clamp: coefficients k_i, direction d.
+    """Return the colour max(0.5 + sum_i B_i(d) k_i, 0) of coefficients k_i in direction d; it can exceed 1.
 
     Parameters
     ----------

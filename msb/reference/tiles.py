@@ -19,14 +19,14 @@ Integers = NDArray[Any]
 
 @dataclass(frozen=True)
 class Rectangles:
-    """The tiles [low, high) that list each of F faces; `low` and `high` are (F, 2) integers, x and y."""
+    """The rectangle [low, high) of tiles that list each of F faces; both are (F, 2) integers, x and y."""
 
     low: Integers
     high: Integers
 
     @property
     def empty(self) -> NDArray[np.bool_]:
-        """Whether the product of both extents is 0, the test of the official kernels."""
+        """Whether a rectangle is empty by the official test: the product of both extents is 0."""
         return np.asarray((self.high - self.low).prod(axis=1) == 0)
 
 
@@ -96,10 +96,10 @@ def _tile(number: int, columns: int, width: int, height: int, faces: Integers) -
 class Modes:
     """The order of drawing and the rules of sampling; the defaults are official.
 
-    With order "tile", triangles are drawn by depth, each only in its official tiles. With "global" they are
-    drawn by depth, wherever they reach; with "none" wherever they reach, in the order of the asset. With
-    sampling "engine" (`msb.reference.engine`) a triangle reaches exactly to its edges, so "tile" and "global"
-    give the same image.
+    With order "tile", triangles are drawn by depth, and each only in its official tiles. With "global" and
+    "none" they are drawn wherever they reach: by depth with "global", and in the order of the asset with
+    "none". With sampling "engine" (`msb.reference.engine`) a triangle reaches exactly to its edges, so "tile"
+    and "global" give the same image.
     """
 
     order: Order = "tile"

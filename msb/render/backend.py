@@ -42,7 +42,7 @@ ENGINES = {
 # frame.
 Group = Literal["geometry", "appearance", "scratch", "targets"]
 
-# Number of the frame before which a renderer may still reorganise its data. The memory of later frames
+# A renderer may reorganise its data until it draws the frame with this number. The memory of later frames
 # depends on the cameras only, not on the number of frames. Benchmarks measure from this frame on.
 SETTLED_AT = 3
 
@@ -51,7 +51,7 @@ SETTLED_AT = 3
 class DrawTime:
     """The time that a frame took on the device, in milliseconds."""
 
-    # Stage -> run time of its commands. The sum is the time during which the device was busy.
+    # The run time of the commands of each stage. The sum is the time during which the device was busy.
     stages: Mapping[str, float]
     # Time from the start of the first command to the end of the last command.
     span: float
@@ -92,7 +92,7 @@ class Backend(Protocol):
         """Draw and wait until the frame is complete, without reading it back. Benchmarks time this."""
 
     def memory(self) -> Mapping[str, int]:
-        """Return purpose -> bytes of device memory for this asset; empty if the renderer cannot tell."""
+        """Return the bytes of device memory for this asset by purpose; empty if the renderer cannot tell."""
 
     def close(self) -> None:
         """Release all memory. A second call has no effect."""
@@ -156,7 +156,10 @@ def is_ours(name: str) -> bool:
 
 @cache
 def renderers() -> dict[str, str]:
-    """Return name -> "module:Class": built-in renderers, engines, then entry points. Nothing is imported."""
+    """Return "module:Class" of each renderer by name: built-in ones, engines, then entry points.
+
+    Nothing is imported.
+    """
     ours = {**BUILT_IN, **ENGINES}
     others = find_installed("renderer", ours, lambda _, value: value, pattern=None)
     return ours | {name: value for name, (value, _) in others.items()}

@@ -1,7 +1,8 @@
 """The dedicated tier: native rendering, with the method's own image formation.
 
-The module `native` of a method has either a function ``splat_model``, whose result the splatting pipeline can
-draw (`msb.render.splat.model`), or a class ``Pipeline``, a complete renderer (`msb.render.backend.Backend`).
+The module `native` of a method has a function ``splat_model`` or a class ``Pipeline``. The splatting pipeline
+can draw the result of ``splat_model`` (`msb.render.splat.model`). A ``Pipeline`` is a complete renderer
+(`msb.render.backend.Backend`).
 """
 
 from typing import Any

@@ -70,11 +70,11 @@ class DeviceScope:
         return self.device.scratch(f"{self._name} {name}", shape, dtype, group)
 
     def memory(self) -> Mapping[str, int]:
-        """Return purpose -> bytes of device memory that this renderer holds."""
+        """Return the bytes of device memory that this renderer holds, by purpose."""
         return self._memory.by_use()
 
     def memory_groups(self) -> Mapping[str, str]:
-        """Return purpose -> `Group`, as passed when the buffer was allocated."""
+        """Return the `Group` of each purpose, which was given when its buffer was allocated."""
         return self._memory.groups()
 
     def close(self) -> None:
@@ -93,11 +93,11 @@ class OnDevice:
     _scope: DeviceScope
 
     def memory(self) -> Mapping[str, int]:
-        """Return purpose -> bytes of device memory that this renderer holds."""
+        """Return the bytes of device memory that this renderer holds, by purpose."""
         return self._scope.memory()
 
     def memory_groups(self) -> Mapping[str, str]:
-        """Return purpose -> `Group` of the memory, for each purpose in `memory`."""
+        """Return the `Group` of each purpose in `memory`."""
         return self._scope.memory_groups()
 
     def close(self) -> None:

@@ -20,7 +20,8 @@ from msb.scenes import Camera
 
 ImageFormat = Literal["png", "npy", "exr"]
 FILM_SUFFIXES = (".mp4", ".gif")
-# Largest number of frames that wait for a writer. Four hide the delays of a slow disk; each takes memory.
+# Largest number of frames that wait for a writer. Four frames hide the delays of a slow disk, and more frames
+# would take more memory.
 _QUEUE = 4
 
 
@@ -66,7 +67,8 @@ def _write_png(file: Any, array: NDArray[Any]) -> None:
 
     if array.ndim != 3:
         raise UsageError("USAGE", "a PNG stores colours only; write depth and face ids as npy or exr")
-    # Level 1 takes a third of the default's time for a few percent more bytes, so rendering does not wait.
+    # Level 1 needs a third of the time of the default, and files are a few percent larger. So rendering need
+    # not wait.
     Image.fromarray(to_bytes(array)).save(file, format="PNG", compress_level=1)
 
 
@@ -88,7 +90,7 @@ def _encode_exr(array: NDArray[Any]) -> bytes:
         try:
             with OpenEXR.File(header, channels) as file:
                 file.write(name)
-        except RuntimeError as error:  # the library's only error, also for a full disk
+        except RuntimeError as error:  # the library raises nothing else, even if the disk is full
             raise OSError(str(error)) from error
         return Path(name).read_bytes()
 
@@ -155,7 +157,7 @@ def _write_mp4(file: Any, frames: Iterable[NDArray[Any]], fps: int) -> None:
     try:
         _encode_mp4(file, frames, fps)
     except av.FFmpegError as error:
-        if isinstance(error.__context__, OSError):  # the file's error, which the library replaced
+        if isinstance(error.__context__, OSError):  # the error of the file itself
             raise error.__context__ from error
         raise
 

@@ -153,12 +153,12 @@ class Renderer:
         return seen, check_background(background, self._official)
 
     def memory(self) -> Mapping[str, int]:
-        """Return purpose -> bytes on the device."""
+        """Return the bytes on the device by purpose."""
         with attribute_errors(self._by):
             return self._backend.memory()
 
     def memory_groups(self) -> Mapping[str, str]:
-        """Return purpose -> "geometry", "appearance", "scratch" or "targets"; others count as scratch."""
+        """Return "geometry", "appearance", "scratch" or "targets" for each purpose; others are scratch."""
         with attribute_errors(self._by):
             groups: Mapping[str, str] = getattr(self._backend, "memory_groups", dict)()
             return groups

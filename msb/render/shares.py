@@ -1,7 +1,7 @@
 """The contribution of each face to the images of given cameras, computed in OpenCL.
 
-`ReferenceFrame.contribution` (`msb.reference`) is the readable NumPy version; it counts samples, this module
-pixels.
+`ReferenceFrame.contribution` (`msb.reference`) is the readable NumPy version; it counts samples, but this
+module counts pixels.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
@@ -30,7 +30,7 @@ def shares_by_view(
     settings: Mapping[str, Any] | None = None,
     device: str | Device | None = None,
 ) -> Iterator[NDArray[np.float64] | None]:
-    """Yield the contributions of all F faces to one view after the other.
+    """Yield the contributions of all F faces to each view.
 
     Parameters
     ----------
@@ -61,7 +61,7 @@ def shares_by_view(
 
 
 def _sum_by_face(faces: NDArray[np.int32], picture: Picture | None, count: int) -> NDArray[np.float64]:
-    """Return per-face sums of a view that shows `faces` (H, W), -1 for background: colours, then pixels."""
+    """Return the sum of colours and the number of pixels of each face; `faces` (H, W) is -1 at background."""
     seen = faces >= 0
     numbers = faces[seen]
     colors = () if picture is None else picture[seen].T

@@ -135,7 +135,7 @@ def entries(
 
 
 def torch_entry(path: str, content: bytes) -> Entry:
-    """Return a member as torch stores it, with sizes and checksum after the data."""
+    """Return a member as torch stores it: sizes and checksum follow the data."""
     entry = Entry(path, content, both={"flags": 0x808}, local={"crc": 0, "packed": 0, "size": 0})
     entry.after = described(entry.fields()["crc"], len(content))
     return entry

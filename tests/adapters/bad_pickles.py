@@ -1,4 +1,4 @@
-"""Checkpoints whose data.pkl is invalid: wrong names, opcodes, endings, calls or results."""
+"""Checkpoints with an invalid data.pkl: wrong names, opcodes, endings, calls or results."""
 
 import pickletools
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""Bad checkpoints: storages and tensors that do not match each other or the file, or are unsupported."""
+"""Bad checkpoints: storages and tensors that contradict each other or the file, or that are unsupported."""
 
 from msb.adapters.checkpoint.names import OTHER_TENSORS
 from tests.adapters.assemble import (

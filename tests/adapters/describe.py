@@ -1,5 +1,6 @@
-"""Describe the content of a checkpoint as JSON and arrays, to compare two readers and to store expected
-values.
+"""Describe the content of a checkpoint as JSON and arrays.
+
+Tests store expected values in this form, and compare two readers.
 """
 
 from typing import Any

@@ -49,7 +49,7 @@ BROKEN: list[tuple[str, str, Callable[[Any], Any] | None, str]] = [
     ("diffsoup", "color_mlp", lambda a: {k: v for k, v in a.items() if k != "mlp.4.bias"}, "LAYOUT"),
     ("diffsoup", "color_mlp", lambda a: {**a, "mlp.0.weight": a["mlp.0.weight"][:8]}, "LAYOUT"),
 ]
-"""Method, key, its change (None: it is removed), and the end of the error code."""
+"""Method, key, change of the key's value (None removes the key), and the end of the error code."""
 
 
 @pytest.mark.parametrize(("method", "key", "change", "code"), BROKEN)

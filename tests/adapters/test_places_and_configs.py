@@ -1,4 +1,4 @@
-"""Find the model in an output folder, and settings in configs, logs and cfg_args."""
+"""Find the model in an output folder, and its settings in configs, logs and cfg_args."""
 
 import shutil
 from pathlib import Path

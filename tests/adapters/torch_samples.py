@@ -131,7 +131,7 @@ VARIANTS = {
 
 
 def save(value: Any, path: Path, variant: str, location: str = "cpu") -> None:
-    """Save `value` in a variant; `location` is the stored device of storages."""
+    """Save `value` in a variant of the format; `location` is the device that storages name."""
     new, protocol = VARIANTS[variant]
     with warnings.catch_warnings(), mock.patch("torch.serialization.location_tag", return_value=location):
         warnings.simplefilter("ignore")

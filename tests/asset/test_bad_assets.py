@@ -68,7 +68,7 @@ def test_load_and_validate_give_a_bad_asset_its_code(case: Case, folder: Path) -
     path = write_case(case, folder)
     if case.denied:
         parts(mesh()).write_packed(folder / "good")
-        load(folder / "good")  # import codecs while the files can be read
+        load(folder / "good")  # the codecs must be imported before files become unreadable
     with permissions(case):
         if case.found_by == "load" and case.severity == "error":
             with pytest.raises((AssetError, InputError)) as caught:

@@ -36,7 +36,7 @@ def assert_same(first: Asset, second: Asset) -> None:
 
 
 def content(path: Path) -> dict[str, bytes]:
-    """Return relative path -> bytes of a file, or of all files in a folder."""
+    """Return the bytes of a file, or of all files in a folder, by relative path."""
     if path.is_file():
         return {"": path.read_bytes()}
     return {str(file.relative_to(path)): file.read_bytes() for file in path.rglob("*") if file.is_file()}

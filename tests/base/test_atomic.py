@@ -49,7 +49,7 @@ def fail_half_way(path: Path, kind: str, error: BaseException) -> None:
 
 
 def read_files(folder: Path) -> dict[str, bytes]:
-    """Return relative path -> bytes of all files in a folder."""
+    """Return the bytes of all files in a folder, by relative path."""
     return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
@@ -70,7 +70,7 @@ def test_only_an_empty_folder_is_replaced(tmp_path: Path) -> None:
 
 
 def raiser(error: BaseException, after: int = 0) -> Callable[..., Any]:
-    """Return a replacement of a system call that raises `error` in the call after `after` calls."""
+    """Return a replacement of a system call that works `after` times and then raises `error`."""
     calls = iter(range(after + 1))
 
     def fail(*_args: object, **_keywords: object) -> None:

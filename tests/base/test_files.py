@@ -1,4 +1,4 @@
-"""Only regular files are opened, and all readers raise the same two codes for others."""
+"""Only regular files are opened. For other files all readers raise the same two codes."""
 
 import hashlib
 import os

@@ -139,7 +139,7 @@ def test_unwritable_cache_is_replaced(child: Child, tmp_path: Path, variable: st
 
 @pytest.mark.slow
 def test_second_process_uses_the_kernel_cache(child: Child, tmp_path: Path) -> None:
-    """All kernels of a program are found again (except with 16-wide vectors)."""
+    """The cache has all kernels of a program, except kernels with 16-wide vectors."""
     first = answer(child(SORT, POCL_CACHE_DIR=str(tmp_path)))
     built = {path for path in tmp_path.rglob("*.so") if path.is_file()}
     assert built

@@ -184,7 +184,7 @@ def test_wrong_kernel_arguments_are_rejected(device: Device) -> None:
 def test_too_large_work_groups_are_rejected(
     who: str, group: tuple[int, ...], fresh: Device, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The limit of a kernel shows only at the launch, because some platforms report wrong limits."""
+    """The limit of a kernel is tested at the launch, because some platforms report wrong limits."""
     out = fresh.upload(np.ones(4, np.float32))
     kernel = fresh.program("simple", {"OFFSET": 0}, KERNELS).scaled
     arguments = (48,) * len(group), group, out, out, np.uint32(0)
@@ -236,7 +236,7 @@ def test_commands_are_timed_by_stage(device: Device) -> None:
     assert len(timing) == 6
     assert all(value >= 0 for value in times.values())
     assert 0 < timing.span() <= timing.since_queued()
-    if not device.record.selector.startswith("rusticl"):  # version 22.3 gives every fill the same nanosecond
+    if not device.record.selector.startswith("rusticl"):  # version 22.3 reports the same times for all fills
         assert timing.span() >= max(times.values())
 
 

@@ -106,8 +106,8 @@ def test_sort_of_edge_sizes(styled: Device, count: int, dtype: type) -> None:
 def test_sort_is_stable_for_any_bits(
     styled: Device, count: int, dtype: type, bits: int, filled: int, with_values: bool, seed: int
 ) -> None:
-    """Only the lowest `filled` bits of the keys are random. A few bits give many equal keys; more than `bits`
-    test that the sort ignores the upper ones.
+    """Only the lowest `filled` bits of the keys are random. A small `filled` gives many equal keys. A
+    `filled` above `bits` tests that the sort ignores the upper bits.
     """
     width = np.dtype(dtype).itemsize * 8
     bits, filled = min(bits, width), min(filled, width)
@@ -146,7 +146,7 @@ def test_sort_rejects_wrong_arguments(device: Device) -> None:
 
 
 def test_many_tile_sums_are_scanned_recursively(monkeypatch: pytest.MonkeyPatch) -> None:
-    """This happens with more than eight million elements on a GPU."""
+    """On a GPU, recursion starts at more than eight million elements."""
     monkeypatch.setattr("msb.cl.scan._MOST_SUMS", 2)
     values = np.random.default_rng(3).integers(0, 2**32, 50_000, np.uint32)
     with open_styled("gpu") as device:

@@ -138,7 +138,7 @@ def test_compiler_failures_are_cached_but_crashes_are_not(
     tried = try_device(*real)
     assert not tried.builds
     assert (reply.data or reply.why) in (tried.why or "")
-    # A compiler error is permanent; a crashed process may have crashed for another reason.
+    # A compiler error is permanent. A crash may have another cause, so it is not cached.
     assert (tmp_path / "meshsplatbench").exists() == (reply.data == UNKNOWN)
 
 

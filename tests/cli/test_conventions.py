@@ -49,7 +49,7 @@ def test_keys_are_documented_of_eleven_commands() -> None:
 
 
 def _documented_keys() -> dict[str, set[str]]:
-    """Return command -> keys in the table of docs/cli.md."""
+    """Return the keys of each command in the table of docs/cli.md."""
     text = (ROOT / "docs" / "cli.md").read_text(encoding="utf-8")
     table = text.partition("| command | key | meaning |")[2].partition("\n\n")[0]
     keys: dict[str, set[str]] = {}
@@ -103,7 +103,7 @@ def test_colour_follows_options_and_variables(
 @pytest.mark.slow
 @pytest.mark.skipif(os.name == "nt", reason="pseudo-terminals are POSIX")
 def test_json_on_a_terminal_has_no_escape_sequences() -> None:
-    """On a terminal JSON has neither progress nor escape sequences."""
+    """On a terminal JSON is printed without progress and escape sequences."""
     outputs = {option: on_terminal("validate", *option.split(), ASSET) for option in ("--json -", "-q")}
     assert "\x1b" not in outputs["--json -"]
     assert outputs["--json -"].startswith("{")

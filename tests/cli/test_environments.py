@@ -1,4 +1,4 @@
-"""Commands in unusual environments: without extras, OpenCL or a home, odd locales and file names, terminals.
+"""Commands in unusual environments: no extras, no OpenCL, no home, odd locales and file names, terminals.
 
 Commands with the same environment run in the same process, which is several times as fast.
 """

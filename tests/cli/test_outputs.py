@@ -291,7 +291,7 @@ WRITTEN = {
     "json_file", "json_lines", "csv_file", "elements", "log_file", "target", "out", "film", "screenshot",
     "figure", "html", "maps", "save", "outputs",
 }  # fmt: skip
-"""Names of parameters for outputs. All other paths are inputs, or folders for files."""
+"""Names of the parameters that are outputs. All other paths are inputs, or folders for files."""
 
 
 @pytest.mark.parametrize("name", INSTALLED)

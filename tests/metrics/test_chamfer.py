@@ -1,4 +1,4 @@
-"""The DTU Chamfer distance compared with the reference script by stage; MATLAB files compared with SciPy."""
+"""DTU Chamfer distances against the reference script, stage by stage; MATLAB files against SciPy."""
 
 import io
 import shutil
@@ -127,7 +127,7 @@ def test_chamfer_without_points_is_none_with_a_reason() -> None:
 @settings(max_examples=25, derandomize=True)
 @given(st.integers(0, 2**32 - 1), st.floats(0.3, 40))
 def test_chamfer_equals_distances_of_all_pairs(seed: int, limit: float) -> None:
-    """Random clouds, voxels and planes, with the rules of the evaluation applied point by point."""
+    """On random clouds, voxels and planes, a loop applies the rules of the evaluation to each point."""
     random = np.random.default_rng(seed)
     box = np.array([[-4, 2, 100], [16, 12, 130]], np.float32)
     resolution = float(random.uniform(0.5, 4))
@@ -277,7 +277,7 @@ def test_non_numeric_variables_are_rejected() -> None:
 
 
 def test_decompression_stops_at_the_declared_size() -> None:
-    """A variable followed by a gigabyte of further data needs no more memory."""
+    """Reading a variable does not need more memory if a gigabyte of other data follows."""
     content = bytearray(saved(packed=True, Res=np.array([[0.5]])))
     body = zlib.decompress(bytes(content[136:]))
     longer = zlib.compress(body + bytes(1 << 24), 9)

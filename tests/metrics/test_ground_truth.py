@@ -59,7 +59,7 @@ def test_masked_photographs_equal_the_loader_up_to_truncation(name: str, backgro
     assert not scene.gt_resized
     for wanted, camera in zip(LOADERS["nerf_synthetic"][name], scene.test, strict=True):
         result = levels(ground_truth(scene, camera))
-        rows = np.array(wanted["uint8_composite_first_rows"])  # rows 0 and 6, six pixels each
+        rows = np.array(wanted["uint8_composite_first_rows"])  # six pixels in each of the rows 0 and 6
         above = result[[0, 6], :6] - rows
         assert above.min() >= 0
         assert above.max() <= 1
@@ -99,7 +99,7 @@ def cubic(x: Any) -> Any:
 
 
 def halved(image: Any) -> Any:
-    """Return an image of even size at half the size: the cubic, twice as wide, normalised at the border."""
+    """Return an image of even size at half the size. The cubic is twice as wide, normalised at borders."""
     for axis in (0, 1):
         size = image.shape[axis]
         weights = cubic((np.arange(size) - (2 * np.arange(size // 2)[:, None] + 0.5)) / 2)
@@ -147,7 +147,7 @@ def test_mask_folder_equals_alpha(dtu: Path) -> None:
     for index, path in enumerate(sorted((dtu / "images").iterdir())):
         with Image.open(path) as image:
             color, alpha = image.convert("RGB"), np.asarray(image.getchannel("A"))
-        Image.fromarray(alpha).save(masks[index])  # grey, while the masks of the stub are RGB
+        Image.fromarray(alpha).save(masks[index])  # this mask is grey; those of the stub are RGB
         color.save(path)
     scene = read_scene(dtu, resolution=1)
     assert (scene.mask_source, len(scene.masks)) == ("mask_folder", 2)

@@ -26,13 +26,13 @@ if TYPE_CHECKING:
 NEAR = float(np.float32(0.01))
 # Steps per pixel of the grid that projected corners are snapped to.
 UNITS = 4096
-# Distance of the guard band from the image's corner, in grid steps. Triangles are clipped to it, so that
-# products fit into 64 bits.
+# The guard band extends this many grid steps from the corner of the image. Triangles are clipped to it, so
+# that products fit into 64 bits.
 GUARD = 0.75 * 2**29
 
 
 class Pixels(NamedTuple):
-    """The n pixels that a face covers: rows, columns, 1 / z, corner weights (n, 3) and rays (n, 3)."""
+    """The n pixels that a face covers: their rows, columns, 1 / z, corner weights (n, 3) and rays (n, 3)."""
 
     y: NDArray[np.int64]
     x: NDArray[np.int64]
@@ -82,7 +82,7 @@ def render_standard(
         corners = corners[order]
         rows = {"vertex": corners, "face": np.full(3, face), "corner": 3 * face + order}[domain]
         near = nearest_corner(local[corners])
-        # Rotated afterwards, because differences of stored positions are exact.
+        # The normal is rotated afterwards, because differences of stored positions are exact.
         normal = np.cross(*(points[np.delete(corners, near)] - points[corners[near]])) @ turn_normals
         for y, x, depth, weights, rays in cover_pixels(local[corners], normal, camera):
             wins = depth > nearest[y, x]  # faces ascend, so the lowest number wins at equal depths
@@ -134,8 +134,8 @@ def cover_pixels(corners: Reals, normal: Reals, camera: Camera) -> Iterator[Pixe
 def nearest_corner(corners: Reals) -> int:
     """Return the index of the corner of a face (3, 3), in camera coordinates, nearest to the camera.
 
-    From a corner that is a million times farther away, both edges have nearly the same direction, and their
-    cross product would not give the face's plane.
+    At a corner that is a million times farther away, both edges have nearly the same direction. Their cross
+    product would not give the face's plane.
     """
     return int(np.argmin(np.abs(corners).max(axis=1)))
 
@@ -230,15 +230,16 @@ class Surface:
         return np.asarray(light * (weights @ self._tint[3 * face + order]))
 
     def is_there(self, light: Reals) -> NDArray[np.bool_]:
-        """Return a mask (n,): whether the alpha of each sample in `light` (n, 4) reaches the cutoff."""
+        """Return a mask (n,) of the samples in `light` (n, 4) whose alpha reaches the cutoff."""
         cutoff = self._textured.sampler.alpha_cutoff
         return np.ones(len(light), bool) if cutoff is None else light[:, 3] >= cutoff - ROUNDING
 
 
 def steps_at(corners: Reals, rays: Reals, camera: Camera) -> Reals:
-    """Return the change (n, 2, 3) of a face's corner weights at rays (n, 3) to the next pixels.
+    """Return by how much the corner weights at rays (n, 3) change to the next pixels: (n, 2, 3).
 
-    These are the derivatives at the sample: a weight is V / sum V, and each volume V is affine on the screen.
+    The changes are the derivatives at the sample. A weight is V / sum V, and each volume V is affine on the
+    screen.
     """
     normals = np.cross(corners[[1, 2, 0]], corners[[2, 0, 1]])
     if corners[0] @ normals[0] < 0:

@@ -53,7 +53,7 @@ def blend_columns(alphas: np.ndarray, colors: np.ndarray, depths: np.ndarray, ru
     ("faces", "scale"), [(1, 1.0), (7, 1.0), (32, 0.3), (33, 0.5), (100, 0.1), (500, 0.02)]
 )
 def test_composite_equals_the_loop(rule: Rule, faces: int, scale: float) -> None:
-    """Bit-identical, also for more faces than are evaluated at once, and samples that stop early or late."""
+    """Bit-identical, even if there are more faces than are evaluated at once, or samples stop early."""
     rng = np.random.default_rng(faces)
     alphas = np.minimum(rng.random((faces, 16)) * scale, 0.99).astype(F)
     alphas[rng.random(alphas.shape) < 0.3] = 0
@@ -133,7 +133,7 @@ def test_depths_are_compared_as_float32() -> None:
 
 
 def test_rectangles_with_a_product_of_zero_are_empty() -> None:
-    """The official kernels multiply unsigned extents: one turned inside out both ways is not empty."""
+    """Official kernels multiply unsigned extents, so a rectangle with two negative extents is not empty."""
     low, high = np.array([[0, 0], [1, 0], [3, 2]]), np.array([[1, 2], [1, 2], [0, 0]])
     np.testing.assert_array_equal(Rectangles(low, high).empty, [False, True, False])
     listed = list(tiles_front_to_back(Rectangles(low, high), np.ones(3, F), np.ones(3, bool), 40, 40))

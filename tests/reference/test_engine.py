@@ -1,4 +1,4 @@
-"""How an engine samples triangles, against a linear system solved for every sample."""
+"""Compare how an engine samples triangles with a linear system that is solved for every sample."""
 
 from typing import Any
 
@@ -40,7 +40,7 @@ def rays(camera: Any) -> np.ndarray:
 @pytest.mark.parametrize("camera", CAMERAS)
 @pytest.mark.parametrize("incentre", [True, False])
 def test_fragments_are_where_rays_meet_triangles(camera: Any, incentre: bool) -> None:
-    """Pixel centres are at half-integers, depth and barycentrics are exact, the near plane clips."""
+    """Pixel centres are at half-integers, depths and barycentrics are exact, and the near plane clips."""
     triangles = around_the_camera(int(incentre))
     shapes = project(triangles, camera, incentre)
     rows, columns = (axis.ravel() for axis in np.mgrid[0 : camera.height, 0 : camera.width].astype(F))
@@ -66,7 +66,7 @@ def test_fragments_are_where_rays_meet_triangles(camera: Any, incentre: bool) ->
         assert (columns[inside] // 16 < high[0]).all()
         assert (rows[inside] // 16 >= low[1]).all()
         assert (rows[inside] // 16 < high[1]).all()
-        # The window, measured on the triangle itself.
+        # The window of the coverage, measured on the triangle in space.
         points = barycentrics[:, inside].T @ corners
         if incentre:
             sides = np.roll(corners, -1, axis=0) - corners
@@ -120,7 +120,7 @@ def test_triangles_of_two_dts_are_enlarged_to_contain_their_coverage(gamma: floa
 @pytest.mark.parametrize("method", SPLATTING)
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
 def test_colors_are_interpolated_on_the_triangle(method: str, dtype: type) -> None:
-    """A tilted triangle with a colour per corner; for methods with face colours, its depth is tested."""
+    """A tilted triangle with a colour per corner. If the method has face colours, its depth is tested."""
     corners = np.array([[-1.5, -1, 2], [1.5, -1, 2], [0, 2.5, 8]], np.float32)
     rows = 3 if method == "mesh_splatting" else 1
     colors = np.concatenate(
@@ -198,7 +198,7 @@ def test_without_order_faces_are_blended_as_stored(method: str) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("method", ["two_dts", "triangle_splatting"])
 def test_without_tiles_faces_are_visible_everywhere(method: str) -> None:
-    """A single triangle, which its official tiles cut off."""
+    """The official tiles cut off parts of the only triangle."""
     cut = False
     for seed in range(30):
         asset = soup(method, random_triangles(seed, 1, 1.5), opacity=np.full(1, 4, np.float32))
@@ -216,7 +216,7 @@ def test_without_tiles_faces_are_visible_everywhere(method: str) -> None:
     "view", [v for v in golden_views("diffsoup") if v.name.startswith("soup")][:2], ids=names
 )
 def test_diffsoup_in_an_engine_matches_its_official_viewer(view: View) -> None:
-    """The web export in a rasterizer; clipped triangles cover a fifth of this view's pixels."""
+    """A rasterizer drew the web export. Clipped triangles cover a fifth of the pixels in this view."""
     with np.load(view.folder / "viewer_views.npz") as file:
         viewer_image = file[f"v{view.name[-1]}_viewer_image"]
     asset = exported(view.folder / "web_export" / view.folder.name)

@@ -1,4 +1,4 @@
-"""DiffSoup's reference against the official evaluator's images and buffers, and the viewer's 8-bit images."""
+"""DiffSoup's reference against the official evaluator's images and buffers, and the viewer's images."""
 
 import numpy as np
 import pytest
@@ -31,7 +31,7 @@ def test_float32_repeats_the_official_kernels(view: View) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("view", VIEWS, ids=names)
 def test_float64_sees_the_same_faces(view: View) -> None:
-    """The key of the depth test is float32 by definition, so close depths also tie in float64."""
+    """The depth key is float32 by definition, so nearly equal depths count as equal even in float64."""
     frame, stored = view.render(np.float64), view.stored
     same = frame.raw["tri_id"] == stored["tri_id"]
     assert same[stored["stable"]].all()
@@ -75,7 +75,7 @@ def test_the_web_export_matches_the_official_viewer(view: View) -> None:
     if not view.name.startswith("soup"):
         assert (hit != drawn).sum() <= 2
         assert same.mean() > 0.999
-    # Decoding the viewer's features gives its colours up to the final rounding to bytes.
+    # Decoding the viewer's features gives the viewer's colours, except for their final rounding to bytes.
     features = (target[both] / np.float32(255)).astype(np.float32)[same]
     colors = decode(view.web, features, frame.raw["sh"][both][same])
     assert worst(colors, viewer_image[both][same]) <= 0.5 / 255 + 1e-4

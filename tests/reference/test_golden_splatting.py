@@ -37,7 +37,7 @@ def test_float64_differs_by_rounding(view: View) -> None:
 
 @pytest.mark.parametrize("view", TWO_DTS, ids=names)
 def test_depth_equals_the_official_depth_without_background(view: View) -> None:
-    """With one sample per pixel the expected depth can be computed from the official buffers."""
+    """With one sample per pixel, official buffers are enough to compute the expected depth."""
     if view.settings["render_up_scale"] > 1:
         assert view.frame.raw["depth"].shape == tuple(2 * side for side in view.frame.depth.shape)
         return

@@ -14,7 +14,7 @@ F = np.float32
 
 
 def test_harmonics_are_orthonormal() -> None:
-    """Over the sphere, by a quadrature that is exact for products of degree 3."""
+    """Integrate over the sphere with a quadrature that is exact for products of functions of degree 3."""
     nodes, weights = np.polynomial.legendre.leggauss(8)
     angles = 2 * np.pi * np.arange(16) / 16
     z, phi = (grid.ravel() for grid in np.meshgrid(nodes, angles, indexing="ij"))
@@ -70,7 +70,7 @@ def test_resize_is_exact_for_linear_images(scale: int) -> None:
 
 @pytest.mark.parametrize("level", [0, 1, 2, 5])
 def test_lattices_are_linear_between_their_nodes(level: int) -> None:
-    """Sample s(s + 1)/2 + y is the node (x, y) with s = x + y; linear lattices are reproduced exactly."""
+    """Sample s(s + 1)/2 + y is the node (x, y) with s = x + y. Linear lattices are interpolated exactly."""
     side = 2**level
     count = (side + 1) * (side + 2) // 2
     lattice = np.zeros((2, count, 1))

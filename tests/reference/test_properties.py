@@ -63,7 +63,7 @@ def test_shapes_and_dtypes(
 @pytest.mark.slow
 @variants
 def test_order_of_the_faces_does_not_matter(method: str, settings: dict[str, Any]) -> None:
-    """Except at equal depths, which do not occur here."""
+    """This does not hold for equal depths, which do not occur here."""
     triangles = random_triangles(4, size=0.5)
     asset = soup(method, triangles)
     order = np.random.default_rng(0).permutation(len(triangles))
@@ -81,7 +81,7 @@ def test_order_of_the_faces_does_not_matter(method: str, settings: dict[str, Any
 
 @pytest.mark.parametrize(("method", "settings"), VARIANTS[:-2])
 def test_ties_go_to_the_lower_index(method: str, settings: dict[str, Any]) -> None:
-    """If two faces coincide, the first is in front, whatever its colour."""
+    """If two faces coincide, the first one is in front, whatever its colour is."""
     triangle = np.float32([[-2, 2, 3], [2, 2, 3], [0, -2.5, 3]])  # a front face: back_culling keeps it
     rows = 3 if method == "mesh_splatting" else 1
     red, green = constant_color(rows, (1, 0, 0)), constant_color(rows, (0, 1, 0))
@@ -134,12 +134,13 @@ def test_both_orders_of_f_rest_are_read(method: str) -> None:
 
 @pytest.mark.parametrize(("method", "settings"), [case for case in VARIANTS if case != ("diffsoup", {})])
 def test_a_small_face_appears_where_the_camera_projects_it(method: str, settings: dict[str, Any]) -> None:
-    """Also with off-centre principal points; pixel centres are at half-integers.
+    """This also holds with off-centre principal points. Pixel centres are at half-integers.
 
     DiffSoup's COLMAP layout has the opposite sign of cy, which the next test covers.
     """
     center = np.array([0.31, -0.22, 3.0])
-    # 2DTS triangles extend beyond their edges; other methods drop tiny triangles, so theirs are larger.
+    # Triangles of 2DTS extend beyond their edges. Other methods drop tiny triangles, so theirs are larger
+    # here.
     size = 0.1 if method == "two_dts" and "rasterizer" not in settings else 1.0
     triangle = center + size * np.array([[-0.3, 0.2, 0], [0.3, 0.2, 0], [0, -0.4, 0]])
     opaque = {"features.opacity": np.ones((1, 6), np.float32)} if method == "diffsoup" else {}
@@ -163,7 +164,7 @@ def test_diffsoup_keeps_the_sign_of_cy_of_its_colmap_layout() -> None:
 
 @pytest.mark.parametrize("method", SPLATTING)
 def test_moving_the_principal_point_by_whole_tiles_moves_the_image(method: str) -> None:
-    """The shift affects only the mapping to pixels: same faces, same falloff, at another position."""
+    """The shift only affects the mapping to pixels: faces and falloff are the same at another position."""
     asset = soup(method, random_triangles(8), degree=2)
     settings = {"supersample": 2} if method == "mesh_splatting" else {}
     first = render_reference(asset, front_camera(48, 48), (0, 0, 0), settings, np.float64)

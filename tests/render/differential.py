@@ -1,4 +1,4 @@
-"""The difference between a renderer's frame of a random case and the NumPy reference, without rounding.
+"""Compare a renderer's frame of a random case with the NumPy reference, ignoring differences by rounding.
 
 The dedicated tier is compared with the float32 reference, the standard tier with its float64 twin. A
 difference is explained by rounding if the reference changes in the same way when it runs in another
@@ -28,8 +28,10 @@ from tests.render.frames import frame_of
 from tests.render.random_cases import STANDARD, Case
 
 OFF = 2e-3
-"""Tolerance: absolute, or for planes with values above 1 relative to the largest value. Rounding explains a
-difference if it moves the reference by a quarter of the tolerance."""
+"""The tolerance: absolute, but relative to the largest value for planes with values above 1.
+
+Rounding explains a difference if it moves the reference by a quarter of the tolerance.
+"""
 MOVES = 16
 """Largest number of reference frames with moved corners."""
 ROUNDING = 2.0**-21
@@ -107,7 +109,7 @@ def reference_frame(case: Case, dtype: type[Any] = np.float32) -> ReferenceFrame
 def move_vertices(case: Case, seed: int) -> Case:
     """Return `case` with vertices moved by rounding errors; coincident vertices stay coincident.
 
-    The positions are then float64, which only references accept.
+    The moved positions are float64, which only references accept.
     """
     positions = case.asset.buffers["positions"].astype(np.float64)
     places, numbers = np.unique(positions, axis=0, return_inverse=True)
@@ -119,8 +121,8 @@ def move_vertices(case: Case, seed: int) -> Case:
 def standard_twin(case: Case, seed: int | None = None) -> ReferenceFrame:
     """Return the frame of `case` as an opaque mesh, rendered by the NumPy twin of the standard tier.
 
-    With a seed every face is moved separately, because each rounds its depths separately; coincident faces
-    stay coincident.
+    With a seed every face is moved separately, because the depths of each face are rounded separately.
+    Coincident faces stay coincident.
     """
     buffers, samples = case.asset.buffers, case.options["supersample"]
     positions, indices = buffers["positions"].astype(np.float64), buffers["indices"]
@@ -163,7 +165,7 @@ def snapping(points: NDArray[np.float64], camera: Camera, random: np.random.Gene
 
 
 def fields_apart(frame: Any, wanted: ReferenceFrame, limit: float = OFF) -> dict[str, NDArray[np.bool_]]:
-    """Return field -> mask of the pixels (H, W), or faces, that differ between `frame` and `wanted`.
+    """Return for each field a mask of the pixels (H, W) or faces that differ between `frame` and `wanted`.
 
     Fields that `frame` does not have are omitted.
     """
@@ -182,7 +184,7 @@ def fields_apart(frame: Any, wanted: ReferenceFrame, limit: float = OFF) -> dict
 
 
 def apart(values: Any, right: Any, limit: float) -> NDArray[np.bool_]:
-    """Return a mask (H, W): whether two arrays (H, W, ...) differ by more than `limit`, or one is NaN.
+    """Return a mask (H, W) of pixels where two arrays (H, W, ...) differ by more than `limit`, or one is NaN.
 
     If the largest number of `right` is above 1, the limit is relative to it.
     """

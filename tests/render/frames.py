@@ -24,7 +24,7 @@ def frame_of(
 
 
 def assert_near(frame: Any, wanted: Any) -> None:
-    """Assert that the same faces are visible, and at most 0.2 % of the pixels differ by more than 1e-4."""
+    """Assert that the same faces are visible; at most 0.2 % of the pixels may differ by more than 1e-4."""
     np.testing.assert_array_equal(frame.visible, wanted.visible)
     for name in FIELDS:
         values, right = getattr(frame, name), getattr(wanted, name)

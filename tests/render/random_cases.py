@@ -1,7 +1,8 @@
 """Random cases for property tests of renderers: one seed gives a model, settings, camera and background.
 
 Difficult values are likely: settings at their limits, images of one pixel, principal points far off the
-middle, fields of view from 1 to 170 degrees, faces that coincide, have no area or are all behind the camera.
+middle, and fields of view from 1 to 170 degrees. Faces may coincide, have no area, or all be behind the
+camera.
 """
 
 from dataclasses import dataclass
@@ -38,13 +39,13 @@ KINDS = (
 )
 """Kinds of triangle sets; `draw_triangles` generates them."""
 STANDARD = "standard"
-"""In place of a method: any asset that the standard tier supports."""
+"""This replaces the name of a method for assets of any kind that the standard tier supports."""
 FACES = 90
 
 
 @dataclass(frozen=True)
 class Case:
-    """A random case. Its `str` identifies it; the buffers follow from the seed."""
+    """A random case. The `str` of a case identifies it, because the buffers follow from the seed."""
 
     method: str
     seed: int
@@ -134,7 +135,7 @@ def draw_camera(random: Random, *, aligned: bool) -> Camera:
     width, height = (int(random.choice([1, 2, 15, 16, 17, 33, 48, random.integers(3, 60)])) for _ in "xy")
     if aligned:
         return Camera(width, height, 32.0, 32.0, width / 2, height / 2, np.eye(4))
-    # Half a field of view of 0.5 to 85 degrees; pixels up to three times as wide as high.
+    # Half of the field of view is 0.5 to 85 degrees. Pixels are up to three times as wide as high.
     focal = max(width, height) / 2 / np.exp(random.choice([0.0, random.uniform(-4.5, 2.4)]))
     ratio = float(np.exp(random.choice([0.0, random.uniform(-1, 1)])))
     middle = np.array([width, height]) / 2

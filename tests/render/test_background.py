@@ -27,7 +27,7 @@ def cameras(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def list_backgrounds(msb: Msb, asset: Path, cameras: Path, out: Path, *more: str) -> dict[str, list[float]]:
-    """Return command -> the background over which it renders."""
+    """Return for each command the background over which it renders."""
     views = ("--cameras", cameras, *more)
 
     def read_background(command: str, *args: object) -> Any:

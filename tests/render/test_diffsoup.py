@@ -15,7 +15,7 @@ from tests.render.frames import frame_of
 
 VIEWS = golden_views("diffsoup")
 TAME = [view for view in VIEWS if not view.name.startswith("soup")]
-"""Views without triangles that cross the camera plane, which the viewer clips and the evaluator drops."""
+"""Views without triangles that cross the camera plane: the viewer clips those, the evaluator drops them."""
 
 
 def draw(device: Device, view: View, web: bool = False, **options: Any) -> Frame:
@@ -65,12 +65,12 @@ def test_outputs_select_the_parts_of_a_frame(device: Device, view: View) -> None
 @pytest.mark.slow
 @pytest.mark.parametrize("view", TAME, ids=names)
 def test_official_viewer(device: Device, view: View) -> None:
-    """The viewer's render targets and colours: features are bytes in textures and after interpolation."""
+    """In the viewer features are bytes, both in textures and after interpolation."""
     frame = draw(device, view, web=True, viewer=True)
     viewer_image = view.viewer["viewer_image"]
     hit = view.kernel_rows(frame.alpha) > 0
     levels = np.abs(np.rint(255 * view.kernel_rows(frame.image)) - viewer_image.astype(int)).max(-1)
-    assert (levels <= 1).mean() > 0.998  # a few pixels at edges, and noise where features differ by a level
+    assert (levels <= 1).mean() > 0.998  # pixels at edges, and noise in features
     assert (levels == 0).mean() > 0.99
     if "gbuf_a" in view.viewer:
         target = np.concatenate([view.viewer["gbuf_a"], view.viewer["gbuf_b"][..., :3]], axis=-1)

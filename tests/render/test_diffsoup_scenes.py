@@ -29,8 +29,8 @@ def device(request: pytest.FixtureRequest) -> Iterator[Device]:
 def soup(seed: int) -> tuple[np.ndarray, np.ndarray]:
     """Return triangles of all sizes in front of, across and behind the camera, with shared vertices.
 
-    Some are duplicated, with the same and with rotated vertex order, some are stacked closer than the depth
-    key resolves, some are slivers, and some have no area.
+    Some triangles are duplicated, with the same or a rotated vertex order. Some are stacked more closely than
+    the depth key can resolve. Some are slivers, and some have no area.
     """
     rng = np.random.default_rng(seed)
     center = rng.normal(0, 1, (150, 1, 3)) * (1.5, 1.2, 3) + (0, 0, 4)
@@ -69,7 +69,7 @@ def test_reference(device: Device, level: int, quantised: bool) -> None:
     expected = render_reference(asset, seen_by, (0.25, 0.5, 0.75))
     assert (expected.face_id >= 0).mean() > 0.3
     same = frame.face_id == expected.face_id
-    if device.record.correctly_rounded:  # then all operations before the decoder match the reference exactly
+    if device.record.correctly_rounded:  # then everything before the decoder matches the reference exactly
         assert same.all()
         assert frame.raw["num_fragments"] == expected.raw["num_fragments"]
         for name in ("mvp", "mvp_inv", "bary01", "depth", "features", "sh"):

@@ -18,7 +18,7 @@ IMAGE = (RANDOM.random((31, 46, 3)) * 1.4 - 0.2).astype(np.float32)
 def test_bytes_are_rounded_half_up_as_the_specs_state() -> None:
     levels = np.arange(256, dtype=np.float32) / np.float32(255)
     np.testing.assert_array_equal(to_bytes(levels), np.arange(256))
-    # Half a level rounds up; round-half-even would round only every second one up.
+    # Half a level is always rounded up. With round-half-even, every second half would be rounded down.
     halves = ((np.arange(255) + 0.5) / 255).astype(np.float32)
     expected = np.floor(halves * np.float32(255) + np.float32(0.5)).astype(np.uint8)
     np.testing.assert_array_equal(to_bytes(halves), expected)

@@ -43,7 +43,7 @@ def model(method: str, faces: int = 600) -> Asset:
 
 
 def draw(asset: Asset, device: Device, outputs: Any = "all") -> tuple[dict[str, int], dict[str, int]]:
-    """Draw a frame; return purpose -> bytes of the model, and of the frame."""
+    """Draw a frame; return the bytes by purpose, of the model and of the frame."""
     renderer = dedicated_renderer(asset, device=device, outputs=outputs)
     try:
         model = device.memory()
@@ -66,7 +66,7 @@ def rejection(asset: Asset, device: Device) -> tuple[DeviceError | None, str]:
 @pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 def test_buffers_that_do_not_fit_are_named(method: str, device: Device) -> None:
-    """With growing memory, the model, projected faces, lists, samples and pixels fail in turn."""
+    """As memory grows, the model, projected faces, lists, samples and pixels fail in turn."""
     asset, whole = model(method), device.record.global_memory
     _, frame = draw(asset, device)
     uses = set()
@@ -88,7 +88,7 @@ def test_buffers_that_do_not_fit_are_named(method: str, device: Device) -> None:
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("faces", [20, 20_000], ids=["few", "many"])
 def test_no_buffer_is_larger_than_the_device_takes_at_once(method: str, faces: int, device: Device) -> None:
-    """For a large model the model's data fail, for a small one a buffer of the frame."""
+    """A large model does not fit. If the model is small, a buffer of the frame does not fit."""
     asset = model(method, faces)
     model_memory, frame = draw(asset, device)
     largest = max(frame.values())
@@ -103,7 +103,7 @@ def test_no_buffer_is_larger_than_the_device_takes_at_once(method: str, faces: i
 def test_samples_are_drawn_in_bands_that_fit(
     method: str, device: Device, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Bands give the same image as the whole raster; only raw buffers need the whole raster."""
+    """Drawing in bands gives the same image. Only raw buffers need the whole raster at once."""
     asset = model(method, 20)
     wanted = frame_of(dedicated_renderer, asset, device, CAMERA, BLACK, outputs=("normal",))
     monkeypatch.setattr(splatting, "_BAND_BYTES", {"cpu": 1 << 16, "gpu": 1 << 16})
@@ -201,7 +201,7 @@ def test_memory_counts_only_the_renderer_itself(asset: Asset, tier: Any) -> None
 @pytest.mark.slow
 @pytest.mark.parametrize("tier", TIERS)
 def test_renderers_leave_nothing_on_the_device(asset: Asset, tier: Any) -> None:
-    """Neither buffers nor programs (PoCL keeps a megabyte per program and context)."""
+    """Neither buffers nor programs stay, because PoCL keeps a megabyte per program and context."""
     device = shared_device(SELECTOR)
     msb.render(asset, SMALL, tier=tier, device=SELECTOR)
     held, programs = device.memory(), len(device._programs)

@@ -70,7 +70,7 @@ def test_draws_have_everything() -> None:
 @pytest.mark.parametrize("scale", [2, 3, 5, 7])
 @pytest.mark.parametrize("method", ["two_dts", "mesh_splatting"])
 def test_raw_buffers_at_any_scale(method: str, scale: int, cpu: Device, gpu: Device) -> None:
-    """Regression: rasters whose rows are not a multiple of tiles and pixels were read at wrong offsets."""
+    """Regression: offsets were wrong in rasters whose rows are not a multiple of tiles and pixels."""
     settings: dict[str, Any] = {"render_up_scale": scale}
     if method == "mesh_splatting":
         settings = {"supersample": scale, "opacity_floor": 0.0, "sigma": 0.5}
@@ -87,7 +87,7 @@ def test_raw_buffers_at_any_scale(method: str, scale: int, cpu: Device, gpu: Dev
 
 
 def test_depth_of_a_needle_that_leads_away(cpu: Device, gpu: Device) -> None:
-    """Regression: computed from its far corner, the depth of a plane was wrong by 0.05 %."""
+    """Regression: the depth of a plane was wrong by 0.05 %, because it was computed from the far corner."""
     corners = np.array([[-6, -2.879, 35], [-0.054, -0.1, 0.35], [-0.03, 0.12, 0.4]], np.float32)
     view = standard_scenes.camera(140, 132, 190.0)
     y, x = np.mgrid[: view.height, : view.width] + 0.5
@@ -107,7 +107,7 @@ def test_depth_of_a_needle_that_leads_away(cpu: Device, gpu: Device) -> None:
 def test_an_engine_keeps_the_same_faces_at_the_edge_of_a_sample(
     method: str, cpu: Device, gpu: Device
 ) -> None:
-    """Small faces with a box of samples that begins just after a sample."""
+    """The faces are small, and the box of each begins just after a sample."""
     camera = Camera(32, 32, 32.0, 32.0, 15.5, 15.5, np.eye(4))
     corners = np.array([[0, 0], [0.02, 0], [0, 0.02]])
     flat = 0.1 + 10.0 ** np.arange(-5.0, -2.0, 0.25)[:, None, None] - 5 + corners

@@ -121,7 +121,7 @@ def test_both_tiers_and_names_of_files(here: Here, demo_asset: Path, cameras: Pa
 
 @pytest.mark.slow
 def test_supersampling_averages_samples(here: Here, tmp_path: Path) -> None:
-    """Also for a mesh, whose method has no setting of that name."""
+    """The option also works for a mesh, whose method has no setting of that name."""
     mesh = GOLDEN / "meshes" / "synthetic_splat_small.ply"
     views = ("--turntable", "1", "--format", "npy", "-q")
     here("render", *views, "--size", "30x22", "--supersample", "2", "-o", tmp_path / "a", mesh, status=0)

@@ -19,7 +19,7 @@ from tests.render.frames import assert_same
 COUNT = 5003
 BITS = 18
 NUMBER_WORD = {"two_dts": 22, "triangle_splatting": 23, "mesh_splatting": 37}
-"""Method -> word of a face record that has the face number."""
+"""For each method, the index of the word in a face record that holds the number of the face."""
 
 
 def triangles_of_all_sizes(seed: int = 0) -> NDArray[np.float32]:
@@ -124,7 +124,7 @@ def test_spheres_contain_their_faces(pipeline: SplattingPipeline) -> None:
 def test_equal_depths_are_sorted_by_number(
     pipeline: SplattingPipeline, order: Order, different: int, device: Device
 ) -> None:
-    """Runs of two equal depths, of some, of more than are sorted in place, and one run of all."""
+    """Runs of equal depths have two faces, some faces, more faces than are sorted in place, or all faces."""
     random = np.random.default_rng(different)
     places = np.sort(random.choice(COUNT, 3001, replace=False)).astype(np.uint32)
     numbers = random.permutation(COUNT)
@@ -154,7 +154,7 @@ def test_equal_depths_are_sorted_by_number(
 def test_the_order_on_the_device_does_not_change_images(
     method: str, flat: bool, options: dict[str, Any], device: Device
 ) -> None:
-    """Frames stay bit-identical, with faces far apart or in a plane parallel to the image."""
+    """Frames stay bit-identical, also if all faces are in a plane parallel to the image."""
     random = np.random.default_rng(3)
     triangles = triangles_of_all_sizes() + np.float32([0, 0, 5])
     if flat:

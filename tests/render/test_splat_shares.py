@@ -1,4 +1,4 @@
-"""Contributions of faces to images: against the NumPy reference, and as the transpose of rendering."""
+"""Contributions of faces to images agree with the NumPy reference, and are the transpose of rendering."""
 
 from dataclasses import replace
 from typing import Any
@@ -50,7 +50,7 @@ def test_weights_match_the_reference(view: View, device: Device) -> None:
 @pytest.mark.slow
 @variants
 def test_summing_is_the_transpose_of_drawing(method: str, settings: dict[str, Any], device: Device) -> None:
-    """Rendering faces of colours c is A c, summing a picture p is A^T p, and p (A c) = c (A^T p)."""
+    """Rendering faces of colours c gives A c. Summing a picture p gives A^T p. So p (A c) = c (A^T p)."""
     asset, camera = model(method, 3, degree=0), front_camera(61, 45)
     f_dc = np.random.default_rng(1).uniform(-1.5, 1.5, (asset.manifest.face_count, 3)).astype(np.float32)
     rows = f_dc.repeat(3, axis=0) if method == "mesh_splatting" else f_dc
@@ -95,7 +95,8 @@ def test_the_heaviest_faces_match_the_reference(method: str, cpu: Device) -> Non
     wanted = sum(frame.contribution for frame in frames) / settings.get("supersample", 1) ** 2
     assert (wanted > 0).sum() > 100
     # Rounding may decide whether alpha reaches 1/255 in a sample, so faces of nearly equal weight may change
-    # places. The selected faces must have the same total weight, by the reference, as the reference's choice.
+    # places. So compare the total weight of the selected faces, measured by the reference, with that of its
+    # own selection.
     for kept in (50, 100):
         chosen, best = (np.argsort(-weights, kind="stable")[:kept] for weights in (weights_drawn, wanted))
         assert wanted[chosen].sum() >= (1 - 1e-4) * wanted[best].sum()

@@ -127,7 +127,7 @@ def test_optimisations_change_no_pixel(
 @pytest.mark.slow
 @pytest.mark.parametrize("style", ["cpu", "gpu"])
 def test_depth_keys_and_sample_positions_are_the_official_bits(style: Any) -> None:
-    """Depth keys decide the order; sample positions are double precision officially, two floats here."""
+    """Depth keys decide the order. Official sample positions are doubles, ours are pairs of floats."""
     asset, camera = model("mesh_splatting", 8), front_camera(731, 533)
     with open_styled(style) as device:
         pipeline = SplattingPipeline(asset, device=device, settings={"supersample": 3})
@@ -173,7 +173,7 @@ def test_bounding_spheres_drop_no_visible_face(
     cameras = [Camera(80, 60, 70, 75, 35.5, 31, pose), Camera(50, 120, 400, 400, 25, 60, pose)]
     settings = {"supersample": 1} if method == "mesh_splatting" else {}
     frames = [draw(asset, cpu, camera, settings, sampling=sampling) for camera in cameras]
-    no_limits = (-np.inf, 0, np.zeros(4), 1, np.inf, np.inf)  # infinite spheres, which are never culled
+    no_limits = (-np.inf, 0, np.zeros(4), 1, np.inf, np.inf)  # infinite spheres are never culled
     monkeypatch.setattr(splat_view, "_limits", lambda *_: no_limits)
     for frame, camera in zip(frames, cameras, strict=True):
         everything = draw(asset, cpu, camera, settings, sampling=sampling)

@@ -62,7 +62,7 @@ def test_single_samples_are_the_official_ones(view: View, device: Device) -> Non
 @pytest.mark.slow
 @pytest.mark.parametrize("view", [VIEWS[0], VIEWS[3], VIEWS[11], VIEWS[20]], ids=names)
 def test_outputs_do_not_change_the_image(view: View, device: Device) -> None:
-    """Different kernels are used if more outputs than image, alpha and depth are requested."""
+    """Other kernels are used if outputs besides image, alpha and depth are requested."""
     few, all_of_them = render_view(view, device, ()), render_view(view, device)
     for name in ("image", "alpha", "depth"):
         np.testing.assert_array_equal(getattr(few, name), getattr(all_of_them, name))

@@ -209,7 +209,7 @@ def test_coordinates_with_an_overflowing_sum_are_drawn(styled: Device) -> None:
 
 
 def test_supersample_is_an_option_of_the_standard_tier_only(cpu: Device) -> None:
-    """MeshSplatting's setting of the same name belongs to native rendering and has no effect here."""
+    """MeshSplatting has a setting of the same name. It belongs to native rendering and has no effect here."""
     asset = soup("mesh_splatting", random_triangles(1, 20), welded=True)
     plain = draw(cpu, asset, camera())
     with_setting = msb.render(asset, camera(), "standard", BACKGROUND, {"supersample": 2}, cpu)

@@ -87,7 +87,7 @@ def far_triangles(kind: str, size: float, random: np.random.Generator) -> NDArra
             ahead = np.cross(up, right)
             a, b, c, d = (up * random.uniform(0.3, 3) + size * (right * i + ahead * j) for i, j in CORNERS)
             near = np.concatenate([near[:4], [[a, b, c], [a, c, d]]])
-        case "strip":  # three units wide; passes the camera, and extends by `size` in both directions
+        case "strip":  # three units wide, passes the camera, and extends by `size` in both directions
             along = unit(random.normal(size=(10, 3)))
             across = 3 * unit(np.cross(along, random.normal(size=(10, 3))))
             middle = random.normal((0, 0, 3), size=(10, 3))

@@ -97,7 +97,7 @@ points = st.tuples(coordinates, coordinates)
 @settings(max_examples=100)
 @given(points, points, points, points)
 def test_rule_of_the_twin(a: Any, b: Any, c: Any, d: Any) -> None:
-    """Two triangles on either side of an edge, anywhere on the grid, with samples on edges."""
+    """Two triangles have a common edge. They are anywhere on the grid, and samples lie on their edges."""
 
     def side(p: Any) -> int:
         return (b[0] - a[0]) * (p[1] - a[1]) - (b[1] - a[1]) * (p[0] - a[0])

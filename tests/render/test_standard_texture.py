@@ -47,7 +47,7 @@ def test_textured_meshes_match_the_twin(styled: Device, case: str, every: bool) 
 
 @pytest.mark.parametrize("case", CASES)
 def test_agrees_with_another_renderer(styled: Device, case: str) -> None:
-    """Away from silhouettes, to one level of an image that Mesa's lavapipe rendered through wgpu."""
+    """Away from silhouettes, the image is within one level of an image that Mesa's lavapipe rendered."""
     asset, view = golden_scene(case)
     with np.load(ROOT / "tests/golden/textures" / f"{case.replace(' ', '_')}.npz") as kept:
         image, faces = kept["image"], kept["face_id"]

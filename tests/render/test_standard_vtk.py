@@ -14,7 +14,8 @@ from tests.render.standard_scenes import camera, draw, mesh_asset, random_colors
 
 pytestmark = [pytest.mark.slow, pytest.mark.oracle]
 
-# Draw positions.npy, indices.npy and colors.npy of a folder, unlit and without multisampling, into image.npy.
+# Draw positions.npy, indices.npy and colors.npy of a folder, and write image.npy. There is no light and no
+# multisampling.
 SCRIPT = """
 import sys
 import numpy as np
@@ -59,7 +60,8 @@ def test_images_match_vtk(cpu: Device, tmp_path: Path) -> None:
     frame = draw(cpu, mesh_asset(mesh, colors), view)
     ours = np.where(frame.alpha[..., None] > 0, frame.image, 0)
     difference = np.abs(np.round(ours * 255) / 255 - theirs).max(axis=2)
-    # VTK snaps corners to 1/256 pixel: edges may move by a pixel, interiors differ by one level of rounding.
+    # VTK snaps corners to 1/256 pixel, so edges may move by a pixel. Interiors differ by one level due to
+    # rounding.
     inner = interior(frame.face_id)
     assert inner.sum() > 1000
     assert difference[inner].max() <= 1.01 / 255

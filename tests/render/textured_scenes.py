@@ -73,6 +73,6 @@ def textured_twin(asset: Asset, view: Camera) -> ReferenceFrame:
 
 
 def golden_scene(case: str) -> tuple[Asset, Camera]:
-    """Return the asset and camera of `tests/golden/textures`: large faces with a case's textures."""
+    """Return the asset and the camera of a case in `tests/golden/textures`: large faces with textures."""
     view = replace(camera(83, 61, 70.0, (37.0, 33.5)), fx=78.0)
     return textured_asset(scene("large", 3), 4, **CASES[case]), view

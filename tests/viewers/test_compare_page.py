@@ -103,7 +103,7 @@ def test_a_browser_draws_the_same_map_and_figures(in_browser: Callable[..., Any]
     assert "no <b>time</b>" in result["side"]
     assert (result["at"], result["back"]) == (1, 2)
     assert result["clip"] == "inset(0px 0px 0px 25%)"
-    assert result["table"].count(text) == 4  # three cameras and the average
+    assert result["table"].count(text) == 4  # one row per camera (3) and one for the average
     assert result["wide"]
 
 

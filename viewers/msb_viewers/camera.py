@@ -13,7 +13,7 @@ from msb_viewers.model import ViewModel
 FOV_Y = math.radians(30)
 # Angles of the first view in radians. It shows three sides of an object, none of them edge-on.
 AZIMUTH, ELEVATION = math.radians(35), math.radians(20)
-# Distance of a view relative to the smallest distance that shows the whole mesh.
+# Distance of the first view, as a multiple of the smallest distance at which the whole mesh is visible.
 _MARGIN = 1.04
 # Distance from an element, in radii of the faces around it. These then fill about half of the window.
 _NEIGHBOURHOOD = 4.5
@@ -62,8 +62,9 @@ def element_pose(model: ViewModel, vertices: NDArray[Any], current: Pose) -> Pos
     """Return a view of an element with `vertices` (k,). If possible, no other face hides the element.
 
     The result is None if the element has no finite position. The direction is chosen among about 100
-    candidates. The first criterion is that no faces are between element and camera. Then directions are
-    preferred that see the faces at the element frontally, and that are close to the `current` view.
+    candidates. The most important criterion is that no faces are between element and camera. Among the
+    directions with the fewest such faces, those are preferred that see the faces at the element frontally,
+    and that are close to the `current` view.
     """
     if not bool(model.finite(vertices[None])[0]):
         return None
@@ -84,7 +85,7 @@ def element_pose(model: ViewModel, vertices: NDArray[Any], current: Pose) -> Pos
     normals = _normals(points[faces[nearby]].astype(np.float64))
     directions = np.concatenate([prefer[None], normals, -normals, sphere(48)])[:120]
     facing = np.abs(directions @ normals.T).mean(axis=1) if len(normals) else np.ones(len(directions))
-    # Count the faces that rays from the centre and from points near the vertices pass through, (m,).
+    # Cast rays from the centre and from points near the vertices, and count the faces that they hit, (m,).
     spots = [target, *(target + 0.7 * (points[vertices].astype(np.float64) - target))]
     triangles = points[faces[blockers]].astype(np.float64)
     hidden = sum(_hits(triangles, spot, directions, distance) for spot in spots)
@@ -98,7 +99,7 @@ def element_pose(model: ViewModel, vertices: NDArray[Any], current: Pose) -> Pos
 
 
 def component_pose(model: ViewModel, component: int, current: Pose, aspect: float) -> Pose | None:
-    """Return a view in the current direction that a component fills; None if no face of it is drawn."""
+    """Return a view in the current direction whose image a component fills; None if it has no drawn face."""
     faces = model.faces[model.faces_of(component)]
     if len(faces) == 0:
         return None
@@ -119,9 +120,9 @@ def _fitting_distance(aspect: float) -> float:
 def _may_reach(
     points: NDArray[np.float32], faces: NDArray[Any], target: NDArray[np.float64], reach: float
 ) -> NDArray[np.bool_]:
-    """Return a mask (F,) of faces that can intersect the cube of half-width `reach` around `target`."""
-    # A vertex has a bit for each side of the cube that it is beyond. If all vertices of a face have the same
-    # bit, the face is outside.
+    """Return a mask (F,) of faces that may intersect the cube around `target` with half-width `reach`."""
+    # Each vertex has six bits, one for each side of the cube. A bit is set if the vertex is beyond that side.
+    # If all vertices of a face have the same bit, the face is outside.
     code = np.zeros(len(points), np.uint8)
     for axis in range(3):
         away = points[:, axis] - np.float32(target[axis])
@@ -136,7 +137,7 @@ def _hits(
     directions: NDArray[np.float64],
     reach: float,
 ) -> NDArray[Any]:
-    """Return the number (m,) of triangles (n, 3, 3) that the ray along each unit direction (m, 3) hits.
+    """Return how many of the triangles (n, 3, 3) a ray hits, (m,), for rays along unit directions (m, 3).
 
     Rays start at `origin` and have the length `reach`.
     """
@@ -157,7 +158,7 @@ def _hits(
 
 
 def _normals(triangles: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return up to 24 unit normals of triangles (n, 3, 3) with an area."""
+    """Return up to 24 unit normals of the triangles (n, 3, 3) whose area is not 0."""
     cross = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     length = np.linalg.norm(cross, axis=1, keepdims=True)
     return np.asarray(cross[length[:, 0] > 0] / length[length[:, 0] > 0])[:24]

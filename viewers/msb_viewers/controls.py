@@ -15,9 +15,10 @@ if TYPE_CHECKING:
 _BOX = 1.02
 # Maximum distance in pixels between press and release of a click.
 _CLICK = 4
-# Priority of these handlers. It is higher than that of VTK's interactor style, which uses most keys, too.
+# Priority of these handlers. They must run before those of VTK's interactor style, because that style also
+# uses most keys.
 _FIRST = 10.0
-# Name of a key in VTK or X11, or a second key for the same action -> name in `TopologyControls.keys`.
+# Names of keys in VTK or X11, and second keys for an action -> names in `TopologyControls.keys`.
 _NAMES = {
     "[": "bracketleft",
     "]": "bracketright",
@@ -90,7 +91,7 @@ class TopologyControls:
         self.viewer.refresh()
 
     def press(self, x: int, y: int) -> bool:
-        """Store the pixel where the left button is pressed; return whether it is on the legend."""
+        """Store the pixel where the left button is pressed; return whether this pixel is on the legend."""
         self._pressed = x, y
         return self.viewer.legend_hit(x, y) is not None
 

@@ -13,8 +13,8 @@ from msb.asset.texture import Sampler
 from msb_viewers.palette import Color, unit
 
 _SHAPES = {
-    # GLSL expressions of the distance from the centre at p, a vec2 in [-1, 1]^2. The marker covers distances
-    # up to 1, and its dark rim begins just below 1.
+    # GLSL expressions for the distance of p, a vec2 in [-1, 1]^2, from the centre of a marker. The marker
+    # covers distances up to 1, and its dark rim begins just below 1.
     "disc": "length(p)",
     "diamond": "abs(p.x) + abs(p.y)",
     "square": "max(abs(p.x), abs(p.y)) * 1.05",
@@ -43,8 +43,8 @@ _TEXEL = """
   gl_FragData[0] = vec4(mix(12.92 * light, curve, step(0.0031308, light)), 1.0);
 """
 _WRAP_CODE = {
-    # GLSL code for wrapping coordinate {c} if u and v wrap differently, because VTK has one mode for both.
-    # {rim} is half a texel.
+    # GLSL code that wraps coordinate {c}. It is needed if u and v wrap differently, because VTK has a single
+    # mode for both. {rim} is half a texel.
     "repeat": "",
     "mirror": "place.{c} = clamp(1.0 - abs(mod(place.{c}, 2.0) - 1.0), {rim}, 1.0 - {rim}); ",
     "clamp": "place.{c} = clamp(place.{c}, {rim}, 1.0 - {rim}); ",
@@ -113,7 +113,7 @@ def textured(
 
     The texture is multiplied with corner colours `tint` (3n, 4), and not drawn where alpha is below `cutoff`.
     Filtering and multiplication are in linear light, as on the standard tier. One difference remains: tints
-    are decoded at each pixel, and on the standard tier at each corner.
+    are decoded at each pixel here, but at each corner on the standard tier.
     """
     from vtkmodules.vtkCommonDataModel import vtkImageData
     from vtkmodules.vtkRenderingCore import vtkTexture
@@ -182,7 +182,7 @@ def markers(points: NDArray[np.float32], color: Color, shape: str, size: float) 
 
 
 def clip(actors: Iterable[Any], box: NDArray[Any] | None) -> None:
-    """Draw only the part of the actors inside a box (3, 2), low and high per axis; None draws everything."""
+    """Draw only what is inside a box (3, 2), low and high per axis; None draws everything."""
     from vtkmodules.vtkCommonDataModel import vtkPlane
 
     planes = []

@@ -1,6 +1,6 @@
 """The fan inspector: the fans at a vertex, drawn separately in a corner of the window.
 
-A fan is a set of faces at a vertex that are connected across edges of two faces.
+A fan is a set of faces at a vertex that are connected through edges with exactly two faces.
 """
 
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ from msb_viewers.sheet import Panel, list_panel
 
 # Minimum displacement of a fan, in radii of the faces at the vertex.
 _APART = 0.6
-# Arc of the circle that each fan takes, in the same radii.
+# Length of the arc that each fan takes on the circle, in the same radii.
 _ROOM = 0.9
 # Maximum number of fans that are drawn. More would overlap; the text counts all of them.
 _MOST_FANS = 12
@@ -115,8 +115,8 @@ def _fan(
     triangles: NDArray[np.float64],
     offset: NDArray[np.float64],
 ) -> Fan:
-    """Return a fan of the faces `rows` (n,), whose `corners` (n,) are at the vertex."""
-    # The two half-edges of each face at the vertex, and the vertices at their far ends.
+    """Return a fan of the faces `rows` (n,); `corners` (n,) tells which corner of each is at the vertex."""
+    # The two half-edges that each face has at the vertex, and the vertices at their other ends.
     leaving, coming = 3 * rows + corners, 3 * rows + (corners + 2) % 3
     faces_at_edge = model.analysis.mesh.multiplicity
     edge = model.analysis.mesh.edge
@@ -139,7 +139,7 @@ def _fan(
 
 
 def _spread(directions: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return offsets (n, 2) at equal angles on a circle, in the order of the `directions` (n, 2) of the fans.
+    """Return offsets (n, 2) at equal angles on a circle, in the same order around it as `directions` (n, 2).
 
     The circle is large enough for fans of radius 1.
     """
@@ -163,7 +163,7 @@ def _frame(triangles: NDArray[np.float64], part: NDArray[Any]) -> NDArray[np.flo
     """
     if len(triangles) == 0:
         return np.eye(3)
-    # Projected area of each fan in 128 directions, relative to its area.
+    # The fraction of each fan's area that is visible as projected area, in 128 directions.
     normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     directions = sphere(128)
     seen = np.zeros((part.max() + 1, len(directions)))

@@ -30,7 +30,7 @@ _SIDE = 640
 _CLOSER = 0.9
 # Dots per inch of the file.
 _DPI = 130
-# Factor by which lines and markers are enlarged, because an image of the figure is reduced to about 400
+# Lines and markers are enlarged by this factor, because each image in the figure is reduced to about 400
 # pixels.
 _BOOST = 1.4
 

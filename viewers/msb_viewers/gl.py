@@ -37,7 +37,7 @@ NO_GL = (
 NO_DISPLAY = (
     "a window needs a display; without one use msb view --screenshot FILE.png or msb view --html FILE.html"
 )
-# Time limit in seconds. Software OpenGL on a busy machine takes a few; a driver can hang.
+# Time limit in seconds. Software OpenGL on a busy machine takes a few seconds, and a driver can hang.
 _SECONDS = 60
 
 

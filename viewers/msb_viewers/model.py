@@ -30,8 +30,8 @@ _WORST_FIRST = (
 _VISIBLE_AT_FIRST = 12_000
 # Number of vertices that are sampled for the first view.
 _FRAMING_SAMPLE = 100_000
-# The first view ignores distant vertices if the sphere of all vertices is more than this many times as wide
-# as the sphere of 95 % of them.
+# The first view ignores distant vertices if the sphere around all vertices is much larger than the sphere
+# around 95 % of them: by more than this factor.
 _FAR_OUT = 4.0
 
 
@@ -91,7 +91,7 @@ class ViewModel:
 
     @property
     def soup(self) -> bool:
-        """Whether the faces share no vertices, and there are at least two."""
+        """Whether there are at least two faces, and no two of them share a vertex."""
         return self.audit.topology == "triangle_soup" and len(self.faces) > 1
 
     @property
@@ -106,7 +106,7 @@ class ViewModel:
     def default_layers(self) -> set[str]:
         """Return the layers that are visible at first: the most severe ones, up to a number of elements.
 
-        The boundary edges of a triangle soup, which are all its edges, are never visible at first.
+        In a triangle soup all edges are boundary edges, and they are never visible at first.
         """
         visible: set[str] = set()
         total = 0
@@ -121,11 +121,11 @@ class ViewModel:
         return visible
 
     def positions(self, kind: str, *, component: int | None = None) -> NDArray[np.float32]:
-        """Return the vertex positions (n, k, 3) of the drawable elements of a layer, or of one component."""
+        """Return the vertex positions (n, k, 3) of a layer's drawable elements, in one or all components."""
         return np.asarray(self.points[self.layers[kind].vertices[self.rows(kind, component)]])
 
     def rows(self, kind: str, component: int | None = None) -> NDArray[Any]:
-        """Return the indices (n,) of the drawable elements of a layer, or of one component."""
+        """Return the indices (n,) of a layer's drawable elements, in all components or in one."""
         layer = self.layers[kind]
         keep = self.finite(layer.vertices)
         if component is not None:
@@ -160,7 +160,7 @@ class ViewModel:
 
     def size_class_of_faces(self) -> NDArray[np.uint8]:
         """Return the number of the size class of each face (F,), as in `_class_of_components`."""
-        # Component -1, of faces that list a vertex twice, uses the last entry. They are invisible.
+        # Faces that list a vertex twice have component -1, which uses the last entry. They are invisible.
         return np.asarray(np.append(self._class_of_components(), np.uint8(0))[self.face_component])
 
     def component_colors(self) -> NDArray[np.uint8]:
@@ -224,7 +224,7 @@ def _layers(analysis: Analysis, groups: dict[str, Any]) -> dict[str, Layer]:
     mesh = analysis.mesh
     layers = {}
     for kind, style in STYLES.items():
-        if kind == "degenerate_faces":  # two counts of the audit in one layer
+        if kind == "degenerate_faces":  # this layer has two counts of the audit
             both = [groups["repeated_index_faces"], groups["zero_area_faces"]]
             numbers = np.sort(np.concatenate([group.numbers for group in both]))
             vertices = mesh.faces[numbers]

@@ -17,8 +17,8 @@ from msb_viewers.palette import BACKGROUND, HIGHLIGHT, NEUTRAL, SIZE_CLASSES, si
 from msb_viewers.state import ViewState
 from msb_viewers.template import build_page
 
-# Number of faces above which the command warns. A browser needs at least 3 corners of 16 bytes per face, and
-# twice as much while it loads the page.
+# Number of faces above which the command warns. A browser needs at least 48 bytes per face (3 corners of 16
+# bytes), and twice as much while it loads the page.
 LARGE = 2_000_000
 
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True)
 class Hit:
-    """The first hit of a ray: a face, its corner nearest to the ray, and the distance along the ray."""
+    """The first hit of a ray: the face, its corner nearest to the ray, and the distance along the ray."""
 
     face: int
     vertex: int
@@ -32,7 +32,8 @@ def pick(
         return None
     direction = np.asarray(direction, np.float64)
     # Project the vertices along the ray onto a plane with two axes. Along each axis, a face that the ray hits
-    # has vertices on both sides of the ray. The code of a vertex has a bit for each axis.
+    # has vertices on both sides of the ray. The code of a vertex has a bit for each axis: the side of the
+    # ray.
     side = np.cross(direction, np.eye(3)[int(np.argmin(np.abs(direction)))])
     side /= np.linalg.norm(side)
     frame = np.stack([side, np.cross(direction, side), direction], axis=1)

@@ -156,7 +156,7 @@ def line_panel(text: str, width: int, scale: float = 1.0) -> Panel:
 
 
 def list_panel(title: str, text: str, lines: list[tuple[str, Color | None]], scale: float = 1.0) -> Panel:
-    """Return a title, a text, and lines with a colour swatch, for the fan inspector."""
+    """Return the text of the fan inspector: a title, a paragraph, and lines with a colour swatch."""
 
     def write(sheet: Sheet) -> None:
         sheet.paragraph(title, 13, bold=True)

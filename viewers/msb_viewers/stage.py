@@ -14,9 +14,10 @@ from msb_viewers.viewed_mesh import Skin, color_bytes
 
 # Maximum and minimum number of faces of a simplified mesh. A mesh with fewer faces is not simplified.
 _MOST_FACES, _LEAST_FACES = 300_000, 30_000
-# Maximum time of a frame in seconds for drawing the full mesh while the view moves: 20 frames per second.
+# While the view moves, the full mesh is only drawn if a frame takes at most this many seconds: 20 frames per
+# second.
 _FLUID_SECONDS = 0.05
-# While the view moves, a layer draws at most one element per this number of faces in the face budget.
+# While the view moves, a layer may draw as many elements as the face budget divided by this number.
 _MARKS = 5
 # Lines and markers have their full size if the median edge has at least this length in pixels.
 _FULL_SIZE = 40.0
@@ -225,7 +226,7 @@ def median_edge(model: ViewModel) -> float:
 
 
 def face_budget(faces: int, seconds: float) -> int | None:
-    """Return the number of faces to draw while the view moves, if all need `seconds`; None means all.
+    """Return the number of faces to draw while the view moves. All faces need `seconds`; None means all.
 
     >>> face_budget(1_000_000, 0.02), face_budget(1_000_000, 0.5), face_budget(4_000_000, 0.1)
     (None, 100000, 300000)
@@ -254,7 +255,8 @@ def simplify(
     if len(some) == 0:
         return some, sample
     low, high = points[some].reshape(-1, 3).min(axis=0), points[some].reshape(-1, 3).max(axis=0)
-    # A surface in a grid of n^3 cells intersects a few n^2 cells, with about four faces each.
+    # In a grid of n^3 cells a surface intersects a small multiple of n^2 cells, and has about four faces in
+    # each.
     cells = max(int(np.sqrt(target / 4)), 8)
     size = max(float((high - low).max()) / cells, 1e-9)
     # Replace each vertex by the first vertex in its cell, (V,).

@@ -45,11 +45,12 @@ class ViewState:
     model: ViewModel
     # Kinds of the visible layers.
     visible: set[str] = field(default_factory=set)
-    # The layer of the keys N and P, and the last element of each layer that they went to.
+    # The layer in which the keys N and P go to elements, and the last element that they went to in each
+    # layer.
     active: str = "nonmanifold_edges"
     cursor: dict[str, int] = field(default_factory=dict)
     coloring: Coloring = "own"
-    # The only component that is drawn, counted by size from 0; None draws all.
+    # The only component that is drawn; 0 is the largest, and None draws all.
     component: int | None = None
     # The selected element: a kind, and an index in its layer.
     element: tuple[str, int] | None = None
@@ -234,7 +235,7 @@ class ViewState:
         self.isolate(component)
 
     def isolate(self, component: int | None) -> None:
-        """Show only one component, counted by size from 0; None shows all."""
+        """Show only one component; 0 is the largest, and None shows all."""
         if component is None or not 0 <= component < len(self.model.sizes):
             self.component, self.message = None, "This component does not exist"
             return

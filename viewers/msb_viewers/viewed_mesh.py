@@ -36,11 +36,11 @@ class Skin:
 
     @property
     def cutoff(self) -> float:
-        """The product of the alphas below which nothing is drawn."""
+        """Nothing is drawn where the product of the alphas is below this value."""
         return (self.textured.sampler.alpha_cutoff or 0.0) - ROUNDING
 
     def by_texture(self, rows: NDArray[Any]) -> list[tuple[int, NDArray[Any]]]:
-        """Return the number of each texture that the faces `rows` use, with the faces (n,) that use it."""
+        """Return the textures that the faces `rows` use: the number of each texture, and its faces (n,)."""
         numbers = self.textured.face_texture
         if numbers is None:
             return [(0, rows)]
@@ -52,8 +52,8 @@ class ViewedMesh:
     """A stored mesh, whose values are not checked.
 
     For a mesh with a `skin` the `colors` are sampled at the corners, for drawing without textures. `up` is an
-    axis such as "+y", or "unknown". `notes` are messages about the drawing. `attributes` are the attributes
-    whose seams can duplicate vertices.
+    axis such as "+y", or "unknown". `notes` are messages about the drawing. `attributes` are vertex
+    attributes that can have seams, where vertices are duplicated.
     """
 
     name: str

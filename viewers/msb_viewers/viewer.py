@@ -150,7 +150,7 @@ class TopologyViewer:
             self.stage.seconds = time.perf_counter() - start
 
     def pixels_per_unit(self) -> float:
-        """Return the size of a view unit in pixels, at the distance of the point that the camera looks at."""
+        """Return the number of pixels per view unit at the distance of the point that the camera looks at."""
         return self.size[1] / (2 * max(self.pose.distance, 1e-9) * math.tan(FOV_Y / 2))
 
     # --- camera
@@ -303,7 +303,7 @@ class TopologyViewer:
         request = (self.state.vertex, self.scale)
         if request == self._fans_request and self.state.vertex is None:
             return
-        # Create the actors and the text only if vertex or scale changed.
+        # Create the actors and the text only if the vertex or the scale changed.
         if request != self._fans_request:
             text = self.inset.show(self.model, self.state.vertex, self.scale)
             if text:

@@ -61,7 +61,7 @@ class _Torch(Policy):
         return name
 
     def compressed(self, name: str, method: int, at: int) -> NoReturn:
-        """Reject a compressed member. If it is source code, which torch compresses, report the program."""
+        """Reject a compressed member. If it is source code, report that the file is a TorchScript program."""
         if _is_script(name):
             _refuse_script(name)
         super().compressed(name, method, at)

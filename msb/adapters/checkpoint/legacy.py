@@ -3,11 +3,11 @@
 `torch.save` can still write this layout on request.
 
 The file has five pickles: a magic number, the number 1001, properties of the machine, the saved value, and
-the list of storage keys in the order of the file. The storages follow. Each begins with its number of
-elements in 64 bits, and then has the elements. The position of a storage depends on the types of the storages
-before it, which are stated in the pickle of the saved value. So this pickle is interpreted twice: first to
-collect the storages and their types, then with their positions. Source: pytorch/pytorch
-`torch/serialization.py` (`_legacy_save`).
+the list of storage keys in the order of the file. The storages follow. Each storage is its number of elements
+(64 bits), followed by the elements. The position of a storage depends on the types of the storages before it,
+which are stated in the pickle of the saved value. So this pickle is interpreted twice: first to collect the
+storages and their types, then with their positions. Source: pytorch/pytorch `torch/serialization.py`
+(`_legacy_save`).
 """
 
 import re

@@ -13,8 +13,9 @@ import numpy as np
 from msb.adapters.checkpoint.tensors import BFloat16Array, Refusal, Storages, StorageType, rebuild_tensor
 from msb.errors import shorten
 
-# Maximum number of characters that `_codecs.encode` accepts. Valid files only use it for NumPy scalars of at
-# most 8 bytes. Without a limit a file could exhaust the memory by encoding a long text many times.
+# Maximum number of characters that `_codecs.encode` accepts. Valid files only use this function for NumPy
+# scalars of at most 8 bytes. Without a limit a file could exhaust the memory by encoding a long text many
+# times.
 MAX_ENCODED = 64
 
 
@@ -61,7 +62,7 @@ def _parameter(_: Storages, arguments: tuple[Any, ...]) -> Any:
 
 
 def _encode(_: Storages, arguments: tuple[Any, ...]) -> bytes:
-    """Return bytes that protocol 2 stores as text with a character for each byte."""
+    """Return bytes. Protocol 2 stores them as text, with a character for each byte."""
     if len(arguments) != 2 or any(type(item) is not str for item in arguments) or arguments[1] != "latin1":
         raise Refusal("CHECKPOINT_HOSTILE", "bytes must be stored as text that is encoded as latin1")
     text: str = arguments[0]
@@ -111,7 +112,8 @@ def _storage_types() -> dict[tuple[str, str], StorageType]:
     return {("torch", kind.name): kind for kind in types}
 
 
-# (module, name) -> meaning. The pairs are not joined by a dot, because different pairs could then be equal.
+# (module, name) -> meaning. Names are pairs and not texts with a dot, because two pairs could give the same
+# text.
 NAMES: dict[tuple[str, str], Function | StorageType] = {
     **_storage_types(),
     ("torch.storage", "UntypedStorage"): StorageType("UntypedStorage", None),
@@ -124,7 +126,7 @@ NAMES: dict[tuple[str, str], Function | StorageType] = {
     ("_codecs", "encode"): Function("encode", _encode),
 }
 
-# Names in `torch._utils` -> unsupported kinds of tensors, for a clear message.
+# Names in `torch._utils` -> kinds of tensors that are not supported. Messages name the kind.
 OTHER_TENSORS = {
     "_rebuild_tensor": "in the format before torch 0.4",
     "_rebuild_tensor_v3": "of a type with untyped storage (uint16, float8, ...)",

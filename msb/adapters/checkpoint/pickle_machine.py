@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 # adds 10,000. An instruction can need some hundred bytes (an empty dict, a tensor), so this also limits the
 # memory to some hundred MiB.
 MAX_OPCODES = 1_000_000
-# Maximum number of memo entries: half of MAX_OPCODES, because an entry needs an instruction for its value and
-# another one to store it.
+# Maximum number of memo entries: half of MAX_OPCODES, because each entry needs two instructions, one for its
+# value and one to store it.
 MAX_MEMO = 500_000
 # Maximum size of an integer in bytes. Sizes and seeds are shorter; the magic number of torch has 10 bytes.
 MAX_INTEGER_BYTES = 16
@@ -50,7 +50,8 @@ class _Machine:
         # For each open mark, the stack below it.
         self.below: list[list[Any]] = []
         self.memo: dict[int, Any] = {}
-        # id -> dictionary that was an OrderedDict. Only these can have attributes.
+        # The dictionaries that were OrderedDicts in the file, by id. Only such dictionaries can have
+        # attributes.
         self.ordered: dict[int, dict[Any, Any]] = {}
 
     def run(self) -> Any:
@@ -200,7 +201,7 @@ class _Machine:
             text = f"keys and values are added to a {type(target).__name__}; a dict and pairs are needed"
             raise Refusal("CHECKPOINT_HOSTILE", text)
         for key, value in zip(items[::2], items[1::2], strict=True):
-            # Only types with a fast hash: hashing a nested tuple can take 2^50 steps.
+            # Keys must have types with a fast hash, because hashing a nested tuple can take 2^50 steps.
             if type(key) is not str and not (type(key) is int and -(1 << 63) <= key < 1 << 63):
                 text = f"a key is a {type(key).__name__}; text and 64-bit integers are supported"
                 raise Refusal("CHECKPOINT_FORM", text)
@@ -307,7 +308,8 @@ INSTRUCTIONS: dict[int, Callable[[_Machine], None]] = {
     0x94: lambda m: m.put(len(m.memo), memoize=True),  # MEMOIZE
     0x93: _Machine.name_from_stack,  # STACK_GLOBAL
 }
-# Byte -> first protocol with the instruction. All other instructions belong to protocol 2 or earlier.
+# The first protocol that has an instruction, by the byte of the instruction. All other instructions belong to
+# protocol 2 or earlier.
 _SINCE = dict.fromkeys(b"\x42\x43", 3) | dict.fromkeys(b"\x95\x8c\x8d\x8e\x94\x93", 4)
 
 

@@ -58,7 +58,7 @@ def _read(view: memoryview) -> Any:
 
 
 def _unknown_file(view: memoryview, head: bytes) -> Refusal:
-    """Return the error for a file with neither layout, with its kind if that is known."""
+    """Return the error for a file with neither layout; it names the kind of file if that is known."""
     if not head:
         return Refusal("CHECKPOINT_DAMAGED", "the file is empty")
     if head[257:262] == b"ustar":
@@ -89,8 +89,8 @@ def _is_safetensors(view: memoryview, head: bytes) -> bool:
 class _Node:
     """A container on the path from the root.
 
-    `rest` iterates over the values that were not visited yet. Of the visited part, `height` is the number of
-    levels and `count` the number of values.
+    `rest` iterates over the values that were not visited yet. `height` and `count` are the numbers of levels
+    and values among those already visited.
     """
 
     def __init__(self, container: Any) -> None:
@@ -140,7 +140,7 @@ def _check_structure(root: Any) -> None:
 
 
 def _check_limits(node: _Node, above: int) -> None:
-    # The outermost list was added by `_check_structure`, so every limit is one higher.
+    # `_check_structure` has wrapped the value in a list, so each limit is one higher here.
     if max(node.height, above) > MAX_DEPTH + 1:
         text = f"lists, tuples and dictionaries have more than {MAX_DEPTH} levels of nesting"
         raise Refusal("CHECKPOINT_HOSTILE", text)

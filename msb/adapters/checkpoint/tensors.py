@@ -91,7 +91,7 @@ class Extent(NamedTuple):
 
 
 class Storages:
-    """The storages of the file `view`, which are at `places` (by key), and their tensors."""
+    """The storages of the file `view` and their tensors. `places` maps keys of storages to places."""
 
     def __init__(self, view: memoryview, places: Mapping[str, Extent]) -> None:
         self.view, self.places = view, places
@@ -197,7 +197,7 @@ def _is_integers(value: Any) -> bool:
 
 
 def _check_window(storage: Storage, offset: int, size: tuple[int, ...], stride: tuple[int, ...]) -> Window:
-    """Check that a window is inside its storage; return it with strides that NumPy accepts."""
+    """Check that a window is inside its storage; return the window with strides that NumPy accepts."""
     where = f"a tensor in storage {storage.key}"
     if len(size) > MAX_AXES or any(n < 0 for n in size) or math.prod(n or 1 for n in size) > MAX_ELEMENTS:
         text = f"{where} has {len(size)} axes of {_list(size)}; at most {MAX_AXES} axes are allowed"

@@ -1,8 +1,8 @@
 """Read DiffSoup's ``final_params.pt``, as written by its COLMAP script or its synthetic script.
 
 Layout: kenji-tojo/diffsoup at c74e35d (examples/01_mip360.py, 02_synthetic.py). Each triangle has a
-barycentric lattice of eight numbers per sample, seven features and an opacity, after their sigmoid. A small
-MLP turns the features of a pixel and its view direction into a colour.
+barycentric lattice. Each sample of it has seven features and an opacity, after their sigmoid. A small MLP
+turns the features of a pixel and its view direction into a colour.
 """
 
 from collections.abc import Sequence
@@ -21,7 +21,7 @@ from msb.errors import finding
 from msb.methods.diffsoup import FEATURES, LAYERS, MAX_LEVEL, METHOD, samples
 
 KEYS = ("Rmax", "V", "F", "feat_acc", "alpha_acc", "color_mlp")
-# Key in the state dict of the colour MLP -> shape; a weight is [out, in].
+# Key in the state dict of the colour MLP -> shape of the array. Weights have the shape [out, in].
 DECODER: dict[str, tuple[int, ...]] = {}
 for _layer, _shape in LAYERS.items():
     DECODER |= {f"{_layer}.weight": _shape, f"{_layer}.bias": _shape[:1]}
@@ -76,7 +76,7 @@ def read(place: Place, content: Content, options: Options) -> Model:
 
 
 def domains(buffers: dict[str, NDArray[Any]]) -> dict[str, Any]:
-    """Return buffer name -> domain for a DiffSoup model."""
+    """Return the domain of each buffer of a DiffSoup model."""
     return {
         name: "global" if name.startswith("decoder.") else "face"
         for name in buffers
@@ -89,8 +89,9 @@ def describe(
 ) -> Description:
     """Return the description of a DiffSoup model for its manifest.
 
-    `layout` must be among the settings; the planes depend on it and are added here. With `encoding` "sigmoid"
-    features are numbers in [0, 1]; with "lut" they are bytes of the web export, which mean value / 255.
+    `layout` must be among the settings; the near and far planes depend on it and are added here. With
+    `encoding` "sigmoid" features are numbers in [0, 1]; with "lut" they are bytes of the web export, and a
+    byte v means v / 255.
     """
     layout = str(settings.finish()["layout"].value)
     near, far = _PLANES[layout]

@@ -21,14 +21,15 @@ from msb.methods.diffsoup.adapter import DECODER, describe, direction, domains
 
 # Largest width of a look-up texture, in texels.
 MAX_WIDTH = 4096
-# Key in mlp_weights.json (a flat list, row-major [out][in]) -> key of the state dict.
+# Key in mlp_weights.json -> key of the state dict. In the JSON file, weights are flat lists in the order
+# [out][in].
 WEIGHTS = dict(zip(("W1", "b1", "W2", "b2", "W3", "b3"), DECODER, strict=True))
 
 
 def read(place: Place, content: Content, options: Options) -> Model:
     """Return the model in the folder of `place`.
 
-    Features and opacity remain the bytes of the textures, which mean value / 255.
+    Features and opacity remain the bytes of the textures, where a byte v means v / 255.
     """
     folder = place.file.parent
     for name in METHOD.bundle:
@@ -91,7 +92,7 @@ def _read_png(path: Path, faces: int) -> NDArray[np.uint8]:
                 valid = ", ".join(f"{w} x {h}" for w, h in sorted(sizes))
                 width, height = image.size
                 raise error(f"is {width} x {height}; {faces} faces need one of the sizes {valid}")
-            image.verify()  # checks all checksums, after which the file must be opened again
+            image.verify()  # checks all checksums; then the file must be opened again
         with Image.open(path, formats=("PNG",)) as image:
             return np.asarray(image)
     except CheckpointError:

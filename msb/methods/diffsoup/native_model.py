@@ -94,7 +94,7 @@ def _as_bytes(values: NDArray[Any]) -> NDArray[np.uint8]:
 
 
 def _always_opaque(opacity: NDArray[Any]) -> NDArray[np.uint8]:
-    """Return per face 1 if all samples exceed the threshold by the margin, else 0."""
+    """Return 1 for each face whose samples all exceed the threshold by the margin, and 0 for all others."""
     scale = 255 if opacity.dtype == np.uint8 else 1
     low, high = opacity.min(axis=1), opacity.max(axis=1)
     return np.asarray((low >= (THRESHOLD + _MARGIN) * scale) & (high <= 2 * scale), np.uint8)
@@ -185,7 +185,7 @@ def surface_model(asset: Asset, settings: Mapping[str, Any]) -> Surface:
 
 
 def _pack_blocks(decoder: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return the decoder as 4 x 4 blocks: by output block, then column by column; then all biases."""
+    """Return the weights of the decoder in 4 x 4 blocks, each column by column, and then all biases."""
     weights, biases, first = [], [], 0
     for outputs, inputs in LAYERS.values():
         padding = -outputs % 4

@@ -206,7 +206,7 @@ def rasterize(
 def box_pixels(
     faces: NDArray[np.int64], boxes: NDArray[np.int64]
 ) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]]:
-    """Yield face, column and row, (n,) each, of all pixels in the boxes (F, 4) of the ascending `faces`.
+    """Yield the pixels in the boxes (F, 4) of the ascending `faces`: face, column and row, (n,) each.
 
     Several faces are yielded together while they have at most `_TOGETHER` pixels; a face is never split.
     """
@@ -231,8 +231,8 @@ def pixel_boxes(
     """Return which of F triangles are dropped, and the boxes of the others.
 
     A box (F, 4) is the first and last column and the first and last row. A triangle with a corner at or
-    behind the camera plane is dropped. With `clips` its part in front is kept: its box is the whole image,
-    and the test of the NDC depth discards the part behind.
+    behind the camera plane is dropped. With `clips` its part in front of the plane is kept. Then its box is
+    the whole image, and the test of the NDC depth discards the part behind the plane.
     """
     w = corners[..., 3]
     behind = ~(w > 0)
@@ -282,7 +282,7 @@ def fragments(corners: Reals, u: Reals, v: Reals) -> tuple[Reals, Reals, Reals, 
 
 
 def interpolate(lattice: Reals, faces: NDArray[Any] | int, level: int, b0: Reals, b1: Reals) -> Reals:
-    """Return lattices (F, S, C) of `faces` at barycentric coordinates (n,), linear between three nodes.
+    """Return lattices (F, S, C) of `faces` at barycentric coordinates (n,), interpolated between three nodes.
 
     Node (x, y), at b0 = x / 2^level and b1 = y / 2^level, is sample s(s + 1)/2 + y with s = x + y.
     """

@@ -1,4 +1,4 @@
-"""Gaussian Frosting: Gaussians in a layer on a mesh, drawn as the mesh with the texture it exports."""
+"""Gaussian Frosting: Gaussians in a layer on a mesh. The exported mesh is drawn, with its texture."""
 
 from msb.methods.sugar import PHOTOGRAPHS
 from msb.registry import extracted_mesh

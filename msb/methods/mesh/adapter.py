@@ -35,7 +35,7 @@ def read(place: Place, content: Content, options: Options) -> Model:
 
 @dataclass(frozen=True)
 class ByName:
-    """The adapter of a method without an adapter module: mesh files with one of the method's file names."""
+    """The adapter of a method without an adapter module. It reads mesh files with the method's names."""
 
     method: str
 

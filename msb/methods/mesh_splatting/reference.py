@@ -21,11 +21,11 @@ from msb.reference.sh import colors_from_sh
 from msb.reference.tiles import TILE, Integers, Modes, Rectangles, grid_size, tile_number
 from msb.scenes import Camera
 
-# (windows, opacity, sigma, view) -> the tiles of each face.
+# A function of windows, opacity, sigma and view that returns the tiles of each face.
 TilesOf = Callable[[Windows, Reals, Reals, SplattingCamera], Rectangles]
 # Upper limit of alpha.
 MAX_ALPHA = 0.999
-# Samples that the tiles of a face reach beyond its corners.
+# The tiles of a face extend beyond its corners by this many samples.
 MARGIN = 5
 _RULE = Rule(blends_crossing=False, weight_first=False)
 
@@ -61,7 +61,8 @@ def render(
     positions = asset.buffers["positions"].astype(dtype)
     indices = asset.buffers["indices"]
     vertices = len(positions)
-    # Activated parameters: opacity of a face is the least of its vertices; colours and depths are per corner.
+    # Activated parameters. The opacity of a face is the least opacity of its vertices; colours and depths are
+    # per corner.
     floor = settings["opacity_floor"]
     opacity = dtype(floor) + dtype(1 - floor) * opacities(asset, vertices, dtype)
     opacity = opacity[indices].min(axis=1)

@@ -1,4 +1,4 @@
-"""MILo: Gaussians whose mesh is optimised with them, drawn as that mesh with vertex colours."""
+"""MILo: Gaussians and a mesh that are optimised together. The mesh is drawn, with vertex colours."""
 
 from msb.registry import extracted_mesh
 from msb.scenes.datasets.rules import FULL_SIZE, Rules

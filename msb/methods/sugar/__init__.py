@@ -1,4 +1,4 @@
-"""SuGaR: Gaussians on a mesh, drawn as the mesh with the texture baked from their renderings."""
+"""SuGaR: Gaussians on a mesh. The mesh is drawn, with a texture baked from renderings of the Gaussians."""
 
 from msb.registry import extracted_mesh
 from msb.scenes.datasets.rules import FAMILY, Photographs, Rules

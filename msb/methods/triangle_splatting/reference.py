@@ -90,16 +90,16 @@ def render(
 def points_seen(vertices: Reals, view_dir: str) -> Reals:
     """Return the points (F, 3) that define the view directions of triangles (F, 3 corners, 3).
 
-    "broadcast_z": (g_z, g_z, g_z), where g_z is the world z of the centroid. The official kernel intends the
-    centroid, but its expression broadcasts the last component, so trained coefficients are correct only with
-    this direction.
+    "broadcast_z": (g_z, g_z, g_z), where g_z is the world z of the centroid. The official kernel was meant to
+    use the centroid, but its expression broadcasts the last component. So trained coefficients are correct
+    only with this direction.
     """
     center = centroid(vertices)
     return np.repeat(center[:, 2:], 3, axis=1) if view_dir == "broadcast_z" else center
 
 
 def contour_tiles(windows: Windows, opacity: Reals, sigma: Reals, view: SplattingCamera) -> Rectangles:
-    """Return the tiles of the contour o phi^sigma = 0.01: the edges moved inwards, then intersected.
+    """Return the tiles of the contour o phi^sigma = 0.01: its edges are moved inwards, then intersected.
 
     Samples beyond the contour, down to alpha = 1/255, are visible only in tiles that the contour touches.
     """
@@ -122,7 +122,8 @@ def contour_tiles(windows: Windows, opacity: Reals, sigma: Reals, view: Splattin
         x = -(t * m[:, 1] - s * n[:, 1]) / determinant
         y = -(s * n[:, 0] - t * m[:, 0]) / determinant
         corner = np.stack([x, y], axis=-1)
-        # The official test compares with a double. For the last pair it is reversed, so NaN skips that pair.
+        # The official test compares with a double. For the last pair the comparison is reversed, so NaN skips
+        # that pair.
         size = np.abs(determinant).astype(np.float64)
         skipped = ~(size > MIN_DETERMINANT) if current == 0 else size < MIN_DETERMINANT
         use = ~skipped[:, None]

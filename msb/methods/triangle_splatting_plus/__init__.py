@@ -1,4 +1,4 @@
-"""Triangle Splatting+: the predecessor of MeshSplatting, with its layout and nearly its image formation."""
+"""Triangle Splatting+: the predecessor of MeshSplatting. Layout and image formation are nearly the same."""
 
 from dataclasses import replace
 

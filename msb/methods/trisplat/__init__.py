@@ -1,4 +1,4 @@
-"""TriSplat: a network that predicts triangles from a few photographs, drawn as the mesh it exports."""
+"""TriSplat: a network that predicts triangles from a few photographs. The exported mesh is drawn."""
 
 from msb.registry import extracted_mesh
 

@@ -12,7 +12,7 @@ from msb.methods.mesh import adapter as mesh
 
 
 def recognises(content: Content) -> bool:
-    """Return whether `content` is a fused mesh by name, or a PLY of 2DGS splats, which have two scales."""
+    """Return whether `content` has the name of a fused mesh, or is a PLY of splats with two scales."""
     names = content.ply_names
     if "rot_0" in names:
         return "scale_1" in names and "scale_2" not in names

@@ -1,4 +1,4 @@
-"""2DTS: triangle soups with a Gaussian-like falloff of the eccentricity, sorted and blended."""
+"""2DTS: sorted and blended triangle soups whose opacity falls off with the eccentricity like a Gaussian."""
 
 from dataclasses import replace
 

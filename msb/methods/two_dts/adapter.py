@@ -25,7 +25,8 @@ from msb.meshes.ply_table import PlyTable
 KEYS = ("_vertex", "_opacity", "_f_dc", "_f_rest")
 _CORNERS = tuple(f"{axis}{corner}" for corner in (1, 2, 3) for axis in "xyz")
 _PLY_NAMES = (*_CORNERS, "opacity", "f_dc_0", "f_dc_1", "f_dc_2")
-# Setting -> its key in section "model" of a configuration, and the official default if the key is absent.
+# For each setting: its key in the section "model" of a configuration, and the official default without this
+# key.
 _UPSTREAM: dict[str, tuple[str, Any]] = {
     "rasterizer": ("rasterizer_type", "3D"),
     "sh_degree": ("max_sh_degree", None),
@@ -42,7 +43,7 @@ _LOG_HEAD = re.compile(r"config args:[ \t]*\n=+[^\n]*=+[ \t]*\n(.*?)^=+[ \t]*$",
 
 
 def training_scene(root: Path) -> object:
-    """Return the folder of the training scene named in the configuration in `root`, or None."""
+    """Return the folder of the training scene, which the configuration in `root` names; None without one."""
     dataset = read_config(root, None)[0].get("dataset")
     return dataset.get("local_dir") if isinstance(dataset, dict) else None
 

@@ -19,7 +19,7 @@ _CHUNK = 1 << 16
 
 
 def rescale(positions: NDArray[np.float32], gamma: float) -> NDArray[np.float32]:
-    """Return triangles (3 F, 3) shrunk about their centroids, so that gamma keeps their total opacity.
+    """Return triangles (3 F, 3), shrunk about their centroids. Any gamma then gives the same total opacity.
 
     The factor is 1 / sqrt(2^b b Gamma(b)) with b = 1 / gamma, in double and rounded
     (GaodeRender/triangle-splatting: src/diff_recon/models/VanillaTS_model.py).
@@ -35,10 +35,11 @@ def rescale(positions: NDArray[np.float32], gamma: float) -> NDArray[np.float32]
 
 
 def reach(opacity: NDArray[np.float32], gamma: float) -> NDArray[np.float32]:
-    """Return slightly more than the ecc with o exp(-ecc^(2 gamma) / 2) = 1/255, at most 10.
+    """Return the eccentricity beyond which alpha is less than 1/255, or 10 if it is larger than 10.
 
-    ecc is the eccentricity: 0 at the centroid and 1 on the edges. The result is -1 if alpha is below 1/255
-    even at the centroid.
+    With the eccentricity ecc, alpha is o exp(-ecc^(2 gamma) / 2). ecc is 0 at the centroid and 1 on the
+    edges. The result is slightly increased to allow for rounding, and -1 if alpha is below 1/255 even at the
+    centroid.
     """
     with np.errstate(divide="ignore"):
         squared = 2 * np.log(255.0 * opacity.astype(np.float64)) + 1e-5

@@ -18,7 +18,7 @@ SUFFIXES = (".glb", ".ply")
 
 
 def write(asset: Asset, path: Path) -> None:
-    """Write the triangles in the scene box with an opacity above the STE threshold, as far as these are set.
+    """Write the triangles inside the scene box and above the STE threshold, if these are set.
 
     Without back culling each triangle is written twice, with both orientations.
     GaodeRender/triangle-splatting at 54c80f7: export scripts.

@@ -1,4 +1,4 @@
-"""2DTS: a triangle soup with a Gaussian-like falloff of global sharpness gamma, and two rasterizers.
+"""2DTS: a triangle soup with a Gaussian-like falloff, whose sharpness gamma is global, and two rasterizers.
 
 Sources, at 54c80f7 of GaodeRender/triangle-splatting: src/diff_recon/models/VanillaTS_model.py (activations,
 gamma rescale, threshold, up-scaling), submodules/diff-triangle-rasterization-2D and -3D: src/forward.cu,
@@ -39,7 +39,7 @@ from msb.scenes import Camera
 NEAR, FAR = 1.0, 1000.0
 # Least divisor and least area of the official kernels.
 EPS = 1e-8
-# Bounds of a triangle reach this many times as far from the centroid as its corners.
+# The bounds of a triangle are this many times as far from its centroid as its corners are.
 DILATION = 3
 # Upper limits of alpha and of the eccentricity.
 MAX_ALPHA = 0.99
@@ -111,7 +111,7 @@ def render(
 
 
 def rescale(vertices: Reals, gamma: float) -> Reals:
-    """Return triangles (F, 3, 3) shrunk about their centroids, so that gamma keeps their total opacity.
+    """Return triangles (F, 3, 3), shrunk about their centroids. Any gamma then gives the same total opacity.
 
     The factor is 1 / sqrt(2^b b Gamma(b)) with b = 1 / gamma, in double and rounded.
     """
@@ -122,7 +122,7 @@ def rescale(vertices: Reals, gamma: float) -> Reals:
 
 
 def straight_through(opacity: Reals, threshold: float) -> Reals:
-    """Return 1 for opacities above the threshold, else 0, by the official expression (1 up to one ulp)."""
+    """Return 1 for opacities above the threshold, else 0. The official expression gives 1 up to one ulp."""
     step = (opacity > opacity.dtype.type(threshold)).astype(opacity.dtype)
     return np.asarray((step - opacity) + opacity)
 
@@ -272,11 +272,11 @@ class PlanarRasterizer:
 
 
 class EngineRasterizer:
-    """Either rasterizer in an engine: hardware sampling, exact perspective, no low-pass filter.
+    """Both rasterizers as an engine samples them: by hardware, with exact perspective and no low-pass filter.
 
     Hardware generates no fragments outside a triangle, but this method's coverage extends beyond its edges.
-    So the triangles are enlarged about their centroids until they contain all of their coverage, which a
-    vertex shader can do.
+    So the triangles are enlarged about their centroids until they contain all of their coverage. A vertex
+    shader can do this.
 
     Attributes as in `AffineRasterizer`, without an official radius. `reached` (F,) is computed by `reach`.
     """
@@ -300,9 +300,10 @@ class EngineRasterizer:
 
 
 def reach(opacity: Reals, gamma: float) -> Reals:
-    """Return slightly more than the ecc with o exp(-ecc^(2 gamma) / 2) = 1/255, at most 10.
+    """Return the eccentricity beyond which alpha is less than 1/255, or 10 if it is larger than 10.
 
-    ecc is the eccentricity. The result is 0 if alpha is below 1/255 even at the centroid.
+    With the eccentricity ecc, alpha is o exp(-ecc^(2 gamma) / 2). The result is slightly increased to allow
+    for rounding, and 0 if alpha is below 1/255 even at the centroid.
     """
     squared = 2 * np.log(255 * np.maximum(opacity.astype(np.float64), 1e-300)) + 1e-5
     limit = np.maximum(squared, 0) ** (1 / (2 * gamma)) * 1.0001
@@ -317,8 +318,8 @@ def eccentricity(a1: Reals, a2: Reals, a3: Reals) -> Reals:
 def resize(raster: Reals, scale: int) -> Reals:
     """Return (s H, s W, ...) reduced to (H, W, ...) by bilinear interpolation at pixel centres.
 
-    Like torch's interpolate(mode="bilinear", align_corners=False): for scale 2 the mean of 2 x 2 samples, for
-    an odd scale the sample in the middle, for larger even scales the mean of the middle 2 x 2 samples.
+    The result is that of torch's interpolate(mode="bilinear", align_corners=False). If the scale is even, a
+    pixel is the mean of the middle 2 x 2 samples. If it is odd, a pixel is the sample in the middle.
     """
     if scale == 1:
         return raster

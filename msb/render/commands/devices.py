@@ -22,7 +22,8 @@ def devices(drawing: Annotated[RendererOptions, ("device",)], output: JsonOutput
     """List the OpenCL devices, whether each builds kernels, the default device, and the renderers.
 
     Every device is tested again. -v shows all limits and capabilities, and the workarounds that a device
-    needed. docs/opencl.md explains how to get more devices, docs/engines.md how to install missing renderers.
+    needed. docs/opencl.md explains how to get more devices, and docs/engines.md explains how to install
+    missing renderers.
     """
     from msb.cl.devices import choose_device, try_devices
     from msb.cl.loader import notes
@@ -122,7 +123,7 @@ def _list_details(device: Tried) -> Iterator[tuple[str, str]]:
 
 
 def _explain_failures(tried: list[Tried]) -> list[str]:
-    """Return for each device that does not build kernels the reason and the remedy."""
+    """Return the reason and the remedy for each device that does not build kernels."""
     return [
         f"{record.selector} does not build kernels: {trial.why}. {advice}."
         for record, trial, advice in tried

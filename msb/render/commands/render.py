@@ -224,7 +224,7 @@ def _read_scene(asset: Asset, path: Path, image_folder: str | None, output: Outp
 
 
 def _note_training(asset: Asset, scene: Scene, path: Path, output: Output) -> None:
-    """Print how the training differed from the scene, except for warnings that opening the asset printed."""
+    """Print how the training differed from the scene, but do not repeat warnings of the asset."""
     from msb.scenes.datasets import compare_training, stated_background
 
     reported = {warning.message for warning in asset.warnings}
@@ -237,8 +237,8 @@ def _note_training(asset: Asset, scene: Scene, path: Path, output: Output) -> No
 def _select_views(scene: Scene, views: ViewOptions) -> tuple[Split, list[Camera]]:
     """Return the requested cameras of a scene and their split; the default is the test views.
 
-    ``train`` selects the training views, ``all`` the training and then the test views. A camera's number
-    counts the test views first, then the training views.
+    ``train`` selects the training views, ``all`` the training and then the test views. Cameras are numbered
+    from the first test view to the last, then through the training views.
     """
     train, test = list(scene.train), list(scene.test)
     words = set(views.camera)
@@ -293,7 +293,7 @@ class _Images:
             {"camera": camera, "tier": tier, "index": f"{index:05d}"}
             for index, camera in enumerate(image_names(views))
         ]
-        # The parts at odd positions are the names in braces.
+        # Parts at odd positions are names in braces, the others are text between them.
         return ["".join(row[part] if i % 2 else part for i, part in enumerate(parts)) for row in values]
 
     def place(self, name: str, kind: str) -> Path:

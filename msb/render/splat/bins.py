@@ -1,7 +1,7 @@
 """From projected primitives to depth order and tile lists, all on the device.
 
-The host reads only two counts: the number of listed faces, and the total length of all lists, which decides
-how much memory the lists need.
+The host reads only two counts: the number of listed faces, and the total length of all lists. That length
+decides how much memory the lists need.
 """
 
 from typing import NamedTuple
@@ -84,14 +84,14 @@ class DepthSort:
         return sort_pairs(self._device, depths, places, name="splat depth sort")
 
     def _by_number(self, projected: Projected, keys: Buffer, places: Buffer) -> Buffer:
-        """Return `places` sorted by the numbers of their faces; `keys` is overwritten with these."""
+        """Return `places` sorted by the numbers of their faces; `keys` is overwritten with the numbers."""
         count = places.size
         self._program.numbers_of(count, WORK_GROUP, places, projected.faces, keys, np.uint32(count))
         bits = (projected.visible.size - 1).bit_length()
         return sort_pairs(self._device, keys, places, bits=bits, name="splat number sort")[1]
 
     def _settle(self, projected: Projected, depths: Buffer, places: Buffer) -> bool:
-        """Sort places of equal depth by face number in place; return False if a run is too long for that."""
+        """Sort runs of equal depth in `places` by face number; return False if a run is too long for that."""
         unsettled = self._device.scratch("splat unsettled", 1, np.uint32)
         unsettled.fill(0)
         arguments = depths, places, projected.faces, unsettled, np.uint32(places.size)
@@ -105,7 +105,7 @@ class DepthSort:
 def bin_faces(
     device: Device, projected: Projected, chunk: int, columns: int, rows: int, sort: DepthSort
 ) -> TileLists:
-    """Return the depth-ordered tile lists of projected faces; a work-item projected `chunk` of them.
+    """Return the depth-ordered tile lists of projected faces; each work-item projected `chunk` of them.
 
     The function waits for the device twice, to read the two counts.
     """
@@ -140,7 +140,8 @@ def _count_and_fill(
     starts = device.scratch("splat tile starts", tiles + 1, np.uint64)
     sizes = np.uint32(listed), np.uint32(chunk), np.uint32(columns), np.uint32(tiles)
     ordered = device.scratch("splat ordered tiles", (max(listed, 1), 4), np.uint16)
-    # Entries of each chunk and tile; the sums over chunks give the start of each tile's list.
+    # Count the entries of each chunk in each tile. Sums over chunks and tiles give the start of each tile's
+    # list.
     program.count_tiles(chunks, 1, order, projected.tiles, ordered, counts, *sizes)
     program.sum_tiles(tiles, WORK_GROUP, counts, totals, np.uint32(chunks), np.uint32(tiles))
     exclusive_scan(device, totals, starts, tiles)

@@ -84,17 +84,17 @@ class SplatModel:
     def pixel_samples(self) -> tuple[int, int]:
         """The first and the last sample along each axis that are averaged into a pixel.
 
-        These are all samples of the pixel (`box_mean`), or the one or two samples in its middle, which is
-        bilinear interpolation at the pixel's centre.
+        With `box_mean` these are all samples of the pixel. Otherwise they are the one or two samples in its
+        middle, which gives bilinear interpolation at the pixel's centre.
         """
         return (0, self.scale - 1) if self.box_mean else ((self.scale - 1) // 2, self.scale // 2)
 
 
 def rim(opacity: NDArray[np.float32], sigma: NDArray[np.float32] | np.float32) -> NDArray[np.float32]:
-    """Return slightly less than the phi with o phi^sigma = 1/255; 2 where alpha is smaller everywhere.
+    """Return the phi below which alpha is less than 1/255, or 2 if it is less in the whole face.
 
-    phi is 0 on the edges and 1 at the incentre of a face, o its opacity. Samples with a smaller phi are
-    skipped.
+    A face with opacity o has alpha = o phi^sigma, where phi is 0 on its edges and 1 at its incentre. Samples
+    with a smaller phi are skipped, so the result is slightly reduced to allow for rounding.
     """
     share = 1 / (255.0 * np.maximum(opacity, 1e-30).astype(np.float64))
     limit = np.where(share < 1.0001, np.float32(0), np.float32(2))
@@ -107,7 +107,7 @@ def rim(opacity: NDArray[np.float32], sigma: NDArray[np.float32] | np.float32) -
 
 
 def contour(opacity: NDArray[np.float32], sigma: NDArray[np.float32] | np.float32) -> NDArray[np.float32]:
-    """Return the phi with o phi^sigma = 0.01, rounded step by step like the official fast power."""
+    """Return the phi that solves o phi^sigma = 0.01. Each step is rounded as in the official fast power."""
     with np.errstate(divide="ignore", over="ignore"):
         power = (1 / sigma) * np.log2(np.float32(0.01) / opacity, dtype=np.float64).astype(np.float32)
         return np.asarray(np.exp2(power, dtype=np.float64), np.float32)

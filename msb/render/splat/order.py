@@ -30,10 +30,10 @@ _SIZE_BITS = 8
 _PIECE = 1 << 14
 # Placeholder for an array that a method's kernels do not read.
 _NOTHING = np.zeros(1, np.float32)
-# Largest share of the device's memory that a model may take to be sorted, because sorting needs a copy.
+# A model is sorted if it takes at most this share of the device's memory, because sorting needs a copy.
 _MODEL_SHARE = 1 / 4
 
-# Name -> array of the model that kernels read; "positions" and "indices" always exist.
+# The arrays of the model that kernels read, by name; "positions" and "indices" always exist.
 Arrays = Mapping[str, "NDArray[np.generic] | None"]
 
 _few: ContextVar[bool] = ContextVar("_few", default=False)

@@ -29,8 +29,8 @@ from msb.render.splat.order import FACE_GROUP, Arrays, keep_model, order_model
 from msb.render.splat.view import TILE, make_view, method_members
 from msb.scenes import Camera
 
-# Faces that a work-item projects. On a CPU, large enough to amortise its buffers, and small enough for many
-# more work-items than threads.
+# Faces that a work-item projects. On a CPU, more faces amortise the buffers of a work-item, but there must be
+# many more work-items than threads.
 _CHUNK = {"cpu": 4096, "gpu": 1}
 # Memory of a band of the raster in bytes: per compute unit of a CPU (the size of its cache), or in total on a
 # GPU. Planes of samples exist for one band at a time, because 4 x 4 samples of an 8K frame take 10 GB.
@@ -181,7 +181,7 @@ class SplattingPipeline(OnDevice):
 
     @in_turn
     def draw(self, camera: Camera, background: tuple[float, float, float]) -> DrawTime:
-        """Draw like `render` and wait, reading back only the two counts of the tile lists."""
+        """Draw like `render` and wait. Only the two counts of the tile lists are read back."""
         self._order_faces()
         with self._device.timing() as timing:
             self._run(camera, background)
@@ -289,7 +289,7 @@ class SplattingPipeline(OnDevice):
         return _Listed(view, projected, lists, columns, rows)
 
     def _project(self, view: Buffer) -> Projected:
-        """Queue the projection of all faces, and with vertex colours their evaluation."""
+        """Queue the projection of all faces. If colours are per vertex, queue their evaluation first."""
         count, static, device = self._count, self._static, self._device
         chunk, chunks = self._chunk, -(-count // self._chunk)
         projected = Projected(
@@ -336,7 +336,7 @@ class SplattingPipeline(OnDevice):
             yield _Band(part, first, here, first_row, last_row - first_row)
 
     def _blend(self, kernel: Kernel, seen: _Listed, band: _Band, *more: Buffer) -> None:
-        """Queue the kernel `blend`, or `share` with the buffer of its sums, for a band."""
+        """Queue the kernel `blend` or `share` for a band. `share` also needs the buffer of its sums."""
         lists = seen.view, seen.lists.starts, seen.lists.list, seen.projected.faces
         first, here = band.first_tile_row, band.tile_rows
         arguments = *lists, band.samples, np.uint32(first), np.uint32(here), *more

@@ -66,8 +66,8 @@ class Culling:
     dilation: float
     # Number of samples that a face may reach beyond that distance.
     margin: float = 2.0
-    # True: compare the largest depth of the face with `nearest`, because it is clipped. False: compare the
-    # depth of its centroid.
+    # True: compare the largest depth of the face with `nearest`, because the face is clipped. False: compare
+    # the depth of its centroid.
     clipped: bool = False
 
 
@@ -130,8 +130,8 @@ def _limits(view: NDArray[Any], culling: Culling, extent: NDArray[np.float32]) -
     tan, shift = view["tan_fov"].astype(np.float64), view["shift"].astype(np.float64)
     # Bound of the rounding error of a camera-space coordinate, in scene units.
     rounding = 16 * np.finfo(np.float32).eps * (np.abs(pose[:, :3]) @ extent + np.abs(pose[:, 3])).max()
-    # Slopes x / z and y / z of the raster's borders, with the margin. Sample x has the slope
-    # x / z = tan (2 (x - shift) + 1 - width) / width.
+    # Slopes x / z and y / z of the raster's borders, with the margin. Sample x has the slope tan(fov / 2) (2
+    # (x - shift) + 1 - width) / width.
     ends = np.array([view["columns"], view["rows"]]) * TILE
     margin = culling.margin + 0.004 * size.max()
     low, high = -margin, ends + margin

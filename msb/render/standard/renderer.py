@@ -33,17 +33,18 @@ _COARSE = 64
 _GROUP_SIZE = 64
 # Floats of a camera record in zbuffer_math.cl.
 VIEW_WORDS = 51
-# For triangles too large for one work-item: the least number of work-groups, the number per compute unit that
-# fills it, and the number of work-groups that share one huge triangle.
+# Work-groups draw the triangles that are too large for one work-item. The numbers are the least number of
+# work-groups, their number per compute unit, and the number of work-groups that share one huge triangle.
 _GROUPS, _GROUPS_A_UNIT, _ROWS = 256, 32, 16
 
 
 class StandardRenderer(OnDevice):
     """Renders any asset with static colours as an opaque mesh; docs/standard.md has the rules.
 
-    Each pixel has one sample at its centre. Faces are two-sided and clipped at a near plane of 0.01 scene
-    units, without a far plane. Colours are interpolated with perspective correction. If two faces share an
-    edge, exactly one of them covers each sample. At equal depths the face with the lowest number is visible.
+    Each pixel has one sample at its centre. Faces are two-sided. They are clipped at a near plane of 0.01
+    scene units, and there is no far plane. Colours are interpolated with perspective correction. If two faces
+    share an edge, exactly one of them covers each sample. At equal depths the face with the lowest number is
+    visible.
 
     Of the asset's settings only `ste_threshold`, which hides faces, has an effect. With `supersample` from 2
     to 16 the image is rendered that many times as wide and high, and averaged.
@@ -91,8 +92,9 @@ class StandardRenderer(OnDevice):
         """Draw the asset from `camera` over `background` (RGB, in the asset's colour space).
 
         With supersampling, image and alpha are means over the samples of a pixel; depth and face are taken
-        from its nearest sample. Without it, `out` may be a frame of this size that is no longer needed: its
-        arrays are overwritten, because the first access to new memory takes longer than the copy.
+        from its nearest sample. Without it, `out` may be a frame of this size that is no longer needed. Its
+        arrays are overwritten. This saves time, because the first access to new memory takes longer than the
+        copy.
         """
         reused = {} if out is None or self._supersample > 1 else vars(out)
         with self._device.timing() as timing:
@@ -111,7 +113,7 @@ class StandardRenderer(OnDevice):
         background: tuple[float, float, float] = (0.0, 0.0, 0.0),
         out: NDArray[np.float32] | None = None,
     ) -> NDArray[np.float32]:
-        """Return only the image, (H, W, 3) float32; without supersampling into `out`, if given."""
+        """Return only the image (H, W, 3). Without supersampling it is written into `out`, if given."""
         image = self._run(camera, background, everything=False)["image"]
         if self._supersample > 1:
             return box_mean(image.read(), self._supersample)
@@ -132,7 +134,7 @@ class StandardRenderer(OnDevice):
         everything: bool,
         view: Buffer | None = None,
     ) -> dict[str, Buffer]:
-        """Queue all commands of a frame; return field of `Frame` -> buffer.
+        """Queue all commands of a frame; return a buffer for each field of `Frame`.
 
         `view` is the camera record if it is already on the device, which avoids a wait for queued commands.
         Without `everything` only the image is computed.
@@ -239,7 +241,7 @@ class StandardRenderer(OnDevice):
 
 
 def _tile_size(width: int, height: int, processors: int) -> tuple[int, int]:
-    """Return the largest tile size that leaves several tiles per processor, to balance the load."""
+    """Return the largest size of tiles with which each processor has several tiles, to balance the load."""
     for size in _TILES:
         if -(-width // size[0]) * -(-height // size[1]) >= _TILES_PER_PROCESSOR * processors:
             return size
@@ -259,12 +261,12 @@ def view_record(camera: Camera) -> NDArray[np.float32]:
     rest = camera.center - rounded
     scale = np.array([camera.fx * _UNITS, camera.fy * _UNITS])
     rows = rotation * np.append(scale, 1.0)[:, None]
-    # Direction of a ray in the world per camera x, y and z, for the ray ((u - cx) / fx, (v - cy) / fy, 1).
+    # The ray of pixel (u, v) in world space is (u - cx, v - cy, 1) times this matrix.
     ray = inverse.T / np.array([camera.fx, camera.fy, 1.0])[:, None]
     principal = np.array([camera.cx, camera.cy])
     with np.errstate(over="ignore"):
         # The remainders of the float32 values, for the kernels' computations in double precision.
         low, ray_low = (part - part.astype(np.float32) for part in (rows, ray))
     parts = (rows, rounded, -rows @ rest, principal * _UNITS + 0.5, scale, rest, ray, principal, low, ray_low)
-    with np.errstate(over="ignore"):  # a camera 1e39 units away sees nothing
+    with np.errstate(over="ignore"):  # infinite for a camera 1e39 units away, which sees nothing
         return np.concatenate([part.reshape(-1) for part in parts]).astype(np.float32)

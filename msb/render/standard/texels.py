@@ -86,7 +86,7 @@ def put_texels(device: Device, textured: Textured, slots: int, *, tinted: bool) 
 
 
 def _add_border(image: NDArray[np.uint8], sampler: Sampler) -> NDArray[np.uint8]:
-    """Return a level with one more column and row: by the wrap mode, the texels after the last ones."""
+    """Return a level with one more column and row: the texels that follow the last ones in the wrap mode."""
     for axis, wrap in enumerate((sampler.wrap_v, sampler.wrap_u)):
         widths = [(0, 0)] * 3
         widths[axis] = (0, 1)

@@ -17,8 +17,8 @@ from msb.render.standard.texels import Texels, put_texels
 SUBPIXEL_BITS = 12
 # Floats of a triangle's record.
 WORDS = 16
-# Kinds of colours: RGBA8 per corner, or RGB per face (both in the record); RGB floats per corner in a
-# separate buffer; textures.
+# Kinds of colours: RGBA8 per corner (in the record), RGB per face (in the record), RGB floats per corner (in
+# a separate buffer), textures.
 BYTES_OF_CORNERS, FLOATS_OF_FACE, FLOATS_OF_CORNERS, TEXTURES = range(4)
 # Definitions for every program that includes zbuffer_math.cl.
 RECORD_DEFINES = {
@@ -72,7 +72,7 @@ class Triangles:
 
     @property
     def buffers(self) -> dict[str, Buffer]:
-        """Purpose -> buffer, for all buffers."""
+        """All buffers by their purpose."""
         buffers = self.records, self.colors, self.boxes, *self.textures
         return {buffer.use: buffer for buffer in buffers}
 
@@ -93,7 +93,8 @@ def make_triangles(
     """Upload the triangles of `asset` to `device` in drawing order.
 
     If they are `moving`, the sources stay on the device: write to them and call `fill`. The drawing order
-    follows the first positions; this is always correct, and fast as long as triangles stay near them.
+    follows the first positions. Moved triangles are drawn correctly in any case, and fast as long as they
+    stay near their first positions.
     """
     positions, indices = asset.buffers["positions"], asset.buffers["indices"]
     listed = select_faces(asset, settings.get("ste_threshold"))

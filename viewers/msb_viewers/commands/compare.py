@@ -90,8 +90,8 @@ def compare(
     """Compare the tiers of a model with each other and with the photographs of the dataset.
 
     Images are shown side by side, with a wipe, or as a map of their difference with the PSNR. --html writes a
-    page of all views that can switch between these layouts, --screenshot an image of the first view. Without
-    --cameras the cameras of the training are used, if they are found next to the model, otherwise a
+    page of all views, which can switch between these layouts. --screenshot writes an image of the first view.
+    Without --cameras the cameras of the training are used, if they are found next to the model, otherwise a
     turntable.
     """
     if views.cameras is None:

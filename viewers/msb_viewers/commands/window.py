@@ -51,7 +51,7 @@ class Window:
 
 
 def open_probe(window: Window) -> GlProbe | None:
-    """Start the test of OpenGL, if it is needed, and check that there is a display for a window."""
+    """Start the test of OpenGL if the outputs need OpenGL, and check that there is a display for a window."""
     from msb_viewers.gl import GlProbe, check_display
 
     if window.written == [window.html]:

@@ -21,7 +21,7 @@ _THUMBNAIL = 0.3
 class Box:
     """A rectangle of pixels, counted from the top left corner.
 
-    `right` and `bottom` are the first column and row outside.
+    `right` is the first column to the right of the rectangle, and `bottom` the first row below it.
     """
 
     left: int

@@ -24,7 +24,7 @@ from msb_viewers.palette import INK
 from msb_viewers.sheet import FAINT, text_scale
 
 _LAYOUTS = {"side": "side by side", "wipe": "wipe", "difference": "difference"}
-# Minimum width of a caption in pixels at scale 1, if the cell of a narrow image is wide enough.
+# Captions of narrow images are at least this wide, in pixels at scale 1, if the cell is wide enough.
 _LEAST_CAPTION = 300
 # Distance between lines of a caption, in pixels at scale 1.
 _LINE = 18
@@ -32,7 +32,7 @@ _LINE = 18
 
 @dataclass(frozen=True, eq=False)
 class Composition:
-    """The image (H, W, 3), and the box of each tier, of "wipe" or of "difference" in it."""
+    """The image (H, W, 3), and the boxes in it: of each tier, of "wipe" or of "difference"."""
 
     image: NDArray[np.uint8]
     pictures: dict[str, Box]
@@ -96,7 +96,7 @@ class _Composer:
             self.draw_caption(tier, Box(box.left + index * (half + gap), box.top, half, box.height))
 
     def draw_wipe(self, cell: Box) -> Box:
-        """Draw A left and B right of a divider, and return the box."""
+        """Draw the left part of A and the right part of B with a divider between them; return the box."""
         a, b = self.state.pair
         first, second = self.image_of(a), self.image_of(b)
         if first is None or second is None:

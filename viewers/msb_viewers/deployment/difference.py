@@ -17,7 +17,7 @@ ERROR_SCALE = (
 )  # fmt: skip
 # Choices for the top of the colour scale: the smallest difference, in [0, 1], with the brightest colour.
 TOPS = (1.0, 0.5, 0.25, 0.1, 0.05, 0.02)
-# The first choice of a page, and the only one of an image.
+# A page shows this choice first. An image has no other choice.
 TOP = 0.25
 
 

@@ -74,7 +74,7 @@ class Comparison:
         return tuple(tier for tier in self.tiers if tier not in self.missing)
 
     def settings_text(self) -> str:
-        """Return the settings as text, with a star at overridden ones, and the background."""
+        """Return the settings and the background as text; a star marks overridden settings."""
         from msb.asset.settings import effective_settings
 
         values = effective_settings(self.asset.manifest, self.settings)
@@ -96,7 +96,7 @@ def choose_tiers(
     *,
     baked: Asset | None = None,
 ) -> tuple[tuple[str, ...], dict[str, str]]:
-    """Return the tiers of a comparison, and the reasons why some of them have no image.
+    """Return the tiers of a comparison, and for tiers without an image the reason.
 
     By default these are all tiers, photographs if there are any, and `baked` if it is given. A reference tier
     that would take minutes is only included on request (`wanted`).

@@ -18,7 +18,7 @@ LAYOUTS: tuple[Layout, ...] = get_args(Layout)
 class CompareState:
     """The layout of a comparison.
 
-    `pair` has the tiers A and B that wipe and difference compare. PSNRs are with respect to A. If only one
+    `pair` has the tiers A and B that wipe and difference compare. PSNRs compare each tier with A. If only one
     tier has an image, A and B are the same.
     """
 
@@ -60,7 +60,7 @@ class CompareState:
 
 
 def _default_pair(comparison: Comparison) -> tuple[str, str]:
-    """Return the photographs or native rendering as A, and the baked mesh or standard tier as B."""
+    """Return the default A (photographs or native rendering) and B (baked mesh or standard tier)."""
     tiers = comparison.drawable
     first = next(tier for tier in (TRUTH, "dedicated", REFERENCE, "standard", BAKED) if tier in tiers)
     rest = [tier for tier in (BAKED, "standard", "dedicated", REFERENCE) if tier in tiers and tier != first]

@@ -37,8 +37,8 @@ def dataset_views(
     """Return a view for each camera, with its photograph if there is one.
 
     Photographs in the folder `images` have the names of the cameras, with any suffix. By default the dataset
-    gives their paths, or they are in the folder `beside`. `scale` is relative to the photographs, or to
-    cameras without photographs.
+    gives their paths, or they are in the folder `beside`. `scale` is relative to the size of the photograph,
+    or of the camera if it has no photograph.
     """
     if images is not None and not images.is_dir():
         raise UsageError("USAGE", "--image-folder: the folder does not exist", file=images)
@@ -63,7 +63,7 @@ def dataset_views(
 
 
 def _find_photograph(camera: Camera, files: SpelledFiles | None, *, by_name: bool) -> Path | None:
-    """Return the photograph of a camera: the path in the dataset, or with `by_name` one of `files`."""
+    """Return the path of a camera's photograph: the path in the dataset, or with `by_name` one of `files`."""
     from msb.metrics import IMAGE_SUFFIXES
 
     if not by_name and camera.image_path is not None:
@@ -92,7 +92,7 @@ def read_photograph(view: View, background: tuple[float, float, float]) -> NDArr
 
 
 def views_at(cameras: list[Camera], place: Path, images: Path | None, scale: float | None) -> list[View]:
-    """Return views of cameras that were read from `place`, with the photographs there or in `images`."""
+    """Return views of the cameras that were read from `place`. Photographs are in `place` or in `images`."""
     from msb.scenes.datasets import find_photographs
 
     beside = place if place.is_dir() else place.parent
