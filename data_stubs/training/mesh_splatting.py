@@ -44,9 +44,10 @@ def draw(
     with np.errstate(all="ignore"):
         windows = project_windows(as_float64(positions)[indices], view)
         o = as_float64(opacity)
-        rectangles = corner_tiles(windows, view)
+        sigma = np.full(len(o), settings["sigma"])
+        rectangles = corner_tiles(windows, o, sigma, view)
         kept = ~(windows.dropped | (o < MIN_OPACITY) | rectangles.empty)
-        planes = window_planes(windows, o, np.full(len(o), settings["sigma"]))
+        planes = window_planes(windows, o, sigma)
     order = front_to_back(windows.depth, kept)
     box = tile_box(rectangles, view.width, view.height)
     pairs = make_pairs(order, planes, box, view.width, view.height, per_pair_dtype(parameters))

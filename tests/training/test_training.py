@@ -82,7 +82,7 @@ def have_equal_parameters(first: Any, other: Any) -> bool:
 
 def test_another_training_is_not_resumed(tmp_path: Path) -> None:
     run = training(tmp_path, "two_dts")
-    with pytest.raises(UsageError, match="no state"):
+    with pytest.raises(UsageError, match="not the state of a training"):
         run.resume()
     run.save()
     with pytest.raises(UsageError, match="method"):
