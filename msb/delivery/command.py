@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class ConvertOptions:
-    """How each input is written."""
+    """The options of the output files."""
 
     to: Annotated[
         str | None, Option("For an input folder: the format to write. Default: glb.", metavar="SUFFIX")
@@ -87,8 +87,8 @@ def convert(
     data that OUT cannot store, and data of IN that is ignored (normals, lights, bones).
 
     An asset is converted to its standard-tier mesh: opaque and unlit, with textures or static colours. With
-    --official the method's official exporter writes the file, which may have alpha, duplicated faces or
-    merged vertices.
+    --official the file is the one that the method's official exporter writes. It may have alpha, duplicated
+    faces or merged vertices.
     """
     if options.official:
         typed.reject(["form", "up", "color", "texture", "engine"], "cannot be combined with --official")
@@ -122,7 +122,10 @@ def convert(
 
 
 def _places(source: Path, inputs: list[Path], target: Path, to: str) -> dict[Path, Path]:
-    """Return input -> output; the outputs have the same layout in `target` as the inputs in `source`."""
+    """Return a mapping from inputs to outputs.
+
+    The outputs have the same layout in `target` as the inputs in `source`.
+    """
     from msb.asset import is_asset
     from msb.delivery.saving import output_suffix
 
@@ -146,7 +149,7 @@ def _places(source: Path, inputs: list[Path], target: Path, to: str) -> dict[Pat
 
 
 def _check_target(target: Path, options: ConvertOptions, output: Output, typed: Typed) -> None:
-    """Check the path of an output, and that its format can store the data that the options affect."""
+    """Check the path of an output. Check also that its format can store the data that the options affect."""
     from msb.api.command_files import check_asset_place
     from msb.delivery.saving import output_suffix
     from msb.meshes.formats import FORMATS
@@ -215,7 +218,7 @@ def _write_mesh(source: Path, target: Path, options: ConvertOptions, output: Out
     suffix, asset = output_suffix(target, "OUT"), None
     if is_mesh_file(source):
         with output.progress(f"reading {source.name}"):
-            mesh = read_mesh(source)  # not as an asset, which would round coordinates to float32
+            mesh = read_mesh(source)  # an asset would round coordinates to float32
         ignored, known = list(mesh.left_out), True
     else:
         asset = open_asset(source, output)
@@ -226,7 +229,7 @@ def _write_mesh(source: Path, target: Path, options: ConvertOptions, output: Out
         style, quality = style_for(
             mesh, target, asset, color=options.color, texture=options.texture, engine=options.engine
         )
-    # Errors of coordinates and indices are reported for the source.
+    # Errors in coordinates and indices name the source file.
     with output.progress(f"writing {target.name}"), about(source):
         storable = fit_to_format(mesh, suffix)
         write_mesh_files(storable, target, output, style)

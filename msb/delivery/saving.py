@@ -99,7 +99,7 @@ def style_for(
     texture: Picture | None = None,
     engine: Engine | None = None,
 ) -> tuple[Style, str | None]:
-    """Return the style for writing `mesh` to `target`, and for the web its image quality in words.
+    """Return the style for writing `mesh` to `target`. For the web, also return the image quality in words.
 
     `mesh` is the mesh of `asset`, or of a mesh file. `save` describes the options.
 
@@ -133,7 +133,7 @@ def _check_one_of(name: str, value: Any, known: Sequence[str]) -> None:
         raise UsageError("USAGE", text)
 
 
-# Other outputs -> the command that writes them, and their endings.
+# Other outputs: the command that writes each, and its endings.
 _MAKERS = {
     "a page": ("msb web", (".html", ".htm")),
     "images": ("msb render", (".png", ".npy", ".exr")),
@@ -148,7 +148,7 @@ _OTHER_MODELS = (".gltf", ".fbx", ".usd", ".usda", ".usdc", ".usdz", ".dae", ".b
 def output_suffix(path: Path, name: str = "the output") -> str:
     """Return the suffix of `path` in lower case if that format can be written, else raise USAGE.
 
-    `name` names the path in the message, which also hints at the command for other formats.
+    The message calls the path `name`. For other formats it also names the command that writes them.
     """
     suffix, known = path.suffix.lower(), (ASSET_SUFFIX, *list_written_suffixes())
     if suffix in known:

@@ -1,16 +1,14 @@
-"""Choice of the coarsest web encoding of a mesh that keeps an image quality of 50 dB.
+"""Chooses the coarsest web encoding of a mesh that keeps an image quality of 50 dB.
 
 A GLB for the web stores quantised positions, quantised colours and compressed textures. Each of the three
-adds an error to the images of the mesh. The mean squared errors of independent parts add up approximately, so
-the search measures them separately and distributes the error that 50 dB allow:
+adds an error to the images of the mesh. The mean squared errors of independent parts add up approximately. So
+the search measures each part separately and distributes the error that 50 dB allow:
 
 1. Measure the error of the compressed textures.
-2. For each precision of the colours, measure their error. Find by bisection the fewest bits of positions
-   whose error
-   fits in the rest.
+2. For each precision of the colours, measure the error of the colours. Find by bisection the fewest bits of
+   positions whose error still fits.
 3. Take the combination with the smallest file. Then adjust the bits of positions until the whole file just
-   keeps
-   50 dB.
+   keeps 50 dB.
 """
 
 from __future__ import annotations
@@ -36,7 +34,8 @@ _SAMPLES = 4
 # Range of the search for the precision of positions, in quarters of a bit: 10 to 22 bits.
 _COARSEST, _FINEST = 40, 88
 # Precision of vertex colours, which are stored as linear light. With None every channel has one byte. With a
-# number a channel gets a second byte if the first has a larger error than this many levels of 8-bit sRGB.
+# number, the error of one byte is compared with this number of levels of 8-bit sRGB. If it is larger, the
+# channel gets a second byte.
 _LEVELS = (None, 4.0, 2.0, 1.0, 0.5)
 
 
@@ -50,7 +49,7 @@ class ImageLoss:
     mesh: Mesh
     cameras: list[Camera]
     views: str
-    # Samples per pixel along each axis -> images of `mesh`, each (H, W, 3).
+    # Images of `mesh`, each (H, W, 3), by the number of samples per pixel along each axis.
     _images: dict[int, list[NDArray[np.float32]]] = field(default_factory=dict, repr=False)
 
     @classmethod
@@ -76,7 +75,7 @@ class ImageLoss:
         return render_standard(mesh, self.cameras, supersample=samples)
 
     def describe(self, other: Mesh) -> str:
-        """Return the same in words to append to a sentence, or "" without a device to draw with."""
+        """Return the PSNR in words, for the end of a sentence, or "" without a device that can draw."""
         try:
             return f" (PSNR {self.loss(other):.1f} dB, {self.views})"
         except DeviceError:
@@ -86,7 +85,7 @@ class ImageLoss:
 def web_style(images: ImageLoss) -> tuple[Style, str]:
     """Return the coarsest style of a file for the web that keeps 50 dB, and the measured quality in words.
 
-    Without a device to draw with it is the finest style.
+    Without a device that can draw, it is the finest style.
     """
     try:
         return _find_coarsest(images)
@@ -95,7 +94,7 @@ def web_style(images: ImageLoss) -> tuple[Style, str]:
 
 
 def _find_coarsest(images: ImageLoss) -> tuple[Style, str]:
-    """Search as the head of this module describes; an "error" is a mean squared error of images."""
+    """Search as the docstring of this module describes; an "error" is a mean squared error of images."""
     from msb.meshes.glb_web import Grid, convert_to_srgb, quantize_light
 
     mesh = as_glb(images.mesh)
@@ -107,7 +106,7 @@ def _find_coarsest(images: ImageLoss) -> tuple[Style, str]:
         return _squared_error(images.loss(replace(mesh, vertices=grid.positions)))
 
     def fewest_bits(room: float, *, by_distance: bool) -> int:
-        """Return the fewest quarters of a bit with an error of at most `room`, by bisection."""
+        """Find by bisection the lowest precision, in quarters of a bit, with an error of at most `room`."""
         low, high = _COARSEST, _FINEST
         while low < high:
             middle = (low + high) // 2
@@ -129,11 +128,12 @@ def _find_coarsest(images: ImageLoss) -> tuple[Style, str]:
         if colors is not None:
             rounded = convert_to_srgb(quantize_light(colors, levels))
             room -= _squared_error(images.loss(replace(mesh, vertex_colors=rounded)))
-        # A triangle soup may also be quantised by distance to its centre, which suits captures.
+        # For a triangle soup, also try position steps that grow with the distance from its centre. This suits
+        # captures.
         for by_distance in (False, True) if is_unindexed(mesh.faces, len(mesh.vertices)) else (False,):
             web = Web(fewest_bits(room, by_distance=by_distance), levels, by_distance)
             candidates.append((web.quarters == _FINEST, len(_encode(mesh, _style(web))), web))
-    # Prefer candidates that found a precision below the finest one; among them the smallest file.
+    # Prefer candidates with a precision below the finest one. Among these, take the smallest file.
     web = min(candidates, key=lambda candidate: candidate[:2])[2]
 
     @cache

@@ -1,8 +1,9 @@
-"""Statistics of the differences between two renderers that suit rasterizers better than a largest difference.
+"""Measures how closely two renderers agree.
 
-Graphics hardware snaps triangle corners to a grid of 1/256 pixel, some software to 1/16, ray tracers do not
-snap at all. Pixels at edges and where faces intersect may therefore show another face; pixels in the interior
-of a face must agree.
+The statistics suit rasterizers better than a largest difference would. Graphics hardware snaps triangle
+corners to a grid of 1/256 pixel. Some software snaps to 1/16 pixel, and ray tracers do not snap at all.
+Pixels at edges and where faces intersect may therefore show another face; pixels in the interior of a face
+must agree.
 """
 
 from collections.abc import Sequence

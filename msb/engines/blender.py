@@ -32,8 +32,8 @@ from msb.scenes.colors import Color
 VARIABLE = "MSB_BLENDER"
 # Limits of Blender: smallest and largest width or height in pixels, and largest ratio of a pixel's sides.
 _MIN_SIDE, _MAX_SIDE, _MAX_ASPECT = 4, 65536, 200.0
-# Width of the sensor in millimetres. Only its ratio to the focal length matters; a wide sensor keeps the
-# focal length above Blender's minimum of 1 mm.
+# Width of the sensor in millimetres. Only the ratio of the width to the focal length matters. A wide sensor
+# keeps the focal length above Blender's minimum of 1 mm.
 _SENSOR = 100.0
 # Rotation from Blender's camera axes (x right, y up, looking along -z) to OpenCV's.
 _FLIP = np.diag([1.0, -1.0, -1.0, 1.0])
@@ -123,7 +123,7 @@ class _Blender(Engine):
     def missing(cls) -> str | None:
         """Return what must be installed, or None."""
         if _python() is not None:
-            # With MSB_BLENDER our Python needs only OpenEXR of the extra.
+            # If MSB_BLENDER is set, our Python needs only OpenEXR, one of the packages of the extra.
             return None if is_installed("OpenEXR") else f"OpenEXR is not installed: {install('bench')}"
         if os.environ.get(VARIABLE):
             return f"{VARIABLE} is {shorten(os.environ[VARIABLE], 80)}, which is not an executable file"
@@ -143,7 +143,10 @@ class _Blender(Engine):
         return process.stdout.strip()
 
     def memory(self) -> Mapping[str, int]:
-        """Return the growth of Blender's process in bytes since it started; Blender reports no details."""
+        """Return by how many bytes the memory of Blender's process has grown since its start.
+
+        Blender reports no details.
+        """
         return {"Blender's process": max(0, self._resident - self._baseline)}
 
     def close(self) -> None:
@@ -253,8 +256,8 @@ class WorkbenchRenderer(_Blender):
 def blender_camera(camera: Camera, turn: NDArray[np.float64]) -> dict[str, Any]:
     """Return a camera as the properties of Blender's camera and render settings.
 
-    The focal lengths determine lens and pixel aspect; the principal point determines the shifts, in image
-    widths. `turn` (4, 4) is the rotation that the importer applied to the model.
+    The focal lengths determine the lens and the aspect of a pixel. The principal point determines the shifts,
+    which are in image widths. `turn` (4, 4) is the rotation that the importer applied to the model.
     """
     width, height = camera.width, camera.height
     ratio = camera.fx / camera.fy
@@ -277,7 +280,10 @@ def blender_camera(camera: Camera, turn: NDArray[np.float64]) -> dict[str, Any]:
 
 
 def _unit(camera: Camera) -> float:
-    """Return the length of the camera's axes in world units; Blender's camera axes have length 1."""
+    """Return the length of the camera's axes in world units.
+
+    In Blender, camera axes always have the length 1.
+    """
     return float(np.linalg.norm(camera.camera_to_world[:3, 0]))
 
 

@@ -64,7 +64,7 @@ class Worker:
     def _import(self, name: str) -> None:
         operators = self._bpy.ops
         if name.endswith(".ply"):
-            # "LINEAR" stores the values of the file unchanged; the default converts them from sRGB.
+            # With "LINEAR" the importer keeps the values of the file; by default it converts them from sRGB.
             operators.wm.ply_import(filepath=name, import_colors="LINEAR" if self._exact else "SRGB")
         else:
             operators.import_scene.gltf(filepath=name)
@@ -180,7 +180,10 @@ class Worker:
         self.about["gpu"] = gpu.platform.renderer_get()
 
     def render(self, request: dict[str, Any]) -> dict[str, Any]:
-        """Render with the camera of the request, into its `png` or `exr` (colours and depths), if given."""
+        """Render with the camera of the request.
+
+        If the request has a path `png` or `exr`, write the image there; `exr` has colours and depths.
+        """
         from mathutils import Matrix
 
         scene, camera = self.scene, self.camera.data

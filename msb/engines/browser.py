@@ -2,8 +2,8 @@
 
 A local HTTP server passes tasks to the page and takes its answers (web/remote.js), so no driver and no
 debugging protocol is needed. The page's address contains a secret, so that other users of the machine can
-neither read the asset nor answer in place of the page. All users can see the command line of the browser; the
-address in it is therefore a different one, which redirects to the page only once.
+neither read the asset nor answer in place of the page. All users can see the command line of the browser. It
+therefore contains another address, which redirects to the page only once.
 """
 
 import contextlib
@@ -54,7 +54,7 @@ _FLAGS = (
     "--mute-audio",
     "--hide-scrollbars",
     "--window-size=800,600",
-    "--blink-settings=allowScriptsToCloseWindows=true",  # without its server the page ends the browser
+    "--blink-settings=allowScriptsToCloseWindows=true",  # a page that loses its server ends the browser
 )
 # Flags for WebGL in software, WebGL on a GPU if there is one, WebGPU, and WebGPU in software.
 _SOFTWARE = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader")
@@ -68,7 +68,7 @@ _WEBGPU_SOFTWARE = (
     # The watchdog would end slow GPU work, such as shaders on a busy machine.
     "--disable-gpu-watchdog",
 )
-# File suffix -> MIME type; browsers execute scripts only with the right one.
+# File suffix -> MIME type. Browsers execute a script only if its type is right.
 _MIME_TYPES = {
     "html": "text/html",
     "js": "text/javascript",
@@ -124,7 +124,7 @@ class _Server(ThreadingHTTPServer):
 class Page:
     """A page in a headless browser, started for it.
 
-    `content` maps file names to the files that the server provides: "page.html", and those the page loads.
+    `content` has the files that the server provides, by name: "page.html", and the files that the page loads.
     `query` is the part of the address after the question mark. With `software` the page draws on the CPU;
     otherwise the browser uses a GPU if there is one. `webgpu` enables WebGPU, which browsers disable by
     default in software.
@@ -224,7 +224,7 @@ def _end(
         except subprocess.TimeoutExpired:
             process.kill()
             process.wait()
-    tasks.put(b"")  # ends a server thread that waits for a task and would keep all content in memory
+    tasks.put(b"")  # ends a waiting server thread, which would keep all content in memory
     server.shutdown()
     server.server_close()
     log.close()

@@ -1,4 +1,4 @@
-"""`msb web`: writes a page that shows a model in any browser, as engines draw it or as its method does."""
+"""`msb web`: writes a page that shows a model in any browser, drawn as by an engine or as by its method."""
 
 from __future__ import annotations
 
@@ -36,7 +36,10 @@ _IMAGE_ENDINGS = (".png", ".npy")
 
 @dataclass(frozen=True)
 class WebOptions:
-    """The content of the page, and the reductions and the measurement of a page of the dedicated tier."""
+    """Options of the page's content.
+
+    A page of the dedicated tier also has options for reductions and for the measurement.
+    """
 
     out: Annotated[
         Path | None,
@@ -127,9 +130,9 @@ def web(
 ) -> None:
     """Write a page that shows a model in any browser, offline.
 
-    On the standard tier the page shows the mesh as any engine draws it. Without an ASSET it shows a .glb
-    that is dropped on it. On the dedicated tier it shows the native rendering, drawn with WebGPU, next to
-    that mesh, and the PSNR of its images against the OpenCL renderer.
+    On the standard tier the page shows the mesh as any engine draws it. Without an ASSET, the page shows a
+    .glb file that the user drops on it. On the dedicated tier it shows the native rendering, drawn with
+    WebGPU, next to that mesh. It also shows the PSNR of these images against the OpenCL renderer.
     """
 
     _check_options(path, options, views, typed)
@@ -303,7 +306,7 @@ def _as_bytes(image: NDArray[Any]) -> NDArray[np.uint8]:
 
 
 def _measure_baked(content: PageContent, baked: Asset, tests: Sequence[CheckView]) -> BakedMesh:
-    """Return the baked mesh; measure its average PSNR on the test views, and the standard-tier mesh's."""
+    """Return the baked mesh, with the average PSNR of it and of the standard-tier mesh on the test views."""
     from msb.asset.tiers import why_not
     from msb.engines.dedicated_page.page import BakedMesh
     from msb.engines.engine import engine_mesh
@@ -322,7 +325,7 @@ def _measure_baked(content: PageContent, baked: Asset, tests: Sequence[CheckView
 
 
 def _read_test_view(camera: Camera, folder: Path, background: tuple[float, float, float]) -> CheckView:
-    """Return a test view with the image of a camera from a folder; the view has the size of the image."""
+    """Return a test view: a camera, and its image from a folder. The view has the size of the image."""
     from msb.engines.dedicated_page.page import CheckView
     from msb.metrics.image_files import read_image
 
@@ -358,7 +361,8 @@ def _reduce(
     total = reduced.manifest.face_count
     if faces is not None and faces < total:
         weights = _sum_contributions(content, [_limit_size(camera) for camera in cameras], output)
-        # The faces with the largest contributions, the first among equals, in their original order.
+        # The faces with the largest contributions, in their original order. Among equal contributions the
+        # first faces are taken.
         selected = np.sort(np.argsort(-weights, kind="stable")[:faces])
         reduced = select_faces(reduced, selected)
         steps.append((f"{faces:,} of {total:,} faces (--faces)", reduced))

@@ -25,9 +25,9 @@ from msb.scenes.colors import Color
 
 # Depth of the standard tier's near plane, in units of the camera. That tier has no far plane.
 NEAR = 0.01
-# Stage name of a frame whose time is the wall-clock time until it was complete.
+# The stage name that a frame has if its time was measured by the wall clock, until the frame was complete.
 WALL_CLOCK = "draw (wall clock)"
-# Stage name of a frame whose time was measured by the device.
+# The stage name that a frame has if its time was measured by the device.
 DRAW = "draw"
 
 # Use of device memory -> its group in reports.
@@ -41,8 +41,8 @@ _GROUPS = {
 class Engine(ABC):
     """Another engine as a renderer: draws the standard-tier mesh of an asset, with the options of that tier.
 
-    `device` is "cpu", "gpu" or None, which leaves the choice to the engine. OpenCL device names and
-    MSB_DEVICE do not apply.
+    `device` is "cpu", "gpu" or None. With None the engine chooses. OpenCL device names and MSB_DEVICE do not
+    apply.
     """
 
     name: ClassVar[str]
@@ -86,10 +86,10 @@ class Engine(ABC):
 
     @abstractmethod
     def memory(self) -> Mapping[str, int]:
-        """Return use -> bytes of memory held for the asset."""
+        """Return a mapping from each use of memory to the bytes held for it."""
 
     def memory_groups(self) -> Mapping[str, str]:
-        """Return use -> group, for the uses common to all engines."""
+        """Return a mapping from the uses of memory that all engines have to their groups."""
         return _GROUPS
 
     @abstractmethod

@@ -48,10 +48,10 @@ struct Between { @builtin(position) place: vec4<f32>, @location(0) color: vec3<f
 
 
 class WgpuRenderer(Engine):
-    """Draws through wgpu-py. `device` "cpu" is a software adapter (lavapipe), "gpu" any other adapter.
+    """Draws through wgpu-py. With `device` "cpu" a software adapter draws, with "gpu" any other one.
 
-    Frames have a `face_id` if the adapter supports primitive indices. Times are measured by the device if the
-    adapter supports timestamps; otherwise they are wall-clock times, in the stage `WALL_CLOCK`.
+    Frames have a `face_id` if the adapter supports primitive indices. If the adapter supports timestamps, the
+    device measures times. Otherwise times are wall-clock times, in the stage `WALL_CLOCK`.
     """
 
     name = "wgpu"
@@ -88,7 +88,7 @@ class WgpuRenderer(Engine):
 
     @classmethod
     def of_tier(cls, tier: str) -> Any:
-        """Return the renderer class of `tier`; on the dedicated tier it draws the native rendering."""
+        """Return the renderer class of `tier`; that of the dedicated tier draws the native rendering."""
         if tier == "standard":
             return cls
         from msb.engines.hardware.renderer import HardwareRenderer
@@ -104,13 +104,13 @@ class WgpuRenderer(Engine):
 
     @classmethod
     def installed(cls) -> str:
-        """Return our version, because the shaders are ours, and the version of wgpu-py."""
+        """Return the version of wgpu-py, and also our version, because the shaders are ours."""
         with contextlib.suppress(PackageNotFoundError):
             return f"{__version__}, wgpu-py {version('wgpu')}"
         return __version__
 
     def memory(self) -> Mapping[str, int]:
-        """Return use -> bytes of every buffer and texture."""
+        """Return a mapping from the use of every buffer and texture to its bytes."""
         return self._gpu.memory()
 
     def close(self) -> None:
@@ -119,7 +119,7 @@ class WgpuRenderer(Engine):
         self._gpu.close()
 
     def memory_groups(self) -> Mapping[str, str]:
-        """Return use -> group; textures belong to "appearance"."""
+        """Return a mapping from uses of memory to groups; textures belong to "appearance"."""
         textures = (use for use in self._gpu.resources if use.startswith("texture "))
         return {**super().memory_groups(), **dict.fromkeys(textures, "appearance")}
 
@@ -291,10 +291,10 @@ class WgpuRenderer(Engine):
 def camera_record(camera: Camera) -> NDArray[np.float32]:
     """Return the uniform buffer of the shader, (24,) float32.
 
-    It holds the column-major 4 x 4 clip matrix for points relative to the camera, the camera's centre rounded
-    to float32, and the rounding error of the centre. In clip space x and y are 2u/W - 1 and 1 - 2v/H times
-    the depth; z is the near distance, so that the depth buffer contains near / depth: 1 at the near plane, 0
-    at infinity.
+    It holds the column-major 4 x 4 clip matrix for points relative to the camera. Then it holds the camera's
+    centre rounded to float32, and the rounding error of the centre. In clip space, x is the depth times 2u/W
+    - 1, and y is the depth times 1 - 2v/H. z is the near distance, so the depth buffer contains near / depth:
+    1 at the near plane, 0 at infinity.
     """
     rounded = camera.center.astype(np.float32).astype(np.float64)
     width, height = camera.width, camera.height
@@ -309,7 +309,7 @@ def camera_record(camera: Camera) -> NDArray[np.float32]:
     rotation = np.eye(4)
     rotation[:3, :3] = camera.world_to_camera[:3, :3]
     parts = ((projection @ rotation).T.reshape(-1), rounded, [0.0], camera.center - rounded, [0.0])
-    with np.errstate(over="ignore"):  # coordinates of a camera beyond 1e38 become infinite: it sees nothing
+    with np.errstate(over="ignore"):  # a camera beyond 1e38 becomes infinite and sees nothing
         return np.concatenate(parts).astype(np.float32)
 
 

@@ -45,7 +45,7 @@ def all_adapters() -> list[Any]:
 
 
 def choose_adapter(kind: str | None) -> Any:
-    """Return the best adapter of `kind`: "cpu" (software), "gpu", or None for a GPU if there is one."""
+    """Return the best adapter of `kind`, which is "cpu" (software), "gpu" or None. None prefers a GPU."""
     adapters = all_adapters()
     usable = [
         adapter
@@ -69,7 +69,10 @@ def _rank(info: Mapping[str, Any]) -> tuple[int, int]:
 
 @contextlib.contextmanager
 def _runtime_folder() -> Iterator[None]:
-    """Set XDG_RUNTIME_DIR in a block if it is not set (containers, clusters), to avoid warnings of Mesa."""
+    """Set XDG_RUNTIME_DIR in a `with` block if it is not set.
+
+    In containers and on clusters, Mesa would warn otherwise.
+    """
     if sys.platform != "linux" or os.environ.get("XDG_RUNTIME_DIR"):
         yield
         return
@@ -83,8 +86,8 @@ def _runtime_folder() -> Iterator[None]:
 def _nanoseconds_per_tick(device: Any) -> float | None:
     """Return the unit of the device's timestamps in nanoseconds, or None if it is unknown.
 
-    wgpu-py returns raw timestamps and has no function for their unit, so this calls the library below
-    wgpu-py.
+    wgpu-py returns raw timestamps and has no function for their unit. So this function calls the native
+    library on which wgpu-py is based.
     """
     from wgpu.backends.wgpu_native import lib
 
@@ -125,7 +128,10 @@ class Gpu:
         return {"platform": platform, "name": self.name, "kind": self.kind}
 
     def open(self, limits: Iterable[str], *, timed: bool) -> None:
-        """Open the device with the adapter's maximum for each of `limits`, and with a clock if `timed`."""
+        """Open the device.
+
+        Request the adapter's maximum for each of `limits`, and a clock if `timed` is true.
+        """
         self.device = self.adapter.request_device_sync(
             required_features=self.features,
             required_limits={name: self.adapter.limits[name] for name in limits},
@@ -135,7 +141,10 @@ class Gpu:
 
     @contextlib.contextmanager
     def reporting(self, doing: str) -> Iterator[None]:
-        """Convert wgpu errors in a block to a DeviceError that names the device and the activity `doing`."""
+        """Convert wgpu errors in a `with` block to a DeviceError.
+
+        The error names the device and what was done (`doing`).
+        """
         wgpu = self._wgpu
         try:
             yield
@@ -148,7 +157,7 @@ class Gpu:
 
     @contextlib.contextmanager
     def setting_up(self) -> Iterator[None]:
-        """Close the device if the block, which opens and fills it, fails."""
+        """Close the device if the `with` block fails; the block opens and fills the device."""
         try:
             with self.reporting("opening the device"):
                 yield
@@ -157,7 +166,7 @@ class Gpu:
             raise
 
     def buffer(self, use: str, size: int, *usages: str, data: NDArray[Any] | None = None) -> None:
-        """Create the buffer of a use, in place of an earlier one; `data` gives its size and content."""
+        """Create the buffer of a use and replace an earlier one; `data` gives its size and content."""
         usage = 0
         for word in usages:
             usage |= getattr(self._wgpu.BufferUsage, word.upper())
@@ -169,7 +178,7 @@ class Gpu:
             self.resources[use] = self.device.create_buffer_with_data(data=array, usage=usage)
 
     def texture(self, use: str, width: int, height: int, form: str, *usages: str, levels: int = 1) -> None:
-        """Create the texture of a use, in place of an earlier one, with `levels` mip levels."""
+        """Create the texture of a use, with `levels` mip levels, and replace an earlier one."""
         usage = 0
         for word in usages:
             usage |= getattr(self._wgpu.TextureUsage, word.upper())
@@ -201,7 +210,7 @@ class Gpu:
         return self.read_back("times").view(np.uint64)
 
     def read_back(self, use: str) -> NDArray[np.uint8]:
-        """Return the bytes of a buffer or texture from its readable copy, once that can be mapped."""
+        """Wait for the readable copy of a buffer or texture to be mapped, and return its bytes."""
         buffer = self.resources[f"{use}, read back"]
         buffer.map_sync(self._wgpu.MapMode.READ)
         try:
@@ -210,14 +219,14 @@ class Gpu:
             buffer.unmap()
 
     def memory(self) -> Mapping[str, int]:
-        """Return use -> bytes of every buffer and texture."""
+        """Return a mapping from the use of every buffer and texture to its bytes."""
         return {use: _count_bytes(resource) for use, resource in self.resources.items()}
 
     def close(self) -> None:
         """Destroy the device and its resources; a second call does nothing.
 
-        A device of wgpu-py refers to itself, so without a garbage collection its shaders and the driver's
-        threads would stay: 10 to 30 MB for each device on lavapipe.
+        A device of wgpu-py refers to itself, so a garbage collection is needed. Without it, shaders and
+        threads of the driver would stay: 10 to 30 MB for each device on lavapipe.
         """
         for resource in self.resources.values():
             resource.destroy()

@@ -1,7 +1,7 @@
 """A mesh with textures for renderer `wgpu`, with the samplers, mip maps and derivatives of the hardware.
 
-Faces do not share vertices. They are drawn in their order, one draw call for each run of faces
-with the same texture, so that of faces at equal depths the first is visible whatever its texture.
+Faces do not share vertices. They are drawn in their order, with one draw call for each run of faces with the
+same texture. So among faces at equal depths the first is visible, whatever its texture is.
 """
 
 from typing import Any
@@ -112,7 +112,7 @@ class TexturedMesh:
     def draw(self, drawing: Any, pipeline: Any, ids: bool) -> None:
         """Encode the draw calls into a render pass, whose pipeline and camera are already set.
 
-        `ids` says whether it is the pipeline with face ids; each pipeline has its own bind groups.
+        `ids` is true if the pipeline draws face ids; each pipeline has its own bind groups.
         """
         gpu = self._gpu
         if ids not in self._groups:

@@ -18,7 +18,7 @@ from typing import Any
 from msb.asset.look import AMBIENT, GREY, light_toward
 from msb.scenes import Camera
 
-# Number of faces above which most browsers run out of memory on a page with the asset.
+# If an asset has more faces than this, most browsers run out of memory on its page.
 LARGE = 3_000_000
 _SCRIPTS = ("camera.js", "page.js", "controls.js", "files.js", "start.js")
 # Parts of a JavaScript module that a plain script must not have: "use strict", imports, exports.
@@ -56,8 +56,8 @@ def scene_data(
 ) -> dict[str, Any]:
     """Return the scene description that all pages contain, as JSON data.
 
-    `name` is the title, `cameras` can be chosen in the page, `up` is the axis that points up, such as
-    "+y", and `background` is a colour in the asset's colour space.
+    `name` is the title. `cameras` can be chosen in the page. `up` is the axis that points up, such as "+y".
+    `background` is a colour in the asset's colour space.
     """
     listed = [{**camera_data(camera), "name": camera.name} for camera in cameras]
     # The shading of dropped files without colours. Our own files always have colours.
@@ -74,7 +74,7 @@ def fill_template(
     order. `glb` is a mesh in base64, `arrays` are HTML elements that hold arrays.
     """
     three = files("msb.engines") / "web" / "three"
-    # Each mark is searched only behind the mark before it, because an inserted name may look like a mark.
+    # Each mark is searched only behind the previous mark, because an inserted name may look like a mark.
     rest = read_script("page.html")
     parts = []
     for mark, value in (
@@ -95,7 +95,7 @@ def fill_template(
 
 @cache
 def _three_modules() -> str:
-    """Return the HTML elements with the modules of three.js, gzip in base64."""
+    """Return the HTML elements with the modules of three.js, compressed with gzip and in base64."""
     folder = files("msb.engines") / "web" / "three"
     elements = []
     for name in _origin()["files"]:
@@ -106,9 +106,9 @@ def _three_modules() -> str:
 
 
 def read_script(name: str) -> str:
-    """Return a file of msb/engines/web without its module syntax, to concatenate with other scripts.
+    """Return a file of msb/engines/web without module syntax, so that other scripts can follow it.
 
-    Some of these files are modules, because the npm package in integrations/js contains them unchanged.
+    Some of these files are modules, because the npm package in integrations/js also contains them.
     """
     text = (files("msb.engines") / "web" / name).read_text("utf-8")
     return _MODULE_SYNTAX.sub("", text)

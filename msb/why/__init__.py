@@ -1,4 +1,4 @@
-"""Measurement of why an export looks worse than the native rendering: the PSNR of each cause on an asset.
+"""Measures why an export looks worse than the native rendering: the PSNR of each cause on an asset.
 
 A cause is one difference between how an engine and how the method draw a model. It is measured by rendering
 the same cameras with and without this difference, everything else being equal. docs/worse.md shows images of

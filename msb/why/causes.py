@@ -21,15 +21,16 @@ from msb.registry import lookup
 from msb.render.frame import Frame
 from msb.why.views import CauseViews, DoesNotApplyError, Image
 
-# Logit of an opacity that differs from 1 by 2e-9, less than a float32 can represent.
+# Logit of an opacity of 1 - 2e-9. As float32 this opacity is 1.
 _FULL_LOGIT = np.float32(20.0)
-# Kernel of the coverage -> settings that make it 1 inside a face up to its edges and 0 outside: a steep
-# power, and a narrow window.
+# Settings that make coverage 1 inside a face and 0 outside, by the kernel of the coverage. They are a steep
+# power and a narrow window.
 _HARD_SETTINGS: dict[str, dict[str, float]] = {
     "gaussian_power": {"gamma": 1000.0},
     "edge_window": {"sigma": 1e-9},
 }
-# The same for the stored sigma of Triangle-Splatting, which is 0.01 + exp(value); its minimum is 0.01.
+# Triangle-Splatting stores a value, and sigma is 0.01 + exp(value). With this value sigma is almost at its
+# minimum of 0.01.
 _HARD_SIGMA = np.float32(-30.0)
 # Images with and without a cause, one of each for every view.
 _Pair = tuple[list[Any], list[Any]]
@@ -83,7 +84,10 @@ def _draw_linear_colors(views: CauseViews) -> _Pair:
 
 
 def interpret_as_linear(frames: list[Frame]) -> list[Image]:
-    """Return images of sRGB colours that are interpreted as linear light, so that they are encoded twice."""
+    """Return images in which sRGB colours are interpreted as linear light.
+
+    The colours are thus encoded twice.
+    """
     return [
         np.where(frame.alpha[..., None] > 0, _to_srgb(np.clip(frame.image, 0, 1)), frame.image)
         for frame in frames
@@ -116,7 +120,7 @@ def _with_full_opacity(asset: Asset) -> _Change:
 
 
 def _with_hard_edges(asset: Asset) -> _Change:
-    """Return `asset` with faces that cover their whole inside equally, and nothing outside."""
+    """Return `asset` with hard edges: each face covers its whole inside equally, and nothing outside."""
     kernel = str(asset.manifest.coverage["kernel"])
     if kernel == "solid":
         raise DoesNotApplyError("its faces have hard edges already")
@@ -129,7 +133,7 @@ def _with_hard_edges(asset: Asset) -> _Change:
 
 
 def _draw_change(change: Callable[[Asset], _Change]) -> _Draw:
-    """Return a function that compares native renderings of a changed and of the unchanged model."""
+    """Return a function that compares native renderings of the changed and of the original model."""
 
     def draw(views: CauseViews) -> _Pair:
         asset, settings = change(views.asset)
@@ -167,7 +171,7 @@ def _draw_unsorted(views: CauseViews) -> _Pair:
 
 
 def _encode(colors: NDArray[Any] | None) -> Image | None:
-    """Return colours (N, 3 or 4) encoded as sRGB once more. Alpha, which cuts out textures, is unchanged."""
+    """Return colours (N, 3 or 4) encoded as sRGB once more. Alpha is not encoded, because it is no colour."""
     if colors is None:
         return None
     # Bytes become floats in [0, 1].
@@ -181,8 +185,8 @@ def _to_srgb(linear: Image) -> Image:
     return np.where(linear <= 0.0031308, 12.92 * linear, curve).astype(np.float32)
 
 
-# Properties that an opaque mesh cannot have in any engine: name of the cause -> the model without this
-# property.
+# Properties that an opaque mesh cannot have in any engine. For each cause there is a function that returns
+# the model without the property.
 BAKED: dict[str, Callable[[Asset], _Change]] = {
     "view_dependence": _without_view_dependence,
     "opacity": _with_full_opacity,

@@ -35,10 +35,10 @@ def why(
     """Explain why an export looks worse than the native rendering: the PSNR of each cause, in dB.
 
     The asset is rendered with and without each cause, everything else being equal. Differences are clearly
-    visible below 30 dB and invisible above 40 dB. The last lines are about all causes together: the
-    standard-tier mesh against the native rendering, the part that engine settings can avoid, and the part
-    that only a bake can avoid. Without --cameras the training cameras are used if they are found beside the
-    asset, else cameras around it.
+    visible below 30 dB and invisible above 40 dB. The last lines are about all causes together. They compare
+    the standard-tier mesh with the native rendering, and tell which part of the loss engine settings can
+    avoid and which part only a bake can avoid. Without --cameras, the training cameras beside the asset are
+    used. If there are none, cameras around the asset are generated.
     """
     from msb.api.command_files import open_asset
     from msb.errors import about
@@ -79,7 +79,7 @@ def why(
 
 
 def _save_images(causes: list[Cause], folder: Path, *, overwrite: bool) -> None:
-    """Write an image for each cause: left without it, right with it."""
+    """Write an image for each cause: on the left without the cause, on the right with it."""
     import numpy as np
 
     from msb.render.images import write_image
@@ -135,7 +135,7 @@ def _format_db(db: float | None) -> str:
 
 
 def _describe_total(causes: Causes, quiet: bool) -> Iterator[str]:
-    """Yield the loss of all causes together, and the parts that settings or a bake can avoid."""
+    """Yield lines: the loss of all causes together, and the parts that settings or a bake can avoid."""
     from msb.why.total import TITLE
 
     total = causes.total

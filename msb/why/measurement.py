@@ -1,4 +1,4 @@
-"""Measurement of all causes of a loss on one asset, each alone and all together."""
+"""Measures the causes of a loss on one asset, each alone and all together."""
 
 from __future__ import annotations
 
@@ -74,7 +74,10 @@ class Cause:
 
 
 class Causes(list[Cause]):
-    """The loss of each cause; `total` has that of all together, `views` the cameras that see the asset."""
+    """The loss of each cause.
+
+    `total` is the loss of all causes together, and `views` are the cameras that see the asset.
+    """
 
     total: Total
     views: ChosenViews

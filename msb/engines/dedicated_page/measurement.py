@@ -13,8 +13,8 @@ from msb.engines.webpage import read_script
 from msb.errors import DeviceError
 from msb.metrics import psnr
 
-# Minimum PSNR in dB of a faithful page, unless --at-least is given. Differences are invisible above 40 dB;
-# 45 dB leaves a margin, and pages that are blended in half floats still pass.
+# Minimum PSNR in dB of a faithful page, unless --at-least is given. Differences are invisible above 40 dB, so
+# 45 dB leaves a margin. Pages that are blended in half floats still pass.
 FAITHFUL = 45.0
 
 

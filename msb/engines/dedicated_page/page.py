@@ -37,13 +37,13 @@ _GUARANTEED = Limits(binding=1 << 27, buffer=1 << 28, side=8192)
 # Limits of most desktop graphics cards. The page requests the limits it needs and reports if a device has
 # less.
 _LARGER = Limits(binding=1 << 30, buffer=1 << 31, side=8192)
-# Number of chunks for blending (see `program.STOPS`). It is lower than in the renderer, because the pass
-# before each chunk reads all samples, which is slow in browsers.
+# Number of chunks for blending (see `program.STOPS`). The number is lower than in the renderer, because the
+# pass before each chunk reads all samples. Such a pass is slow in browsers.
 STOPS = 8
 # The combinations of order and sampling that a page offers.
 MODES: tuple[tuple[Order, Sampling], ...] = (
     *(("tile", "official"), ("global", "official"), ("none", "official")),
-    *(("tile", "engine"), ("none", "engine")),  # engines have no tiles, so "global" equals "tile"
+    *(("tile", "engine"), ("none", "engine")),  # engines have no tiles: "global" equals "tile"
 )
 # NumPy kind of a member of the camera record -> its WGSL type.
 _TYPES = {"f": "f32", "i": "i32", "u": "u32"}
@@ -71,7 +71,7 @@ class CheckView:
 
 @dataclass(frozen=True)
 class Cost:
-    """A reduction of the asset, in words, and the lowest PSNR in dB to the images before it."""
+    """A reduction of the asset in words, and the lowest PSNR in dB between the images before and after it."""
 
     what: str
     psnr: float
@@ -81,8 +81,8 @@ class Cost:
 class BakedMesh:
     """A mesh baked from the model, as GLB in the coordinates of the model, with stored colours.
 
-    `psnr` is its average PSNR in dB on the test views, with one sample per pixel. `plain` is the
-    PSNR of the model's standard-tier mesh, or None without such a mesh.
+    `psnr` is its average PSNR in dB on the test views, with one sample per pixel. `plain` is the same number
+    for the model's standard-tier mesh, or None without such a mesh.
     """
 
     glb: bytes
@@ -112,7 +112,7 @@ class DedicatedPage:
 
 
 class _Arrays:
-    """The compressed arrays of a page: name -> head and zlib stream."""
+    """The compressed arrays of a page. Each array has a name, a head and a zlib stream."""
 
     def __init__(self) -> None:
         self.entries: dict[str, tuple[dict[str, Any], bytes]] = {}
@@ -124,10 +124,11 @@ class _Arrays:
         return name
 
     def add_positions(self, asset: Asset, packed: Packed) -> None:
-        """Add the stored positions; add the plan's positions as a shrunk copy of them if that is exact.
+        """Add the stored positions.
 
-        2DTS shrinks triangles about their centroids. The shrunk positions do not lie on the grid of rounded
-        positions, so storing the factor instead takes much less space.
+        If the plan's positions are exactly a shrunk copy of them, store only the factor. 2DTS shrinks
+        triangles about their centroids. The shrunk positions do not lie on the grid of rounded positions, so
+        storing the factor instead takes much less space.
         """
         stored = np.asarray(asset.buffers["positions"], np.float32)
         plan_positions = packed.arrays["positions"]
@@ -265,7 +266,8 @@ def make_page(
 def _make_plans(packed: Packed, limits: Limits, name: str) -> dict[tuple[Order, Sampling], Plan]:
     """Return the plan of each mode of `MODES`, the official mode first.
 
-    Models drawn with a z-buffer have only the modes of order "tile", because orders make no difference there.
+    A model that is drawn with a z-buffer has only the modes of order "tile", because the order does not
+    change its images.
     """
     plans = {}
     for order, sampling in MODES:
@@ -277,10 +279,10 @@ def _make_plans(packed: Packed, limits: Limits, name: str) -> dict[tuple[Order, 
 
 
 def _describe_record(packed: Packed) -> dict[str, Any]:
-    """Return the layout of the camera record, which the page fills for each frame.
+    """Return the layout of the camera record. The page fills the record for each frame.
 
-    `members` has the name, type, number of values and byte offset of each member; the members of the
-    method come last, and `own` has their values. `near` and `far` are the planes of the official projection.
+    `members` has the name, type, number of values and byte offset of each member; the members of the method
+    come last, and `own` holds their values. `near` and `far` are the planes of the official projection.
     """
     model = packed.model
     members: list[list[Any]] = []
@@ -331,7 +333,7 @@ def _live_settings(
 
 
 def _differ_in_record_only(model: SplatModel | Surface, other: SplatModel | Surface) -> bool:
-    """Return whether two models differ at most in the values of the method's members of the camera record."""
+    """Return whether two models are equal except for the values of their method in the camera record."""
     for name, value in vars(model).items():
         second = getattr(other, name)
         if name == "projection":
@@ -344,14 +346,14 @@ def _differ_in_record_only(model: SplatModel | Surface, other: SplatModel | Surf
 
 
 def _orbit_sphere(asset: Asset) -> dict[str, Any]:
-    """Return the sphere that a free camera orbits: the bounding sphere, or a smaller one if mostly empty.
+    """Return the sphere that a free camera orbits.
 
-    In captures a few faces are far away. Orbiting the centre of their bounding box would lose sight of the
-    model.
+    If the bounding sphere is mostly empty, it is a smaller one. In captures a few faces are far away. A
+    camera that orbits the centre of the bounding box would therefore lose sight of the model.
     """
     whole = asset.manifest.bounding_sphere
     positions = np.asarray(asset.buffers["positions"][:: max(1, asset.manifest.vertex_count // 100_000)])
-    # The sphere about the median that contains 90 % of the (sampled) vertices.
+    # The sphere around the median that contains 90 % of the sampled vertices.
     middle = np.median(positions, axis=0)
     radius = float(np.quantile(np.linalg.norm(positions - middle, axis=1), 0.9))
     if whole.radius < 3 * radius:
@@ -360,7 +362,7 @@ def _orbit_sphere(asset: Asset) -> dict[str, Any]:
 
 
 def _required_limit(buffers: Iterable[tuple[int, tuple[str, ...]]], maximum: int, guaranteed: int) -> int:
-    """Return the device limit that the page requests: the largest buffer, between the two bounds."""
+    """Return the buffer size that the page requests: the size of the largest buffer, within two bounds."""
     return min(maximum, max(guaranteed, *(size for size, _ in buffers)))
 
 
@@ -378,7 +380,7 @@ def _shrink_factor(stored: NDArray[np.float32], plan_positions: NDArray[np.float
     # Estimate the factor from the longest arm, then try its float32 neighbours, the nearest first.
     guess = np.float32((shrunk - center)[largest] / arms[largest])
     near = guess + np.arange(-64, 65) * np.spacing(guess)
-    sample = slice(0, 64)  # triangles that are tested before all others
+    sample = slice(0, 64)  # test these triangles before all others
     for factor in sorted(near.astype(np.float32), key=lambda value: abs(float(value) - float(guess))):
         if np.array_equal(arms[sample] * factor + center[sample], shrunk[sample]) and np.array_equal(
             arms * factor + center, shrunk
@@ -438,7 +440,7 @@ def _read_test_images(page: bytes, content: Mapping[str, Any]) -> list[NDArray[n
     if not all(type(side) is int and side > 0 for shape in shapes for side in shape):
         raise ValueError("a test view has no pixels")
     sizes = [math.prod(shape) for shape in shapes]
-    if sum(sizes) > _MAX_TEST_BYTES:  # a short stream can inflate to a huge image
+    if sum(sizes) > _MAX_TEST_BYTES:  # limit the size, because a short stream can inflate to a huge image
         raise ValueError(f"the test views have {sum(sizes)} bytes")
     # Join the streams, which may be split between elements.
     streams = {test["image"]: b"" for test in content["tests"]}

@@ -1,8 +1,8 @@
 """Smaller assets for pages: rounded values, and only the faces that contribute most.
 
-A reduced asset is still an asset of its method, so any renderer can measure the loss of quality. The rounded
-values are chosen so that `storage` stores them compactly and exactly: positions on a grid, at most 256 values
-per column.
+A reduced asset is still an asset of its method, so any renderer can measure the loss of quality. `storage`
+stores the rounded values compactly and exactly: positions lie on a grid, and other columns have at most 256
+values.
 """
 
 from collections.abc import Mapping
@@ -20,11 +20,11 @@ from msb.engines.dedicated_page.storage import CHUNK, LEVELS, exponents
 GRID = 65000
 # Buffers that are rounded to 256 values per column.
 _ROUNDED = ("f_dc", "f_rest", "opacity", "sigma")
-# Lattices of values from 0 to 1 that are rounded to bytes, as in the official web export.
+# Lattices with values from 0 to 1. They are rounded to bytes, as in the official web export.
 _BYTES = ("features.lattice", "features.opacity")
 # Number of histogram bins for choosing the 256 values.
 _BINS = 4096
-# Columns with at most this many rows are first tested for having at most 256 distinct values already.
+# A column with at most this number of rows is first tested: it may already have at most 256 distinct values.
 _FEW = 4 * LEVELS
 
 
@@ -52,9 +52,10 @@ def quantise(asset: Asset) -> Asset:
 
 
 def _round_to_levels(values: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return values (N,) rounded to 256 levels, whose density is the cube root of the density of the values.
+    """Return values (N,) rounded to 256 levels.
 
-    This density minimises the squared error (Panter and Dite, 1951). The minimum and the maximum are kept.
+    The density of the levels is the cube root of the density of the values. This density minimises the
+    squared error (Panter and Dite, 1951). The minimum and the maximum are kept.
     """
     finite = values[np.isfinite(values)]
     if not len(finite):
@@ -62,7 +63,7 @@ def _round_to_levels(values: NDArray[np.float32]) -> NDArray[np.float32]:
     low, high = float(finite.min()), float(finite.max())
     if (len(values) <= _FEW or low == high) and len(np.unique(values)) <= LEVELS:
         return values
-    # The integral of the cube root of the histogram; levels are equally spaced in it.
+    # The integral of the cube root of the histogram. The levels are equally spaced in this integral.
     edges = np.linspace(low, high, _BINS + 1)
     count = np.histogram(finite, edges)[0].astype(np.float64)
     integral = np.concatenate([[0], np.cumsum(np.cbrt(count))])
@@ -100,8 +101,8 @@ def _reorder_along_curve(asset: Asset, buffers: dict[str, NDArray[Any]]) -> None
 def _morton_keys(points: NDArray[np.float32]) -> NDArray[np.uint64]:
     """Return the positions (N,) of points (N, 3) along a Morton curve, with 16 bits per axis.
 
-    The curve fills a box from the 1st to the 99th percentile of each coordinate, so that a few distant faces
-    do not reduce its resolution.
+    The curve fills a box from the 1st to the 99th percentile of each coordinate. So a few distant faces do
+    not reduce the resolution of the curve.
     """
     low, high = np.quantile(points, [0.01, 0.99], axis=0)
     share = np.clip((points - low) / np.maximum(high - low, 1e-30), 0, 1)

@@ -29,7 +29,7 @@ CHUNK = 192
 LEVELS = 256
 # Maximum number of distinct rows of "rows".
 _MAX_ROWS = 1 << 16
-# Number of rows that are tested first, because most arrays that do not fit an encoding fail on these.
+# Number of rows that are tested first. If an array does not fit an encoding, these rows usually show it.
 _SAMPLE = 4096
 _HIGHEST_CODE = 65535
 # Bits of the mantissa of a float32.
@@ -53,7 +53,10 @@ class Stored:
 
 
 def store(array: NDArray[Any]) -> Stored:
-    """Return `array`, float32, uint32 or uint8 with one or two axes, in the first encoding that fits."""
+    """Return `array` in the first encoding that fits.
+
+    The array is float32, uint32 or uint8 and has one or two axes.
+    """
     table = np.ascontiguousarray(array).reshape(len(array), -1)
     packed = None
     if table.dtype == np.float32 and table.size:
@@ -123,7 +126,7 @@ def _join(raw: bytes, rows: int, columns: int, dtype: np.dtype[Any]) -> NDArray[
 
 
 def _as_plain(table: NDArray[Any]) -> tuple[dict[str, Any], list[bytes]]:
-    """Return the further keys of the head and the parts of the stream in the encoding "plain"."""
+    """Encode as "plain": return the further keys of the head, and the parts of the stream."""
     if table.dtype != np.uint32:
         return {"how": "plain"}, [_split(table)]
     difference = np.diff(table, axis=0, prepend=np.zeros((1, table.shape[1]), np.uint32))
@@ -131,7 +134,7 @@ def _as_plain(table: NDArray[Any]) -> tuple[dict[str, Any], list[bytes]]:
 
 
 def _as_palette(table: NDArray[np.float32]) -> tuple[dict[str, Any], list[bytes]] | None:
-    """Return the same in the encoding "palette", or None if a column has too many distinct values."""
+    """Encode as "palette", or return None if a column has too many distinct values."""
     bits = table.view(np.uint32)
     if len(np.unique(bits[:_SAMPLE, -1])) > LEVELS or len(table) < 2 * LEVELS:
         return None
@@ -147,7 +150,7 @@ def _as_palette(table: NDArray[np.float32]) -> tuple[dict[str, Any], list[bytes]
 
 
 def _as_rows(table: NDArray[np.float32]) -> tuple[dict[str, Any], list[bytes]] | None:
-    """Return the same in the encoding "rows", or None if most rows are distinct."""
+    """Encode as "rows", or return None if most rows are distinct."""
     if table.shape[1] < 2 or len(table) < _SAMPLE:
         return None
     rows = table.view(np.dtype((np.void, 4 * table.shape[1])))[:, 0]
@@ -164,8 +167,8 @@ def _as_rows(table: NDArray[np.float32]) -> tuple[dict[str, Any], list[bytes]] |
 def exponents(table: NDArray[np.float32], codes: int) -> NDArray[np.int32]:
     """Return the exponent e of the grid step 2**e for each chunk of rows.
 
-    It is the smallest exponent such that `codes` steps span the values of the chunk, and all multiples of the
-    step in the range of the chunk are float32 values.
+    It is the smallest exponent with two properties. `codes` steps span the values of the chunk, and all
+    multiples of the step in this range are float32 values.
     """
     # Chunks (n, 192, columns), the last one padded with its last row.
     chunks = -(-len(table) // CHUNK)
@@ -173,14 +176,14 @@ def exponents(table: NDArray[np.float32], codes: int) -> NDArray[np.int32]:
     parts = padded.reshape(chunks, -1, table.shape[1]).astype(np.float64)
     span = (parts.max(axis=1) - parts.min(axis=1)).max(axis=1)
     size = np.abs(parts).max(axis=(1, 2))
-    # `span / codes` bounds the step from below, the float32 spacing of the largest value as well.
+    # Two values bound the step from below: `span / codes`, and the float32 spacing of the largest value.
     fine = np.ceil(np.log2(np.maximum(span, 1e-30) / codes))
     exact = np.frexp(size)[1] - _MANTISSA - 1
     return np.asarray(np.maximum(np.maximum(fine, exact), -100), np.int32)
 
 
 def _as_grid(table: NDArray[np.float32]) -> tuple[dict[str, Any], list[bytes]] | None:
-    """Return the same in the encoding "grid", or None if the values do not lie on such a grid."""
+    """Encode as "grid", or return None if the values do not lie on a grid."""
     if table.shape[1] != 3 or not np.isfinite(table).all():
         return None
     if len(table) > 2 * _SAMPLE and _as_grid(table[: _SAMPLE // CHUNK * CHUNK]) is None:

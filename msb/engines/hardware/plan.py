@@ -6,7 +6,8 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-# Bytes between the entries of a uniform buffer that are bound one by one; WebGPU requires multiples of 256.
+# Bytes from one entry of a uniform buffer to the next, if entries are bound one by one. WebGPU requires
+# multiples of 256.
 SLOT = 256
 # Factors of source and target for blending from front to back with premultiplied colours.
 FRONT_TO_BACK = "one-minus-dst-alpha", "one"
@@ -16,9 +17,8 @@ FRONT_TO_BACK = "one-minus-dst-alpha", "one"
 class Binding:
     """A binding of group 0: a texture, or `size` bytes at `offset` of a buffer (None: all the rest).
 
-    `kind` is "uniform", "read" or "write" for buffers, "texture" for a float texture, "numbers" for a texture
-    of uint32, and "store" for a texture that is written (r32float). With `per_band` the offset depends on the
-    band.
+    `kind` is "uniform", "read" or "write" for a buffer. For a texture it is "texture" (floats), "numbers"
+    (uint32) or "store" (r32float, which is written). With `per_band` the offset depends on the band.
     """
 
     number: int
@@ -33,8 +33,9 @@ class Binding:
 class ComputePass:
     """A compute dispatch of the entry point `entry`.
 
-    It has `groups` workgroups, or takes their number from byte `indirect` of the buffer `arguments`. If both
-    are None, it has one invocation for each pixel of the band, in workgroups of 64 pixels of a row.
+    `groups` is the number of workgroups. If it is None, the number is read at byte `indirect` of the buffer
+    `arguments`. If both are None, there is one invocation for each pixel of the band, in workgroups of 64
+    pixels of a row.
     """
 
     stage: str

@@ -8,8 +8,8 @@ A frame of a blended method has these stages:
 4. blend: draw a quad for each record into the targets, in chunks of faces.
 5. resolve: average samples to pixels and add the background.
 
-A method with an opaque surface skips sorting; "raster" finds the nearest face of each pixel with a z-buffer,
-and "decode" computes its appearance.
+A method with an opaque surface skips sorting. For it "raster" finds the nearest face of each pixel with a
+z-buffer, and "decode" computes the appearance of the pixel.
 """
 
 import re
@@ -35,9 +35,9 @@ _MAX_GROUPS = 65535
 _BLOCK = 2048
 _DIGIT_BITS = 4
 _KEY_BITS = 32
-# Number of chunks for methods that stop a sample before the face that crosses the transmittance threshold. A
-# sample stops at the end of a chunk, so more chunks are more accurate and slower. With 32 all golden
-# views have at least 70 dB; docs/dedicated.md has measurements.
+# Number of chunks for methods with early stopping: officially a sample stops before the face that crosses the
+# transmittance threshold. Here it stops at the end of a chunk, so more chunks are more accurate and slower.
+# With 32 all golden views have at least 70 dB; docs/dedicated.md has measurements.
 STOPS = 32
 _STOPS_EARLY = re.compile(r"^const STOP = ", re.MULTILINE)
 _TYPES = {"float32": "f32", "int32": "i32", "uint32": "u32"}
@@ -124,7 +124,7 @@ def make_plan(
     surface = packed.surface
     lattices: dict[str, bool | int | str] = {}
     if surface is not None:
-        order, form = "none", "r32uint"  # a z-buffer needs no order; its target holds face numbers
+        order, form = "none", "r32uint"  # a z-buffer needs no order, and its target holds face numbers
         as_bytes = surface.features.dtype == np.uint8
         lattices = {"SIDE": 1 << surface.level, "BYTES": as_bytes, "TEXEL": "u32" if as_bytes else "f32"}
     defines: dict[str, bool | int | str] = {
@@ -167,7 +167,8 @@ def make_plan(
         del modules["resolve"]
     elif not packed.soup:
         modules["shade"] = text(method_file, "project.wgsl", COMPUTE=True, COLORING=True, SHADING=True)
-    # Records are split into chunks (for stopping) and parts (for the buffer limit): one buffer for each pair.
+    # Records are split into chunks, at whose ends samples stop, and into parts that fit the buffer limit.
+    # Each part of a chunk has its own buffer.
     parts, room = _record_parts(planner, record_bytes, chunks)
     passes = [*_projection(planner, debug), *_sorting(planner, order, chunks, parts)]
     last = "faces a" if order == "none" else "faces b"
@@ -212,8 +213,8 @@ def _blended(
 ) -> tuple[DrawPass | ComputePass, ...]:
     """Return the passes of a band that blend faces and average samples to pixels.
 
-    With several chunks, the pass "hold" before each chunk copies the alpha of samples to the texture
-    `covered`, and the chunk skips samples that are opaque there.
+    If there are several chunks, a pass "hold" before each chunk copies the alpha of the samples to the
+    texture `covered`. The chunk then skips samples that are opaque in this texture.
     """
     textures = tuple(Binding(2 + k, "texture", target) for k, target in enumerate(targets))
     resolve = ComputePass("resolve", "resolve", "resolve", (VIEW_BINDING, _BAND, *textures, _PIXELS))
@@ -235,8 +236,8 @@ def _z_buffered(
 ) -> tuple[DrawPass | ComputePass, ...]:
     """Return the passes of a band that find the nearest face of each pixel and compute its appearance.
 
-    A feature lattice that exceeds the limit of a binding is split into parts. All faces are drawn and all
-    pixels are decoded once for each part, and only faces of the part have an effect.
+    A feature lattice that exceeds the limit of a binding is split into parts. For each part, all faces are
+    drawn and all pixels are decoded, but only the faces of the part have an effect.
     """
     planner.upload("decoder", surface.decoder, "uniform")
     steps: list[DrawPass | ComputePass] = []
@@ -285,7 +286,8 @@ def _between(members: list[str]) -> dict[str, str]:
 def _projection(planner: _Planner, debug: bool) -> list[ComputePass]:
     """Return the passes that compute the key of every face, and the colours of faces or vertices.
 
-    The spherical harmonics `f_rest` may be split into parts that fit a binding, with one dispatch each.
+    The spherical harmonics `f_rest` may be split into parts that fit a binding. Each part has its own
+    dispatch.
     """
     packed = planner.packed
     colors = "f_dc" in packed.arrays
@@ -329,7 +331,7 @@ def _sorting(planner: _Planner, order: Order, chunks: int, parts: int) -> list[C
     """Return the passes of the radix sort by depth key.
 
     Each digit takes three passes: count the digits of each block, scan the counts, and move keys and face
-    numbers. Order "none" needs only a single step without digits, which removes the culled faces.
+    numbers. Order "none" needs no digits: a single step removes the culled faces.
     """
     faces = planner.packed.faces
     blocks = max(-(-faces // _BLOCK), 1)
@@ -361,7 +363,7 @@ def _sorting(planner: _Planner, order: Order, chunks: int, parts: int) -> list[C
 
 
 def _record_parts(planner: _Planner, record_bytes: int, chunks: int) -> tuple[int, int]:
-    """Return the number of buffers for the records of a chunk, and the number of records in each."""
+    """Return how many buffers the records of a chunk need, and how many records each buffer has."""
     most = planner.limits.storage // record_bytes // _GROUP * _GROUP
     chunk = max(-(-planner.packed.faces // chunks), 1)
     parts = -(-chunk // max(min(most, _GROUP * _MAX_GROUPS), 1))
@@ -369,12 +371,12 @@ def _record_parts(planner: _Planner, record_bytes: int, chunks: int) -> tuple[in
 
 
 def _split_range(count: int, most: int) -> list[tuple[int, int]]:
-    """Return (first, length) of consecutive parts of `count` rows with at most `most` rows each."""
+    """Split `count` rows into consecutive parts of at most `most` rows; return (first, length) of each."""
     return [(first, min(most, count - first)) for first in range(0, count, most)]
 
 
 def _pad_to_slots(rows: NDArray[np.uint32]) -> NDArray[np.uint32]:
-    """Return the content of a uniform buffer that has each row (of at most 64 values) in its own slot."""
+    """Return the content of a uniform buffer with a slot for each row. A row has at most 64 values."""
     slots = np.zeros((max(len(rows), 1), SLOT // 4), np.uint32)
     if len(rows):
         slots[:, : rows.shape[1]] = rows

@@ -23,7 +23,7 @@ from msb.render.frame import Frame
 from msb.scenes import Camera
 from msb.scenes.colors import Color
 
-# Texture formats of the targets: blended in float32 or half floats, or face numbers of a z-buffer.
+# Texture formats of the targets: float32 or half floats for blending, or face numbers for a z-buffer.
 FLOAT, HALF, NUMBERS = "rgba32float", "rgba16float", "r32uint"
 _BLENDS = {FLOAT: "float32", HALF: "half floats"}
 # Maximum number of samples of a band. It limits the targets to 256 MiB for blending (colour and depth) and to
@@ -31,13 +31,13 @@ _BLENDS = {FLOAT: "float32", HALF: "half floats"}
 _ROOM = {FLOAT: 1 << 23, HALF: 1 << 24, NUMBERS: 1 << 24}
 
 
-# First word of a use of memory -> its group in reports.
+# Group of memory in reports, by the first word of the use.
 _GROUPS = {
     **dict.fromkeys(("positions", "indices"), "geometry"),
     **dict.fromkeys(("coverage", "f_dc", "f_rest", "opacity", "features", "decoder"), "appearance"),
     **dict.fromkeys(("image", "depth", "covered", "nearest", "z-buffer", "pixels,", "pixels"), "targets"),
 }
-# Limits that are requested at the adapter's maximum. The first three become `Limits`.
+# Limits for which the adapter's maximum is requested. The first three become `Limits`.
 _LIMITS = (
     "max-storage-buffer-binding-size",
     "max-buffer-size",
@@ -161,10 +161,10 @@ class HardwareRenderer:
         return timing
 
     def _run_by_stage(self) -> DrawTime:
-        """Submit each stage separately and time it with the wall clock, on a software adapter.
+        """On a software adapter: submit each stage separately, and measure its time with the wall clock.
 
-        The timestamps of lavapipe are useless for compute passes, because they are written at the next draw.
-        Waiting for each stage costs nothing in software.
+        The timestamps of lavapipe are useless for compute passes, because lavapipe writes them at the next
+        draw. Waiting for each stage costs nothing in software.
         """
         spent: dict[str, float] = {}
         begun = time.perf_counter()
@@ -214,16 +214,16 @@ class HardwareRenderer:
     def decisions(self) -> tuple[NDArray[np.uint32], NDArray[np.int32]]:
         """Return the depth keys (F,) and the tile rectangles (F, 4) of the last frame; needs `debug`.
 
-        A key is the bit pattern of the float32 depth. 0xffffffff marks faces removed by the official culling,
-        0xfffffffe other faces that are not drawn. A rectangle of a face that is kept has the official tiles
-        x0, y0, x1, y1, where x1 and y1 are exclusive.
+        A key is the bit pattern of the float32 depth. The key 0xffffffff marks faces that the official
+        culling removes, 0xfffffffe marks other faces that are not drawn. The rectangle of a kept face
+        consists of the official tiles x0, y0, x1, y1; x1 and y1 are exclusive.
         """
         count = self._packed.faces
         keys = self._runs.read("keys").view(np.uint32)[:count]
         return keys, self._runs.read("rectangles").view(np.int32).reshape(-1, 4)[:count]
 
     def memory(self) -> Mapping[str, int]:
-        """Return use -> bytes of every buffer and texture."""
+        """Return a mapping from the use of every buffer and texture to its bytes."""
         return self._gpu.memory()
 
     def memory_groups(self) -> Mapping[str, str]:
@@ -247,7 +247,7 @@ class HardwareRenderer:
 
 
 def _limits_of(adapter: Any) -> Limits:
-    """Return the limits of the adapter, if they suffice."""
+    """Return the limits of the adapter; raise an error if they do not suffice."""
     for name, needed in _NEEDED.items():
         if adapter.limits[name] < needed:
             text = f"{adapter.info['device']}: the limit {name} is {adapter.limits[name]}; {needed} is needed"

@@ -30,7 +30,7 @@ def assemble(files: Iterable[str], package: str, defines: Mapping[str, bool | in
 
 
 def _resolve(file: str, package: str, defined: set[str], included: set[str]) -> list[str]:
-    """Return the selected lines of a file and its includes; `included` has the files so far."""
+    """Return the selected lines of a file and of the files it includes; `included` has the files so far."""
     if file in included:
         return []
     included.add(file)
