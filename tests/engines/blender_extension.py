@@ -1,4 +1,4 @@
-"""A script for Blender's Python: lets the extension import, audit, draw and export models.
+"""A script for Blender's Python. It lets the extension import, audit, draw and export models.
 
 ``blender_extension.py FOLDER JOBS``: FOLDER holds the extension's package. JOBS is a JSON list; each job has
 the paths `model`, `image` and `saved`, and a `camera` (`blender_camera` with `clip` distances). The script
@@ -58,7 +58,10 @@ def panel_lines(panel: Any) -> list[str]:
 
 
 def draw(scene: Any, thing: Any, request: dict[str, Any], path: str) -> None:
-    """Render with Cycles, one ray through each pixel's centre; the camera is given in the model's axes."""
+    """Render with Cycles, with one ray through the centre of each pixel.
+
+    The camera is given in the axes of the model.
+    """
     scene.render.engine = "CYCLES"
     cycles = scene.cycles
     cycles.device, cycles.samples, cycles.max_bounces = "CPU", 1, 0

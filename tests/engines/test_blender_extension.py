@@ -83,7 +83,9 @@ def without_mipmaps(asset: Asset) -> Asset:
 @pytest.mark.slow
 @pytest.mark.oracle
 def test_models_look_as_on_the_standard_tier_and_are_exported_unchanged(tmp_path: Path) -> None:
-    """Three methods, a bake of the fourth, and noise in two textures multiplied with vertex colours."""
+    """Test models of three methods and a bake of the fourth. Also test two noise textures that are multiplied
+    with vertex colours.
+    """
     pytest.importorskip("xatlas", reason="extra trial is not installed (xatlas)")
     views = [golden_views(method)[0] for method in ("two_dts", "triangle_splatting", "mesh_splatting")]
     models = [(view.folder / "checkpoint", view.camera) for view in views]

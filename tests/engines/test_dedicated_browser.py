@@ -47,8 +47,8 @@ def page_of(views: list[View], **options: Any) -> DedicatedPage:
     return make_page(asset, name="a", settings=views[0].settings, tests=tests, **options)
 
 
-# First view of each page that is drawn. Compiling the shaders of a page takes the browser seconds, and
-# test_hardware.py draws every view by the same plans.
+# The views that are drawn: the first view of some pages. The browser takes seconds to compile the shaders of
+# a page, and test_hardware.py draws every view by the same plans.
 DRAWN = {
     *("torus_sh0_white/0", "bumpy_sphere_sh3/0"),
     *("ring_solid/1", "soup_everything/2", "soup_everything/3"),
@@ -225,7 +225,7 @@ def test_the_baked_mesh_can_be_shown_beside_the_others(in_browser: InBrowser) ->
 def test_modes_of_the_page_are_those_of_the_renderer(
     method: str, modes: list[tuple[Any, Any]], with_webgpu: InBrowser
 ) -> None:
-    """The panel reports progress first; the last choice is drawn even if an earlier one still compiles."""
+    """The panel first reports progress; the last choice is drawn even while an earlier one compiles."""
     need("wgpu")
     view = golden_views(method)[0]
     watch = b"""<script>

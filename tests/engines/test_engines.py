@@ -30,9 +30,9 @@ pytestmark = [pytest.mark.slow, pytest.mark.oracle]
 OFF_CENTRE = replace(camera(160, 120, 150.0, (71.0, 66.5)), fx=170.0)
 TALL = replace(camera(90, 130, 140.0, (50.0, 60.0)), fy=120.0)
 
-# Minimum share of pixels within one level of 255, for crossing faces of a few pixels with random corner
-# colours. SwiftShader, which draws three.js without a GPU, snaps corners to 1/16 pixel; hardware and lavapipe
-# to 1/256.
+# Minimum share of pixels that differ by at most one level of 1/255. The scene has crossing faces of a few
+# pixels with random corner colours. SwiftShader, which draws three.js without a GPU, snaps corners to 1/16
+# pixel; hardware and lavapipe to 1/256.
 WITHIN = {"wgpu": 0.999, "threejs": 0.96, "blender_cycles": 0.999, "blender_workbench": 0.999}
 # Maximum of the 99.9th percentile of differences in the interior of faces, in levels.
 INTERIOR = {"wgpu": 1, "threejs": 4, "blender_cycles": 1, "blender_workbench": 1}
@@ -60,7 +60,7 @@ def colored_asset(kind: str, dtype: Any = np.uint8) -> Asset:
 def test_agrees_with_our_z_buffer(name: str, kind: str) -> None:
     theirs, ours = draw_both(name, colored_asset(kind), [OFF_CENTRE, TALL])
     result = agreement(theirs, ours)
-    # "everything" has coincident faces, whose order an engine need not keep.
+    # "everything" has coincident faces, and an engine need not keep their order.
     assert result.within_a_level >= (WITHIN[name] if kind != "everything" else 0.95)
     assert result.covered_alike >= (0.999 if name != "threejs" else 0.99)
     if kind == "large":

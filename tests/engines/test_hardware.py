@@ -44,7 +44,7 @@ every_view = pytest.mark.parametrize(
 )
 every_third_view = pytest.mark.parametrize("view", VIEWS[::3], ids=names)
 MODES = (("tile", "engine"), ("none", "engine"), ("global", "official"), ("none", "official"))
-# Every method in every mode, each time on another view.
+# Test every method in every mode, each time with another view.
 VIEW_OF_MODE = [
     (view, *mode)
     for method in METHODS
@@ -80,14 +80,17 @@ def draw_by_opencl(view: View, **options: Any) -> Frame:
 
 
 def decibels(image: NDArray[Any], official: NDArray[Any], stable: Any = None) -> float:
-    """Return the PSNR over the `stable` pixels; the peak is the official image's, which may exceed 1."""
+    """Return the PSNR over the `stable` pixels. The peak is that of the official image and may exceed 1."""
     error = np.square(image.astype(np.float64) - official)
     peak = max(1.0, float(official.max()))
     return float(10 * np.log10(peak**2 / max(error[slice(None) if stable is None else stable].mean(), 1e-20)))
 
 
 class TileRecorder:
-    """Stands in for the official order in a reference renderer: keeps decisions per face, draws nothing."""
+    """Replaces the official order in a reference renderer.
+
+    It keeps the decisions about each face and draws nothing.
+    """
 
     order = "tile"
 
@@ -160,7 +163,7 @@ def test_orders_and_samplings_are_those_of_opencl(view: View, order: Any, sampli
 def test_small_device_limits_do_not_change_the_frame(
     limits: Limits, stops: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Five parts of coefficients, two of records and twelve bands; a second frame is equal, too."""
+    """Test five parts of coefficients, two of records and twelve bands. A second frame must be equal."""
     view = golden_views("triangle_splatting")[0]
     expected = draw(view, stops=stops)
     monkeypatch.setattr(hardware, "_limits_of", lambda _: limits)
@@ -256,7 +259,7 @@ SURFACES = golden_views("diffsoup")
 
 
 def draw_as_opencl(asset: Asset, view: Any, *, tolerance: float = 1e-5, **options: Any) -> Frame:
-    """Return a frame, which equals that of our OpenCL renderer except for small differences of colours."""
+    """Return a frame. Assert that only colours differ from our OpenCL renderer, and only a little."""
     frame = draw_by(HardwareRenderer, asset, view, **options)
     opencl = draw_by(DiffSoupPipeline, asset, view, outputs=(), **options)
     for name in ("alpha", "depth", "visible"):
@@ -313,11 +316,11 @@ def test_a_far_plane_before_the_near_plane_is_rejected() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(40))
 def test_random_models_of_diffsoup_are_drawn_as_in_opencl(seed: int) -> None:
-    """Slivers, degenerate and coincident faces, faces all around the camera.
+    """Test slivers, degenerate faces, coincident faces, and faces all around the camera.
 
-    The official renderer computes view directions by a float32 inverse, whose error exceeds the decoder's
-    rounding when the planes are far apart. This renderer takes directions from the camera's rotation, so
-    colours differ by more here.
+    The official renderer computes view directions by a float32 inverse. If the planes are far apart, the
+    error of the inverse exceeds the rounding error of the decoder. This renderer takes directions from the
+    camera's rotation, so colours differ by more here.
     """
     case = draw_case("diffsoup", seed)
     options = {name: case.options[name] for name in ("order", "sampling")}

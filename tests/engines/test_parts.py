@@ -84,8 +84,8 @@ def test_blender_has_the_same_intrinsics(fx: float, fy: float) -> None:
     settings = blender_camera(view, np.eye(4))
     aspect_x, aspect_y = settings["aspect"]
     assert min(aspect_x, aspect_y) == 1
-    # In Blender the focal length in pixels is lens * width / sensor width, and a pixel is aspect_y / aspect_x
-    # times as high as it is wide.
+    # In Blender the focal length in pixels is lens * width / sensor width. The height of a pixel is its width
+    # times aspect_y / aspect_x.
     focal = settings["lens"] * 120 / settings["sensor_width"]
     assert focal == pytest.approx(fx)
     assert focal * aspect_x / aspect_y == pytest.approx(fy)
@@ -183,7 +183,7 @@ def test_a_renderer_that_fails_to_open_releases_its_device(monkeypatch: pytest.M
 
 
 class Tasks(queue.Queue[bytes]):
-    """Tasks that report the thread waiting for the next one."""
+    """Tasks. They report which thread waits for the next task."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -215,7 +215,7 @@ def test_the_public_address_works_once_and_closing_ends_all_threads() -> None:
     waiting = HTTPConnection(*server.server_address[:2], timeout=30)
     waiting.request("GET", "/s/next")
     thread = tasks.waiting.get(timeout=30)
-    waiting.close()  # as a browser does that is ended
+    waiting.close()  # as a browser does when it is ended
     assert thread.is_alive()
     browser._end(None, server, tasks, io.BytesIO(), tempfile.TemporaryDirectory())
     thread.join(30)

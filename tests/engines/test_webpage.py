@@ -81,7 +81,7 @@ def test_colours_taken_as_linear_come_out_lighter(in_browser: InBrowser) -> None
     exact, linear = (
         pixels(in_browser(page, SCREENSHOT, query)) for query in ("?camera=0", "?camera=0&colors=linear")
     )
-    light = exact > 50  # in darker pixels one level of ours is several levels after the sRGB curve
+    light = exact > 50  # in darker pixels the sRGB curve turns one level into several levels
     expected = 255 * (1.055 * (exact / 255) ** (1 / 2.4) - 0.055)
     assert np.abs(linear - expected)[light].max() < 2
     assert linear.mean() > exact.mean() + 20

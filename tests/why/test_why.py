@@ -1,4 +1,7 @@
-"""Why an export looks worse: the loss of each cause, and the total compared with images of the renderers."""
+"""Why an export looks worse: the loss of each cause, and the total.
+
+Both are compared with images of the renderers.
+"""
 
 from contextlib import closing
 from dataclasses import replace
@@ -120,7 +123,7 @@ def test_the_total_compares_the_images_of_both_renderers() -> None:
     assert total.db == total.right == pytest.approx(plain, abs=1e-6)
     assert 17.5 < plain < 19
     assert total.wrong < plain - 3
-    # Soft edges are the largest cause here, and the three causes that only a bake avoids make up the total.
+    # Soft edges are the largest cause here. The three causes that only a bake avoids make up the total.
     assert total.bakes == ("soft_edges", "opacity", "view_dependence")
     assert by_name(causes)["soft_edges"].db == pytest.approx(21.3, abs=0.7)
     assert total.baked == pytest.approx(plain, abs=0.7)
