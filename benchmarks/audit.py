@@ -6,10 +6,10 @@
                                                       about 0.1 million faces, first table only
 
 Each measurement is a fresh process that loads the arrays, warms up on a mesh of 0.1 million faces, and runs
-once. Tools take turns within a round, so drifting machine speed affects all alike. The table shows medians,
-and the time of a peer divided by ours in the same round. Slow tools run in the first round only, and not at
-the largest sizes unless --all is given. Memory is the growth of the process's peak above the loaded arrays
-and libraries. Peers that are not installed are skipped.
+once. Tools take turns within a round, so changes of the machine's speed affect all alike. The table shows
+medians. It also shows the time of a peer divided by our time in the same round. Slow tools run in the first
+round only. They skip the largest sizes unless --all is given. Memory is the growth of the process's peak
+above the loaded arrays and libraries. Peers that are not installed are skipped.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ WARM = 61
 MAIN = 388
 """Lattice size for threads, first calls, whole processes and hostile meshes."""
 FACES_PER_SQUARE = 26.6
-"""Faces of the generated mesh per n^2, n the lattice size."""
+"""Number of faces of the generated mesh, divided by the square of the lattice size."""
 PARTS = ("peers", "threads", "first", "process", "hostile")
 
 
@@ -99,7 +99,7 @@ def middle(results: list[Result], key: str = "seconds") -> float:
 
 
 def peers(folder: Path, faces: int, tools: list[str], rounds: int, everything: bool) -> list[Result]:
-    """Return a row per tool: medians over rounds, ratios within rounds, and answers that differ from ours."""
+    """Return a row per tool: medians over rounds, ratios within rounds, and answers unlike ours."""
     found: dict[str, list[Result]] = {tool: [] for tool in tools}
     for number in range(rounds):
         for tool in tools:
@@ -148,7 +148,7 @@ def print_peers(faces: int, rounds: int, rows: list[Result]) -> None:
 
 
 def growth(sizes: list[Result]) -> dict[str, float]:
-    """Return tool -> exponent e of the best fit seconds ~ faces^e."""
+    """Return for each tool the exponent e of the best fit seconds ~ faces^e."""
     times: dict[str, list[tuple[float, float]]] = {}
     for size in sizes:
         for row in size["rows"]:
@@ -173,8 +173,10 @@ def threads(folder: Path, rounds: int) -> Result:
 
 
 def first_calls(folder: Path, rounds: int) -> Result:
-    """Return the seconds of a second call, of a process's first call, and of a first call with an empty
-    cache."""
+    """Return the seconds of three calls.
+
+    They are a second call, the first call of a process, and a first call with an empty cache.
+    """
     second, first, ever = [], [], []
     for _ in range(rounds):
         second.append(run("msb", folder))
@@ -185,7 +187,7 @@ def first_calls(folder: Path, rounds: int) -> Result:
 
 
 def processes(folder: Path, rounds: int) -> Result:
-    """Return the seconds from starting msb-audit on a file to its printed table."""
+    """Return the seconds from the start of msb-audit on a file until it has printed its table."""
     from msb.asset import write_asset
     from msb.meshes import Mesh, write_mesh
     from msb.meshes.assets import asset_from_mesh
@@ -209,7 +211,10 @@ def processes(folder: Path, rounds: int) -> Result:
 
 
 def hostiles(root: Path, counts: tuple[int, ...]) -> list[Result]:
-    """Return a row for each hostile mesh: seconds and memory by number of faces, and their growth."""
+    """Return a row for each hostile mesh.
+
+    It has seconds and memory at each number of faces, and the growth of both.
+    """
     rows = []
     for name in HOSTILE:
         row: Result = {"mesh": name, "what": (HOSTILE[name].__doc__ or "").rstrip("."), "at": {}}

@@ -1,4 +1,4 @@
-"""Hostile meshes of any size for the audit: each is the worst case of one approach."""
+"""Hostile meshes of any size for the audit. Each mesh is the worst case for one kind of algorithm."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ if TYPE_CHECKING:
 
 
 def star(count: int) -> Mesh:
-    """One vertex in every face, the others at random."""
+    """All faces share one vertex; their other vertices are random."""
     faces = np.random.default_rng(0).integers(1, count // 2, (count, 3))
     faces[:, 0] = 0
     return count // 2, faces
 
 
 def fan(count: int) -> Mesh:
-    """One vertex in every face; the faces form one fan around it."""
+    """All faces share one vertex and form one fan around it."""
     rim = np.arange(1, count + 1)
     return count + 2, np.stack([np.zeros_like(rim), rim, rim + 1], axis=1)
 
 
 def book(count: int) -> Mesh:
-    """One edge in every face."""
+    """All faces share one edge."""
     page = np.arange(2, count + 2)
     return count + 2, np.stack([np.zeros_like(page), np.ones_like(page), page], axis=1)
 
@@ -48,7 +48,7 @@ def strip(count: int) -> Mesh:
 
 
 def shuffled_strip(count: int) -> Mesh:
-    """One strip with faces and vertices in random order: long paths for a union of neighbours."""
+    """One strip with faces and vertices in random order: joining neighbours must follow long paths."""
     random = np.random.default_rng(0)
     return count + 2, random.permutation(count + 2)[strip(count)[1][random.permutation(count)]]
 
@@ -59,7 +59,7 @@ def noise(count: int) -> Mesh:
 
 
 def few(count: int) -> Mesh:
-    """Faces of three random vertices out of thirty; the other vertices are unused."""
+    """Faces of three random vertices out of thirty; no face uses the other vertices."""
     return count // 2, np.random.default_rng(0).integers(0, 30, (count, 3))
 
 

@@ -1,8 +1,8 @@
-"""Tools that `benchmarks.audit` times: our audit, a lower bound, and the peers, on the same two arrays.
+"""Tools that `benchmarks.audit` times on the same two arrays: our audit, a lower bound, and the peers.
 
 A tool is a function of vertices (V, 3) float32 and faces (F, 3) int32 that returns the timed work.
-Preparation (a mesh object, wider integers) is not timed. The work returns answers under common names wherever
-definitions agree.
+Preparation (a mesh object, wider integers) is not timed. The work returns its answers. If tools define an
+answer alike, it has the same name.
 """
 
 from __future__ import annotations
@@ -131,7 +131,7 @@ def trimesh(vertices: NDArray[Any], faces: NDArray[Any]) -> Callable[[], Answers
 
 
 def meshlib(vertices: NDArray[Any], faces: NDArray[Any]) -> Callable[[], Answers]:
-    """Prepare MeshLib. Building the mesh is most of its work, and its counts are of the mesh it built."""
+    """Prepare MeshLib. Most of its work is to build the mesh, and it counts in the built mesh."""
     from meshlib import mrmeshnumpy, mrmeshpy
 
     points = vertices.astype(np.float64)
@@ -163,7 +163,7 @@ def open3d(vertices: NDArray[Any], faces: NDArray[Any]) -> Callable[[], Answers]
 
 
 def scatter(vertices: NDArray[Any], faces: NDArray[Any]) -> Callable[[], Answers]:
-    """Prepare the lower bound: 3F int32 written to random places."""
+    """Prepare the lower bound, which writes 3F int32 values to random places."""
     place = np.random.default_rng(0).permutation(faces.size)
     values, out = np.arange(faces.size, dtype=np.int32), np.zeros(faces.size, np.int32)
 

@@ -2,14 +2,14 @@
 
     python -m benchmarks.bake [MODEL SCENE ...]
 
-The table has a row for each model and geometry: PSNR against held-out photographs of the native rendering, of
-the standard-tier mesh and of the bake (1 and 16 samples per pixel); triangles, bytes, seconds and peak
-memory. Each bake runs in a separate process. `--twice` repeats it and compares the bytes. `--folder` keeps
-the files, for example `walled-two_dts-kept.glb`. The default models are those of `msb demo-data`.
-`--image-folder` and `--resolution` select the photographs. `--lods` and `--collision` add a second table: the
-loss of each level of detail relative to the full bake, and the distance of the collision shape from the
-visible surface. `--picture` writes an image with one row per model: held-out photograph, native rendering,
-standard-tier mesh, bakes.
+The table has a row for each model and geometry: triangles, bytes, seconds and peak memory. It also has the
+PSNR of the native rendering, of the standard-tier mesh and of the bake (with 1 and 16 samples per pixel),
+compared with held-out photographs. Each bake runs in a separate process. `--twice` repeats it and compares
+the bytes. `--folder` keeps the files, for example `walled-two_dts-kept.glb`. The default models are those of
+`msb demo-data`. `--image-folder` and `--resolution` select the photographs. `--lods` and `--collision` add a
+second table. It shows how much each level of detail loses relative to the full bake, and how far the
+collision shape is from the visible surface. `--picture` writes an image with one row per model: held-out
+photograph, native rendering, standard-tier mesh, bakes.
 """
 
 from __future__ import annotations
@@ -78,7 +78,7 @@ print(json.dumps({**report.to_dict(), "seconds": seconds, "peak_mb": peak}))
 
 
 def baked(model: Path, scene: Path, options: dict[str, Any], place: Path) -> tuple[dict[str, Any], Image]:
-    """Run one bake; return its report with peak memory and the SHA-256 of its GLB, and its image.
+    """Run one bake; return its image and its report, with peak memory and the SHA-256 of its GLB.
 
     The files are written to `place` plus a suffix.
     """
@@ -129,7 +129,8 @@ def row(name: str, report: dict[str, Any]) -> str:
 def beside(name: str, report: dict[str, Any]) -> str:
     """Return the Markdown row of a bake's levels of detail and collision shape.
 
-    Levels: dB lost relative to the full bake, against native rendering with 16 samples per pixel.
+    For levels it has the PSNR in dB that they lose relative to the full bake. PSNR is compared with native
+    rendering, with 16 samples per pixel.
     """
     whole = report["psnr"]["native"]["after_16"]
     cells = [name, report["geometry"], f"{whole:.2f}"]

@@ -2,11 +2,11 @@
 
     python -m benchmarks.bake_scale --faces 1000000 3000000 --geometry kept fitted
 
-The table has a row for each bake: PSNR of the standard-tier mesh and of the bake against native rendering on
-held-out views, triangles, seconds, CPU seconds and peak memory. Each stage has a row with its time and
-memory. The garden is synthetic: a lawn with slabs, a table with a vase, bushes and a sky, covered with soft
-triangles of `--method` with spherical harmonics of degree 3 and finely patterned colours. Each bake runs in a
-separate process. `--options` passes further options of `msb.bake` as JSON.
+The table has a row for each bake: triangles, seconds, CPU seconds and peak memory. It also has the PSNR of
+the standard-tier mesh and of the bake on held-out views, compared with native rendering. Each stage has a row
+with its time and memory. The garden is synthetic: a lawn with slabs, a table with a vase, bushes and a sky.
+It is covered with soft triangles of `--method`. They have spherical harmonics of degree 3 and colours in a
+fine pattern. Each bake runs in a separate process. `--options` passes further options of `msb.bake` as JSON.
 """
 
 from __future__ import annotations
@@ -32,15 +32,23 @@ Reals = NDArray[np.float64]
 
 SOUPS = tuple(name for name in BLENDED if not is_connected(name))
 PARTS = {"lawn": 0.25, "table": 0.12, "legs": 0.03, "vase": 0.1, "bushes": 0.35, "sky": 0.15}
-"""Part of the garden -> share of the faces. As in trained models, most are near the centre of the camera
-path."""
+"""Part of the garden -> share of the faces.
+
+As in trained models, most faces are near the centre of the camera path.
+"""
 _COVER = 6.0
-"""Area of all faces relative to the surface that they cover; above 1 because soft edges cover less."""
+"""Area of all faces, divided by the area that they cover. It is above 1, because soft edges cover less."""
 _SOFT = -1.0
-"""Softness of edges: between a linear fall-off and a hard edge, as at the end of a training."""
+"""Softness of the edges of faces.
+
+As at the end of a training, edges are between a linear fall-off and a hard edge.
+"""
 _LAWN, _SKY = 10.0, 14.0
 RINGS = ((2.6, 1.3), (3.2, 2.0), (2.2, 2.6))
-"""Camera rings: distances from the centre of the table, and heights, used in turn."""
+"""Distances of the cameras from the centre of the table, and their heights.
+
+Successive cameras use them in turn.
+"""
 _COLUMNS = (
     *("faces", "views", "geometry", "plain, 1", "baked, 1", "baked, 16", "triangles"),
     *("s", "processor s", "peak GB"),
@@ -147,14 +155,14 @@ def cameras(count: int, width: int, height: int) -> list[msb.Camera]:
 
 
 class Stages:
-    """Progress callback of a bake: seconds, CPU seconds and peak memory of each stage."""
+    """A progress callback of a bake. It measures seconds, CPU seconds and peak memory of each stage."""
 
     def __init__(self) -> None:
         self.found: dict[str, list[float]] = {}
         self._stage, self._began = "views", (time.perf_counter(), processor_seconds())
 
     def __call__(self, stage: str, _done: int = 0, _total: int = 0) -> None:
-        """Add the time since the last call to its stage; every stage also reports its start."""
+        """Add the time since the last call to the stage of that call. Every stage also reports its start."""
         now = time.perf_counter(), processor_seconds()
         row = self.found.setdefault(self._stage, [0.0, 0.0, 0.0])
         for k in range(2):

@@ -6,13 +6,15 @@
 
 Parts:
 
-- `stages`: every stage of every method; the share of a frame before blending; the projection relative to
-  plain C that moves the same bytes; the textbook pipeline (official tile rectangles, no early stop).
+- `stages`: every stage of every method, and the share of a frame before blending. The projection is
+  compared with plain C that moves the same bytes, the frame with a textbook pipeline (official tile
+  rectangles, no early stop).
 - `blend`: the blend stage of 2DTS against a hand-written loop in C and a kernel with work-groups.
 - `threads`: one thread against all threads.
 
-The models are described in dedicated_scenes.py. Competitors take turns within a round, so drifting machine
-speed affects all alike. The tables show medians over rounds, and medians of the ratios within a round.
+The models are described in dedicated_scenes.py. Competitors take turns within a round, so changes of the
+machine's speed affect all alike. The tables show medians over rounds, and medians of the ratios within a
+round.
 """
 
 from __future__ import annotations
@@ -85,12 +87,11 @@ def peer(device: Device) -> Peer | None:
 
 
 def traffic(peer: Peer, asset: Asset, visible: np.ndarray, written: np.ndarray) -> Callable[[], float]:
-    """Return a function that measures how long C needs to move a projection's minimum of bytes, in
-    milliseconds.
+    """Return a function that measures how long C takes to move the bytes of a projection, in milliseconds.
 
-    A soup reads the bounding spheres of all faces and the positions, opacities and colours of kept faces, and
-    writes one record per kept face. A mesh reads positions and colours of all vertices, and three indices per
-    face.
+    For a soup, the projection reads the bounding spheres of all faces. It also reads positions, opacities and
+    colours of the kept faces, and writes a record per kept face. For a mesh, it reads positions and colours
+    of all vertices, and three indices per face.
     """
     buffers = asset.buffers
     kept = np.flatnonzero(visible).astype(np.uint32)
@@ -122,7 +123,7 @@ def stages(
     selected: tuple[str | None, Any],
     alone: bool,
 ) -> list[dict[str, Any]]:
-    """Return a row for each image size; `alone` skips the competitors."""
+    """Return a row for each image size; if `alone` is true, the competitors are skipped."""
     from msb.cl import open_device
     from msb.render.splat.pipeline import SplattingPipeline
 
@@ -181,7 +182,7 @@ def _ratio(values: Sequence[float], others: Sequence[float]) -> float:
 
 
 def blends(faces: int, sizes: Sequence[Sequence[int]], rounds: int) -> list[dict[str, Any]]:
-    """Return times of 2DTS's blend stage and of its competitors in milliseconds, one row per image size."""
+    """Return the milliseconds of the blend stage of 2DTS and of its competitors, a row per image size."""
     from msb.cl import open_device
     from msb.render.splat.pipeline import SplattingPipeline
 
@@ -269,7 +270,10 @@ def print_blends(rows: list[dict[str, Any]], *, head: bool) -> None:
 
 
 def print_paper(rows: list[dict[str, Any]]) -> None:
-    """Print frames per second beside the paper's Unity players (RTX 4090, mean over its scenes)."""
+    """Print frames per second.
+
+    Beside them are those of the paper's Unity players, on an RTX 4090 and averaged over its scenes.
+    """
     from msb.report.paper import paper_row
 
     titles = f"{'frames/s':>8} {'ms':>7} {'paper: frames/s':>17} {'GPU ms':>8}"
@@ -286,7 +290,7 @@ def print_paper(rows: list[dict[str, Any]]) -> None:
 
 
 def moderate(faces: Sequence[int]) -> int:
-    """Return the largest entry of `faces` up to a million, which can be compared in seconds."""
+    """Return the largest entry of `faces` up to a million; a comparison of this size takes seconds."""
     return max((count for count in faces if count <= 1_000_000), default=min(faces))
 
 

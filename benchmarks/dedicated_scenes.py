@@ -1,8 +1,9 @@
-"""Models of the sizes captures have, for the benchmark of the dedicated tier.
+"""Models as large as those of real captures, for the benchmark of the dedicated tier.
 
-Faces are scattered about three layers of surface at depths 3, 6 and 12, with sizes of a log-normal
-distribution (the median shrinks as one over the square root of their number: about 3 pixels at 1M faces and
-1237 x 822) and opacities of a U-shaped beta distribution, most of them nearly opaque. SH degree 3.
+Faces are scattered around three surfaces at the depths 3, 6 and 12. Their sizes have a log-normal
+distribution. The median size falls with the square root of the number of faces: it is about 3 pixels for a
+million faces and 1237 x 822 pixels. Opacities have a U-shaped beta distribution, and most faces are nearly
+opaque. The degree of spherical harmonics is 3.
 """
 
 from __future__ import annotations
@@ -31,14 +32,14 @@ def is_connected(method: str) -> bool:
 
 
 def camera(width: int, height: int) -> Any:
-    """Return the camera all models are made for: at the origin, along z."""
+    """Return the camera that all models are made for. It stands at the origin and looks along z."""
     return msb.Camera(width, height, _FOCAL * width, _FOCAL * width, width / 2, height / 2, np.eye(4))
 
 
 def soup(faces: int, seed: int = 0) -> dict[str, Any]:
     """Return positions (F, 3, 3), opacities and SH coefficients of free triangles."""
     random = np.random.default_rng(seed)
-    # Half as wide again as the image: as in a capture, much of the model is out of view.
+    # The model is 1.5 times as wide as the image. As in a capture, much of it is out of view.
     x = random.uniform(-0.8, 0.8, faces)
     y = random.uniform(-0.55, 0.55, faces)
     layer = random.choice([3.0, 6.0, 12.0], faces, p=[0.35, 0.35, 0.3])
@@ -59,7 +60,7 @@ def soup(faces: int, seed: int = 0) -> dict[str, Any]:
 
 
 def grid_mesh(faces: int, seed: int = 0) -> dict[str, Any]:
-    """Return three layers of bumpy grids with shared vertices: what MeshSplatting makes."""
+    """Return three layers of bumpy grids with shared vertices, like a model of MeshSplatting."""
     random = np.random.default_rng(seed)
     side = max(2, round((faces / 6) ** 0.5))
     u, v = np.meshgrid(np.linspace(-0.8, 0.8, side + 1), np.linspace(-0.55, 0.55, side + 1))
@@ -70,7 +71,7 @@ def grid_mesh(faces: int, seed: int = 0) -> dict[str, Any]:
         z = depth * (1 + 0.15 * np.sin(5 * u + depth) * np.cos(4 * v))
         z = z + 0.002 * depth * random.standard_normal(z.shape)
         positions.append(np.stack([u * z, v * z, z], axis=-1).reshape(-1, 3))
-        # A third of the nearer layers is holes, through which the next one is seen.
+        # A third of each nearer layer consists of holes. Through these holes the next layer is visible.
         kept = quads if depth == 12.0 else quads[np.sin(40 * quads[:, 0] / side) > -0.5]
         indices.append(np.concatenate([kept[:, :3], kept[:, [0, 2, 3]]]) + number * (side + 1) ** 2)
     vertices = 3 * (side + 1) ** 2
@@ -84,13 +85,16 @@ def grid_mesh(faces: int, seed: int = 0) -> dict[str, Any]:
 
 
 def model(method: str, faces: int) -> msb.Asset:
-    """Return an asset of `method` with about so many faces."""
+    """Return an asset of `method` with about this number of faces."""
     return asset_of(method, grid_mesh(faces) if is_connected(method) else soup(faces))
 
 
 def asset_of(method: str, buffers: dict[str, Any], soft: float = 0.15) -> msb.Asset:
-    """Return an asset of `method` with what `soup` or `grid_mesh` returns; `soft` is the mean logarithm of
-    the exponents of the edges of Triangle-Splatting, 0 for a linear fall."""
+    """Return an asset of `method` with the data that `soup` or `grid_mesh` returns.
+
+    `soft` is the mean logarithm of the exponents of edges in Triangle-Splatting; with 0, edges fall off
+    linearly.
+    """
     from msb.asset.build import Description, build_asset
 
     kernel: dict[str, Any] = {"kernel": METHODS[method].coverage}
@@ -113,7 +117,7 @@ def asset_of(method: str, buffers: dict[str, Any], soft: float = 0.15) -> msb.As
 
 
 def capture(method: str, faces: int) -> msb.Asset:
-    """Return the model of a method, its faces in no order that helps."""
+    """Return the model of a method with its faces in random order."""
     asset = model(method, faces)
     if not is_connected(method):  # soups are random already
         return asset
@@ -124,7 +128,7 @@ def capture(method: str, faces: int) -> msb.Asset:
 def psnr(
     image: NDArray[np.float32], official: NDArray[np.float32], stable: Any = None, *, quantize: bool = True
 ) -> float:
-    """Return the PSNR in dB of two images as a screen shows them, clamped to [0, 1]."""
+    """Return the PSNR in dB of two images, which are clamped to [0, 1] as on a screen."""
     first, second = np.clip(image, 0, 1), np.clip(official, 0, 1)
     if stable is not None:
         first, second = first[stable][None], second[stable][None]

@@ -1,9 +1,11 @@
-"""Bytes of GLB files as they were, as they are, and for the web; and what their pictures keep.
+"""Compare the bytes of GLB files: earlier, today, and for the web.
+
+Measure the image quality of the web files.
 
     python -m benchmarks.delivery [--json FILE] [ASSET ...]
 
-prints a row of Markdown for each asset. With one sample a pixel an edge that moves by a hundredth of a pixel
-turns a hundredth of its pixels over; with sixteen it is seen as that much less.
+prints a row of Markdown for each asset. If an edge moves by a hundredth of a pixel, a hundredth of the pixels
+along it show another face. With 16 samples per pixel, such a pixel changes by only a sixteenth.
 """
 
 from __future__ import annotations
@@ -33,7 +35,7 @@ HEADER = """| asset | before | GLB | web | of before | dB, 1 sample | dB, 16 sam
 
 
 def before(mesh: Mesh) -> int:
-    """Return the bytes of the GLB that was written until colours became linear, without its JSON of 1 kB."""
+    """Return the bytes of the GLB that was written before colours became linear, without its JSON of 1 kB."""
     colors = mesh.vertex_colors
     width = 0 if colors is None else 4 if colors.dtype.itemsize == 1 else 4 * colors.shape[1]
     return len(mesh.vertices) * (12 + width) + len(mesh.faces) * 12

@@ -3,10 +3,11 @@
     python -m benchmarks.endurance                    all kinds of work in TIMES python -m
     benchmarks.endurance renders trials     these kinds only; --share 0.1 for a tenth of the repetitions
 
-Each kind of work runs in a fresh process. After a tenth, half and all of its repetitions it prints a line:
-private memory of the process and of its children (the median since the previous line), open files, threads,
-children and temporary files. The first tenth includes everything that is created once: compiled programs,
-imported libraries, memory pools. Growth between half and the end indicates a leak.
+Each kind of work runs in a fresh process. After a tenth, half and all of its repetitions it prints a line.
+The line shows the private memory of the process and of its children, as the median since the previous line.
+It also shows the numbers of open files, threads, children and temporary files. The first tenth includes
+everything that is created once: compiled programs, imported libraries, memory pools. Growth between half and
+the end indicates a leak.
 """
 
 from __future__ import annotations
@@ -39,10 +40,12 @@ if TYPE_CHECKING:
     from msb.bench.progress import Stage
 
 TIMES = {"renders": 500, "threads": 4000, "cells": 532, "trials": 50, "bakes": 500}
-"""Kind of work -> repetitions. "threads" counts images of one renderer from eight threads; bakes use eight
-too."""
+"""Kind of work -> repetitions. "threads" counts the images that one renderer draws for eight threads.
+
+Bakes also use eight threads.
+"""
 _CELLS = 76
-"""Number of cells with a result in the protocol of the tests' tiny scenes."""
+"""Number of cells in the protocol of the tests' tiny scenes that have a result."""
 _VIEW = 320, 240
 _TASKS = "uv", "decimate_50", "subdivide", "boolean", "self_intersections"
 
@@ -91,7 +94,10 @@ def line(row: dict[str, Any]) -> str:
 
 
 def held(processes: list[psutil.Process]) -> float:
-    """Return the private memory of these processes in megabytes: not backed by files, not shared."""
+    """Return the private memory of these processes in megabytes.
+
+    It excludes shared memory and memory backed by files.
+    """
     total = 0.0
     for process in processes:
         with contextlib.suppress(psutil.NoSuchProcess):
@@ -152,7 +158,10 @@ class _Counted:
 
 
 def cells(folder: Path, looks: Looks, times: int) -> None:
-    """Run the protocol of the tests' tiny scenes; each model has enough labels for all repetitions."""
+    """Run the protocol of the tests' tiny scenes.
+
+    Each model has so many labels that one run contains all repetitions.
+    """
     from msb.bench.protocol import read_protocol
     from msb.bench.run import run_protocol
 

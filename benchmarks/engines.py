@@ -1,4 +1,6 @@
-"""Compare images of other engines with the standard tier, also with the engines' default colour settings.
+"""Compare images of other engines with the standard tier.
+
+One comparison uses the engines' default colour settings.
 
     python -m benchmarks.engines                               all scenes, all installed engines
     python -m benchmarks.engines --scenes goldens --engines wgpu
@@ -65,12 +67,15 @@ def garden() -> Iterator[Task]:
 
 
 def million() -> Iterator[Task]:
-    """Yield a mesh like MeshSplatting's of a million faces, with an off-centre camera of oblong pixels."""
+    """Yield a mesh of a million faces like those of MeshSplatting.
+
+    Its camera has an off-centre principal point and pixels that are not square.
+    """
     yield Task(splat_like_asset(194), [(oblong(960, 720), (1.0, 1.0, 1.0))], {})
 
 
 def soup() -> Iterator[Task]:
-    """Yield the worst case: a million crossing faces of about a pixel, each corner with a random colour."""
+    """Yield the worst case: a million crossing faces of about a pixel, with random colours of corners."""
     scene = shell(1_000_000)
     buffers = {"positions": scene.positions, "indices": scene.indices, "color": scene.colors}
     asset = build_asset(buffers, {"color": "vertex"}, Description(appearance={"kind": "static_color"}))

@@ -1,11 +1,12 @@
-"""The dedicated tier by a graphics pipeline, beside ours in OpenCL and beside three.js' plain mesh.
+"""Compare the dedicated tier by a graphics pipeline with ours in OpenCL, and with a plain mesh in three.js.
 
-All renderers of a scene take turns within a round, so a machine whose speed drifts treats them alike. Times
-are medians over the rounds of what `draw` says: the device's where it has timestamps, else those of waiting.
-Every image is compared with that of our OpenCL kernels, which are the official image to 136 dB or more.
+All renderers of a scene take turns within a round, so changes of the machine's speed affect all alike. Times
+are medians over the rounds. If a device has timestamps, it measures the times itself; otherwise they are
+wall-clock times. Every image is compared with the image of our OpenCL kernels, which agrees with the official
+image to 136 dB or more.
 
-A software adapter computes on the processor that our kernels have, too. Its images and its memory count, and
-so do the shares of its stages; its times say nothing of a graphics card.
+A software adapter computes on the same processor as our kernels. Its images, its memory and the shares of its
+stages are valid, but its times say nothing about a graphics card.
 """
 
 from __future__ import annotations
@@ -39,19 +40,19 @@ RENDERERS: dict[str, tuple[str, dict[str, Any]]] = {
     "wgpu, `engine` and `none`": ("dedicated", {"name": "wgpu", "sampling": "engine", "order": "none"}),
     "three.js, the plain mesh": ("standard", {"name": "threejs"}),
 }
-"""Row -> tier and options."""
+"""Row of the table -> tier and options of the renderer."""
 STAGES = ("project", "sort", "records", "bin", "blend", "resolve")
 BLACK = (0.0, 0.0, 0.0)
 
 
 def synthetic(faces: int) -> Iterator[tuple[str, Asset, list[Camera]]]:
-    """Yield a model of every blended method, of about so many faces."""
+    """Yield a model of every blended method with about this number of faces."""
     for method in BLENDED:
         yield METHODS[method].title, capture(method, faces), [camera(620, 411)]
 
 
 def captured(garden: Path) -> Iterator[tuple[str, Asset, list[Camera]]]:
-    """Yield models of a triangle at every point of a capture, and four of its cameras."""
+    """Yield models with a triangle at every point of a capture, and four cameras of the capture."""
     if not garden.exists():
         return
     cameras = [seen.resized(648, 420) for seen in msb.read_cameras(garden / "sparse" / "0")[::8]]
@@ -62,7 +63,7 @@ def captured(garden: Path) -> Iterator[tuple[str, Asset, list[Camera]]]:
 
 
 def compare(asset: Asset, cameras: list[Camera], rounds: int) -> list[dict[str, Any]]:
-    """Return a row for each renderer, the first of which is ours; one that cannot draw says why."""
+    """Return a row for each renderer, ours first. The row of a renderer that cannot draw has the reason."""
     rows: list[dict[str, Any]] = []
     running: dict[str, msb.Renderer] = {}
     official: list[Any] = []
@@ -101,7 +102,7 @@ def compare(asset: Asset, cameras: list[Camera], rounds: int) -> list[dict[str, 
 
 
 def stage_times(row: dict[str, Any]) -> dict[str, float]:
-    """Return stage -> median milliseconds of a frame, of any camera."""
+    """Return for each stage the median milliseconds per frame, over all cameras."""
     frames = [frame for turn in row["rounds"] for frame in turn]
     return {stage: median(frame[stage] for frame in frames) for stage in frames[0]}
 

@@ -1,14 +1,14 @@
-"""Exporting a large checkpoint against a plain copy of its bytes.
+"""Compare the export of a large checkpoint with a plain copy of its bytes.
 
     python -m benchmarks.export                  5 million triangles of SH degree 3, three rounds
     python -m benchmarks.export --triangles 1000000 --folder /path/with/room
 
-Every measurement is a fresh process. The copy reads and writes the checkpoint a piece at a time, the export
-is `msb.export` and `msb.save`; both write a new file and flush it to the disk. Right before writing, and not
-timed, each writes and removes a file of that size: memory that a virtual machine has given back to its host
-is three times as slow to write to. They take turns, so a machine whose speed drifts treats them alike.
-Hashing (the source, every buffer) is timed apart. Memory is the process's peak with everything in it, the
-mapped checkpoint included.
+Every measurement is a fresh process. The copy reads and writes the checkpoint piece by piece. The export
+consists of `msb.export` and `msb.save`. Both write a new file and flush it to the disk. Before its time
+starts, each writes and removes a file of the same size, because memory that a virtual machine has given back
+to its host is three times as slow to write to. Both take turns, so changes of the machine's speed affect both
+alike. The hashes of the source and of every buffer are timed separately. Memory is the peak of the process,
+including the mapped checkpoint.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ _PIECE = 1 << 24
 
 
 def write_checkpoint(path: Path, triangles: int) -> None:
-    """Write a Triangle-Splatting checkpoint of random triangles; what is in it does not matter here."""
+    """Write a Triangle-Splatting checkpoint of random triangles; the values do not matter here."""
     from data_stubs.torch_file import write_torch
 
     random = np.random.default_rng(0)
@@ -45,7 +45,7 @@ def write_checkpoint(path: Path, triangles: int) -> None:
 
 
 def prepare(target: Path, size: int) -> None:
-    """Remove `target`, and have the memory at hand that writing `size` bytes takes."""
+    """Remove `target`, and get the memory from the system that writing `size` bytes takes."""
     target.unlink(missing_ok=True)
     with target.with_name("prepare.bin").open("wb") as file:
         for _ in range(-(-size // _PIECE)):
@@ -120,7 +120,7 @@ def main() -> None:
 
 
 def run(task: str, folder: Path) -> dict[str, float]:
-    """Return one measurement of `task`, in a process of its own."""
+    """Run `task` in a separate process, and return its measurements."""
     command = [sys.executable, "-m", "benchmarks.export", "--worker", task, "--folder", str(folder)]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     result: dict[str, float] = json.loads(done.stdout)
@@ -128,7 +128,7 @@ def run(task: str, folder: Path) -> dict[str, float]:
 
 
 def print_table(rounds: list[dict[str, dict[str, float]]], triangles: int) -> None:
-    """Print medians, and the two ratios the export is held to."""
+    """Print medians, and the two ratios that have limits for the export."""
     asset = rounds[0]["export"]["size"]
     print(f"\n{triangles:,} triangles of SH degree 3, asset {asset:,.0f} bytes; median of {len(rounds)}")
     print(f"{'task':<10}{'seconds':>9}{'hashing':>9}{'rest / copy':>13}{'peak / asset':>14}")

@@ -2,13 +2,12 @@
 
 `--models DIR` is a folder with a trained model of each method, for example out/trainings/garden as written by
 `python -m data_stubs.trainings --garden SCENE`. docs/trained.md shows the results, and `--picture` its image.
-The models are also drawn as engines would (`VARIANTS`, `ENGINES`), and the trial's tasks run on them and
-their repairs.
+The models are also drawn as engines would draw them (`VARIANTS`, `ENGINES`). The tasks of a trial run on the
+models and on their repairs.
 
 Without `--models`, a model of each method is created from the capture's SfM points: a small triangle at each
-point, oriented by its neighbours, in the colour of the photographs. Its images are sparse and spotty. It
-demonstrates export, rendering, comparison, timing and audit on a capture in the official layout, and their
-cost.
+point, oriented by its neighbours, in the colour of the photographs. Its images are sparse and spotty. This
+shows export, rendering, comparison, timing and audit on a capture in the official layout, and what they cost.
 """
 
 from __future__ import annotations
@@ -35,7 +34,7 @@ SIZE = 1.6
 GAP = 4
 """Gap between the images of the picture in pixels."""
 COLORS = 256
-"""Colours of the picture's palette; a palette makes the file a third of the size."""
+"""Number of colours in the picture's palette. With a palette the file has a third of the size."""
 LARGEST = 0.98
 """Sizes are limited to this quantile; otherwise triangles at distant points would cover the sky."""
 
@@ -44,7 +43,7 @@ VARIANTS = {
     "unsorted": {"order": "none", "sampling": "engine"},
     "hardware": {"renderer": "wgpu"},
 }
-"""Label -> deviation from the dedicated tier."""
+"""Label -> the setting that deviates from the dedicated tier."""
 ENGINES = ["wgpu", "threejs"]
 """Other renderers of the standard tier."""
 PICTURED = ("dedicated", "standard")
@@ -109,7 +108,10 @@ def protocol_text(
 
 
 def montage(results: Path, scene: str) -> Image.Image:
-    """Return the first test view by every method, one row per entry of `PICTURED`; white means N/A."""
+    """Return images of the first test view: a column per method, and a row per entry of `PICTURED`.
+
+    White means that there is no image.
+    """
     found = {}
     for row, condition in enumerate(PICTURED):
         for column, method in enumerate(TRAINED):

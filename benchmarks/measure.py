@@ -1,4 +1,7 @@
-"""Helpers of all benchmarks: description of the machine, peak memory, CPU time, results as JSON."""
+"""Helpers of all benchmarks.
+
+They describe the machine, measure peak memory and CPU time, and write results as JSON.
+"""
 
 from __future__ import annotations
 
@@ -49,7 +52,8 @@ def keep(record: dict[str, Any], path: Path | None) -> None:
 def c_library(source: Path, *flags: str) -> ctypes.CDLL:
     """Compile C source with OpenMP, -O3 and `flags`, and return the library.
 
-    Idle OpenMP threads sleep. By default they would spin for milliseconds and slow the next measurement.
+    Idle OpenMP threads sleep. By default its threads would spin for milliseconds and slow the next
+    measurement.
 
     Raises
     ------
@@ -82,7 +86,10 @@ def c_library(source: Path, *flags: str) -> ctypes.CDLL:
 
 
 def reset_peak() -> int:
-    """Reset the peak memory of the process to its current use if the system can; return it in bytes."""
+    """If the system can, reset the peak memory of the process to its current use.
+
+    Return the peak memory in bytes.
+    """
     with contextlib.suppress(OSError):
         Path("/proc/self/clear_refs").write_text("5")
     return peak()
@@ -91,7 +98,7 @@ def reset_peak() -> int:
 def peak() -> int:
     """Return the peak memory of the process in bytes.
 
-    /proc is preferred to getrusage, where a child starts with the peak of its parent.
+    /proc is preferred to getrusage. In getrusage a child starts with the peak of its parent.
     """
     return _peak("self") or resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
 

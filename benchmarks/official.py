@@ -1,14 +1,14 @@
-"""Measure an official checkpoint on your machine: one command, one file that can be shared.
+"""Measure an official checkpoint on your machine: one command writes one file that can be shared.
 
     python -m benchmarks.official CHECKPOINT --scene DIR --device gpu -o garden.json
     python -m benchmarks.official --table garden.json truck.json
 
 The first command takes the output folder of a method's training and the capture. It measures export, audit,
-both tiers in OpenCL and in WebGPU (if wgpu is installed), the loss by cause, and a bake. With the capture it
-also measures PSNR against the photographs, and against official renderings in test/ours_N/renders of the
-checkpoint. It takes minutes on a graphics card and uses no network. Finished stages are stored in the file,
-so the same command continues after an interruption and repeats failed stages. The second command prints such
-files as Markdown tables, as in docs/official.md.
+both tiers, the loss by cause, and a bake. Tiers are measured in OpenCL and, if wgpu is installed, in WebGPU.
+With the capture it also measures PSNR, compared with the photographs and with the official renderings in the
+checkpoint's folder test/ours_N/renders. It takes minutes on a graphics card and uses no network. Finished
+stages are stored in the file, so the same command continues after an interruption and repeats failed stages.
+The second command prints such files as Markdown tables, as in docs/official.md.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ _MAX_BYTES = 1 << 20
 _SEEN = 40.0
 """PSNR (dB) below which a loss is visible and listed."""
 _WIDEST = 160
-"""Most characters of a table cell; the files may come from strangers."""
+"""Largest number of characters of a table cell. It is limited because the files may come from strangers."""
 _LIMITS = Limits(seconds=1800, memory=None)
 """Time limit of one stage in seconds; software renderers need long for a capture."""
 OF_CAPTURE = "capture", "official"
@@ -107,7 +107,7 @@ def measured(given: Given, place: Path) -> dict[str, Any]:
 
 
 def _stage(name: str, given: Given) -> dict[str, Any]:
-    """Run a stage in a separate process, print its outcome, and return its result without messages."""
+    """Run a stage in a separate process and print its outcome. Return the result without messages."""
     print(f"{name:15}", end=" ", flush=True)
     start = time.perf_counter()
     reply = run_in_child(work, asked(name, given), {}, _LIMITS)
@@ -118,7 +118,7 @@ def _stage(name: str, given: Given) -> dict[str, Any]:
 
 
 def _done(place: Path, head: dict[str, Any]) -> dict[str, Any]:
-    """Return the finished stages of a file of the same model, capture, machine and versions."""
+    """Return the finished stages in a file, if its model, capture, machine and versions are the same."""
     if not place.exists():
         return {}
     there = read(place)

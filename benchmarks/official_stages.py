@@ -1,8 +1,8 @@
 """The measurements of `benchmarks.official`: one function per stage, each called in a separate process.
 
 Each stage opens the checkpoint again. Its peak memory is therefore independent of other stages, and a
-crashing driver ends one stage only. A stage returns numbers and names of methods, devices and metrics. Of an
-error it returns the code only, because messages contain file names.
+crashing driver ends one stage only. A stage returns numbers and names of methods, devices and metrics. If an
+error occurs, it returns only the error code, because messages contain file names.
 """
 
 from __future__ import annotations
@@ -58,19 +58,28 @@ if TYPE_CHECKING:
     from msb.scenes.datasets import Scene
 
 SIZE = 1237, 822
-"""Image size (width, height) without a capture: Mip-NeRF 360's garden at a quarter of the resolution."""
+"""Image size (width, height) that is used without a capture.
+
+It is a quarter of the resolution of Mip-NeRF 360's garden.
+"""
 _WHY_VIEWS, _WHY_LONGEST = 12, 640
 """Number and size of the views that `msb why` generates by default."""
 _TIMED, _FEWEST, _LONG = 100, 10, 60.0
-"""Number of timed frames: at most the first, fewer if they take more than a minute, at least the second."""
+"""Largest and smallest number of timed frames.
+
+If the largest number would take more than a minute, fewer frames are timed.
+"""
 _CUT_OFF = ("diffsoup",)
-"""Methods whose official evaluation truncates colours to bytes, as in `kenji-tojo/diffsoup`."""
+"""Methods whose official evaluation truncates colours to bytes, as the code in `kenji-tojo/diffsoup` does."""
 _OF_DEVICE = "platform", "name", "vendor", "driver", "version", "kind", "compute_units"
 
 
 @dataclass(frozen=True)
 class Given:
-    """The user's input: absolute paths, a device selector, the folder of photographs and their resolution."""
+    """The user's input.
+
+    It consists of absolute paths, a device selector, and the folder and resolution of the photographs.
+    """
 
     checkpoint: str
     scene: str | None = None
@@ -140,7 +149,7 @@ def stage_export(given: Given) -> dict[str, Any]:
 
 
 def stage_capture(given: Given) -> dict[str, Any]:
-    """Return the scene's name if the benchmark knows it, its views, and deviations of the training."""
+    """Return the scene's name if it is known, its views, and deviations from the official training."""
     asset = msb.open(given.checkpoint)
     scene = given.capture(asset)
     assert scene is not None
@@ -216,7 +225,7 @@ def stage_draw(given: Given, tier: Tier, renderer: str | None = None) -> dict[st
 
 
 def gpu_memory(gpus: Gpus, kind: str) -> dict[str, Any]:
-    """Return this process's GPU memory by NVML since `gpus` was created, or the reason why it is unknown."""
+    """Return the GPU memory of this process since `gpus` was created, by NVML, or why it is unknown."""
     if kind != "gpu":
         return {"bytes": None, "source": None, "reason": "the device is not a GPU"}
     gpus.look({os.getpid()})
@@ -268,7 +277,7 @@ def _decibels(given: Given, drawing: Renderer, scene: Scene, method: str) -> dic
 
 
 def stage_why(given: Given) -> dict[str, Any]:
-    """Return the loss in dB by cause, the largest first, and of all causes together."""
+    """Return the loss in dB of each cause, the largest first, and the loss of all causes together."""
     asset = msb.open(given.checkpoint)
     scene = given.capture(asset)
     views = None
@@ -324,7 +333,7 @@ STAGES: dict[str, Callable[[Given], dict[str, Any]]] = {
 def work(word: str, _: Any) -> tuple[dict[str, Any], dict[str, Any]]:
     """Run the stage named in the JSON text `word`; child processes call this.
 
-    A failed stage returns the error code. The full message is in `said`, which is shown but not stored.
+    A failed stage returns the error code. The full message is in `said`; it is shown but not stored.
     """
     stage, about = json.loads(word)
     try:

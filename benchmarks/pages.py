@@ -1,6 +1,7 @@
 """Print the tables of benchmarks/pages from the JSON in benchmarks/results: `python -m benchmarks.pages`.
 
-A page holds the results of one benchmark: its name is the first word of their files.
+A page holds the results of one benchmark. The name of the page is the first word in the file names of the
+results.
 """
 
 from __future__ import annotations
@@ -44,13 +45,13 @@ TITLES = {
     "weigh": "Weighing faces",
     "why": "Causes of a worse look",
 }
-"""First word of a result -> title of its page; a word that is not here is the title itself."""
+"""First word in the file name of a result -> title of its page. Other words are titles themselves."""
 ABOUT = ("what", "measured", "machine", "notes")
 """Keys of a record that are printed above its tables."""
 
 
 def section(name: str, record: Record) -> str:
-    """Return what a page says of one result."""
+    """Return the section of a page that shows one result."""
     parts = [f"## {name}"]
     if isinstance(record.get("what"), str):
         parts.append(f"{record['what']}.")
@@ -91,7 +92,7 @@ def pages() -> dict[str, str]:
 
 
 def readme(made: Iterable[str]) -> str:
-    """Return the README with links to these pages at its end."""
+    """Return the README. At its end it has links to these pages."""
     head, mark, _ = README.read_text(encoding="utf-8").partition("## Pages\n")
     titles = {name: TITLES.get(word := Path(name).stem, word.capitalize()) for name in sorted(made)}
     return (

@@ -3,12 +3,13 @@
     python -m benchmarks.primitives                      0.1, 1 and 16 million elements, on the default device
     python -m benchmarks.primitives --device gpu         on another device
 
-Needs mako, with which pyopencl generates its scan and sort. Elements and keys have 32 bits. The two sides
-take turns, and their order changes from round to round. The table shows medians, and the median of the ratios
-within a round. A time begins with the call and ends when the queue is empty. Different results are an error.
-pyopencl's scan and sort use its `MemoryPool`, and its sort the fastest number of bits per pass on this
-device. "buffers" is the allocation of a frame: eight scratch arrays, each filled once, whose sizes change by
-up to a quarter between frames. "held" is the memory that the pools keep at the end.
+Needs mako, with which pyopencl generates its scan and sort. Elements and keys have 32 bits. Our code and
+pyopencl take turns, and the order changes from round to round. The table shows medians, and the median of the
+ratios within a round. A time begins with the call and ends when the queue is empty. If the results differ,
+the benchmark fails. pyopencl's scan and sort use its `MemoryPool`. Its sort uses the number of bits per pass
+that is fastest on this device. "buffers" allocates the memory of a frame: eight scratch arrays that are each
+filled once. Their sizes change by up to a quarter between frames. "held" is the memory that the pools keep at
+the end.
 """
 
 from __future__ import annotations
@@ -106,7 +107,7 @@ def scan_pair(device: Device, peer: Peer, count: int, dtype: type[np.unsignedint
 def sort_pair(device: Device, peer: Peer, count: int, bits: int) -> Pair | None:
     """Return the stable sort of `count` keys of `bits` bits with a payload, or None if pyopencl's fails.
 
-    On devices with many compute units its scan ends with a failed assertion for some sizes.
+    On devices with many compute units, pyopencl's scan ends with a failed assertion for some sizes.
     """
     random = np.random.default_rng(1)
     keys = random.integers(0, 1 << bits, count, np.uint32)

@@ -16,7 +16,10 @@ TITLES = {
     "splat_like": "`splat_like`",
     "vase": "a vase trained by a user of leonhardrobin/triangle-splatting2",
 }
-"""Name -> title, in the order of the tables. A new model is a line here, also one of data_stubs/models."""
+"""Name -> title, in the order of the tables.
+
+Each new model needs a line here, also a model in data_stubs/models.
+"""
 MARKS = {"works": "+", "care": "~", "fails": "-", "not_run": "not run"}
 
 
@@ -50,7 +53,7 @@ SHORT: dict[str, Callable[[dict[str, Any]], str]] = {
     "solid": lambda _: "",
     "self_intersections": _crossing,
 }
-"""Task -> a few words from its numbers."""
+"""Task -> a function that summarises its numbers in a few words."""
 
 
 def trial_table(figures: dict[str, Any]) -> str:

@@ -3,12 +3,12 @@
     python -m benchmarks.scale                   10 million triangles of SH degree 3, every method
     python -m benchmarks.scale --faces 1000000 --method diffsoup --folder /path/with/room
 
-Each step runs in a fresh process, like a command: export of the checkpoint, audit, the first frame of the
-standard and of the dedicated tier at 1237 x 822 (with start-up), repair (orient, pair), and the face weights
-of the page over 8 views of 640 x 480, by OpenCL and by the NumPy reference. The last step writes the page of
-the dedicated tier with the 100,000 faces that contribute most, and compares 4 views of it with the full
-model. Memory is the peak of the process, including mapped files and, on a CPU, the device's buffers.
-`private` leaves out memory backed by files, which the system can drop.
+Each step runs in a fresh process, like a command. The steps are the export of the checkpoint, the audit, the
+first frame of each tier at 1237 x 822 pixels (with start-up), and the repairs orient and pair. Two further
+steps compute the face weights of the page over 8 views of 640 x 480 pixels, by OpenCL and by the NumPy
+reference. The last step writes the page of the dedicated tier with the 100,000 faces that contribute most,
+and compares 4 views of it with the full model. Memory is the peak of the process, including mapped files and,
+on a CPU, the device's buffers. `private` leaves out memory backed by files, which the system can drop.
 """
 
 from __future__ import annotations
@@ -35,13 +35,13 @@ from data_stubs.torch_file import write_torch
 _ASSET = "scale.triasset"
 _PAGE_FACES = 100_000
 _HOLES = 1.287
-"""Faces of the full grid per face that remains; the others are left out as holes."""
+"""Number of faces of the full grid per remaining face. The other faces are left out as holes."""
 _INTERVAL = 0.005
 """Sampling interval of a process's private memory, in seconds."""
 
 
 def write_checkpoint(folder: Path, method: str, faces: int) -> None:
-    """Write a checkpoint of `method` with a scene of `benchmarks.dedicated_scenes`, as a training would."""
+    """Write a checkpoint of `method`, as a training would, with a scene of `benchmarks.dedicated_scenes`."""
     is_mesh = method == "diffsoup" or is_connected(method)
     buffers = grid_mesh(round(_HOLES * faces)) if is_mesh else soup(faces)
     if method == "diffsoup":
@@ -183,8 +183,10 @@ STEPS: dict[str, Callable[[Path], int]] = {
 
 
 class PrivateMemory(threading.Thread):
-    """Sample the private memory of this process in bytes, every few milliseconds; 0 on other systems than
-    Linux."""
+    """Sample the private memory of this process in bytes, every few milliseconds.
+
+    On systems other than Linux it is 0.
+    """
 
     def __init__(self) -> None:
         super().__init__(daemon=True)
@@ -269,7 +271,7 @@ def run(step: str, *arguments: str) -> str:
 
 
 def show(method: str, steps: dict[str, dict[str, Any]]) -> None:
-    """Print the rows of one method; bytes per face are the growth of the process during the step."""
+    """Print the rows of one method. Bytes per face measure how much the process grows during the step."""
     first = steps["export"]
     asset = first["asset"] / first["faces"]
     print(f"{method:<24}{first['faces']:,} faces, asset {asset:.0f} bytes a face")

@@ -6,8 +6,8 @@
 Each command runs in a separate process, on a mesh with shared vertices and SH degree 3. `export` writes the
 asset that the other commands read. `import` only imports the package, which every command does. Seconds are
 wall time; `processor` is the CPU time of all threads and children, which depends less on other load. Memory
-is the peak of the process (mapped files included) or of its largest child, whichever is higher. The shares of
-time come from a profile of the main thread, which slows the run by a few per cent.
+is the peak of the process or of its largest child, whichever is higher. It includes mapped files. The shares
+of time come from a profile of the main thread, which slows the run by a few per cent.
 """
 
 from __future__ import annotations
@@ -40,9 +40,11 @@ _BOUNDS = (
     ("files", ("_io.", "io.open", "posix.", "mmap", "npz", "zipfile", "zlib")),
     ("NumPy", ("numpy", "/msb/")),
 )
-"""Part of a function's name or file -> kind of work; the first match counts, everything else is Python.
+"""Part of a function's name or file -> kind of work.
 
-Slow lines of our own code are array arithmetic."""
+The first match counts. Work without a match is called Python. Slow lines of our own code are array
+arithmetic.
+"""
 _SHOWN = 0.1
 """Smallest share of the time that is listed."""
 
@@ -59,7 +61,7 @@ COMMANDS: dict[str, Callable[[Path], list[str]]] = {
     "trial intersections": lambda folder: ["trial", "-q", "--task", "intersections", f"{folder / _ASSET}"],
     "why": lambda folder: ["why", "-q", "--size", "640x480", f"{folder / _ASSET}"],
 }
-"""Command -> function of a folder with the asset that returns the arguments."""
+"""Command -> a function that takes the folder with the asset and returns the arguments."""
 
 
 def measure(arguments: list[str]) -> dict[str, Any]:
@@ -86,7 +88,7 @@ def measure(arguments: list[str]) -> dict[str, Any]:
 
 
 def bounds(profile: cProfile.Profile) -> dict[str, float]:
-    """Return kind of work -> share of the time, the largest first."""
+    """Return the share of the time for each kind of work, the largest first."""
     found: Counter[str] = Counter()
     for (file, _, name), (_, _, own, _, _) in pstats.Stats(profile).stats.items():  # type: ignore[attr-defined]
         place = f"{file} {name}"

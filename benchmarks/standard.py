@@ -5,9 +5,9 @@
 
 A frame clears the buffers, draws, and reads the image back to the host. Nothing is uploaded, and the camera
 does not move. Each tool runs in its own process, prepares once, and draws on request. Tools take turns within
-a round, so drifting machine speed affects all alike. The table shows medians over rounds, and the median of
-the ratios to ours within a round. Images are compared with ours. CPU time and peak memory include child
-processes (a browser, Blender); shared pages count several times.
+a round, so changes of the machine's speed affect all alike. The table shows medians over rounds, and the
+median of the ratios to our time within a round. Images are compared with ours. CPU time and peak memory
+include child processes (a browser, Blender); shared pages count several times.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ class Tool:
         )
 
     def ask(self, word: str) -> dict[str, Any]:
-        """Return the worker's answer; if it ended, raise an error with its last output."""
+        """Return the worker's answer. If the worker has ended, raise an error with its last output."""
         try:
             self._process.stdin.write(word + "\n")
             self._process.stdin.flush()

@@ -1,8 +1,8 @@
 """Renderers that `benchmarks.standard` compares with the standard tier.
 
-A peer is a function of a scene. It prepares once and returns a function that draws a frame and returns its
-image as bytes or floats, row 0 at the top, or None if it has no colours. Images end in host memory. Colours
-are the stored bytes, unlit and two-sided.
+A peer is a function of a scene. It prepares once and returns a function that draws a frame. This function
+returns the image as bytes or floats, with row 0 at the top, or None if the peer has no colours. Images end in
+host memory. Colours are the stored bytes, unlit and two-sided.
 """
 
 from __future__ import annotations
@@ -38,8 +38,10 @@ def _asset(scene: Scene) -> Asset:
 
 
 def _textured_asset(scene: Scene) -> Asset:
-    """Return the scene with a noise texture mapped by direction: about four texels per face at a million
-    faces."""
+    """Return the scene with a noise texture that is mapped by direction.
+
+    A million faces have about four texels each.
+    """
     from msb.asset import Description, build_asset
     from msb.asset.texture import Sampler
 
@@ -75,7 +77,7 @@ def msb(scene: Scene) -> Frame:
 
 
 def msb_textured(scene: Scene) -> Frame:
-    """Prepare our renderer with a texture instead of vertex colours, image only; no peer has an equal."""
+    """Prepare our renderer with a texture instead of vertex colours, image only. No peer does the same."""
     from msb.render.standard.renderer import StandardRenderer
 
     renderer, camera = StandardRenderer(_textured_asset(scene)), _camera()
@@ -234,7 +236,7 @@ def moderngl(scene: Scene) -> Frame:
 
 
 def engine(name: str) -> Callable[[Scene], Frame]:
-    """Return the peer of one of our engine renderers, whose frame has image and depth as floats."""
+    """Return the peer for one of our engine renderers. Its frame has image and depth as floats."""
 
     def prepare(scene: Scene) -> Frame:
         from msb.render.backend import find_renderer
@@ -261,7 +263,7 @@ def _rays() -> NDArray[np.float32]:
 
 
 def embree_open3d(scene: Scene) -> Frame:
-    """Prepare Embree through Open3D: hit face and distance of each ray, without colours."""
+    """Prepare Embree through Open3D. It finds the hit face and the distance of each ray, without colours."""
     import open3d
 
     caster = open3d.t.geometry.RaycastingScene()
@@ -276,7 +278,7 @@ def embree_open3d(scene: Scene) -> Frame:
 
 
 def embree(scene: Scene) -> Frame:
-    """Prepare Embree through embreex: hit face of each ray, single-threaded, without colours."""
+    """Prepare Embree through embreex. It finds the hit face of each ray in one thread, without colours."""
     from embreex.mesh_construction import TriangleMesh
     from embreex.rtcore_scene import EmbreeScene
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 WIDTH, HEIGHT, FOCAL = 1237, 822, 1160.0
 DISTANCE = 2.78
 PIXEL = DISTANCE / FOCAL
-"""A pixel's size where the scenes are."""
+"""The size of a pixel at the distance of the scenes."""
 
 
 class Scene(NamedTuple):
@@ -24,7 +24,7 @@ class Scene(NamedTuple):
 
 
 def pose() -> NDArray[np.float64]:
-    """Return world_to_camera: along no axis, `DISTANCE` before the scene."""
+    """Return world_to_camera of a camera that looks along no axis, at `DISTANCE` from the scene."""
     a, b = 0.3, 0.2
     about_y = [[np.cos(a), 0, np.sin(a)], [0, 1, 0], [-np.sin(a), 0, np.cos(a)]]
     about_x = [[1, 0, 0], [0, np.cos(b), -np.sin(b)], [0, np.sin(b), np.cos(b)]]
@@ -35,10 +35,10 @@ def pose() -> NDArray[np.float64]:
 
 
 def shell(count: int) -> Scene:
-    """Return a soup in a thick spherical shell that covers half of the image, whatever the count.
+    """Return a soup in a thick spherical shell. With any count, the shell covers half of the image.
 
-    Corners scatter about a triangle's centre with a standard deviation of 3.5 pixels at 100 thousand
-    triangles, 1.1 at a million, 0.55 at 4 million; triangles are in no order.
+    Corners are scattered around the centre of a triangle. The standard deviation is 3.5 pixels for 100
+    thousand triangles, 1.1 for a million and 0.55 for 4 million. Triangles are in random order.
     """
     random = np.random.default_rng(0)
     center = random.normal(size=(count, 3))
@@ -49,14 +49,14 @@ def shell(count: int) -> Scene:
 
 
 def large(count: int) -> Scene:
-    """Return overlapping triangles of some 200 pixels."""
+    """Return overlapping triangles of about 200 pixels."""
     random = np.random.default_rng(0)
     center = random.uniform(-0.8, 0.8, (count, 1, 3))
     return _soup(random, center + 200 * PIXEL * random.normal(size=(count, 3, 3)))
 
 
 def spheres(count: int) -> Scene:
-    """Return three bumpy spheres inside one another, a mesh of shared vertices in no order."""
+    """Return three bumpy spheres inside one another. Faces share vertices and are in random order."""
     random = np.random.default_rng(0)
     n = int(np.sqrt(count / 12))
     u, v = np.meshgrid(np.linspace(0, 2 * np.pi, 2 * n + 1), np.linspace(0.01, np.pi - 0.01, n + 1))
@@ -100,4 +100,4 @@ SCENES: dict[str, tuple[str, Callable[[], Scene]]] = {
     ),
     "spheres-4M": ("the same of 4,000,000 faces", lambda: spheres(4_000_000)),
 }
-"""Name -> what it is, and what makes it."""
+"""Name of a scene -> its description, and the function that makes it."""

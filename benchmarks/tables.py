@@ -1,7 +1,7 @@
 """Markdown tables of benchmark results.
 
-`TABLES` formats records that need computed figures (medians, ratios, megabytes); `generic` prints all other
-records as stored.
+`TABLES` formats records that need computed figures, such as medians, ratios or megabytes. `generic` prints
+all other records as stored.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ def table(heads: Iterable[str], rows: Iterable[Iterable[Any]]) -> str:
 
 
 def cell(value: Any) -> str:
-    """Return the text of a value: thousands are separated, lists joined, None is a dash."""
+    """Return the text of a value. Thousands are separated, lists are joined, and None is a dash."""
     if value is None:
         return "--"
     if isinstance(value, dict):
@@ -55,7 +55,7 @@ def percent(share: float, digits: int) -> str:
 
 
 def generic(record: Any) -> Iterator[str]:
-    """Yield the tables of a record: its plain values, then each list of rows and each part."""
+    """Yield the tables of a record: first the plain values, then each list of rows and each part."""
     plain = {key: value for key, value in record.items() if not _is_part(value)}
     if "what" in plain:
         yield f"{plain.pop('what')}."
@@ -196,7 +196,7 @@ def bake_scale(record: Record) -> Iterator[str]:
 
 
 def before(record: Record) -> Iterator[str]:
-    """Yield a row for each command and frame; the ratio is of seconds, or of a frame."""
+    """Yield a row for each command and frame. The ratio compares seconds, or the times of a frame."""
     yield f"Before is commit {record['before']}; {record['faces']:,} faces; medians, measured in turns."
     rows = []
     for name, pair in record["rows"].items():
@@ -336,13 +336,13 @@ def engines_dedicated(record: Record) -> Iterator[str]:
 
 
 def _stage_times(row: Record) -> dict[str, float]:
-    """Return stage -> median milliseconds per frame over all cameras."""
+    """Return for each stage the median milliseconds per frame over all cameras."""
     frames = [frame for turn in row["rounds"] for frame in turn]
     return {stage: median(frame[stage] for frame in frames) for stage in frames[0]}
 
 
 def export(record: Record) -> Iterator[str]:
-    """Yield medians, and the two ratios to a plain copy."""
+    """Yield a table of medians, with the two ratios to a plain copy."""
     rounds = record["rounds"]
     asset = rounds[0]["export"]["size"]
     yield f"{record['triangles']:,} triangles of SH degree 3, {asset:,} bytes; medians of {len(rounds)}."

@@ -37,7 +37,8 @@ def main() -> None:
         for width in options.widths:
             capture = read_capture(options.scene, method, options.image_folder, width, 0)
             for faces in options.faces:
-                # Request twice as many: training starts with half of them if the scene has enough points.
+                # Request twice as many triangles. If the scene has enough points, training starts with half
+                # of the requested number.
                 model = MODELS[method](capture, Options(faces=2 * faces, sh_degree=1))
                 training = Training(model, Length(1, 100), Path("out/training-benchmark"), {})
                 camera, _ = capture.train[0]

@@ -143,8 +143,8 @@ def test_nothing_is_measured_without_a_view_that_sees_the_asset() -> None:
     assert {numbers["psnr"] for numbers in tried.numbers.values() if isinstance(numbers, dict)} == {None}
     causes = why(asset, elsewhere())
     assert {(cause.applies, cause.db) for cause in causes} == {(False, None)}
-    reasons = {str(cause.reason) for cause in causes if cause.name in ("shading", "back_faces")}
-    assert reasons == {tried.why.removeprefix("not judged: ")}
+    (reason,) = {str(cause.reason) for cause in causes if cause.name in ("shading", "back_faces")}
+    assert tried.why.endswith(reason)
     rows = repairs.compare(asset, elsewhere(), Options(), tasks=())
     comparisons = [look for row in rows for look in (row.looks or {}).values()]
     assert not any(look.same or look.psnr is not None for look in comparisons)

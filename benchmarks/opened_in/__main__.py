@@ -1,4 +1,4 @@
-"""Compare how engines show our GLB files with default settings with the standard tier.
+"""Compare with the standard tier how engines show our GLB files under default settings.
 
     python -m benchmarks.opened_in                              all scenes, all installed engines
     python -m benchmarks.opened_in --engines three.js Godot\\ 3  these engines only
@@ -43,7 +43,7 @@ FILES = {"portable": Style(), "web": Style(texture="webp", web=Web())}
 
 
 def compare(theirs: NDArray[np.uint8], ours: Frame) -> dict[str, float]:
-    """Return the difference of an image from ours: in levels at pixels inside a face, and as PSNR."""
+    """Return how an image differs from ours: in levels for pixels in the interior of faces, and as PSNR."""
     assert ours.face_id is not None
     picture = np.clip(ours.image.astype(np.float64), 0, 1)
     levels = np.abs(theirs - np.round(255 * picture)).max(axis=2)[interior(ours.face_id)]
@@ -84,7 +84,7 @@ def cells(row: dict[str, Any], kind: str) -> str:
 
 
 def print_scene(title: str, rows: list[dict[str, Any]], interior_pixels: int) -> None:
-    """Print the rows of a scene in Markdown, followed by the skipped engines with the reason."""
+    """Print the rows of a scene in Markdown. Then print which engines were skipped, and why."""
     print(f"\n**{title}** ({interior_pixels:,} interior pixels)\n")
     print("| engine | median | within 1 | 99.9 % | dB | corrected: median | within 1 | 99.9 % | dB |")
     print("|---|---|---|---|---|---|---|---|---|")

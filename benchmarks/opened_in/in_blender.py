@@ -1,6 +1,6 @@
-"""Render a file in Blender: default start-up, importer, a camera. Runs in a separate process with bpy.
+"""Render a file in Blender with the default start-up scene, the default importer, and a camera.
 
-Arguments: the file, the image to write, and the view as JSON.
+Runs in a separate process with bpy. Arguments: the file, the image to write, and the view as JSON.
 """
 
 from __future__ import annotations

@@ -21,8 +21,8 @@ _WEB = Path(__file__).parent / "web"
 class WebEngine:
     """An engine from npm.
 
-    Its page starts with `scripts` (paths below node_modules) and loads `files`. `modules` is the import map,
-    for engines made of ES modules.
+    Its page starts with `scripts` (paths below node_modules) and loads `files`. `modules` is the import map;
+    only engines that consist of ES modules need it.
     """
 
     script: str

@@ -1,4 +1,4 @@
-"""Render a file in Panda3D: window, glTF loader, a camera. Runs in a separate process.
+"""Render a file in Panda3D with a default window, its glTF loader, and a camera. Runs in a separate process.
 
 Arguments: the file, the image to write, and the view as JSON.
 """

@@ -1,6 +1,6 @@
-"""Render a file in pygfx: offscreen renderer, glTF loader, a camera. Runs in a separate process.
+"""Render a file in pygfx with its offscreen renderer, its glTF loader, and a camera.
 
-Arguments: the file, the image to write, and the view as JSON.
+Runs in a separate process. Arguments: the file, the image to write, and the view as JSON.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Render a file in VTK through PyVista: glTF importer, a camera. Runs in a separate process.
+"""Render a file in VTK through PyVista, with the glTF importer and a camera. Runs in a separate process.
 
 Arguments: the file, the image to write, and the view as JSON.
 """

@@ -45,7 +45,7 @@ class Scene(NamedTuple):
 
 
 def painting() -> NDArray[np.uint8]:
-    """Return the texture: all tones from black to white in coarse and fine waves, and discs."""
+    """Return the texture. It has discs, and coarse and fine waves with all tones from black to white."""
     y, x = (np.mgrid[0:SIDE, 0:SIDE] + 0.5) / SIDE
     turn = 2 * np.pi
     long = [np.sin(turn * (x + np.sin(turn * y) / 4)), np.sin(turn * (y - x)), np.cos(turn * 2 * y)]

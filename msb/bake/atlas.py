@@ -18,12 +18,13 @@ if TYPE_CHECKING:
 
 # Cells of a soup.
 #
-# Number of smaller mip levels in which no texel mixes two faces. The first entry is used if it leaves faces
-# at least `_MIN_SCALE` times their requested side lengths, otherwise the second. Each further level doubles
-# the margins around faces.
+# Number of smaller mip levels in which no texel mixes two faces. Each level doubles the margins around faces.
+# With the first number, faces must keep at least `_MIN_SCALE` times their requested side lengths; otherwise
+# the second number is used.
 MIP_LEVELS = (2, 1)
 _MIN_SCALE = 0.7
-# Texels by which the legs of a face are shortened; more than the rounding error of float32 coordinates.
+# The legs of a face are shortened by this number of texels. It exceeds the rounding error of float32
+# coordinates.
 _SLACK = 1 / 64
 # Steps of the bisection that finds the largest scale that fits; 16 steps find it to within 2^-15.
 _BISECTIONS = 16
@@ -32,10 +33,10 @@ _MAX_LEG_RATIO = 4.0
 
 # Charts of a connected mesh.
 #
-# Time limit of xatlas in seconds. It is far above the time for any mesh of the benchmarks and only ensures
-# that a bake ends.
+# Time limit of xatlas in seconds. No mesh of the benchmarks comes near it; the limit only ensures that a bake
+# ends.
 _UNWRAP_LIMITS = Limits(seconds=900.0, memory=None)
-# Texels between charts: enough to keep them separate in two smaller mip levels.
+# Number of texels between two charts. It keeps charts separate in two smaller mip levels.
 _PADDING = 4
 # Texture coordinates are multiples of 1 / 65535, which files store in two bytes without loss.
 _COORDINATE_STEPS = 65535
@@ -50,7 +51,8 @@ _BLOCK_FACES = 8192
 class _Cells(NamedTuple):
     """Rectangular cells of a texture and the faces in them.
 
-    Lengths are in blocks. A block is a texel of the smallest mip level in which faces stay separate.
+    Lengths are in blocks. Some of the smaller mip levels keep faces separate (`MIP_LEVELS`). A block is a
+    texel of the smallest of these levels.
     """
 
     # (C, 2) width and height of each cell.
@@ -66,10 +68,11 @@ class _Cells(NamedTuple):
 def make_soup_atlas(corners: NDArray[Any], pixels: Floats, size: int) -> Singles:
     """Return texture coordinates (3F, 2) of faces that share no vertices, in a texture of size x size texels.
 
-    In the texture, each face is a right triangle. The ratio of its legs is that of the two shorter sides of
-    the face. Its area is one texel per pixel that shows it; if the texture is too small, all areas are
-    reduced by the same factor. Faces also stay separate in smaller mip levels, see `MIP_LEVELS`. A face
-    becomes a point of one colour if no pixel shows it or if its longer leg is below half a block.
+    In the texture, each face is a right triangle. The ratio of the triangle's legs is that of the two shorter
+    sides of the face. The triangle's area in texels is the number of pixels that show the face. If the
+    texture is too small, all areas are reduced by the same factor. Faces also stay separate in smaller mip
+    levels, see `MIP_LEVELS`. A face becomes a point of one colour if no pixel shows it or if its longer leg
+    is below half a block.
 
     Parameters
     ----------
@@ -88,7 +91,7 @@ def make_soup_atlas(corners: NDArray[Any], pixels: Floats, size: int) -> Singles
     sides = np.linalg.norm(points[:, [1, 2, 0]] - points[:, [2, 0, 1]], axis=2)
     # The right angle is at the corner across from the longest side, and the longer leg lies along a row.
     order = np.argsort(-sides, axis=1, kind="stable")[:, [0, 2, 1]]
-    # Legs (F, 2) in texels: their product is twice the pixels, their ratio is limited.
+    # Legs (F, 2) in texels. Their product is twice the number of pixels, and their ratio is limited.
     short, long = np.sort(sides, axis=1)[:, :2].T
     ratio = np.clip(np.divide(long, short, out=np.ones_like(long), where=short > 0), 1, _MAX_LEG_RATIO)
     legs = np.sqrt(2 * np.maximum(pixels, 0)[:, None] * np.stack([ratio, 1 / ratio], axis=1))
@@ -127,16 +130,17 @@ def _make_cells(legs: Floats, block: int) -> _Cells:
     """Return cells for faces with legs (F, 2); the legs, in blocks, are rounded to whole blocks.
 
     Sampling a mip level interpolates between texel centres. Therefore a single face needs a margin of half a
-    block on all sides, and two faces in one cell need two more blocks between them in each direction.
+    block on all sides. Two faces in one cell need two more blocks between them in each direction.
     """
     whole = np.rint(legs).astype(np.int64)
     whole = np.where(whole[:, :1] > 0, np.maximum(whole, 1), 0)
-    # Two faces share a cell, one of them rotated by 180 degrees, if that takes less room than two cells.
+    # If it saves room, two faces share a cell; one of them is rotated by 180 degrees.
     is_point = whole[:, 0] == 0
     is_paired = (whole + 3).prod(axis=1) < 2 * (whole + 1).prod(axis=1)
     sides = []
     cell, number, count = np.zeros(len(legs), np.int64), np.zeros(len(legs), np.int64), 0
-    # For each kind of face: the mask, the number of faces per cell, and the margin of a cell in blocks.
+    # For single faces and for pairs: the mask of these faces, the number of faces per cell, and the margin of
+    # a cell in blocks.
     for chosen, per_cell, margin in (
         (is_paired, 2, 3),
         (~is_paired & ~is_point, 1, 1),
@@ -155,14 +159,14 @@ def _make_cells(legs: Floats, block: int) -> _Cells:
 
 
 def _fill_rows(sides: Ints, blocks: int) -> Ints | None:
-    """Place cells in rows, the highest cells first; return their places (C, 2), None if they do not fit."""
+    """Place cells in rows, the highest first; return their places (C, 2), or None if they do not fit."""
     order = np.lexsort((-sides[:, 0], -sides[:, 1]))
     width, height = sides[order].T
     ends = np.cumsum(width)
     places = np.zeros_like(sides)
     first = y = 0
     while first < len(sides):
-        # A row holds the cells whose summed width fits, and is as high as its first cell.
+        # A row holds as many cells as fit in its width. It is as high as its first cell.
         left = ends[first] - width[first]
         last = int(np.searchsorted(ends, left + blocks, side="right"))
         if last == first or y + height[first] > blocks:
@@ -249,7 +253,8 @@ def unwrap_in_child(word: str, arrays: Arrays) -> tuple[Any, Arrays]:
     )
     packed.generate(pack_options=packing)
     _, faces, uv = packed[0]
-    # The atlas has about the requested size; one common scale keeps its charts undistorted.
+    # The atlas has only about the requested size. All charts are scaled to it by one factor, so they stay
+    # undistorted.
     sides = np.array([packed.width, packed.height])
     places = np.rint(uv.astype(np.float64) * sides / sides.max() * _COORDINATE_STEPS)[faces]
     uvs = (places / _COORDINATE_STEPS).reshape(-1, 2).astype(np.float32)

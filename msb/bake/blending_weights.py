@@ -1,4 +1,4 @@
-"""The contribution of each face to native renderings, and the pixels that show each face of a mesh."""
+"""How much each face contributes to native renderings, and how many pixels show each face of a mesh."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace

@@ -29,17 +29,17 @@ _STEP_LENGTHS = 0.015, 0.0005
 # Pixels of the largest image that moves faces. Larger images take longer in proportion.
 PIXELS_TO_MOVE = 1 << 18
 # The colours of a method without static colours vary within each face. Its faces are therefore cut into four,
-# unless more than this number of faces or than the face budget would result. More faces would be too small
-# for the pixels of the images.
+# unless their number would then exceed this limit or the face budget. More faces would be too small for the
+# pixels of the images.
 _MAX_QUARTERED = 20_000
-# Default face budget: one moved face per 2.5 pixels of a view that show the model. Smaller faces follow the
+# The default face budget is one face per 2.5 pixels of the model in an average view. Smaller faces follow the
 # pixel grid of the training images, and the PSNR of other views falls.
 _PIXELS_PER_FACE = 2.5
-# If the budget has room for more faces, the largest ones are halved, up to one piece per 5.5 pixels of a
+# If the budget allows more faces, the largest ones are halved, until there is one piece per 5.5 pixels of a
 # view. More pieces reduce the PSNR.
 _PIXELS_PER_PIECE = 5.5
-# Factor by which the target size of a piece grows until the number of pieces is within the limit. The result
-# is at most about 9 % below the limit.
+# The target size of a piece grows by this factor until the number of pieces is within the limit. With this
+# factor the number is at most about 9 % below the limit.
 _PIECE_GROWTH = 2 ** (1 / 8)
 
 
@@ -54,9 +54,9 @@ def make_fitted(
 ) -> tuple[Mesh, list[str]]:
     """Return an opaque soup made of the triangles of `asset`, with corner colours, and notes for the user.
 
-    Triangles are pruned by their blending weights, then moved, hidden and shown to match the training images;
-    the validation images decide which state is best. The search ends after `seconds`. If that suffices for
-    all steps, every run on one device has the same result.
+    Triangles are pruned by their blending weights. Then they are moved, hidden and shown until they match the
+    training images. The validation images decide which state is best. The search ends after `seconds`. If
+    this time suffices for all steps, every run on one device has the same result.
 
     If the images have too few pixels per triangle, no triangle is moved. With `faces`, the triangles that
     cover the most pixels are then selected.
@@ -81,8 +81,8 @@ def make_fitted(
         best = BestState(validation)
         prune_faces(soup, asset, renderer, best, weights)
         soup = best.soup
-        # Pixels (F,) of an average view that show each selected face, and the share of a view that they
-        # cover.
+        # How many pixels (F,) of an average view show each selected face, and the share of the view that all
+        # faces cover.
         face_pixels = count_pixels(soup.refit_colors(renderer))[soup.selected] / len(renderer.images)
         covered = face_pixels.sum() / renderer.pixels_per_face(1)
     default = None if pixels is None else max(1, int(covered * pixels / _PIXELS_PER_FACE))
@@ -116,9 +116,10 @@ def make_fitted(
 
 
 def _plan_halving(pixels: Floats, most: int) -> Ints:
-    """Return the number of halvings (F,) of faces that cover `pixels` (F,), for at most `most` pieces in all.
+    """Return how often to halve each face (F,), so that there are at most `most` pieces.
 
-    All pieces cover about the same number of pixels, at least `FINE_PIXELS`.
+    `pixels` (F,) is the number of pixels that a face covers. All pieces cover about the same number of
+    pixels, at least `FINE_PIXELS`.
     """
     times = np.zeros(len(pixels), np.int64)
     piece = FINE_PIXELS

@@ -11,17 +11,17 @@ from msb.meshes.mesh import Mesh
 from msb.repair.assets import repair_mesh
 from msb.repair.plan import Options
 
-# Largest number of rounds of the face selection, rounds between two validations, and number of successive
-# validations without a gain that end it. A round tries 8 % of the faces, so 60 rounds try each face about
-# five times.
+# The face selection: the largest number of rounds, and the number of rounds between two validations. The
+# third number is a number of successive validations; if none of them is a gain, the selection ends. A round
+# tries 8 % of the faces, so 60 rounds try each face about five times.
 _ROUNDS, _VALIDATION_STEP, _PATIENCE = 60, 5, 6
 # Pixels of the largest image that selects faces. Larger images take longer; colours are fitted to the full
 # images in any case.
 _SELECTION_PIXELS = 1 << 17
-# With fewer pixels per face in an average view than this, faces are selected with images of four times the
+# Number of pixels of an average view per face below which faces are selected with images of four times the
 # pixels. With the larger images a garden of small faces reaches 21.8 dB.
 FINE_PIXELS = 4.0
-# With fewer pixels per face in an average view than this, faces are neither selected nor moved, because
+# Number of pixels of an average view per face below which faces are neither selected nor moved, because
 # sampling noise would decide.
 MIN_FACE_PIXELS = 2.0
 
@@ -29,9 +29,9 @@ MIN_FACE_PIXELS = 2.0
 def make_kept(asset: Asset, context: SearchContext, weights: BlendingWeights | None = None) -> Mesh:
     """Return the model's triangles without pruned ones, with vertex colours fitted to the training images.
 
-    The validation images decide which triangles are pruned. No triangle is pruned if the images are
-    standard-tier images of the same triangles. Shared vertices stay shared and have one colour; a mesh that
-    is not manifold or not consistently wound is repaired. Unseen triangles keep their colours.
+    The validation images decide which triangles are pruned. If the images are standard-tier images of the
+    same triangles, no triangle is pruned. Shared vertices stay shared and have one colour. A mesh that is not
+    manifold or not consistently wound is repaired. Unseen triangles keep their colours.
 
     Raises
     ------
@@ -54,7 +54,7 @@ def make_kept(asset: Asset, context: SearchContext, weights: BlendingWeights | N
 
 
 def rejoin_cuts(mesh: Mesh) -> Mesh:
-    """Return a textured kept mesh without the cuts that only its vertex colours needed."""
+    """Return a kept mesh for a texture: merge the cuts that only its vertex colours needed."""
     if is_uncut_soup(mesh.vertices, mesh.faces):
         return mesh
     whole = merge_seams(mesh)
@@ -67,7 +67,7 @@ def rejoin_cuts(mesh: Mesh) -> Mesh:
 
 
 def limit_for_selection(context: SearchContext, faces: int) -> SearchContext:
-    """Return the context with images limited to the pixels that a selection among `faces` faces needs."""
+    """Return the context with images of as many pixels as a selection among `faces` faces needs."""
     usual, larger = (context.limited_to(factor * _SELECTION_PIXELS) for factor in (1, 4))
     is_fine = usual.training.max_pixels >= FINE_PIXELS * faces
     is_hopeless = larger.training.max_pixels < MIN_FACE_PIXELS * faces

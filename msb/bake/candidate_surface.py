@@ -1,4 +1,7 @@
-"""The candidate `surface`: a closed surface of few faces around the solid cells that depth maps vote for."""
+"""The candidate `surface`: a closed surface of few faces.
+
+Depth maps vote on which cells of a grid are solid, and the surface encloses the solid cells.
+"""
 
 import math
 import time
@@ -25,28 +28,28 @@ from msb.errors import AssetError
 from msb.meshes.mesh import Mesh
 from msb.scenes import Camera
 
-# Default face budget of an object. With it the PSNR of the demo surfaces is at most 0.9 dB below that of the
-# native rendering.
+# Default face budget of an object. With this budget, PSNR to the photographs is at most 0.9 dB lower for the
+# demo surfaces than for the native rendering.
 OBJECT_FACES = 8_000
-# Smallest and largest default face budget of a scene. Between them the budget is one face per 2 pixels of a
-# view. More faces make each step slower.
+# Smallest and largest default face budget of a scene. Within these limits, the budget is one face per 2
+# pixels of a view. More faces make each step slower.
 SCENE_FACES = 20_000, 50_000
 _PIXELS_PER_FACE = 2
 # Cells along the longest side of the first grid. Half and twice as many are tried as well.
 CELLS = 144
-# Fewest cells along the longest side that are tried: 144 halved three times.
+# The coarsest grid that is tried has this number of cells along its longest side: 144 halved three times.
 _MIN_CELLS = 18
 # Try 288 cells only if 144 cells have less than 75 % of the error of 72 cells. Otherwise the finer grid
-# follows the noise of the soup, which moving vertices does not remove. On an uneven soup 288 cells cost up to
-# 8 dB; where the condition holds, they gained up to 1.4 dB.
+# follows the noise of the soup, which moving vertices does not remove. On an uneven soup, 288 cells lost up
+# to 8 dB. Where the condition holds, they gained up to 1.4 dB.
 _MAX_ERROR_RATIO = 0.75
-# If the vertices may move for fewer seconds than this, only one grid is tried: further grids of a scene would
-# take many times as long.
+# If the time limit for moving vertices is below this number of seconds, only one grid is tried, because
+# further grids of a scene would take many times as long.
 _MIN_SECONDS_TO_COMPARE = 2.0
 # A note reports a face count that differs from the budget by more than this factor.
 _BUDGET_TOLERANCE = 1.25
-# Up to this face budget a reduction in two steps is tried as well, because it preserves thin parts. With more
-# faces it is rarely better.
+# Up to this face budget, a reduction in two steps is tried as well, because it preserves thin parts. With a
+# larger budget it is rarely better.
 _TWO_STEP_FACES = 4_000
 # A part that covers less than this share of the pixels of all views is a speck and is removed.
 MIN_PART_SHARE = 1e-4
@@ -63,7 +66,7 @@ class ClosedSurface(NamedTuple):
 class ReducedSurface(NamedTuple):
     """A closed surface with about `budget` faces, reduced from `original_faces` faces.
 
-    `error` is its validation error with the best vertex colours.
+    `error` is the validation error of the surface with the best vertex colours.
     """
 
     surface: ClosedSurface
@@ -82,12 +85,13 @@ def make_surface(
 ) -> tuple[Mesh, list[str]]:
     """Return a closed, manifold, consistently wound mesh that looks like `soup`, and notes for the user.
 
-    The depths of the opaque soup in the training views define a solid. Its boundary is reduced to about
-    `faces` faces, by default as many as views of `pixels` pixels can show. Then its vertices are moved for at
-    most `seconds`, and the state with the smallest validation error is kept. The result has vertex colours.
+    The depths of the opaque soup in the training views define a solid. The boundary of the solid is reduced
+    to about `faces` faces. By default there are as many faces as views of `pixels` pixels can show. Then its
+    vertices are moved for at most `seconds`, and the state with the smallest validation error is kept. The
+    result has vertex colours.
 
-    An object is enclosed from outside. A scene, which reaches beyond its cameras, is enclosed from inside:
-    its faces look inwards, and a far shell shows the sky.
+    An object is enclosed from outside. A scene reaches beyond its cameras and is enclosed from inside: its
+    faces look inwards, and a far shell shows the sky.
 
     Raises
     ------
@@ -111,9 +115,9 @@ def make_surface(
 
 
 def _choose_grid(reduce_grid: Callable[[int], ReducedSurface]) -> ReducedSurface:
-    """Return the surface of the number of cells with the smallest validation error.
+    """Try several numbers of cells; return the surface with the smallest validation error.
 
-    A coarse grid suits a soup that the views hardly determine, a fine grid suits leaves.
+    A coarse grid suits a soup that the views hardly determine. A fine grid suits thin parts such as leaves.
     """
     best, coarse = reduce_grid(CELLS), reduce_grid(CELLS // 2)
     if best.error < _MAX_ERROR_RATIO * coarse.error:
@@ -211,7 +215,10 @@ def refit_surface(
 
 
 def copy_nearest_colors(colored: Mesh, mesh: Mesh) -> Mesh:
-    """Return `mesh` with the vertex colours of the nearest vertices of `colored`, if that has any."""
+    """Return `mesh` with the vertex colours of the nearest vertices of `colored`.
+
+    If `colored` has no vertex colours, return `mesh` unchanged.
+    """
     from scipy.spatial import cKDTree
 
     if colored.vertex_colors is None:
@@ -262,9 +269,10 @@ def _fit_surface(
 def _reduce(surface: ClosedSurface, budget: int, context: SearchContext) -> ReducedSurface:
     """Return the best of two or three surfaces with about `budget` faces and without crossings.
 
-    For the first, unseen parts are made coarse beforehand. This is best unless the coarse parts cut through
-    visible ones. The second keeps unseen parts as they are. With a small budget there is a third, which is
-    first reduced to twice as many faces, so that thin parts are repaired in between.
+    For the first surface, unseen parts are made coarse beforehand. This is best unless the coarse parts cut
+    through visible ones. The second surface keeps unseen parts as they are. If the budget is small, a third
+    surface is made in two steps: it is reduced to twice as many faces, thin parts are repaired, and it is
+    reduced again.
     """
     budget, original_faces = max(budget, MIN_CLOSED_FACES), len(surface.faces)
     cameras, space = context.training.cameras, surface.space
@@ -281,7 +289,7 @@ def _reduce(surface: ClosedSurface, budget: int, context: SearchContext) -> Redu
 
 
 def _reduce_uncrossed(surface: ClosedSurface, count: int, context: SearchContext) -> ClosedSurface:
-    """Return a surface with about `count` faces by quadric error, without crossing faces and specks."""
+    """Reduce a surface to about `count` faces by quadric error, and remove crossing faces and specks."""
     points, faces, space = surface
     reduced = closed_mesh.remove_crossings(*closed_mesh.reduce_faces(points, faces, count, space), space)
     # Thin parts fall apart with fewer faces and leave specks.

@@ -25,25 +25,25 @@ if TYPE_CHECKING:
 
 # Extraction.
 #
-# Smallest absolute vote of a cell; a vote of 1 is a distance of 3 cells. With a vote of 0 all points around
-# the cell would coincide and make faces without an area.
+# Smallest absolute vote of a cell; a vote of 1 is a distance of 3 cells. If the vote of a cell were 0, all
+# points around the cell would coincide, and their faces would have no area.
 _MIN_VOTE = 0.002
 
 # Reduction of the faces.
 #
 # Growth of the allowed error per pass of the edge collapse: the parameter `agg` of fast_simplification. The
-# first value gives better meshes, but may end above the face budget; the second is the library's default.
+# first value gives better meshes, but their faces may exceed the budget. The second is the library's default.
 _AGGRESSIVENESS, _HIGH_AGGRESSIVENESS = 5, 7
-# Two vertices of hardly visible parts are merged if both together cover less than either limit. The first
-# limit is in pixels of an average view. The second is relative to the pixels of an average vertex after the
+# Two vertices are merged if together they cover fewer pixels than each of two limits. The first limit is a
+# number of pixels of an average view. The second is relative to the pixels of an average vertex after the
 # reduction. With these limits a walled scene has 10 % of its faces in unseen parts instead of 43 %, and gains
 # 0.3 dB.
 _MAX_MERGED_PIXELS, _MAX_MERGED_SHARE = 2.0, 0.1
-# The merges follow the edge collapses of a reduction to this share of the face budget. So unseen parts become
-# at most as coarse as that reduction.
+# The merges use the edge collapses of a reduction to this share of the face budget. Unseen parts therefore
+# become no coarser than that reduction.
 _COARSEST_SHARE = 1 / 8
-# A surface is first reduced to this multiple of the face budget, once for all variants of the further
-# reduction. This saves a fifth of the time and loses no detail that a later step needs.
+# A surface is first reduced to this multiple of the face budget. All variants of the further reduction start
+# from this result. This saves a fifth of the time and loses no detail that a later step needs.
 _DETAIL_FACTOR = 32
 # Radius in a scene's space within which all errors have about the same weight. Beyond it lengths are measured
 # on a logarithmic scale.
@@ -51,17 +51,17 @@ _MIDDLE_RADIUS = 0.3
 
 # Repair of slivers and crossing faces.
 #
-# Area relative to the median below which a face is a sliver, which other libraries drop.
+# A face is a sliver if its area relative to the median is below this limit. Other libraries drop such faces.
 _SLIVER_AREA = 1e-3
 # Largest number of rounds of a repair. A round that leaves open faces removes them and starts again.
 _REPAIR_ROUNDS = 5
 # Largest number of rounds of smoothing the corners of crossing faces. After every `_WIDEN_ROUNDS` rounds a
 # further ring of neighbours is smoothed as well.
 _SMOOTH_ROUNDS, _WIDEN_ROUNDS = 32, 8
-# Largest number of rounds that revert the corners of crossing faces; after these all corners are reverted.
-# More than one round is needed, because a round can make other faces cross.
+# Largest number of rounds that move the corners of crossing faces back. After these rounds all corners are
+# moved back. More than one round is needed, because a round can make other faces cross.
 _REVERT_ROUNDS = 60
-# Largest number of rounds that cut out faces that still cross, and close the holes.
+# Largest number of rounds in which faces that still cross are cut out and the holes are closed.
 _CUT_ROUNDS = 6
 # If two vertices have the same place, one moves by this share of the way to the average centre of its faces.
 # The move is invisible, but larger than the rounding error of float32.
@@ -96,7 +96,7 @@ def select_visible_parts(points: Floats, faces: Ints, pixels: Ints, least: float
 
 
 def drop_unused_points(points: Floats, faces: Ints) -> tuple[Floats, Ints]:
-    """Return the points that faces use, in their order, and the renumbered faces."""
+    """Return the points that faces use, in their previous order, and faces with the new numbers."""
     used = np.zeros(len(points), bool)
     used[faces] = True
     return points[used], (np.cumsum(used) - 1)[faces]
@@ -105,8 +105,8 @@ def drop_unused_points(points: Floats, faces: Ints) -> tuple[Floats, Ints]:
 def reduce_faces(points: Floats, faces: Ints, count: int, space: Space) -> tuple[Floats, Ints]:
     """Return the surface with about `count` faces by quadric error, repaired to a closed manifold.
 
-    The middle of a scene, which its cameras look at, gets more faces: errors are measured in coordinates in
-    which the distance from the middle is replaced by its logarithm.
+    The cameras look at the middle of a scene, so the middle gets more faces. For this, errors are measured on
+    a logarithmic scale of the distance from the middle.
     """
     for aggressiveness in (_AGGRESSIVENESS, _HIGH_AGGRESSIVENESS):
         points, faces = _reduce(points, faces, count, space, aggressiveness)
@@ -114,7 +114,7 @@ def reduce_faces(points: Floats, faces: Ints, count: int, space: Space) -> tuple
 
 
 def remove_detail(points: Floats, faces: Ints, count: int, space: Space) -> tuple[Floats, Ints]:
-    """Return the surface without detail that a face budget of `count` cannot show, to save time."""
+    """Remove detail that `count` faces cannot show, which saves time later; return the surface."""
     return _reduce(points, faces, _DETAIL_FACTOR * count, space, _AGGRESSIVENESS)
 
 
@@ -131,11 +131,11 @@ def _reduce(
 def coarsen_unseen(
     points: Floats, faces: Ints, pixels: Floats, count: int, space: Space
 ) -> tuple[Floats, Ints]:
-    """Return the surface with its hardly visible parts merged, so that they use up few of `count` faces.
+    """Merge the vertices of hardly visible parts, so that these parts use few of the `count` faces.
 
     `pixels` (F,) is the number of pixels of an average view that show each face. Vertices are merged along
-    edges that quadric error would collapse, so that the surface keeps its shape. More than two faces may meet
-    at an edge afterwards.
+    edges that a reduction by quadric error collapses, so that the surface keeps its shape. More than two
+    faces may meet at an edge afterwards.
     """
     if len(faces) <= count:
         return points, faces
@@ -154,7 +154,7 @@ def coarsen_unseen(
         together = covered[stays] + covered[goes]
         if together < most:
             covered[stays], into[goes] = together, stays
-        else:  # later collapses assume this one, so they are skipped, too
+        else:  # later collapses build on this one, so skip them as well
             covered[stays] = covered[goes] = math.inf
     # Each vertex becomes the last one of its chain of merges.
     merged = np.array(into)
@@ -193,10 +193,10 @@ def _from_logarithm(points: Floats) -> Floats:
 
 
 def repair_closed(points: Floats, faces: Ints) -> tuple[Floats, Ints]:
-    """Return a closed, consistently wound manifold: separate surfaces that touch at an edge, close holes.
+    """Return the surface, repaired to a closed, consistently wound manifold.
 
-    Faces that stay open are removed, and the holes are closed again. After several rounds, parts that are
-    still open are removed.
+    Surfaces that touch at an edge are separated, and holes are closed. Faces that stay open are removed, and
+    the holes are closed again. After several rounds, parts that are still open are removed.
     """
     for _ in range(_REPAIR_ROUNDS):
         # Pair the faces at edges with more than two faces, make the winding consistent, and close the holes.
@@ -205,7 +205,7 @@ def repair_closed(points: Floats, faces: Ints) -> tuple[Floats, Ints]:
         points, faces = points[change.vertex_map], change.faces.astype(np.int64)
         faces = turn_faces(faces, len(points)).faces.astype(np.int64)
         points, faces = _close_holes(points, faces)
-        faces = _drop_flaps(faces)  # the cap of a lone face coincides with it
+        faces = _drop_flaps(faces)  # closing the hole of a lone face adds a second face at the same place
         is_open = _find_open_faces(faces)
         if not is_open.any():
             points, faces = drop_unused_points(points, faces)
@@ -219,7 +219,7 @@ def repair_closed(points: Floats, faces: Ints) -> tuple[Floats, Ints]:
 
 
 def _drop_flaps(faces: Ints) -> Ints:
-    """Remove faces that use a vertex twice, and pairs of faces that coincide; return the others."""
+    """Return the faces without those that use a vertex twice, and without pairs of coinciding faces."""
     faces = faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)]
     _, first, count = np.unique(np.sort(faces, axis=1), axis=0, return_index=True, return_counts=True)
     rest: Ints = faces[np.sort(first[count % 2 == 1])]
@@ -269,8 +269,9 @@ def remove_crossings(points: Floats, faces: Ints, space: Space) -> tuple[Floats,
 def _smooth_crossings(points: Floats, faces: Ints, space: Space) -> tuple[Floats, Ints]:
     """Return smoothed points (V, 3) with fewer crossing faces, and the numbers of faces that still cross.
 
-    Corners of crossing faces move half way to the average of their neighbours; in the first rounds corners of
-    slivers do, too. If faces still cross after some rounds, the neighbours of these corners move as well.
+    Corners of crossing faces move half way to the average of their neighbours. In the first rounds, corners
+    of slivers move as well. If faces still cross after some rounds, the neighbours of these corners move as
+    well.
     """
     points = points.copy()
     neighbours = make_neighbour_average(faces, len(points))
@@ -298,7 +299,7 @@ def _find_slivers(points: Floats, faces: Ints) -> Ints:
 def revert_crossings(points: Floats, good: Floats, faces: Ints, space: Space) -> Floats:
     """Return points (V, 3) with corners of crossing faces moved back to `good` (V, 3).
 
-    In the result, only faces cross that already cross with the points `good`.
+    Faces that cross in the result also cross with the points `good`.
     """
     points = points.copy()
     moved = np.ones(len(points), bool)
@@ -330,7 +331,10 @@ def find_crossing_faces(points: Floats, faces: Ints, space: Space, moved: Mask |
 
 
 def make_neighbour_average(faces: Ints, count: int) -> csr_matrix:
-    """Return the matrix (V, V) that maps values at vertices to the averages over their neighbours."""
+    """Return a matrix (V, V).
+
+    Multiplied with values at vertices, it gives for each vertex the average over its neighbours.
+    """
     import scipy.sparse as sparse
 
     laplacian = make_edge_laplacian(faces, count)
@@ -341,13 +345,13 @@ def make_neighbour_average(faces: Ints, count: int) -> csr_matrix:
 def separate_vertices(mesh: Mesh) -> Mesh:
     """Return `mesh` without two vertices at one place.
 
-    Files double vertices at seams, and readers merge them by their place. All but the first vertex of a place
-    are moved slightly towards the average centre of their faces.
+    Files store the vertices of a seam twice, and readers merge all vertices at one place. Therefore all
+    vertices of a place but the first are moved slightly towards the average centre of their faces.
     """
     vertices, corners = mesh.vertices.copy(), mesh.faces.reshape(-1)
     count = np.bincount(corners, minlength=len(vertices))
     for _ in range(_REPAIR_ROUNDS):
-        # Numbers (n,) of the used vertices at the place of an earlier vertex.
+        # Numbers (n,) of the used vertices that have the same place as an earlier vertex.
         _, place = np.unique(vertices, axis=0, return_inverse=True)
         order = np.argsort(place, kind="stable")
         again = order[1:][np.diff(place[order]) == 0]

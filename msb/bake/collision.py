@@ -1,9 +1,9 @@
 """Collision shapes: closed meshes of few faces near the visible surface of a mesh.
 
 A shape is made of a closed surface: the mesh itself, or an enclosure of the visible parts of an open mesh.
-For an object, the shape is that surface with fewer faces, or the convex parts that CoACD cuts it into. For a
-scene, it is a thin sheet behind the visible surface. If there is no closed surface, convex hulls of patches
-of the mesh are used. So there always is a shape; `Collision.kind` says which kind was made.
+For an object, the closed surface is reduced to fewer faces, or CoACD cuts it into convex parts. For a scene,
+it is a thin sheet behind the visible surface. If there is no closed surface, convex hulls of patches of the
+mesh are used. A shape of some kind can therefore always be made. `Collision.kind` says which kind was made.
 """
 
 from collections.abc import Sequence
@@ -38,8 +38,8 @@ from msb.topology.weld import weld_vertices
 
 # Default time limit of CoACD in seconds. It can run for minutes, and does not end for some surfaces.
 SECONDS = 20.0
-# Distance from the visible surface above which a shape protrudes. 95 % of the points of a surface with 1,000
-# faces are nearer than 0.01 to the original.
+# A part of a shape protrudes if it is farther than this from the visible surface. For comparison, 95 % of the
+# points of a surface with 1,000 faces are nearer than 0.01 to the original.
 PROTRUSION = 0.02
 # Unseen sides of an enclosure are moved to this distance from the mesh, if they are within twice
 # `PROTRUSION`. Moved sides do not count as protruding.
@@ -47,10 +47,10 @@ _NEAR = PROTRUSION / 2
 
 # Enclosure of an open mesh.
 #
-# Pixels of the largest depth map. Larger depth maps would reach into every crack.
+# Pixels of the largest depth map. With larger depth maps the enclosure would reach into every crack.
 PIXELS = 1 << 16
-# Cells along the longest side of the grid, for an object and for a scene, and the margin around an object in
-# cells. With fewer cells the rims of the sheet of a scene are ragged.
+# Number of cells along the longest side of the grid, for an object and for a scene. The last number is the
+# margin around an object in cells. With fewer cells the sheet of a scene has ragged rims.
 _CELLS, _MARGIN = (96, 224), 1.0
 # Radius in a scene's space beyond which everything counts as sky. It is ten times the near radius in the
 # world.
@@ -58,11 +58,11 @@ _SKY_RADIUS = 1.9
 
 # Shapes.
 #
-# The share of a sheet's faces on its visible side (the others are its back and its rims), and the thickness
-# of the sheet in near radii.
+# The share of a sheet's faces that lie on its visible side, and the thickness of the sheet in near radii. The
+# other faces form the back and the rims.
 _FRONT_SHARE, _SHEET_THICKNESS = 0.45, 0.02
-# A surface is simplified to this multiple of its face budget first, then to the budget. A single step gives a
-# far worse shape.
+# A surface is first simplified to this multiple of its face budget, then to the budget. A single step would
+# give a far worse shape.
 _FIRST_STEP_FACTOR = 8
 # Largest number of hulls of patches; it bounds the time of the cuts.
 _MAX_HULLS = 256
@@ -70,8 +70,8 @@ _MAX_HULLS = 256
 _TOUCH_DISTANCE = 1e-3
 # A closed surface is simplified to this number of faces for CoACD, whose time grows with it.
 _COACD_FACES = 2000
-# CoACD's sample points on a surface and its trials per cut, below its defaults of 2000 and 150, so that it
-# finishes in time.
+# Two parameters of CoACD: the number of sample points on a surface and of trials per cut. They are below the
+# defaults, 2000 and 150, so that CoACD finishes in time.
 _COACD_SAMPLES, _COACD_TRIALS = 1000, 60
 _TINY = np.finfo(np.float64).tiny
 
@@ -115,7 +115,9 @@ def make_collision(
     seconds: float = SECONDS,
     device: str | Device | None = None,
 ) -> Collision:
-    """Return a collision shape of this `kind` for `mesh`, or of the nearest kind that can be made.
+    """Return a collision shape of this `kind` for `mesh`.
+
+    If this kind cannot be made, return the most similar kind that can.
 
     Parameters
     ----------
@@ -144,12 +146,12 @@ def make_collision(
     """
     requested, count = parse_collision(kind)
     visible, space = _find_visible(mesh, cameras, device)
-    # From here on the unit is the diagonal and the origin the centre of the visible surface.
+    # From here on, lengths are in diagonals of the visible surface, and the origin is its centre.
     points, faces, middle, size = _normalize(mesh, visible)
     surface = points, faces
     if space is not None:
         space = replace(space, center=(space.center - middle) / size, radius=space.radius / size)
-    # Sample points (n, 3) of the visible surface: from the cameras' pixels, else all over the mesh.
+    # Sample points (n, 3) of the visible surface. If no camera sees it, they are spread over the whole mesh.
     step = -(-len(visible) // POINTS)
     samples = (visible[::step] - middle) / size if len(visible) else sample_surface(*surface)[0]
     # The closed surface: the mesh, or its enclosure.
@@ -159,7 +161,7 @@ def make_collision(
         enclosure = (enclosure - middle) / size
         if space is not None and not space.contracted:
             enclosure = _pull_nearer(enclosure, *surface)
-        # The enclosure of a thin sheet is far thicker than the sheet, so it is not used.
+        # An enclosure is far thicker than a thin sheet, so it is not used for a sheet.
         if len(around) and measure_distances(samples, enclosure, around).mean() < PROTRUSION / 2:
             solid = enclosure, around
     actual_kind, parts, why = _make_parts(requested, count, surface, solid, space, seconds)
@@ -222,7 +224,7 @@ def _make_patch_hulls(surface: PointsAndFaces, count: int) -> list[PointsAndFace
 def _find_visible(
     mesh: Mesh, cameras: Sequence[Camera], device: str | Device | None
 ) -> tuple[Floats, Space | None]:
-    """Return points (n, 3) of the world that cameras see, without the sky, and their space.
+    """Return the points (n, 3) of the world that cameras see, without the sky, and their `Space`.
 
     The space is None if there are no points.
     """
@@ -285,10 +287,10 @@ def _pull_nearer(points: Floats, seen: Floats, faces: Ints) -> Floats:
 
 
 def _reduce(solid: PointsAndFaces, count: int) -> PointsAndFaces:
-    """Return a surface of about `count` faces, or of more faces if it would lose its shape with fewer."""
+    """Return a surface of about `count` faces. If it would lose its shape with so few faces, it has more."""
     finer = simplify(*solid, _FIRST_STEP_FACTOR * count)
     reduced = simplify(*finer, count)
-    # If the library cannot reach the count it removes whole sides, so allow twice as many faces.
+    # If the library cannot reach the requested count, it removes whole sides. So allow twice as many faces.
     while count < len(reduced[1]) < len(finer[1]):
         if measure_distances(sample_surface(*finer)[0], *reduced).mean() <= PROTRUSION:
             break
@@ -300,8 +302,8 @@ def _reduce(solid: PointsAndFaces, count: int) -> PointsAndFaces:
 def _reduce_scene(surface: PointsAndFaces, count: int, space: Space) -> PointsAndFaces:
     """Return a surface of about `count` faces, most of them near the cameras.
 
-    Errors are measured in coordinates in which a distance beyond the near radius is replaced by its square
-    root.
+    For this, a distance from the middle beyond the near radius is replaced by its square root before errors
+    are measured.
     """
     offset = (surface[0] - space.center) / space.radius
     inside, faces = _reduce((offset / np.sqrt(_measure_far_factor(offset)), surface[1]), count)
@@ -325,7 +327,8 @@ def _make_sheet(patch: PointsAndFaces, count: int, space: Space) -> PointsAndFac
     np.add.at(normals, faces, np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])[:, None])
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), _TINY)
     back = points - _SHEET_THICKNESS * space.radius * normals
-    # Boundary edges (n, 2), which no other face traverses in the opposite direction. Each gets two rim faces.
+    # Boundary edges (n, 2): no other face traverses them in the opposite direction. Each edge gets two rim
+    # faces.
     sides = np.stack([faces, np.roll(faces, -1, axis=1)], axis=-1).reshape(-1, 2)
     keys, reverse = sides[:, 0] * len(points) + sides[:, 1], sides[:, 1] * len(points) + sides[:, 0]
     a, b = sides[~np.isin(keys, reverse)].T
@@ -380,7 +383,7 @@ def cut_in_child(word: str, arrays: Arrays) -> tuple[Any, Arrays]:
 
 
 def _measure_protrusion(parts: list[PointsAndFaces], shape: PointsAndFaces, seen: PointsAndFaces) -> float:
-    """Return the share of a shape's exposed area that is far from the mesh `seen`."""
+    """Return the share of a shape's exposed area that protrudes, so is far from the mesh `seen`."""
     # Points (n, 3) all over the shape, and the part (n,) of each.
     places, face = sample_surface(*shape)
     part = np.repeat(np.arange(len(parts)), [len(faces) for _, faces in parts])[face]

@@ -1,10 +1,10 @@
 """Static colours by least squares: the colours with which opaque faces match images best.
 
 Let w be the barycentric weights of a face's corners at a pixel, and t the colour of the image there. The
-corner colours c minimise the sum of (w . c - t)^2 over the pixels that show the face. That is a system of 3 x
-3 for each face of a soup, and a sparse system for the vertices of a connected mesh. Both systems also contain
-differences along edges and the distance to the previous colours, so that corners with few pixels or none stay
-near their previous colours.
+corner colours c minimise the sum of (w . c - t)^2 over the pixels that show the face. For a soup this gives a
+3 x 3 system per face; for a connected mesh it gives one sparse system for all vertices. The sum also contains
+two small terms: the differences along edges, and the distance to the previous colours. Because of them,
+corners with few pixels or none stay near their previous colours.
 """
 
 from __future__ import annotations
@@ -23,19 +23,20 @@ if TYPE_CHECKING:
 # Weight of squared differences along edges, relative to a pixel. It smooths the colours of faces that cover
 # less than a pixel, and is negligible for larger faces.
 SMOOTHNESS = 0.3
-# Weight of the previous colours, relative to a pixel: enough to make each system regular.
+# Weight of the previous colours, relative to a pixel. It only makes each system regular.
 PRIOR = 0.05
 # Corner colours are limited to mean +- _MAX_SIGMA sigma + _MARGIN of the pixels of the face. Otherwise a face
 # with one visible tip is extrapolated to black or white. Corners of entirely visible faces reach 3 sigma;
 # limits below 8 sigma reduce the PSNR.
 _MAX_SIGMA, _MARGIN = 8.0, 0.05
-# Rings of faces around unseen faces that are coloured together with these. The images of such faces are
-# unreliable, as they show as much of the background as of the face.
+# Number of rings of visible faces around unseen faces that are coloured together with the unseen faces. The
+# images of these rings are unreliable, because they show as much background as face.
 _STRIP_RINGS = 3
 # Weight of the previous colours where colours are extended to unseen faces. It only has an effect on a part
 # without any visible neighbour.
 _FAINT_PRIOR = 1e-6
-# Rounds that clamp colours beyond their limits and solve the others again. Later rounds change little.
+# Number of rounds; each clamps the colours beyond their limits and solves for the others again. Later rounds
+# change little.
 _CLAMP_ROUNDS = 4
 # Largest number of steps of conjugate gradients, and the relative residual at which they end. It is far below
 # one level of 8 bits.
@@ -45,14 +46,20 @@ _CHUNK = 1 << 16
 
 
 def split_sums(sums: Singles) -> tuple[Floats, Floats]:
-    """Return the sums (F, 15) as sums of w w^T (F, 3, 3) and of w t^T (F, 3, 3), a row per corner."""
+    """Return the sums of w w^T (F, 3, 3) and of w t^T (F, 3, 3) that are stored in `sums` (F, 15).
+
+    Both have a row per corner.
+    """
     wide = sums.astype(np.float64)
     products = wide[:, [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(-1, 3, 3)
     return products, wide[:, 6:].reshape(-1, 3, 3)
 
 
 def count_pixels(sums: FaceSums) -> Floats:
-    """Return the number of pixels (F,) that show each face: the sum of all products, as weights sum to 1."""
+    """Return the number of pixels (F,) that show each face.
+
+    It is the sum of all products, because the weights of a pixel sum to 1.
+    """
     count: Floats = sums.sums[:, :6] @ np.array([1.0, 2.0, 2.0, 1.0, 2.0, 1.0])
     return count
 
@@ -92,8 +99,8 @@ def _solve_faces(products: Floats, targets: Floats, colors: Singles) -> Floats:
 def _find_color_limits(products: Floats, colors: Floats) -> tuple[Floats, Floats]:
     """Return the smallest and the largest allowed colour (n, 3) of a face's corners.
 
-    They follow from the mean and the standard deviation over the pixels of the face, if its corners have the
-    colours `colors` (n, 3, 3). They lie within [0, 1].
+    The limits follow from the mean and the standard deviation of the colour over the pixels of the face.
+    `colors` (n, 3, 3) are the colours of its corners. The limits lie within [0, 1].
     """
     share = products.sum(axis=2)
     count = np.maximum(share.sum(axis=1, keepdims=True), 1e-12)
@@ -105,7 +112,7 @@ def _find_color_limits(products: Floats, colors: Floats) -> tuple[Floats, Floats
 
 
 def _solve_faces_within(system: Floats, targets: Floats, x: Floats, low: Floats, high: Floats) -> Floats:
-    """Return the solutions x (n, 3), with values clamped to limits (n, 1) and the others solved again."""
+    """Clamp values of the solutions x (n, 3) to limits (n, 1), and solve for the others again."""
     clamped = np.zeros(x.shape, bool)
     for _ in range(_CLAMP_ROUNDS):
         clamped |= (x < low) | (x > high)
@@ -147,9 +154,10 @@ def fit_mesh_colors(sums: FaceSums, faces: Ints, colors: Singles, laplacian: csr
 
 
 def _find_vertex_limits(products: Floats, faces: Ints, colors: Floats) -> tuple[Floats, Floats]:
-    """Return the smallest and largest allowed vertex colours (3, V): the widest limits of adjacent faces.
+    """Return the smallest and largest allowed vertex colours (3, V).
 
-    Only visible faces count. Vertices without a visible face have the limits 0 and 1.
+    They are the widest limits of the adjacent faces. Only visible faces count. Vertices without a visible
+    face have the limits 0 and 1.
     """
     low, high = np.ones((3, len(colors))), np.zeros((3, len(colors)))
     seen = np.flatnonzero(products.any(axis=(1, 2)))
@@ -167,7 +175,7 @@ def _find_vertex_limits(products: Floats, faces: Ints, colors: Floats) -> tuple[
 def extend_colors(colors: Singles, faces: Ints, pixels: Floats) -> Singles:
     """Return vertex colours (V, 3); faces without `pixels` (F,) continue the colours around them.
 
-    Some rings of visible faces around them are coloured again as well, see `_STRIP_RINGS`.
+    Some rings of visible faces around such faces are coloured again as well, see `_STRIP_RINGS`.
     """
     import scipy.sparse as sparse
 
@@ -207,7 +215,7 @@ def make_edge_laplacian(faces: Ints, count: int) -> csr_matrix:
 
 
 def _solve_within(system: csr_matrix, right: Floats, x: Floats, low: Floats, high: Floats) -> Floats:
-    """Return the solution x (V,) with values clamped to their limits (V,) and the others solved again."""
+    """Clamp values of the solution x (V,) to their limits (V,), and solve for the others again."""
     clamped = np.zeros(len(x), bool)
     for _ in range(_CLAMP_ROUNDS):
         outside = (x < low) | (x > high)
@@ -224,7 +232,8 @@ def _solve_within(system: csr_matrix, right: Floats, x: Floats, low: Floats, hig
 def _solve(system: csr_matrix, right: Floats, x: Floats) -> Floats:
     """Solve system @ x = right from a first guess x by conjugate gradients with Jacobi's preconditioner.
 
-    SciPy's solver would wake the threads of its linear algebra, which then spin beside the kernels.
+    SciPy's solver is not used, because it would wake the threads of its linear algebra. These threads would
+    then spin and slow the kernels.
     """
     scale = 1 / system.diagonal()
     residual = right - system @ x
@@ -234,7 +243,7 @@ def _solve(system: csr_matrix, right: Floats, x: Floats) -> Floats:
     for _ in range(_MAX_STEPS):
         if size <= stop:
             break
-        # Step to the minimum along the direction, then make the next direction conjugate to it.
+        # Move to the minimum along the direction, then make the next direction conjugate to this one.
         product = system @ direction
         length = size / max(_dot(direction, product), 1e-300)
         x = x + length * direction

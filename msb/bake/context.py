@@ -16,7 +16,7 @@ from msb.cl import Device
 if TYPE_CHECKING:
     from msb.bake.soup import Soup
 
-# Callback (stage, done, total) -> whether to stop early, with the best result.
+# Called as progress(stage, done, total); it returns whether to stop early with the best result.
 ProgressHook = Callable[[str, int, int], bool]
 
 

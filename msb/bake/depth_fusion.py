@@ -1,4 +1,4 @@
-"""Votes of depth maps on the solid cells of a grid, on the device (Curless and Levoy 1996)."""
+"""Depth maps vote on which cells of a grid are solid, on the device (Curless and Levoy 1996)."""
 
 from __future__ import annotations
 
@@ -22,14 +22,15 @@ if TYPE_CHECKING:
     from msb.scenes import Camera
 
 # Distances in cells. A cell `REACH` or more in front of a surface gets the largest vote, 1. A cell more than
-# `BEHIND` behind a surface is hidden from the view, which does not vote on it. `BEHIND` is smaller, as views
-# of the other side of a sheet give the opposite vote there: with equal distances leaves dissolved.
+# `BEHIND` behind a surface is hidden from the view, and the view does not vote on it. `BEHIND` is smaller,
+# because views of the other side of a sheet vote against it there: with equal distances, leaves dissolved.
 REACH, BEHIND = 3.0, 1.5
 # The surface is moved outwards by this number of cells, so that sheets and stems become solids that the grid
 # can resolve. `pull_in` moves it back where the solid is thick.
 THICKNESS = 1.0
-# Smallest ratio of the views that see a cell to the views that it is hidden from. Below it the cell counts as
-# solid: the few views that see it probably look through a hole in the soup.
+# Smallest ratio between the number of views that see a cell and the number of views from which it is hidden.
+# Below this ratio the cell counts as solid, because the few views that see it probably look through a hole in
+# the soup.
 MIN_SEEN_RATIO = 0.05
 # Number of steps of `pull_in`; each step interpolates the grid once.
 _PULL_STEPS = 5
@@ -40,7 +41,7 @@ _GROUP = 64
 _VIEWS_PER_RUN, _RECORD = 8, 19
 # Value of a cell that no view votes on. Votes are at most 1.
 UNKNOWN = 2.0
-# One visible point per 7 covered pixels: 7 has no common factor with usual image widths, so that the points
+# Every 7th covered pixel gives a visible point. As 7 has no common factor with usual image widths, the points
 # do not line up in columns.
 _PIXELS_PER_POINT = 7
 _BLACK = (0.0, 0.0, 0.0)
@@ -66,7 +67,10 @@ class Grid:
 
     @classmethod
     def covering(cls, space: Space, cells: int, margin: float = REACH) -> Grid:
-        """Return a grid of `cells` cells along the longest side, with `margin` more around an object."""
+        """Return a grid of `cells` cells along the longest side.
+
+        Around an object there are `margin` more cells on each side.
+        """
         size = space.high - space.low
         cell = float(size.max() / cells)
         rim = 0.0 if space.contracted else margin * cell
@@ -98,8 +102,8 @@ class DepthRenderer(StandardRenderer):
     def vote(self, cameras: Sequence[Camera], space: Space, grid: Grid) -> Singles:
         """Return the votes (nx, ny, nz): the average distance of each cell in front of the visible surface.
 
-        The unit is `REACH` cells, and votes are at most 1. A vote is negative if the cell is solid, and
-        `UNKNOWN` if no view contains the cell or it lies beyond the edge of a scene.
+        The unit is `REACH` cells, and votes are at most 1. A vote is negative if the cell is solid. It is
+        `UNKNOWN` if no view contains the cell, or if the cell lies beyond the edge of a scene.
         """
         count = int(np.prod(grid.shape))
         sums, votes = self._scratch("cells", grid.shape), self._scratch("votes", (2, *grid.shape), np.uint16)
@@ -151,7 +155,7 @@ def find_visible_points(mesh: Mesh, cameras: Sequence[Camera], device: str | Dev
 def complete_votes(votes: Singles, space: Space, grid: Grid) -> Singles:
     """Fill unknown cells in place from the cells around them, and return the votes.
 
-    The space beyond the edge of a scene becomes solid: a shell around the scene, which shows the sky.
+    The space beyond the edge of a scene becomes solid. It is a shell around the scene and shows the sky.
     """
     _fill_unknown(votes, votes != UNKNOWN)
     if space.contracted:
@@ -162,8 +166,8 @@ def complete_votes(votes: Singles, space: Space, grid: Grid) -> Singles:
 def pull_in(points: Floats, values: Singles, grid: Grid) -> Floats:
     """Return surface points (V, 3) moved inwards by half of `THICKNESS` where the solid is thick.
 
-    The sides of a thin sheet stay where they are, as they would meet. The move is only half of `THICKNESS`,
-    because views from the side already move the average inwards: for them a whole cell is free.
+    The sides of a thin sheet stay where they are, because they would meet. Half of `THICKNESS` suffices,
+    because views from the side have already moved the surface inwards: they vote that the whole cell is free.
     """
     from scipy.ndimage import map_coordinates
 
@@ -175,11 +179,11 @@ def pull_in(points: Floats, values: Singles, grid: Grid) -> Floats:
     places = (points - grid.low) / grid.cell
     inward = np.stack([interpolate(places - step) - interpolate(places + step) for step in np.eye(3)], axis=1)
     inward /= np.maximum(np.linalg.norm(inward, axis=1, keepdims=True), 1e-12)
-    # The solid is thick where the vote some cells further in is well below the vote inside a sheet.
+    # The solid is thick at a place if the vote a few cells further in is well below the vote inside a sheet.
     depth = THICKNESS / REACH
     is_thick = interpolate(places + (THICKNESS + BEHIND) * inward) < -1.5 * depth
     move = THICKNESS / _PULL_STEPS * is_thick[:, None] * inward
-    # In each step, move on along `move` until the interpolated vote is -depth / 2.
+    # In each step, move further along `move`, until the interpolated vote is -depth / 2.
     for _ in range(_PULL_STEPS):
         here, there = interpolate(places), interpolate(places + move)
         share = np.clip((here + depth / 2) / np.maximum(here - there, 1e-12), 0, 1)
@@ -190,8 +194,8 @@ def pull_in(points: Floats, values: Singles, grid: Grid) -> Floats:
 def _fill_unknown(values: Singles, known: Mask) -> None:
     """Fill the cells (nx, ny, nz) that are not known, in place.
 
-    Each gets the smoothed average of the smallest block around it that contains known cells. Blocks have 2,
-    4, 8, ... cells along a side.
+    Blocks around an unknown cell have 2, 4, 8, ... cells along a side. The cell gets the smoothed average of
+    the smallest block that contains known cells.
     """
     from scipy.ndimage import uniform_filter
 

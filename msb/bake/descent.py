@@ -1,10 +1,10 @@
 """Gradient descent on the corners of an opaque soup, by the squared error of its images.
 
-An opaque image changes at the borders between faces as these move. The kernel `sums` of bake.cl computes the
-derivative of the error by the place of each corner: a sum over the pixels at the borders, for a few views at
-a time. Corners move against it by Adam's rule (Kingma and Ba 2015, with one scale for all coordinates of a
-face). Colours are fitted again every few steps, by least squares over the sums of the last steps. Between
-steps faces are hidden or shown if that reduces the error (`msb.bake.face_selection`).
+An opaque image changes at the borders between faces as these move. The kernel `sums` of bake.cl sums over the
+pixels at these borders, for a few views at a time. The sums are the derivatives of the error by the place of
+each corner. Corners move against the derivative by Adam's rule (Kingma and Ba 2015), with one scale for all
+coordinates of a face. Every few steps, colours are fitted again by least squares, from the sums of the last
+steps. Between steps faces are hidden or shown if that reduces the error (`msb.bake.face_selection`).
 """
 
 import time
@@ -41,7 +41,7 @@ _PACE_STEPS = 10
 
 
 class StepSchedule:
-    """The number of steps of a search: as planned, or as many as fit before the time limit.
+    """Counts the steps of a search, and reduces the planned number if the time limit requires it.
 
     Parameters
     ----------
@@ -70,8 +70,8 @@ class StepSchedule:
             pace = max(now - self._first, _EPSILON) / (step - 1)
             possible = int((self._until - now) / pace)
             self._is_short |= possible < left
-            # If the time was short once, the step lengths depend on the clock. Then leave out at least one
-            # step, so that a note is made.
+            # Once the time was short, the step lengths depend on the clock. Then leave out at least one step,
+            # so that a note reports it.
             if self._is_short:
                 left = min(possible, left - 1)
         if stop or now > self._until or left <= 0:
@@ -81,7 +81,7 @@ class StepSchedule:
         return self._share
 
     def notes(self, subject: str) -> list[str]:
-        """Return a note that starts with `subject` if fewer steps than planned were taken, else no note."""
+        """Return a note that starts with `subject` if fewer steps than planned were taken."""
         if not 0 < self._taken < self._planned:
             return []
         text = f"{subject}: stopped after {self._taken} of {self._planned} steps; the quality is reduced"
@@ -89,7 +89,7 @@ class StepSchedule:
 
 
 class Adam:
-    """Adam's rule, which computes moves in units of the step length from gradients.
+    """Adam's rule. It turns gradients into moves, in units of the step length.
 
     Coordinates that move together, such as those of a face, share one scale.
 
@@ -111,7 +111,7 @@ class Adam:
         `square` is the mean squared gradient of the coordinates that share a scale, and broadcasts to
         `gradient`.
         """
-        # Running averages, corrected for their start at 0.
+        # Running averages. They start at 0, which is corrected for.
         self._step += 1
         self._gradient = _MOMENTUM * self._gradient + (1 - _MOMENTUM) * gradient
         self._square = _SCALE_DECAY * self._square + (1 - _SCALE_DECAY) * square

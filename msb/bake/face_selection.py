@@ -1,7 +1,7 @@
 """Face selection of an opaque soup: hide or show many faces at once, and keep changes that are a gain.
 
-A round hides some of the selected faces and shows some of the hidden ones, draws a few views before and
-after, and assigns the change of each pixel's squared error to the face that it shows or showed
+A round hides some of the selected faces, shows some of the hidden ones, and draws a few views before and
+after. The change of a pixel's squared error is assigned to the faces that the pixel shows before and after
 (`SoupRenderer.measure_changes`). A change is only kept if its gain is significant over the views. Otherwise
 noise would decide about faces of few pixels.
 """
@@ -12,11 +12,11 @@ from msb.bake.arrays import Floats, Ints, Mask
 from msb.bake.soup import Soup
 from msb.bake.soup_renderer import SoupRenderer
 
-# Share of the faces that are tried in a round. It is small, so that neighbours rarely change together: a face
-# would then be charged with an error that its neighbour causes.
+# Share of the faces that are tried in a round. It is small, so that neighbours rarely change together. If
+# they did, the error that one causes could be assigned to the other.
 TRIED_SHARE = 0.08
-# Number of views that judge a round of the face selection, and number of views that give the gradients of a
-# step. The time grows with this number, and the noise falls with its square root.
+# Number of views that a round of the face selection draws, and that a step computes gradients from. The time
+# grows with this number, and the noise falls with its square root.
 BATCH_VIEWS = 8
 # A gain must exceed this number of its standard errors. Without it, faces with few pixels overfit the
 # training views.
@@ -62,7 +62,7 @@ def toggle_faces(
 def hide_cheapest_faces(soup: Soup, renderer: SoupRenderer, random: np.random.Generator, most: int) -> None:
     """Hide faces until `most` are selected.
 
-    Each round hides the quarter of the tried faces that increases the error least.
+    Each round hides a quarter of the tried faces: those whose removal increases the error least.
     """
     while (over := soup.selected_count - most) > 0:
         chosen = _pick_faces(soup, random, soup.selected)
@@ -79,7 +79,7 @@ def _pick_faces(soup: Soup, random: np.random.Generator, pool: Mask) -> Ints:
 
 
 def _measure_toggle(soup: Soup, renderer: SoupRenderer, random: np.random.Generator, chosen: Ints) -> Floats:
-    """Return the increase (views, n) of the error of random views if each chosen face is hidden or shown."""
+    """Hide or show each chosen face; return the increase (views, n) of the error of random views by each."""
     owner = np.full(len(soup.selected), -1, np.int32)
     owner[chosen] = np.arange(len(chosen), dtype=np.int32)
     soup.upload(renderer)

@@ -34,9 +34,9 @@ _MIN_PAGE_SIDE = 1024
 
 
 def is_folder(path: Path) -> bool:
-    """Return whether an output path is a folder: it has no suffix, or an existing folder has the name.
+    """Return whether an output path is a folder: it has no suffix, or a folder of this name exists.
 
-    The suffix of a format always names a file.
+    A path with the suffix of a format is always a file.
     """
     is_file = path.suffix.lower() in (ASSET_SUFFIX, *list_written_suffixes())
     return not is_file and (not path.suffix or os.path.isdir(path))  # noqa: PTH112 - long names raise there
@@ -113,7 +113,10 @@ def _encode(data: bytes) -> str:
 
 
 def _make_facts(report: Report) -> list[list[str]]:
-    """Return a list of terms and texts: the files, and the audit of the mesh before and after the bake."""
+    """Return pairs of a term and a text for the page.
+
+    They list the files, and the audits of the mesh before and after the bake.
+    """
     facts = [[ASSET, f"{report.geometry}, {report.size}"]]
     facts += [[str(lod.output), lod.sentence] for lod in report.lods]
     if report.collision is not None:
@@ -124,7 +127,7 @@ def _make_facts(report: Report) -> list[list[str]]:
 
 
 def _make_quality_table(report: Report) -> list[list[str]]:
-    """Return the table of PSNR on the test views with its head; empty without a test view."""
+    """Return the head and the rows of a table of PSNR on the test views; empty without a test view."""
     native, photographs = report.native, report.photographs
     if native is None:
         return []

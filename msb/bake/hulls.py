@@ -14,13 +14,14 @@ PointsAndFaces = tuple[Floats, Ints]
 PATCH_CORNERS = 32
 # Thickness of a box, or of the hull of a flat patch, relative to the diagonal: thin, and still a solid.
 _MIN_THICKNESS = 1e-3
-# Volume relative to the cube of the diagonal below which a hull counts as flat and is thickened.
+# A hull counts as flat and is thickened if its volume is below this share of the cube of the diagonal.
 _FLAT_VOLUME = 1e-6
 # Both patches reach this far beyond a cut, relative to the diagonal, so that no gap is left between them.
 _OVERLAP = 4e-3
 # Cuts are tried at these quantiles of a patch's points along each principal axis. More cuts take longer.
 _CUT_QUANTILES = (0.15, 0.3, 0.4, 0.5, 0.6, 0.7, 0.85)
-# Number of sample points on the faces, which complete the vertices: large faces have few vertices.
+# Number of sample points on the faces. They are used in addition to the vertices, because large faces have
+# few vertices.
 _SAMPLE_POINTS = 5000
 # Boxes are tried on this number of the largest hull faces. The smallest box lies on a large face.
 _MAX_BASES = 500
@@ -150,14 +151,15 @@ def _make_hull_frames(points: Floats) -> tuple[Floats, Floats]:
     """Return frames (n, 3, 3) on the largest faces of the convex hull, and the corners of the hull."""
     from scipy.spatial import ConvexHull, QhullError
 
-    for options in ("Qt", "QJ"):  # QJ moves points at random, so that flat ones have a hull, too
+    for options in ("Qt", "QJ"):  # QJ moves points at random, so that even points in a plane have a hull
         try:
             hull = ConvexHull(points, qhull_options=options)
         except QhullError:
             continue
         corners = hull.points[hull.simplices]
         largest = np.argsort(-face_areas(hull.points, hull.simplices)[0], kind="stable")[:_MAX_BASES]
-        # One frame per side of a face: along the side, across it within the face, and the normal of the face.
+        # Each side of a face gives a frame: the direction of the side, the direction across it within the
+        # face, and the normal of the face.
         side = np.roll(corners[largest], -1, axis=1) - corners[largest]
         along = (side / np.maximum(np.linalg.norm(side, axis=2, keepdims=True), _TINY)).reshape(-1, 3)
         up = np.repeat(hull.equations[largest, :3], 3, axis=0)

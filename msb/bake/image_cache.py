@@ -1,4 +1,4 @@
-"""A folder of native renderings, so that a later bake of the same model reuses them."""
+"""A folder of native renderings. Later bakes of the same model reuse them."""
 
 import hashlib
 import json
@@ -74,7 +74,7 @@ class ImageCache:
         return image
 
     def notes(self) -> list[str]:
-        """Return a note with the numbers of reused and of damaged images, if there are any."""
+        """If images were reused or damaged, return a note with their numbers."""
         if not self._reused and not self._damaged:
             return []
         count = len(self._reused)

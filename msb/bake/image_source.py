@@ -25,7 +25,7 @@ from msb.render import Renderer
 from msb.render.backend import check_supported, minimal_options
 from msb.scenes import Camera
 
-# Samples along each side of a pixel for a standard-tier mesh with multisampling. 4 x 4 samples look about
+# Number of samples along each side of a pixel for images of a standard-tier mesh. 4 x 4 samples look about
 # like the multisampling of an engine.
 SAMPLES_PER_SIDE = 4
 
@@ -34,8 +34,8 @@ class ImageSource:
     """Renders or reads the target images of the views of a bake.
 
     The native rendering is the dedicated tier. A mesh without one is drawn on the standard tier with 16
-    samples per pixel. With the supervision "photographs" the training images are the scene's photographs, and
-    native renderings are only used for measurements. Native renderings in the folder `cache` are reused.
+    samples per pixel. If the supervision is "photographs", the training images are the scene's photographs.
+    Native renderings are then only used for measurements. Native renderings in the folder `cache` are reused.
     """
 
     def __init__(

@@ -17,13 +17,14 @@ from msb.bake.arrays import Singles
 from msb.scenes import Camera
 from msb.scenes.colors import Color
 
-# From a camera to its image (H, W, 3) in the asset's colour space: float RGB, or integers up to `MAX_LEVEL`.
+# A function that takes a camera and returns its image (H, W, 3) in the asset's colour space, as float RGB or
+# as integers up to `MAX_LEVEL`.
 DrawImage = Callable[["Camera"], Singles | NDArray[np.uint16]]
 # Images are stored with 16 bits per channel. Their rounding error is 257 times smaller than with 8 bits, so
 # that it does not limit PSNR.
 MAX_LEVEL = 65535
 # With this number of views or more, each image is halved on one pixel grid instead of two. Neighbouring views
-# then use the other grids. This saves a sixth of the pixels.
+# then use different grids. This saves a sixth of the pixels.
 _MANY_VIEWS = 32
 
 
@@ -72,18 +73,20 @@ class ViewImages:
         return _ImageSubset([(self, number) for number in numbers], [self.weights[k] for k in numbers])
 
     def with_coarser_levels(self, pixels: int) -> ViewImages:
-        """Return these images and halved copies of them, down to images of at most `pixels` pixels.
+        """Return these images and halved copies of them; the smallest copies have at most `pixels` pixels.
 
         An image can be halved on four pixel grids, which start 0 or 1 pixels further right and down. Each
-        image is halved on two grids that together cover all rows and columns. If there are many views, it is
-        halved on one grid. Successive views use different grids. Pixels of a halved image have a larger
-        weight, so that all levels count alike. Images of two pixels or less along a side are not halved.
+        image is halved on two grids that together cover all rows and columns. If there are many views, each
+        image is halved on one grid only. Successive views use different grids. Pixels of a halved image have
+        a larger weight, so that all sizes count alike. Images of two pixels or less along a side are not
+        halved.
         """
         level = [(self, number) for number in range(len(self))]
         chosen, weights = [*level], [1.0] * len(level)
         grids = 1 if len(self) >= _MANY_VIEWS else 2
         while level[0][0].max_pixels > pixels and level[0][0]._shortest_side > 2:
-            # The grids of view `turn`: shifted by (right, down) pixels of the finer level.
+            # The grids of view number `turn`. Each is given by its shift (right, down) in pixels of the
+            # larger image.
             level = [
                 (images._halve(right, right ^ turn % 2), number)
                 for turn, (images, number) in enumerate(level)
@@ -105,8 +108,8 @@ class ViewImages:
     def limited_to(self, pixels: int) -> ViewImages:
         """Return these images, halved until the largest has at most `pixels` pixels.
 
-        A pixel of a halved image is the average of four. Each size is computed once. Its files are deleted by
-        `close` of these images.
+        A pixel of a halved image is the average of four pixels. Each size is computed once. `close` of these
+        images also deletes the files of the halved ones.
         """
         if self.max_pixels <= pixels:
             return self
@@ -170,7 +173,7 @@ def quantize(image: Singles | NDArray[np.uint16]) -> NDArray[np.uint16]:
 
 
 class _ImageSubset(ViewImages):
-    """Images that are stored in other sets: pairs of a set and a number in it."""
+    """Images that are stored in other sets. Each is a pair: the set, and the number of the image in it."""
 
     def __init__(self, chosen: Sequence[tuple[ViewImages, int]], weights: Sequence[float]) -> None:
         first = chosen[0][0]

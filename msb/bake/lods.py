@@ -20,16 +20,16 @@ from msb.bake.space import Space
 from msb.bake.surface_distance import measure_distances, sample_surface
 from msb.meshes.mesh import Mesh
 
-# Number of rows of the image in which the geometric error of a level must be below a pixel: a full-HD screen.
+# Number of rows of a full-HD screen. On it the geometric error of a level must be below a pixel.
 SCREEN_ROWS = 1080
 # Percentile of the errors of the sample points that counts as the error of a level, so that a few outliers do
 # not decide.
 _ERROR_PERCENTILE = 95.0
-# Smallest share of a soup's faces that one stage keeps; the kept faces are then moved. A level of 50 % loses
-# 0.1 to 0.3 dB with such stages, and lost up to 0.6 dB with stages that hid more faces.
+# Smallest share of a soup's faces that one stage keeps; the kept faces are then moved. With such stages a
+# level of 50 % loses 0.1 to 0.3 dB. With stages that hid more faces it lost up to 0.6 dB.
 _STAGE_SHARE = 0.5
-# Steps that move the remaining faces of a stage, or the vertices of a surface. A level of a walled scene
-# gains 0.2 dB with 300 steps instead of 200.
+# Number of steps that move the remaining faces of a stage, or the vertices of a surface. A level of a walled
+# scene gains 0.2 dB with 300 steps instead of 200.
 _STEPS = 300
 # Step length of a soup at the start and at the end, relative to the size of a face. Small last steps keep the
 # gain of the first ones.
@@ -39,16 +39,16 @@ _STEP_LENGTHS = 0.03, 0.0003
 def make_lods(
     mesh: Mesh, context: SearchContext, shares: Sequence[float], *, seconds: float = math.inf
 ) -> Iterator[tuple[Mesh, list[str]]]:
-    """Yield for each of the falling `shares` a mesh with that share of the faces, and notes for the user.
+    """Yield a mesh for each of the falling `shares` of the faces, and notes for the user.
 
-    A level is made when the iterator reaches it, and its search takes at most `seconds`. Its vertex colours
-    are rough, and it has no texture.
+    A level is made when the iterator reaches it. Its search takes at most `seconds`. A level has rough vertex
+    colours and no texture.
 
-    A soup keeps the faces without which the error in the training images would rise most. These faces are
-    moved to replace the others. Each level is made from the previous one. A connected mesh is reduced by
+    A soup loses the faces whose removal increases the error in the training images least. The other faces are
+    then moved to fill their places. Each level is made from the previous one. A connected mesh is reduced by
     quadric error, with its colour seams merged. A closed mesh is reduced in the coordinates of `Space.fit`,
-    and its vertices are then moved there; it stays closed, manifold and consistently wound. Unseen parts keep
-    the colours of `mesh`.
+    and its vertices are then moved in these coordinates. It stays closed, manifold and consistently wound.
+    Unseen parts keep the colours of `mesh`.
 
     Raises
     ------
@@ -94,7 +94,7 @@ def _reduce_soup(
             seconds = max(0.0, seconds - (time.monotonic() - began))
         # Drop hidden faces, so that later stages do not try to show them again.
         soup = soup.drop_hidden()
-        notes = schedule.notes("moving the triangles") or notes  # they also apply to later levels
+        notes = schedule.notes("moving the triangles") or notes  # the notes also apply to later levels
         if left == 1:
             yield soup.to_mesh(), notes
             seconds = level_seconds
@@ -142,9 +142,10 @@ def _report_progress(context: SearchContext, level: int, levels: int, done: int,
 
 
 def _plan_stages(faces: int, counts: Sequence[int]) -> list[tuple[int, int]]:
-    """Return for each stage its number of faces, and the number of stages until the next level (1: its own).
+    """Return the stages: pairs of the number of faces, and the number of stages until the next level.
 
-    The numbers fall from `faces` through all `counts` by a factor of at least `_STAGE_SHARE`.
+    The second number is 1 if the stage itself completes a level. The numbers of faces fall from `faces`
+    through all `counts`. No stage keeps less than `_STAGE_SHARE` of the faces.
     """
     stages: list[tuple[int, int]] = []
     for count in counts:
@@ -156,12 +157,12 @@ def _plan_stages(faces: int, counts: Sequence[int]) -> list[tuple[int, int]]:
 
 
 def measure_screen_share(mesh: Mesh, lod: Mesh, *, rows: int = SCREEN_ROWS) -> float:
-    """Return the share of the image height below which the model can be drawn as `lod` instead of `mesh`.
+    """Return the height of the model, as a share of the image height, below which `lod` can replace `mesh`.
 
-    If the model is smaller than this, 95 % of the points of either surface are less than a pixel away from
-    the other surface, in an image of `rows` rows. The height of the model is the diameter of a sphere around
-    the centre of its box through its farthest vertex. The result is at most 1. Differences of colour are not
-    measured.
+    Below this height, 95 % of the points of either surface are less than a pixel away from the other surface,
+    in an image of `rows` rows. The height of the model is the diameter of a sphere. The centre of the sphere
+    is the centre of the model's box, and its surface goes through the farthest vertex. The result is at most
+    1. Differences of colour are not measured.
     """
     # Distances in both directions.
     ends = [(part.vertices.astype(np.float64), part.faces) for part in (mesh, lod)]

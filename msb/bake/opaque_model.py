@@ -1,4 +1,4 @@
-"""The model's triangles as an opaque triangle soup, and the pruning of faces that cover too many pixels."""
+"""Converts the model's triangles to an opaque triangle soup, and prunes faces that cover too many pixels."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from msb.meshes.mesh import Mesh
 
 # Limits, tried in this order, for the ratio of a face's blending weight to the number of pixels that it
 # covers as an opaque face. Faces below the limit are pruned, because the faces behind them contribute more.
-# The validation images decide which limit is best. 0.25 was best for a walled scene and for a garden; above
-# 0.4 holes open.
+# The validation images decide which limit is best. A limit of 0.25 was best for a walled scene and for a
+# garden. Limits above 0.4 open holes.
 WEIGHT_RATIOS = (0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35)
 # Covered pixels are measured in every second training view. This saves a fifth of the time of a bake with
 # kept triangles.
@@ -40,10 +40,11 @@ def prune_faces(
     """Prune the faces of `soup` that cover far more pixels than they contribute to native renderings.
 
     `best` keeps the state with the smallest validation error. Without `weights` no face is pruned. Until its
-    colour is fitted, a face has the average colour of the images where they show it.
+    colour is fitted, a face has the average colour of the pixels that show it.
     """
     if weights is not None:
-        # Weights (F,) in pixels, scaled from the images that they were measured in to the drawn ones.
+        # Weights (F,) in pixels. They were measured in images of another size, so scale them to the size of
+        # the drawn images.
         views = len(renderer.images)
         part = -(-views // _VIEW_STEP) / views
         visible = visible_faces(asset, stored_threshold(asset))
@@ -55,7 +56,7 @@ def prune_faces(
             soup.colors[weight > 0] = color[weight > 0, None].astype(np.float32)
     covered = count_pixels(soup.refit_colors(renderer, _VIEW_STEP))
     best.evaluate(soup)
-    # Raise the limit step by step; each step uncovers the faces behind, and colours are fitted again.
+    # Raise the limit step by step. Each step uncovers further faces, so colours are fitted again.
     for ratio in WEIGHT_RATIOS if weights is not None else ():
         soup.selected &= weight >= ratio * covered
         covered = count_pixels(soup.refit_colors(renderer, _VIEW_STEP))

@@ -85,8 +85,8 @@ def write_assets(
 ) -> list[tuple[Path, int]]:
     """Write assets to all paths, each in the format of its suffix, all or none.
 
-    Returns for each asset its file at the first path, and the size in bytes of this file and of the files
-    that it needs beside it.
+    Returns for each asset its file at the first path, and a size in bytes. The size includes the files that
+    this file needs beside it.
     """
     if not paths:
         raise UsageError("USAGE", "missing output; pass a path to write to")

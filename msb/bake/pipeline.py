@@ -37,19 +37,20 @@ from msb.meshes.assets import asset_from_mesh
 from msb.meshes.mesh import Mesh
 from msb.topology.faces import face_areas
 
-# Smallest share of the model's area that generated views must see. If they see less, they do not suit the
-# model.
+# Smallest share of the model's area that generated views must see. If they see less, generated views are
+# unsuitable for the model.
 MIN_SEEN_SHARE = 0.8
 # Share of the option `seconds` for moving fitted triangles, and for each level of detail.
 _FITTED_SHARE = 2 / 3
-# The same for each of the two searches of a surface: the soup that its depth maps show, and its vertices.
-# Including the steps without a time limit, a surface takes 1.5 times as long as fitted triangles.
+# Share of the option `seconds` for each of the two searches of a surface. The first fits the soup that the
+# depth maps show, the second moves the vertices. Including the steps without a time limit, a surface takes
+# 1.5 times as long as fitted triangles.
 _SURFACE_SHARE = 0.4
 # Smallest time limit of a search in seconds. It allows a single step.
 _MIN_SECONDS = 1e-3
-# Width and height of the training images relative to the views. A texture that is fitted to images of the
-# same size as the views is blurred in them, and faces moved by such images followed their aliasing, which
-# cost 1.3 dB.
+# Width and height of the training images relative to the views. With images of the same size as the views, a
+# texture looks blurred in the views. Moved faces followed the aliasing of such images, and PSNR was 1.3 dB
+# lower.
 _IMAGE_SCALE = 2
 _SOLID_CANDIDATES: tuple[Geometry, ...] = ("fitted", "surface")
 _OPAQUE_NOTE = (
@@ -115,8 +116,8 @@ class BakePipeline:
     def _choose_image_scale(self) -> int:
         """Return the scale of the training images relative to the views.
 
-        Larger images show borders of faces more precisely, so small views get four times the width and
-        height. If no face moves and no texture is fitted, a scale of 1 suffices for faces with enough pixels.
+        Larger images show the borders of faces more precisely, so the images of small views are larger than
+        the views. If no face moves, no texture is fitted and faces have enough pixels, a scale of 1 suffices.
         The images are then rendered in a quarter of the time.
         """
         if (2 * _IMAGE_SCALE) ** 2 * self._pixels <= PIXELS_TO_MOVE:
@@ -167,8 +168,8 @@ class BakePipeline:
                 if not candidates:
                     raise
                 notes.append(f"{name} could not be made: {error.message}")
-        # Compare the candidates in the validation images, with colours that are fitted to the training images
-        # alone.
+        # Compare the candidates in the validation images. Their colours are fitted to the training images
+        # only.
         tried: dict[str, float] = {}
         if len(candidates) > 1:
             targets = [self._validation.limited_to(self._pixels)]
@@ -180,7 +181,7 @@ class BakePipeline:
                 tried[name] = measure_psnr(asset, targets, SAMPLES_PER_SIDE, self._device)[0]
         chosen, why = self._choose_candidate(candidates, tried)
         notes += candidate_notes[chosen]
-        if self._options.lod_shares:  # a texture replaces the vertex colours, which levels start with
+        if self._options.lod_shares:  # levels start with the vertex colours, not the texture
             self._untextured = candidates[chosen]
         if stopped():
             notes.append("interrupted; this is the best result until then")
@@ -210,7 +211,7 @@ class BakePipeline:
         return "surface", "surface was chosen, as tools for solids need it"
 
     def _measure_visibility(self) -> tuple[float, BlendingWeights | None]:
-        """Return the area share that no view sees, and the blending weights in the training images.
+        """Return the share of the area that no view sees, and the blending weights in the training images.
 
         Raises
         ------
@@ -275,7 +276,8 @@ class BakePipeline:
         if name == "kept":
             has_cutoff = self._asset.manifest.appearance.get("alpha_cutoff") is not None
             return make_kept(self._asset, self._context, weights), [_OPAQUE_NOTE] if has_cutoff else []
-        # `--faces` limits the faces of the surface itself, not of the soup that it is made from.
+        # `--faces` limits the faces of the surface itself. It does not limit the soup that the surface is
+        # made from.
         budget = options.faces if name == "fitted" else None
         if budget not in self._soups:
             seconds = self._limit_seconds(_FITTED_SHARE if name == "fitted" else _SURFACE_SHARE)
@@ -339,7 +341,7 @@ class BakePipeline:
     ) -> Mesh:
         """Return a mesh as it is written to files, with colours fitted to the images.
 
-        Vertex colours are rounded to bytes. A texture has `size` texels along a side, by default those of the
+        Vertex colours are rounded to bytes. A texture has `size` texels along a side; the default is the
         option `texture`.
         """
         cameras = images.limited_to(_IMAGE_SCALE**2 * self._pixels).cameras

@@ -44,7 +44,7 @@ class Psnr:
         return self.before is not None and self.after_16 < self.before
 
     def to_dict(self, *, is_to_native: bool) -> dict[str, float | None]:
-        """Return it as JSON data; without `native` if native renderings are the reference."""
+        """Return the quality as JSON data. If native renderings are the reference, `native` is left out."""
         values = asdict(self)
         if is_to_native:
             del values["native"]
@@ -53,7 +53,7 @@ class Psnr:
 
 @dataclass(frozen=True)
 class Verdict:
-    """The audit's verdict on a mesh: its level, its sentence, and a short reason."""
+    """The audit's verdict on a mesh: the level ("OK", for example), a sentence, and a short reason."""
 
     level: str
     sentence: str
@@ -66,7 +66,7 @@ class Verdict:
         return cls(verdict.level, verdict.sentence, verdict.reason)
 
     def to_dict(self) -> dict[str, str]:
-        """Return it as JSON data, as in the JSON of an audit."""
+        """Return the verdict as JSON data, in the form that an audit writes."""
         return {"level": self.level, "sentence": self.sentence}
 
 
@@ -96,7 +96,7 @@ class LodReport:
 
     @property
     def sentence(self) -> str:
-        """A line about the level."""
+        """A sentence that describes the level."""
         quality = ""
         if self.native_after_16 is not None:
             quality = f", PSNR to the native renderer {self.native_after_16:.1f} dB with 16 samples per pixel"
@@ -126,7 +126,7 @@ class CollisionReport:
 
     @property
     def sentence(self) -> str:
-        """A line about the shape."""
+        """A sentence that describes the shape."""
         parts = "" if self.parts == 1 else f" in {self.parts} parts"
         distance = f"{100 * self.mean_distance:.1f} % of the bounding-box diagonal"
         size = f"collision shape ({self.kind}){parts}, {self.faces:,} triangles"
@@ -211,8 +211,8 @@ class Report:
     def with_files(self, files: Sequence[tuple[Path, int]]) -> Report:
         """Return the report with the paths and sizes in bytes of its files.
 
-        They are the asset, its levels of detail, and its collision shape. Sizes include files that these need
-        beside them.
+        The files are the asset, its levels of detail, and its collision shape. A size includes the files that
+        the file needs beside it.
         """
         (output, size), *more = files
         lods = tuple(
@@ -259,12 +259,12 @@ class Report:
         change = "as before" if self.before.level == self.after.level else f"was {self.before.level.upper()}"
         text = f"Audit: {self.after.level.upper()}, {change}"
         text += f" ({self.after.reason})" if self.after.reason else ""
-        # If a surface was made or tried already, there is no other advice.
+        # If a surface was already made or tried, there is nothing else to advise.
         can_help = self.after.level != "ok" and "surface" not in (self.geometry, *self.tried)
         return text + (": use --geometry surface for a watertight mesh" if can_help else "")
 
     def to_dict(self) -> dict[str, Any]:
-        """Return it as JSON data (schema msb.bake/1)."""
+        """Return the report as JSON data (schema msb.bake/1)."""
         data = {field.name: getattr(self, field.name) for field in fields(self)}
         views = {name: data.pop(name) for name in ("training", "validation", "test", "interpolated")}
         native, photographs = data.pop("native"), data.pop("photographs")
@@ -290,7 +290,7 @@ class Report:
     def extras(self) -> dict[str, Any]:
         """Return the main numbers, which are stored in a GLB.
 
-        They contain no path, time or device, so that bakes of equal results have equal files.
+        They contain no path, time or device. Bakes with equal results therefore write equal files.
         """
         names = ("schema", "geometry", "color", "faces", "texture", "views", "unseen_area", "psnr")
         data = self.to_dict()

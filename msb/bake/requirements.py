@@ -22,7 +22,7 @@ def choose_color_target(options: BakeOptions, geometry: Geometry, asset: Asset) 
 
 
 def check_model(options: BakeOptions, asset: Asset) -> None:
-    """Reject options that need a library for this model that is not installed.
+    """Reject options that need, for this model, a library that is not installed.
 
     Raises
     ------
@@ -41,7 +41,7 @@ def check_model(options: BakeOptions, asset: Asset) -> None:
     kind, _ = parse_collision(options.collision)
     modules = ("fast_simplification", "coacd") if kind == "hulls" else ("fast_simplification",)
     need_extra("trial", *modules, what=f"a collision mesh {options.collision}", instead=_BOX_HINT)
-    # Kept triangles without a boundary stay closed: a repair cuts and turns faces, but opens nothing.
+    # A kept mesh without a boundary stays closed: a repair cuts and turns faces, but opens no hole.
     if options.geometry == "kept":
         welded = weld_vertices(points, faces, "exact")
         if not audit_arrays(*welded)[0].counts.boundary_edges:
@@ -57,9 +57,8 @@ def need_enclosure() -> None:
 def _fits_vertices(asset: Asset) -> bool:
     """Return whether vertex colours can show the model.
 
-    They cannot if the colours vary within a face, or if faces are uniform and share vertices. Without xatlas,
-    which makes the texture of faces that share vertices, vertex colours are used for all models whose faces
-    share vertices.
+    They cannot if the colours vary within a face, or if faces are uniform and share vertices. If faces share
+    vertices, a texture needs xatlas. Without xatlas, such models always get vertex colours.
     """
     if why_not(asset.manifest, "standard") is not None:
         return False

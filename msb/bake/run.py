@@ -152,10 +152,11 @@ def bake(
         each level of detail      `seconds` more
         ========================  ==================
 
-        With 0 they move a single step, and the face selection still runs. The time for `collision` is not
-        included.
+        If `seconds` is 0, triangles move by a single step, and the face selection still runs. The time for
+        `collision` is not included.
     seed : int, default 0
-        Seed of the search. One seed gives one result on one device, if the time suffices.
+        Seed of the search. If the time suffices for all steps, bakes with one seed on one device have the
+        same result.
     up : str, optional
         The up axis, such as "+z", for generated views.
     keep_best : bool, default False
@@ -259,8 +260,8 @@ def bake(
 def _catch_interrupt(keep_best: bool) -> Iterator[Callable[[], bool]]:
     """Yield a function that returns whether to stop: true after the first Ctrl-C with `keep_best`.
 
-    A second Ctrl-C interrupts as usual. Outside the main thread, which alone receives signals, it returns
-    false.
+    A second Ctrl-C interrupts as usual. Only the main thread receives signals; in other threads the function
+    returns false.
     """
     received: list[int] = []
     if not keep_best or threading.current_thread() is not threading.main_thread():

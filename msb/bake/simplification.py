@@ -24,10 +24,10 @@ def is_closed_surface(points: NDArray[Any], faces: Ints) -> bool:
 
 
 def simplify(points: Floats, faces: Ints, count: int) -> tuple[Floats, Ints]:
-    """Return a surface with about `count` faces, at most as many as it has: points (V, 3), faces (F, 3).
+    """Reduce a surface to about `count` faces; return points (V, 3) and faces (F, 3).
 
-    A closed surface stays closed, manifold and consistently wound; if no face would be left, it gets more
-    faces than `count`. An open surface loses surplus faces at edges with more than two faces.
+    A closed surface stays closed, manifold and consistently wound. If no face would be left, more than
+    `count` faces are kept. An open surface loses surplus faces at edges with more than two faces.
     """
     import fast_simplification
 
@@ -49,7 +49,7 @@ def simplify(points: Floats, faces: Ints, count: int) -> tuple[Floats, Ints]:
 
 
 def _make_manifold(points: Floats, faces: Ints) -> tuple[Floats, Ints]:
-    """Return the surface without useless faces and without edges of more than two faces.
+    """Return the surface without useless faces, and with at most two faces at each edge.
 
     It is consistently wound as far as that is possible.
     """

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 
 def find_color_seams(points: NDArray[Any], faces: NDArray[Any]) -> Seams | None:
-    """Return the cut edges of a mesh, whichever attributes differ across a cut; None if it has no cut."""
+    """Return the cut edges of a mesh, or None if it has no cut. Any attribute may differ across a cut."""
     return find_seams(points, faces, {"color": np.arange(len(points))[:, None]})
 
 
@@ -48,10 +48,10 @@ def merge_seams(mesh: Mesh) -> Mesh:
 
 
 def is_uncut_soup(points: NDArray[Any], faces: NDArray[Any]) -> bool:
-    """Return whether the faces are a soup, and not a surface that was cut along all its edges.
+    """Return whether the faces are a soup; a surface that was cut along all its edges is none.
 
-    Faces that use all vertices in their order are always a soup, as that is how assets store soups. Their
-    corners may coincide by chance.
+    If the faces use all vertices one after the other, they are always a soup, because assets store soups in
+    this way. Corners of such faces may still coincide by chance.
     """
     if not is_unindexed(faces, len(points)):
         return False
@@ -123,7 +123,7 @@ class Soup:
 
     @cached_property
     def _laplacian(self) -> csr_matrix:
-        """The Laplacian of the edges between shared vertices, which a search does not change."""
+        """The Laplacian of the edges between shared vertices. A search does not change it."""
         assert self.shared is not None
         return color_fit.make_edge_laplacian(self.shared, int(self.shared.max()) + 1)
 
@@ -184,7 +184,7 @@ class Soup:
 
 
 def _quarter(values: Singles) -> Singles:
-    """Return corner values (F, 3, 3) interpolated to the corners of the quarters, (4F, 3, 3)."""
+    """Cut faces into quarters; return the interpolated values (4F, 3, 3) at the new corners."""
     a, b, c = values.transpose(1, 0, 2)
     ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
     quarters = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
@@ -192,7 +192,7 @@ def _quarter(values: Singles) -> Singles:
 
 
 def _halve(values: Singles) -> tuple[Singles, Singles]:
-    """Return corner values (F, 3, 3) of the two halves on either side of the middle of the first side."""
+    """Cut faces at the middle of their first side; return the corner values (F, 3, 3) of either half."""
     a, b, c = values.transpose(1, 0, 2)
     middle = (a + b) / 2
     return np.stack([a, middle, c], axis=1), np.stack([middle, b, c], axis=1)

@@ -26,7 +26,7 @@ from msb.render.standard.triangles import RECORD_DEFINES
 
 # Sums per face: six products of weights (aa, ab, ac, bb, bc, cc), then red, green, blue times a, b and c.
 SUMS_PER_FACE = 15
-# Work-items of a work-group. All kinds of devices support this number.
+# Work-items of a work-group. All kinds of devices support work-groups of this size.
 _GROUP = 64
 # Pixels along each side of the blocks whose averages `measure_error` compares. Most of the error of single
 # pixels is at edges and depends on their position between samples.
@@ -115,7 +115,7 @@ class SoupRenderer(SupervisedRenderer):
     def with_images(self, images: ViewImages) -> SoupRenderer:
         """Return a renderer of the same faces for other images.
 
-        Both share the faces: an update of one changes the other, and both are closed together.
+        Both renderers share the faces: an update of one changes the other, and both are closed together.
         """
         other = copy(self)
         other._set_images(images)
@@ -131,9 +131,10 @@ class SoupRenderer(SupervisedRenderer):
 
     @in_turn
     def sum_faces(self, numbers: Iterable[int], *, gradients: bool = True) -> FaceSums:
-        """Return the sums over the pixels of each face in these views; without `gradients` those are 0.
+        """Return the sums over the pixels of each face in these views.
 
-        A face is summed along its pixels in their order and view by view, so that results are reproducible.
+        Gradients are 0 unless `gradients` is true. The pixels of a face are added view by view in a fixed
+        order, so that results are reproducible.
         """
         count = self._count
         outputs = [
@@ -196,8 +197,8 @@ class SoupRenderer(SupervisedRenderer):
         owners.write(owner)
         totals = self._scratch("totals", (views, proposals), self._total_type)
         totals.fill(0)
-        # Sums are integers, so that they do not depend on the order. Their unit is as small as the range of
-        # the integers allows.
+        # Sums are integers, so that the order of additions does not matter. Their unit is as small as the
+        # range of the integers allows.
         bits = 62 if self._total_type is np.int64 else 30
         largest = 6.0 * float(np.diff(self._starts).max())
         unit = np.float32(2.0 ** min(32, bits - int(np.ceil(np.log2(largest)))))
@@ -211,7 +212,7 @@ class SoupRenderer(SupervisedRenderer):
 
     @in_turn
     def measure_error(self) -> float:
-        """Return the mean squared error over all views, of averages over blocks of pixels (`_BLOCK`)."""
+        """Return the mean squared error over all views. Pixels are averaged over blocks (`_BLOCK`) before."""
         total, count = 0.0, 0
         for number, camera in enumerate(self.images.cameras):
             planes, _, _ = self._draw_view(number)

@@ -1,4 +1,4 @@
-"""The coordinates of a surface: the world around the visible points, with far parts contracted."""
+"""The coordinates in which a surface is made: world coordinates with far parts contracted."""
 
 from __future__ import annotations
 
@@ -13,25 +13,26 @@ from msb.bake.arrays import Floats
 if TYPE_CHECKING:
     from msb.scenes import Camera
 
-# If more than this share of the visible points is farther from the focus than the cameras, the model is a
-# scene and not an object. The share allows for some stray faces.
+# A model is a scene, not an object, if more than this share of the visible points is farther from the focus
+# than the cameras. The share allows for some stray faces.
 _SCENE_SHARE = 0.02
 # Radius of the undistorted part of a scene, in median distances of the cameras from the focus.
 _NEAR_RADIUS = 0.5
-# Percentage of the visible points that may lie outside an object's box at each side: stray faces.
+# Percentage of the visible points that may lie outside an object's box at each side, because some faces are
+# stray.
 _TRIM_PERCENT = 0.1
-# Smallest eigenvalue per camera of the equations for the point where the camera axes meet. Below it the axes
-# count as parallel.
+# The point where the camera axes meet solves a system of equations. If its smallest eigenvalue per camera is
+# below this limit, the axes count as parallel.
 _MIN_CONDITIONING = 1e-3
 # Smallest distance of the focus in front of the cameras, relative to the distance of the visible points.
 # The axes of cameras that turn in one place meet at that place, up to rounding.
 _MIN_AHEAD = 1e-4
-# Distance of the visible centre from the cameras, in the same unit, below which the cameras stand inside.
+# If the visible centre is nearer to the cameras than this, in the same unit, the cameras stand inside.
 _INSIDE_DISTANCE = 0.5
 # Smallest side of an object's box relative to its longest side, so that a flat object still has a volume.
 _MIN_THICKNESS = 1e-3
-# Outer radius of a scene's grid. A radius of 2 is infinitely far away in the world, and 1.96 is 25 near radii
-# away.
+# Outer radius of a scene's grid in contracted coordinates. There, a radius of 2 is infinitely far away, and
+# 1.96 is 25 near radii away.
 EDGE = 1.96
 
 
@@ -94,7 +95,7 @@ class Space:
         return placed
 
     def clamp(self, points: Floats) -> Floats:
-        """Return points with those beyond the edge of a scene moved back to it."""
+        """Return the points; those beyond the edge of a scene are moved back to the edge."""
         if not self.contracted:
             return points
         size = np.maximum(np.linalg.norm(points, axis=1, keepdims=True), 1e-12)
@@ -102,7 +103,7 @@ class Space:
         return clamped
 
     def pull_back(self, points: Floats, gradients: Floats) -> Floats:
-        """Return gradients (n, 3) by these coordinates, from gradients (n, 3) by coordinates of the world."""
+        """Convert gradients (n, 3) by coordinates of the world to gradients by these coordinates."""
         across, along = self._stretch(points)
         size = np.maximum(np.linalg.norm(points, axis=1, keepdims=True), 1e-12)
         direction = points / size
@@ -113,7 +114,8 @@ class Space:
     def _stretch(self, points: Floats) -> tuple[Floats, Floats]:
         """Return two factors (n, 1) by which lengths grow in the world, in addition to `radius`.
 
-        The first is for lengths across the direction to the centre, the second along it.
+        The first factor is for lengths across the direction to the centre, the second for lengths along this
+        direction.
         """
         size = np.linalg.norm(points, axis=1, keepdims=True)
         if not self.contracted:
@@ -124,7 +126,10 @@ class Space:
 
 
 def _find_focus(cameras: Sequence[Camera], ahead: float) -> Floats | None:
-    """Return the point nearest to all camera axes; None unless it is `ahead` in front of each camera."""
+    """Return the point nearest to all camera axes.
+
+    Return None unless it is at least `ahead` in front of each camera.
+    """
     # Least squares: the sum over cameras of the projection across the axis (3, 3), times the point.
     at = np.stack([camera.center for camera in cameras])
     axes = np.stack([camera.world_to_camera[2, :3] for camera in cameras])

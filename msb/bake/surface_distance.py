@@ -8,11 +8,11 @@ from msb.topology.faces import face_areas
 # Sample points on a surface. With 20,000 points the standard error of an average distance is below 1 % of its
 # spread.
 POINTS = 20_000
-# Number of random search points on the other surface, in addition to one per face. Search points find the
-# nearest faces: more points find them more reliably, but need a larger search tree.
+# Number of random search points on the other surface. There is also one search point per face. Search points
+# find the nearest faces: more points find them more reliably, but need a larger search tree.
 _SEARCH_POINTS = 40_000
-# Number of nearest search points per sample point. The exact distance is computed to the faces of all of
-# them, as the nearest search point need not lie on the nearest face.
+# Number of nearest search points per sample point. The exact distance is computed to the faces of all these
+# search points, because the nearest search point need not lie on the nearest face.
 _NEIGHBOURS = 12
 
 
@@ -36,14 +36,15 @@ def sample_surface(points: Floats, faces: Ints, count: int = POINTS) -> tuple[Fl
 def measure_distances(places: Floats, points: Floats, faces: Ints) -> Floats:
     """Return the distance (n,) of each place (n, 3) to a surface of points (V, 3) and faces (F, 3).
 
-    The distance to the candidate faces is exact. If the nearest face is not a candidate, the result is too
-    large by far less than the spacing of the search points.
+    The distance to the candidate faces is exact. The nearest face may be missing among the candidates. The
+    result is then too large, by far less than the spacing of the search points.
     """
     from scipy.spatial import cKDTree
 
     if not len(places):
         return np.zeros(0)
-    # Search points: random ones and the centre of each face. A tree of many equal points is slow.
+    # Search points: random ones and the centre of each face. Equal points are dropped, because a search tree
+    # of many equal points is slow.
     marks, owner = sample_surface(points, faces, _SEARCH_POINTS)
     marks = np.concatenate([marks, points[faces].mean(axis=1)])
     owner = np.concatenate([owner, np.arange(len(faces))])

@@ -1,7 +1,7 @@
 """The texture of a mesh by least squares over the pixels of images.
 
-The equations assume that texels are blended in sRGB and stored without rounding. The standard tier draws the
-actual image, and the equations give the change of the texels that reduces its remaining error.
+The equations assume that texels are blended in sRGB and stored without rounding. Therefore the standard tier
+draws the actual image, and the equations give the change of the texels that reduces the remaining error.
 """
 
 from __future__ import annotations
@@ -42,7 +42,8 @@ FIRST_PASS_STEP = 6
 # Smallest and largest default number of texels along a side. With 256 texels the demo models lose 0.3 dB;
 # 4096 is the largest texture of many phones.
 _DEFAULT_SIZES = 512, 4096
-# The initial texture is drawn in tiles of this number of texels along a side; this limits the memory.
+# The initial texture is drawn in tiles, which limits the memory. A tile has this number of texels along a
+# side.
 _TILE = 1024
 _SAMPLER = Sampler("linear", mipmaps=True, wrap_u="clamp", wrap_v="clamp")
 
@@ -119,7 +120,7 @@ def fit_texture(
 
 
 def select_first_pass(images: ViewImages) -> ViewImages:
-    """Return the images of the first pass, which also fit the colours of the initial texture."""
+    """Return the images of the first pass. They are also used to fit the colours of the initial texture."""
     return images.select(range(0, len(images), FIRST_PASS_STEP))
 
 
@@ -143,14 +144,18 @@ def _get_corner_colors(mesh: Mesh, pixels: Floats | None) -> NDArray[Any]:
 def _contract_vertices(mesh: Mesh, cameras: Sequence[Camera], device: str | Device | None) -> Floats:
     """Return the vertices (V, 3) of a scene with its far parts contracted.
 
-    Otherwise a chart from the foreground to the horizon would have as many texels far away as nearby.
+    Without the contraction, a chart from the foreground to the horizon would have as many texels per length
+    far away as nearby.
     """
     points = find_visible_points(mesh, cameras, device)
     return Space.fit(points, cameras).from_world(mesh.vertices) if len(points) else mesh.vertices
 
 
 def _choose_default_size(pixels: Floats) -> int:
-    """Return the default texels along a side: a power of two with about one texel per pixel (F,)."""
+    """Return the default number of texels along a side.
+
+    It is a power of two and gives about one texel per pixel; `pixels` (F,) are the pixels of each face.
+    """
     side = float(np.sqrt(np.maximum(pixels, 1).sum()))
     least, most = _DEFAULT_SIZES
     return int(min(max(2 ** round(np.log2(side)), least), most))
@@ -163,7 +168,8 @@ def _draw_initial_texture(
 
     Texels between charts belong to the nearest chart and have its colour.
     """
-    # Draw the faces in the plane of the texture, a tile at a time: (S, S) face numbers and colours.
+    # Draw the faces in the plane of the texture, one tile after the other. The results are face numbers
+    # (S, S) and colours (S, S).
     at = np.concatenate([uvs, np.ones((len(uvs), 1), np.float32)], axis=1)
     flat = Mesh(at, np.arange(len(colors)).reshape(-1, 3), colors)
     faces, texture = np.full((size, size), -1, np.int32), np.zeros((size, size, 3), np.uint8)
@@ -185,7 +191,7 @@ def _draw_initial_texture(
     texture[y[lost], x[lost]] = np.rint(means[lost])
     if (faces < 0).all():
         return np.zeros((size, size), np.int32), texture
-    from scipy import ndimage  # loading it takes longer than fitting vertex colours
+    from scipy import ndimage  # importing this takes longer than fitting vertex colours
 
     # Texels between charts take the chart and the colour of the nearest drawn texel.
     row, column = ndimage.distance_transform_edt(faces < 0, return_distances=False, return_indices=True)

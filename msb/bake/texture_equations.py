@@ -1,4 +1,4 @@
-"""The normal equations of a texture and its mip levels, stored as stencils and solved on the device.
+"""The normal equations of a texture and its mip levels. They are stored as stencils and solved on the device.
 
 A pixel shows four neighbouring texels of a level; between two levels it shows four texels of each. So a texel
 is only coupled to its eight neighbours, level by level. A texel of a smaller level is the average of four
@@ -23,15 +23,15 @@ if TYPE_CHECKING:
 # Weight of the squared difference between the changes of neighbouring texels, relative to a pixel. It spreads
 # changes to texels without pixels, and has little influence on texels with pixels.
 SMOOTHNESS = 0.5
-# Steps of conjugate gradients. Few suffice, as the initial texture is near the solution and each step costs a
-# pass over all texels.
+# Steps of conjugate gradients. Few steps suffice, because the initial texture is near the solution. Each step
+# costs a pass over all texels.
 STEPS = 15
 # A squared residual up to this counts as 0; a channel is then solved.
 _ZERO = 1e-12
 # Work-items of a work-group.
 _GROUP = 64
 # Number of texels that one work-item sums over, and number of such work-items in a work-group. Sums are
-# reproducible, as the texels of a work-item do not depend on the device.
+# reproducible, because every device assigns the same texels to a work-item.
 _RUN, _RUN_GROUP = 64, 8
 
 
@@ -93,7 +93,8 @@ class TextureEquations(OnDevice):
         for _ in range(STEPS):
             if (residual <= _ZERO).all():
                 break
-            # Next direction; its average in each smaller level; then the product of the system with it.
+            # Compute the next direction and its average in each smaller level. Then multiply the system with
+            # the direction.
             kernels.turn(texels, _GROUP, self.stencils, _pad(ratio), direction, count)
             for (_, (before, start, _)), (many, (_, _, side)) in pairwise(levels):
                 kernels.halve(many, _GROUP, direction, before, start, side, np.uint32(many))
@@ -126,7 +127,7 @@ def _sum_partial(partial: Buffer) -> Floats:
 
 
 def _divide(above: Floats, below: Floats) -> Floats:
-    """Return quotients (3,), 0 for channels that are solved."""
+    """Return the quotients (3,) of two values per channel; they are 0 for channels that are solved."""
     return np.divide(above, below, out=np.zeros(3), where=(above > _ZERO) & (below > 0))
 
 

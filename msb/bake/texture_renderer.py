@@ -34,7 +34,7 @@ class TextureRenderer(SupervisedRenderer):
     def add_equations(self, equations: TextureEquations) -> Iterator[int]:
         """Add the differences to the target images to the equations of a texture; yield the finished views.
 
-        A texel is summed along its pixels in their order and view by view, so that results are reproducible.
+        The pixels of a texel are added view by view in a fixed order, so that results are reproducible.
         """
         with self._scope.turn():
             starts = self._device.upload(equations.starts.astype(np.int32), "bake texture")
@@ -61,7 +61,8 @@ class TextureRenderer(SupervisedRenderer):
         self._kernels.faces(faces, _GROUP, *self._faces, view, shape[1], forms, np.uint32(faces))
         pixels = *drawn, *shape, width, texels, keys, *samples, np.uint32(count)
         self._kernels.samples(count, _GROUP, *self._faces, view, forms, *pixels)
-        # Sort the samples by texel, and add them row by row: even and odd rows have no texel in common.
+        # Sort the samples by texel, and add them row by row. First all even rows are added, then all odd
+        # rows, because rows of one kind have no texel in common.
         ordered = sort_pairs(self._device, keys, bits=int(texels).bit_length(), name="bake texels")
         weight = np.float32(self.images.weights[number])
         rows = -(-int(equations.sides.sum()) // 2)

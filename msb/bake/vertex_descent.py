@@ -1,9 +1,9 @@
-"""Gradient descent on the vertices of a closed surface, by the error of its images, without crossings.
+"""Gradient descent on the vertices of a closed surface. It reduces the error of images without crossings.
 
-The gradients of the error (`msb.bake.soup_renderer`) are summed at shared vertices and smoothed over the
-surface before they move it, so that a step bends the surface instead of folding it (Nicolet et al. 2021).
-Steps are taken in the surface's space, where faces have similar sizes. Every few steps, vertices of crossing
-faces move back to where they did not cross.
+The gradients of the error (`msb.bake.soup_renderer`) are summed at shared vertices. They are then smoothed
+over the surface, so that a step bends the surface instead of folding it (Nicolet et al. 2021). Steps are
+taken in the surface's space, where faces have similar sizes. Every few steps, vertices of crossing faces move
+back to places where the faces did not cross.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 # Smoothing of the gradients: squared width in edge lengths. More smoothing prevents folds and loses detail.
 SMOOTHING = 0.5
-# Steps without a time limit: a surface of a demo model takes about 45 s with them on two cores.
+# Number of steps without a time limit. A surface of a demo model then takes about 45 s on two cores.
 STEPS = 200
 # Average move of a vertex in a step, in edge lengths, at the start and at the end.
 STEP_LENGTHS = 0.12, 0.01
@@ -43,7 +43,7 @@ def move_vertices(
     random: np.random.Generator,
     schedule: StepSchedule,
 ) -> None:
-    """Move the vertices at `points` (V, 3) of `space`, which the faces of `soup` share, to reduce the error.
+    """Move the shared vertices of `soup` to reduce the error; `points` (V, 3) are their places in `space`.
 
     The moves make no further faces cross. `best` evaluates the state every few steps.
     """
@@ -52,7 +52,8 @@ def move_vertices(
 
     assert soup.shared is not None
     faces, count = soup.shared, len(points)
-    # `smooth` solves (I + SMOOTHING * Laplacian) x = b; the descent runs on `variables` = its left side.
+    # `smooth` solves (I + SMOOTHING * Laplacian) x = b. The descent changes `variables`, the right side b;
+    # the points are x.
     bending = identity(count, format="csr") + SMOOTHING * color_fit.make_edge_laplacian(faces, count)
     smooth = splu(bending.tocsc()).solve
     good, variables = points, bending @ points
@@ -74,7 +75,7 @@ def move_vertices(
         points = space.clamp(smooth(variables))
         sums = seen.sums if sums is None else COLOR_DECAY * sums + seen.sums
         share = schedule.finish_step(step)
-        # Before a validation, and at the end, revert vertices of crossing faces.
+        # Before a validation, and at the end, move vertices of crossing faces back.
         is_validated = step % VALIDATION_STEPS == 0 or share >= 1
         if is_validated:
             good = revert_crossings(points, good, faces, space)

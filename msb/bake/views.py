@@ -21,13 +21,13 @@ from msb.scenes.sets import split_every_8th
 from msb.scenes.walk import fill_gaps
 from msb.views import ChosenViews, check_given_views, find_training_views, generate_views
 
-# Generated views: (degrees above the horizon, number of views). 40 views in all; the number per ring falls as
-# the circle shrinks towards the pole.
+# Rings of generated views: (degrees above the horizon, number of views), 40 views in all. Rings near the pole
+# are smaller and have fewer views.
 RINGS = ((15.0, 18), (40.0, 14), (65.0, 8))
-# The same for views from below, which are only generated for mesh files. Training cameras rarely look up from
+# Rings of views from below. They are only generated for mesh files. Training cameras rarely look up from
 # below, so native renderings of a trained model from there are arbitrary.
 RING_BELOW = (-35.0, 12)
-# Width and height of generated views in pixels, like the small captures that methods train on.
+# Width and height of generated views in pixels. Small captures for training have about this size.
 _GENERATED_SIZE = 480, 360
 # Pixels of the largest view. Larger views are scaled down, which bounds the time of a bake.
 MAX_PIXELS = 1 << 20
@@ -91,7 +91,9 @@ def choose_bake_views(
     photographs: bool = False,
     device: str | None = None,
 ) -> BakeViews:
-    """Return the views of a bake: of a scene, else given cameras, else training cameras, else generated ones.
+    """Return the views of a bake.
+
+    They come from the first available source: a scene, given cameras, training cameras, or generated views.
 
     Parameters
     ----------

@@ -87,8 +87,8 @@ def convert(
     data that OUT cannot store, and data of IN that is ignored (normals, lights, bones).
 
     An asset is converted to its standard-tier mesh: opaque and unlit, with textures or static colours. With
-    --official the method's official exporter writes the file, which may have alpha, duplicated faces or
-    merged vertices.
+    --official the file is the one that the method's official exporter writes. It may have alpha, duplicated
+    faces or merged vertices.
     """
     if options.official:
         typed.reject(["form", "up", "color", "texture", "engine"], "cannot be combined with --official")
@@ -216,7 +216,7 @@ def _write_mesh(source: Path, target: Path, options: ConvertOptions, output: Out
     suffix, asset = output_suffix(target, "OUT"), None
     if is_mesh_file(source):
         with output.progress(f"reading {source.name}"):
-            mesh = read_mesh(source)  # not as an asset, which would round coordinates to float32
+            mesh = read_mesh(source)  # an asset would round coordinates to float32
         ignored, known = list(mesh.left_out), True
     else:
         asset = open_asset(source, output)
@@ -227,7 +227,7 @@ def _write_mesh(source: Path, target: Path, options: ConvertOptions, output: Out
         style, quality = choose_style(
             mesh, target, asset, color=options.color, texture=options.texture, engine=options.engine
         )
-    # Errors of coordinates and indices are reported for the source.
+    # Errors in coordinates and indices name the source file.
     with output.progress(f"writing {target.name}"), about(source):
         storable = fit_to_format(mesh, suffix)
         write_mesh_files(storable, target, output, style)

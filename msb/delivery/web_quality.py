@@ -1,8 +1,8 @@
-"""Choice of the coarsest web encoding of a mesh that keeps an image quality of 50 dB.
+"""Chooses the coarsest web encoding of a mesh that keeps an image quality of 50 dB.
 
 A GLB for the web stores quantised positions, quantised colours and compressed textures. Each of the three
-adds an error to the images of the mesh. The mean squared errors of independent parts add up approximately, so
-the search measures them separately and distributes the error that 50 dB allow:
+adds an error to the images of the mesh. The mean squared errors of independent parts add up approximately. So
+the search measures each part separately and distributes the error that 50 dB allow:
 
 1. Measure the error of the compressed textures.
 2. For each precision of the colours, measure their error. Subtract both errors from the allowed error, and
@@ -49,7 +49,7 @@ class ImageLoss:
     mesh: Mesh
     cameras: list[Camera]
     views: str
-    # Samples per pixel along each axis -> images of `mesh`, each (H, W, 3).
+    # Images of `mesh`, each (H, W, 3), by the number of samples per pixel along each axis.
     _images: dict[int, list[NDArray[np.float32]]] = field(default_factory=dict, repr=False)
 
     @classmethod
@@ -128,11 +128,12 @@ def _find_coarsest(images: ImageLoss) -> tuple[Style, str]:
         if colors is not None:
             rounded = convert_to_srgb(quantize_light(colors, levels))
             room -= _squared_error(images.loss(replace(mesh, vertex_colors=rounded)))
-        # A triangle soup may also be quantised by distance to its centre, which suits captures.
+        # For a triangle soup, also try position steps that grow with the distance from its centre. This suits
+        # captures.
         for by_distance in (False, True) if is_unindexed(mesh.faces, len(mesh.vertices)) else (False,):
             web = Web(fewest_bits(room, by_distance=by_distance), levels, by_distance)
             candidates.append((web.quarters == _FINEST, len(_encode(mesh, _style(web))), web))
-    # Prefer candidates that found a precision below the finest one; among them the smallest file.
+    # Prefer candidates with a precision below the finest one. Among these, take the smallest file.
     web = min(candidates, key=lambda candidate: candidate[:2])[2]
 
     @cache

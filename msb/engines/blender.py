@@ -32,8 +32,8 @@ from msb.scenes.colors import Color
 VARIABLE = "MSB_BLENDER"
 # Limits of Blender: smallest and largest width or height in pixels, and largest ratio of a pixel's sides.
 _MIN_SIDE, _MAX_SIDE, _MAX_ASPECT = 4, 65536, 200.0
-# Width of the sensor in millimetres. Only its ratio to the focal length matters; a wide sensor keeps the
-# focal length above Blender's minimum of 1 mm.
+# Width of the sensor in millimetres. Only the ratio of the width to the focal length matters. A wide sensor
+# keeps the focal length above Blender's minimum of 1 mm.
 _SENSOR = 100.0
 # Rotation from Blender's camera axes (x right, y up, looking along -z) to OpenCV's.
 _FLIP = np.diag([1.0, -1.0, -1.0, 1.0])
@@ -278,7 +278,10 @@ def blender_camera(camera: Camera, turn: NDArray[np.float64]) -> dict[str, Any]:
 
 
 def _unit(camera: Camera) -> float:
-    """Return the length of the camera's axes in world units; Blender's camera axes have length 1."""
+    """Return the length of the camera's axes in world units.
+
+    In Blender, camera axes always have the length 1.
+    """
     return float(np.linalg.norm(camera.camera_to_world[:3, 0]))
 
 

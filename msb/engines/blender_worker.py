@@ -64,7 +64,7 @@ class Worker:
     def _import(self, name: str) -> None:
         operators = self._bpy.ops
         if name.endswith(".ply"):
-            # "LINEAR" stores the values of the file unchanged; the default converts them from sRGB.
+            # With "LINEAR" the importer keeps the values of the file; by default it converts them from sRGB.
             operators.wm.ply_import(filepath=name, import_colors="LINEAR" if self._exact else "SRGB")
         else:
             operators.import_scene.gltf(filepath=name)

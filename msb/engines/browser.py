@@ -70,7 +70,7 @@ _WEBGPU_SOFTWARE = (
     # The watchdog would end slow GPU work, such as shaders on a busy machine.
     "--disable-gpu-watchdog",
 )
-# File suffix -> MIME type; browsers execute scripts only with the right one.
+# File suffix -> MIME type. Browsers execute a script only if its type is right.
 _MIME_TYPES = {
     "html": "text/html",
     "js": "text/javascript",
@@ -126,7 +126,7 @@ class _Server(ThreadingHTTPServer):
 class Page:
     """A page in a headless browser, started for it.
 
-    `content` maps file names to the files that the server provides: "page.html", and those the page loads.
+    `content` has the files that the server provides, by name: "page.html", and the files that the page loads.
     `query` is the part of the address after the question mark. With `software` the page draws on the CPU;
     otherwise the browser uses a GPU if there is one. `webgpu` enables WebGPU, which browsers disable by
     default when they draw in software.
@@ -228,7 +228,7 @@ def _end(
         except subprocess.TimeoutExpired:
             process.kill()
             process.wait()
-    tasks.put(b"")  # ends a server thread that waits for a task and would keep all content in memory
+    tasks.put(b"")  # ends a waiting server thread, which would keep all content in memory
     server.shutdown()
     server.server_close()
     log.close()

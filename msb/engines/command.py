@@ -127,9 +127,9 @@ def web(
 ) -> None:
     """Write a page that shows a model in any browser, offline.
 
-    On the standard tier the page shows the mesh as any engine draws it. Without an ASSET it shows a .glb
-    that is dropped on it. On the dedicated tier it shows the native rendering, drawn with WebGPU, next to
-    that mesh, and the PSNR of its images against the OpenCL renderer.
+    On the standard tier the page shows the mesh as any engine draws it. Without an ASSET, the page shows a
+    .glb file that the user drops on it. On the dedicated tier it shows the native rendering, drawn with
+    WebGPU, next to that mesh. It also shows the PSNR of these images against the OpenCL renderer.
     """
 
     _check_options(path, options, views, typed)
@@ -325,7 +325,7 @@ def _measure_baked(content: PageContent, baked: Asset, tests: Sequence[CheckView
 
 
 def _read_test_view(camera: Camera, folder: Path, background: tuple[float, float, float]) -> CheckView:
-    """Return a test view with the image of a camera from a folder; the view has the size of the image."""
+    """Return a test view: a camera, and its image from a folder. The view has the size of the image."""
     from msb.engines.dedicated_page.page import CheckView
     from msb.metrics.image_files import read_image
 

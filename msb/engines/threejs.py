@@ -18,11 +18,12 @@ from msb.scenes.colors import Color
 
 
 class ThreeJsRenderer(Engine):
-    """Draws the GLB of an asset with three.js. `device` "cpu" is SwiftShader, "gpu" a graphics card.
+    """Draws the GLB of an asset with three.js.
 
-    Colours and depths are read from float32 targets, so they are not rounded. Frames have no face ids,
-    because WebGL does not number primitives. Times are measured by the device if the browser supports timer
-    queries; otherwise they are wall-clock times, in the stage `WALL_CLOCK`.
+    With `device` "cpu" SwiftShader draws, with "gpu" a graphics card. Colours and depths are read from
+    float32 targets, so they are not rounded. Frames have no face ids, because WebGL does not number
+    primitives. If the browser supports timer queries, the device measures times. Otherwise times are
+    wall-clock times, in the stage `WALL_CLOCK`.
 
     Parameters
     ----------
@@ -79,7 +80,7 @@ class ThreeJsRenderer(Engine):
         return "" if browser is None else f"r{read_three_revision()}, {identify_browser(browser)}"
 
     def memory(self) -> Mapping[str, int]:
-        """Return use -> bytes of the page's buffers and targets."""
+        """Return a mapping from the use of each buffer and target of the page to its bytes."""
         return dict(self._memory)
 
     def close(self) -> None:

@@ -48,10 +48,10 @@ struct Between { @builtin(position) place: vec4<f32>, @location(0) color: vec3<f
 
 
 class WgpuRenderer(Engine):
-    """Draws through wgpu-py. `device` "cpu" is a software adapter (lavapipe), "gpu" any other adapter.
+    """Draws through wgpu-py. With `device` "cpu" a software adapter draws, with "gpu" any other one.
 
-    Frames have a `face_id` if the adapter supports primitive indices. Times are measured by the device if the
-    adapter supports timestamps; otherwise they are wall-clock times, in the stage `WALL_CLOCK`.
+    Frames have a `face_id` if the adapter supports primitive indices. If the adapter supports timestamps, the
+    device measures times. Otherwise times are wall-clock times, in the stage `WALL_CLOCK`.
     """
 
     name = "wgpu"
@@ -88,7 +88,7 @@ class WgpuRenderer(Engine):
 
     @classmethod
     def of_tier(cls, tier: str) -> Any:
-        """Return the renderer class of `tier`; on the dedicated tier it draws the native rendering."""
+        """Return the renderer class of `tier`; that of the dedicated tier draws the native rendering."""
         if tier == "standard":
             return cls
         from msb.engines.hardware.renderer import HardwareRenderer
@@ -119,7 +119,7 @@ class WgpuRenderer(Engine):
         self._gpu.close()
 
     def memory_groups(self) -> Mapping[str, str]:
-        """Return use -> group; textures belong to "appearance"."""
+        """Return a mapping from uses of memory to groups; textures belong to "appearance"."""
         textures = (use for use in self._gpu.resources if use.startswith("texture "))
         return {**super().memory_groups(), **dict.fromkeys(textures, "appearance")}
 

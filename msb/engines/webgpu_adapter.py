@@ -69,7 +69,10 @@ def _rank(info: Mapping[str, Any]) -> tuple[int, int]:
 
 @contextlib.contextmanager
 def _runtime_folder() -> Iterator[None]:
-    """Set XDG_RUNTIME_DIR in a block if it is not set (containers, clusters), to avoid warnings of Mesa."""
+    """Set XDG_RUNTIME_DIR in a `with` block if it is not set.
+
+    In containers and on clusters, Mesa would warn otherwise.
+    """
     if sys.platform != "linux" or os.environ.get("XDG_RUNTIME_DIR"):
         yield
         return
@@ -134,7 +137,10 @@ class Gpu:
 
     @contextlib.contextmanager
     def reporting(self, doing: str) -> Iterator[None]:
-        """Convert wgpu errors in a block to a DeviceError that names the device and the activity `doing`."""
+        """Convert wgpu errors in a `with` block to a DeviceError.
+
+        The error names the device and what was done (`doing`).
+        """
         wgpu = self._wgpu
         try:
             yield
@@ -209,7 +215,7 @@ class Gpu:
             buffer.unmap()
 
     def memory(self) -> Mapping[str, int]:
-        """Return use -> bytes of every buffer and texture."""
+        """Return a mapping from the use of every buffer and texture to its bytes."""
         return {use: _count_bytes(resource) for use, resource in self.resources.items()}
 
     def close(self) -> None:

@@ -107,7 +107,7 @@ def _three_modules() -> str:
 
 
 def read_script(name: str) -> str:
-    """Return a file of msb/engines/web without its module syntax, to concatenate with other scripts.
+    """Return a file of msb/engines/web without module syntax, so that other scripts can follow it.
 
     Some of these files are modules, because the npm package in integrations/js contains the same files.
     """

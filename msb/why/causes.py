@@ -21,10 +21,10 @@ from msb.registry import lookup
 from msb.render.frame import Frame
 from msb.why.views import CauseViews, DoesNotApplyError, Image
 
-# Logit of an opacity that differs from 1 by 2e-9, less than a float32 can represent.
+# Logit of an opacity of 1 - 2e-9. As float32 this opacity is 1.
 _FULL_LOGIT = np.float32(20.0)
-# Kernel of the coverage -> settings that make it 1 inside a face up to its edges and 0 outside: a steep
-# power, and a narrow window.
+# Settings that make coverage 1 inside a face and 0 outside, by the kernel of the coverage. They are a steep
+# power and a narrow window.
 _HARD_SETTINGS: dict[str, dict[str, float]] = {
     "gaussian_power": {"gamma": 1000.0},
     "edge_window": {"sigma": 1e-9},
@@ -129,7 +129,7 @@ def _with_hard_edges(asset: Asset) -> _Change:
 
 
 def _draw_change(change: Callable[[Asset], _Change]) -> _Draw:
-    """Return a function that compares native renderings of a changed and of the unchanged model."""
+    """Return a function that compares native renderings of the changed and of the original model."""
 
     def draw(views: CauseViews) -> _Pair:
         asset, settings = change(views.asset)
@@ -167,7 +167,7 @@ def _draw_unsorted(views: CauseViews) -> _Pair:
 
 
 def _encode(colors: NDArray[Any] | None) -> Image | None:
-    """Return colours (N, 3 or 4) encoded as sRGB once more. Alpha, which cuts out textures, is unchanged."""
+    """Return colours (N, 3 or 4) encoded as sRGB once more. Alpha is not encoded, because it is no colour."""
     if colors is None:
         return None
     # Bytes become floats in [0, 1].

@@ -83,7 +83,7 @@ def why(
 
 
 def _save_images(causes: list[Cause], folder: Path, *, overwrite: bool) -> None:
-    """Write an image for each cause: left without it, right with it."""
+    """Write an image for each cause: on the left without the cause, on the right with it."""
     import numpy as np
 
     from msb.render.images import write_image
@@ -137,7 +137,7 @@ def _format_db(db: float | None) -> str:
 
 
 def _describe_total(causes: Causes, quiet: bool) -> Iterator[str]:
-    """Yield the loss of all causes together, and the parts that settings or a bake can avoid."""
+    """Yield lines: the loss of all causes together, and the parts that settings or a bake can avoid."""
     from msb.why.total import TITLE
 
     total = causes.total

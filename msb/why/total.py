@@ -10,7 +10,7 @@ from msb.why.causes import BAKED, apply_light, interpret_as_linear
 from msb.why.views import EQUAL, CauseViews, DoesNotApplyError
 
 TITLE = "All causes together (standard-tier mesh against native rendering)"
-# PSNR in dB above which a cause is invisible, so that it does not explain the remaining loss.
+# A cause with a PSNR above this number of dB is invisible and does not explain the remaining loss.
 _VISIBLE = 40.0
 
 
@@ -46,7 +46,7 @@ class Total:
     bakes: tuple[str, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the record for `msb why --json`; the numbers of equal images are null."""
+        """Return the record for `msb why --json`; if images are equal, the number is null."""
         return {
             "db": _finite(self.db),
             "equal": self.db is not None and self.db >= EQUAL,

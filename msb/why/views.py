@@ -28,7 +28,7 @@ Image = NDArray[np.float32]
 
 # PSNR in dB above which images differ only by rounding and are reported as equal.
 EQUAL = 90.0
-# Settings of native renderers for several samples per pixel along each axis.
+# Settings of native renderers that determine the number of samples per pixel along each axis.
 _SAMPLING_SETTINGS = ("supersample", "render_up_scale")
 
 
@@ -83,7 +83,10 @@ class CauseViews:
         self._no_view_reason = None if self.cameras else views.blind_message
 
     def draw_native(self, asset: Asset | None = None, **options: Any) -> list[Image]:
-        """Return native renderings of `asset` (default: that of these views), with options of `Renderer`."""
+        """Return native renderings of `asset`, with options of `Renderer`.
+
+        The default is the asset of these views.
+        """
         self._check("dedicated")
         settings = options.pop("settings", {})
         asset = asset or self.asset
@@ -157,12 +160,12 @@ class CauseViews:
 
 
 def clip_image(frame: Any) -> Image:
-    """Return a frame's image, or an image, clamped to [0, 1]."""
+    """Return an image clamped to [0, 1]; the argument is a frame or an image."""
     return np.clip(np.asarray(getattr(frame, "image", frame), np.float32), 0, 1)
 
 
 class _CullingRenderer(StandardRenderer):
-    """Draws a selection of the faces of an asset; all until `select` is called."""
+    """Draws the selected faces of an asset. Until `select` is called, all faces are selected."""
 
     def __init__(self, asset: Asset, device: str | None) -> None:
         super().__init__(asset, device=device)

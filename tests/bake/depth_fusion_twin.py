@@ -1,4 +1,4 @@
-"""The votes of views on solid places, in NumPy, view by view: the twin of bake_fuse.cl."""
+"""Votes of views on which places are solid, in NumPy, view by view. This is the twin of bake_fuse.cl."""
 
 from collections.abc import Sequence
 
@@ -24,9 +24,10 @@ def vote(
     A vote is the average distance of a place in front of the visible surface, minus `thick`. Distances are
     along z, in units of `reach` (n,), and at most 1. `depths` are maps (H, W), 0 for the background.
 
-    A place more than `behind` (n,) behind the surface is hidden from a view. A place is solid, with the vote
-    -1, if the ratio of the views that see it to the views that it is hidden from is below `share`. Between
-    this share and twice this share, the vote is interpolated.
+    A place more than `behind` (n,) behind the surface is hidden from a view. Consider the number of views
+    that see a place, divided by the number of views from which it is hidden. If this ratio is below `share`,
+    the place is solid and its vote is -1. If the ratio is between `share` and twice `share`, the vote is
+    interpolated.
     """
     total, seen, hidden = np.zeros((3, len(places)))
     for camera, depth in zip(cameras, depths, strict=True):
@@ -49,7 +50,10 @@ def vote(
 
 
 def _depth_at(depth: Reals, u: float, v: float, reach: float) -> float:
-    """Return the depth at a place (u, v) of the image, interpolated if the four pixels show one surface."""
+    """Return the depth at a place (u, v) of the image.
+
+    If the four pixels around it show one surface, it is interpolated.
+    """
     nearest = float(depth[int(v), int(u)])
     height, width = depth.shape
     column = min(max(int(np.floor(u - 0.5)), 0), width - 2)

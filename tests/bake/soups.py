@@ -42,7 +42,7 @@ def cameras(count: int, width: int = 48, height: int = 36) -> list[Camera]:
 
 
 def all_round(distance: float, heights: tuple[float, ...], count: int = 8, side: int = 64) -> list[Camera]:
-    """Return cameras on rings around the z axis, at some heights, that look at the origin."""
+    """Return cameras that look at the origin. They stand on rings around the z axis at several heights."""
     turns = 2 * np.pi * np.arange(count) / count
     places = [
         (distance * np.cos(turn), distance * np.sin(turn), height) for height in heights for turn in turns
@@ -52,14 +52,14 @@ def all_round(distance: float, heights: tuple[float, ...], count: int = 8, side:
 
 
 def sparse(scene: str, method: str) -> Scene:
-    """Return a shipped scene with every third of its views, which makes bakes quicker and rougher."""
+    """Return a shipped scene with every third of its views, so that bakes are quicker but rougher."""
     path = ROOT / "data_stubs/scenes" / scene
     whole = scene_at(path, dataset_of(path), method).read()
     return replace(whole, train=whole.train[::3], test=whole.test[::3])
 
 
 def tiles(side: int = 4, seed: int = 0) -> ColoredSoup:
-    """Return a square around the origin, of 2 x side x side triangles with random colours."""
+    """Return a square around the origin. It has 2 x side x side triangles with random colours."""
     random = np.random.default_rng(seed)
     grid = np.linspace(-1, 1, side + 1)
     x, y = (axis.reshape(-1) for axis in np.meshgrid(grid[:-1], grid[:-1]))
@@ -110,7 +110,7 @@ def open_context(
 
 
 def ball(rows: int = 16, radius: float = 1.0) -> Mesh:
-    """Return a closed ball of 4 rows (rows - 1) faces, wound outwards, with the colours of `colors_at`."""
+    """Return a closed ball of 4 * rows * (rows - 1) faces, wound outwards, with colours of `colors_at`."""
     columns = 2 * rows
     up, turn = np.meshgrid(np.pi * np.arange(1, rows) / rows, np.pi * np.arange(columns) / rows)
     grid = np.stack([np.sin(up) * np.cos(turn), np.sin(up) * np.sin(turn), np.cos(up)], axis=-1)
@@ -158,7 +158,7 @@ def box(sides: tuple[float, float, float], turn: NDArray[np.float64] | None = No
 
 
 def torus(rows: int = 12) -> Mesh:
-    """Return a closed torus of 4 rows x rows faces, wound outwards, 2 wide and 0.6 high."""
+    """Return a closed torus of 4 * rows * rows faces, wound outwards, 2 wide and 0.6 high."""
     columns = 2 * rows
     turn, up = np.meshgrid(
         2 * np.pi * np.arange(columns) / columns, 2 * np.pi * np.arange(rows) / rows, indexing="ij"

@@ -15,7 +15,7 @@ Reals = NDArray[np.float64]
 
 
 class Drawn(NamedTuple):
-    """An image of a soup: (H, W, 3) colours, (H, W) depths along z, the face of each pixel or -1."""
+    """An image of a soup: colours (H, W, 3), depths along z (H, W), and the face of each pixel, or -1."""
 
     image: Reals
     depth: Reals
@@ -23,7 +23,7 @@ class Drawn(NamedTuple):
 
 
 class Sums(NamedTuple):
-    """Sums per face: products of weights, weights times colours, gradients (F, 3, 3), and pixels (F,)."""
+    """Sums per face: products of weights, of weights and colours, gradients (F, 3, 3), and pixels (F,)."""
 
     products: Reals
     targets: Reals
@@ -53,7 +53,7 @@ def sums_of(corners: Reals, camera: Camera, drawn: Drawn, target: Reals) -> Sums
 
 
 def _border_gradient(drawn: Drawn, target: Reals, y: int, x: int) -> Reals:
-    """Return the derivative (2,) of the squared error as the borders of a pixel's face move along x and y."""
+    """Return the derivatives (2,) of the squared error by moves of a face's borders along x and y."""
     image, depth, faces = drawn
     gradient = np.zeros(2)
     for axis, (down, right) in enumerate(((0, 1), (1, 0))):
@@ -71,7 +71,7 @@ def _border_gradient(drawn: Drawn, target: Reals, y: int, x: int) -> Reals:
 
 
 def changes_of(before: Drawn, after: Drawn, target: Reals, owner: NDArray[np.int32], proposals: int) -> Reals:
-    """Return the squared-error change of each proposal; `owner` (F,) is the proposal of each face, or -1."""
+    """Return how each proposal changes the squared error; `owner` (F,) has the proposal of a face, or -1."""
     changes = np.zeros(proposals)
     for y, x in np.ndindex(*before.face_id.shape):
         rise = _error(after.image[y, x], target[y, x]) - _error(before.image[y, x], target[y, x])
@@ -105,8 +105,8 @@ def samples_of(
     """Return the samples of the pixels that show faces, `face_id` (H, W), in levels with these `sides`.
 
     Each corner of a face has a vector; its dot product with a ray is the unnormalised weight of the corner.
-    Let C be the sum of the three vectors, and U their sum weighted by the texture coordinates of the corners.
-    Along a ray r the texture coordinate is then U r / C r, and its derivatives are exact.
+    Let C be the sum of the three vectors. Let U be their sum, weighted by the texture coordinates of the
+    corners. Along a ray r the texture coordinate is then (U . r) / (C . r), and its derivatives are exact.
     """
     y, x = np.nonzero(face_id >= 0)
     face = face_id[y, x]
@@ -166,7 +166,10 @@ def equations_of(samples: Samples, differences: Reals, count: int) -> Reals:
 
 
 def apply_equations(equations: Reals, sides: NDArray[np.int64], change: Reals) -> Reals:
-    """Return the left sides (texels, channels) for a change of a texture; `sides` are those of its levels."""
+    """Return the left sides (texels, channels) of the equations for a change of a texture.
+
+    `sides` are the sides of its levels.
+    """
     parts: list[Reals] = []
     for level, side in zip(_split_levels(equations, sides), sides, strict=True):
         if parts:
@@ -213,7 +216,8 @@ def _split_levels(equations: Reals, sides: NDArray[np.int64]) -> list[Reals]:
 def _restrict(parts: list[Reals], share: float) -> Reals:
     """Return the sums over all levels at the texels of the first level.
 
-    On the way to the four texels below it, the value of a texel is multiplied by `share`.
+    The value of a texel is multiplied by `share` and added to the four texels below it in the next larger
+    level.
     """
     total = parts[-1]
     for part in parts[-2::-1]:

@@ -1,4 +1,7 @@
-"""The candidates kept and fitted, and the steps that make them, on soups whose best result is known."""
+"""Tests of the candidates kept and fitted, and of the steps that make them.
+
+The best result for each soup is known.
+"""
 
 from collections.abc import Callable
 from contextlib import nullcontext
@@ -222,7 +225,7 @@ def test_cuts_for_colours_are_closed_and_repaired(is_turned: bool) -> None:
 
 @pytest.mark.parametrize("apart", [True, False])
 def test_only_connected_faces_need_charts(monkeypatch: pytest.MonkeyPatch, apart: bool) -> None:
-    """Separate faces, in any order, get cells of the texture, which need no library."""
+    """Faces that share no vertex get cells of the texture, whatever their order. Cells need no library."""
     monkeypatch.setattr("msb.base.extras.is_installed", lambda name: name != "xatlas")
     mesh = soup_of(ball(4)) if apart else ball(4)
     asset = asset_from_mesh(replace(mesh, faces=mesh.faces[:, [1, 0, 2]]))

@@ -1,4 +1,4 @@
-"""The choice between geometries, and the PSNR and the topology of each for trained models."""
+"""The choice between geometries. For trained models, also the PSNR and the topology of each geometry."""
 
 from collections.abc import Iterator
 from typing import Any

@@ -39,7 +39,7 @@ TURN = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0]
 
 
 def check(shape: Collision, kind: str = "", distance: float = 1.0, mid_air: float = 1.0) -> Collision:
-    """Assert that a shape is closed, wound outwards, float32, of this kind and within bounds; return it."""
+    """Assert that a shape is of this kind, closed, wound outwards, float32 and within bounds; return it."""
     assert shape.kind == (kind or shape.kind)
     assert msb.audit(shape.mesh.vertices, shape.mesh.faces).verdict == "ok"
     assert signed_volume(shape.mesh.vertices, shape.mesh.faces) > 0
@@ -139,7 +139,7 @@ def test_a_scene_gets_a_sheet_behind_the_visible_surface() -> None:
 
 @pytest.mark.slow
 def test_a_mesh_that_encloses_nothing_gets_hulls() -> None:
-    """A face that cameras see from both sides, and one that no camera sees."""
+    """Test a face that cameras see from both sides, and a face that no camera sees."""
     face = Mesh(np.float32([[0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0, 1, 2]]))
     away = Mesh(face.vertices + np.float32([0, 0, 99]), face.faces)
     for mesh, why in ((face, "encloses nothing"), (away, "not closed")):
@@ -240,7 +240,10 @@ def test_a_usd_stage_has_each_part_as_an_invisible_collider(tmp_path: Path) -> N
 
 
 def convex_corners(shape: Collision) -> list[NDArray[np.float64]]:
-    """Return the corners of convex solids that form a shape: its parts, or its faces with 0.03 thickness."""
+    """Return the corners of the convex solids of a shape.
+
+    They are its parts, or its faces with a thickness of 0.03.
+    """
     mesh = shape.mesh
     if shape.kind != "mesh":
         label = label_parts(mesh)

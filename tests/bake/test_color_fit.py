@@ -31,14 +31,17 @@ from tests.cl.conftest import SELECTOR
 from tests.reference.soups import front_camera, random_triangles, soup
 
 FAN = np.array([[0, 1, 2], [2, 1, 3], [3, 1, 4], [1, 0, 4], [0, 1, 2]])
-"""Four faces around a vertex, one of them twice."""
+"""Make four faces around a vertex, and one of them a second time."""
 EDGES = [(0, 1), (0, 2), (1, 2), (1, 3), (2, 3), (1, 4), (3, 4), (0, 4)]
 
 
 def sums_of(
     faces: NDArray[np.int64], colors: NDArray[np.float64], pixels: int, seed: int, tip: float = 1.0
 ) -> FaceSums:
-    """Return sums over random pixels that show vertex `colors`, all over each face or in a `tip` of it."""
+    """Return sums over random pixels that show vertex `colors`.
+
+    Pixels lie all over each face or in a `tip` of it.
+    """
     random = np.random.default_rng(seed)
     weights = random.dirichlet((1, 1, 1), (len(faces), pixels))
     weights = tip * weights + [1 - tip, 0, 0]
@@ -101,7 +104,10 @@ def test_faces_of_a_soup_get_the_colours_of_a_dense_solver() -> None:
 
 @pytest.mark.parametrize("is_shared", [False, True])
 def test_a_face_with_a_visible_tip_is_not_extrapolated(is_shared: bool) -> None:
-    """The visible tip has colours from 0.45 to 0.55; extrapolated, the corners would reach 0 and 1."""
+    """The visible tip has colours from 0.45 to 0.55.
+
+    If they were extrapolated, the corners would reach 0 and 1.
+    """
     faces, tip = np.array([[0, 1, 2]]), 0.05
     colors = 0.5 + np.array([[0.0], [1.0], [-1.0]]) * np.full(3, 0.05 / tip)
     sums, before = sums_of(faces, colors, 40_000, 5, tip), np.full((3, 3), 0.5, np.float32)

@@ -38,7 +38,8 @@ def test_all_outputs_are_written(here: Here, model: Path) -> None:
     assert (data["geometry"], data["color"], data["texture"], data["faces"]) == ("kept", "vertex", None, 4)
     views = {"training": 6, "validation": 1, "test": 2, "interpolated": 33}
     assert data["views"] == {**views, "from": "9 cameras given"}
-    # A mesh file has standard-tier target images; with the same number of samples only rounding differs.
+    # The target images of a mesh file are standard-tier images. With the same number of samples, only
+    # rounding differs.
     native = data["psnr"]["native"]
     assert native["after_16"] > 40
     assert native["before"] == pytest.approx(native["after"], abs=1)

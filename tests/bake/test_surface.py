@@ -75,7 +75,7 @@ def depth_of(mesh: Mesh, camera: Camera) -> NDArray[np.float32]:
 
 
 def check_solid(mesh: Mesh, *, inward: bool = False) -> None:
-    """Assert that a mesh is closed, manifold, wound outwards or `inward`, uncrossed, and coloured."""
+    """Assert that a mesh is closed, manifold, coloured, without crossings, and wound outwards or `inward`."""
     audit, *_ = audit_arrays(mesh.vertices, mesh.faces)
     assert audit.verdict == "ok"
     assert audit.counts.boundary_edges == audit.counts.inconsistent_winding_edges == 0
@@ -285,7 +285,7 @@ def unit_space(contracted: bool = False) -> Space:
 
 
 def test_a_repair_closes_holes_and_splits_touching_edges() -> None:
-    # Two cubes that touch at an edge, a flap on one of them, and a hole in the other.
+    # Make two cubes that touch at an edge. One of them has a flap, the other has a hole.
     points = np.concatenate([CUBE, CUBE + np.array([1, 1, 0]), [[0.5, -0.5, 0.5]]])
     faces = np.concatenate([SIDES[1:], SIDES + 8, [[0, 4, 16], [4, 0, 16]]])
     faces[faces == 8], faces[faces == 9] = 6, 7

@@ -37,7 +37,7 @@ CAMERAS = [camera(0.2, 0.0, 2.2), camera(-0.3, 0.5, 2.4), camera(0.1, -0.6, 2.6)
 
 
 def wall(*, joined: bool = False) -> Mesh:
-    """Return a grey wall of two faces, and a blue and red face behind all cameras."""
+    """Return a grey wall of two faces. A blue face and a red one lie behind all cameras."""
     corners = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], np.float32)
     behind = np.array([[0, 0, -90], [1, 0, -90], [0, 1, -90]], np.float32)
     faces = np.array([[0, 1, 2], [2, 3, 0], [4, 5, 6]])
@@ -255,7 +255,7 @@ def test_texels_are_coupled_within_their_chart_only(device: Device) -> None:
 
 
 def test_an_unseen_texel_that_is_alone_in_its_chart_stays(device: Device) -> None:
-    """A pixel of a smaller level differs from its target; the other texels below it change instead."""
+    """A pixel of a smaller level differs from its target. The other texels below it change instead."""
     chart = np.ones((4, 4), np.int32)
     chart[0, 0] = 0
     with closing(TextureEquations(4, device)) as system:

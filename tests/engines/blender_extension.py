@@ -58,7 +58,10 @@ def panel_lines(panel: Any) -> list[str]:
 
 
 def draw(scene: Any, thing: Any, request: dict[str, Any], path: str) -> None:
-    """Render with Cycles, one ray through each pixel's centre; the camera is given in the model's axes."""
+    """Render with Cycles, with one ray through the centre of each pixel.
+
+    The camera is given in the axes of the model.
+    """
     scene.render.engine = "CYCLES"
     cycles = scene.cycles
     cycles.device, cycles.samples, cycles.max_bounces = "CPU", 1, 0

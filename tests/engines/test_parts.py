@@ -84,8 +84,8 @@ def test_blender_has_the_same_intrinsics(fx: float, fy: float) -> None:
     settings = blender_camera(view, np.eye(4))
     aspect_x, aspect_y = settings["aspect"]
     assert min(aspect_x, aspect_y) == 1
-    # In Blender the focal length in pixels is lens * width / sensor width, and a pixel is aspect_y / aspect_x
-    # times as high as it is wide.
+    # In Blender the focal length in pixels is lens * width / sensor width. The height of a pixel is its width
+    # times aspect_y / aspect_x.
     focal = settings["lens"] * 120 / settings["sensor_width"]
     assert focal == pytest.approx(fx)
     assert focal * aspect_x / aspect_y == pytest.approx(fy)

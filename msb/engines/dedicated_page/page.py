@@ -43,7 +43,7 @@ STOPS = 8
 # The combinations of order and sampling that a page offers.
 MODES: tuple[tuple[Order, Sampling], ...] = (
     *(("tile", "official"), ("global", "official"), ("none", "official")),
-    *(("tile", "engine"), ("none", "engine")),  # engines have no tiles, so "global" equals "tile"
+    *(("tile", "engine"), ("none", "engine")),  # engines have no tiles: "global" equals "tile"
 )
 # NumPy kind of a member of the camera record -> its WGSL type.
 _TYPES = {"f": "f32", "i": "i32", "u": "u32"}
@@ -81,8 +81,8 @@ class Cost:
 class BakedMesh:
     """A mesh baked from the model, as GLB in the coordinates of the model, with stored colours.
 
-    `psnr` is its average PSNR in dB on the test views, with one sample per pixel. `plain` is the
-    PSNR of the model's standard-tier mesh, or None without such a mesh.
+    `psnr` is its average PSNR in dB on the test views, with one sample per pixel. `plain` is the same number
+    for the model's standard-tier mesh, or None without such a mesh.
     """
 
     glb: bytes
@@ -112,7 +112,7 @@ class DedicatedPage:
 
 
 class _Arrays:
-    """The compressed arrays of a page: name -> head and zlib stream."""
+    """The compressed arrays of a page. Each array has a name, a head and a zlib stream."""
 
     def __init__(self) -> None:
         self.entries: dict[str, tuple[dict[str, Any], bytes]] = {}
@@ -266,7 +266,8 @@ def make_page(
 def _make_plans(packed: Packed, limits: Limits, name: str) -> dict[tuple[Order, Sampling], Plan]:
     """Return a plan for each mode of `MODES`, the official mode first.
 
-    Models drawn with a z-buffer have only the modes of order "tile", because orders make no difference there.
+    A model that is drawn with a z-buffer has only the modes of order "tile", because the order does not
+    change its images.
     """
     plans = {}
     for order, sampling in MODES:
@@ -278,10 +279,10 @@ def _make_plans(packed: Packed, limits: Limits, name: str) -> dict[tuple[Order, 
 
 
 def _describe_record(packed: Packed) -> dict[str, Any]:
-    """Return the layout of the camera record, which the page fills for each frame.
+    """Return the layout of the camera record. The page fills the record for each frame.
 
-    `members` has the name, type, number of values and byte offset of each member; the members of the
-    method come last, and `own` has their values. `near` and `far` are the planes of the official projection.
+    `members` has the name, type, number of values and byte offset of each member; the members of the method
+    come last, and `own` holds their values. `near` and `far` are the planes of the official projection.
     """
     model = packed.model
     members: list[list[Any]] = []
@@ -352,7 +353,7 @@ def _orbit_sphere(asset: Asset) -> dict[str, Any]:
     """
     whole = asset.manifest.bounding_sphere
     positions = np.asarray(asset.buffers["positions"][:: max(1, asset.manifest.vertex_count // 100_000)])
-    # The sphere about the median that contains 90 % of the (sampled) vertices.
+    # The sphere around the median that contains 90 % of the sampled vertices.
     middle = np.median(positions, axis=0)
     radius = float(np.quantile(np.linalg.norm(positions - middle, axis=1), 0.9))
     if whole.radius < 3 * radius:
@@ -379,7 +380,7 @@ def _shrink_factor(stored: NDArray[np.float32], plan_positions: NDArray[np.float
     # Estimate the factor from the longest arm, then try its float32 neighbours, the nearest first.
     guess = np.float32((shrunk - center)[largest] / arms[largest])
     near = guess + np.arange(-64, 65) * np.spacing(guess)
-    sample = slice(0, 64)  # triangles that are tested before all others
+    sample = slice(0, 64)  # test these triangles before all others
     for factor in sorted(near.astype(np.float32), key=lambda value: abs(float(value) - float(guess))):
         if np.array_equal(arms[sample] * factor + center[sample], shrunk[sample]) and np.array_equal(
             arms * factor + center, shrunk
@@ -439,7 +440,7 @@ def _read_test_images(page: bytes, content: Mapping[str, Any]) -> list[NDArray[n
     if not all(type(side) is int and side > 0 for shape in shapes for side in shape):
         raise ValueError("a test view has no pixels")
     sizes = [math.prod(shape) for shape in shapes]
-    if sum(sizes) > _MAX_TEST_BYTES:  # a short stream can inflate to a huge image
+    if sum(sizes) > _MAX_TEST_BYTES:  # limit the size, because a short stream can inflate to a huge image
         raise ValueError(f"the test views have {sum(sizes)} bytes")
     # Join the streams, which may be split between elements.
     streams = {test["image"]: b"" for test in content["tests"]}

@@ -20,7 +20,7 @@ from msb.engines.dedicated_page.storage import CHUNK, LEVELS, find_exponents
 GRID = 65000
 # Buffers that are rounded to 256 values per column.
 _ROUNDED = ("f_dc", "f_rest", "opacity", "sigma")
-# Lattices of values from 0 to 1 that are rounded to bytes, as in the official web export.
+# Lattices with values from 0 to 1. They are rounded to bytes, as in the official web export.
 _BYTES = ("features.lattice", "features.opacity")
 # Number of histogram bins for choosing the 256 values.
 _BINS = 4096
@@ -65,7 +65,7 @@ def _round_to_levels(values: NDArray[np.float32]) -> NDArray[np.float32]:
     low, high = float(finite.min()), float(finite.max())
     if (len(values) <= _FEW or low == high) and len(np.unique(values)) <= LEVELS:
         return values
-    # The integral of the cube root of the histogram; levels are equally spaced in it.
+    # The integral of the cube root of the histogram. The levels are equally spaced in this integral.
     edges = np.linspace(low, high, _BINS + 1)
     count = np.histogram(finite, edges)[0].astype(np.float64)
     integral = np.concatenate([[0], np.cumsum(np.cbrt(count))])
@@ -103,8 +103,8 @@ def _reorder_along_curve(asset: Asset, buffers: dict[str, NDArray[Any]]) -> None
 def _morton_keys(points: NDArray[np.float32]) -> NDArray[np.uint64]:
     """Return the positions (N,) of points (N, 3) along a Morton curve, with 16 bits per axis.
 
-    The curve fills a box from the 1st to the 99th percentile of each coordinate, so that a few distant faces
-    do not reduce its resolution.
+    The curve fills a box from the 1st to the 99th percentile of each coordinate. So a few distant faces do
+    not reduce the resolution of the curve.
     """
     low, high = np.quantile(points, [0.01, 0.99], axis=0)
     share = np.clip((points - low) / np.maximum(high - low, 1e-30), 0, 1)

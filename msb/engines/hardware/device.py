@@ -140,7 +140,8 @@ class DevicePlan:
         """Create the textures and buffers for frames with these bands; the first band must be the largest."""
         self.bands = bands
         self._groups = {key: group for key, group in self._groups.items() if key[0] < len(self._plan.passes)}
-        # The uniform buffer has a slot for each band: x, y, width, height, first output value.
+        # The uniform buffer has a slot for each band, with x, y, width, height, and the number of the first
+        # output value.
         rows = np.zeros((len(bands), SLOT // 4), np.uint32)
         for row, band in zip(rows, bands, strict=True):
             row[:5] = band.x, band.y, band.width, band.height, band.offset // 4
@@ -155,7 +156,7 @@ class DevicePlan:
             gpu.texture(name, width, height, form, "texture_binding", usage)
 
     def _targets(self) -> dict[str, str]:
-        """Return name -> format of the textures that the passes of a band write."""
+        """Return the textures that the passes of a band write: a mapping from names to formats."""
         formats: dict[str, str] = {}
         for step in self._plan.band_passes:
             if isinstance(step, DrawPass):
@@ -193,7 +194,7 @@ class DevicePlan:
         }
 
     def stages(self) -> list[tuple[str, list[tuple[int, int]]]]:
-        """Return the stages of a frame in order, each with its steps as (number, band)."""
+        """Return the stages of a frame in order. Each stage has a list of steps (number, band)."""
         first = len(self._plan.passes)
         order = [(number, 0) for number in range(first)]
         order += [(number, k) for k in range(len(self.bands)) for number in range(first, len(self._steps))]

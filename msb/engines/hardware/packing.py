@@ -20,7 +20,7 @@ from msb.render.surface import Surface
 from msb.scenes import Camera
 from msb.scenes.colors import Color
 
-# The struct `View` of view.wgsl without the members of the method, which follow in the buffer.
+# The struct `View` of view.wgsl, without the members of the method. These follow in the buffer.
 VIEW = np.dtype(
     [
         ("world_to_camera", np.float32, 12),

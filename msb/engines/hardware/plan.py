@@ -33,8 +33,9 @@ class Binding:
 class ComputePass:
     """A compute dispatch of the entry point `entry`.
 
-    It has `groups` workgroups, or takes their number from byte `indirect` of the buffer `arguments`. If both
-    are None, it has one invocation for each pixel of the band, in workgroups of 64 pixels of a row.
+    `groups` is the number of workgroups. If it is None, the number is read at byte `indirect` of the buffer
+    `arguments`. If both are None, there is one invocation for each pixel of the band, in workgroups of 64
+    pixels of a row.
     """
 
     stage: str

@@ -124,7 +124,7 @@ def make_plan(
     surface = packed.surface
     lattices: dict[str, bool | int | str] = {}
     if surface is not None:
-        order, form = "none", "r32uint"  # a z-buffer needs no order; its target holds face numbers
+        order, form = "none", "r32uint"  # a z-buffer needs no order, and its target holds face numbers
         as_bytes = surface.features.dtype == np.uint8
         lattices = {"SIDE": 1 << surface.level, "BYTES": as_bytes, "TEXEL": "u32" if as_bytes else "f32"}
     defines: dict[str, bool | int | str] = {
@@ -286,7 +286,8 @@ def _define_between(members: list[str]) -> dict[str, str]:
 def _plan_projection(planner: _Planner, debug: bool) -> list[ComputePass]:
     """Return the passes that compute the key of every face, and the colours of faces or vertices.
 
-    The spherical harmonics `f_rest` may be split into parts that fit a binding, with one dispatch each.
+    The spherical harmonics `f_rest` may be split into parts that fit a binding. Each part has its own
+    dispatch.
     """
     packed = planner.packed
     colors = "f_dc" in packed.arrays
@@ -370,7 +371,7 @@ def _split_records(planner: _Planner, record_bytes: int, chunks: int) -> tuple[i
 
 
 def _split_range(count: int, most: int) -> list[tuple[int, int]]:
-    """Return (first, length) of consecutive parts of `count` rows with at most `most` rows each."""
+    """Split `count` rows into consecutive parts of at most `most` rows; return (first, length) of each."""
     return [(first, min(most, count - first)) for first in range(0, count, most)]
 
 

@@ -23,7 +23,7 @@ from msb.render.frame import Frame
 from msb.scenes import Camera
 from msb.scenes.colors import Color
 
-# Texture formats of the targets: blended in float32 or half floats, or face numbers of a z-buffer.
+# Texture formats of the targets: float32 or half floats for blending, or face numbers for a z-buffer.
 FLOAT, HALF, NUMBERS = "rgba32float", "rgba16float", "r32uint"
 _BLENDS = {FLOAT: "float32", HALF: "half floats"}
 # Maximum number of samples of a band, by format. It limits the memory of the targets: 256 MiB for blending
