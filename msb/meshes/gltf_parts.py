@@ -172,7 +172,7 @@ def _assemble_triangles(corners: NDArray[np.int64], mode: int) -> NDArray[np.int
     if mode == TRIANGLES:
         return corners.reshape(-1, 3)
     if mode == _FAN:
-        return fan_triangulate(corners, np.array([len(corners)]))[0]
+        return fan_triangulate(corners)
     # In a strip, every corner forms a triangle with the next two; every other triangle is reversed.
     first = np.arange(max(len(corners) - 2, 0))
     odd = first % 2

@@ -11,7 +11,7 @@ from msb.meshes.formats import Format, Style
 from msb.meshes.image_files import encode_images, simplify_stem
 from msb.meshes.mesh import Mesh
 from msb.meshes.obj_materials import names_materials, select_face_lines, with_coordinates, with_materials
-from msb.meshes.polygons import fan_triangulate, find_wrong_polygon
+from msb.meshes.polygons import find_wrong_polygon, triangulate
 from msb.meshes.source import Source
 from msb.meshes.text import Words, word_blocks
 from msb.meshes.writing import write_rows
@@ -60,22 +60,24 @@ def read(source: Source) -> Mesh:
         }
     if not parts.vertex_count:
         raise source.not_a("OBJ", "there is no 'v x y z' line")
-    faces, polygon = fan_triangulate(np.concatenate(parts.corners), np.concatenate(parts.counts))
-    wrong = find_wrong_polygon(faces, polygon, parts.vertex_count)
+    vertices, corners = np.concatenate(parts.vertices), np.concatenate(parts.corners)
+    cut = triangulate(vertices, corners, np.concatenate(parts.counts))
+    faces = corners[cut.order]
+    wrong = find_wrong_polygon(faces, cut.polygon, parts.vertex_count)
     wrong_face = None if wrong is None else _describe_wrong_face(text, *wrong, parts.vertex_count)
     colors = None
     if parts.color_widths in ({3}, {4}):
         colors = stored_colors(np.concatenate(parts.colors))
-    mesh = Mesh(np.concatenate(parts.vertices), faces, colors, wrong_face=wrong_face)
+    mesh = Mesh(vertices, faces, colors, wrong_face=wrong_face)
     more: dict[str, None] = {}
     if names_materials(text):
         if source.images:
-            mesh, more = with_materials(mesh, text)
+            mesh, more = with_materials(mesh, text, cut)
         elif b"vt" in parts.left_out:
-            mesh = with_coordinates(mesh, text)
+            mesh = with_coordinates(mesh, text, cut)
         parts.left_out -= {b"usemtl", b"vt"} if mesh.textures or not source.images else {b"usemtl"}
     left_out = [what for word, what in _LEFT_OUT.items() if word in parts.left_out]
-    return replace(mesh, left_out=(*left_out, *more))
+    return replace(mesh, left_out=(*left_out, *more, *cut.left_out))
 
 
 def _reject_unsupported(words: Words) -> None:

@@ -14,7 +14,7 @@ from msb.errors import MeshFileError, shorten
 from msb.meshes.images import MAX_FILE, Decoder
 from msb.meshes.linked_files import read_linked_file, resolve_linked_path
 from msb.meshes.mesh import Mesh
-from msb.meshes.polygons import fan_triangulate
+from msb.meshes.polygons import Triangulation
 from msb.meshes.source import Source
 from msb.meshes.text import Words, word_blocks
 
@@ -58,8 +58,10 @@ def names_materials(text: Source) -> bool:
     return {statement[1] for statement in _STATEMENT.finditer(text.data)} == {b"mtllib", b"usemtl"}
 
 
-def with_materials(mesh: Mesh, text: Source) -> tuple[Mesh, LeftOut]:
+def with_materials(mesh: Mesh, text: Source, cut: Triangulation) -> tuple[Mesh, LeftOut]:
     """Return `mesh`, read from `text`, with the textures of its materials, and the parts not read.
+
+    `cut` has the triangles of its polygons.
 
     A material becomes its image, or a single texel of its colour. Libraries and images that cannot be read
     are skipped. If no material has an image, their colours are skipped if vertices have colours, or if there
@@ -98,22 +100,24 @@ def with_materials(mesh: Mesh, text: Source) -> tuple[Mesh, LeftOut]:
         distinct = {_WHITE}
     if distinct == {_WHITE}:
         return mesh, left_out
-    return _with_textures(mesh, text, [(at, textures[name]) for at, name in uses], images), left_out
+    return _with_textures(mesh, text, cut, [(at, textures[name]) for at, name in uses], images), left_out
 
 
-def with_coordinates(mesh: Mesh, text: Source) -> Mesh:
+def with_coordinates(mesh: Mesh, text: Source, cut: Triangulation) -> Mesh:
     """Return `mesh`, read from `text`, with the texture coordinates of its corners."""
-    uvs, corners, counts, _ = _read_coordinates(text)
-    triangles, _ = fan_triangulate(corners, counts)
-    return replace(mesh, corner_uvs=uvs[triangles.reshape(-1)])
+    uvs, corners, _ = _read_coordinates(text)
+    return replace(mesh, corner_uvs=uvs[corners[cut.order.reshape(-1)]])
 
 
 def _with_textures(
-    mesh: Mesh, text: Source, uses: list[tuple[int, Texture]], images: dict[str, NDArray[np.uint8]]
+    mesh: Mesh,
+    text: Source,
+    cut: Triangulation,
+    uses: list[tuple[int, Texture]],
+    images: dict[str, NDArray[np.uint8]],
 ) -> Mesh:
     """Return `mesh` with textures. `uses` lists the byte offsets of `usemtl` lines and their textures."""
-    uvs, corners, counts, lines = _read_coordinates(text)
-    triangles, polygon = fan_triangulate(corners, counts)
+    uvs, corners, lines = _read_coordinates(text)
     # The last use before a polygon's line is its texture. Number the textures that polygons use.
     used = np.searchsorted([at for at, _ in uses], lines, side="right") - 1
     numbers: dict[Texture, int] = {}
@@ -124,25 +128,25 @@ def _with_textures(
     of_polygon = np.array(of_use, np.uint32)[np.unique(used, return_inverse=True)[1]]
     return replace(
         mesh,
-        corner_uvs=uvs[triangles.reshape(-1)],
+        corner_uvs=uvs[corners[cut.order.reshape(-1)]],
         textures=tuple(
             images[texture] if isinstance(texture, str) else np.array([[texture]], np.uint8)
             for texture in numbers
         ),
-        face_textures=of_polygon[polygon] if len(numbers) > 1 else None,
+        face_textures=of_polygon[cut.polygon] if len(numbers) > 1 else None,
     )
 
 
 def _read_coordinates(
     text: Source,
-) -> tuple[NDArray[np.float32], NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+) -> tuple[NDArray[np.float32], NDArray[np.int64], NDArray[np.int64]]:
     """Return the texture coordinates of an OBJ file and the polygons that use them.
 
     The first array has the coordinates (T + 1, 2), with v downwards. Its last row is for corners without
-    coordinates. The second array (C,) has the row of each corner. The other two have the number of corners
-    (P,) and the byte offset (P,) of each polygon.
+    coordinates. The second array (C,) has the row of each corner, the third (P,) the byte offset of each
+    polygon.
     """
-    uvs, corners, counts, lines, above = [], [], [], [], 0
+    uvs, corners, lines, above = [], [], [], 0
     for words in word_blocks(text, comments=True):
         is_uv, is_face = words.lines_beginning(b"vt"), select_face_lines(words)
         uvs.append(_read_uvs(words, is_uv))
@@ -153,7 +157,6 @@ def _read_coordinates(
         rows = np.full(len(words.start), -1, np.int64)
         rows[has_uv] = named.indices(has_uv, above + np.cumsum(is_uv), "texture coordinate")
         corners.append(rows[chosen])
-        counts.append(words.count[is_face] - 1)
         lines.append(words.base + words.start[words.first[is_face]])
         above += int(is_uv.sum())
     joined = np.concatenate(corners)
@@ -162,7 +165,7 @@ def _read_coordinates(
         raise text.error("MESH_FILE_INVALID", message)
     stored = np.concatenate([*uvs, np.zeros((1, 2))])
     with np.errstate(over="ignore"):
-        return stored.astype(np.float32), joined, np.concatenate(counts), np.concatenate(lines)
+        return stored.astype(np.float32), joined, np.concatenate(lines)
 
 
 def _read_uvs(words: Words, is_uv: NDArray[np.bool_]) -> NDArray[np.float64]:

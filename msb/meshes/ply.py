@@ -12,7 +12,7 @@ from msb.meshes.formats import Format, Style
 from msb.meshes.mesh import Mesh
 from msb.meshes.ply_body import Body, Rows, open_body
 from msb.meshes.ply_header import TYPES, Element, Header, read_header
-from msb.meshes.polygons import fan_triangulate, find_wrong_polygon
+from msb.meshes.polygons import find_wrong_polygon, triangulate
 from msb.meshes.source import Source
 from msb.meshes.writing import ROWS_AT_A_TIME
 
@@ -46,13 +46,15 @@ def read(source: Source) -> Mesh:
         return Mesh(_read_positions(vertices, body), no_faces, vertex_colors, left_out=left_out)
     faces = rows["face"]
     counts, corners = body.indices(faces, _find_index_list(faces.element))
-    triangles, polygon = fan_triangulate(corners, counts)
-    wrong = find_wrong_polygon(triangles, polygon, vertices.element.count)
+    positions = _read_positions(vertices, body)
+    cut = triangulate(positions, corners, counts)
+    triangles = corners[cut.order]
+    wrong = find_wrong_polygon(triangles, cut.polygon, vertices.element.count)
     wrong_face = None if wrong is None else body.wrong_face(faces, *wrong, vertices.element.count)
     face_colors = _read_colors(faces, body)
     if face_colors is not None:
-        face_colors = face_colors[polygon]
-    positions = _read_positions(vertices, body)
+        face_colors = face_colors[cut.polygon]
+    left_out = (*left_out, *cut.left_out)
     return Mesh(positions, triangles, vertex_colors, face_colors, left_out=left_out, wrong_face=wrong_face)
 
 
