@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from msb.asset.texture import MAX_TEXTURES
 from msb.errors import MeshFileError, shorten
-from msb.meshes.images import MAX_FILE, Decoder
+from msb.meshes.images import MAX_FILE, Decoder, describe_lost_image
 from msb.meshes.linked_files import read_linked_file, resolve_linked_path
 from msb.meshes.mesh import Mesh
 from msb.meshes.polygons import Triangulation
@@ -202,7 +202,7 @@ def _decode_images(
             if first_of[name] == name:
                 images[name] = decoder.decode(read_linked_file(text, path, "map_Kd", MAX_FILE), alpha=False)
         except MeshFileError as error:
-            left_out[f"image {shorten(name, 60)} ({shorten(error.message, 200)})"] = None
+            left_out[describe_lost_image(name, error.message)] = None
     for material in used.values():
         material.image = first_of.get(material.image or "")
     return images
