@@ -8,9 +8,16 @@ from numpy.typing import NDArray
 
 from msb.meshes.colors import stored_colors
 from msb.meshes.formats import Format, Style
-from msb.meshes.image_files import encode_images, simplify_stem
+from msb.meshes.image_files import encode_images, name_images, simplify_stem
 from msb.meshes.mesh import Mesh
-from msb.meshes.obj_materials import names_materials, select_face_lines, with_coordinates, with_materials
+from msb.meshes.obj_colors import choose_materials
+from msb.meshes.obj_materials import (
+    CUTOFF,
+    names_materials,
+    select_face_lines,
+    with_coordinates,
+    with_materials,
+)
 from msb.meshes.polygons import find_wrong_polygon, triangulate
 from msb.meshes.source import Source
 from msb.meshes.text import Words, word_blocks
@@ -139,6 +146,10 @@ def write(mesh: Mesh, stream: BinaryIO, style: Style) -> None:
     Colours follow the coordinates as 0..1 with nine digits. A textured mesh refers to its materials if the
     style has a stem for companion files.
     """
+    has_materials = bool(mesh.textures) and style.stem is not None
+    if has_materials:
+        stream.write(f"mtllib {simplify_stem(style)}.mtl\n".encode())
+        mesh, _, of_face = choose_materials(mesh)
     columns, form = mesh.vertices, "v %r %r %r"
     if mesh.vertex_colors is not None:
         colors: NDArray[Any] = mesh.vertex_colors
@@ -146,9 +157,6 @@ def write(mesh: Mesh, stream: BinaryIO, style: Style) -> None:
             colors = colors / 255
         columns = np.column_stack((columns, colors))
         form += " %.9g" * colors.shape[1]
-    has_materials = bool(mesh.textures) and style.stem is not None
-    if has_materials:
-        stream.write(f"mtllib {simplify_stem(style)}.mtl\n".encode())
     write_rows(stream, form, columns)
     faces, form = mesh.faces + 1, "f %d %d %d"
     if mesh.vertex_uvs is not None or mesh.corner_uvs is not None:
@@ -159,11 +167,10 @@ def write(mesh: Mesh, stream: BinaryIO, style: Style) -> None:
     if not has_materials:
         write_rows(stream, form, faces)
         return
-    # Write a `usemtl` line wherever the texture changes from one face to the next.
-    textures = np.zeros(len(faces), np.uint32) if mesh.face_textures is None else mesh.face_textures
-    starts = np.flatnonzero(np.diff(textures, prepend=-1)) if len(faces) else np.zeros(0, np.intp)
+    # Write a `usemtl` line wherever the material changes from one face to the next.
+    starts = np.flatnonzero(np.diff(of_face, prepend=-1)) if len(faces) else np.zeros(0, np.intp)
     for start, end in zip(starts, [*starts[1:], len(faces)], strict=True):
-        stream.write(b"usemtl texture_%d\n" % textures[start])
+        stream.write(b"usemtl material_%d\n" % of_face[start])
         write_rows(stream, form, faces[start:end])
 
 
@@ -181,11 +188,21 @@ def companions(mesh: Mesh, style: Style) -> dict[str, bytes]:
     """Return the companion files of an OBJ file as name -> content: the MTL file and its images."""
     if not mesh.textures:
         return {}
-    images, materials = encode_images(mesh, style), []
-    for number, name in enumerate(images):
-        cut_off = f"map_d {name}\n" if mesh.sampler.alpha_cutoff is not None else ""
+    _, chosen, _ = choose_materials(mesh)
+    names = name_images(mesh, style)
+    used = {names[material.texture] for material in chosen if material.texture is not None}
+    images = {name: content for name, content in encode_images(mesh, style).items() if name in used}
+    materials = []
+    for number, material in enumerate(chosen):
         # illum 0: constant colour without lighting.
-        materials.append(f"newmtl texture_{number}\nKd 1 1 1\nKs 0 0 0\nillum 0\nmap_Kd {name}\n{cut_off}")
+        lines = [f"newmtl material_{number}", "Kd {:.6g} {:.6g} {:.6g}".format(*material.color)]
+        lines += ["Ks 0 0 0", "illum 0"]
+        if material.texture is not None:
+            name, image = names[material.texture], mesh.textures[material.texture]
+            lines += [f"map_Kd {name}"]
+            if mesh.sampler.alpha_cutoff is not None and image.shape[2] == 4:
+                lines += [f"# {CUTOFF} {mesh.sampler.alpha_cutoff!r}", f"map_d {name}"]
+        materials.append("\n".join(lines) + "\n")
     return images | {f"{simplify_stem(style)}.mtl": "\n".join(materials).encode()}
 
 
