@@ -208,7 +208,7 @@ def _write_mesh(source: Path, target: Path, options: ConvertOptions, output: Out
     from msb.delivery.saving import output_suffix, style_for
     from msb.delivery.web_quality import ImageLoss
     from msb.meshes import read_mesh
-    from msb.meshes.assets import fit_to_format, mesh_from_asset
+    from msb.meshes.assets import fit_to_format, mesh_from_asset, without_bad_faces
     from msb.meshes.losses import describe_up_axis, list_dropped_features, list_engine_losses, list_losses
     from msb.meshes.transform import rotate_upright
 
@@ -217,6 +217,9 @@ def _write_mesh(source: Path, target: Path, options: ConvertOptions, output: Out
         with output.progress(f"reading {source.name}"):
             mesh = read_mesh(source)  # not as an asset, which would round coordinates to float32
         ignored, known = list(mesh.left_out), True
+        mesh, bad = without_bad_faces(mesh)
+        if bad:
+            output.note(f"{source}: {bad:,} faces have coordinates that are not finite; they are left out")
     else:
         asset = open_asset(source, output)
         mesh, ignored = mesh_from_asset(asset), list_dropped_features(asset)
