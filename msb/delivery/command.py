@@ -16,7 +16,7 @@ from msb.errors import EXIT_OK, MsbError, UsageError, about
 from msb.render.options import Up
 
 if TYPE_CHECKING:
-    from msb.meshes import Mesh
+    pass
 
 
 @dataclass(frozen=True)
@@ -209,7 +209,13 @@ def _write_mesh(source: Path, target: Path, options: ConvertOptions, output: Out
     from msb.delivery.web_quality import ImageLoss
     from msb.meshes import read_mesh
     from msb.meshes.assets import fit_to_format, mesh_from_asset, without_bad_faces
-    from msb.meshes.losses import describe_up_axis, list_dropped_features, list_engine_losses, list_losses
+    from msb.meshes.losses import (
+        describe_up_axis,
+        list_contents,
+        list_dropped_features,
+        list_engine_losses,
+        list_losses,
+    )
     from msb.meshes.transform import rotate_upright
 
     suffix, asset = output_suffix(target, "OUT"), None
@@ -234,32 +240,19 @@ def _write_mesh(source: Path, target: Path, options: ConvertOptions, output: Out
         storable = fit_to_format(mesh, suffix)
         write_mesh_files(storable, target, output, style)
     rotated = [f"rotated upright ({mesh.up} was up)"] if mesh.up != storable.up else []
-    _say(target, [*_list_contents(storable, suffix), *rotated, *([quality] if quality else [])], output)
+    counts = [f"{len(storable.vertices):,} vertices", f"{len(storable.faces):,} faces"]
+    contents = [*counts, *list_contents(storable, suffix)]
+    _say(target, [*contents, *rotated, *([quality] if quality else [])], output)
+    loss = ""
     if mesh.textures and not storable.textures and storable.vertex_colors is not None:
         loss = ImageLoss.of(mesh, asset).describe(replace(storable, vertices=mesh.vertices))
-        output.note(f"{target}: {suffix} has no textures; they were converted to vertex colours{loss}")
     behind = list_engine_losses(storable, options.engine) if options.engine else ()
     for text in (
-        *list_losses(mesh, storable, suffix, ignored),
+        *list_losses(mesh, storable, suffix, ignored, loss),
         *behind,
         *describe_up_axis(mesh, suffix, known=known),
     ):
         output.note(f"{target}: {text}")
-
-
-def _list_contents(mesh: Mesh, suffix: str) -> list[str]:
-    """Return the numbers of vertices and faces, and the kinds of colours that the file stores."""
-    from msb.meshes.formats import FORMATS
-
-    keeps = FORMATS[suffix].keeps
-    colors = [
-        key.replace("_colors", " colours").replace("_uvs", " UVs")
-        for key in keeps
-        if key not in ("textures", "collision") and getattr(mesh, key) is not None
-    ]
-    if mesh.textures:
-        colors.append(f"{len(mesh.textures)} texture{'' if len(mesh.textures) == 1 else 's'}")
-    return [f"{len(mesh.vertices):,} vertices", f"{len(mesh.faces):,} faces", *(colors or ["no colours"])]
 
 
 def _say(target: Path, parts: list[str], output: Output) -> None:

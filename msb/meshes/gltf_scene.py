@@ -105,7 +105,8 @@ def read_scene(document: Document) -> Mesh:
     )
     document.check_total("the arrays of all nodes", total)
     if not any(primitives.values()) and document.root.get("meshes"):
-        text = "the scene contains no visible mesh with triangles, although the file has meshes"
+        text = "the scene contains no mesh with triangles, although the file has meshes"
+        text += " that are hidden" if any(is_hidden for _, is_hidden in every) else ""
         raise document.source.error("MESH_FILE_INVALID", text)
     read = {mesh: [read_arrays(primitive) for primitive in primitives[mesh]] for mesh in primitives}
     parts = [
@@ -136,7 +137,7 @@ def _check_extensions(document: Document) -> None:
         return
     places = _list_extended_parts(document)
     for name in unknown:
-        if not places.get(name, set()) <= set(_LOOKS):
+        if not places.get(name, {""}) <= set(_LOOKS):
             text = f"the required extension {shorten(str(name))} is not supported; export without it"
             raise document.error("MESH_FILE_UNSUPPORTED", "/extensionsRequired", text)
 

@@ -13,6 +13,7 @@ from msb.meshes import Mesh, read_mesh
 from msb.meshes.assets import asset_from_mesh, fit_to_format
 from msb.meshes.colors import linear_light
 from msb.meshes.files import write_whole
+from msb.meshes.losses import list_contents, list_losses
 
 from .checks import equal
 from .test_glb_write import CORNERS, FACES, IMAGES, UVS, textured
@@ -191,3 +192,40 @@ def test_an_obj_keeps_its_cut_outs(tmp_path: Path, cutoff: float) -> None:
     assert sorted(image.shape[2] for image in again.textures) == [3, 4]
     assert any(np.array_equal(texels, image) for texels in again.textures)
     assert again.left_out == ()
+
+
+def lost(mesh: Mesh, suffix: str) -> str:
+    return "; ".join(list_losses(mesh, fit_to_format(mesh, suffix), suffix, ()))
+
+
+def test_losses_are_those_of_the_written_file() -> None:
+    masked = np.concatenate((FLAT, np.full((4, 8, 1), 100, np.uint8)), axis=2)
+    colors = [[255] * 3] * 3 + [[255, 0, 51]] * 3
+    opaque, cut = (
+        parts(colors, (FLAT, WHITE)),
+        parts(colors, (masked, WHITE), sampler=Sampler(alpha_cutoff=0.5)),
+    )
+    for suffix in (".ply", ".off"):
+        assert ("cut-outs" in lost(cut, suffix), "cut-outs" in lost(opaque, suffix)) == (True, False)
+        assert "vertex colours" in lost(opaque, suffix)
+    for suffix in (".obj", ".glb"):
+        assert lost(cut, suffix) == lost(opaque, suffix) == ""
+    assert all(word in lost(opaque, ".stl") for word in ("textures", "colours"))
+    both = replace(opaque, textures=(), face_textures=None, face_colors=np.zeros((2, 3), np.uint8))
+    assert ["face colours" in lost(both, suffix) for suffix in (".ply", ".obj", ".glb")] == [
+        False,
+        True,
+        True,
+    ]
+    assert ["UVs" in lost(both, suffix) for suffix in (".ply", ".obj", ".glb")] == [True, False, False]
+
+
+def test_contents_are_those_of_the_written_file() -> None:
+    mesh = parts([[255] * 3] * 3 + [[255, 0, 51]] * 3, (FLAT, WHITE))
+    contents = {s: list_contents(fit_to_format(mesh, s), s) for s in (".obj", ".glb", ".ply", ".stl")}
+    assert contents == {
+        ".obj": ["1 texture", "1 plain colour"],
+        ".glb": ["vertex colours", "vertex UVs", "2 textures"],
+        ".ply": ["vertex colours"],
+        ".stl": ["no colours"],
+    }
