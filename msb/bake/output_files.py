@@ -30,7 +30,7 @@ _SMALLEST_TEXTURED = Mesh(
     np.zeros((3, 3), np.float32),
     np.arange(3)[None],
     vertex_uvs=np.zeros((3, 2), np.float32),
-    textures=(np.zeros((1, 1, 3), np.uint8),),
+    textures=(np.zeros((2, 2, 3), np.uint8),),
 )
 
 

@@ -16,7 +16,7 @@ from msb.errors import EXIT_OK, MsbError, UsageError, about
 from msb.render.options import Up
 
 if TYPE_CHECKING:
-    pass
+    from msb.meshes import Mesh
 
 
 @dataclass(frozen=True)
@@ -211,7 +211,6 @@ def _write_mesh(source: Path, target: Path, options: ConvertOptions, output: Out
     from msb.meshes.assets import fit_to_format, mesh_from_asset, without_bad_faces
     from msb.meshes.losses import (
         describe_up_axis,
-        list_contents,
         list_dropped_features,
         list_engine_losses,
         list_losses,
@@ -240,9 +239,7 @@ def _write_mesh(source: Path, target: Path, options: ConvertOptions, output: Out
         storable = fit_to_format(mesh, suffix)
         write_mesh_files(storable, target, output, style)
     rotated = [f"rotated upright ({mesh.up} was up)"] if mesh.up != storable.up else []
-    counts = [f"{len(storable.vertices):,} vertices", f"{len(storable.faces):,} faces"]
-    contents = [*counts, *list_contents(storable, suffix)]
-    _say(target, [*contents, *rotated, *([quality] if quality else [])], output)
+    _say(target, [*_list_contents(storable, suffix), *rotated, *([quality] if quality else [])], output)
     loss = ""
     if mesh.textures and not storable.textures and storable.vertex_colors is not None:
         loss = ImageLoss.of(mesh, asset).describe(replace(storable, vertices=mesh.vertices))
@@ -253,6 +250,24 @@ def _write_mesh(source: Path, target: Path, options: ConvertOptions, output: Out
         *describe_up_axis(mesh, suffix, known=known),
     ):
         output.note(f"{target}: {text}")
+
+
+def _list_contents(mesh: Mesh, suffix: str) -> list[str]:
+    """Return the numbers of vertices and faces, and the kinds of colours that the file stores."""
+    from msb.meshes.formats import FORMATS
+
+    form = FORMATS[suffix]
+    counts = [f"{len(mesh.vertices):,} vertices", f"{len(mesh.faces):,} faces"]
+    if mesh.textures and form.list_stored:
+        return [*counts, *form.list_stored(mesh)]
+    colors = [
+        key.replace("_colors", " colours").replace("_uvs", " UVs")
+        for key in form.keeps
+        if key not in ("textures", "collision") and getattr(mesh, key) is not None
+    ]
+    if mesh.textures:
+        colors.append(f"{len(mesh.textures)} texture{'' if len(mesh.textures) == 1 else 's'}")
+    return [*counts, *(colors or ["no colours"])]
 
 
 def _say(target: Path, parts: list[str], output: Output) -> None:

@@ -94,6 +94,9 @@ class Format:
         names begin with the `stem` of the style.
     keeps : tuple of {"vertex_colors", "face_colors", "vertex_uvs", "textures", "collision"}
         The optional parts of a mesh that the format can store.
+    list_stored, list_lost : callable, optional
+        Functions that name the colours and textures that a file stores of a textured mesh, and the parts that
+        it loses, if this depends on more than `keeps`.
     is_soup : bool
         True if the format stores three vertices per face, so that faces never share vertices.
     is_single : bool
@@ -111,6 +114,8 @@ class Format:
     begins: re.Pattern[bytes] | None = None
     companions: Callable[[Mesh, Style], dict[str, bytes]] | None = None
     keeps: tuple[Literal["vertex_colors", "face_colors", "vertex_uvs", "textures", "collision"], ...] = ()
+    list_stored: Callable[[Mesh], list[str]] | None = None
+    list_lost: Callable[[Mesh], list[str]] | None = None
     is_soup: bool = False
     is_single: bool = False
     is_linear: bool = False

@@ -9,7 +9,6 @@ from msb.asset.look import select_faces, stored_threshold
 from msb.asset.texture import Sampler
 from msb.meshes.formats import FORMATS
 from msb.meshes.mesh import Mesh
-from msb.meshes.obj_colors import choose_materials
 
 # Asset buffer that no mesh format can store -> its description.
 _UNWRITTEN = {"opacity": "opacity", "sigma": "soft edges (sigma)"}
@@ -63,6 +62,7 @@ def list_losses(
         yield f"{suffix} cannot store texture filtering and wrapping"
     # UVs without a texture are listed in `left_out`, but a GLB stores them anyway.
     lost = [part for part in left_out if part != "UVs" or not _has_uvs(written)]
+    lost += form.list_lost(written) if form.list_lost else []
     lost += _list_lost_parts(mesh, written, suffix)
     if not form.keeps and mesh.textures:
         lost.append(f"textures ({suffix} cannot store them)")
@@ -77,30 +77,11 @@ def _list_lost_parts(mesh: Mesh, written: Mesh, suffix: str) -> Iterator[str]:
     has_cut_outs = mesh.textures and mesh.sampler.alpha_cutoff is not None
     if has_cut_outs and FORMATS[suffix].keeps and not written.textures:
         yield f"cut-outs ({suffix} cannot store them)"
-    elif has_cut_outs and suffix == ".obj" and all(image.shape[2] == 3 for image in written.textures):
-        yield "cut-outs by the alpha of vertex colours"
     has_both = mesh.face_colors is not None and mesh.vertex_colors is not None
     if has_both and FORMATS[suffix].keeps and "face_colors" not in FORMATS[suffix].keeps:
         yield "face colours, because vertex colours take precedence"
     if _has_uvs(mesh) and not mesh.textures and not _has_uvs(written):
         yield f"UVs ({suffix} cannot store them)"
-
-
-def list_contents(mesh: Mesh, suffix: str) -> list[str]:
-    """Return the kinds of colours that a file of `suffix` with `mesh` stores, or "no colours"."""
-    textures, plain = len(mesh.textures), 0
-    if suffix == ".obj" and mesh.textures:
-        mesh, materials, _ = choose_materials(mesh)
-        textures = len({material.texture for material in materials} - {None})
-        plain = len(materials) - sum(material.texture is not None for material in materials)
-    colors = [
-        key.replace("_colors", " colours").replace("_uvs", " UVs")
-        for key in FORMATS[suffix].keeps
-        if key not in ("textures", "collision") and getattr(mesh, key) is not None
-    ]
-    for count, title in ((textures, "texture"), (plain, "plain colour")):
-        colors += [f"{count} {title}{'' if count == 1 else 's'}"] if count else []
-    return colors or ["no colours"]
 
 
 def list_engine_losses(mesh: Mesh, engine: str) -> Iterator[str]:

@@ -10,7 +10,7 @@ from msb.meshes.colors import stored_colors
 from msb.meshes.formats import Format, Style
 from msb.meshes.image_files import encode_images, name_images, simplify_stem
 from msb.meshes.mesh import Mesh
-from msb.meshes.obj_colors import choose_materials
+from msb.meshes.obj_colors import choose_materials, list_lost, list_stored
 from msb.meshes.obj_materials import (
     CUTOFF,
     names_materials,
@@ -206,4 +206,13 @@ def companions(mesh: Mesh, style: Style) -> dict[str, bytes]:
     return images | {f"{simplify_stem(style)}.mtl": "\n".join(materials).encode()}
 
 
-FORMAT = Format("OBJ", (".obj",), read, write, companions=companions, keeps=("vertex_colors", "textures"))
+FORMAT = Format(
+    "OBJ",
+    (".obj",),
+    read,
+    write,
+    companions=companions,
+    keeps=("vertex_colors", "textures"),
+    list_stored=list_stored,
+    list_lost=list_lost,
+)

@@ -98,3 +98,22 @@ def _whiten(mesh: Mesh, faces: NDArray[np.int64]) -> Mesh:
     used = colors[mesh.faces.reshape(-1)]
     is_white = bool((as_floats(used) == 1).all())
     return replace(mesh, vertex_colors=None if is_white else colors)
+
+
+def list_stored(mesh: Mesh) -> list[str]:
+    """Return the numbers of images and colours that an OBJ file of a textured mesh stores."""
+    mesh, materials, _ = choose_materials(mesh)
+    images = len({material.texture for material in materials} - {None})
+    colors = sum(material.texture is None for material in materials)
+    stored = [f"{images} texture{'' if images == 1 else 's'}"] if images else []
+    if colors:
+        stored.append(f"{colors} material colour{'' if colors == 1 else 's'}")
+    return stored + ["vertex colours"] * (mesh.vertex_colors is not None)
+
+
+def list_lost(mesh: Mesh) -> list[str]:
+    """Return the names of the parts of a mesh that an OBJ file does not store."""
+    is_cut_out = mesh.textures and mesh.sampler.alpha_cutoff is not None
+    if is_cut_out and all(image.shape[2] == 3 for image in mesh.textures):
+        return ["cut-outs by the alpha of vertex colours"]
+    return []

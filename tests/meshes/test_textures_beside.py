@@ -13,7 +13,8 @@ from msb.meshes import Mesh, read_mesh
 from msb.meshes.assets import asset_from_mesh, fit_to_format
 from msb.meshes.colors import linear_light
 from msb.meshes.files import write_whole
-from msb.meshes.losses import list_contents, list_losses
+from msb.meshes.losses import list_losses
+from msb.meshes.obj_colors import list_stored
 
 from .checks import equal
 from .test_glb_write import CORNERS, FACES, IMAGES, UVS, textured
@@ -220,12 +221,13 @@ def test_losses_are_those_of_the_written_file() -> None:
     assert ["UVs" in lost(both, suffix) for suffix in (".ply", ".obj", ".glb")] == [True, False, False]
 
 
-def test_contents_are_those_of_the_written_file() -> None:
-    mesh = parts([[255] * 3] * 3 + [[255, 0, 51]] * 3, (FLAT, WHITE))
-    contents = {s: list_contents(fit_to_format(mesh, s), s) for s in (".obj", ".glb", ".ply", ".stl")}
-    assert contents == {
-        ".obj": ["1 texture", "1 plain colour"],
-        ".glb": ["vertex colours", "vertex UVs", "2 textures"],
-        ".ply": ["vertex colours"],
-        ".stl": ["no colours"],
-    }
+@pytest.mark.parametrize(
+    ("colors", "stored"),
+    [
+        ([[255] * 3] * 3 + [[255, 0, 51]] * 3, ["1 texture", "1 material colour"]),
+        ([[9] * 3] * 3 + [[255, 0, 51]] * 3, ["1 texture", "1 material colour", "vertex colours"]),
+        ([[255] * 3] * 5 + [[255, 0, 51]], ["1 texture", "1 material colour", "vertex colours"]),
+    ],
+)
+def test_the_contents_of_an_obj_are_those_of_the_file(colors: list[list[int]], stored: list[str]) -> None:
+    assert list_stored(fit_to_format(parts(colors, (FLAT, WHITE)), ".obj")) == stored
