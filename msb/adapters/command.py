@@ -70,7 +70,13 @@ def export(
 
     check_asset_place(target, options.form, output)
     with output.progress(f"reading {source.name}"):
-        model = read_model(place, method=options.method, settings=drawing.assignments, config=options.config)
+        model = read_model(
+            place,
+            method=options.method,
+            settings=drawing.assignments,
+            config=options.config,
+            reject="coordinates",
+        )
     with output.bars() as progress:
         asset = finish(model, progress=progress)
         write_asset(asset, target, options.form, overwrite=output.force, progress=progress)

@@ -5,19 +5,23 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Protocol, cast
+from typing import Any, Literal, Protocol, cast
+
+import numpy as np
 
 from msb.adapters.locate import Place, locate
 from msb.adapters.model import Content, Model, Options
 from msb.asset import Asset, build_asset
 from msb.asset.arguments import check_type
+from msb.asset.drawable import check_indices
+from msb.asset.finite import find_bad_faces, find_bad_rows, keep_faces
 from msb.asset.manifest import Source, SourceFile
 from msb.asset.progress import Meter, Progress
 from msb.asset.settings import parse_overrides
 from msb.base.files import file_sha256, is_file
 from msb.base.packages import warn
 from msb.base.paths import given_path
-from msb.errors import CheckpointError, InputError, Unsupported, UsageError, about, shorten
+from msb.errors import CheckpointError, InputError, Unsupported, UsageError, about, finding, shorten
 from msb.registry import BUILT_IN, METHODS, role, with_role
 
 
@@ -79,7 +83,8 @@ def export(
     -------
     Asset
         An asset in memory. If the layout permits it, its buffers are views of the mapped file.
-        `Asset.warnings` reports missing values that were replaced by defaults.
+        `Asset.warnings` reports missing values that were replaced by defaults, and faces that are left out
+        because a parameter is NaN.
 
     Raises
     ------
@@ -92,7 +97,7 @@ def export(
     """
     if settings is not None:
         check_type("settings", settings, Mapping, "a mapping from names to values")
-    model = read_model(path, method=method, settings=settings or {}, config=config)
+    model = read_model(path, method=method, settings=settings or {}, config=config, reject="coordinates")
     return finish(model, progress=progress)
 
 
@@ -112,11 +117,13 @@ def read_model(
     settings: Mapping[str, Any] | Sequence[str] = (),
     config: str | os.PathLike[str] | None = None,
     check_values: bool = True,
+    reject: Literal["nothing", "coordinates", "everything"] = "nothing",
 ) -> Model:
     """Return the trained model at `path`, or at a place that `locate` returned. Errors are as in `export`.
 
-    `settings` can also be texts such as "gamma=20". Without `check_values` NaN is accepted, because an audit
-    counts it.
+    `settings` can also be texts such as "gamma=20". Faces with a value that is NaN or infinite are left out,
+    with a warning, unless all of them have one. `reject` says which values are errors instead: coordinates,
+    or all. Without `check_values` such faces are kept, which an audit counts.
     """
     if method is not None and method not in tuple(METHODS):
         text = f'the method "{shorten(str(method), 40)}" is unknown; use one of {", ".join(METHODS)}'
@@ -133,11 +140,46 @@ def read_model(
     config_file = None if config is None else given_path(config)
     if config_file is not None and not is_file(config_file):
         raise InputError("FILE_NOT_FOUND", "it does not exist", file=config_file)
-    model = _adapter(method).read(place, content, Options(values, config_file, check_values))
+    is_strict = check_values and reject == "everything"
+    model = _adapter(method).read(place, content, Options(values, config_file, is_strict))
     if config_file is not None and config_file not in model.files:  # the adapter did not read it
         text = f"--config is not used by {METHODS[method].title}, the method of this model, only by 2DTS"
         raise UsageError("USAGE", text, file=config_file)
+    if check_values:
+        model = _without_bad_faces(model, reject)
     return replace(model, opened_from=place.given)
+
+
+def _without_bad_faces(model: Model, reject: str) -> Model:
+    """Return `model` without the faces whose values are not finite, and with a warning about them.
+
+    Raise CHECKPOINT_NONFINITE if `reject` or the buffer does not allow it. Invalid coordinates of mesh files
+    are reported by `build_asset`.
+    """
+    is_mesh = model.description.method == "mesh"
+    code, file = "MESH_NONFINITE" if is_mesh else "CHECKPOINT_NONFINITE", model.files[0]
+    for name, array in model.buffers.items():
+        if model.domains.get(name) == "global" and (rows := find_bad_rows(array)) is not None:
+            text = f"{name} is not finite in row {int(np.argmax(rows))}, and it belongs to all faces"
+            raise CheckpointError("CHECKPOINT_NONFINITE", text, file=file, pointer=name)
+    check_indices(model.buffers["indices"], len(model.buffers["positions"]), file)
+    bad, names = find_bad_faces(model.buffers, model.domains)
+    # A vertex that no face uses is rejected or dropped, too.
+    is_odd = find_bad_rows(model.buffers["positions"]) is not None
+    if not (bad.any() or is_odd) or reject == "everything":
+        return model
+    count, first = int(np.count_nonzero(bad)), int(np.argmax(bad))
+    what = f"{count:,} of {len(bad):,} faces have values that are not finite ({', '.join(names)}"
+    what += f"; the first one is face {first})"
+    if bad.all() or (reject == "coordinates" and is_odd):
+        if is_mesh:
+            return model
+        text = f"{what}; an asset must have finite coordinates, and at least one face"
+        raise CheckpointError(code, text, file=file)
+    buffers = keep_faces(model.buffers, model.domains, ~bad)
+    text = f"{what}; they are left out" if count else "vertices that no face uses are not finite; left out"
+    warning = finding(code, text, severity="warning", value=count)
+    return replace(model, buffers=buffers, warnings=(*model.warnings, warning))
 
 
 def detect(path: str | os.PathLike[str]) -> str:

@@ -25,7 +25,8 @@ from msb.registry import METHODS, SettingSource
 class Options:
     """Arguments of the caller besides the path: settings by name, and the config file of the training.
 
-    Without `check_values` parameters can be NaN, because an audit counts such vertices.
+    Without `check_values` parameters can be NaN, because an audit counts such faces, and other commands leave
+    them out.
     """
 
     settings: Mapping[str, Any] = field(default_factory=dict)

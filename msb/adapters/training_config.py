@@ -17,6 +17,9 @@ from msb.scenes.datasets.notes import warn_test_views
 
 # Maximum number of bytes that are read. A config has some kilobytes, and a log begins with its config.
 MAX_BYTES = 1 << 16
+_NAMESPACE = re.compile(r"Namespace\((.*)\)", re.DOTALL)
+# A quoted text, a bracket or a comma.
+_TOKEN = re.compile(r"""'(?:[^'\\]|\\.)*+'|"(?:[^"\\]|\\.)*+"|[(\[{)\]},]""", re.DOTALL)
 
 
 def read_cfg_args(root: Path) -> tuple[dict[str, Any], tuple[Path, ...], list[Finding]]:
@@ -33,19 +36,57 @@ def read_cfg_args(root: Path) -> tuple[dict[str, Any], tuple[Path, ...], list[Fi
         text += "commands that draw"
         return {}, (), [missing(root, text)]
     try:
-        text = read_text(path)
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # Python would warn about escapes in literals
-            call = ast.parse(text.strip(), mode="eval").body
-        if not isinstance(call, ast.Call) or call.args or getattr(call.func, "id", "") != "Namespace":
-            raise ValueError
-        values = {word.arg: ast.literal_eval(word.value) for word in call.keywords if word.arg}
-        if len(values) != len(call.keywords):  # **mapping, or a name twice
-            raise ValueError
-    except (SyntaxError, ValueError, TypeError, MemoryError, RecursionError):
+        inside = _NAMESPACE.fullmatch(read_text(path).strip())
+    except CheckpointError as error:
+        return {}, (), [finding(error.code, error.message, severity="warning", pointer="cfg_args")]
+    values, unread = _parse_arguments(inside[1]) if inside else ({}, [])
+    if inside is None or (unread and not values):
         text = "cfg_args is not a line Namespace(name=value, ...); it is ignored"
         return {}, (), [finding("CHECKPOINT_CONFIG", text, severity="warning", pointer="cfg_args")]
-    return values, (path,), [warn_test_views()] if values.get("eval") is False else []
+    found = [warn_test_views()] if values.get("eval") is False else []
+    if unread:
+        text = f"cfg_args has values that are not literals, which are ignored: {', '.join(unread[:8])}"
+        found.append(finding("CHECKPOINT_CONFIG", text, severity="warning", pointer="cfg_args"))
+    return values, (path,), found
+
+
+def _parse_arguments(text: str) -> tuple[dict[str, Any], list[str]]:
+    """Return the values of ``name=value, ...``, and the names of those that are no literals.
+
+    A name that is given twice is not read.
+    """
+    values: dict[str, Any] = {}
+    unread: list[str] = []
+    for part in _split_arguments(text):
+        name, _, value = part.partition("=")
+        name = name.strip()
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # Python would warn about escapes in literals
+                read = ast.literal_eval(value.strip())
+            if not name.isidentifier() or name in values or name in unread:
+                raise ValueError
+        except (SyntaxError, ValueError, TypeError, MemoryError, RecursionError):
+            values.pop(name, None)
+            unread.append(shorten(name, 40))
+        else:
+            values[name] = read
+    return values, unread
+
+
+def _split_arguments(text: str) -> list[str]:
+    """Return the parts of `text` between commas that stand in no quotes and brackets."""
+    parts, start, depth = [], 0, 0
+    for token in _TOKEN.finditer(text):
+        if token[0] in "([{":
+            depth += 1
+        elif token[0] in ")]}":
+            depth -= 1
+        elif token[0] == "," and depth <= 0:
+            parts.append(text[start : token.start()])
+            start = token.end()
+    parts.append(text[start:])
+    return [part for part in parts if part.strip()]
 
 
 def training_of(arguments: Mapping[str, Any]) -> dict[str, Any]:

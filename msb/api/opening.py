@@ -36,7 +36,8 @@ def open(path: str | os.PathLike[str], *, method: str | None = None) -> Asset:
     Returns
     -------
     Asset
-        The result of `load` or `export`. Coordinates are float32, even if a mesh file has float64.
+        The result of `load` or `export`. Coordinates are float32, even if a mesh file has float64. Faces of
+        mesh files and checkpoints with values that are not finite are left out, with a warning.
 
     Raises
     ------
@@ -51,9 +52,9 @@ def open(path: str | os.PathLike[str], *, method: str | None = None) -> Asset:
     """
     place = given_path(path)
     if not is_asset(place):
-        from msb.adapters.exporter import export
+        from msb.adapters.exporter import finish, read_model
 
-        return export(place, method=method)
+        return finish(read_model(place, method=method))
     asset = load(place)
     if method not in (None, asset.manifest.method):
         text = f"it holds a {asset.manifest.method} model, but {method} was requested"

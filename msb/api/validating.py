@@ -56,10 +56,10 @@ def validate(path: str | os.PathLike[str]) -> Validation:
 
 def _check_other(path: Path) -> Validation:
     """Check a mesh file or checkpoint by converting it to an asset."""
-    from msb.adapters.exporter import export
+    from msb.adapters.exporter import finish, read_model
 
     try:
-        asset = export(path)
+        asset = finish(read_model(path, reject="everything"))
     except (InputError, Unsupported):
         raise
     except MsbError as error:

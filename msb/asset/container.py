@@ -17,8 +17,10 @@ from msb.asset.manifest import ALIGNMENT, ASSET_SUFFIX, MANIFEST_NAME
 from msb.asset.strict_json import MAX_BYTES
 from msb.asset.strict_zip import UTF8, Member, Policy, read_members
 from msb.base.files import (
+    POINTER,
     READ_ONLY,
     is_missing,
+    is_pointer,
     map_descriptor,
     map_file,
     open_error,
@@ -211,6 +213,9 @@ def _map_member(path: Path, member: str, *, asset: object) -> tuple[mmap.mmap | 
         try:
             status = os.fstat(descriptor)
             _reject_special(status, asset, member)
+            if is_pointer(descriptor):
+                text = f"{member}: {POINTER}"
+                raise AssetError("TRIASSET_FILE_UNREADABLE", text, file=asset, pointer=member)
             return map_descriptor(descriptor), status
         finally:
             os.close(descriptor)

@@ -15,6 +15,9 @@ from msb.errors import InputError, shorten
 READ_ONLY = (
     os.O_RDONLY | getattr(os, "O_BINARY", 0) | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0)
 )
+# The beginning of a pointer of Git LFS, and its largest size in bytes (git-lfs: docs/spec.md).
+_BEGINNING, _MAX_POINTER = b"version https://git-lfs.github.com/spec/", 1024
+POINTER = "it is a pointer of Git LFS, not the file itself; fetch the file with git lfs pull"
 # Number of bytes that are read and hashed at a time. Larger pieces are not faster.
 _CHUNK = 1 << 22
 
@@ -74,6 +77,8 @@ def _open_regular(path: Path) -> Iterator[int]:
         descriptor = os.open(path, READ_ONLY)
         try:
             _reject_special(os.fstat(descriptor), path)
+            if is_pointer(descriptor):
+                raise InputError("FILE_UNREADABLE", POINTER, file=path)
             yield descriptor
         finally:
             os.close(descriptor)
@@ -84,6 +89,15 @@ def _open_regular(path: Path) -> Iterator[int]:
 def _reject_special(status: os.stat_result, path: Path) -> None:
     if kind := special_kind(status):
         raise InputError("FILE_UNREADABLE", f"it is {kind}; name a regular file", file=path)
+
+
+def is_pointer(descriptor: int) -> bool:
+    """Return whether an open file is a small text that stands for a file in the storage of Git LFS."""
+    if os.fstat(descriptor).st_size > _MAX_POINTER:
+        return False
+    beginning = os.read(descriptor, len(_BEGINNING))
+    os.lseek(descriptor, 0, os.SEEK_SET)
+    return beginning == _BEGINNING
 
 
 def special_kind(status: os.stat_result) -> str | None:

@@ -209,8 +209,13 @@ def _write_mesh(source: Path, target: Path, options: ConvertOptions, output: Out
     from msb.delivery.saving import choose_style, output_suffix
     from msb.delivery.web_quality import ImageLoss
     from msb.meshes import read_mesh
-    from msb.meshes.assets import fit_to_format, mesh_from_asset
-    from msb.meshes.losses import describe_up_axis, list_dropped_features, list_engine_losses, list_losses
+    from msb.meshes.assets import fit_to_format, mesh_from_asset, without_bad_faces
+    from msb.meshes.losses import (
+        describe_up_axis,
+        list_dropped_features,
+        list_engine_losses,
+        list_losses,
+    )
     from msb.meshes.transform import rotate_upright
 
     suffix, asset = output_suffix(target, "OUT"), None
@@ -218,6 +223,9 @@ def _write_mesh(source: Path, target: Path, options: ConvertOptions, output: Out
         with output.progress(f"reading {source.name}"):
             mesh = read_mesh(source)  # an asset would round coordinates to float32
         ignored, known = list(mesh.left_out), True
+        mesh, bad = without_bad_faces(mesh)
+        if bad:
+            output.note(f"{source}: {bad:,} faces have coordinates that are not finite; they are left out")
     else:
         asset = open_asset(source, output)
         mesh, ignored = mesh_from_asset(asset), list_dropped_features(asset)
@@ -236,12 +244,12 @@ def _write_mesh(source: Path, target: Path, options: ConvertOptions, output: Out
         changes.append(f"scaled to metres (a unit was {mesh.meters_per_unit:g} m)")
     quality_text = [quality] if quality else []
     _print_summary(target, [*_list_contents(storable, suffix), *changes, *quality_text], output)
+    loss = ""
     if mesh.textures and not storable.textures and storable.vertex_colors is not None:
         loss = ImageLoss.of(mesh, asset).describe(replace(storable, vertices=mesh.vertices))
-        output.note(f"{target}: {suffix} has no textures; they were converted to vertex colours{loss}")
     engine_losses = list_engine_losses(storable, options.engine) if options.engine else ()
     for text in (
-        *list_losses(mesh, storable, suffix, ignored),
+        *list_losses(mesh, storable, suffix, ignored, loss),
         *engine_losses,
         *describe_up_axis(mesh, suffix, known=known),
     ):

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from msb.asset import Asset, Description, build_asset
 from msb.asset.drawable import first_bad
+from msb.asset.finite import select_vertices
 from msb.asset.look import stored_threshold, tint_of, visible_faces, written_up
 from msb.asset.manifest import CoordinateFrame, Domain, Parameters
 from msb.asset.texture import Sampler, is_textured, texture_images
@@ -159,6 +160,23 @@ def with_faces(mesh: Mesh, keep: NDArray[np.bool_]) -> Mesh:
     used[faces] = True
     number = np.cumsum(used) - 1
     return mesh.select(used, keep, number[faces])
+
+
+def without_bad_faces(mesh: Mesh) -> tuple[Mesh, int]:
+    """Return `mesh` without the faces that have a coordinate which is not finite, and their number.
+
+    Vertices that are not finite are removed, too. A mesh without any other face stays as it is, and so does
+    one with invalid indices: writers reject them.
+    """
+    is_bad = ~np.isfinite(mesh.vertices).all(axis=1)
+    is_invalid = ((mesh.faces < 0) | (mesh.faces >= len(mesh.vertices))).any()
+    if not is_bad.any() or is_invalid:
+        return mesh, 0
+    keep = ~is_bad[mesh.faces].any(axis=1)
+    if not keep.any():
+        return mesh, 0
+    vertices, numbers = select_vertices(mesh.vertices, mesh.faces, keep)
+    return mesh.select(vertices, keep, numbers[mesh.faces[keep]]), int(np.count_nonzero(~keep))
 
 
 def with_corner_colors(mesh: Mesh, colors: NDArray[Any]) -> Mesh:

@@ -38,7 +38,7 @@ def read_mesh(path: str | os.PathLike[str], *, images: bool = True) -> Mesh:
     Returns
     -------
     mesh : Mesh
-        Polygons are split into triangle fans around their first corner. docs/meshes.md has the rules of each
+        Polygons are split into triangles, see `msb.meshes.polygons`. docs/meshes.md has the rules of each
         format.
 
     Raises

@@ -25,8 +25,6 @@ _COMPONENTS = {kind[1:]: number for number, kind in COMPONENTS.items()}
 VERTICES, INDICES = 34962, 34963
 # From this number of vertices on, indices are uint32: index 65535 is reserved for restarting strips.
 _MAX_SHORT = 1 << 16
-# Smallest visible error of texture coordinates, in texels.
-_VISIBLE = 1 / 8
 _FILTERS = {
     ("linear", True): 9987,
     ("linear", False): 9729,
@@ -89,9 +87,8 @@ class GlbBuilder:
 def write(mesh: Mesh, stream: BinaryIO, style: Style) -> None:
     """Write an unlit, two-sided mesh with one primitive per texture. Face colours are not written.
 
-    Positions are float32. Colours are linear light as uint8 or uint16, or sRGB as stored if the style
-    requests it. Texture coordinates are uint16 if that changes no value. If colours take more than a byte per
-    channel, invisible changes are accepted, too: a vertex then has 24 bytes instead of 28.
+    Positions and texture coordinates are float32, because some programs do not scale normalized integers.
+    Colours are linear light as uint8 or uint16, or sRGB as stored if the style requests it.
     """
     if not len(mesh.faces):
         raise OutputError("OUTPUT_FORMAT_LIMIT", "GLB cannot store a mesh without faces; use PLY")
@@ -106,9 +103,7 @@ def write(mesh: Mesh, stream: BinaryIO, style: Style) -> None:
     if mesh.vertex_colors is not None:
         attributes["COLOR_0"] = _encode_colors(mesh.vertex_colors, style)
     if mesh.vertex_uvs is not None:
-        wide = "COLOR_0" in attributes and attributes["COLOR_0"].itemsize > 1
-        short = _quantize_uvs(mesh, only_exact=not wide)
-        attributes["TEXCOORD_0"] = mesh.vertex_uvs if short is None else short
+        attributes["TEXCOORD_0"] = mesh.vertex_uvs
     add_mesh(builder, list(split(mesh, attributes)), mesh, style)
     finish(builder, stream)
 
@@ -134,25 +129,6 @@ def _encode_colors(colors: NDArray[Any], style: Style) -> NDArray[Any]:
     if style.color != "srgb":
         colors = linear_colors(colors)
     return with_alpha(colors) if colors.dtype.kind == "u" else colors
-
-
-def _quantize_uvs(mesh: Mesh, *, only_exact: bool) -> NDArray[np.uint16] | None:
-    """Return the texture coordinates (V, 2) as uint16, or None if the difference would be visible.
-
-    It is visible if coordinates are outside [0, 1], if the error reaches 1/8 texel, or if different
-    coordinates become equal. With `only_exact`, coordinates must not change at all.
-    """
-    uvs = mesh.vertex_uvs
-    assert uvs is not None
-    if not ((uvs >= 0) & (uvs <= 1)).all():
-        return None
-    short = np.rint(uvs.astype(np.float64) * 65535).astype(np.uint16)
-    is_exact = np.array_equal((short / 65535).astype(np.float32), uvs)
-    if is_exact or only_exact:
-        return short if is_exact else None
-    side = max((max(image.shape[:2]) for image in mesh.textures), default=0)
-    is_visible = side / 65535 / 2 >= _VISIBLE or len(np.unique(short, axis=0)) < len(np.unique(uvs, axis=0))
-    return None if is_visible else short
 
 
 def split(mesh: Mesh, attributes: dict[str, NDArray[Any]]) -> Iterator[Primitive]:

@@ -22,8 +22,8 @@ CHUNK = struct.Struct("<I4s")
 # Component types of glTF 2.0 -> NumPy types.
 COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 
-# Accessor types -> components per element; matrices are not used for geometry.
-WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
+# Accessor types -> components per element.
+WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 
 # Largest JSON in bytes: 16 MiB, enough for about 100,000 nodes. Parsing it takes at most about 400 MB.
 MAX_JSON_BYTES = 1 << 24
@@ -38,6 +38,7 @@ _DATA_URI = re.compile(rb'"(data:[^"\\]{256,})"')
 MAX_BUFFER = 1 << 40
 
 IDENTITY = np.eye(4)
+VISIBILITY = "KHR_node_visibility"
 
 # Maximum number of nodes. Real scenes have some thousands; a million take a few seconds.
 MAX_NODES = 1 << 20
@@ -297,9 +298,6 @@ def parse_accessor(
     place: tuple[memoryview | None, int, int] = None, 0, 0
     if "bufferView" in entry:
         place = _locate(document, entry, pointer, count, dtype.itemsize * width)
-    elif not sparse:
-        text = "the accessor has neither 'bufferView' nor 'sparse'"
-        raise document.error("MESH_FILE_INVALID", pointer, text)
     plain = Accessor(document, pointer, count, width, dtype, normalized, *place)
     return (
         replace(plain, sparse=_parse_sparse(document, sparse, f"{pointer}/sparse", plain))
@@ -412,25 +410,44 @@ def _is_finite(value: float) -> bool:
         return False
 
 
-def list_placed_meshes(document: Document) -> Iterator[tuple[int, NDArray[np.float64]]]:
-    """Yield the number and the world transform (4, 4) of each mesh in the scene, in the order of nodes.
+@dataclass(frozen=True)
+class PlacedMesh:
+    """A mesh in the scene: its number, the JSON of its node, and the world transform (4, 4) of the node."""
 
-    The scene is the default scene of the file, else the first one. Without scenes, all nodes are used.
-    """
-    worlds = _compute_world_transforms(document)
-    for index in sorted(worlds):
+    mesh: int
+    node: dict[str, Any]
+    world: NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class PlacedNodes:
+    """The nodes of the scene: number -> world transform (4, 4), and the numbers of the hidden ones."""
+
+    worlds: dict[int, NDArray[np.float64]]
+    hidden: set[int]
+
+
+def list_placed_meshes(document: Document, nodes: PlacedNodes) -> Iterator[tuple[PlacedMesh, bool]]:
+    """Yield each mesh in the scene, in the order of nodes, and whether it is hidden."""
+    for index, world in sorted(nodes.worlds.items()):
         node, pointer = document.entry("nodes", index)
         if "mesh" in node:
-            yield document.integer(node, "mesh", pointer), worlds[index]
+            placed = PlacedMesh(document.integer(node, "mesh", pointer), node, world)
+            yield placed, index in nodes.hidden
 
 
-def _compute_world_transforms(document: Document) -> dict[int, NDArray[np.float64]]:
-    """Return node number -> world transform (4, 4) for every node of the scene."""
+def place_nodes(document: Document) -> PlacedNodes:
+    """Return the nodes of the scene.
+
+    The scene is the default scene of the file, else the first one. Without scenes, all nodes are used. A node
+    is hidden if it or an ancestor is not visible (KHR_node_visibility).
+    """
     roots, nodes = _find_roots(document)
     worlds: dict[int, NDArray[np.float64]] = {}
-    waiting = [(roots, IDENTITY)]
+    hidden: set[int] = set()
+    waiting = [(roots, IDENTITY, False)]
     while waiting:
-        siblings, parent = waiting.pop()
+        siblings, parent, is_hidden = waiting.pop()
         for index in siblings:
             node, pointer = document.entry("nodes", index)
             if index in worlds:
@@ -439,11 +456,22 @@ def _compute_world_transforms(document: Document) -> dict[int, NDArray[np.float6
             local = _parse_local_transform(document, node, pointer)
             with np.errstate(over="ignore", invalid="ignore"):
                 worlds[index] = parent if local is IDENTITY else parent @ local
-            waiting.append((_parse_node_numbers(document, node, "children", pointer), worlds[index]))
+            is_shown = not is_hidden and _is_visible(document, node, pointer)
+            if not is_shown:
+                hidden.add(index)
+            children = parse_node_numbers(document, node, "children", pointer)
+            waiting.append((children, worlds[index], not is_shown))
     if nodes is not None and len(worlds) < nodes:
         text = "some nodes are in a cycle; nodes must form trees"
         raise document.error("MESH_FILE_INVALID", "/nodes", text)
-    return worlds
+    return PlacedNodes(worlds, hidden)
+
+
+def _is_visible(document: Document, node: dict[str, Any], pointer: str) -> bool:
+    """Return whether a node itself is visible."""
+    extensions = document.object(node, "extensions", pointer)
+    entry = document.object(extensions, VISIBILITY, f"{pointer}/extensions")
+    return entry.get("visible", True) is not False
 
 
 def _find_roots(document: Document) -> tuple[list[int], int | None]:
@@ -455,15 +483,15 @@ def _find_roots(document: Document) -> tuple[list[int], int | None]:
     if document.array(document.root, "scenes", ""):
         number = document.integer(document.root, "scene", "", default=0)
         scene, pointer = document.entry("scenes", number)
-        return _parse_node_numbers(document, scene, "nodes", pointer), None
+        return parse_node_numbers(document, scene, "nodes", pointer), None
     entries = (document.entry("nodes", index) for index in range(count))
     children = {
-        child for node in entries for child in _parse_node_numbers(document, node[0], "children", node[1])
+        child for node in entries for child in parse_node_numbers(document, node[0], "children", node[1])
     }
     return [index for index in range(count) if index not in children], count
 
 
-def _parse_node_numbers(document: Document, owner: dict[str, Any], key: str, pointer: str) -> list[int]:
+def parse_node_numbers(document: Document, owner: dict[str, Any], key: str, pointer: str) -> list[int]:
     """Return the array of node numbers `owner[key]`."""
     numbers = document.array(owner, key, pointer)
     count = len(document.array(document.root, "nodes", ""))

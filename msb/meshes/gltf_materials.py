@@ -19,6 +19,7 @@ _NEAREST, _LINEAR = 9728, 9729
 _NEAREST_FILTERS = (_NEAREST, 9984, 9986)
 _WRAPS: dict[int, Wrap] = {10497: "repeat", 33071: "clamp", 33648: "mirror"}
 _UNLIT, _TRANSFORM, _WEBP = "KHR_materials_unlit", "KHR_texture_transform", "EXT_texture_webp"
+_GLOSSINESS = "KHR_materials_pbrSpecularGlossiness"
 # Keys of material properties that are not read -> their names.
 _OTHERS = {
     "normalTexture": "normal maps",
@@ -62,18 +63,35 @@ def read_base_color(document: Document, primitive: dict[str, Any], pointer: str)
     if "material" not in primitive:
         return BaseColor()
     material, where = document.entry("materials", document.integer(primitive, "material", pointer))
-    surface = document.object(material, "pbrMetallicRoughness", where)
-    where_surface = f"{where}/pbrMetallicRoughness"
-    factor = document.numbers(surface, "baseColorFactor", where_surface, _WHITE).clip(0, 1)
+    surface, where_surface, names = _find_surface(document, material, where)
+    factor_key, texture_key = names
+    factor = document.numbers(surface, factor_key, where_surface, _WHITE).clip(0, 1)
     cutoff = None
     if material.get("alphaMode") == "MASK":
         cutoff = max(document.number(material, "alphaCutoff", where, _CUTOFF), 0) or None
     texture = None
-    if "baseColorTexture" in surface:
-        entry = document.object(surface, "baseColorTexture", where_surface)
-        texture = _parse_texture_use(document, entry, f"{where_surface}/baseColorTexture")
-    is_lost = "baseColorTexture" in surface and texture is None
+    if texture_key in surface:
+        entry = document.object(surface, texture_key, where_surface)
+        texture = _parse_texture_use(document, entry, f"{where_surface}/{texture_key}")
+    is_lost = texture_key in surface and texture is None
     return BaseColor(tuple(factor.tolist()), cutoff, texture, is_lost)
+
+
+def _find_surface(
+    document: Document, material: dict[str, Any], pointer: str
+) -> tuple[dict[str, Any], str, tuple[str, str]]:
+    """Return the object with the colour of a material, its JSON pointer, and the keys of factor and texture.
+
+    The diffuse colour of the specular-glossiness model is the base colour if the metallic-roughness model has
+    none, or only a factor beside a diffuse texture.
+    """
+    surface = document.object(material, "pbrMetallicRoughness", pointer)
+    extensions = document.object(material, "extensions", pointer)
+    diffuse = document.object(extensions, _GLOSSINESS, f"{pointer}/extensions")
+    is_fallback = "baseColorFactor" in surface and "diffuseTexture" not in diffuse
+    if _GLOSSINESS not in extensions or "baseColorTexture" in surface or is_fallback:
+        return surface, f"{pointer}/pbrMetallicRoughness", ("baseColorFactor", "baseColorTexture")
+    return diffuse, f"{pointer}/extensions/{_GLOSSINESS}", ("diffuseFactor", "diffuseTexture")
 
 
 def _parse_texture_use(document: Document, entry: dict[str, Any], pointer: str) -> TextureUse | None:
@@ -126,12 +144,21 @@ def transform_uvs(uvs: NDArray[np.float32], texture: TextureUse) -> NDArray[np.f
         return np.asarray(uvs.astype(np.float64) @ matrix[:, :2].T + matrix[:, 2], np.float32)
 
 
-def read_image_bytes(document: Document, index: int) -> tuple[bytes | memoryview, str]:
-    """Return the bytes of image `index`, from a buffer view or a file, and its JSON pointer."""
+def name_image(document: Document, index: int) -> str:
+    """Return the name of image `index` for messages: its file, the name in the JSON, or its JSON pointer."""
+    entry, pointer = document.entry("images", index)
+    uri = entry.get("uri")
+    if isinstance(uri, str) and uri not in document.embedded and uri[:5].lower() != "data:":
+        return uri
+    return str(entry.get("name") or pointer)
+
+
+def read_image_bytes(document: Document, index: int) -> bytes | memoryview:
+    """Return the bytes of image `index`, from a buffer view or a file."""
     entry, pointer = document.entry("images", index)
     if "bufferView" in entry:
-        return document.view(document.integer(entry, "bufferView", pointer))[0], pointer
-    return document.resource(entry, pointer, MAX_FILE), pointer
+        return document.view(document.integer(entry, "bufferView", pointer))[0]
+    return document.resource(entry, pointer, MAX_FILE)
 
 
 def identify_image(document: Document, index: int) -> Any:
@@ -157,4 +184,8 @@ def list_other_properties(document: Document, primitives: Iterable[dict[str, Any
             yield "alpha blending"
         extensions = material.get("extensions")
         if isinstance(extensions, dict):
-            yield from (shorten(str(name), 40) for name in extensions if name != _UNLIT)
+            others = (name for name in extensions if name not in (_UNLIT, _GLOSSINESS))
+            yield from (shorten(str(name), 40) for name in others)
+            shine = extensions.get(_GLOSSINESS)
+            if isinstance(shine, dict) and shine.keys() - {"diffuseFactor", "diffuseTexture"}:
+                yield "specular colours and glossiness"

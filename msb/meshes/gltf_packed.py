@@ -22,7 +22,7 @@ DRACO = "KHR_draco_mesh_compression"
 _MODES = ("ATTRIBUTES", "TRIANGLES", "INDICES")
 _FILTERS = ("NONE", "OCTAHEDRAL", "QUATERNION", "EXPONENTIAL", "COLOR")
 # Prefixes of the attributes that are read.
-_READ = ("POSITION", "COLOR_0", "TEXCOORD_")
+_READ = ("POSITION", "COLOR_0", "TEXCOORD_", "JOINTS_", "WEIGHTS_")
 # Time limit of the child process, in seconds.
 _SECONDS = 300
 # Memory limit of the child process: 1 GiB, plus 16 times the size of the decoded arrays.
@@ -116,8 +116,14 @@ def _list_jobs(document: Document, meshes: list[int]) -> Iterator[Job]:
             if packed and "bufferView" not in _find_accessor(document, used.get("POSITION")):
                 yield _make_draco_job(document, primitive, packed, pointer)
                 continue
-            for index in (*used.values(), primitive.get("indices")):
+            targets = document.array(primitive, "targets", pointer)
+            moved = [target.get("POSITION") for target in targets if isinstance(target, dict)]
+            for index in (*used.values(), primitive.get("indices"), *moved):
                 views |= _list_views(document, index)
+    skins = document.root.get("skins")
+    for skin in skins if isinstance(skins, list) else []:
+        if isinstance(skin, dict):
+            views |= _list_views(document, skin.get("inverseBindMatrices"))
     for view in sorted(views):
         yield from _list_meshopt_jobs(document, view)
 

@@ -20,9 +20,10 @@ _PRIMITIVE_BYTES = 1 << 10
 
 @dataclass(frozen=True)
 class Primitive:
-    """The description of a primitive with triangles."""
+    """The description of a primitive with triangles, and its JSON `entry`."""
 
     pointer: str
+    entry: dict[str, Any]
     mode: int
     positions: Accessor
     indices: Accessor | None
@@ -110,7 +111,7 @@ def _parse_primitive(document: Document, entry: dict[str, Any], pointer: str) ->
     colors = _parse_attribute(
         document, attributes, where, "COLOR_0", positions.count, unpacked.get("COLOR_0")
     )
-    primitive = Primitive(pointer, mode, positions, indices, colors, uvs, base)
+    primitive = Primitive(pointer, entry, mode, positions, indices, colors, uvs, base)
     if mode == TRIANGLES and primitive.corners % 3:
         text = f"the number of corners, {primitive.corners}, is not a multiple of 3"
         raise document.error("MESH_FILE_INVALID", pointer, text)
@@ -150,14 +151,14 @@ def read_arrays(primitive: Primitive) -> PrimitiveArrays:
         colors = stored_colors(primitive.colors.read())
         most = 65535 if primitive.colors.dtype.itemsize == 2 else 0
     if primitive.uvs is not None:
-        uvs = _read_numbers(primitive.uvs).astype(np.float32)
+        uvs = read_numbers(primitive.uvs).astype(np.float32)
         if primitive.base.texture is not None:
             uvs = transform_uvs(uvs, primitive.base.texture)
     faces = _assemble_triangles(corners, primitive.mode)
-    return PrimitiveArrays(_read_numbers(primitive.positions), faces, colors, most, uvs, primitive.base)
+    return PrimitiveArrays(read_numbers(primitive.positions), faces, colors, most, uvs, primitive.base)
 
 
-def _read_numbers(stored: Accessor) -> NDArray[Any]:
+def read_numbers(stored: Accessor) -> NDArray[Any]:
     """Return floats as float32, and integers as float64, scaled to [-1, 1] if they are normalized."""
     values = stored.read()
     if values.dtype.kind == "f":
@@ -172,7 +173,7 @@ def _assemble_triangles(corners: NDArray[np.int64], mode: int) -> NDArray[np.int
     if mode == TRIANGLES:
         return corners.reshape(-1, 3)
     if mode == _FAN:
-        return fan_triangulate(corners, np.array([len(corners)]))[0]
+        return fan_triangulate(corners)
     # In a strip, every corner forms a triangle with the next two; every other triangle is reversed.
     first = np.arange(max(len(corners) - 2, 0))
     odd = first % 2

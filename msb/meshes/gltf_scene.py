@@ -17,17 +17,25 @@ from msb.errors import MeshFileError, shorten
 from msb.meshes.colors import as_floats, srgb_colors, with_alpha
 from msb.meshes.formats import Format
 from msb.meshes.glb_write import write
-from msb.meshes.gltf import Document, list_placed_meshes, open_document, parse_document
+from msb.meshes.gltf import (
+    VISIBILITY,
+    Document,
+    list_placed_meshes,
+    open_document,
+    parse_document,
+    place_nodes,
+)
 from msb.meshes.gltf_materials import (
     BaseColor,
-    TextureUse,
     identify_image,
     list_other_properties,
+    name_image,
     read_image_bytes,
 )
 from msb.meshes.gltf_packed import DRACO, MESHOPT, unpack
-from msb.meshes.gltf_parts import PrimitiveArrays, parse_primitives, read_arrays, transform_arrays
-from msb.meshes.images import Decoder
+from msb.meshes.gltf_parts import PrimitiveArrays, parse_primitives, read_arrays
+from msb.meshes.gltf_poses import Poses
+from msb.meshes.images import Decoder, describe_lost_image
 from msb.meshes.mesh import Mesh
 from msb.meshes.polygons import join_faces
 from msb.meshes.source import Source
@@ -37,12 +45,26 @@ _HARMLESS = (
     "KHR_materials_",
     "KHR_texture_",
     "KHR_lights_",
+    "KHR_animation_",
+    "KHR_audio",
+    "KHR_interactivity",
+    "KHR_xmp",
     "KHR_mesh_quantization",
+    VISIBILITY,
     DRACO,
     *MESHOPT,
+    "EXT_lights_",
     "EXT_texture_",
+    "EXT_mesh_features",
+    "EXT_instance_features",
+    "EXT_structural_metadata",
     "MSFT_texture_",
+    "MSFT_packing_",
+    "CESIUM_primitive_outline",
 )
+# The parts of a file that only change how a mesh looks or moves. An extension that stands only in these is
+# harmless, whatever its name.
+_LOOKS = ("materials", "textures", "images", "samplers", "animations", "cameras")
 
 # Attribute that is not read, without its number -> its name in messages.
 _ATTRIBUTES = {
@@ -68,98 +90,169 @@ def read_scene(document: Document) -> Mesh:
     range in the returned mesh.
     """
     _check_extensions(document)
-    placed = list(list_placed_meshes(document))
-    used = list(dict.fromkeys(mesh for mesh, _ in placed))
+    nodes = place_nodes(document)
+    every = list(list_placed_meshes(document, nodes))
+    placed = [mesh for mesh, is_hidden in every if not is_hidden]
+    used = list(dict.fromkeys(entry.mesh for entry in placed))
+    poses = Poses(document, nodes.worlds)
     unpack(document, used)
     # Check all descriptions and the total size before any array is read.
     primitives = {mesh: parse_primitives(document, mesh) for mesh in used}
     sizes = {mesh: sum(primitive.bytes for primitive in primitives[mesh]) for mesh in primitives}
-    document.check_total("the arrays of all nodes", sum(sizes[mesh] for mesh, _ in placed))
+    total = sum(
+        sizes[entry.mesh] + sum(poses.count_bytes(primitive, entry) for primitive in primitives[entry.mesh])
+        for entry in placed
+    )
+    document.check_total("the arrays of all nodes", total)
     if not any(primitives.values()) and document.root.get("meshes"):
         text = "the scene contains no mesh with triangles, although the file has meshes"
+        text += " that are hidden" if any(is_hidden for _, is_hidden in every) else ""
         raise document.source.error("MESH_FILE_INVALID", text)
     read = {mesh: [read_arrays(primitive) for primitive in primitives[mesh]] for mesh in primitives}
-    parts = [transform_arrays(part, matrix) for mesh, matrix in placed for part in read[mesh]]
+    parts = [
+        poses.apply(part, primitive, entry)
+        for entry in placed
+        for part, primitive in zip(read[entry.mesh], primitives[entry.mesh], strict=True)
+    ]
+    colors = [part.base for part in parts]
+    parts, images, lost = _decode_images(document, parts)
     if not parts:
         joined = Mesh(np.zeros((0, 3), dtype=np.float32), np.zeros((0, 3), dtype=np.int64))
     else:
-        joined = _join_parts(document, parts)
-    colors = [part.base for part in parts]
-    return replace(joined, left_out=tuple(_list_left_out(document, used, colors)), up="+y")
+        joined = _join_parts(document, parts, images)
+    hidden = len(every) - len(placed)
+    left_out = _list_left_out(document, used, colors) | poses.left_out | lost
+    left_out |= {f"{hidden} hidden mesh{'' if hidden == 1 else 'es'}": None} if hidden else {}
+    if poses.is_skinned and "a skin" in left_out:
+        del left_out["a skin"]
+        left_out["a skin beyond its pose"] = None
+    return replace(joined, left_out=tuple(left_out), up="+y")
 
 
 def _check_extensions(document: Document) -> None:
-    """Reject files that require an unsupported extension: their accessors may be meaningless without it."""
-    for name in document.array(document.root, "extensionsRequired", ""):
-        if not str(name).startswith(_HARMLESS):
+    """Reject files that require an unsupported extension which may change the geometry."""
+    required = [str(name) for name in document.array(document.root, "extensionsRequired", "")]
+    unknown = [name for name in required if not name.startswith(_HARMLESS)]
+    if not unknown:
+        return
+    places = _list_extended_parts(document)
+    for name in unknown:
+        if not places.get(name, {""}) <= set(_LOOKS):
             text = f"the required extension {shorten(str(name))} is not supported; export without it"
             raise document.error("MESH_FILE_UNSUPPORTED", "/extensionsRequired", text)
 
 
-def _join_parts(document: Document, parts: list[PrimitiveArrays]) -> Mesh:
-    """Return the concatenation of all parts as a mesh."""
+def _list_extended_parts(document: Document) -> dict[str, set[str]]:
+    """Return extension -> the keys of the root under which it is used; "" for the root itself."""
+    places: dict[str, set[str]] = {}
+    waiting: list[tuple[str, Any]] = [("", document.root)]
+    while waiting:
+        key, value = waiting.pop()
+        if isinstance(value, dict):
+            extensions = value.get("extensions")
+            for name in extensions if isinstance(extensions, dict) else ():
+                places.setdefault(name, set()).add(key)
+            waiting += [(key or name, entry) for name, entry in value.items()]
+        elif isinstance(value, list):
+            waiting += [(key, entry) for entry in value]
+    return places
+
+
+def _find_cutoff(parts: list[PrimitiveArrays]) -> float | None:
+    """Return the alpha cut-off of the mesh: the smallest of all materials, or None without textures.
+
+    `_combine_colors` scales alpha to it.
+    """
+    cutoffs = [part.base.cutoff for part in parts if part.base.cutoff is not None]
+    is_textured = any(part.base.texture for part in parts)
+    return min([1.0, *cutoffs]) if cutoffs and is_textured else None
+
+
+def _identify_texture(document: Document, part: PrimitiveArrays, cutoff: float | None) -> Any:
+    """Return a key for the texture of a part; None without one.
+
+    An image that is used with and without an alpha cut-off is two textures, because only one of them keeps
+    its alpha channel.
+    """
+    if part.base.texture is None:
+        return None
+    is_masked = cutoff is not None and part.base.cutoff is not None
+    return identify_image(document, part.base.texture.image), is_masked
+
+
+def _decode_images(
+    document: Document, parts: list[PrimitiveArrays]
+) -> tuple[list[PrimitiveArrays], dict[Any, NDArray[np.uint8]], dict[str, None]]:
+    """Return the parts, the texels of their textures by key, and the names of images that cannot be read.
+
+    A part whose image cannot be read has no texture in the result. If the source is read without images, none
+    is decoded.
+    """
+    cutoff = _find_cutoff(parts)
+    keys = [_identify_texture(document, part, cutoff) for part in parts]
+    if not document.source.images or not any(keys):
+        return parts, {}, {}
+    if (count := len(set(keys))) > MAX_TEXTURES:
+        text = f"the scene has {count} textures; at most {MAX_TEXTURES} are supported"
+        raise document.error("MESH_FILE_TOO_LARGE", "/images", text)
+    decoder, read = Decoder(), []
+    images: dict[Any, NDArray[np.uint8] | None] = {}
+    lost: dict[str, None] = {}
+    for part, key in zip(parts, keys, strict=True):
+        texture = part.base.texture
+        if texture is not None and key not in images:
+            try:
+                data = read_image_bytes(document, texture.image)
+                images[key] = decoder.decode(data, alpha=key[1])
+            except MeshFileError as error:
+                images[key] = None
+                name = name_image(document, texture.image)
+                lost[describe_lost_image(name, error.message)] = None
+        is_lost = key is not None and images[key] is None
+        read.append(replace(part, base=replace(part.base, texture=None)) if is_lost else part)
+    return read, {key: image for key, image in images.items() if image is not None}, lost
+
+
+def _join_parts(
+    document: Document, parts: list[PrimitiveArrays], images: dict[Any, NDArray[np.uint8]]
+) -> Mesh:
+    """Return the concatenation of all parts as a mesh; `images` are the texels of their textures."""
     uvs = None
     if any(part.uvs is not None for part in parts):
         blank = [
             np.zeros((len(part.vertices), 2), np.float32) if part.uvs is None else part.uvs for part in parts
         ]
         uvs = np.concatenate(blank)
-    # The alpha cut-off of the mesh is the smallest of all materials; `_combine_colors` scales alpha to it.
-    cutoffs = [part.base.cutoff for part in parts if part.base.cutoff is not None]
-    is_textured = any(part.base.texture for part in parts)
-    cutoff = min([1.0, *cutoffs]) if cutoffs and is_textured else None
+    cutoff = _find_cutoff(parts)
     mesh = Mesh(
         np.concatenate([part.vertices for part in parts]),
         join_faces((part.faces for part in parts), [len(part.vertices) for part in parts]),
         _join_colors([_combine_colors(part, cutoff, _has_srgb_colors(document)) for part in parts], parts),
         vertex_uvs=uvs,
     )
-    return _with_textures(mesh, document, parts, cutoff) if is_textured else mesh
+    is_textured = any(part.base.texture for part in parts)
+    return _with_textures(mesh, document, parts, images) if is_textured else mesh
 
 
 def _with_textures(
-    mesh: Mesh, document: Document, parts: list[PrimitiveArrays], cutoff: float | None
+    mesh: Mesh, document: Document, parts: list[PrimitiveArrays], images: dict[Any, NDArray[np.uint8]]
 ) -> Mesh:
-    """Return `mesh` with the distinct images of its parts, and the sampler of the first texture.
+    """Return `mesh` with the distinct textures of its parts, and the sampler of the first one.
 
     If the source is read without images, only `face_textures` is set.
     """
-    # Number the textures. An image that is used with and without an alpha cut-off becomes two textures,
-    # because only one of them keeps its alpha channel.
-    numbers: dict[Any, int] = {}
-    images: list[tuple[TextureUse | None, bool]] = []
-    of_parts = []
-    for part in parts:
-        texture, masked = part.base.texture, cutoff is not None and part.base.cutoff is not None
-        key = None if texture is None else (identify_image(document, texture.image), masked)
-        if key not in numbers:
-            numbers[key] = len(images)
-            images.append((texture, masked))
-        of_parts.append(numbers[key])
-    face_textures = np.repeat(np.array(of_parts, np.uint32), [len(part.faces) for part in parts])
-    mesh = replace(mesh, face_textures=face_textures if len(images) > 1 else None)
+    cutoff = _find_cutoff(parts)
+    keys = [_identify_texture(document, part, cutoff) for part in parts]
+    numbers = {key: number for number, key in enumerate(dict.fromkeys(keys))}
+    face_textures = np.repeat(
+        np.array([numbers[key] for key in keys], np.uint32), [len(part.faces) for part in parts]
+    )
+    mesh = replace(mesh, face_textures=face_textures if len(numbers) > 1 else None)
     if not document.source.images:
         return mesh
-    if len(images) > MAX_TEXTURES:
-        text = f"the scene has {len(images)} textures; at most {MAX_TEXTURES} are supported"
-        raise document.error("MESH_FILE_TOO_LARGE", "/images", text)
-    decoder = Decoder()
-    textures = tuple(_decode_texture(document, decoder, texture, masked) for texture, masked in images)
-    samplers = [texture.sampler for texture, _ in images if texture is not None]
-    return replace(mesh, textures=textures, sampler=replace(samplers[0], alpha_cutoff=cutoff))
-
-
-def _decode_texture(
-    document: Document, decoder: Decoder, texture: TextureUse | None, masked: bool
-) -> NDArray[np.uint8]:
-    """Return the texels of a texture, with alpha only if `masked`; white for None."""
-    if texture is None:
-        return _PLAIN
-    data, pointer = read_image_bytes(document, texture.image)
-    try:
-        return decoder.decode(data, alpha=masked)
-    except MeshFileError as error:
-        raise document.error(error.code, pointer, error.message) from None
+    textures = tuple(_PLAIN if key is None else images[key] for key in numbers)
+    sampler = next(part.base.texture.sampler for part in parts if part.base.texture is not None)
+    return replace(mesh, textures=textures, sampler=replace(sampler, alpha_cutoff=cutoff))
 
 
 def _has_srgb_colors(document: Document) -> bool:
@@ -209,7 +302,7 @@ def _join_colors(colors: list[NDArray[Any] | None], parts: list[PrimitiveArrays]
     return np.concatenate(joined)
 
 
-def _list_left_out(document: Document, meshes: Iterable[int], colors: list[BaseColor]) -> Iterable[str]:
+def _list_left_out(document: Document, meshes: Iterable[int], colors: list[BaseColor]) -> dict[str, None]:
     """Return the names of everything in the `meshes` of the scene, and in the file, that is not read.
 
     Malformed entries are skipped, because they are not read anyway.

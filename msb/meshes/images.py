@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from msb.asset.texture import MAX_SIDE
 from msb.base.files import library_reason
-from msb.errors import MeshFileError
+from msb.errors import MeshFileError, shorten
 
 if TYPE_CHECKING:
     from PIL import Image
@@ -91,6 +91,11 @@ class Decoder:
             raise MeshFileError("MESH_FILE_TOO_LARGE", text)
         self._left -= needed
         self._total -= needed
+
+
+def describe_lost_image(name: str, reason: str) -> str:
+    """Return the entry of `Mesh.left_out` for an image that cannot be read."""
+    return f"image {shorten(name, 60)} ({shorten(reason, 200)}; its faces have no texture)"
 
 
 def _read_texels(image: Image.Image, *, alpha: bool) -> NDArray[np.uint8]:

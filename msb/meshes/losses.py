@@ -39,10 +39,13 @@ def _list_face_color_formats() -> str:
     return f"{', '.join(names)} or .triasset"
 
 
-def list_losses(mesh: Mesh, written: Mesh, suffix: str, left_out: Sequence[str]) -> Iterator[str]:
+def list_losses(
+    mesh: Mesh, written: Mesh, suffix: str, left_out: Sequence[str], image_loss: str = ""
+) -> Iterator[str]:
     """Yield a note for each loss between `mesh` and `written`, the mesh that a file of `suffix` stores.
 
-    `left_out` lists parts of the source that were already missing in `mesh`.
+    `left_out` lists parts of the source that were already missing in `mesh`. `image_loss` is the end of the
+    sentence about textures that became vertex colours.
     """
     form = FORMATS[suffix]
     is_split = not np.array_equal(written.faces, mesh.faces)
@@ -53,17 +56,32 @@ def list_losses(mesh: Mesh, written: Mesh, suffix: str, left_out: Sequence[str])
             f"{suffix} cannot store face colours: vertices are split where colours differ; "
             f"use {_list_face_color_formats()} to keep face colours"
         )
+    if mesh.textures and not written.textures and written.vertex_colors is not None:
+        yield f"{suffix} has no textures; they were converted to vertex colours{image_loss}"
     if suffix == ".obj" and mesh.textures and mesh.sampler != Sampler(alpha_cutoff=mesh.sampler.alpha_cutoff):
         yield f"{suffix} cannot store texture filtering and wrapping"
     # UVs without a texture are listed in `left_out`, but a GLB stores them anyway.
     lost = [part for part in left_out if part != "UVs" or not _has_uvs(written)]
     lost += form.list_lost(written) if form.list_lost else []
+    lost += _list_lost_parts(mesh, written, suffix)
     if not form.keeps and mesh.textures:
         lost.append(f"textures ({suffix} cannot store them)")
-    elif not form.keeps and (mesh.vertex_colors is not None or mesh.face_colors is not None):
+    if not form.keeps and (mesh.vertex_colors is not None or mesh.face_colors is not None):
         lost.append(f"colours ({suffix} cannot store them)")
     if lost:
         yield f"not written: {', '.join(lost)}"
+
+
+def _list_lost_parts(mesh: Mesh, written: Mesh, suffix: str) -> Iterator[str]:
+    """Yield the names of cut-outs, colours and UVs of `mesh` that a file of `suffix` with `written` lacks."""
+    has_cut_outs = mesh.textures and mesh.sampler.alpha_cutoff is not None
+    if has_cut_outs and FORMATS[suffix].keeps and not written.textures:
+        yield f"cut-outs ({suffix} cannot store them)"
+    has_both = mesh.face_colors is not None and mesh.vertex_colors is not None
+    if has_both and FORMATS[suffix].keeps and "face_colors" not in FORMATS[suffix].keeps:
+        yield "face colours, because vertex colours take precedence"
+    if _has_uvs(mesh) and not mesh.textures and not _has_uvs(written):
+        yield f"UVs ({suffix} cannot store them)"
 
 
 def list_engine_losses(mesh: Mesh, engine: str) -> Iterator[str]:

@@ -8,10 +8,17 @@ from numpy.typing import NDArray
 
 from msb.meshes.colors import stored_colors
 from msb.meshes.formats import Format, Style
-from msb.meshes.image_files import encode_images, simplify_stem
+from msb.meshes.image_files import encode_images, name_images, simplify_stem
 from msb.meshes.mesh import Mesh
-from msb.meshes.obj_materials import names_materials, select_face_lines, with_coordinates, with_materials
-from msb.meshes.polygons import fan_triangulate, find_wrong_polygon
+from msb.meshes.obj_colors import choose_materials, list_lost, list_stored
+from msb.meshes.obj_materials import (
+    CUTOFF,
+    names_materials,
+    select_face_lines,
+    with_coordinates,
+    with_materials,
+)
+from msb.meshes.polygons import find_wrong_polygon, triangulate
 from msb.meshes.source import Source
 from msb.meshes.text import Words, word_blocks
 from msb.meshes.writing import write_rows
@@ -60,22 +67,24 @@ def read(source: Source) -> Mesh:
         }
     if not parts.vertex_count:
         raise source.not_a("OBJ", "there is no 'v x y z' line")
-    faces, polygon = fan_triangulate(np.concatenate(parts.corners), np.concatenate(parts.counts))
-    wrong = find_wrong_polygon(faces, polygon, parts.vertex_count)
+    vertices, corners = np.concatenate(parts.vertices), np.concatenate(parts.corners)
+    cut = triangulate(vertices, corners, np.concatenate(parts.counts))
+    faces = corners[cut.order]
+    wrong = find_wrong_polygon(faces, cut.polygon, parts.vertex_count)
     wrong_face = None if wrong is None else _describe_wrong_face(text, *wrong, parts.vertex_count)
     colors = None
     if parts.color_widths in ({3}, {4}):
         colors = stored_colors(np.concatenate(parts.colors))
-    mesh = Mesh(np.concatenate(parts.vertices), faces, colors, wrong_face=wrong_face)
+    mesh = Mesh(vertices, faces, colors, wrong_face=wrong_face)
     more: dict[str, None] = {}
     if names_materials(text):
         if source.images:
-            mesh, more = with_materials(mesh, text)
+            mesh, more = with_materials(mesh, text, cut)
         elif b"vt" in parts.left_out:
-            mesh = with_coordinates(mesh, text)
+            mesh = with_coordinates(mesh, text, cut)
         parts.left_out -= {b"usemtl", b"vt"} if mesh.textures or not source.images else {b"usemtl"}
     left_out = [what for word, what in _LEFT_OUT.items() if word in parts.left_out]
-    return replace(mesh, left_out=(*left_out, *more))
+    return replace(mesh, left_out=(*left_out, *more, *cut.left_out))
 
 
 def _reject_unsupported(words: Words) -> None:
@@ -137,6 +146,10 @@ def write(mesh: Mesh, stream: BinaryIO, style: Style) -> None:
     Colours follow the coordinates as 0..1 with nine digits. A textured mesh refers to its materials if the
     style has a stem for companion files.
     """
+    has_materials = bool(mesh.textures) and style.stem is not None
+    if has_materials:
+        stream.write(f"mtllib {simplify_stem(style)}.mtl\n".encode())
+        mesh, _, of_face = choose_materials(mesh)
     columns, form = mesh.vertices, "v %r %r %r"
     if mesh.vertex_colors is not None:
         colors: NDArray[Any] = mesh.vertex_colors
@@ -144,9 +157,6 @@ def write(mesh: Mesh, stream: BinaryIO, style: Style) -> None:
             colors = colors / 255
         columns = np.column_stack((columns, colors))
         form += " %.9g" * colors.shape[1]
-    has_materials = bool(mesh.textures) and style.stem is not None
-    if has_materials:
-        stream.write(f"mtllib {simplify_stem(style)}.mtl\n".encode())
     write_rows(stream, form, columns)
     faces, form = mesh.faces + 1, "f %d %d %d"
     if mesh.vertex_uvs is not None or mesh.corner_uvs is not None:
@@ -157,11 +167,10 @@ def write(mesh: Mesh, stream: BinaryIO, style: Style) -> None:
     if not has_materials:
         write_rows(stream, form, faces)
         return
-    # Write a `usemtl` line wherever the texture changes from one face to the next.
-    textures = np.zeros(len(faces), np.uint32) if mesh.face_textures is None else mesh.face_textures
-    starts = np.flatnonzero(np.diff(textures, prepend=-1)) if len(faces) else np.zeros(0, np.intp)
+    # Write a `usemtl` line wherever the material changes from one face to the next.
+    starts = np.flatnonzero(np.diff(of_face, prepend=-1)) if len(faces) else np.zeros(0, np.intp)
     for start, end in zip(starts, [*starts[1:], len(faces)], strict=True):
-        stream.write(b"usemtl texture_%d\n" % textures[start])
+        stream.write(b"usemtl material_%d\n" % of_face[start])
         write_rows(stream, form, faces[start:end])
 
 
@@ -179,12 +188,31 @@ def companions(mesh: Mesh, style: Style) -> dict[str, bytes]:
     """Return the companion files of an OBJ file as name -> content: the MTL file and its images."""
     if not mesh.textures:
         return {}
-    images, materials = encode_images(mesh, style), []
-    for number, name in enumerate(images):
-        cut_off = f"map_d {name}\n" if mesh.sampler.alpha_cutoff is not None else ""
+    _, chosen, _ = choose_materials(mesh)
+    names = name_images(mesh, style)
+    used = {names[material.texture] for material in chosen if material.texture is not None}
+    images = {name: content for name, content in encode_images(mesh, style).items() if name in used}
+    materials = []
+    for number, material in enumerate(chosen):
         # illum 0: constant colour without lighting.
-        materials.append(f"newmtl texture_{number}\nKd 1 1 1\nKs 0 0 0\nillum 0\nmap_Kd {name}\n{cut_off}")
+        lines = [f"newmtl material_{number}", "Kd {:.6g} {:.6g} {:.6g}".format(*material.color)]
+        lines += ["Ks 0 0 0", "illum 0"]
+        if material.texture is not None:
+            name, image = names[material.texture], mesh.textures[material.texture]
+            lines += [f"map_Kd {name}"]
+            if mesh.sampler.alpha_cutoff is not None and image.shape[2] == 4:
+                lines += [f"# {CUTOFF} {mesh.sampler.alpha_cutoff!r}", f"map_d {name}"]
+        materials.append("\n".join(lines) + "\n")
     return images | {f"{simplify_stem(style)}.mtl": "\n".join(materials).encode()}
 
 
-FORMAT = Format("OBJ", (".obj",), read, write, companions=companions, keeps=("vertex_colors", "textures"))
+FORMAT = Format(
+    "OBJ",
+    (".obj",),
+    read,
+    write,
+    companions=companions,
+    keeps=("vertex_colors", "textures"),
+    list_stored=list_stored,
+    list_lost=list_lost,
+)

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from msb.asset.texture import MAX_TEXTURES
 from msb.errors import MeshFileError, shorten
-from msb.meshes.images import MAX_FILE, Decoder
+from msb.meshes.images import MAX_FILE, Decoder, describe_lost_image
 from msb.meshes.linked_files import read_linked_file, resolve_linked_path
 from msb.meshes.mesh import Mesh
-from msb.meshes.polygons import fan_triangulate
+from msb.meshes.polygons import Triangulation
 from msb.meshes.source import Source
 from msb.meshes.text import Words, word_blocks
 
@@ -35,17 +35,42 @@ _NEUTRAL = {"-o": 0.0, "-t": 0.0, "-s": 1.0, "-clamp": "off", "-blendu": "on", "
 _NUMBER = re.compile(r"[+-]?(\d++\.?\d*+|\.\d++)(e[+-]?\d++)?", re.IGNORECASE)
 _FURTHER_MAP = re.compile(r"map_\w+|bump|disp|decal|refl|norm")
 
-# The name of an image as written in the MTL file, or an sRGB colour in bytes.
-Texture = str | tuple[int, ...]
+# The word of a comment with the alpha cut-off of the next `map_d`, which MTL cannot express.
+CUTOFF = "alphaCutoff"
+_CUTOFF = 0.5
 LeftOut = dict[str, None]
+
+
+@dataclass(frozen=True)
+class _Image:
+    """An image as written in the MTL file, and whether its alpha channel cuts holes."""
+
+    name: str
+    is_masked: bool
+
+
+# An image, or an sRGB colour in bytes.
+Texture = _Image | tuple[int, ...]
 
 
 @dataclass
 class _Material:
-    """A material: its sRGB colour in bytes, and the name of its image."""
+    """A material: its sRGB colour in bytes, and the names of its image and of its map of opacity."""
 
     color: tuple[int, ...] = _WHITE
     image: str | None = None
+    mask: str | None = None
+    cutoff: float = _CUTOFF
+
+    @property
+    def is_masked(self) -> bool:
+        """Whether the alpha channel of the image cuts holes: the map of opacity is the same file."""
+        return self.image is not None and self.mask == self.image
+
+    @property
+    def texture(self) -> _Image | None:
+        """The image of the material."""
+        return None if self.image is None else _Image(self.image, self.is_masked)
 
 
 def select_face_lines(words: Words) -> NDArray[np.bool_]:
@@ -58,8 +83,10 @@ def names_materials(text: Source) -> bool:
     return {statement[1] for statement in _STATEMENT.finditer(text.data)} == {b"mtllib", b"usemtl"}
 
 
-def with_materials(mesh: Mesh, text: Source) -> tuple[Mesh, LeftOut]:
+def with_materials(mesh: Mesh, text: Source, cut: Triangulation) -> tuple[Mesh, LeftOut]:
     """Return `mesh`, read from `text`, with the textures of its materials, and the parts not read.
+
+    `cut` has the triangles of its polygons.
 
     A material becomes its image, or a single texel of its colour. Libraries and images that cannot be read
     are skipped. If no material has an image, their colours are skipped if vertices have colours, or if there
@@ -83,11 +110,11 @@ def with_materials(mesh: Mesh, text: Source) -> tuple[Mesh, LeftOut]:
         left_out[f"material {shorten(unknown, 60)} (not defined in any library)"] = None
     # Replace every used material by its image or its colour.
     used = {name: known.get(name, _Material()) for _, name in uses}
-    images = _decode_images(text, used, left_out)
-    textures = {
-        name: material.image if material.image in images else material.color
-        for name, material in used.items()
-    }
+    found, images = _decode_images(text, used, left_out)
+    textures: dict[str, Texture] = {}
+    for name, material in used.items():
+        image = material.texture
+        textures[name] = material.color if image is None else found.get(image, material.color)
     distinct = set(textures.values())
     if (
         not images
@@ -98,22 +125,29 @@ def with_materials(mesh: Mesh, text: Source) -> tuple[Mesh, LeftOut]:
         distinct = {_WHITE}
     if distinct == {_WHITE}:
         return mesh, left_out
-    return _with_textures(mesh, text, [(at, textures[name]) for at, name in uses], images), left_out
+    mesh = _with_textures(mesh, text, cut, [(at, textures[name]) for at, name in uses], images)
+    # The mesh has one cut-off, the smallest one, if any image has an alpha channel.
+    if any(image.shape[2] == 4 for image in mesh.textures):
+        cutoff = min(material.cutoff for material in used.values() if material.is_masked)
+        mesh = replace(mesh, sampler=replace(mesh.sampler, alpha_cutoff=cutoff))
+    return mesh, left_out
 
 
-def with_coordinates(mesh: Mesh, text: Source) -> Mesh:
+def with_coordinates(mesh: Mesh, text: Source, cut: Triangulation) -> Mesh:
     """Return `mesh`, read from `text`, with the texture coordinates of its corners."""
-    uvs, corners, counts, _ = _read_coordinates(text)
-    triangles, _ = fan_triangulate(corners, counts)
-    return replace(mesh, corner_uvs=uvs[triangles.reshape(-1)])
+    uvs, corners, _ = _read_coordinates(text)
+    return replace(mesh, corner_uvs=uvs[corners[cut.order.reshape(-1)]])
 
 
 def _with_textures(
-    mesh: Mesh, text: Source, uses: list[tuple[int, Texture]], images: dict[str, NDArray[np.uint8]]
+    mesh: Mesh,
+    text: Source,
+    cut: Triangulation,
+    uses: list[tuple[int, Texture]],
+    images: dict[_Image, NDArray[np.uint8]],
 ) -> Mesh:
     """Return `mesh` with textures. `uses` lists the byte offsets of `usemtl` lines and their textures."""
-    uvs, corners, counts, lines = _read_coordinates(text)
-    triangles, polygon = fan_triangulate(corners, counts)
+    uvs, corners, lines = _read_coordinates(text)
     # The last use before a polygon's line is its texture. Number the textures that polygons use.
     used = np.searchsorted([at for at, _ in uses], lines, side="right") - 1
     numbers: dict[Texture, int] = {}
@@ -124,25 +158,25 @@ def _with_textures(
     of_polygon = np.array(of_use, np.uint32)[np.unique(used, return_inverse=True)[1]]
     return replace(
         mesh,
-        corner_uvs=uvs[triangles.reshape(-1)],
+        corner_uvs=uvs[corners[cut.order.reshape(-1)]],
         textures=tuple(
-            images[texture] if isinstance(texture, str) else np.array([[texture]], np.uint8)
+            images[texture] if isinstance(texture, _Image) else np.array([[texture]], np.uint8)
             for texture in numbers
         ),
-        face_textures=of_polygon[polygon] if len(numbers) > 1 else None,
+        face_textures=of_polygon[cut.polygon] if len(numbers) > 1 else None,
     )
 
 
 def _read_coordinates(
     text: Source,
-) -> tuple[NDArray[np.float32], NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+) -> tuple[NDArray[np.float32], NDArray[np.int64], NDArray[np.int64]]:
     """Return the texture coordinates of an OBJ file and the polygons that use them.
 
     The first array has the coordinates (T + 1, 2), with v downwards. Its last row is for corners without
-    coordinates. The second array (C,) has the row of each corner. The other two have the number of corners
-    (P,) and the byte offset (P,) of each polygon.
+    coordinates. The second array (C,) has the row of each corner, the third (P,) the byte offset of each
+    polygon.
     """
-    uvs, corners, counts, lines, above = [], [], [], [], 0
+    uvs, corners, lines, above = [], [], [], 0
     for words in word_blocks(text, comments=True):
         is_uv, is_face = words.lines_beginning(b"vt"), select_face_lines(words)
         uvs.append(_read_uvs(words, is_uv))
@@ -153,7 +187,6 @@ def _read_coordinates(
         rows = np.full(len(words.start), -1, np.int64)
         rows[has_uv] = named.indices(has_uv, above + np.cumsum(is_uv), "texture coordinate")
         corners.append(rows[chosen])
-        counts.append(words.count[is_face] - 1)
         lines.append(words.base + words.start[words.first[is_face]])
         above += int(is_uv.sum())
     joined = np.concatenate(corners)
@@ -162,7 +195,7 @@ def _read_coordinates(
         raise text.error("MESH_FILE_INVALID", message)
     stored = np.concatenate([*uvs, np.zeros((1, 2))])
     with np.errstate(over="ignore"):
-        return stored.astype(np.float32), joined, np.concatenate(counts), np.concatenate(lines)
+        return stored.astype(np.float32), joined, np.concatenate(lines)
 
 
 def _read_uvs(words: Words, is_uv: NDArray[np.bool_]) -> NDArray[np.float64]:
@@ -183,26 +216,31 @@ def _read_uvs(words: Words, is_uv: NDArray[np.bool_]) -> NDArray[np.float64]:
 
 def _decode_images(
     text: Source, used: dict[str, _Material], left_out: LeftOut
-) -> dict[str, NDArray[np.uint8]]:
-    """Return the decoded images of materials by name. If a file has several names, all use the first."""
-    decoder, images = Decoder(), {}
-    firsts: dict[Path, str] = {}
-    first_of: dict[str, str] = {}
-    for name in dict.fromkeys(material.image for material in used.values() if material.image is not None):
-        if len(firsts) == _MAX_FILES:
-            left_out[f"images after the first {_MAX_FILES:,}"] = None
-            break
-        path = name.replace("\\", "/")
+) -> tuple[dict[_Image, _Image], dict[_Image, NDArray[np.uint8]]]:
+    """Return the images that can be read, and their texels.
+
+    If a file has several names, all of them are mapped to the first one, which has the texels.
+    """
+    decoder, files, texels = Decoder(), set[Path](), {}
+    firsts: dict[tuple[Path, bool], _Image] = {}
+    first_of: dict[_Image, _Image] = {}
+    for image in dict.fromkeys(material.texture for material in used.values()):
+        if image is None:
+            continue
+        path = image.name.replace("\\", "/")
         try:
             place = resolve_linked_path(text, path, "map_Kd")
-            first_of[name] = firsts.setdefault(place, name)
-            if first_of[name] == name:
-                images[name] = decoder.decode(read_linked_file(text, path, "map_Kd", MAX_FILE), alpha=False)
+            if len(files | {place}) > _MAX_FILES:
+                left_out[f"images after the first {_MAX_FILES:,}"] = None
+                break
+            files.add(place)
+            first_of[image] = firsts.setdefault((place, image.is_masked), image)
+            if first_of[image] == image:
+                data = read_linked_file(text, path, "map_Kd", MAX_FILE)
+                texels[image] = decoder.decode(data, alpha=image.is_masked)
         except MeshFileError as error:
-            left_out[f"image {shorten(name, 60)} ({shorten(error.message, 200)})"] = None
-    for material in used.values():
-        material.image = first_of.get(material.image or "")
-    return images
+            left_out[describe_lost_image(image.name, error.message)] = None
+    return {image: first for image, first in first_of.items() if first in texels}, texels
 
 
 def _read_libraries(
@@ -228,13 +266,15 @@ def _read_libraries(
 
 def _read_library(data: bytes, known: dict[str, _Material], left_out: LeftOut) -> None:
     """Add the materials of an MTL file to `known`."""
-    material = _Material()
+    material, materials = _Material(), []
+    cutoff = _CUTOFF
     for line in data.removeprefix(codecs.BOM_UTF8).splitlines():
         word, _, rest = _decode_line(line).partition(" ")
         rest = rest.strip()
         if word == "newmtl":
-            material = _Material()
+            material, cutoff = _Material(), _CUTOFF
             known.setdefault(rest, material)
+            materials.append(material)
         elif word == "Kd":
             material.color = _parse_color(rest)
         elif word.lower() == "map_kd" and len(rest) > _MAX_LINE:
@@ -243,8 +283,14 @@ def _read_library(data: bytes, known: dict[str, _Material], left_out: LeftOut) -
             material.image, is_plain = _strip_options(rest)
             if not is_plain:
                 left_out["options of maps"] = None
+        elif word == "#" and rest.startswith(CUTOFF):
+            cutoff = _parse_cutoff(rest.removeprefix(CUTOFF).strip())
+        elif word.lower() == "map_d" and len(rest) <= _MAX_LINE:
+            material.mask, material.cutoff = _strip_options(rest)[0], cutoff
         elif _FURTHER_MAP.fullmatch(word.lower()):
             left_out["further maps of materials"] = None
+    if any(material.mask is not None and not material.is_masked for material in materials):
+        left_out["further maps of materials"] = None
 
 
 def _parse_color(words: str) -> tuple[int, ...]:
@@ -253,6 +299,12 @@ def _parse_color(words: str) -> tuple[int, ...]:
     if len(values) < 3 or not all(_NUMBER.fullmatch(value) for value in values):
         return _WHITE
     return tuple(round(255 * min(max(float(value), 0), 1)) for value in values)
+
+
+def _parse_cutoff(word: str) -> float:
+    """Return the alpha cut-off in a comment, or the default one if it is not a number above 0."""
+    value = float(word) if len(word) < 40 and _NUMBER.fullmatch(word) else 0.0
+    return value if 0 < value < float("inf") else _CUTOFF
 
 
 def _strip_options(words: str) -> tuple[str, bool]:

@@ -12,7 +12,7 @@ from msb.errors import shorten
 from msb.meshes.colors import stored_colors
 from msb.meshes.formats import Format, Style
 from msb.meshes.mesh import Mesh
-from msb.meshes.polygons import concatenate_ranges, fan_triangulate, find_wrong_polygon
+from msb.meshes.polygons import Triangulation, concatenate_ranges, find_wrong_polygon, triangulate
 from msb.meshes.source import Source
 from msb.meshes.text import Table, read_table
 from msb.meshes.writing import write_rows
@@ -60,14 +60,21 @@ def read(source: Source) -> Mesh:
     if rows > declared_rows:
         raise table.row_error("MESH_FILE_INVALID", declared_rows, "lines follow after the last face")
     vertices, vertex_colors = _read_vertices(table, header)
-    faces, polygon, face_colors = _read_faces(table, header)
-    wrong = find_wrong_polygon(faces, polygon, header.vertices)
+    faces, cut, face_colors = _read_faces(table, header, vertices)
+    wrong = find_wrong_polygon(faces, cut.polygon, header.vertices)
     wrong_face = None
     if wrong is not None:
         byte = int(table.byte[header.vertices + wrong[0]])
         wrong_face = text.wrong_index(byte, wrong[1], header.vertices)
     left_out = [what for prefix, what in _LEFT_OUT.items() if prefix in header.prefixes]
-    return Mesh(vertices, faces, vertex_colors, face_colors, left_out=tuple(left_out), wrong_face=wrong_face)
+    return Mesh(
+        vertices,
+        faces,
+        vertex_colors,
+        face_colors,
+        left_out=(*left_out, *cut.left_out),
+        wrong_face=wrong_face,
+    )
 
 
 def write(mesh: Mesh, stream: BinaryIO, _style: Style) -> None:
@@ -152,9 +159,9 @@ def _read_vertices(table: Table, header: _Header) -> tuple[NDArray[np.float64], 
 
 
 def _read_faces(
-    table: Table, header: _Header
-) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[Any] | None]:
-    """Return the triangles (F, 3), the face line of each (F,), and their colours (F, 3 | 4) or None.
+    table: Table, header: _Header, vertices: NDArray[np.float64]
+) -> tuple[NDArray[np.int64], Triangulation, NDArray[Any] | None]:
+    """Return the triangles (F, 3), how polygons were split, and the colours (F, 3 | 4) or None.
 
     A face line has the number of corners, their vertex indices, and an optional colour.
     """
@@ -170,14 +177,15 @@ def _read_faces(
         message += "after the corners, only a colour of 1, 3 or 4 values may follow"
         raise table.row_error("MESH_FILE_INVALID", header.vertices + face, message)
     corners = table.integers(np.repeat(begin + 1, counts) + concatenate_ranges(counts), "an index")
-    faces, polygon = fan_triangulate(corners, counts)
+    cut = triangulate(vertices, corners, counts)
+    faces = corners[cut.order]
     # Colours are read if all faces with triangles have the same number of channels, 3 or 4.
     drawn = counts >= 3
     width = int(extra[drawn][0]) if drawn.any() else 0
     if width < 3 or (extra[drawn] != width).any():
-        return faces, polygon, None
-    places = (begin + 1 + counts)[polygon]
-    return faces, polygon, _read_colors(table, places[:, None] + np.arange(width))
+        return faces, cut, None
+    places = (begin + 1 + counts)[cut.polygon]
+    return faces, cut, _read_colors(table, places[:, None] + np.arange(width))
 
 
 def _read_colors(table: Table, places: NDArray[np.int64]) -> NDArray[Any]:

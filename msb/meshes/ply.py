@@ -12,7 +12,8 @@ from msb.meshes.formats import Format, Style
 from msb.meshes.mesh import Mesh
 from msb.meshes.ply_body import Body, Rows, open_body
 from msb.meshes.ply_header import TYPES, Element, Header, read_header
-from msb.meshes.polygons import fan_triangulate, find_wrong_polygon
+from msb.meshes.ply_textures import list_read_properties, with_textures
+from msb.meshes.polygons import find_wrong_polygon, triangulate
 from msb.meshes.source import Source
 from msb.meshes.writing import ROWS_AT_A_TIME
 
@@ -46,14 +47,19 @@ def read(source: Source) -> Mesh:
         return Mesh(_read_positions(vertices, body), no_faces, vertex_colors, left_out=left_out)
     faces = rows["face"]
     counts, corners = body.indices(faces, _find_index_list(faces.element))
-    triangles, polygon = fan_triangulate(corners, counts)
-    wrong = find_wrong_polygon(triangles, polygon, vertices.element.count)
+    positions = _read_positions(vertices, body)
+    cut = triangulate(positions, corners, counts)
+    triangles = corners[cut.order]
+    wrong = find_wrong_polygon(triangles, cut.polygon, vertices.element.count)
     wrong_face = None if wrong is None else body.wrong_face(faces, *wrong, vertices.element.count)
     face_colors = _read_colors(faces, body)
     if face_colors is not None:
-        face_colors = face_colors[polygon]
-    positions = _read_positions(vertices, body)
-    return Mesh(positions, triangles, vertex_colors, face_colors, left_out=left_out, wrong_face=wrong_face)
+        face_colors = face_colors[cut.polygon]
+    left_out = (*left_out, *cut.left_out)
+    mesh = Mesh(positions, triangles, vertex_colors, face_colors, left_out=left_out, wrong_face=wrong_face)
+    if not header.images:
+        return mesh
+    return with_textures(mesh, source, header.images, body, (vertices, faces), counts, cut)
 
 
 def write(mesh: Mesh, stream: BinaryIO, _style: Style) -> None:
@@ -106,6 +112,7 @@ def _write_records(
 def _list_left_out(header: Header) -> tuple[str, ...]:
     """Return the names of skipped vertex and face properties and of skipped elements."""
     read = {"x", "y", "z", *_INDEX_NAMES, *(name for names in _COLOR_NAMES for name in names)}
+    read |= list_read_properties(header)
     parts: dict[str, None] = {}
     for element in (candidate for candidate in header.elements if candidate.count):
         if element.name not in ("vertex", "face"):

@@ -59,6 +59,9 @@ class Body(Protocol):
     def indices(self, rows: Rows, name: str) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Return the lengths (N,) and the concatenated integers (C,) of a list property."""
 
+    def numbers(self, rows: Rows, name: str) -> tuple[NDArray[np.int64], NDArray[Any]]:
+        """Return the lengths (N,) and the concatenated numbers (C,) of a list property."""
+
     def wrong_face(self, rows: Rows, row: int, index: int, vertices: int) -> str | None:
         """Return the text of `Mesh.wrong_face` for a row with the invalid vertex `index`.
 
@@ -110,6 +113,10 @@ class _BinaryBody(Body):
         return self._take(place, wanted.type)
 
     def indices(self, rows: Rows, name: str) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        counts, values = self.numbers(rows, name)
+        return counts, values.astype(np.int64)
+
+    def numbers(self, rows: Rows, name: str) -> tuple[NDArray[np.int64], NDArray[Any]]:
         wanted, place = self._find(rows, name)
         counts = self._take(place, wanted.count_type).astype(np.int64)
         place = place + _width(wanted.count_type)
@@ -118,7 +125,7 @@ class _BinaryBody(Body):
             corners = (place[:, None] + width * np.arange(counts[0])).ravel()
         else:
             corners = np.repeat(place, counts) + width * concatenate_ranges(counts)
-        return counts, self._take(corners, wanted.type).astype(np.int64)
+        return counts, self._take(corners, wanted.type)
 
     def _after(self, place: NDArray[np.int64], wanted: Property) -> NDArray[np.int64]:
         if not wanted.count_type:
@@ -237,6 +244,11 @@ class _TextBody(Body):
         return counts, self._table.integers(
             np.repeat(place + 1, counts) + concatenate_ranges(counts), "an index"
         )
+
+    def numbers(self, rows: Rows, name: str) -> tuple[NDArray[np.int64], NDArray[Any]]:
+        _, place = self._find(rows, name)
+        counts = self._table.integers(place, "the length of a list")
+        return counts, self._table.values[np.repeat(place + 1, counts) + concatenate_ranges(counts)]
 
     def wrong_face(self, rows: Rows, row: int, index: int, vertices: int) -> str:
         line = int(np.searchsorted(self._table.row, rows.place[row], side="right")) - 1

@@ -58,11 +58,16 @@ class Element:
 
 @dataclass(frozen=True)
 class Header:
-    """The parsed header. `order` is a value of `FORMATS`, and `body` the offset of the body in bytes."""
+    """The parsed header.
+
+    `order` is a value of `FORMATS`, `body` the offset of the body in bytes, and `images` the names of the
+    texture images in comments.
+    """
 
     order: str
     elements: list[Element]
     body: int
+    images: tuple[str, ...] = ()
 
 
 def read_header(source: Source) -> Header:
@@ -74,10 +79,13 @@ def read_header(source: Source) -> Header:
     lines, body = _split_lines(source)
     order: str | None = None
     elements: list[Element] = []
+    images: list[str] = []
     for number, line in enumerate(lines, start=2):
         where = f"line {number}"
         words = line.split()
         match words:
+            case ["comment", "TextureFile", _, *_]:
+                images.append(line.split("TextureFile", 1)[1].strip())
             case [] | ["comment", *_] | ["obj_info", *_]:
                 pass
             case ["format", name, version] if order is None and not elements:
@@ -98,7 +106,7 @@ def read_header(source: Source) -> Header:
         for twice in _find_repeated(entry.name for entry in element.properties):
             text = f"property '{shorten(twice)}' of {element} is declared twice"
             raise source.error("MESH_FILE_INVALID", text)
-    return Header(order, elements, body)
+    return Header(order, elements, body, tuple(images))
 
 
 def _split_lines(source: Source) -> tuple[list[str], int]:

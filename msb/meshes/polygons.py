@@ -1,31 +1,341 @@
 """Split polygons into triangles, and join the faces of several parts."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+# A fan triangle is turned over if its signed area is below this share of the area of its polygon, negative.
+# Rounded coordinates of a convex polygon stay above it.
+_AREA_TOLERANCE = 1e-6
+# The rounding error of areas in units of the squared size of a polygon, for coordinates in float32.
+_ROUNDING = 4e-7
+# Limit for cutting ears, in squared corners summed over all polygons: a fixed number, and a number for each
+# corner of the file. Polygons beyond the limit become fans. The largest outline that is cut in a small
+# file has 2,048 corners, which take a second.
+_WORK, _WORK_PER_CORNER = 1 << 22, 64
+# Elements of the arrays (polygons, corners) that are processed at a time.
+_CELLS_AT_A_TIME = 1 << 20
+# Score of a corner that is no ear, and of one that has been removed.
+_NO_EAR, _GONE = -1.0, -2.0
 
-def fan_triangulate(
-    corners: NDArray[np.int64], counts: NDArray[np.int64]
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Split every polygon into the triangle fan (0, 1, 2), (0, 2, 3), ... around its first corner.
+Floats = NDArray[np.float64]
+# The x and y of points.
+Point = tuple[Floats, Floats]
 
-    `corners` (C,) are the vertex indices of all polygons one after the other, `counts` (N,) the number of
-    corners of each. Polygons with fewer than three corners are dropped. Return the triangles (F, 3) in the
-    order of the polygons, and the polygon (F,) of each triangle.
+
+@dataclass(frozen=True)
+class Triangulation:
+    """The triangles of polygons whose corners are stored one after the other.
+
+    Attributes
+    ----------
+    order : (F, 3) int64
+        The places of the triangle's corners among all corners. Triangles are in the order of the polygons.
+    polygon : (F,) int64
+        The polygon of each triangle.
+    uncut : int
+        The number of polygons that are no simple outline, or too large, and became fans that overlap.
     """
+
+    order: NDArray[np.int64]
+    polygon: NDArray[np.int64]
+    uncut: int = 0
+
+    @property
+    def left_out(self) -> tuple[str, ...]:
+        """The entries for `Mesh.left_out`."""
+        if not self.uncut:
+            return ()
+        what = (
+            "1 polygon that crosses itself"
+            if self.uncut == 1
+            else f"{self.uncut:,} polygons that cross themselves"
+        )
+        return (f"the outline of {what} or has too many corners (read as a triangle fan)",)
+
+
+def triangulate(points: NDArray[Any], corners: NDArray[np.int64], counts: NDArray[np.int64]) -> Triangulation:
+    """Split every polygon into triangles, without new vertices.
+
+    `points` (V, 3) are the vertices, `corners` (C,) the vertex indices of all polygons one after the other,
+    and `counts` (N,) the number of corners of each. Polygons with fewer than three corners are dropped, and
+    n corners give n - 2 triangles.
+
+    A polygon becomes the triangle fan (0, 1, 2), (0, 2, 3), ... around its first corner if no triangle of the
+    fan is turned over, as in every convex polygon. Otherwise its ears are cut, in the projection along its
+    normal by Newell's method. A polygon that crosses itself stays a fan. So does one with invalid vertices.
+    """
+    order, polygon = _make_fans(counts)
+    if np.all(counts <= 3):
+        return Triangulation(order, polygon)
+    # Find the polygons whose fan is wrong. Polygons with the same number of corners are examined together.
+    first = np.cumsum(counts) - counts
+    concave, uncut = [np.zeros(0, np.int64)], 0
+    by_size = np.argsort(counts, kind="stable")
+    for group in np.split(by_size, np.flatnonzero(np.diff(counts[by_size])) + 1):
+        size = int(counts[group[0]])
+        step = max(_CELLS_AT_A_TIME // max(size, 1), 1)
+        for start in range(0, len(group) if size > 3 else 0, step):
+            part = group[start : start + step]
+            is_turned, is_covered = _judge_fans(_gather(points, corners, first[part], counts[part], size))
+            concave.append(part[is_turned & ~is_covered])
+            uncut += int(np.count_nonzero(is_covered))
+    # Cut the smallest polygons first, as far as the work is limited. Their triangles replace the fans.
+    chosen = np.concatenate(concave)
+    row = np.cumsum(np.maximum(counts - 2, 0)) - np.maximum(counts - 2, 0)
+    uncut += len(chosen)
+    for part, width in _make_batches(chosen, counts[chosen], _WORK + _WORK_PER_CORNER * len(corners)):
+        outlines = _project(_gather(points, corners, first[part], counts[part], width))
+        triangles, is_cut = _cut_ears(*outlines, counts[part])
+        part, triangles = part[is_cut], triangles[is_cut]
+        places = np.repeat(row[part], counts[part] - 2) + concatenate_ranges(counts[part] - 2)
+        is_used = np.arange(width - 2) < (counts[part] - 2)[:, None]
+        order[places] = (first[part][:, None, None] + triangles)[is_used]
+        uncut -= len(part)
+    return Triangulation(order, polygon, uncut)
+
+
+def fan_triangulate(corners: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return the triangle fan (F, 3) of one polygon with the vertex indices `corners` (C,)."""
+    return corners[_make_fans(np.array([len(corners)]))[0]]
+
+
+def _make_fans(counts: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the places of the corners (F, 3) and the polygon (F,) of the fans of polygons."""
     if np.all(counts == 3):
-        return corners.reshape(-1, 3), np.arange(len(counts))
+        return np.arange(3 * len(counts)).reshape(-1, 3), np.arange(len(counts))
     triangles = np.maximum(counts - 2, 0)
     polygon = np.repeat(np.arange(len(counts)), triangles)
-    # For each triangle, the places in `corners` of its first and second corner.
+    # For each triangle, the places of its first and second corner.
     first = (np.cumsum(counts) - counts)[polygon]
     second = first + 1 + concatenate_ranges(triangles)
-    faces = np.zeros((len(polygon), 3), dtype=np.int64)
-    for column, place in enumerate((first, second, second + 1)):
-        faces[:, column] = corners[place]
-    return faces, polygon
+    return np.stack((first, second, second + 1), axis=1), polygon
+
+
+def _gather(
+    points: NDArray[Any],
+    corners: NDArray[np.int64],
+    first: NDArray[np.int64],
+    counts: NDArray[np.int64],
+    width: int,
+) -> Floats:
+    """Return x, y and z (3, P, `width`) of polygons relative to their first corner, scaled to a size of 1.
+
+    `first` (P,) are the places of the first corners. Shorter polygons are padded with their last corner.
+    Invalid vertices are NaN.
+    """
+    rows = corners[first[:, None] + np.minimum(np.arange(width), counts[:, None] - 1)]
+    wrong = (rows < 0) | (rows >= len(points))
+    placed = np.zeros((3, *rows.shape))
+    with np.errstate(all="ignore"):
+        for axis in range(3):
+            placed[axis] = points[:, axis][np.where(wrong, 0, rows)] if len(points) else np.nan
+        placed[:, wrong] = np.nan
+        placed -= placed[:, :, :1].copy()
+        size = np.abs(placed).max(axis=(0, 2))
+        placed /= np.where(size > 0, size, 1)[:, None]
+    return placed
+
+
+def _cross(a: Floats, b: Floats) -> Floats:
+    """Return the cross products (3, ...) of vectors (3, ...)."""
+    return np.stack([a[i - 2] * b[i - 1] - a[i - 1] * b[i - 2] for i in range(3)])
+
+
+def _judge_fans(placed: Floats) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return two masks (P,) of the polygons (3, P, n) whose fans overlap.
+
+    Ears can be cut from the first ones, because some triangles of their fans are turned over. The second ones
+    cross themselves.
+    """
+    with np.errstate(all="ignore"):
+        # across (3, P, n - 2): twice the area of each fan triangle, along its normal. The sum over a polygon
+        # is its normal by Newell's method.
+        a, b = placed[..., 1:-1], placed[..., 2:]
+        across = _cross(a, b)
+        normal = across.sum(axis=2)
+        area = np.sqrt((normal**2).sum(axis=0))
+        # A triangle is turned over if its normal points the other way.
+        unit = normal / np.where(area > 0, area, 1)
+        is_turned = (across * unit[..., None]).sum(axis=0).min(axis=1) < -_AREA_TOLERANCE * area - _ROUNDING
+        # A polygon without a normal has triangles that cancel each other, or no area at all.
+        length = np.sqrt((across**2).sum(axis=0))
+        total = length.sum(axis=1)
+        is_covered = (area < _AREA_TOLERANCE * total) & (total > _ROUNDING)
+        # A fan that covers itself goes round its first corner more than once.
+        if placed.shape[2] > 4:
+            angle = np.arctan2(length, (a * b).sum(axis=0)).sum(axis=1)
+            is_covered |= ~is_turned & (angle > 2 * np.pi + _AREA_TOLERANCE) & (total > _ROUNDING)
+    return is_turned, is_covered
+
+
+def _make_batches(
+    concave: NDArray[np.int64], counts: NDArray[np.int64], work: int
+) -> Iterator[tuple[NDArray[np.int64], int]]:
+    """Yield groups of the polygons `concave` (P,), and a width that no number of corners in them exceeds.
+
+    The groups end with the largest polygon that the limit `work` permits.
+    """
+    by_size = np.argsort(counts, kind="stable")
+    width = 1 << np.ceil(np.log2(counts[by_size])).astype(np.int64)
+    is_within = np.cumsum(width**2) <= work
+    for most in np.unique(width[is_within]).tolist():
+        group = concave[by_size[is_within & (width == most)]]
+        step = max(_CELLS_AT_A_TIME // most, 1)
+        for start in range(0, len(group), step):
+            yield group[start : start + step], most
+
+
+def _project(placed: Floats) -> tuple[Floats, Floats]:
+    """Return two coordinates (P, M) of polygons (3, P, M), in which they are counter-clockwise.
+
+    The third one is that of the axis along which the normal is largest.
+    """
+    normal = _cross(placed[..., :-1], placed[..., 1:]).sum(axis=2)
+    axis = np.argmax(np.abs(normal), axis=0)
+    every = np.arange(len(axis))
+    # The axes after the dropped one, in cyclic order, exchanged where the normal is negative.
+    axes = np.stack(((axis + 1) % 3, (axis + 2) % 3))
+    is_down = normal[axis, every] < 0
+    axes[:, is_down] = axes[::-1, is_down]
+    return placed[axes[0], every], placed[axes[1], every]
+
+
+def _cut_ears(x: Floats, y: Floats, counts: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    """Cut polygons with the coordinates (P, M), counter-clockwise with `counts` (P,) corners, into triangles.
+
+    Return the corners (P, M - 2, 3) of the triangles, and a mask (P,) of the polygons that were cut. In each
+    round every polygon loses its best-shaped ear.
+    """
+    ring = _Ring.of(x, y, counts)
+    polygons, width = x.shape
+    triangles = np.zeros((polygons, width - 2, 3), np.int64)
+    is_cut = ~ring.cross_themselves()
+    scores = np.stack([ring.score(np.full(polygons, corner)) for corner in range(width)], axis=1)
+    scores[~ring.is_left] = _GONE
+    every = np.arange(polygons)
+    for number in range(width - 2):
+        ear = np.argmax(scores, axis=1)
+        before, after = ring.before[every, ear], ring.after[every, ear]
+        triangles[:, number] = np.stack((before, ear, after), axis=1)
+        # The last triangle is what is left, and must not be turned over.
+        left = counts - number
+        is_right = ring.area(before, ear, after) >= -_ROUNDING
+        is_cut &= (left < 3) | np.where(left == 3, is_right, scores[every, ear] > _NO_EAR)
+        # Remove the ear, and examine the corners beside it again.
+        ring.remove(ear, before, after)
+        scores[every, ear] = _GONE
+        for beside in (before, after):
+            scores[every, beside] = ring.score(beside)
+    return triangles, is_cut
+
+
+@dataclass
+class _Ring:
+    """The remaining corners of polygons, as linked rings.
+
+    `x`, `y` (P, M) are their coordinates, `before` and `after` (P, M) the neighbours of each corner, and
+    `is_left` (P, M) is a mask.
+    """
+
+    x: Floats
+    y: Floats
+    before: NDArray[np.int64]
+    after: NDArray[np.int64]
+    is_left: NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, x: Floats, y: Floats, counts: NDArray[np.int64]) -> "_Ring":
+        """Return the complete rings of polygons (P, M) with `counts` (P,) corners."""
+        number = np.arange(x.shape[1])
+        before, after = (number - 1) % counts[:, None], (number + 1) % counts[:, None]
+        return cls(x, y, before, after, number < counts[:, None])
+
+    def remove(self, corner: NDArray[np.int64], before: NDArray[np.int64], after: NDArray[np.int64]) -> None:
+        """Remove one corner (P,) of each polygon, between its neighbours `before` and `after` (P,)."""
+        every = np.arange(len(corner))
+        self.after[every, before] = after
+        self.before[every, after] = before
+        self.is_left[every, corner] = False
+
+    def area(self, *corners: NDArray[np.int64]) -> Floats:
+        """Return twice the signed area (P,) of a triangle of each polygon."""
+        every = np.arange(len(self.x))
+        return _area(*((self.x[every, corner], self.y[every, corner]) for corner in corners))
+
+    def score(self, corner: NDArray[np.int64]) -> Floats:
+        """Return the shape of the triangle at one corner (P,) of each polygon, or `_NO_EAR`.
+
+        The shape is the area over the sum of squared sides. An ear has no other corner in it, not even on
+        its sides. Corners at the same place as its own do not count, because the two sides of a cut that
+        joins a hole to the outline touch; but no side may lead from the tip into the triangle.
+        """
+        every = np.arange(len(corner))
+        before, after = self.before[every, corner], self.after[every, corner]
+        a, b, c = ((self.x[every, at], self.y[every, at]) for at in (before, corner, after))
+        area = _area(a, b, c)
+        is_ear = (area >= 0) & self.is_left[every, corner]
+        # Candidates (N,): the corners in the bounding box of the triangle, and the polygon of each.
+        is_near = self.is_left & is_ear[:, None]
+        for values, axis in ((self.x, 0), (self.y, 1)):
+            sides = np.stack((a[axis], b[axis], c[axis]))
+            is_near &= (values >= sides.min(axis=0)[:, None]) & (values <= sides.max(axis=0)[:, None])
+        polygon, number = np.nonzero(is_near)
+        a, b, c = ((x[polygon], y[polygon]) for x, y in (a, b, c))
+        q = self.x[polygon, number], self.y[polygon, number]
+        is_inside = (_area(a, b, q) >= 0) & (_area(b, c, q) >= 0) & (_area(c, a, q) >= 0)
+        at_tip, at_end = ((q[0] == p[0]) & (q[1] == p[1]) for p in (b, a))
+        at_end |= (q[0] == c[0]) & (q[1] == c[1])
+        # A side from the tip into the triangle lies between its two sides there.
+        leads_in = np.zeros(len(polygon), bool)
+        for neighbours in (self.before, self.after):
+            end = neighbours[polygon, number]
+            e = self.x[polygon, end], self.y[polygon, end]
+            leads_in |= (_area(a, b, e) > 0) & (_area(b, c, e) > 0)
+        is_blocking = np.where(at_tip, leads_in, is_inside & ~at_end)
+        is_ear[polygon[is_blocking]] = False
+        squares = sum(
+            (p[axis] - q[axis]) ** 2 for axis in (0, 1) for p, q in self._sides(before, corner, after)
+        )
+        return np.where(is_ear, area / np.where(squares > 0, squares, 1), _NO_EAR)
+
+    def _sides(self, *corners: NDArray[np.int64]) -> list[tuple[Point, Point]]:
+        """Return the ends of the sides of a triangle of each polygon."""
+        every = np.arange(len(self.x))
+        a, b, c = ((self.x[every, corner], self.y[every, corner]) for corner in corners)
+        return [(a, b), (b, c), (c, a)]
+
+    def cross_themselves(self) -> NDArray[np.bool_]:
+        """Return a mask (P,) of the polygons with two sides that cross."""
+        ends = [np.take_along_axis(values, self.after, axis=1) for values in (self.x, self.y)]
+        low = [np.minimum(*pair) for pair in ((self.x, ends[0]), (self.y, ends[1]))]
+        high = [np.maximum(*pair) for pair in ((self.x, ends[0]), (self.y, ends[1]))]
+        crosses = np.zeros(len(self.x), bool)
+        for side in range(self.x.shape[1]):
+            # Compare this side (a, b) of each polygon with the sides (c, d) whose bounding boxes touch it.
+            is_near = self.is_left & self.is_left[:, side, None]
+            for axis in (0, 1):
+                is_near &= low[axis] <= high[axis][:, side, None]
+                is_near &= high[axis] >= low[axis][:, side, None]
+            polygon, number = np.nonzero(is_near)
+            a, b = (
+                (self.x[polygon, side], self.y[polygon, side]),
+                (ends[0][polygon, side], ends[1][polygon, side]),
+            )
+            c = self.x[polygon, number], self.y[polygon, number]
+            d = ends[0][polygon, number], ends[1][polygon, number]
+            is_split = _area(a, b, c) * _area(a, b, d) < 0
+            is_split &= _area(c, d, a) * _area(c, d, b) < 0
+            crosses[polygon[is_split]] = True
+        return crosses
+
+
+def _area(a: Point, b: Point, c: Point) -> Floats:
+    """Return twice the signed area of triangles (N,): positive if they are counter-clockwise."""
+    return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
 
 
 def find_wrong_polygon(
@@ -33,7 +343,7 @@ def find_wrong_polygon(
 ) -> tuple[int, int] | None:
     """Return the first polygon with a vertex index outside 0..`vertices` - 1, and that index, or None.
 
-    `faces` (F, 3) and `polygon` (F,) are results of `fan_triangulate`.
+    `faces` (F, 3) and `polygon` (F,) are the triangles and polygons of a `Triangulation`.
     """
     if not faces.size or (faces.min() >= 0 and faces.max() < vertices):
         return None

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msb.base.children import Arrays
-from msb.meshes.polygons import fan_triangulate, join_faces
+from msb.meshes.polygons import join_faces, triangulate
 from msb.meshes.usd_materials import UNBOUND, ImageUse, Material, MaterialReader, list_numbers, unite_textures
 
 Floats = NDArray[np.float32]
@@ -137,7 +137,9 @@ class _Reader:
             text = f"{prim.GetPath()}: the faces need {counts.sum()} corners, but there are {len(corners)}"
             raise _Refused(text)
         # order (F, 3) are places in `corners`, polygon (F,) the polygon of each triangle.
-        order, polygon = fan_triangulate(np.arange(len(corners)), counts)
+        cut = triangulate(points, corners, counts)
+        order, polygon = cut.order, cut.polygon
+        self.left_out |= dict.fromkeys(cut.left_out)
         # Transform to world coordinates in metres. A mirroring transform reverses the winding, like
         # left-handed orientation.
         matrix = np.array(self._places.GetLocalToWorldTransform(prim))

@@ -32,7 +32,6 @@ BROKEN: list[tuple[str, str, Callable[[Any], Any] | None, str]] = [
     ("two_dts", "_vertex", lambda a: a[:, :2], "LAYOUT"),
     ("two_dts", "_opacity", None, "LAYOUT"),
     ("two_dts", "_opacity", lambda a: a[:4], "LAYOUT"),
-    ("two_dts", "_opacity", lambda a: spoil(a, (2, 0), NAN), "NONFINITE"),
     ("two_dts", "_f_dc", lambda a: a.astype(np.int32), "LAYOUT"),
     ("two_dts", "_f_rest", lambda a: a[:, :7], "LAYOUT"),
     ("triangle_splatting", "triangles_points", lambda a: a[:0], "LAYOUT"),
@@ -65,6 +64,41 @@ def test_a_broken_model_names_its_file_and_key(
     assert error.code == f"CHECKPOINT_{code}"
     assert key in error.message or "mlp" in error.message
     assert error.file.endswith((".pt", ".ckpt"))
+
+
+# A parameter and a coordinate of each method.
+PARAMETERS = [
+    ("two_dts", "_opacity", "_vertex"),
+    ("triangle_splatting", "features_dc", "triangles_points"),
+    ("mesh_splatting", "vertex_weight", "triangles_points"),
+]
+
+
+@pytest.mark.parametrize(("method", "parameter", "coordinate"), PARAMETERS)
+def test_faces_with_values_that_are_not_finite_are_left_out(
+    method: str, parameter: str, coordinate: str, tmp_path: Path
+) -> None:
+    values = VALUES[method]()
+    if method == "mesh_splatting":
+        values["_triangle_indices"] = np.int32([[0, 1, 2], [2, 3, 4], [3, 4, 5]])
+    whole = msb.export(write_model(tmp_path / "whole", method, values))
+    for name in (parameter, coordinate):
+        at = (1, *[0] * (values[name].ndim - 1))
+        folder = write_model(tmp_path / name, method, values | {name: spoil(values[name], at, NAN)})
+        opened = msb.open(folder)
+        assert 0 < opened.manifest.face_count < whole.manifest.face_count
+        assert opened.manifest.topology == whole.manifest.topology
+        (warning,) = [item for item in opened.warnings if item.code == "CHECKPOINT_NONFINITE"]
+        assert warning.value == whole.manifest.face_count - opened.manifest.face_count
+        for buffer in opened.buffers.values():
+            assert np.isfinite(buffer).all()
+        assert [item.code for item in msb.validate(folder).findings] == ["CHECKPOINT_NONFINITE"]
+        if name == coordinate:
+            assert read_rejected(folder).code == "CHECKPOINT_NONFINITE"
+        else:
+            assert msb.export(folder).manifest == opened.manifest
+    nothing = values | {parameter: values[parameter] * NAN}
+    assert read_rejected(write_model(tmp_path / "nothing", method, nothing)).code == "CHECKPOINT_NONFINITE"
 
 
 def read_rejected(path: Path, **options: Any) -> MsbError:

@@ -223,6 +223,31 @@ def test_cfg_args_are_literals(text: str, tmp_path: Path) -> None:
         assert (values, files, warnings) == (expected, (tmp_path / "cfg_args",), [])
 
 
+@pytest.mark.parametrize(
+    "value",
+    [
+        "device(type='cuda')",
+        "<class 'a, b'>",
+        "nan",
+        "PosixPath('/a, b')",
+        "1, b=2",
+        "__import__('os').getcwd()",
+    ],
+)
+def test_values_that_are_no_literals_are_skipped(value: str, tmp_path: Path) -> None:
+    text = f"Namespace(a='x, (y', b={value}, white_background=True, c=[1, {{'d': (2, 3)}}])"
+    (tmp_path / "cfg_args").write_text(text)
+    values, files, warnings = read_cfg_args(tmp_path)
+    assert values == {"a": "x, (y", "white_background": True, "c": [1, {"d": (2, 3)}]}
+    assert files == (tmp_path / "cfg_args",)
+    assert [(w.code, w.severity) for w in warnings] == [("CHECKPOINT_CONFIG", "warning")]
+
+
+def test_an_unreadable_cfg_args_is_a_warning(tmp_path: Path) -> None:
+    (tmp_path / "cfg_args").write_bytes(b"version https://git-lfs.github.com/spec/v1\n")
+    assert [w.code for w in read_cfg_args(tmp_path)[2]] == ["CHECKPOINT_CONFIG"]
+
+
 @pytest.mark.parametrize("method", ["triangle_splatting", "mesh_splatting"])
 def test_cfg_args_become_properties_of_the_training(method: str, tmp_path: Path) -> None:
     folder = write_model(tmp_path, method, getattr(models, method)())

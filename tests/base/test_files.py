@@ -58,3 +58,15 @@ def test_a_file_is_hashed_and_mapped_whole(tmp_path: Path) -> None:
         assert file_sha256(path, seen.append) == hashlib.sha256(data).hexdigest()
         assert sum(seen) == len(data)
         assert bytes(map_file(path)) == data
+
+
+@pytest.mark.parametrize("opener", OPENERS)
+def test_a_pointer_of_git_lfs_is_named(opener: str, tmp_path: Path) -> None:
+    path = tmp_path / "model.ply"
+    beginning = b"version https://git-lfs.github.com/spec/v1\n"
+    path.write_bytes(beginning + b"oid sha256:" + b"0" * 64 + b"\nsize 248000000\n")
+    with pytest.raises(InputError, match="git lfs") as caught:
+        OPENERS[opener](path)
+    assert caught.value.code == "FILE_UNREADABLE"
+    path.write_bytes(beginning + b"x" * 2000)
+    assert read_file(path).startswith(beginning)

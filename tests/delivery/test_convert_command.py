@@ -138,6 +138,16 @@ def test_invalid_arguments_are_rejected(here: Here, demo_asset: Path, tmp_path: 
     assert [path.name for path in tmp_path.iterdir()] == ["nan.off"]
 
 
+@pytest.mark.parametrize("suffix", [".ply", ".glb", ".triasset"])
+def test_a_few_faces_that_are_not_finite_are_left_out(here: Here, tmp_path: Path, suffix: str) -> None:
+    (tmp_path / "nan.off").write_text("OFF\n4 2 0\n0 0 0\n1 0 0\n0 1 0\nnan 0 0\n3 0 1 2\n3 0 1 3\n")
+    result = here("convert", tmp_path / "nan.off", tmp_path / f"a{suffix}")
+    assert result.status == 0
+    assert "not finite" in result.err
+    asset = library.open(tmp_path / f"a{suffix}")
+    assert (asset.manifest.face_count, asset.manifest.vertex_count) == (1, 3)
+
+
 def test_the_official_file_equals_that_of_the_exporter(here: Here, tmp_path: Path) -> None:
     asset = tmp_path / "ring.triasset"
     assert here("export", "--quiet", RING, asset).status == 0

@@ -151,8 +151,19 @@ BAD_GLBS: dict[str, tuple[bytes, str]] = {
 }
 
 
-def texture(image: bytes | str) -> bytes:
-    return glb_textured(image).bytes()
+JPEG = picture(np.zeros((8, 8, 3), np.uint8), "JPEG")
+# Images that cannot be read: a file with one is read without it.
+BAD_IMAGES: dict[str, bytes | str] = {
+    "file scheme": "file:///etc/passwd",
+    "other folder": "../a.png",
+    "absent": "absent.png",
+    "backslash": "..\\a.png",
+    "a folder": ".",
+    "not base64": "data:image/png;base64,a$b",
+    "cut off": picture()[:-30],
+    "100,000 a side": png(100_000, 100_000),
+    "many scans": JPEG[:-2] + b"\xff\xda" * 101 + JPEG[-2:],
+}
 
 
 def material(**more: Any) -> bytes:
@@ -162,16 +173,7 @@ def material(**more: Any) -> bytes:
     return glb.bytes()
 
 
-JPEG = picture(np.zeros((8, 8, 3), np.uint8), "JPEG")
-
 BAD_GLBS |= {
-    "image: file scheme": (texture("file:///etc/passwd"), "UNSUPPORTED"),
-    "image: backslash": (texture("..\\a.png"), "UNSUPPORTED"),
-    "image: a folder": (texture("."), "INVALID"),
-    "image: not base64": (texture("data:image/png;base64,a$b"), "INVALID"),
-    "image: cut off": (texture(picture()[:-30]), "INVALID"),
-    "image: 100,000 a side": (texture(png(100_000, 100_000)), "TOO_LARGE"),
-    "image: many scans": (texture(JPEG[:-2] + b"\xff\xda" * 101 + JPEG[-2:]), "TOO_LARGE"),
     "texture: none": (material(baseColorTexture={"index": 3}), "INVALID"),
     "cut-off": (glb_textured(alphaMode="MASK", alphaCutoff="a").bytes(), "INVALID"),
 }

@@ -9,7 +9,7 @@ import pytest
 import msb
 from msb.asset.look import up_axis
 from msb.meshes import Mesh, read_mesh
-from msb.meshes.assets import asset_from_mesh, fit_to_format, mesh_from_asset
+from msb.meshes.assets import asset_from_mesh, fit_to_format, mesh_from_asset, without_bad_faces
 from msb.meshes.transform import rotate_axis
 from tests.conftest import ROOT, TETRAHEDRON
 
@@ -76,3 +76,16 @@ def test_invalid_indices_are_rejected_before_vertices_are_split() -> None:
     mesh = replace(Mesh(POINTS, TETRAHEDRON[1].astype(np.int64)), faces=np.array([[0, 1, 9]]))
     with pytest.raises(msb.MsbError, match="INDEX_OUT_OF_RANGE"):
         fit_to_format(mesh, ".stl")
+
+
+def test_faces_with_coordinates_that_are_not_finite_are_left_out() -> None:
+    vertices = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [np.nan, 0, 0], [5, 5, 5], [0, np.inf, 0]])
+    colors = np.arange(18, dtype=np.uint8).reshape(6, 3)
+    mesh = Mesh(vertices, np.array([[0, 1, 3], [0, 1, 2]]), colors)
+    kept, count = without_bad_faces(mesh)
+    assert (count, kept.faces.tolist()) == (1, [[0, 1, 2]])
+    assert kept.vertices.tolist() == vertices[[0, 1, 2, 4]].tolist()  # an unused vertex stays
+    assert kept.vertex_colors is not None
+    assert kept.vertex_colors.tolist() == colors[[0, 1, 2, 4]].tolist()
+    only = Mesh(vertices, mesh.faces[:1])
+    assert without_bad_faces(only) == (only, 0)

@@ -242,3 +242,53 @@ def test_transforms_multiply_from_the_root_down(read: Read) -> None:
         {"scale": [3, 1, 1], "mesh": 0},
     ]
     np.testing.assert_allclose(read(two_nodes(nodes, [0]), ".glb").vertices[1], [1, 3, 0], atol=1e-15)
+
+
+@pytest.mark.parametrize("is_sparse", [True, False])
+def test_an_accessor_without_data_is_all_zeros(read: Read, is_sparse: bool) -> None:
+    glb = glb_square()
+    uvs = {"componentType": 5126, "type": "VEC2", "count": 4}
+    if is_sparse:
+        places = {"bufferView": glb.view(np.array([2], "<u2").tobytes()), "componentType": 5123}
+        values = {"bufferView": glb.view(np.array([[0.5, 1]], "<f4").tobytes())}
+        uvs["sparse"] = {"count": 1, "indices": places, "values": values}
+    glb.root["meshes"][0]["primitives"][0]["attributes"]["TEXCOORD_0"] = glb.add("accessors", **uvs)
+    mesh = read(glb.bytes(), ".glb")
+    expected = [[0, 0], [0, 0], [0.5, 1] if is_sparse else [0, 0], [0, 0]]
+    assert mesh.vertex_uvs is not None
+    assert (mesh.vertices.tolist(), mesh.vertex_uvs.tolist()) == (SQUARE, expected)
+
+
+def test_a_huge_accessor_without_data_is_rejected(read: Read) -> None:
+    glb = glb_square()
+    glb.root["accessors"][0] = {"componentType": 5126, "type": "VEC3", "count": 10**12}
+    with pytest.raises(MeshFileError, match="MESH_FILE_TOO_LARGE"):
+        read(glb.bytes(), ".glb")
+
+
+HIDDEN = {"extensions": {"KHR_node_visibility": {"visible": False}}}
+
+
+def test_hidden_nodes_and_their_children_are_left_out(read: Read) -> None:
+    nodes = [{"mesh": 0}, HIDDEN | {"children": [2]}, {"mesh": 0}]
+    mesh = read(two_nodes(nodes, [0, 1]), ".glb")
+    assert (mesh.faces.tolist(), len(mesh.left_out)) == (SQUARE_FACES, 1)
+
+
+def test_a_file_with_hidden_meshes_only_is_rejected(read: Read) -> None:
+    with pytest.raises(MeshFileError, match="MESH_FILE_INVALID"):
+        read(two_nodes([HIDDEN | {"mesh": 0}], [0]), ".glb")
+
+
+@pytest.mark.parametrize(("table", "is_read"), [("materials", True), ("meshes", False), ("", False)])
+def test_unknown_requirements_are_harmless_in_materials_only(read: Read, table: str, is_read: bool) -> None:
+    glb = glb_square()
+    glb.material()
+    owner = glb.root[table][0] if table else glb.root
+    owner["extensions"] = {"EXT_unknown": {}}
+    glb.root["extensionsRequired"] = ["EXT_unknown"]
+    if is_read:
+        assert read(glb.bytes(), ".glb").left_out == ("EXT_unknown",)
+        return
+    with pytest.raises(MeshFileError, match="MESH_FILE_UNSUPPORTED"):
+        read(glb.bytes(), ".glb")

@@ -14,6 +14,7 @@ from msb.errors import MeshFileError
 from msb.meshes import read_mesh
 from msb.meshes.assets import asset_from_mesh, mesh_from_asset
 
+from .bad_files import BAD_IMAGES
 from .builders import (
     SQUARE,
     SQUARE_FACES,
@@ -195,8 +196,49 @@ def test_no_image_is_decoded_without_images(tmp_path: Path) -> None:
     assert (mesh.vertices.tolist(), mesh.textures) == (SQUARE, ())
     assert mesh.vertex_uvs is not None
     assert mesh.vertex_uvs.tolist() == UVS
-    with pytest.raises(MeshFileError, match=r"MESH_FILE_INVALID: .*/images/0"):
-        read_mesh(path)
+    assert "/images/0" in read_mesh(path).left_out[0]
+
+
+@pytest.mark.parametrize("image", BAD_IMAGES.values(), ids=BAD_IMAGES)
+def test_a_mesh_is_read_without_an_image_that_cannot_be_read(read: Read, image: bytes | str) -> None:
+    glb = glb_textured(image)
+    surface(glb)["baseColorFactor"] = [1, 0, 0, 1]
+    mesh = read(glb.bytes(), ".glb")
+    assert (mesh.vertices.tolist(), mesh.faces.tolist(), mesh.textures) == (SQUARE, SQUARE_FACES, ())
+    assert len(mesh.left_out) == 1
+    assert_colors(mesh.vertex_colors, np.uint8([[255, 0, 0]] * 4))
+
+
+def test_other_parts_keep_their_textures_beside_a_missing_image(read: Read) -> None:
+    glb = glb_textured()
+    uvs = glb.accessor(UVS, "f4", "VEC2")
+    glb.primitive(0, 1, attributes={"TEXCOORD_0": uvs})
+    glb.material("gone.png", primitive=1)
+    mesh = read(glb.bytes(), ".glb")
+    assert [image.tolist() for image in mesh.textures] == [TEXELS.tolist(), [[[255] * 3]]]
+    assert ["gone.png" in text for text in mesh.left_out] == [True]
+
+
+GLOSSINESS = "KHR_materials_pbrSpecularGlossiness"
+
+
+@pytest.mark.parametrize("is_textured", [True, False])
+def test_specular_glossiness_gives_its_diffuse_colour(read: Read, is_textured: bool) -> None:
+    glb = glb_textured()
+    shine = {"diffuseFactor": [1, 0, 0, 1]} | ({"diffuseTexture": {"index": 0}} if is_textured else {})
+    glb.root["materials"] = [{"extensions": {GLOSSINESS: shine}}]
+    mesh = read(glb.bytes(), ".glb")
+    assert [image.tolist() for image in mesh.textures] == ([TEXELS.tolist()] if is_textured else [])
+    assert_colors(mesh.vertex_colors, np.uint8([[255, 0, 0]] * 4))
+    assert mesh.left_out == (() if is_textured else ("UVs",))
+
+
+def test_a_metallic_roughness_texture_takes_precedence_over_specular_glossiness(read: Read) -> None:
+    glb = glb_textured()
+    shine = {"diffuseFactor": [1, 0, 0, 1], "glossinessFactor": 0.5}
+    glb.root["materials"][0]["extensions"] = {GLOSSINESS: shine}
+    mesh = read(glb.bytes(), ".glb")
+    assert (len(mesh.textures), mesh.vertex_colors, len(mesh.left_out)) == (1, None, 1)
 
 
 def test_links_to_other_folders_are_rejected(read: Read, tmp_path: Path) -> None:
@@ -204,8 +246,8 @@ def test_links_to_other_folders_are_rejected(read: Read, tmp_path: Path) -> None
     (tmp_path / "to_inside.png").symlink_to(tmp_path / "inside.png")
     (tmp_path / "to_outside.png").symlink_to(Path(__file__))
     assert read(glb_textured("to_inside.png").bytes(), ".glb").textures
-    with pytest.raises(MeshFileError, match="MESH_FILE_UNSUPPORTED"):
-        read(glb_textured("to_outside.png").bytes(), ".glb")
+    outside = read(glb_textured("to_outside.png").bytes(), ".glb")
+    assert (outside.textures, len(outside.left_out)) == ((), 1)
 
 
 def test_too_many_textures_are_rejected(read: Read) -> None:

@@ -61,7 +61,9 @@ def random_obj(seed: int) -> tuple[str, list[list[float]], list[list[int]]]:
     for _ in range(60):
         kind = rng.choice(["v", "v", "f", "f", "vt", "#", "", "g"])
         if kind == "v":
-            vertices.append([rng.uniform(-1e3, 1e3), rng.random(), float(rng.randint(-5, 5))])
+            # All vertices are on a line, so that every polygon stays a fan.
+            place = rng.uniform(-1e3, 1e3)
+            vertices.append([place, 2 * place, -4 * place])
             lines.append(f"v {' '.join(map(repr, vertices[-1]))}")
         elif kind == "f":
             corners = [rng.randrange(len(vertices)) for _ in range(rng.randint(1, 6))]

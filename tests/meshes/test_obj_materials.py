@@ -116,6 +116,16 @@ def test_libraries_are_read_once_and_limited_in_size(folder: Path, monkeypatch: 
     assert [text for text in left_out if "material two" in text]
 
 
+@pytest.mark.parametrize(("mask", "is_cut"), [("map.png", True), ("other.png", False)])
+def test_the_alpha_of_an_image_that_is_its_own_mask_cuts_holes(folder: Path, mask: str, is_cut: bool) -> None:
+    rgba = np.concatenate((TEXELS, np.uint8([[[0], [255]], [[9], [200]]])), axis=2)
+    (folder / "map.png").write_bytes(picture(rgba))
+    mesh = read(folder, OBJ_TEXTURED, LIBRARY + f"map_d {mask}\n".encode())
+    assert mesh.sampler.alpha_cutoff == (0.5 if is_cut else None)
+    assert mesh.textures[0].tolist() == (rgba if is_cut else TEXELS).tolist()
+    assert len(mesh.left_out) == (0 if is_cut else 1)
+
+
 def test_no_library_is_opened_without_images(folder: Path) -> None:
     (folder / "a.obj").write_bytes(OBJ_TEXTURED)
     mesh = read_mesh(folder / "a.obj", images=False)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from msb.errors import InputError, MeshFileError
+from msb.meshes import read_mesh
 from msb.meshes.ply_table import read_ply_names, read_ply_table
 
 from .builders import (
@@ -14,9 +15,12 @@ from .builders import (
     OFF_SQUARE,
     SQUARE,
     SQUARE_FACES,
+    TEXELS,
+    UVS,
     XYZ,
     Read,
     assert_colors,
+    picture,
     ply,
     ply_faces,
     ply_floats,
@@ -232,3 +236,78 @@ def test_faces_may_come_before_vertices(read: Read) -> None:
     lines = ["element face 2", CORNERS, "element vertex 4", *XYZ]
     content = ply(LITTLE, lines, ply_faces(SQUARE_FACES) + ply_floats(SQUARE))
     assert read(content, ".ply").faces.tolist() == SQUARE_FACES
+
+
+PLY_UVS = [[0, 0], [1, 0], [1, 1], [0, 1]]
+
+
+def textured_ply(order: str, by_vertex: bool, lists: list[list[float]] | None = None, **names: str) -> bytes:
+    """Return the square with texture coordinates of vertices or faces; as text without an `order`."""
+    images = names.get("images", "TextureFile a.png").split(";")
+    form = {"": "ascii", "<": "binary_little_endian", ">": "binary_big_endian"}[order]
+    lines = [*(f"comment {image}" for image in images), "element vertex 4", *XYZ]
+    lines += ["property float s", "property float t"] if by_vertex else []
+    lines += ["element face 2", CORNERS, "property int texnumber"]
+    lines += [] if by_vertex else ["property list uchar float texcoord"]
+    rows = [[*p, *uv] if by_vertex else p for p, uv in zip(SQUARE, PLY_UVS, strict=True)]
+    if lists is None:
+        lists = [[value for corner in face for value in PLY_UVS[corner]] for face in SQUARE_FACES]
+    number = int(names.get("number", "0"))
+    if not order:
+        text = [" ".join(map(str, row)) for row in rows]
+        for face, values, texture in zip(SQUARE_FACES, lists, (0, number), strict=True):
+            tail = [] if by_vertex else [len(values), *values]
+            text.append(" ".join(map(str, [3, *face, texture, *tail])))
+        return ply(form, lines, ("\n".join(text) + "\n").encode())
+    body = ply_floats(rows, order)
+    for face, values, texture in zip(SQUARE_FACES, lists, (0, number), strict=True):
+        body += ply_faces([face], order) + np.array([texture], f"{order}i4").tobytes()
+        body += b"" if by_vertex else bytes([len(values)]) + np.array(values, f"{order}f4").tobytes()
+    return ply(form, lines, body)
+
+
+@pytest.mark.parametrize("order", ["", "<", ">"])
+@pytest.mark.parametrize("by_vertex", [True, False])
+def test_a_texture_in_a_comment_is_read(read: Read, tmp_path: Path, order: str, by_vertex: bool) -> None:
+    (tmp_path / "a.png").write_bytes(picture())
+    mesh = read(textured_ply(order, by_vertex), ".ply")
+    assert [image.tolist() for image in mesh.textures] == [TEXELS.tolist()]
+    uvs = mesh.vertex_uvs[mesh.faces].reshape(-1, 2) if by_vertex else mesh.corner_uvs
+    assert uvs.tolist() == [UVS[corner] for face in SQUARE_FACES for corner in face]
+    assert mesh.left_out == ()
+    bare = read_mesh(tmp_path / "mesh.ply", images=False)
+    assert (bare.textures, (bare.vertex_uvs if by_vertex else bare.corner_uvs) is None) == ((), False)
+
+
+def test_several_textures_are_numbered_by_the_faces(read: Read, tmp_path: Path) -> None:
+    (tmp_path / "a.png").write_bytes(picture())
+    (tmp_path / "b c.png").write_bytes(picture(TEXELS[::-1]))
+    images = "TextureFile a.png;TextureFile b c.png"
+    mesh = read(textured_ply("<", False, images=images, number="1"), ".ply")
+    assert [image.tolist() for image in mesh.textures] == [TEXELS.tolist(), TEXELS[::-1].tolist()]
+    assert mesh.face_textures.tolist() == [0, 1]
+    mesh = read(textured_ply("<", False, images=images, number="7"), ".ply")
+    assert [image.shape for image in mesh.textures] == [(2, 2, 3), (1, 1, 3)]
+
+
+def test_faces_without_texture_coordinates_are_white(read: Read, tmp_path: Path) -> None:
+    (tmp_path / "a.png").write_bytes(picture())
+    mesh = read(textured_ply("<", False, [[0, 0, 1, 0, 1, 1], []]), ".ply")
+    assert [image.shape for image in mesh.textures] == [(2, 2, 3), (1, 1, 3)]
+    assert mesh.face_textures.tolist() == [0, 1]
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        textured_ply("<", False),
+        textured_ply("", False, images="TextureFile ../a.png"),
+        textured_ply("", False, [[0, 0, 1, 0], [0] * 6]),
+        ply_square().replace(b"element vertex", b"comment TextureFile a.png\nelement vertex"),
+    ],
+    ids=["absent", "other folder", "too few coordinates", "no coordinates"],
+)
+def test_textures_that_cannot_be_read_are_named(read: Read, content: bytes) -> None:
+    mesh = read(content, ".ply")
+    assert (mesh.vertices.tolist(), mesh.faces.tolist(), mesh.textures) == (SQUARE, SQUARE_FACES, ())
+    assert ["a.png" in text for text in mesh.left_out] == [True]

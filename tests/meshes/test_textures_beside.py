@@ -11,7 +11,10 @@ from msb.asset.texture import Sampler
 from msb.errors import AssetError, OutputError, UsageError
 from msb.meshes import Mesh, read_mesh
 from msb.meshes.assets import asset_from_mesh, fit_to_format
+from msb.meshes.colors import linear_light
 from msb.meshes.files import write_whole
+from msb.meshes.losses import list_losses
+from msb.meshes.obj_colors import list_stored
 
 from .checks import equal
 from .test_glb_write import CORNERS, FACES, IMAGES, UVS, textured
@@ -111,3 +114,120 @@ def test_textures_are_filtered_to_the_size_of_the_faces() -> None:
 def test_textures_of_extremely_large_meshes_are_sampled(size: float) -> None:
     usual, huge = (fit_to_format(textured(vertices=CORNERS.astype(float) * by), ".ply") for by in (1, size))
     assert np.abs(usual.vertex_colors.astype(int) - huge.vertex_colors).max() <= 1
+
+
+WHITE = np.full((1, 1, 3), 255, np.uint8)
+
+
+def parts(colors: list[list[int]], textures: tuple[np.ndarray, ...], **more: object) -> Mesh:
+    """Return two triangles without common vertices; the first one has texture 0, the second one texture 1."""
+    vertices = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]] * 2, np.float32) + np.repeat([[0], [2]], 3, axis=0)
+    mesh = Mesh(vertices.astype(np.float32), np.arange(6).reshape(2, 3), np.uint8(colors))
+    uvs = np.zeros((6, 2), np.float32)
+    return replace(mesh, corner_uvs=uvs, textures=textures, face_textures=np.uint32([0, 1]), **more)
+
+
+def shown(mesh: Mesh) -> list[list[float]]:
+    """Return the colours (3F, 3) of the corners in linear light, for textures of one colour."""
+    light = np.ones((3 * len(mesh.faces), 3))
+    if mesh.vertex_colors is not None:
+        light *= linear_light(mesh.vertex_colors)[mesh.faces.reshape(-1), :3]
+    numbers = np.zeros(len(mesh.faces), int) if mesh.face_textures is None else mesh.face_textures
+    texels = np.stack([image[0, 0, :3] for image in mesh.textures])
+    return (light * np.repeat(linear_light(texels)[numbers], 3, axis=0)).round(3).tolist()
+
+
+def kd_lines(path: Path) -> list[str]:
+    return [line for line in path.read_text().splitlines() if line.startswith("Kd")]
+
+
+def test_plain_colours_beside_a_texture_are_kd(tmp_path: Path) -> None:
+    mesh = parts([[255] * 3] * 3 + [[255, 0, 51]] * 3, (FLAT, WHITE))
+    write_whole(fit_to_format(mesh, ".obj"), tmp_path / "a.obj")
+    assert sorted(kd_lines(tmp_path / "a.mtl")) == ["Kd 1 0 0.2", "Kd 1 1 1"]
+    assert {path.name for path in tmp_path.iterdir()} == {"a.obj", "a.mtl", "a_0.png"}
+    again = read_mesh(tmp_path / "a.obj")
+    assert again.vertex_colors is None
+    assert shown(again) == shown(mesh)
+
+
+@pytest.mark.parametrize(
+    "colors",
+    [
+        [[200, 100, 9]] * 3 + [[255, 0, 51]] * 3,
+        [[255] * 3] * 3 + [[255, 0, 51], [0, 255, 0], [0, 0, 255]],
+        [[0, 0, 0]] * 3 + [[255] * 3] * 3,
+    ],
+    ids=["tint", "gradient", "black"],
+)
+@pytest.mark.parametrize(
+    "textures",
+    [(FLAT, WHITE), (WHITE, np.uint8([[[9, 200, 30]]])), (FLAT, np.uint8([[[9, 200, 30]]]))],
+    ids=["image and white", "colours", "image and colour"],
+)
+def test_colours_and_textures_of_an_obj_read_back(
+    tmp_path: Path, colors: list[list[int]], textures: tuple[np.ndarray, ...]
+) -> None:
+    mesh = parts(colors, textures)
+    write_whole(fit_to_format(mesh, ".obj"), tmp_path / "a.obj")
+    np.testing.assert_allclose(shown(read_mesh(tmp_path / "a.obj")), shown(mesh), atol=0.005)
+
+
+def test_vertices_shared_with_a_texture_keep_their_colours(tmp_path: Path) -> None:
+    mesh = parts([[255, 0, 51]] * 6, (FLAT, WHITE))
+    mesh = replace(mesh, faces=np.array([[0, 1, 2], [2, 3, 4]]))
+    write_whole(fit_to_format(mesh, ".obj"), tmp_path / "a.obj")
+    assert kd_lines(tmp_path / "a.mtl") == ["Kd 1 1 1"] * 2
+    assert shown(read_mesh(tmp_path / "a.obj")) == shown(mesh)
+
+
+@pytest.mark.parametrize("cutoff", [0.5, 0.3])
+def test_an_obj_keeps_its_cut_outs(tmp_path: Path, cutoff: float) -> None:
+    image = np.concatenate((FLAT, np.full((4, 8, 1), 100, np.uint8)), axis=2)
+    image[:2, :, 3] = 0
+    mesh = parts([[255] * 3] * 6, (image, FLAT), sampler=Sampler(alpha_cutoff=cutoff))
+    write_whole(fit_to_format(mesh, ".obj"), tmp_path / "a.obj")
+    assert (tmp_path / "a.mtl").read_text().count("map_d") == 1
+    again = read_mesh(tmp_path / "a.obj")
+    assert again.sampler.alpha_cutoff == cutoff
+    assert sorted(image.shape[2] for image in again.textures) == [3, 4]
+    assert any(np.array_equal(texels, image) for texels in again.textures)
+    assert again.left_out == ()
+
+
+def lost(mesh: Mesh, suffix: str) -> str:
+    return "; ".join(list_losses(mesh, fit_to_format(mesh, suffix), suffix, ()))
+
+
+def test_losses_are_those_of_the_written_file() -> None:
+    masked = np.concatenate((FLAT, np.full((4, 8, 1), 100, np.uint8)), axis=2)
+    colors = [[255] * 3] * 3 + [[255, 0, 51]] * 3
+    opaque, cut = (
+        parts(colors, (FLAT, WHITE)),
+        parts(colors, (masked, WHITE), sampler=Sampler(alpha_cutoff=0.5)),
+    )
+    for suffix in (".ply", ".off"):
+        assert ("cut-outs" in lost(cut, suffix), "cut-outs" in lost(opaque, suffix)) == (True, False)
+        assert "vertex colours" in lost(opaque, suffix)
+    for suffix in (".obj", ".glb"):
+        assert lost(cut, suffix) == lost(opaque, suffix) == ""
+    assert all(word in lost(opaque, ".stl") for word in ("textures", "colours"))
+    both = replace(opaque, textures=(), face_textures=None, face_colors=np.zeros((2, 3), np.uint8))
+    assert ["face colours" in lost(both, suffix) for suffix in (".ply", ".obj", ".glb")] == [
+        False,
+        True,
+        True,
+    ]
+    assert ["UVs" in lost(both, suffix) for suffix in (".ply", ".obj", ".glb")] == [True, False, False]
+
+
+@pytest.mark.parametrize(
+    ("colors", "stored"),
+    [
+        ([[255] * 3] * 3 + [[255, 0, 51]] * 3, ["1 texture", "1 material colour"]),
+        ([[9] * 3] * 3 + [[255, 0, 51]] * 3, ["1 texture", "1 material colour", "vertex colours"]),
+        ([[255] * 3] * 5 + [[255, 0, 51]], ["1 texture", "1 material colour", "vertex colours"]),
+    ],
+)
+def test_the_contents_of_an_obj_are_those_of_the_file(colors: list[list[int]], stored: list[str]) -> None:
+    assert list_stored(fit_to_format(parts(colors, (FLAT, WHITE)), ".obj")) == stored
