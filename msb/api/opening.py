@@ -198,8 +198,8 @@ def stored_object(given: object) -> StoredMesh:
     elif hasattr(given, "vertices") and hasattr(given, "faces"):
         vertices, faces = given.vertices, given.faces
     else:
-        text = f"a {type(given).__name__} has no vertices and faces; pass an asset, a path, a mesh, or both arrays"
-        raise MeshError("MESH_ARRAY", text)
+        text = f"a {type(given).__name__} has no vertices and faces"
+        raise MeshError("MESH_ARRAY", f"{text}; pass an asset, a path, a mesh, or both arrays")
     return StoredMesh(None, {"positions": vertices, "indices": faces}, {})
 
 

@@ -73,7 +73,7 @@ class Asset:
 
     @property
     def vertices(self) -> NDArray[np.float64]:
-        """The coordinates (V, 3), a new array: `positions`, plus the `origin` of the manifest if it has one."""
+        """The coordinates (V, 3), a new array: `positions`, plus any `origin` of the manifest."""
         positions = self.buffers["positions"].astype(np.float64)
         origin = getattr(self.manifest, "origin", None)
         return positions if origin is None else positions + np.asarray(origin, np.float64)
