@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from msb.api.validating import validate
     from msb.asset import Asset, Validation, load
     from msb.bake import Baked, bake
+    from msb.delivery.converting import convert
     from msb.delivery.saving import save
     from msb.errors import MsbError, Unsupported
     from msb.render import Frame, Renderer, render
@@ -33,6 +34,7 @@ _HOME = {
     "Validation": "msb.asset",
     "load": "msb.asset",
     "open": "msb.api.opening",
+    "convert": "msb.delivery.converting",
     "save": "msb.delivery.saving",
     "Baked": "msb.bake",
     "MsbError": "msb.errors",
@@ -64,6 +66,7 @@ __all__ = [
     "__version__",
     "audit",
     "bake",
+    "convert",
     "export",
     "load",
     "metrics",

@@ -31,7 +31,7 @@ ALLOWED: dict[str, set[str]] = {
     # Opening files, auditing assets, and writing files.
     "api": GROUND | {"meshes", "adapters", "topology"},
     # Writing files for the web, whose precision depends on renderings.
-    "delivery": GROUND | {"meshes", "render", "views"},
+    "delivery": GROUND | {"adapters", "api", "meshes", "render", "views"},
     "views": GROUND | {"adapters", "meshes", "metrics", "render"},
     "errors": set(),
     # The registry and the declarations of methods, which use `scenes` to declare how datasets are read.
@@ -98,7 +98,6 @@ KIT = {"cli", "api", "render", "command_files"}
 COMMANDS: dict[str, set[str]] = {
     "repair": {"trial", "views", "delivery", "adapters"},
     "api": {"report", "viewers", "delivery"},
-    "delivery": {"adapters"},
     "engines": {"views"},
     "viewers": {"views", "delivery"},
     "report": {"viewers"},

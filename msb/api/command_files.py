@@ -27,8 +27,10 @@ def open_asset(path: Path, output: Output) -> Asset:
 
 def note_opened(path: Path, opened: Path | None, output: Output) -> None:
     """Print which checkpoint in the folder at `path` was opened, if it is not the folder itself."""
-    if opened is not None and opened != path:
-        output.note(f"{path}: opened the checkpoint in this folder, {opened}")
+    from msb.api.opening import describe_opened
+
+    if (text := describe_opened(path, opened)) is not None:
+        output.note(text)
 
 
 def open_baked(path: Path, asset: Asset, output: Output) -> Asset:

@@ -64,6 +64,13 @@ def open(path: str | os.PathLike[str], *, method: str | None = None) -> Asset:
     return asset
 
 
+def describe_opened(path: Path, opened: Path | None) -> str | None:
+    """Return a note about which checkpoint in the folder at `path` was opened; None for the path itself."""
+    if opened in (None, path):
+        return None
+    return f"{path}: opened the checkpoint in this folder, {opened}"
+
+
 def as_asset(asset: Asset | str | os.PathLike[str]) -> Asset:
     """Return `asset`, or open it if it is a path."""
     if isinstance(asset, PATH_TYPES):
