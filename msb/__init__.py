@@ -28,12 +28,14 @@ if TYPE_CHECKING:
     from msb.topology import Audit
     from msb.trial import trial
     from msb.why import why
+    from msb_viewers.deployment.comparing import compare
 
 _HOME = {
     "Asset": "msb.asset",
     "Validation": "msb.asset",
     "load": "msb.asset",
     "open": "msb.api.opening",
+    "compare": "msb_viewers.deployment.comparing",
     "convert": "msb.delivery.converting",
     "save": "msb.delivery.saving",
     "Baked": "msb.bake",
@@ -66,6 +68,7 @@ __all__ = [
     "__version__",
     "audit",
     "bake",
+    "compare",
     "convert",
     "export",
     "load",

@@ -1,8 +1,8 @@
 """The function `msb.convert`, which converts one model. `msb convert` calls the same code for each input."""
 
 import os
-from collections.abc import Callable
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import get_args
@@ -124,6 +124,11 @@ def convert(
     return replace(done, notes=(*warnings, *done.notes))
 
 
+@contextmanager
+def _silent(_text: str) -> Iterator[None]:
+    yield
+
+
 @dataclass(frozen=True)
 class Conversion:
     """The options of a conversion. `stage` shows the stages of the work while they run."""
@@ -135,7 +140,7 @@ class Conversion:
     engine: Engine | None = None
     official: bool = False
     overwrite: bool = False
-    stage: Stage = nullcontext
+    stage: Stage = _silent
     # Checks that a companion file of a mesh may be written.
     check_free: Callable[[Path], None] = lambda path: None
     # Receives each warning about the input when it is found.
