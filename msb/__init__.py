@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from msb.api.validating import validate
     from msb.asset import Asset, Validation, load
     from msb.bake import Baked, bake
+    from msb.delivery.converting import convert
     from msb.delivery.saving import save
     from msb.errors import MsbError, Unsupported
     from msb.render import Frame, Renderer, render
@@ -27,12 +28,15 @@ if TYPE_CHECKING:
     from msb.topology import Audit
     from msb.trial import trial
     from msb.why import why
+    from msb_viewers.deployment.comparing import compare
 
 _HOME = {
     "Asset": "msb.asset",
     "Validation": "msb.asset",
     "load": "msb.asset",
     "open": "msb.api.opening",
+    "compare": "msb_viewers.deployment.comparing",
+    "convert": "msb.delivery.converting",
     "save": "msb.delivery.saving",
     "Baked": "msb.bake",
     "MsbError": "msb.errors",
@@ -64,6 +68,8 @@ __all__ = [
     "__version__",
     "audit",
     "bake",
+    "compare",
+    "convert",
     "export",
     "load",
     "metrics",

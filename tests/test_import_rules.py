@@ -31,7 +31,7 @@ ALLOWED: dict[str, set[str]] = {
     # Opening files, auditing assets, and writing files.
     "api": GROUND | {"meshes", "adapters", "topology"},
     # Writing files for the web, whose precision depends on renderings.
-    "delivery": GROUND | {"meshes", "render", "views"},
+    "delivery": GROUND | {"adapters", "api", "meshes", "render", "views"},
     "views": GROUND | {"adapters", "meshes", "metrics", "render"},
     "errors": set(),
     # The registry and the declarations of methods, which use `scenes` to declare how datasets are read.
@@ -91,16 +91,15 @@ ALLOWED: dict[str, set[str]] = {
         "views",
     },
     # Commands that open viewers are above the viewers.
-    "viewers": GROUND | {"api", "meshes", "topology", "metrics", "render", "cl"},
+    "viewers": GROUND | {"api", "meshes", "topology", "metrics", "render", "cl", "views"},
 }
 KIT = {"cli", "api", "render", "command_files"}
 """Packages that every command may import in addition: they parse arguments, open files, choose renderers."""
 COMMANDS: dict[str, set[str]] = {
     "repair": {"trial", "views", "delivery", "adapters"},
     "api": {"report", "viewers", "delivery"},
-    "delivery": {"adapters"},
     "engines": {"views"},
-    "viewers": {"views", "delivery"},
+    "viewers": {"delivery"},
     "report": {"viewers"},
 }
 """Package -> further packages that its commands may import when they are called."""
@@ -145,6 +144,7 @@ FOREIGN: dict[str, set[str]] = {
     "methods.official": {"numpy", "PIL"},
     "render": {"numpy", "PIL", "OpenEXR", "av"},
     "metrics": {"numpy", "scipy", "skimage", "PIL", "OpenEXR", "torch"},
+    "__init__": {"msb_viewers"},
     "cli": {"numpy", "typer", "rich", "msb_viewers"},
     "viewers": {"numpy", "PIL", "pyvista", "vtkmodules", "matplotlib"},
     "bench": {"numpy", "scipy", "pydantic", "PIL", "filelock", "psutil", "pynvml", "distributed"},

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 from uuid import uuid4
 
-from msb.meshes.files import FORMATS
+from msb.meshes.formats import OURS
 
 WRITTEN = "MSB_TEST_GLBS"
 """Environment variable: the folder to which tests and their processes copy all GLB files that they write."""
@@ -64,7 +64,7 @@ class Validator:
 
 def keep_written(folder: Path) -> None:
     """Copy every GLB that this process or its forks write from now on to `folder`."""
-    form = FORMATS[".glb"]
+    form = OURS[".glb"]
     plain = form.write
     assert plain is not None
 
@@ -76,4 +76,4 @@ def keep_written(folder: Path) -> None:
         part.write_bytes(again.getvalue())
         part.rename(part.with_suffix(".glb"))  # incomplete files of killed processes keep the ending .part
 
-    FORMATS[".glb"] = replace(form, write=write)
+    OURS[".glb"] = replace(form, write=write)

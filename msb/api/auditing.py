@@ -2,21 +2,42 @@
 
 import os
 from dataclasses import replace
-from typing import Any, overload
+from typing import Any, Protocol, overload
 
 from numpy.typing import ArrayLike
 
-from msb.api.opening import StoredMesh
+from msb.api.opening import StoredMesh, read_stored, stored_mesh, stored_object
 from msb.asset import Asset
 from msb.base.paths import PATH_TYPES
-from msb.errors import MeshError, about
+from msb.errors import about
 from msb.topology import Audit, audit_arrays
 from msb.topology.analysis import Analysis
 from msb.topology.weld import Weld
 
 
+class HasTriangles(Protocol):
+    """An object with arrays of vertices (V, 3) and faces (F, 3), such as `msb.meshes.Mesh` or a trimesh."""
+
+    @property
+    def vertices(self) -> Any: ...
+    @property
+    def faces(self) -> Any: ...
+
+
+class HasPolygons(Protocol):
+    """A PolyData of pyvista."""
+
+    @property
+    def points(self) -> Any: ...
+    @property
+    def regular_faces(self) -> Any: ...
+
+
+MeshLike = HasTriangles | HasPolygons | tuple[ArrayLike, ArrayLike]
+
+
 @overload
-def audit(vertices: Asset | str | os.PathLike[str], *, weld: Weld | None = None) -> Audit: ...
+def audit(vertices: Asset | str | os.PathLike[str] | MeshLike, *, weld: Weld | None = None) -> Audit: ...
 @overload
 def audit(vertices: ArrayLike, faces: ArrayLike, *, weld: Weld | None = None) -> Audit: ...
 def audit(vertices: Any, faces: ArrayLike | None = None, *, weld: Weld | None = None) -> Audit:
@@ -24,14 +45,17 @@ def audit(vertices: Any, faces: ArrayLike | None = None, *, weld: Weld | None = 
 
     Nothing is merged, removed, reoriented or repaired first (paper: "Mesh structural integrity" and
     appendix "Topology-Metric Definitions and Interpretation Limits"). Only the verdict ignores seams, which
-    are vertices that are duplicated because their UVs or colours differ. Arrays have no seams.
+    are vertices that are duplicated because their UVs or colours differ. Of objects with arrays, only
+    `msb.meshes.Mesh` has seams.
 
     Parameters
     ----------
-    vertices : (V, 3) real numbers, Asset or path-like
-        Coordinates in any unit of length; NaN is allowed and counted. Or an asset, or a path that `msb.open`
-        accepts; then omit `faces`. A mesh file is audited in the precision of the file, as by
-        `msb audit PATH`, although `msb.open` rounds it to float32.
+    vertices : (V, 3) real numbers, Asset, path-like, pair or mesh
+        Coordinates in any unit of length; NaN is allowed and counted. For everything else omit `faces`: an
+        asset; a path that `msb.open` accepts; a pair ``(vertices, faces)``; a `msb.meshes.Mesh` or any object
+        with `vertices` and `faces`, such as a trimesh; a pyvista PolyData, whose own `triangulate` splits
+        polygons. A mesh file is audited in the precision of the file, as by `msb audit PATH`, although
+        `msb.open` rounds it to float32.
     faces : (F, 3) integers
         0-based vertex indices.
     weld : "exact" or float, optional
@@ -64,13 +88,10 @@ def audit(vertices: Any, faces: ArrayLike | None = None, *, weld: Weld | None = 
     """
     if faces is not None:
         return audit_arrays(vertices, faces, weld=weld)[0]
-    if not isinstance(vertices, (Asset, *PATH_TYPES)):
-        text = "faces are missing; pass an asset, a path, or vertices and faces"
-        raise MeshError("MESH_ARRAY", text)
-    from msb.api.opening import read_stored, stored_mesh
-
-    if not isinstance(vertices, Asset):
+    if isinstance(vertices, PATH_TYPES):
         return audit_stored(read_stored(vertices), weld=weld)[0]
+    if not isinstance(vertices, Asset):
+        return audit_stored(stored_object(vertices), weld=weld)[0]
     audited = audit_stored(stored_mesh(vertices), weld=weld)[0]
     vertices._known["Verdict"] = audited.verdict
     return audited

@@ -1,7 +1,6 @@
 """Functions that commands share: open assets, process several inputs, write a mesh with its other files."""
 
 from collections.abc import Callable, Iterable
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -27,21 +26,17 @@ def open_asset(path: Path, output: Output) -> Asset:
 
 def note_opened(path: Path, opened: Path | None, output: Output) -> None:
     """Print which checkpoint in the folder at `path` was opened, if it is not the folder itself."""
-    if opened is not None and opened != path:
-        output.note(f"{path}: opened the checkpoint in this folder, {opened}")
+    from msb.api.opening import describe_opened
+
+    if (text := describe_opened(path, opened)) is not None:
+        output.note(text)
 
 
 def open_baked(path: Path, asset: Asset, output: Output) -> Asset:
     """Open a mesh that was baked from `asset`, and rotate it into the coordinates of `asset`."""
-    from msb.asset.look import written_up
-    from msb.meshes.assets import asset_from_mesh, mesh_from_asset
-    from msb.meshes.transform import rotate_axis
+    from msb.meshes.assets import align_baked
 
-    # Baked files are rotated upright, as their formats require. Rotate the vertices back.
-    mesh = mesh_from_asset(open_asset(path, output))
-    up = written_up(asset)
-    vertices = rotate_axis(mesh.vertices, mesh.up or "unknown", up or "unknown")
-    return asset_from_mesh(replace(mesh, vertices=vertices, up=up))
+    return align_baked(open_asset(path, output), asset)
 
 
 def for_each(

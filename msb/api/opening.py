@@ -10,7 +10,7 @@ import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from numpy.typing import NDArray
 
@@ -18,8 +18,11 @@ from msb.asset import Asset, is_asset, load
 from msb.asset.arguments import AN_ASSET, check_type
 from msb.asset.texture import Sampler, is_textured
 from msb.base.paths import PATH_TYPES, given_path
-from msb.errors import CheckpointError, Finding, about
+from msb.errors import CheckpointError, Finding, MeshError, about
 from msb.topology.seams import Attributes
+
+if TYPE_CHECKING:
+    from msb.meshes import Mesh
 
 
 def open(path: str | os.PathLike[str], *, method: str | None = None) -> Asset:
@@ -60,6 +63,13 @@ def open(path: str | os.PathLike[str], *, method: str | None = None) -> Asset:
         text = f"it holds a {asset.manifest.method} model, but {method} was requested"
         raise CheckpointError("CHECKPOINT_METHOD", text, file=place)
     return asset
+
+
+def describe_opened(path: Path, opened: Path | None) -> str | None:
+    """Return a note about which checkpoint in the folder at `path` was opened; None for the path itself."""
+    if opened in (None, path):
+        return None
+    return f"{path}: opened the checkpoint in this folder, {opened}"
 
 
 def as_asset(asset: Asset | str | os.PathLike[str]) -> Asset:
@@ -141,15 +151,19 @@ def read_stored(path: str | os.PathLike[str], *, images: bool = False) -> Stored
 
 def _stored_file(path: Path, *, images: bool) -> StoredMesh:
     from msb.meshes import read_mesh
+
+    return _store(read_mesh(path, images=images), path)
+
+
+def _store(mesh: Mesh, path: Path | None) -> StoredMesh:
+    """Return the arrays of `mesh` under the buffer names of an asset."""
     from msb.meshes.mesh import report_left_out
     from msb.meshes.writing import check_indices
 
-    mesh = read_mesh(path, images=images)
     if mesh.wrong_face is not None:  # report an invalid index here, because only the reader knows its line
         with about(path):
             check_indices(mesh)
-    # Name the arrays of the file like the buffers of an asset. Vertex colours take precedence over face
-    # colours.
+    # Vertex colours take precedence over face colours.
     buffers, domains = {"positions": mesh.vertices, "indices": mesh.faces}, {}
     for name, values, domain in (
         ("color", mesh.vertex_colors, "vertex"),
@@ -164,6 +178,37 @@ def _stored_file(path: Path, *, images: bool) -> StoredMesh:
     sampler = mesh.sampler if mesh.textures else None
     warnings = report_left_out(mesh)
     return StoredMesh(path, buffers, domains, up=mesh.up or "unknown", warnings=warnings, sampler=sampler)
+
+
+def stored_object(given: object) -> StoredMesh:
+    """Return the mesh of an object with arrays: a `Mesh`, a pair, or an object of another library.
+
+    A pair is a tuple or list (vertices, faces). Objects of other libraries have the attributes `vertices` and
+    `faces` (trimesh), or are a PolyData of pyvista, whose polygons its own `triangulate` splits.
+
+    Raises
+    ------
+    MeshError
+        `MESH_ARRAY`: the object is none of these.
+    """
+    from msb.meshes import Mesh
+
+    if isinstance(given, StoredMesh):
+        return given
+    if isinstance(given, Mesh):
+        return _store(given, None)
+    if isinstance(given, tuple | list) and len(given) == 2:
+        vertices, faces = given
+    elif all(hasattr(given, name) for name in ("points", "regular_faces", "triangulate")):
+        data: Any = given  # a PolyData; its `faces` are a flat list of polygons
+        triangles = data if data.is_all_triangles else data.triangulate()
+        vertices, faces = triangles.points, triangles.faces.reshape(-1, 4)[:, 1:]
+    elif hasattr(given, "vertices") and hasattr(given, "faces"):
+        vertices, faces = given.vertices, given.faces
+    else:
+        text = f"a {type(given).__name__} has no vertices and faces"
+        raise MeshError("MESH_ARRAY", f"{text}; pass an asset, a path, a mesh, or both arrays")
+    return StoredMesh(None, {"positions": vertices, "indices": faces}, {})
 
 
 def stored_mesh(asset: Asset) -> StoredMesh:

@@ -13,6 +13,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from numpy.typing import NDArray
 
 from msb.asset.manifest import Manifest
@@ -56,6 +57,8 @@ class Asset:
     --------
     >>> import msb
     >>> asset = msb.open("data_stubs/checkpoint")
+    >>> asset.vertices.shape, asset.faces.shape, asset.colors.shape
+    ((2582, 3), (5159, 3), (2582, 3))
     >>> asset.audit().verdict, asset.repair(["orient", "pair"]).after.verdict
     ('bad', 'limited')
     """
@@ -67,6 +70,36 @@ class Asset:
     opened_from: Path | None = None
     _known: dict[str, str] = field(default_factory=dict, init=False)
     """Results that `repr` adds: the verdict of an audit."""
+
+    @property
+    def vertices(self) -> NDArray[np.float64]:
+        """The coordinates (V, 3), a new array: `positions`, plus any `origin` of the manifest."""
+        positions = self.buffers["positions"].astype(np.float64)
+        origin = getattr(self.manifest, "origin", None)
+        return positions if origin is None else positions + np.asarray(origin, np.float64)
+
+    @property
+    def faces(self) -> NDArray[np.int64]:
+        """The 0-based vertex numbers (F, 3) of all stored faces, a new array."""
+        return self.buffers["indices"].astype(np.int64)
+
+    @property
+    def colors(self) -> NDArray[np.float32] | None:
+        """The static colours of the standard tier, a new array in [0, 1], sRGB; None without such colours.
+
+        Shape (V, 3) or (V, 4) if the model stores colours by vertex, (F, 3) or (F, 4) by face, (3F, 3) or
+        (3F, 4) by face corner; ``asset.manifest.buffers["color"].domain`` says which (``"f_dc"`` for a model
+        with spherical harmonics, whose degree 0 gives the colour). A fourth channel is alpha, which is not
+        drawn. Textures are not included: they are the buffers ``texture.0``, ``texture.1`` and so on, which
+        renderers multiply with these colours.
+        """
+        from msb.asset.look import tint_of
+
+        found = tint_of(self)
+        if found is None:
+            return None
+        scale = np.float32(255 if found.values.dtype == np.uint8 else 1)
+        return found.values.astype(np.float32) / scale
 
     def audit(self, **options: Any) -> msb.Audit:
         """Audit the mesh exactly as it is stored. See `msb.audit` for the options."""

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal, TypedDict
 
-from msb.base.extras import need_extra
+from msb.base.extras import need_extras
 from msb.base.option import Option, check_values, label_of
 from msb.errors import UsageError, shorten
 from msb.render.options import Up
@@ -191,7 +191,8 @@ def parse_collision(text: str) -> tuple[CollisionKind, int]:
 
 
 def need_libraries(options: BakeOptions) -> None:
-    """Reject a closed surface if its libraries are not installed."""
+    """Reject a closed surface if its libraries are not installed. The error names all missing extras."""
     if options.makes_surface:
-        need_extra("bench", "skimage", what="a closed surface")
-        need_extra("trial", "fast_simplification", "xatlas", what="a closed surface")
+        hulls = options.collision is not None and parse_collision(options.collision)[0] == "hulls"
+        trial = ["fast_simplification", "xatlas", *(["coacd"] if hulls else [])]
+        need_extras({"bench": ["skimage"], "trial": trial}, what="a closed surface")

@@ -7,7 +7,7 @@ from msb.asset.tiers import why_not
 from msb.bake.atlas import need_xatlas
 from msb.bake.options import BakeOptions, ColorTarget, Geometry, parse_collision
 from msb.bake.soup import is_uncut_soup
-from msb.base.extras import is_installed, need_extra
+from msb.base.extras import is_installed, need_extra, need_extras
 from msb.base.soup import is_soup
 from msb.topology import audit_arrays
 from msb.topology.weld import weld_vertices
@@ -22,7 +22,7 @@ def choose_color_target(options: BakeOptions, geometry: Geometry, asset: Asset) 
 
 
 def check_model(options: BakeOptions, asset: Asset) -> None:
-    """Reject options that need, for this model, a library that is not installed.
+    """Reject options that need a library for this model that is not installed.
 
     Raises
     ------
@@ -40,13 +40,14 @@ def check_model(options: BakeOptions, asset: Asset) -> None:
         return
     kind, _ = parse_collision(options.collision)
     modules = ("fast_simplification", "coacd") if kind == "hulls" else ("fast_simplification",)
-    need_extra("trial", *modules, what=f"a collision mesh {options.collision}", instead=_BOX_HINT)
-    # A kept mesh without a boundary stays closed: a repair cuts and turns faces, but opens no hole.
-    if options.geometry == "kept":
+    # Kept triangles without a boundary stay closed: a repair cuts and turns faces, but opens nothing. All
+    # other meshes are enclosed first. One error names the extras of both steps.
+    is_open = options.geometry != "kept"
+    if not is_open:
         welded = weld_vertices(points, faces, "exact")
-        if not audit_arrays(*welded)[0].counts.boundary_edges:
-            return
-    need_enclosure()
+        is_open = audit_arrays(*welded)[0].counts.boundary_edges > 0
+    extras = {"trial": modules, "bench": ("skimage",) if is_open else ()}
+    need_extras(extras, what=f"a collision mesh {options.collision}", instead=_BOX_HINT)
 
 
 def need_enclosure() -> None:
@@ -57,8 +58,9 @@ def need_enclosure() -> None:
 def _fits_vertices(asset: Asset) -> bool:
     """Return whether vertex colours can show the model.
 
-    They cannot if the colours vary within a face, or if faces are uniform and share vertices. If faces share
-    vertices, a texture needs xatlas. Without xatlas, such models always get vertex colours.
+    They cannot if the colours vary within a face, or if faces are uniform and share vertices. Without xatlas,
+    which makes the texture of faces that share vertices, vertex colours are used for all models whose faces
+    share vertices.
     """
     if why_not(asset.manifest, "standard") is not None:
         return False

@@ -207,6 +207,13 @@ def check_place(path: str | os.PathLike[str], *, folder: bool = False) -> None:
             raise OutputError("OUTPUT_UNWRITABLE", text, file=target)
 
 
+def check_new(path: str | os.PathLike[str]) -> None:
+    """Raise OUTPUT_EXISTS if there is a file or folder at `path`. Devices and pipes are accepted."""
+    target = _target(path)
+    if not is_stream(target):
+        _reject_existing(target, overwrite=False)
+
+
 def folder_is_taken(path: str | os.PathLike[str]) -> bool:
     """Return whether a new folder at `path` would replace a file or a folder that is not empty."""
     return os.path.lexists(path) and not is_stream(path) and not _is_empty(Path(path))

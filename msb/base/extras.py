@@ -1,5 +1,6 @@
 """Optional packages: check whether they are installed, and report how to install them."""
 
+from collections.abc import Iterable, Mapping
 from importlib.util import find_spec
 
 from msb.errors import UsageError
@@ -34,8 +35,20 @@ def need_extra(extra: str, *modules: str, what: str, instead: str = "") -> None:
     UsageError
         EXTRA_MISSING, with the command that installs the extra.
     """
-    missing = [module for module in modules if not is_installed(module)]
+    need_extras({extra: modules}, what=what, instead=instead)
+
+
+def need_extras(extras: Mapping[str, Iterable[str]], *, what: str, instead: str = "") -> None:
+    """Check the modules of several extras as `need_extra` does. One error names all that are missing."""
+    missing = {
+        extra: absent
+        for extra, modules in extras.items()
+        if (absent := [module for module in modules if not is_installed(module)])
+    }
     if missing:
-        are = "is" if len(missing) == 1 else "are"
-        text = f"{what} needs the extra {extra} ({', '.join(missing)} {are} not installed): {install(extra)}"
+        names = [module for modules in missing.values() for module in modules]
+        are = "is" if len(names) == 1 else "are"
+        noun = "the extra" if len(missing) == 1 else "the extras"
+        text = f"{what} needs {noun} {' and '.join(missing)} ({', '.join(names)} {are} not installed)"
+        text += f": {install(','.join(missing))}"
         raise UsageError("EXTRA_MISSING", f"{text}; {instead}" if instead else text)

@@ -32,7 +32,8 @@ def find_installed(
     Parameters
     ----------
     kind : str
-        The entry-point group in the singular: "method" stands for the group `msb.methods`.
+        The entry-point group in the singular: "method" stands for the group `msb.methods`, and "mesh" for
+        `msb.meshes`.
     ours : mapping
         Name -> module of the built-in parts, which a plug-in cannot replace.
     accept : callable
@@ -66,7 +67,7 @@ def find_installed(
 
 
 def _entries(kind: str) -> Iterable[EntryPoint]:
-    group = f"msb.{kind}s"
+    group = f"msb.{_plural(kind)}"
     try:
         return entry_points(group=group)
     except Exception:  # a package has an invalid entry_points.txt: read the files of all packages separately
@@ -79,8 +80,13 @@ def _own_entries(package: Distribution, kind: str, group: str) -> Iterator[Entry
     except Exception as error:
         with contextlib.suppress(Exception):
             if f"[{group}]" in (package.read_text("entry_points.txt") or ""):
-                text = f"{kind}s of package {package.name} are ignored: its entry_points.txt cannot be read"
+                text = f"{_plural(kind)} of package {package.name} are ignored"
+                text += ": its entry_points.txt cannot be read"
                 warn(f"PACKAGE_LEFT_OUT: {text}: {shorten(str(error), 200)}")
+
+
+def _plural(kind: str) -> str:
+    return f"{kind}es" if kind.endswith("sh") else f"{kind}s"
 
 
 def describe_entry(kind: str, name: str, value: str) -> str:

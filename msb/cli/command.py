@@ -180,7 +180,9 @@ def option_value(label: str) -> Iterator[None]:
         raise UsageError("USAGE", f"{label}: {error.message}") from error
 
 
-def command(*examples: str, name: str = "", **settings: Any) -> Callable[..., Any]:
+def command(
+    *examples: str, name: str = "", instead: Mapping[str, str] | None = None, **settings: Any
+) -> Callable[..., Any]:
     """Return the decorator that turns a function into a command.
 
     Parameters
@@ -189,10 +191,18 @@ def command(*examples: str, name: str = "", **settings: Any) -> Callable[..., An
         Command lines that run on the demo data. They end the help.
     name : str
         The name of the command; by default the name of the function.
+    instead : mapping, optional
+        Options that the command does not have, but that users try -> what to write instead, for the error.
+        The text "{value}" stands for ":" and the value that was given, if there is one.
     **settings
         Context settings of typer.
     """
-    named = {"epilog": epilog(*examples), "settings": settings, **({"name": name} if name else {})}
+    named = {
+        "epilog": epilog(*examples),
+        "settings": settings,
+        "instead": instead or {},
+        **({"name": name} if name else {}),
+    }
     return functools.partial(_command, named)
 
 

@@ -6,6 +6,7 @@ import contextlib
 import errno
 import io
 import os
+import re
 import signal
 import sys
 import threading
@@ -164,6 +165,13 @@ def _as_msb_error(error: Exception, name: str) -> MsbError | None:
     return None
 
 
+def _value_of(option: str) -> str:
+    """Return ":" and the number or "exact" that follows `option` on the command line, else an empty text."""
+    words = [word for given in sys.argv[1:] for word in given.split("=", 1)]
+    after = words[words.index(option) + 1 :][:1] if option in words else []
+    return f":{after[0]}" if after and re.fullmatch(r"exact|[0-9.]+(e-?[0-9]+)?", after[0]) else ""
+
+
 def _usage_text(error: Any, name: str) -> str:
     """Return the text of a usage error, a similar option if the option is unknown, and the usage."""
     from msb.cli.command import plain_words
@@ -173,6 +181,10 @@ def _usage_text(error: Any, name: str) -> str:
         import difflib
 
         (nearest,) = difflib.get_close_matches(error.option_name, error.possibilities, 1, 0.0)
+        command = getattr(getattr(error, "ctx", None), "command", None)
+        instead = getattr(getattr(command, "callback", None), "instead", {})
+        if error.option_name in instead:
+            nearest = instead[error.option_name].replace("{value}", _value_of(error.option_name))
         text = f"No such option: {error.option_name}; did you mean {nearest}?"
     context = getattr(error, "ctx", None)
     if context is None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -16,7 +16,7 @@ from msb.errors import EXIT_OK, MsbError, UsageError, about
 from msb.render.options import Up
 
 if TYPE_CHECKING:
-    from msb.meshes import Mesh
+    from msb.delivery.converting import Conversion
 
 
 @dataclass(frozen=True)
@@ -87,16 +87,30 @@ def convert(
     data that OUT cannot store, and data of IN that is ignored (normals, lights, bones).
 
     An asset is converted to its standard-tier mesh: opaque and unlit, with textures or static colours. With
-    --official the file is the one that the method's official exporter writes. It may have alpha, duplicated
-    faces or merged vertices.
+    --official the method's official exporter writes the file, which may have alpha, duplicated faces or
+    merged vertices.
     """
     if options.official:
         typed.reject(["form", "up", "color", "texture", "engine"], "cannot be combined with --official")
     if options.engine is not None:
         typed.reject(["color", "texture"], "cannot be combined with --for, which sets it")
+    from msb.api.command_files import check_asset_place
     from msb.api.inputs import expand
     from msb.cli.output import report_error
+    from msb.delivery.converting import Conversion
 
+    conversion = Conversion(
+        options.form,
+        options.up,
+        options.color,
+        options.texture,
+        options.engine,
+        official=options.official,
+        overwrite=output.force,
+        stage=output.progress,
+        check_free=output.check_free,
+        note=output.note,
+    )
     inputs = expand(source)
     output.add_inputs(inputs)
     if inputs == [source]:
@@ -105,17 +119,19 @@ def convert(
                 "USAGE",
                 f"--to needs an input folder; for a single file the suffix of {target.name} sets the format",
             )
-        _check_target(target, options, output, typed)
-        _convert(source, target, options, output)
+        conversion.check_target(target)
+        check_asset_place(target, options.form, output)
+        _convert(conversion, source, target, output)
         return
     outputs = _choose_outputs(source, inputs, target, options.to or "glb")
     for output_path in outputs.values():  # check all outputs before the first is written
-        _check_target(output_path, options, output, typed)
+        conversion.check_target(output_path)
+        check_asset_place(output_path, options.form, output)
     status = EXIT_OK
     for path, output_path in outputs.items():
         try:
             with about(path):
-                _convert(path, output_path, options, output)
+                _convert(conversion, path, output_path, output)
         except MsbError as error:
             status = max(status, report_error(error))
     if status:
@@ -146,134 +162,10 @@ def _choose_outputs(source: Path, inputs: list[Path], target: Path, to: str) -> 
     return outputs
 
 
-def _check_target(target: Path, options: ConvertOptions, output: Output, typed: Typed) -> None:
-    """Check the path of an output, and that its format stores the data that --color and --texture affect."""
-    from msb.api.command_files import check_asset_place
-    from msb.delivery.saving import output_suffix
-    from msb.meshes.formats import FORMATS
-
-    suffix = target.suffix.lower()
-    keeps = FORMATS[suffix].keeps if suffix in FORMATS else ("textures",)
-    if "texture" in typed and "textures" not in keeps:
-        raise UsageError("USAGE", f"--texture needs a format that stores textures; {suffix} does not")
-    if "color" in typed and not keeps:
-        raise UsageError("USAGE", f"--color needs a format that stores colours; {suffix} does not")
-    if not options.official:
-        output_suffix(target, "OUT")
-    check_asset_place(target, options.form, output)
-
-
-def _convert(source: Path, target: Path, options: ConvertOptions, output: Output) -> None:
+def _convert(conversion: Conversion, source: Path, target: Path, output: Output) -> None:
     """Convert one input; print the contents of the output, and notes on missing data."""
-    from msb.asset import ASSET_SUFFIX
-
-    if options.official:
-        _write_official(source, target, output)
-    elif target.suffix.lower() == ASSET_SUFFIX:
-        if (options.up, options.color, options.texture, options.engine) != (None,) * 4:
-            raise UsageError(
-                "USAGE",
-                "--up, --color, --texture and --for apply to mesh files; a .triasset is stored unchanged",
-            )
-        _write_asset(source, target, options.form or "packed", output)
-    else:
-        if options.form is not None:
-            raise UsageError("USAGE", f"--form applies to .triasset only; {target.name} is a mesh file")
-        _write_mesh(source, target, options, output)
-
-
-def _write_asset(source: Path, target: Path, form: Literal["packed", "folder"], output: Output) -> None:
-    from msb.api.command_files import open_asset
-    from msb.asset import write_asset
-
-    asset = open_asset(source, output)
-    with output.progress(f"writing {target.name}"):
-        write_asset(asset, target, form, overwrite=output.force)
-    manifest = asset.manifest
-    _print_summary(target, [f"{manifest.vertex_count:,} vertices", f"{manifest.face_count:,} faces"], output)
-
-
-def _write_official(source: Path, target: Path, output: Output) -> None:
-    from msb.adapters.official import write_official
-    from msb.api.command_files import open_asset
-
-    asset = open_asset(source, output)
-    with output.progress(f"writing {target.name}"), about(source):
-        write_official(asset, target)
-    _print_summary(target, [f"written like the official exporter of {asset.manifest.method}"], output)
-
-
-def _write_mesh(source: Path, target: Path, options: ConvertOptions, output: Output) -> None:
-    from msb.adapters.locate import is_mesh_file
-    from msb.api.command_files import open_asset, write_mesh_files
-    from msb.delivery.saving import choose_style, output_suffix
-    from msb.delivery.web_quality import ImageLoss
-    from msb.meshes import read_mesh
-    from msb.meshes.assets import fit_to_format, mesh_from_asset, without_bad_faces
-    from msb.meshes.losses import (
-        describe_up_axis,
-        list_dropped_features,
-        list_engine_losses,
-        list_losses,
-    )
-    from msb.meshes.transform import rotate_upright
-
-    suffix, asset = output_suffix(target, "OUT"), None
-    if is_mesh_file(source):
-        with output.progress(f"reading {source.name}"):
-            mesh = read_mesh(source)  # an asset would round coordinates to float32
-        ignored, known = list(mesh.left_out), True
-        mesh, bad = without_bad_faces(mesh)
-        if bad:
-            output.note(f"{source}: {bad:,} faces have coordinates that are not finite; they are left out")
-    else:
-        asset = open_asset(source, output)
-        mesh, ignored = mesh_from_asset(asset), list_dropped_features(asset)
-        known = options.up is not None or asset.manifest.coordinate_frame.known_up is not None
-    mesh = rotate_upright(mesh, options.up) if options.up else mesh
-    with output.progress(f"choosing the encoding of {target.name}"), about(source):
-        style, quality = choose_style(
-            mesh, target, asset, color=options.color, texture=options.texture, engine=options.engine
-        )
-    # Errors in coordinates and indices name the source file.
-    with output.progress(f"writing {target.name}"), about(source):
-        storable = fit_to_format(mesh, suffix)
-        write_mesh_files(storable, target, output, style)
-    changes = [f"rotated upright (the up axis was {mesh.up})"] if mesh.up != storable.up else []
-    if mesh.meters_per_unit not in (None, 1.0):
-        changes.append(f"scaled to metres (a unit was {mesh.meters_per_unit:g} m)")
-    quality_text = [quality] if quality else []
-    _print_summary(target, [*_list_contents(storable, suffix), *changes, *quality_text], output)
-    loss = ""
-    if mesh.textures and not storable.textures and storable.vertex_colors is not None:
-        loss = ImageLoss.of(mesh, asset).describe(replace(storable, vertices=mesh.vertices))
-    engine_losses = list_engine_losses(storable, options.engine) if options.engine else ()
-    for text in (
-        *list_losses(mesh, storable, suffix, ignored, loss),
-        *engine_losses,
-        *describe_up_axis(mesh, suffix, known=known),
-    ):
-        output.note(f"{target}: {text}")
-
-
-def _list_contents(mesh: Mesh, suffix: str) -> list[str]:
-    """Return the numbers of vertices and faces, and the kinds of colours that the file stores."""
-    from msb.meshes.formats import FORMATS
-
-    form = FORMATS[suffix]
-    counts = [f"{len(mesh.vertices):,} vertices", f"{len(mesh.faces):,} faces"]
-    if mesh.textures and form.list_stored:
-        return [*counts, *form.list_stored(mesh)]
-    colors = [
-        key.replace("_colors", " colours").replace("_uvs", " UVs")
-        for key in form.keeps
-        if key not in ("textures", "collision") and getattr(mesh, key) is not None
-    ]
-    if mesh.textures:
-        colors.append(f"{len(mesh.textures)} texture{'' if len(mesh.textures) == 1 else 's'}")
-    return [*counts, *(colors or ["no colours"])]
-
-
-def _print_summary(target: Path, parts: list[str], output: Output) -> None:
+    done = conversion.run(source, target)
     if not output.quiet:
-        echo(f"{target}: {', '.join(parts)}")
+        echo(f"{target}: {', '.join(done.contents)}")
+    for text in done.notes:
+        output.note(text)

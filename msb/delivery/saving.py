@@ -71,7 +71,7 @@ def save(
         `UNSUPPORTED_TIER`: the method has no static colours, which mesh files need.
     """
     check_type("asset", asset, Asset, AN_ASSET)
-    _check_choice("form", form, FORMS)
+    check_choice("form", form, FORMS)
     target = given_path(path)
     suffix = output_suffix(target)
     if suffix == ASSET_SUFFIX:
@@ -114,7 +114,7 @@ def choose_style(
         ("engine", engine, Engine),
     ):
         if value is not None:
-            _check_choice(name, value, get_args(known))
+            check_choice(name, value, get_args(known))
     if engine and (color or texture):
         raise UsageError("USAGE", "color and texture cannot be combined with engine, which sets them")
     if engine and target.suffix.lower() != ".glb":
@@ -127,7 +127,8 @@ def choose_style(
     return web_style(ImageLoss.of(mesh, asset))
 
 
-def _check_choice(name: str, value: Any, known: Sequence[str]) -> None:
+def check_choice(name: str, value: Any, known: Sequence[str]) -> None:
+    """Raise USAGE if an option does not have one of its values."""
     if value not in known:
         text = f'{name} "{shorten(str(value), 40)}" does not exist; choose from {", ".join(known)}'
         raise UsageError("USAGE", text)

@@ -17,7 +17,7 @@ from msb.errors import AssetError, Unsupported
 from msb.meshes.charts import with_sampled_colors, with_vertex_uvs, without_textures
 from msb.meshes.formats import FORMATS
 from msb.meshes.mesh import Mesh
-from msb.meshes.transform import rotate_upright
+from msb.meshes.transform import rotate_axis, rotate_upright
 from msb.meshes.writing import as_float32, check_indices, check_writable
 
 
@@ -116,6 +116,16 @@ def _with_textures(mesh: Mesh, asset: Asset) -> Mesh:
         face_textures=asset.buffers.get("face_texture"),
         sampler=Sampler.of(manifest.appearance),
     )
+
+
+def align_baked(baked: Asset, asset: Asset) -> Asset:
+    """Return a mesh that was baked from `asset`, in the coordinates of `asset`.
+
+    Files of baked meshes are rotated upright, as their formats require. Their vertices are rotated back.
+    """
+    mesh, up = mesh_from_asset(baked), written_up(asset)
+    vertices = rotate_axis(mesh.vertices, mesh.up or "unknown", up or "unknown")
+    return asset_from_mesh(replace(mesh, vertices=vertices, up=up))
 
 
 def with_vertex_colors(mesh: Mesh) -> Mesh:

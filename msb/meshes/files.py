@@ -9,16 +9,16 @@ from msb.base.atomic import new_files
 from msb.base.files import read_file
 from msb.errors import InputError, MeshFileError, OutputError
 from msb.meshes import gltf_scene, obj, off, ply, stl, usd
-from msb.meshes.formats import FORMATS, Format, Style, list_written_suffixes
+from msb.meshes.formats import FORMATS, OURS, Format, Style, list_written_suffixes
 from msb.meshes.mesh import Mesh
 from msb.meshes.source import Source
 from msb.meshes.transform import with_linear_colors
 from msb.meshes.writing import check_writable
 
 for _format in (ply.FORMAT, obj.FORMAT, off.FORMAT, stl.FORMAT, *gltf_scene.FORMATS, *usd.FORMATS):
-    FORMATS.update(dict.fromkeys(_format.suffixes, _format))
+    OURS.update(dict.fromkeys(_format.suffixes, _format))
 
-# The suffixes that `read_mesh` accepts, in lower case.
+# The suffixes that `read_mesh` accepts, in lower case, including formats of other packages.
 MESH_SUFFIXES = FORMATS.keys()
 # Maximum number of entries in `Mesh.left_out`. Further ones are only counted, because a hostile file may have
 # millions.

@@ -1,11 +1,15 @@
-"""The declaration of a mesh format, and the table of all formats."""
+"""The declaration of a mesh format, and the table of all formats: ours and those of other packages."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cache
 from typing import TYPE_CHECKING, Any, BinaryIO, Literal
+
+from msb.base.packages import Lazy, PackageError, contain_errors, describe_entry, find_installed, load
+from msb.errors import MeshError, UsageError, shorten
 
 if TYPE_CHECKING:
     from msb.meshes.mesh import Mesh
@@ -75,6 +79,8 @@ class Style:
 class Format:
     """One mesh format. Its module declares it, and one line in `msb.meshes.files` registers it.
 
+    Another package registers its format by an entry point of the group `msb.meshes` (docs/extending.md).
+
     Attributes
     ----------
     title : str
@@ -122,10 +128,114 @@ class Format:
     up: str | None = None
 
 
-# Suffix, in lower case -> format. `msb.meshes.files` fills it.
-FORMATS: dict[str, Format] = {}
+# Suffixes that no package may use.
+_RESERVED = (".triasset",)
+_AXES = ("+x", "-x", "+y", "-y", "+z", "-z")
+_KEEPS = ("vertex_colors", "face_colors", "vertex_uvs", "textures", "collision")
+# Suffix, in lower case -> built-in format. `msb.meshes.files` fills it.
+OURS: dict[str, Format] = {}
+
+
+@cache
+def _theirs() -> dict[str, Format]:
+    """Return suffix -> format of other packages (entry points `msb.meshes`). Built-in suffixes stay ours."""
+    formats: dict[str, Format] = {}
+
+    def accept(name: str, entry: str) -> None:
+        form = _load_package_format(name, entry)
+        for suffix in form.suffixes:
+            if suffix in OURS or suffix in _RESERVED:
+                raise PackageError(f"the suffix {suffix} is part of msb")
+            if suffix in formats:
+                raise PackageError(f"the suffix {suffix} belongs to {formats[suffix].title}")
+        formats.update(dict.fromkeys(form.suffixes, form))
+
+    ours = {suffix.removeprefix("."): "msb.meshes" for suffix in OURS}
+    find_installed("mesh", ours, accept)
+    return formats
+
+
+# Suffix, in lower case -> format: ours, then those of other packages.
+FORMATS: Mapping[str, Format] = Lazy(lambda: {**OURS, **_theirs()} if OURS else {})
 
 
 def list_written_suffixes() -> list[str]:
     """Return the suffixes of the formats that can be written."""
     return [suffix for suffix, form in FORMATS.items() if form.write is not None]
+
+
+def _load_package_format(name: str, entry: str) -> Format:
+    form = load(entry)
+    if not isinstance(form, Format):
+        raise PackageError(f"it must be a msb.meshes.formats.Format, not of type {type(form).__name__}")
+    if not isinstance(form.title, str) or not form.title.isprintable() or not form.title:
+        raise PackageError("its title must be a text of one line")
+    suffixes: Any = form.suffixes
+    if not isinstance(suffixes, tuple) or not suffixes:
+        raise PackageError('its suffixes must be a tuple such as (".tri",)')
+    for suffix in suffixes:
+        if not isinstance(suffix, str) or not re.fullmatch(r"\.[a-z0-9_-]{1,20}", suffix):
+            raise PackageError(f'the suffix {shorten(repr(suffix), 40)} must be lower case, such as ".tri"')
+    if not isinstance(form.keeps, tuple) or not set(form.keeps) <= set(_KEEPS):
+        raise PackageError(f"its keeps must be a tuple of some of {', '.join(_KEEPS)}")
+    if form.up is not None and form.up not in _AXES:
+        raise PackageError(f"its up must be None or one of {', '.join(_AXES)}")
+    begins: Any = form.begins
+    if begins is not None and not (isinstance(begins, re.Pattern) and isinstance(begins.pattern, bytes)):
+        raise PackageError("its begins must be a compiled pattern of bytes")
+    if begins is not None and begins.match(b""):
+        raise PackageError("its begins matches every file")
+    functions: tuple[Any, ...] = (form.read, form.write, form.companions)
+    if not callable(form.read) or not all(function is None or callable(function) for function in functions):
+        raise PackageError("its read, write and companions must be functions")
+    whose = describe_entry("mesh format", name, entry)
+    read, write, companions = functions
+    return replace(
+        form,
+        read=_PackageReader(whose, read),
+        write=write and _PackageFunction(whose, write),
+        companions=companions and _PackageFunction(whose, companions),
+    )
+
+
+@dataclass(frozen=True)
+class _PackageFunction:
+    """A function of a mesh format of another package; its errors name that package."""
+
+    whose: str
+    function: Callable[..., Any]
+
+    def __call__(self, *arguments: Any) -> Any:
+        try:
+            with contain_errors():
+                return self.function(*arguments)
+        except PackageError as error:
+            if isinstance(error.__cause__, OSError | MemoryError):
+                raise error.__cause__ from None  # a full disk, for example
+            raise UsageError("PACKAGE_LEFT_OUT", f"{self.whose}: {error}") from error.__cause__
+
+
+@dataclass(frozen=True)
+class _PackageReader:
+    """The `read` of a mesh format of another package. Any error of it means that the file is invalid."""
+
+    whose: str
+    function: Callable[[Source], Mesh]
+
+    def __call__(self, source: Source) -> Mesh:
+        from msb.meshes.mesh import Mesh
+
+        try:
+            with contain_errors():
+                try:
+                    mesh = self.function(source)
+                except MeshError as error:  # its arrays are no valid mesh
+                    raise PackageError(error.message) from error
+                if not isinstance(mesh, Mesh):
+                    raise PackageError(f"it must return a msb.meshes.Mesh, not a {type(mesh).__name__}")
+        except PackageError as error:
+            if isinstance(error.__cause__, MemoryError):
+                raise error.__cause__ from None
+            text = f"the file cannot be read by {self.whose}: {error}"
+            raise source.error("MESH_FILE_INVALID", text) from error.__cause__
+        return mesh

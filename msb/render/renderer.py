@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import fields
 from typing import Any, Self
 
@@ -9,7 +10,7 @@ from msb.api.opening import as_asset
 from msb.asset import Asset
 from msb.asset.arguments import A_CAMERA, check_type
 from msb.cl import Device
-from msb.errors import UsageError
+from msb.errors import UsageError, one_line
 from msb.registry import Tier
 from msb.render.backend import DrawTime, attribute_errors, class_for, make_backend
 from msb.render.frame import Frame
@@ -86,6 +87,8 @@ class Renderer:
             raise UsageError("DEVICE_SELECTOR", text)
         asset = as_asset(asset)
         self.tier = tier
+        self._drawn = f"{asset.manifest.method}, {asset.manifest.face_count:,} faces"
+        self._is_closed = False
         self._official = asset.manifest.appearance.get("background")
         self._background = default_background(asset.manifest)
         self._by = name or tier
@@ -165,8 +168,18 @@ class Renderer:
 
     def close(self) -> None:
         """Release all memory on the device."""
+        self._is_closed = True
         with attribute_errors(self._by):
             self._backend.close()
+
+    def __repr__(self) -> str:
+        words = [self._drawn]
+        with suppress(Exception):  # a renderer of another package can raise anything
+            words.append(f"by {self.name}")
+            info = self.device_info
+            words += [] if info is None else [f"on {info['name']}"]
+        words += ["closed"] if self._is_closed else []
+        return one_line(f"<Renderer {self.tier}: {', '.join(words)}>")
 
     def __enter__(self) -> Self:
         return self

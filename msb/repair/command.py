@@ -16,7 +16,7 @@ from msb.cli.command import Typed, command, option_value, require
 from msb.cli.output import JsonOutput, Output, echo, file_option, plain_table, report_error
 from msb.errors import UsageError, about, one_line
 from msb.render.options import RendererOptions, Source, ViewOptions
-from msb.repair.options import PLAN_STEPS
+from msb.repair.options import PLAN_STEPS, STEPS
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -67,6 +67,7 @@ class RepairOptions:
     "msb repair data_stubs/checkpoint out/fewer.glb --plan drop,orient,debris",
     'msb repair -q --fail-on "components>999" data_stubs/checkpoint out/g.ply',
     "msb repair --compare --task solid \\\n      data_stubs/models/walled/mesh_splatting out/costs",
+    instead={f"--{step}": f"--plan {step}{{value}}" for step in STEPS},
 )
 def repair(
     source: Source,

@@ -9,17 +9,9 @@ from typing import Any, Literal
 from msb.asset.arguments import checked_number
 from msb.base.limits import Limits
 from msb.errors import UsageError, shorten
+from msb.repair.options import STEPS
 from msb.topology.weld import Weld, parse_weld
 
-# The steps, in the order of docs/repair.md.
-# orient: turn faces so that the winding is consistent.
-# pair: at edges of more than two faces, join the flattest pairs and cut the rest.
-# cut: cut edges of more than two faces, and vertices where surfaces only touch.
-# drop: remove a small number of faces, so that no edge has more than two.
-# weld: merge coincident vertices.
-# debris: remove small components.
-# close: close small holes.
-STEPS = ("orient", "pair", "cut", "drop", "weld", "debris", "close")
 # The plan that changes nothing visible.
 DEFAULT = ("orient", "pair")
 Peer = Literal["igl", "pymeshlab"]

@@ -125,7 +125,10 @@ def explain(name: str) -> Explanation:
         folded.setdefault(known.casefold(), entry)
     match = exact.get(wanted) or folded.get(wanted.casefold())
     if match is None:
-        near = difflib.get_close_matches(wanted.casefold(), folded, 3, 0.5)
-        hint = f"did you mean {' or '.join(near)}" if near else f"known names: {', '.join(EXPLANATIONS)}"
+        # Names that are spelled alike, or that contain the text, such as "manifold". 0.7: no chance matches.
+        near = difflib.get_close_matches(wanted.casefold(), folded, 3, 0.7)
+        near += [known for known in folded if len(wanted) > 2 and wanted.casefold() in known]
+        near = list(dict.fromkeys(near))[:4]
+        hint = f"did you mean {' or '.join(near)}?" if near else f"known names: {', '.join(EXPLANATIONS)}"
         raise UsageError("NAME_UNKNOWN", f'unknown quantity "{shorten(name)}"; {hint}')
     return match

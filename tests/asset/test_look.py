@@ -33,10 +33,27 @@ def wild(domain: str = "vertex") -> Asset:
     return build_asset(buffers, {"color": domain}, Description())
 
 
+def test_an_asset_gives_its_arrays_in_the_types_of_other_libraries() -> None:
+    buffers = {"positions": np.eye(3, dtype=np.float32), "indices": np.array([[0, 1, 2]], np.uint32)}
+    plain = build_asset(buffers, {}, Description())
+    assert (plain.vertices.dtype, plain.faces.dtype, plain.colors) == (np.float64, np.int64, None)
+    assert np.array_equal(plain.vertices, np.eye(3))
+    assert np.array_equal(plain.faces, [[0, 1, 2]])
+    plain.vertices[:] = 7  # a copy
+    assert np.array_equal(plain.buffers["positions"], np.eye(3))
+    bytes_ = {**buffers, "color": np.array([[0, 51, 255, 255]] * 3, np.uint8)}
+    colored = build_asset(bytes_, {"color": "vertex"}, Description())
+    assert colored.colors is not None
+    assert colored.colors.dtype == np.float32
+    assert np.allclose(colored.colors, [[0, 0.2, 1, 1]] * 3)
+
+
 @pytest.mark.parametrize("domain", ["vertex", "face", "corner"])
 def test_clamped_colours_are_the_same_everywhere(tmp_path: Path, domain: str) -> None:
     asset, expected = wild(domain), TAME[:1] if domain == "face" else TAME
     assert np.array_equal(drawn_colors(asset).values, expected)
+    assert asset.colors is not None
+    assert np.array_equal(asset.colors, expected)
     mesh = mesh_from_asset(asset)
     colors = mesh.face_colors if mesh.vertex_colors is None else mesh.vertex_colors
     assert np.array_equal(colors, np.broadcast_to(expected, colors.shape))

@@ -2,7 +2,9 @@
 
 import json
 import re
+import shutil
 import struct
+import subprocess
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -258,3 +260,28 @@ def test_the_package_is_complete_and_needs_only_three() -> None:
     assert imports.findall((JS / "TriassetLoader.js").read_text()) == ["three"]
     for name in SHARED:
         assert set(imports.findall((WEB / name).read_text())) <= {f"./{other}" for other in SHARED}
+
+
+def test_the_example_finds_its_modules_after_the_commands_of_the_readme(tmp_path: Path) -> None:
+    if shutil.which("npm") is None:
+        pytest.skip("npm is not installed")
+    package, web = tmp_path / "integrations" / "js", tmp_path / "msb" / "engines" / "web"
+    shutil.copytree(JS, package, ignore=shutil.ignore_patterns("node_modules", "shared"))
+    shutil.copytree(WEB, web)
+    shutil.copy(ROOT / "LICENSE", tmp_path)
+    readme = (package / "README.md").read_text(encoding="utf-8")
+    (block,) = re.findall(r"^```console\n(.*?)^```", readme, re.MULTILINE | re.DOTALL)
+    commands = [line.partition("#")[0].split() for line in block.splitlines()]
+    assert commands[-1][:3] == ["python3", "-m", "http.server"]
+    for words in commands[:-1]:
+        if words[1] == "run":  # npm install needs a network
+            subprocess.run(words, cwd=package, check=True, capture_output=True)
+    # Follow the imports from the page.
+    pattern = re.compile(r'^\s*(?:import|\}).* from "(\.[^"]+)";$', re.MULTILINE)
+    loaded, waiting = set(), [package / "example.html"]
+    while waiting:
+        path = waiting.pop()
+        loaded.add(path)
+        found = {(path.parent / name).resolve() for name in pattern.findall(path.read_text(encoding="utf-8"))}
+        waiting += found - loaded
+    assert (package / "shared" / "dedicated.js").resolve() in loaded

@@ -17,7 +17,7 @@ from msb.adapters.locate import locate
 from msb.cli.app import app
 from msb.errors import InputError, MeshFileError
 from msb.meshes import Mesh, read_mesh, write_mesh
-from msb.meshes.formats import FORMATS, Format
+from msb.meshes.formats import FORMATS, OURS, Format
 from tests.conftest import ROOT
 from tests.test_docs_commands import blocks
 
@@ -44,7 +44,7 @@ def tri(monkeypatch: pytest.MonkeyPatch) -> Format:
     (text,) = (block for block in blocks("CONTRIBUTING.md", "python") if "FORMAT = " in block)
     module = ModuleType("msb.meshes.tri")
     exec(text, vars(module))
-    monkeypatch.setitem(FORMATS, ".tri", module.FORMAT)
+    monkeypatch.setitem(OURS, ".tri", module.FORMAT)
     monkeypatch.setitem(sys.modules, module.__name__, module)
     form: Format = module.FORMAT
     return form
@@ -94,7 +94,7 @@ def test_an_added_format_is_fuzzed(tri: Format, tmp_path: Path) -> None:
 
 
 def test_a_read_only_format_cannot_be_written(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setitem(FORMATS, ".old", Format("OLD", (".old",), FORMATS[".off"].read))
+    monkeypatch.setitem(OURS, ".old", Format("OLD", (".old",), FORMATS[".off"].read))
     (tmp_path / "a.old").write_bytes(SMALL[".off"])
     assert len(read_mesh(tmp_path / "a.old").faces) == 2
     with pytest.raises(InputError, match="FILE_NOT_RECOGNISED"):

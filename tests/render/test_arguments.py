@@ -1,5 +1,6 @@
 """Arguments of the public rendering functions: valid and invalid values, on all tiers."""
 
+import re
 import warnings
 from dataclasses import replace
 from typing import Any
@@ -119,3 +120,10 @@ def test_a_sigma_that_is_zero_in_float32_causes_no_warning(cpu: Device) -> None:
             for tier in ("reference", "dedicated")
         ]
     assert np.abs(images[0] - images[1]).max() < 1e-4
+
+
+def test_a_printed_renderer_names_tier_and_method_also_after_it_is_closed(asset: Asset) -> None:
+    renderer = msb.Renderer(asset, tier="reference")
+    assert {"reference", "two_dts"} <= set(re.findall(r"\w+", repr(renderer)))
+    renderer.close()
+    assert "closed" in repr(renderer)

@@ -228,3 +228,18 @@ def test_uvs_without_a_texture_are_kept_and_define_seams(here: Here, tmp_path: P
     assert np.array_equal(read_mesh(target).vertex_uvs, mesh.vertex_uvs)
     file = here("audit", target, "--json", "-").json
     assert (file["verdict"]["level"], file["without_seams"]["counts"]["vertices"]) == ("ok", 8)
+
+
+@pytest.mark.parametrize(
+    ("words", "instead"),
+    [
+        (["--weld", "0.02"], "--plan weld:0.02"),
+        (["--weld=exact"], "--plan weld:exact"),
+        (["--close"], "--plan close"),
+        (["--orient", "out.ply"], "--plan orient"),
+    ],
+)
+def test_a_step_given_as_an_option_is_shown_as_a_plan(here: Here, words: list[str], instead: str) -> None:
+    result = here("repair", "data_stubs/checkpoint", *words)
+    result.ends(2, "USAGE: ")
+    assert f"{instead}?" in result.err

@@ -11,6 +11,7 @@ import pytest
 from msb import Audit, audit
 from msb.asset import build_asset
 from msb.errors import MeshError
+from msb.meshes import Mesh, write_mesh
 from msb.topology.audit import Metrics
 from msb.topology.findings import Counts
 from tests.conftest import BOOK, TETRAHEDRON
@@ -46,6 +47,45 @@ def test_lists_tuples_views_and_fortran_order_give_the_same_audit() -> None:
         (np.ma.array(POINTS), np.ma.array(FACES)),  # no element is masked
     ]:
         assert same(audit(points, faces), BOTH)
+
+
+class Triangles:
+    """What a mesh of another library has in common with a trimesh."""
+
+    def __init__(self, vertices: object, faces: object) -> None:
+        self.vertices, self.faces = vertices, faces
+
+
+def test_pairs_and_meshes_give_the_audit_of_their_arrays() -> None:
+    mesh = Mesh(POINTS.astype(np.float64), FACES.astype(np.int64))
+    for given in ((POINTS, FACES), [POINTS.tolist(), FACES.tolist()], mesh, Triangles(POINTS, FACES)):
+        assert same(audit(given), BOTH)
+    assert audit(mesh, weld="exact").welded is not None
+    for wrong in (Triangles, (POINTS,), (POINTS, FACES, FACES), POINTS, (1, 2)):
+        with pytest.raises(MeshError, match="MESH_ARRAY"):
+            audit(wrong)  # type: ignore[arg-type]
+
+
+def test_a_mesh_is_audited_with_its_seams_like_its_file(tmp_path: Path) -> None:
+    # A sheet of two faces, cut along its diagonal because the colours differ there.
+    points = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 0, 0], [1, 1, 0], [0, 1, 0]], np.float64)
+    colors = np.repeat(np.array([[255, 0, 0], [0, 0, 255]], np.uint8), 3, axis=0)
+    mesh = Mesh(points, np.arange(6).reshape(2, 3), vertex_colors=colors)
+    write_mesh(mesh, tmp_path / "sheet.ply", suffix=".ply")
+    assert audit(mesh).counts == audit(tmp_path / "sheet.ply").counts
+    assert audit(mesh).counts.seam_vertices == 2
+
+
+@pytest.mark.oracle
+@pytest.mark.parametrize("shape", ["Cube", "Sphere", "Plane"])
+def test_pyvista_and_trimesh_meshes_are_audited(shape: str) -> None:
+    pyvista, trimesh = pytest.importorskip("pyvista"), pytest.importorskip("trimesh")
+    made = getattr(pyvista, shape)()
+    triangles = made.triangulate()
+    faces = triangles.faces.reshape(-1, 4)[:, 1:]
+    expected = audit(triangles.points, faces)
+    assert same(audit(made), expected)
+    assert same(audit(trimesh.Trimesh(triangles.points, faces, process=False)), expected)
 
 
 def test_read_only_arrays_are_accepted() -> None:

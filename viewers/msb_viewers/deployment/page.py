@@ -3,8 +3,7 @@
 import base64
 import io
 import math
-from collections.abc import Callable, Mapping
-from pathlib import Path
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -12,29 +11,10 @@ from numpy.typing import NDArray
 
 from msb_viewers.deployment.compose import caption_lines, decibels
 from msb_viewers.deployment.difference import ERROR_SCALE, TOP, TOPS
-from msb_viewers.deployment.shots import LABELS, Shot, TierRenderers
+from msb_viewers.deployment.shots import LABELS, Shot
 from msb_viewers.deployment.state import CompareState
 from msb_viewers.deployment.views import View
 from msb_viewers.template import build_page
-
-
-def write_page(
-    state: CompareState,
-    renderers: TierRenderers,
-    views: list[View],
-    path: Path,
-    *,
-    step: Callable[[], None] = lambda: None,
-) -> None:
-    """Render all `views` and write a page of them. `step` is called after each view."""
-    from msb.base.atomic import new_file
-
-    rows = []
-    for view in views:
-        rows.append(page_view(view, renderers.shoot_all(view)))
-        step()
-    with new_file(path) as file:
-        file.write(page(state, rows))
 
 
 def page(state: CompareState, rows: list[dict[str, Any]]) -> bytes:

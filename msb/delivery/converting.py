@@ -1,0 +1,253 @@
+"""The function `msb.convert`, which converts one model. `msb convert` calls the same code for each input."""
+
+import os
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import get_args
+
+from msb.adapters.locate import is_mesh_file
+from msb.adapters.official import write_official
+from msb.api.opening import describe_opened, open
+from msb.asset import ASSET_SUFFIX, Asset, write_asset
+from msb.asset.writer import Form
+from msb.base.atomic import check_new
+from msb.base.paths import given_path, real_place
+from msb.delivery import Engine
+from msb.delivery.saving import check_choice, choose_style, output_suffix
+from msb.delivery.web_quality import ImageLoss
+from msb.errors import UsageError, about
+from msb.meshes import Mesh, read_mesh
+from msb.meshes.assets import fit_to_format, mesh_from_asset, without_bad_faces
+from msb.meshes.files import companion_files, write_whole
+from msb.meshes.formats import FORMATS, Color, Picture
+from msb.meshes.losses import describe_up_axis, list_dropped_features, list_engine_losses, list_losses
+from msb.meshes.transform import rotate_upright
+from msb.render.options import Up
+
+Stage = Callable[[str], AbstractContextManager[None]]
+
+
+@dataclass(frozen=True)
+class Converted:
+    """The result of `convert`.
+
+    Attributes
+    ----------
+    path : Path
+        The written file.
+    contents : tuple of str
+        Its contents: the numbers of vertices and faces, kinds of colours, the rotation, and measured quality.
+    notes : tuple of str
+        Warnings about the input, and data that the file does not hold.
+    """
+
+    path: Path
+    contents: tuple[str, ...]
+    notes: tuple[str, ...]
+
+
+def convert(
+    source: str | os.PathLike[str],
+    target: str | os.PathLike[str],
+    *,
+    overwrite: bool = False,
+    form: Form | None = None,
+    up: Up | None = None,
+    color: Color | None = None,
+    texture: Picture | None = None,
+    engine: Engine | None = None,
+    official: bool = False,
+) -> Converted:
+    """Convert a model or mesh to the format of the suffix of `target`, as `msb convert` does.
+
+    Vertices and faces, their order and colours are kept as far as the format allows. A mesh file keeps the
+    precision of its coordinates, unless a format has only float32. If an error occurs, no file is written.
+
+    Parameters
+    ----------
+    source : path-like
+        A `.triasset`, a checkpoint or a mesh file. Use `msb.save` for an asset in memory.
+    target : path-like
+        The output.
+    overwrite : bool
+        Replace an existing file. The file of `source` is never replaced.
+    form : {"packed", "folder"}, optional
+        The form of a `.triasset`. Default: packed.
+    up : {"+x", "-x", "+y", "-y", "+z", "-z"}, optional
+        The axis that points up in `source`. The output is rotated so that +y points up. Default: no rotation;
+        for `.glb` the up axis of `source`, if it is known.
+    color, texture, engine : str, optional
+        As in `msb.save`.
+    official : bool
+        Write the file that the method's official exporter writes.
+
+    Returns
+    -------
+    Converted
+
+    Raises
+    ------
+    UsageError
+        `USAGE`: the suffix or an option is invalid, or options cannot be combined. `OUTPUT_EXISTS`: the file
+        exists, and `overwrite` is false. `EXTRA_MISSING`: an optional package is not installed.
+    InputError, CheckpointError, MeshFileError, MeshError, AssetError
+        `source` cannot be read.
+    OutputError
+        `OUTPUT_UNWRITABLE` or `OUTPUT_FORMAT_LIMIT`.
+    Unsupported
+        The method has no static colours, or no official exporter.
+
+    Examples
+    --------
+    >>> import msb
+    >>> done = msb.convert("data_stubs/checkpoint", "out/example/upright.glb", overwrite=True)
+    >>> done.contents[:3]
+    ('2,582 vertices', '5,159 faces', 'vertex colours')
+    """
+    place, output_path = given_path(source), given_path(target)
+    for name, value, known in (("form", form, Form), ("up", up, Up)):
+        if value is not None:
+            check_choice(name, value, get_args(known))
+    if official and (form, up, color, texture, engine) != (None,) * 5:
+        text = "form, up, color, texture and engine cannot be combined with official"
+        raise UsageError("USAGE", text)
+    conversion = Conversion(form, up, color, texture, engine, official=official, overwrite=overwrite)
+    conversion.check_target(output_path)
+    if real_place(place) == real_place(output_path):
+        raise UsageError("USAGE", "it is an input; write the output to another file", file=output_path)
+    if official and not overwrite:  # all other writers check this themselves
+        check_new(output_path)
+    warnings: list[str] = []
+    done = replace(conversion, note=warnings.append).run(place, output_path)
+    return replace(done, notes=(*warnings, *done.notes))
+
+
+@contextmanager
+def _silent(_text: str) -> Iterator[None]:
+    yield
+
+
+@dataclass(frozen=True)
+class Conversion:
+    """The options of a conversion. `stage` shows the stages of the work while they run."""
+
+    form: Form | None = None
+    up: Up | None = None
+    color: Color | None = None
+    texture: Picture | None = None
+    engine: Engine | None = None
+    official: bool = False
+    overwrite: bool = False
+    stage: Stage = _silent
+    # Checks that a companion file of a mesh may be written.
+    check_free: Callable[[Path], None] = lambda path: None
+    # Receives each warning about the input when it is found.
+    note: Callable[[str], None] = lambda text: None
+
+    def check_target(self, target: Path) -> None:
+        """Check the suffix of an output, and that its format stores the data that the options affect."""
+        suffix = target.suffix.lower()
+        keeps = FORMATS[suffix].keeps if suffix in FORMATS else ("textures",)
+        if self.texture is not None and "textures" not in keeps:
+            raise UsageError(
+                "USAGE", f"the option texture needs a format that stores textures; {suffix} does not"
+            )
+        if self.color is not None and not keeps:
+            raise UsageError(
+                "USAGE", f"the option color needs a format that stores colours; {suffix} does not"
+            )
+        if not self.official:
+            output_suffix(target, "OUT")
+
+    def run(self, source: Path, target: Path) -> Converted:
+        """Convert one input, whose output was checked by `check_target`."""
+        if self.official:
+            return self._write_official(source, target)
+        if target.suffix.lower() == ASSET_SUFFIX:
+            if (self.up, self.color, self.texture, self.engine) != (None,) * 4:
+                text = (
+                    "up, color, texture and the engine apply to mesh files; a .triasset is stored unchanged"
+                )
+                raise UsageError("USAGE", text)
+            return self._write_asset(source, target)
+        if self.form is not None:
+            text = f"the option form applies to .triasset only; {target.name} is a mesh file"
+            raise UsageError("USAGE", text)
+        return self._write_mesh(source, target)
+
+    def _open(self, source: Path) -> Asset:
+        with self.stage(f"reading {source.name}"):
+            asset = open(source)
+        if (text := describe_opened(source, asset.opened_from)) is not None:
+            self.note(text)
+        for warning in asset.warnings:
+            self.note(warning.to_line(source))
+        return asset
+
+    def _write_asset(self, source: Path, target: Path) -> Converted:
+        asset = self._open(source)
+        with self.stage(f"writing {target.name}"):
+            write_asset(asset, target, self.form or "packed", overwrite=self.overwrite)
+        manifest = asset.manifest
+        contents = (f"{manifest.vertex_count:,} vertices", f"{manifest.face_count:,} faces")
+        return Converted(target, contents, ())
+
+    def _write_official(self, source: Path, target: Path) -> Converted:
+        asset = self._open(source)
+        with self.stage(f"writing {target.name}"), about(source):
+            write_official(asset, target)
+        return Converted(target, (f"written like the official exporter of {asset.manifest.method}",), ())
+
+    def _write_mesh(self, source: Path, target: Path) -> Converted:
+        suffix, asset = output_suffix(target, "OUT"), None
+        if is_mesh_file(source):
+            with self.stage(f"reading {source.name}"):
+                mesh = read_mesh(source)  # not as an asset, which would round coordinates to float32
+            ignored, known = list(mesh.left_out), True
+            mesh, bad = without_bad_faces(mesh)
+            if bad:
+                self.note(f"{source}: {bad:,} faces have coordinates that are not finite; they are left out")
+        else:
+            asset = self._open(source)
+            mesh, ignored = mesh_from_asset(asset), list_dropped_features(asset)
+            known = self.up is not None or asset.manifest.coordinate_frame.known_up is not None
+        mesh = rotate_upright(mesh, self.up) if self.up else mesh
+        with self.stage(f"choosing the encoding of {target.name}"), about(source):
+            style, quality = choose_style(
+                mesh, target, asset, color=self.color, texture=self.texture, engine=self.engine
+            )
+        # Errors of coordinates and indices are reported for the source.
+        with self.stage(f"writing {target.name}"), about(source):
+            storable = fit_to_format(mesh, suffix)
+            for other in companion_files(storable, target, style):
+                self.check_free(other)
+            write_whole(storable, target, style, overwrite=self.overwrite)
+        changes = [f"rotated upright (the up axis was {mesh.up})"] if mesh.up != storable.up else []
+        if mesh.meters_per_unit not in (None, 1.0):
+            changes.append(f"scaled to metres (a unit was {mesh.meters_per_unit:g} m)")
+        contents = (*_list_contents(storable, suffix), *changes, *([quality] if quality else []))
+        loss = ""
+        if mesh.textures and not storable.textures and storable.vertex_colors is not None:
+            loss = ImageLoss.of(mesh, asset).describe(replace(storable, vertices=mesh.vertices))
+        notes = [*list_losses(mesh, storable, suffix, ignored, loss)]
+        notes += list_engine_losses(storable, self.engine) if self.engine else ()
+        notes += describe_up_axis(mesh, suffix, known=known)
+        return Converted(target, contents, tuple(f"{target}: {text}" for text in notes))
+
+
+def _list_contents(mesh: Mesh, suffix: str) -> list[str]:
+    """Return the numbers of vertices and faces, and the kinds of colours that the file stores."""
+    form = FORMATS[suffix]
+    counts = [f"{len(mesh.vertices):,} vertices", f"{len(mesh.faces):,} faces"]
+    if mesh.textures and form.list_stored:
+        return [*counts, *form.list_stored(mesh)]
+    colors = [
+        key.replace("_colors", " colours").replace("_uvs", " UVs")
+        for key in form.keeps
+        if key not in ("textures", "collision") and getattr(mesh, key) is not None
+    ]
+    if mesh.textures:
+        colors.append(f"{len(mesh.textures)} texture{'' if len(mesh.textures) == 1 else 's'}")
+    return [*counts, *(colors or ["no colours"])]
