@@ -19,7 +19,7 @@ from msb.scenes.datasets.read import scene_at
 from tests.conftest import ROOT
 
 STUBS = ROOT / "data_stubs"
-# The demo data has no model of Triangle-Splatting+, whose renderer and layout are those of MeshSplatting.
+# The demo data has no model of Triangle Splatting+, which shares the renderer and layout of MeshSplatting.
 METHODS = [name for name in TRAINED if name != "triangle_splatting_plus"]
 MAX_BYTES = 8_000_000
 MAX_FACES = 8000

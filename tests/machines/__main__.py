@@ -70,8 +70,8 @@ PICTURES = (
 )
 COMPARED = tuple(f"tests/render/test_{name}.py" for name in ("splat_order", "splatting", "standard_far"))
 MACHINES = {
-    # The PoCL of the system, which is another version than that of the wheel. `make test` runs both styles of
-    # kernels with the wheel. Left out: tests that do not depend on the compiler, such as those of inputs.
+    # The PoCL of the system, which is another version than in the wheel. `make test` runs both styles of
+    # kernels with the wheel. Left out: tests that do not depend on the compiler, such as tests of inputs.
     "pocl": Machine(
         "pocl-opencl-icd",
         "libpocl",

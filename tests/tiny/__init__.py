@@ -9,7 +9,7 @@ MODELS = TINY / "models"
 
 
 def link_demo(folder: Path) -> None:
-    """Create `folder`/data_stubs: the demo data with tiny models and scenes in place of its own.
+    """Create `folder`/data_stubs: the demo data with tiny models and scenes instead of the shipped ones.
 
     Examples run faster with them. Models of the demo data have ten times as many faces, and its scenes have
     twice as many views.
