@@ -85,7 +85,7 @@ class Pair(NamedTuple):
 
 
 def scan_pair(device: Device, peer: Peer, count: int, dtype: type[np.unsignedinteger[Any]]) -> Pair:
-    """Return the exclusive scan of `count` uint32 into sums of `dtype`."""
+    """Return the exclusive prefix sum of `count` numbers (uint32); its results have the type `dtype`."""
     from pyopencl.array import empty
 
     values = np.random.default_rng(0).integers(0, 16, count, np.uint32)

@@ -204,7 +204,7 @@ def test_python_runs(document: str, stand_ins: Path, tmp_path: Path, monkeypatch
 
 
 def install_example(document: str, site: Path) -> Path:
-    """Write the packages that `document` prints to `site`, in the form in which pip installs them; return it.
+    """Install the packages shown in `document` into the folder `site`, like pip would; return the folder.
 
     The line before a code block names its file. The pyproject.toml is the last file of each package.
     """

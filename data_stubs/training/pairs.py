@@ -84,7 +84,8 @@ class Pairs:
 
 @dataclass(frozen=True, eq=False)
 class Ranks:
-    """P pairs by rank: their indices in `Pairs`, their pixels (Q,), and the number of pairs per rank.
+    """All P pairs, sorted by rank: index of each pair in `Pairs`, the pixels (Q,), and the number of pairs
+    per rank.
 
     Pixels with the longest lists come first.
     """

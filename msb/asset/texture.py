@@ -234,7 +234,8 @@ def _find_covered(
         return [(rows, np.ones(len(rows), np.float32))]
     if size == 2 * half:
         shares: list[NDArray[Any]] = [np.full(len(rows), 0.5)] * 2
-    else:  # size is 2 half + 1: each new texel covers one texel completely, and both its neighbours partly
+    else:
+        # size is odd (2 half + 1): a new texel covers one old texel completely and its two neighbours partly.
         shares = [(half - rows) / size, np.full(len(rows), half / size), (rows + 1) / size]
     return [(2 * rows + offset, share.astype(np.float32)) for offset, share in enumerate(shares)]
 

@@ -117,7 +117,7 @@ def make_surface(
 def _choose_grid(reduce_grid: Callable[[int], ReducedSurface]) -> ReducedSurface:
     """Try several numbers of cells; return the surface with the smallest validation error.
 
-    A coarse grid suits a soup that the views hardly determine. A fine grid suits thin parts such as leaves.
+    A coarse grid is better for a soup that is seen in few views. A fine grid suits thin parts such as leaves.
     """
     best, coarse = reduce_grid(CELLS), reduce_grid(CELLS // 2)
     if best.error < _MAX_ERROR_RATIO * coarse.error:

@@ -188,7 +188,7 @@ class _Reader:
                 self.textured[material] = None
                 uvs.append((faces, placed[key]))
         arrays.uvs = _combine(uvs, arrays, 2, 0.0)
-        # Number the images, and collect the colours. Beside images, white is the default.
+        # Number the images, and collect the colours. Parts without a colour are white if the mesh has images.
         colors = [(faces, _choose_color(material, read)) for material, faces in materials]
         for material, faces in materials:
             arrays.textures[faces] = self.images.setdefault(material.image, len(self.images))

@@ -98,11 +98,12 @@ def fill_gaps(cameras: Sequence[Camera], count: int) -> list[Camera]:
     """Return at most `count` additional cameras, each halfway between two neighbours.
 
     Neighbours are two cameras of `cameras`, or of those added before, such that no other camera is nearer to
-    the pose halfway between them. They must differ in rotation by less than 120 degrees: halfway round an
-    object there may be no free path. The new camera is the halfway pose that is farthest from its nearest
-    camera, so the widest gaps are filled first. The distance of two cameras is the angle between their axes
-    in radians, plus the distance of their centres in radii of the capture. Fewer cameras are returned if
-    `cameras` is a single camera, or if its cameras are in one place or opposite each other.
+    the pose halfway between them. Their rotations must differ by less than 120 degrees, because a straight
+    path to the other side of an object could pass through the object. The new camera is the halfway pose that
+    is farthest from its nearest camera, so the widest gaps are filled first. The distance of two cameras is
+    the angle between their axes in radians, plus the distance of their centres in radii of the capture. Fewer
+    cameras are returned if `cameras` is a single camera, or if its cameras are in one place or opposite each
+    other.
     """
     aim = find_target(cameras)
     every = list(cameras)

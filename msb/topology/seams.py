@@ -25,8 +25,8 @@ from msb.topology.weld import find_coincident_vertices, weld_vertices
 Attributes = Mapping[str, NDArray[Any]]
 SeamKind = Literal["texture", "color"]
 
-# Maximum number of faces for testing the exact weld without a request. The test takes about as long as the
-# audit itself.
+# Up to this number of faces, the audit tests an exact weld even if --weld is not given. The test takes about
+# as long as the audit itself.
 MOST_FACES = 200_000
 
 

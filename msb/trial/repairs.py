@@ -189,7 +189,7 @@ def compare(
         start = time.perf_counter()
         try:
             done = repair_asset(asset, replace(options, plan=steps, peer=peer))
-        except OutputError:  # temporary files cannot be written, which is no result of the strategy
+        except OutputError:  # a temporary file cannot be written; this says nothing about the strategy
             raise
         except MsbError as error:
             rows.append(StrategyResult(name, steps, peer, why=f"{error.code}: {error.message}"))

@@ -55,7 +55,7 @@ PEBBLE = captures.World(
 
 
 def write_models(folder: Path) -> None:
-    """Write models of all methods for the masked scenes, and of the trained methods for scenes with a wall."""
+    """Write models of all methods for masked scenes, and of the trained methods for scenes with a wall."""
     made_models.write_models(folder / "pebble", pebble(), white=True, layout="synthetic")
     made_meshes.write_meshes(folder / "pebble", pebble(), white=True)
     surface = walled().turned(captures.Y_DOWN)

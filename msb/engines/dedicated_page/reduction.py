@@ -69,7 +69,8 @@ def _round_to_levels(values: NDArray[np.float32]) -> NDArray[np.float32]:
     edges = np.linspace(low, high, _BINS + 1)
     count = np.histogram(finite, edges)[0].astype(np.float64)
     integral = np.concatenate([[0], np.cumsum(np.cbrt(count))])
-    # Four of the 256 levels are reserved for both infinities, the minimum and the maximum.
+    # Four of the 256 levels are reserved: one each for minus infinity, plus infinity, the minimum and the
+    # maximum.
     inner = np.interp(np.linspace(0, integral[-1], 2 * (LEVELS - 4) + 1)[1::2], integral, edges)
     levels = np.unique(np.concatenate([[low], inner, [high]]).astype(np.float32))
     nearest = np.searchsorted((levels[1:] + levels[:-1]) / 2, values)

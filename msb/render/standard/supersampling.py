@@ -34,8 +34,8 @@ def enlarge(camera: Camera, scale: int) -> Camera:
 def box_filter(frame: Frame, scale: int) -> Frame:
     """Return a frame whose pixels combine `scale` x `scale` pixels of `frame` each.
 
-    Image and alpha are means. Depth and face are taken from the nearest sample, at equal depths from the
-    lowest face number.
+    Image and alpha are means. Depth and face are those of the nearest sample. If samples have equal depths,
+    the lowest face number wins.
     """
     image, alpha = box_mean(frame.image, scale), box_mean(frame.alpha, scale)
     # Bits of positive floats sort like the floats. As unsigned numbers, background samples (-1) come last.

@@ -21,7 +21,8 @@ from msb.topology.crosscheck.peers import PEERS, Answer, Answers, ask_peers
 __all__ = ["PEERS", "Comparison", "CrossCheck", "compare", "cross_check"]
 
 Verdict = Literal["agrees", "differs_by_definition", "disagrees"]
-# Time limit of a peer in seconds, plus the same again per million faces; libigl needs 12 s per million.
+# Time limit of each peer: this many seconds, plus this many for each million faces. libigl needs 12 s per
+# million.
 PATIENCE = 60.0
 # Peers that other extras install too: NetworkX is a dependency of scikit-image (extra bench).
 ANYWAY = {"NetworkX"}

@@ -30,7 +30,8 @@ class CompareOptions:
         float | None, Option("Size of the images relative to the cameras.", metavar="FACTOR")
     ] = None
     layout: Annotated[
-        Literal["side", "wipe", "difference"], Option("Layout of the image, and the first one of the page.")
+        Literal["side", "wipe", "difference"],
+        Option("Layout of the image, and the layout that the page shows first."),
     ] = "side"
     tiers: Annotated[
         tuple[str, ...],
