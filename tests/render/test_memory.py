@@ -94,7 +94,7 @@ def test_no_buffer_is_larger_than_the_device_takes_at_once(method: str, faces: i
     largest = max(frame.values())
     limit(device, max_allocation=largest // 2)
     error, use = rejection(asset, device)
-    assert f"and takes at most {largest / 2**21:,.1f} at once" in error.message
+    assert f"at most {largest / 2**21:,.1f} MiB" in error.message
     assert (use in model_memory) == (faces == 20_000)
 
 

@@ -39,7 +39,7 @@ def test_blending_is_rejected_if_a_group_cannot_be_a_tile(method: str, limited: 
     with pytest.raises(DeviceError) as caught:
         draw(dedicated_renderer, method, limited)
     assert (caught.value.code, caught.value.exit_status) == ("DEVICE_COMMAND", 5)
-    assert f"allows {allowed} " in caught.value.message
+    assert f"allows {allowed};" in caught.value.message
 
 
 @pytest.mark.slow
