@@ -151,13 +151,9 @@ class Conversion:
         suffix = target.suffix.lower()
         keeps = FORMATS[suffix].keeps if suffix in FORMATS else ("textures",)
         if self.texture is not None and "textures" not in keeps:
-            raise UsageError(
-                "USAGE", f"the option texture needs a format that stores textures; {suffix} does not"
-            )
+            raise UsageError("USAGE", f"--texture needs a format that stores textures; {suffix} does not")
         if self.color is not None and not keeps:
-            raise UsageError(
-                "USAGE", f"the option color needs a format that stores colours; {suffix} does not"
-            )
+            raise UsageError("USAGE", f"--color needs a format that stores colours; {suffix} does not")
         if not self.official:
             output_suffix(target, "OUT")
 
@@ -168,12 +164,12 @@ class Conversion:
         if target.suffix.lower() == ASSET_SUFFIX:
             if (self.up, self.color, self.texture, self.engine) != (None,) * 4:
                 text = (
-                    "up, color, texture and the engine apply to mesh files; a .triasset is stored unchanged"
+                    "--up, --color, --texture and --for apply to mesh files; a .triasset is stored unchanged"
                 )
                 raise UsageError("USAGE", text)
             return self._write_asset(source, target)
         if self.form is not None:
-            text = f"the option form applies to .triasset only; {target.name} is a mesh file"
+            text = f"--form applies to .triasset only; {target.name} is a mesh file"
             raise UsageError("USAGE", text)
         return self._write_mesh(source, target)
 
