@@ -38,6 +38,7 @@ TWO_DTS = ROOT / "tests" / "tiny" / "models" / "walled" / "two_dts"
 NOT_RUN = {
     r"(pip|python3\S*|dask|export) ": "installs or starts other programs",
     r"msb view (?!.*--(screenshot|figure|html) )": "opens a window",
+    r"msb-audit .*--view ": "opens a window",
     r"msb trial (?!.*--task )": "takes minutes; tests/trial runs every task",
     r"msb repair --compare ": "takes minutes; a shorter one is an example of --help, which is run",
     r"msb bake --(for-solid|scene) ": "takes minutes; it is an example of --help, which is run",

@@ -17,7 +17,7 @@ CALLS = {
     "write EXR": ("bench", "images.write_image(Path('b.exr'), image, 'exr')"),
     "results": ("bench", "folder.lock_results(Path('r')).__enter__()"),
     "track": ("bench", "track.track(['true'])"),
-    "page": ("bench", "pages._environment()"),
+    "page": ("bench", "pages._make_environment()"),
     "figure": ("bench", "figures._make_figure('n', 't', 'c', print).svg"),
     "film": ("video", "images.write_film(Path('f.mp4'), [image], 24)"),
     "lpips": ("lpips", "metrics.lpips_vgg(image, image, vgg_weights='vgg.pth')"),

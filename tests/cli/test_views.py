@@ -18,7 +18,7 @@ def test_trial_uses_the_cameras_of_the_training(msb: Msb) -> None:
     assert (cameras["count"], cameras["from"]) == (12, "training")
     numbers = result.json["trials"][0]["numbers"]["fast_simplification"]
     assert numbers["psnr"] == pytest.approx(26.4, abs=0.3)
-    assert cameras['views'] in msb("trial", "--task", "solid", CAPTURE).out
+    assert cameras["views"] in msb("trial", "--task", "solid", CAPTURE).out
 
 
 @pytest.mark.skipif("eval" not in INSTALLED, reason="msb.bench is not installed")
