@@ -272,7 +272,7 @@ def print_blends(rows: list[dict[str, Any]], *, head: bool) -> None:
 def print_paper(rows: list[dict[str, Any]]) -> None:
     """Print frames per second.
 
-    Beside them are those of the paper's Unity players, on an RTX 4090 and averaged over its scenes.
+    The paper's Unity players are shown beside them: on an RTX 4090, averaged over the scenes.
     """
     from msb.report.paper import paper_row
 

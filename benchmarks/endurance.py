@@ -160,7 +160,7 @@ class _Counted:
 def cells(folder: Path, looks: Looks, times: int) -> None:
     """Run the protocol of the tests' tiny scenes.
 
-    Each model has so many labels that one run contains all repetitions.
+    Each repetition is a separate label of a model, so one run contains all of them.
     """
     from msb.bench.protocol import read_protocol
     from msb.bench.run import run_protocol

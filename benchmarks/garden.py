@@ -110,7 +110,7 @@ def protocol_text(
 def montage(results: Path, scene: str) -> Image.Image:
     """Return images of the first test view: a column per method, and a row per entry of `PICTURED`.
 
-    White means that there is no image.
+    A missing image is white.
     """
     found = {}
     for row, condition in enumerate(PICTURED):

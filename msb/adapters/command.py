@@ -61,7 +61,7 @@ def export(
     """
     from msb.adapters.exporter import finish, read_model
     from msb.adapters.locate import locate
-    from msb.api.command_files import note_opened, note_warnings
+    from msb.api.command_files import note_opened
     from msb.asset import ASSET_SUFFIX, write_asset
 
     place = locate(source)
@@ -80,8 +80,7 @@ def export(
     with output.bars() as progress:
         asset = finish(model, progress=progress)
         write_asset(asset, target, options.form, overwrite=output.force, progress=progress)
-    note_opened(source, asset.opened_from, output)
-    note_warnings(asset.warnings, source, output)
+    note_opened(source, asset, output)
     warnings = [warning.to_dict() for warning in asset.warnings]
     head = {"schema": "msb.export/1", "path": str(target), "warnings": warnings}
     output.write_json({**head, "manifest": asset.manifest.to_dict()})

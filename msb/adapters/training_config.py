@@ -51,7 +51,7 @@ def read_cfg_args(root: Path) -> tuple[dict[str, Any], tuple[Path, ...], list[Fi
 
 
 def _parse_arguments(text: str) -> tuple[dict[str, Any], list[str]]:
-    """Return the values of ``name=value, ...``, and the names of those that are no literals.
+    """Return the values of ``name=value, ...``, and the names whose value is not a literal.
 
     A name that is given twice is not read.
     """

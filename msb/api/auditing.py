@@ -45,8 +45,8 @@ def audit(vertices: Any, faces: ArrayLike | None = None, *, weld: Weld | None = 
 
     Nothing is merged, removed, reoriented or repaired first (paper: "Mesh structural integrity" and
     appendix "Topology-Metric Definitions and Interpretation Limits"). Only the verdict ignores seams, which
-    are vertices that are duplicated because their UVs or colours differ. Of objects with arrays, only
-    `msb.meshes.Mesh` has seams.
+    are vertices that are duplicated because their UVs or colours differ. Objects of other libraries have no
+    seams, because their UVs and colours are not read.
 
     Parameters
     ----------

@@ -19,16 +19,15 @@ def open_asset(path: Path, output: Output) -> Asset:
 
     with output.progress(f"reading {path.name}"):
         asset = open(path)
-    note_opened(path, asset.opened_from, output)
-    note_warnings(asset.warnings, path, output)
+    note_opened(path, asset, output)
     return asset
 
 
-def note_opened(path: Path, opened: Path | None, output: Output) -> None:
-    """Print which checkpoint in the folder at `path` was opened, if it is not the folder itself."""
+def note_opened(path: Path, asset: Asset, output: Output) -> None:
+    """Print which checkpoint in the folder at `path` was opened, and the warnings of the asset."""
     from msb.api.opening import describe_opened
 
-    if (text := describe_opened(path, opened)) is not None:
+    for text in describe_opened(path, asset):
         output.note(text)
 
 
@@ -127,12 +126,9 @@ def note_warnings(warnings: Iterable[Finding], path: Path, output: Output) -> No
 
 def write_mesh_files(mesh: Mesh, target: Path, output: Output, style: Style | None = None) -> None:
     """Write a mesh and its other files, such as textures. Without --force none of them may exist."""
-    from msb.meshes.files import companion_files, write_whole
-    from msb.meshes.formats import Style
+    from msb.meshes.files import write_whole
 
-    for other in companion_files(mesh, target, style or Style()):
-        output.check_free(other)
-    write_whole(mesh, target, style, overwrite=output.force)
+    write_whole(mesh, target, style, overwrite=output.force, check_companion=output.check_free)
 
 
 def check_asset_place(target: Path, form: str | None, output: Output) -> None:

@@ -7,7 +7,7 @@ table of primitives is recognised by its header. Everything else is treated as a
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -65,11 +65,11 @@ def open(path: str | os.PathLike[str], *, method: str | None = None) -> Asset:
     return asset
 
 
-def describe_opened(path: Path, opened: Path | None) -> str | None:
-    """Return a note about which checkpoint in the folder at `path` was opened; None for the path itself."""
-    if opened in (None, path):
-        return None
-    return f"{path}: opened the checkpoint in this folder, {opened}"
+def describe_opened(path: Path, asset: Asset) -> Iterator[str]:
+    """Yield the notes on an asset opened from `path`: the checkpoint in a folder, and the warnings."""
+    if asset.opened_from not in (None, path):
+        yield f"{path}: opened the checkpoint in this folder, {asset.opened_from}"
+    yield from (warning.to_line(path) for warning in asset.warnings)
 
 
 def as_asset(asset: Asset | str | os.PathLike[str]) -> Asset:
@@ -189,7 +189,7 @@ def stored_object(given: object) -> StoredMesh:
     Raises
     ------
     MeshError
-        `MESH_ARRAY`: the object is none of these.
+        `MESH_ARRAY`: the object is of another kind.
     """
     from msb.meshes import Mesh
 

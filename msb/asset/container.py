@@ -164,7 +164,7 @@ class FolderContainer:
         return self._maps[file], 0
 
     def undeclared(self, declared: set[str]) -> list[Finding]:
-        """Return a warning for each undeclared file. It is no error, because file managers add files."""
+        """Return a warning for each undeclared file. File managers add files, so this is not an error."""
         names: list[str] = []
         findings: list[Finding] = []
         for folder, prefix in ((self.path, ""), (self.path / "buffers", "buffers/")):

@@ -47,7 +47,7 @@ def select_vertices(
 ) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
     """Return a mask (V,) of the vertices of a mesh with the faces `keep` (F,), and their new numbers (V,).
 
-    Vertices that only the other faces use are dropped, and those that are not finite.
+    Vertices that are not finite are dropped, and vertices that only the other faces use.
     """
     is_kept = np.isfinite(positions).all(axis=1)
     orphan = np.zeros(len(positions), bool)

@@ -162,7 +162,7 @@ class _Parser:
     def end64(self, locator: int, plain: tuple[int, int, int, int]) -> tuple[int, int, int, int, int]:
         """Return the values of the ZIP64 end record, and its start.
 
-        The values must agree with those of the `plain` end record.
+        The values must agree with the `plain` end record.
         """
         _, at, disks = self.record(LOCATOR, locator, b"PK\x06\x07", "ZIP64 locator")
         if at != locator - END64.size or disks != 1:
@@ -247,7 +247,7 @@ class _Parser:
         """Return the size and the packed size in a local header that torch wrote.
 
         Beyond 4 GiB both sizes in the header are 0. Its ZIP64 record then repeats the record in the central
-        directory: the size, a packed size of 0, and an offset, for which a local header has no field. All
+        directory: the size, a packed size of 0, and an offset, although a local header has no offset. All
         values must be right.
         """
         _, size, header = central

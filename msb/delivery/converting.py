@@ -20,8 +20,9 @@ from msb.delivery.web_quality import ImageLoss
 from msb.errors import UsageError, about
 from msb.meshes import Mesh, read_mesh
 from msb.meshes.assets import fit_to_format, mesh_from_asset, without_bad_faces
-from msb.meshes.files import companion_files, write_whole
+from msb.meshes.files import write_whole
 from msb.meshes.formats import FORMATS, Color, Picture
+from msb.meshes.image_files import describe_counts
 from msb.meshes.losses import describe_up_axis, list_dropped_features, list_engine_losses, list_losses
 from msb.meshes.transform import rotate_upright
 from msb.render.options import Up
@@ -176,10 +177,8 @@ class Conversion:
     def _open(self, source: Path) -> Asset:
         with self.stage(f"reading {source.name}"):
             asset = open(source)
-        if (text := describe_opened(source, asset.opened_from)) is not None:
+        for text in describe_opened(source, asset):
             self.note(text)
-        for warning in asset.warnings:
-            self.note(warning.to_line(source))
         return asset
 
     def _write_asset(self, source: Path, target: Path) -> Converted:
@@ -217,9 +216,7 @@ class Conversion:
         # Errors of coordinates and indices are reported for the source.
         with self.stage(f"writing {target.name}"), about(source):
             storable = fit_to_format(mesh, suffix)
-            for other in companion_files(storable, target, style):
-                self.check_free(other)
-            write_whole(storable, target, style, overwrite=self.overwrite)
+            write_whole(storable, target, style, overwrite=self.overwrite, check_companion=self.check_free)
         changes = [f"rotated upright (the up axis was {mesh.up})"] if mesh.up != storable.up else []
         if mesh.meters_per_unit not in (None, 1.0):
             changes.append(f"scaled to metres (a unit was {mesh.meters_per_unit:g} m)")
@@ -244,6 +241,5 @@ def _list_contents(mesh: Mesh, suffix: str) -> list[str]:
         for key in form.keeps
         if key not in ("textures", "collision") and getattr(mesh, key) is not None
     ]
-    if mesh.textures:
-        colors.append(f"{len(mesh.textures)} texture{'' if len(mesh.textures) == 1 else 's'}")
+    colors += describe_counts(len(mesh.textures), 0)
     return [*counts, *(colors or ["no colours"])]

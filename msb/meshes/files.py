@@ -1,6 +1,7 @@
 """The mesh formats by suffix, and the functions that read and write a mesh file."""
 
 import os
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import BinaryIO
@@ -129,13 +130,23 @@ def companion_files(mesh: Mesh, path: Path, style: Style) -> dict[Path, bytes]:
     return {path.with_name(name): content for name, content in files.items()}
 
 
-def write_whole(mesh: Mesh, path: Path, style: Style | None = None, *, overwrite: bool = True) -> None:
+def write_whole(
+    mesh: Mesh,
+    path: Path,
+    style: Style | None = None,
+    *,
+    overwrite: bool = True,
+    check_companion: Callable[[Path], None] = lambda path: None,
+) -> None:
     """Write a mesh and its companion files in the format of the suffix: either all files or none.
 
-    Errors are those of `write_mesh` and of `new_files`.
+    `check_companion` may reject the path of a companion file before anything is written. Errors are those of
+    `write_mesh` and of `new_files`.
     """
     style = replace(style or Style(), stem=path.stem)
     companions = companion_files(mesh, path, style)
+    for companion in companions:
+        check_companion(companion)
     with new_files([*companions, path], overwrite=overwrite) as files:
         for file, content in zip(files[:-1], companions.values(), strict=True):
             file.write(content)

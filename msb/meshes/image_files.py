@@ -1,6 +1,7 @@
 """Encode textures as image files."""
 
 import re
+from collections.abc import Iterable
 from io import BytesIO
 from typing import Any
 
@@ -29,10 +30,25 @@ def name_images(mesh: Mesh, style: Style) -> list[str]:
     return [f"{stem}{number}{ENDINGS[kind]}" for number, kind in zip(numbers, kinds, strict=True)]
 
 
-def encode_images(mesh: Mesh, style: Style) -> dict[str, bytes]:
-    """Return the encoded images of a mesh, as file name -> content."""
-    contents = (encode_image(image, style.texture, mesh.sampler)[0] for image in mesh.textures)
-    return dict(zip(name_images(mesh, style), contents, strict=True))
+def encode_images(mesh: Mesh, style: Style, numbers: Iterable[int]) -> dict[str, bytes]:
+    """Return the encoded images of the textures with these `numbers`, as file name -> content."""
+    names = name_images(mesh, style)
+    return {
+        names[number]: encode_image(mesh.textures[number], style.texture, mesh.sampler)[0]
+        for number in sorted(numbers)
+    }
+
+
+def is_single_texel(image: NDArray[np.uint8], mesh: Mesh) -> bool:
+    """Return whether a texture of `mesh` is one opaque texel, which a colour of a material replaces."""
+    is_opaque = image.shape[2] == 3 or mesh.sampler.alpha_cutoff is None or image[0, 0, 3] == 255
+    return image.shape[:2] == (1, 1) and bool(is_opaque)
+
+
+def describe_counts(images: int, colors: int) -> list[str]:
+    """Return the numbers of images and material colours of a file in words, without zeros."""
+    counts = {"texture": images, "material colour": colors}
+    return [f"{count} {noun}{'' if count == 1 else 's'}" for noun, count in counts.items() if count]
 
 
 def simplify_stem(style: Style) -> str:

@@ -190,8 +190,7 @@ def companions(mesh: Mesh, style: Style) -> dict[str, bytes]:
         return {}
     _, chosen, _ = choose_materials(mesh)
     names = name_images(mesh, style)
-    used = {names[material.texture] for material in chosen if material.texture is not None}
-    images = {name: content for name, content in encode_images(mesh, style).items() if name in used}
+    images = encode_images(mesh, style, {part.texture for part in chosen if part.texture is not None})
     materials = []
     for number, material in enumerate(chosen):
         # illum 0: constant colour without lighting.

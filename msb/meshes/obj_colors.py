@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from msb.asset.texture import MAX_TEXTURES, linear_to_srgb
 from msb.meshes.colors import as_floats, linear_light
+from msb.meshes.image_files import describe_counts, is_single_texel
 from msb.meshes.mesh import Mesh
 
 # Number of passes over the faces. A mesh whose parts share so many vertices that more are needed keeps its
@@ -32,7 +33,7 @@ def choose_materials(mesh: Mesh) -> tuple[Mesh, list[WrittenMaterial], NDArray[n
     textures = np.zeros(len(mesh.faces), np.int64)
     if mesh.face_textures is not None:
         textures = mesh.face_textures.astype(np.int64)
-    plain = [number for number, image in enumerate(mesh.textures) if _is_plain(mesh, image)]
+    plain = [number for number, image in enumerate(mesh.textures) if is_single_texel(image, mesh)]
     # The faces with a uniform vertex colour on a plain texture, and the colours (F, 3) of plain textures.
     texels = np.ones((len(mesh.textures), 3))
     for number in plain:
@@ -56,12 +57,6 @@ def choose_materials(mesh: Mesh) -> tuple[Mesh, list[WrittenMaterial], NDArray[n
         WrittenMaterial(tuple(row[1:].tolist()), None if row[0] < 0 else int(row[0])) for row in distinct
     ]
     return _whiten(mesh, mesh.faces[is_uniform]), materials, of_face.reshape(-1)
-
-
-def _is_plain(mesh: Mesh, image: NDArray[np.uint8]) -> bool:
-    """Return whether a texture is a single opaque texel."""
-    is_cut_out = image.shape[2] == 4 and mesh.sampler.alpha_cutoff is not None and image[..., 3].min() < 255
-    return image.shape[:2] == (1, 1) and not is_cut_out
 
 
 def _find_uniform_faces(mesh: Mesh, is_plain: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -105,10 +100,7 @@ def list_stored(mesh: Mesh) -> list[str]:
     mesh, materials, _ = choose_materials(mesh)
     images = len({material.texture for material in materials} - {None})
     colors = sum(material.texture is None for material in materials)
-    stored = [f"{images} texture{'' if images == 1 else 's'}"] if images else []
-    if colors:
-        stored.append(f"{colors} material colour{'' if colors == 1 else 's'}")
-    return stored + ["vertex colours"] * (mesh.vertex_colors is not None)
+    return describe_counts(images, colors) + ["vertex colours"] * (mesh.vertex_colors is not None)
 
 
 def list_lost(mesh: Mesh) -> list[str]:

@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 from msb.asset.texture import LINEAR
 from msb.meshes.colors import linear_light
 from msb.meshes.formats import Style
-from msb.meshes.image_files import encode_image, name_images
+from msb.meshes.image_files import describe_counts, encode_images, is_single_texel
 from msb.meshes.mesh import Mesh
 
 # Largest number of materials for the faces of one texture. With more colours, faces without an image use
 # `displayColor`, and other faces the average colour.
 _MAX_COLORS = 64
-_WHITE = (1.0, 1.0, 1.0)
+WHITE = (1.0, 1.0, 1.0)
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ def group_faces(mesh: Mesh) -> list[FaceGroup]:
         faces = np.flatnonzero(textures == number).astype(np.int32)
         if not len(faces):
             continue
-        used = None if is_plain(image, mesh) else number
+        used = None if is_single_texel(image, mesh) else number
         # rows (n, 3, 3): the colours of the corners. One material per colour, if no face has several.
         rows = light[faces]
         if (rows == rows[0, 0]).all():
@@ -79,38 +79,30 @@ def corner_light(mesh: Mesh) -> NDArray[np.float32]:
     elif mesh.face_colors is not None:
         light *= linear_light(mesh.face_colors)[:, None, :3]
     for number, image in enumerate(mesh.textures):
-        if is_plain(image, mesh):
+        if is_single_texel(image, mesh):
             shown = slice(None) if mesh.face_textures is None else mesh.face_textures == number
             light[shown] *= LINEAR[image[0, 0, :3]]
     return light
 
 
-def is_plain(image: NDArray[np.uint8], mesh: Mesh) -> bool:
-    """Return whether a texture of `mesh` is one opaque texel, which needs no image file."""
-    is_opaque = image.shape[-1] == 3 or mesh.sampler.alpha_cutoff is None or image[0, 0, 3] == 255
-    return image.shape[:2] == (1, 1) and bool(is_opaque)
-
-
 def encode_used_images(mesh: Mesh, style: Style) -> dict[str, bytes]:
     """Return the image files that the materials use, as file name -> content."""
-    used = {group.image for group in group_faces(mesh)} if mesh.textures else set()
-    named = enumerate(zip(name_images(mesh, style), mesh.textures, strict=True))
-    return {
-        name: encode_image(image, style.texture, mesh.sampler)[0]
-        for number, (name, image) in named
-        if number in used
-    }
+    numbers = np.zeros(len(mesh.faces), np.uint32) if mesh.face_textures is None else mesh.face_textures
+    has_faces = np.isin(np.arange(len(mesh.textures)), numbers)
+    used = [
+        number
+        for number, image in enumerate(mesh.textures)
+        if has_faces[number] and not is_single_texel(image, mesh)
+    ]
+    return encode_images(mesh, style, used)
 
 
 def list_stored(mesh: Mesh) -> list[str]:
     """Return the numbers of the images and colours that a USD file of a textured mesh stores."""
     groups = group_faces(mesh)
     images = len({group.image for group in groups if group.image is not None})
-    colors = len({group.color for group in groups if group.color not in (None, _WHITE)})
-    stored = [f"{images} texture{'' if images == 1 else 's'}"] if images else []
-    if colors:
-        stored.append(f"{colors} material colour{'' if colors == 1 else 's'}")
-    return stored + ["vertex colours"] * any(group.color is None for group in groups)
+    colors = len({group.color for group in groups if group.color not in (None, WHITE)})
+    return describe_counts(images, colors) + ["vertex colours"] * any(group.color is None for group in groups)
 
 
 def list_lost(mesh: Mesh) -> list[str]:

@@ -14,11 +14,10 @@ from msb.meshes.colors import linear_light
 from msb.meshes.formats import Style
 from msb.meshes.image_files import name_images
 from msb.meshes.mesh import Mesh
-from msb.meshes.usd_looks import FaceGroup, corner_light, encode_used_images, group_faces
+from msb.meshes.usd_looks import WHITE, FaceGroup, corner_light, encode_used_images, group_faces
 from msb.meshes.writing import as_float32
 
 Kind = Literal["usda", "usdc", "usdz"]
-_WHITE = (1.0, 1.0, 1.0)
 
 
 def write(kind: Kind, mesh: Mesh, stream: BinaryIO, style: Style) -> None:
@@ -204,7 +203,7 @@ def _add_texture(stage: Any, path: str, image: str, mesh: Mesh, color: tuple[flo
         wrapS=(kinds.Token, mesh.sampler.wrap_u),
         wrapT=(kinds.Token, mesh.sampler.wrap_v),
     )
-    if color != _WHITE:
+    if color != WHITE:
         texture.CreateInput("scale", kinds.Float4).Set((*color, 1.0))
     at = reader.CreateOutput("result", Sdf.ValueTypeNames.Float2)
     texture.CreateInput("st", Sdf.ValueTypeNames.Float2).ConnectToSource(at)

@@ -21,8 +21,8 @@ from msb.errors import shorten
 # Maximum size of data.pkl in bytes. It does not contain the values of tensors, so some kilobytes are usual. A
 # list of a million losses takes 9 MiB.
 MAX_PICKLE = 16 << 20
-# Maximum number of members. An archive has one per tensor and a few more: fewer than 30 in the files of the
-# methods, and thousands in those of other large models.
+# Maximum number of members. An archive has one per tensor and a few more. Files of the methods have fewer
+# than 30 members, and files of other large models have thousands.
 MAX_MEMBERS = 20_000
 # Maximum length of a member's name in characters.
 MAX_NAME = 500
