@@ -18,6 +18,9 @@ from msb.topology.metric_text import DECIMALS
 
 Better = Literal["higher", "lower"]
 _MIB = float(1 << 20)
+# Largest difference between the rounds of a timing, relative to the frame rate. The rounds of an idle machine
+# differ by a few percent; beyond this limit other work decided the rate.
+MAX_RATE_RANGE = 0.25
 
 
 class Metric(NamedTuple):
@@ -64,6 +67,15 @@ def _compute_rate_range(timing: Timing) -> float | None:
     """Return the difference between the fastest and the slowest round, relative to the overall frame rate."""
     rates = timing.round_fps
     return (max(rates) - min(rates)) / timing.fps if len(rates) > 1 else None
+
+
+def why_unsteady(result: Result) -> str | None:
+    """Return why the frame rate of a record is not used, or None: its rounds differ by more than 25 %."""
+    if result.timing is None or (_compute_rate_range(result.timing) or 0.0) <= MAX_RATE_RANGE:
+        return None
+    slow, fast = min(result.timing.round_fps), max(result.timing.round_fps)
+    rates = f"the slowest of {len(result.timing.round_fps)} rounds had {slow:.3g} frames per second"
+    return f"{rates}, the fastest {fast:.3g}; run the timing again on an idle machine"
 
 
 def _get_memory(result: Result) -> float | None:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from msb.bench.records import Timing
+from msb.bench.records import MOST_FRAME_TIMES, Timing
 from msb.bench.timing import Timing as Options
 from msb.render.backend import SETTLED_AT, DrawTime
 
@@ -52,6 +52,7 @@ class Profile:
             "stages_ms": timing.stages_ms,
             "fps": timing.fps,
             "round_fps": list(timing.round_fps),
+            "frame_ms": list(timing.frame_ms),
             "memory_bytes": dict(self.memory),
         }
 
@@ -111,6 +112,7 @@ def profile(
         queued_p50_ms=queued_p50,
         queued_p95_ms=queued_p95,
         round_fps=_compute_round_rates(ends),
+        frame_ms=_select_frame_times(spans),
         stages_ms=stages,
         device_kind=device_kind,
     )
@@ -126,6 +128,12 @@ def _compute_round_rates(ends: Sequence[float]) -> tuple[float, ...]:
     rounds = min(ROUNDS, frames)
     marks = [number * frames // rounds for number in range(rounds + 1)]
     return tuple((b - a) / (ends[b] - ends[a]) for a, b in pairwise(marks) if ends[b] > ends[a])
+
+
+def _select_frame_times(spans: Sequence[float]) -> tuple[float, ...]:
+    """Return the times of all frames in ms, or of evenly spread ones if a record cannot hold all."""
+    count = min(len(spans), MOST_FRAME_TIMES)
+    return tuple(round(spans[number * len(spans) // count], 4) for number in range(count))
 
 
 class _CameraCycle:

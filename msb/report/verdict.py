@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
 
 from msb import metrics
+from msb.bench.aggregate import why_unsteady
 from msb.bench.gaps import Gap
 from msb.bench.records import BAKED, ImageQuality, Result
 from msb.errors import MsbError
@@ -193,7 +194,9 @@ def _judge_speed(condition: str, record: Result) -> Statement:
     if timing is None:
         reason = record.reasons.get("timing") or record.reason
         return Statement("UNKNOWN", use, f"Not timed{f': {reason.message}' if reason else ''}.")
-    longest, rate = _format_milliseconds(timing.p95_ms), f"{timing.fps:.0f} frames per second on average"
+    longest = _format_milliseconds(timing.p95_ms)
+    unsteady = why_unsteady(record) is not None
+    rate = "unsteady frame rate" if unsteady else f"{timing.fps:.0f} frames per second on average"
     measured = f"95 % of the frames take at most {longest} ({rate})"
     if timing.p95_ms <= SMOOTH_MS:
         return Statement("YES", use, f"Holds 60 frames per second: {measured}.")

@@ -12,6 +12,7 @@ import msb
 from msb.bench.floor import take_one_triangle
 from msb.bench.parts import group_memory
 from msb.bench.profile import profile
+from msb.bench.records import Timing
 from msb.render.backend import SETTLED_AT, DrawTime
 from msb.scenes import turntable, write_cameras
 from msb.scenes.datasets import read_scene
@@ -51,6 +52,8 @@ def test_percentiles_are_interpolated_without_the_warm_up() -> None:
     timing = result.timing
     assert timing.frames == 20 == len(steps)
     assert (timing.p50_ms, timing.p95_ms) == tuple(np.percentile(spans, (50, 95)))
+    assert (timing.p50_ms, timing.p95_ms) == tuple(np.percentile(timing.frame_ms, (50, 95)))
+    assert timing.frame_ms == tuple(spans)
     assert timing.busy_p50_ms == pytest.approx(timing.p50_ms - 0.5)
     assert timing.queued_p50_ms == pytest.approx(timing.p50_ms + 0.5)
     assert len(timing.round_fps) == 5
@@ -58,6 +61,15 @@ def test_percentiles_are_interpolated_without_the_warm_up() -> None:
     assert timing.stages_ms == {"raster": np.median(spans) - 1.5, "shade": 1.0}
     assert result.memory == {"geometry": 100, "scratch": 6, "lists": ord("c")}
     assert 1000 / timing.fps >= 0.5, "each frame sleeps for half a millisecond"
+
+
+def test_a_record_keeps_the_times_of_evenly_spread_frames(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("msb.bench.profile.MOST_FRAME_TIMES", 5)
+    timing = profile(FakeRenderer(), ["a"], frames=10, seconds=0, warm_up=0).timing
+    assert timing.frame_ms == (2.5, 4.5, 6.5, 8.5, 10.5)
+    changed = {**timing.model_dump(), "frame_ms": [1.0] * 10}
+    with pytest.raises(ValueError, match="frame_ms"):
+        Timing(**changed)
 
 
 def test_cameras_alternate_until_frames_and_seconds_are_reached() -> None:

@@ -31,6 +31,7 @@ from tests.report.factory import (
     make_result,
     measure,
     numbers_of,
+    timing,
     write,
 )
 from tests.report.test_golden import compare, metrics_of_the_model
@@ -98,6 +99,28 @@ def test_memory_reported_by_the_driver_has_a_column(tmp_path: Path, driver_bytes
         assert (table.rows[0].cells[-1].text == "5120", DRIVER_NOTE in table.notes) == (
             bool(driver_bytes),
         ) * 2
+
+
+def test_unsteady_frame_rates_are_not_printed_ranked_or_compared(tmp_path: Path) -> None:
+    for method, rounds in (("two_dts", (20.0, 900.0)), ("mesh_splatting", (99.0, 101.0))):
+        for condition in ("dedicated", "standard"):
+            times = timing(100.0, round_fps=rounds, device_kind="gpu")
+            write(tmp_path, make_result("mipnerf360", "garden", method, condition, timing=times))
+    report = build_report(read_results(tmp_path), with_paper=False, pictures=False)
+    tables = report.tables
+    rates = row_of(tables["slowdown"], "Mip-NeRF 360", "2DTS").cells
+    assert (rates[0].text, rates[0].value) == ("unsteady", None)
+    assert row_of(tables["slowdown"], "Mip-NeRF 360", "MeshSplatting").cells[0].value == 1
+    table = tables["scenes-mipnerf360-dedicated"]
+    cells = {
+        column.of["method"]: row.cells[place]
+        for row in table.rows[:1]
+        for place, column in enumerate(table.columns)
+        if column.of["metric"] == "fps"
+    }
+    assert (cells["two_dts"].text, cells["two_dts"].value, cells["two_dts"].bold) == ("unsteady", None, False)
+    assert cells["mesh_splatting"].value == 100
+    assert not any("2DTS" in f.sentence for f in report.findings if f.kind in ("slowdown", "leaders"))
 
 
 def test_metrics_of_the_model_do_not_imply_images(tmp_path: Path) -> None:
