@@ -12,7 +12,7 @@ INTERVAL = 60.0
 
 
 class ProgressLines:
-    """Writes the state of the current work once per `INTERVAL`, and at once where a caller asks for a line."""
+    """Writes the state of the current work once per `INTERVAL`, and at once if a caller asks for a line."""
 
     def __init__(self, write: Callable[[str], None]) -> None:
         self._write = write

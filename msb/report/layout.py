@@ -167,7 +167,7 @@ def mark_best(cells: Sequence[TableCell], groups: Sequence[Hashable], *, single:
 
 def _round_as_printed(cell: TableCell) -> float:
     assert isinstance(cell.value, float)
-    return round(cell.value, choose_decimals(cell.metric, cell.value))
+    return float(format_digits(cell.value, choose_decimals(cell.metric, cell.value)))
 
 
 def _make_rows(

@@ -1,8 +1,11 @@
 """Tables and findings that golden.md does not cover: bold and missing values, notes, the paper's rows."""
 
+import re
 from dataclasses import replace
+from decimal import Decimal
 from pathlib import Path
 
+import numpy as np
 import pytest
 from scipy.stats import ttest_rel
 
@@ -15,7 +18,7 @@ from msb.report.collect import SOUP
 from msb.report.findings import Finding, derive_findings
 from msb.report.layout import mark_best
 from msb.report.method_comparison import adjust_by_holm
-from msb.report.metric_format import format_value
+from msb.report.metric_format import format_change, format_value
 from msb.report.numbers import MEAN, Key, Number, Numbers
 from msb.report.paper import contradictions, paper_numbers
 from msb.report.report import Report
@@ -229,6 +232,45 @@ def test_a_note_explains_that_there_is_nothing_to_compare(tmp_path: Path) -> Non
     assert report.notes[0].startswith("--against mesh_splatting: ")
     with pytest.raises(UsageError, match="USAGE"):
         build_report(read_results(tmp_path), pictures=False, against="two_dts")
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_a_printed_change_is_the_difference_of_its_printed_ends(seed: int) -> None:
+    first, last = np.random.default_rng(seed).uniform(20, 21, 2)
+    amount, *ends = map(Decimal, format_change(first - last, (first, last), 2))
+    assert abs(ends[0] - ends[1]) == amount
+    assert float(amount) == pytest.approx(abs(first - last), abs=0.005)
+
+
+def test_ends_of_other_scenes_are_printed_with_two_digits() -> None:
+    assert format_change(1.0, (20.0, 18.0), 2) == ("1.00", "20.00", "18.00")
+
+
+def test_halves_are_rounded_up_and_means_of_counts_keep_their_fraction() -> None:
+    assert [format_value("fps", value) for value in (0.5, 1.5, 2.5)] == ["1", "2", "3"]
+    assert [format_value("components", value) for value in (1.0, 4.5, 13 / 3, 1000.5)] == [
+        "1",
+        "4.5",
+        "4.3",
+        "1,001",
+    ]
+    assert format_value("tasks", 6.5) == "6.5"
+
+
+@pytest.mark.parametrize("loss", [0.0, 5.0])
+def test_a_comparison_has_one_finding_per_dataset_with_the_sign_of_its_interval(
+    tmp_path: Path, loss: float
+) -> None:
+    for number, scene in enumerate(("desk", "chair")):
+        for condition in ("non_engine", "dedicated", "standard"):
+            for method, psnr in (("two_dts", 20 - loss + 3 * number), ("mesh_splatting", 20 - 3 * number)):
+                measure(tmp_path, condition, psnr, method=method, scene=scene)
+    report = build_report(read_results(tmp_path), with_paper=False, pictures=False, against="mesh_splatting")
+    (finding,) = [finding for finding in report.findings if finding.kind == "against"]
+    assert finding.sentence.count("not significant") == 1
+    amount, low, high = map(float, re.findall(r"-?\d+\.\d\d(?= dB| to|,)", finding.sentence)[:3])
+    assert low < amount < high
+    assert (amount - low) == pytest.approx(high - amount, abs=0.02)
 
 
 def test_p_values_are_adjusted_by_holms_method() -> None:

@@ -238,7 +238,7 @@ def _ratio_cells(numbers: Numbers, key: GapKey) -> tuple[TableCell, ...]:
 
 
 def absent_cell(ends: Iterable[Number], reason: str | None, metric: str) -> TableCell:
-    """Return the cell of a missing difference: N/A or "unsteady" if one of the numbers `ends` is, else "--"."""
+    """Return the cell of a missing difference: "N/A" or "unsteady" if an end is, else "--"."""
     unit = METRICS[metric].unit
     missing = [end for end in ends if end.value is None]
     for absent in (NOT_SUPPORTED, UNSTEADY):
