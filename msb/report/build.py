@@ -7,6 +7,7 @@ from itertools import groupby
 from msb.base.version import __version__
 from msb.bench.records import BAKED
 from msb.errors import UsageError, shorten
+from msb.registry import METHODS
 from msb.report.collect import collect
 from msb.report.compared_views import ComparedView, select_views, view_names
 from msb.report.figures import Figure, make_figures
@@ -14,7 +15,7 @@ from msb.report.findings import derive_findings
 from msb.report.layout import PAPER_ROW
 from msb.report.method_comparison import LABEL, compare_methods, comparison_findings, comparison_table
 from msb.report.numbers import Key, Number, Numbers, dataset_title, method_title
-from msb.report.paper import contradictions, paper_numbers
+from msb.report.paper import OUR_METHODS, contradictions, paper_numbers
 from msb.report.report import Report, Section, list_places
 from msb.report.results import ResultSet
 from msb.report.table import Table
@@ -156,13 +157,14 @@ def paper_report(*, pictures: bool = True) -> Report:
         replace(build(paper_numbers(label), *filter(None, [dataset])), label=label)
         for label, (build, dataset) in _PAPER.items()
     ]
+    methods = [method for name, method in METHODS.items() if name in OUR_METHODS.values()]
     derived = [gaps_table(numbers, dataset) for dataset in ("mipnerf360", "tanksandtemples")]
     sections = (
         Section(
             "tables",
             "The paper's tables",
             "The paper's numbers, printed in the same way as ours.",
-            _with_contradictions(*tables, native_features(), deployment_features()),
+            _with_contradictions(*tables, native_features(methods), deployment_features(methods)),
         ),
         Section(
             "derived",
