@@ -63,6 +63,11 @@ def _read_timing(get: Callable[[Timing], float | None]) -> Callable[[Result], fl
     return lambda result: None if result.timing is None else get(result.timing)
 
 
+def _read_device_time(get: Callable[[Timing], float]) -> Callable[[Result], float | None]:
+    """Return a function that computes a number from device times; None if the renderer measured none."""
+    return _read_timing(lambda times: get(times) if times.has_device_times else None)
+
+
 def _compute_rate_range(timing: Timing) -> float | None:
     """Return the difference between the fastest and the slowest round, relative to the overall frame rate."""
     rates = timing.round_fps
@@ -115,13 +120,15 @@ _STRUCTURE: dict[str, tuple[str, Better | None]] = {
 AUDITED = tuple(_STRUCTURE)
 _OTHERS: dict[str, Metric] = {
     "fps": Metric("FPS", "1/s", 0, "higher", _get_fps),
-    "p50_ms": Metric("P50", "ms", 1, "lower", _read_key("timing.p50_ms")),
-    "p95_ms": Metric("P95", "ms", 1, "lower", _read_key("timing.p95_ms")),
+    "p50_ms": Metric("P50", "ms", 1, "lower", _read_device_time(lambda times: times.p50_ms)),
+    "p95_ms": Metric("P95", "ms", 1, "lower", _read_device_time(lambda times: times.p95_ms)),
     "spread_ms": Metric(
-        "P95 - P50", "ms", 1, "lower", _read_timing(lambda times: times.p95_ms - times.p50_ms)
+        "P95 - P50", "ms", 1, "lower", _read_device_time(lambda times: times.p95_ms - times.p50_ms)
     ),
-    "busy_p50_ms": Metric("Busy P50", "ms", 1, "lower", _read_key("timing.busy_p50_ms")),
-    "host_ms": Metric("Host", "ms", 1, "lower", _read_timing(lambda times: 1000 / times.fps - times.p50_ms)),
+    "busy_p50_ms": Metric("Busy P50", "ms", 1, "lower", _read_device_time(lambda times: times.busy_p50_ms)),
+    "host_ms": Metric(
+        "Host", "ms", 1, "lower", _read_device_time(lambda times: 1000 / times.fps - times.p50_ms)
+    ),
     "unsteady": Metric("Rounds apart (%)", "%", 0, "lower", _read_timing(_compute_rate_range), 0.01),
     "memory": Metric("Memory", "MiB", 0, "lower", _get_memory, _MIB),
     "driver_memory": Metric("By the driver", "MiB", 0, "lower", _read_key("memory.driver_bytes"), _MIB),

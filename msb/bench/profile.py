@@ -42,17 +42,22 @@ class Profile:
     memory_groups: Mapping[str, str]
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the profile as JSON data."""
+        """Return the profile as JSON data; device times are None if the renderer measured none."""
         timing = self.timing
+        device = timing if timing.has_device_times else None
+
+        def percentiles(kind: str, *names: str) -> dict[str, float | None]:
+            return {name: getattr(device, f"{kind}{name}_ms", None) for name in names}
+
         return {
             "frames": timing.frames,
-            "device_ms": {"p50": timing.p50_ms, "p95": timing.p95_ms, "mean": timing.mean_ms},
-            "busy_ms": {"p50": timing.busy_p50_ms, "p95": timing.busy_p95_ms},
-            "queued_ms": {"p50": timing.queued_p50_ms, "p95": timing.queued_p95_ms},
+            "device_ms": percentiles("", "p50", "p95", "mean"),
+            "busy_ms": percentiles("busy_", "p50", "p95"),
+            "queued_ms": percentiles("queued_", "p50", "p95"),
             "stages_ms": timing.stages_ms,
             "fps": timing.fps,
             "round_fps": list(timing.round_fps),
-            "frame_ms": list(timing.frame_ms),
+            "frame_ms": list(timing.frame_ms) if device else [],
             "memory_bytes": dict(self.memory),
         }
 

@@ -229,6 +229,11 @@ class Timing(Record):
     stages_ms: dict[str, Amount]
     device_kind: Literal["gpu", "cpu", "other"]
 
+    @property
+    def has_device_times(self) -> bool:
+        """Whether the renderer measured times on its device; otherwise all of them are 0."""
+        return self.mean_ms > 0
+
     @model_validator(mode="after")
     def _check_consistency(self) -> Self:
         if not math.isclose(self.fps * self.seconds, self.frames, rel_tol=1e-6):

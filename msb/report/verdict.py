@@ -192,6 +192,8 @@ def _judge_speed(condition: str, record: Result) -> Statement:
     if timing is None:
         reason = record.reasons.get("timing") or record.reason
         return Statement("UNKNOWN", use, f"Not timed{f': {reason.message}' if reason else ''}.")
+    if not timing.has_device_times:
+        return Statement("UNKNOWN", use, "The renderer reports no device times.")
     longest = _format_milliseconds(timing.p95_ms)
     unsteady = why_unsteady(record) is not None
     rate = "unsteady frame rate" if unsteady else f"{timing.fps:.0f} frames per second on average"
