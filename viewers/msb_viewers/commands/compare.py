@@ -10,7 +10,14 @@ from msb.base.option import Option
 from msb.cli.command import Typed, command, require
 from msb.cli.output import Output, PlainOutput, echo
 from msb.errors import about
-from msb.render.options import NO_CAMERAS, RendererOptions, Source, ViewOptions, check_factor
+from msb.render.options import (
+    NO_CAMERAS,
+    RendererOptions,
+    Source,
+    ViewOptions,
+    check_factor,
+    read_scene_of,
+)
 from msb_viewers.commands.window import Window
 
 if TYPE_CHECKING:
@@ -28,6 +35,14 @@ TURNTABLE = (8, 640, 480)
 class CompareOptions:
     """Compared tiers and photographs, and the first layout."""
 
+    scene: Annotated[
+        Path | None,
+        Option(
+            "Show the test views of a dataset's scene, with size, photographs and background as in msb run. "
+            "--camera train or all selects other views.",
+            metavar="DIR",
+        ),
+    ] = None
     image_folder: Annotated[
         Path | None,
         Option(
@@ -38,7 +53,8 @@ class CompareOptions:
         ),
     ] = None
     scale: Annotated[
-        float | None, Option("Size of the images relative to the cameras.", metavar="FACTOR")
+        float | None,
+        Option("Size of the images relative to the cameras, as in msb render.", metavar="FACTOR"),
     ] = None
     layout: Annotated[
         Literal["side", "wipe", "difference"], Option("Layout of the image, and the first one of the page.")
@@ -77,6 +93,8 @@ class _Request:
     "msb compare --layout wipe --screenshot out/w.png data_stubs/checkpoint",
     "msb compare --tiers dedicated,standard --html out/c.html \\\n"
     "      --cameras data_stubs/views.json --scale 0.25 data_stubs/checkpoint",
+    "msb compare --scene data_stubs/scenes/nerf_synthetic/pebble --tiers dedicated,truth \\\n"
+    "      --html out/s.html data_stubs/models/pebble/two_dts",
 )
 def compare(
     path: Source,
@@ -91,11 +109,13 @@ def compare(
 
     Images are shown side by side, with a wipe, or as a map of their difference with the PSNR. --html writes a
     page of all views that can switch between these layouts, --screenshot an image of the first view. Without
-    --cameras the cameras of the training are used, if they are found next to the model, otherwise a
-    turntable.
+    --cameras and --scene the cameras of the training are used, if they are found next to the model, or else
+    a turntable.
     """
-    if views.cameras is None:
-        typed.reject(["camera", "image_folder", "scale"], NO_CAMERAS)
+    if options.scene is not None:
+        typed.reject(["cameras"], "cannot be combined with --scene, which has its own cameras")
+    elif views.cameras is None:
+        typed.reject(["camera", "image_folder", "scale"], f"{NO_CAMERAS} or --scene DIR")
     require(window.written, "Missing output. Pass --html FILE.html or --screenshot FILE.png")
     request = _Request(options, views, drawing, window)
     _write(_read(path, request, output), request, output)
@@ -104,11 +124,20 @@ def compare(
 def _read(path: Path, request: _Request, output: Output) -> CompareState:
     from msb.api.command_files import open_asset
     from msb_viewers.deployment.state import CompareState
+    from msb_viewers.deployment.views import scene_views
 
-    asset = open_asset(path, output)
-    views, source = _choose(asset, request) if request.views.cameras is None else (_read_cameras(request), "")
-    comparison = _comparison(asset, path, views, request, output)
-    options = request.options
+    asset, options, source = open_asset(path, output), request.options, ""
+    color = request.views.color(asset)
+    if options.scene is not None:
+        folder = None if options.image_folder is None else str(options.image_folder)
+        scene = read_scene_of(asset, options.scene, folder, output.note)
+        views = scene_views(request.views.of_scene(scene)[1], options.scale)
+        color = scene.background if request.views.background is None else color
+    elif request.views.cameras is not None:
+        views = _read_cameras(request)
+    else:
+        views, source = _choose(asset, request)
+    comparison = _comparison(asset, path, views, color, request, output)
     with about(path):
         state = CompareState.first(comparison, layout=options.layout, pair=options.pair)
     if source:
@@ -116,7 +145,14 @@ def _read(path: Path, request: _Request, output: Output) -> CompareState:
     return state
 
 
-def _comparison(asset: Asset, path: Path, views: list[View], request: _Request, output: Output) -> Comparison:
+def _comparison(
+    asset: Asset,
+    path: Path,
+    views: list[View],
+    color: tuple[float, float, float],
+    request: _Request,
+    output: Output,
+) -> Comparison:
     from msb.api.command_files import open_baked
     from msb.asset.settings import effective_settings
     from msb.scenes.datasets import stated_background, warn_background
@@ -133,7 +169,6 @@ def _comparison(asset: Asset, path: Path, views: list[View], request: _Request, 
         output.note(f"{path.name}: the reference tier is omitted: {text}")
     settings = drawing.settings(asset)
     effective_settings(asset.manifest, settings)  # rejects invalid settings
-    color = request.views.color(asset)
     stated = stated_background(asset.manifest)
     if stated not in (None, color) and photographs:
         output.note(warn_background(stated, color).to_line(path))
