@@ -39,7 +39,7 @@ FEW_SCENES = ("tanksandtemples",)
 # Label of a table of the paper -> our builder of this table, and its dataset ("" for all datasets).
 _PAPER: dict[str, tuple[Callable[..., Table], str]] = {
     "native_summary": (measurements.native_summary, ""),
-    "native_comprehensive_results": (measurements.native_summary, ""),
+    "native_comprehensive_results": (measurements.native_comprehensive_results, ""),
     "mip360_renderer_comparison": (measurements.renderer_comparison, "mipnerf360"),
     "tnt_renderer_comparison": (measurements.scene_comparison, "tanksandtemples"),
     "tnt_unity_runtime_resources": (measurements.runtime_resources, "tanksandtemples"),
@@ -48,6 +48,8 @@ _PAPER: dict[str, tuple[Callable[..., Table], str]] = {
     "mesh_connectivity": (measurements.mesh_connectivity, "mipnerf360"),
     "reproducibility_comparison": (reproducibility, ""),
 }
+# Label of a table of the paper -> label of the same table of ours.
+EQUIVALENTS = {label: "-".join(filter(None, (build.__name__, at))) for label, (build, at) in _PAPER.items()}
 # Label of a table of ours -> label in the paper, if they differ.
 _PAPER_LABELS = {
     "renderer_comparison-mipnerf360": "mip360_renderer_comparison",
@@ -241,11 +243,14 @@ def _make_sections(
         "structure": (measurements.mesh_connectivity(numbers, dataset, paper) for dataset in audited),
         "reproducibility": published,
         "features": [native_features(), deployment_features()],
-        "scenes": (
-            measurements.per_scene(numbers, dataset, condition)
-            for dataset in datasets
-            for condition in dict.fromkeys(("non_engine", *numbers.conditions(dataset)))
-        ),
+        "scenes": [
+            measurements.native_comprehensive_results(numbers, paper),
+            *(
+                measurements.per_scene(numbers, dataset, condition)
+                for dataset in datasets
+                for condition in dict.fromkeys(("non_engine", *numbers.conditions(dataset)))
+            ),
+        ],
     }
     sections = []
     for name, (title, intro, kind) in _SECTIONS.items():

@@ -262,8 +262,8 @@ def _make_number(metric: str, method: str, condition: str, result: Result | None
         why = _why_unsupported(method, condition)
         return Number(None, NOT_AVAILABLE, NOT_RUN) if why is None else Number(None, NOT_SUPPORTED, why)
     value = METRICS[metric].get(result)
-    if metric in _RATES and (reason := why_unsteady(result)) is not None:
-        return Number(None, UNSTEADY, f"unsteady: {reason}")
+    if metric in _RATES and (unsteady := why_unsteady(result)) is not None:
+        return Number(None, UNSTEADY, f"unsteady: {unsteady}")
     if value is not None:
         return Number(float(value), notes=tuple(_notes_on(metric, result)))
     if result.status == "unsupported":
@@ -286,6 +286,8 @@ def _why_missing(metric: str, result: Result) -> str:
     needs_weights = metric in IMAGE_METRICS and IMAGE_METRICS[metric].load is not None
     if needs_weights and result.quality is not None and result.quality.lpips_reason:
         return f"{IMAGE_METRICS[metric].title}: {result.quality.lpips_reason}; {weights_source(None)}"
+    if metric == "train_memory" and result.training is not None:
+        return "the record of the training has no peak GPU memory"
     if metric == "driver_memory" and result.memory is not None and result.memory.driver_reason:
         return f"by the driver: {result.memory.driver_reason}"
     if metric == "chamfer" and result.cell.dataset != "dtu":

@@ -67,12 +67,15 @@ def format_change(change: float, ends: tuple[float, float], decimals: int) -> tu
     """
     amount = abs(change)
     belong = abs(amount - abs(ends[0] - ends[1])) < 10.0**-_MOST_DECIMALS
-    for digits in range(decimals, _MOST_DECIMALS + 1 if belong else decimals + 1):
-        texts = tuple(format_digits(value, digits) for value in (amount, *ends))
-        printed, first, last = map(Decimal, texts)
+
+    def texts(digits: int) -> tuple[str, str, str]:
+        return format_digits(amount, digits), format_digits(ends[0], digits), format_digits(ends[1], digits)
+
+    for digits in range(decimals, _MOST_DECIMALS + 1 if belong else decimals):
+        printed, first, last = map(Decimal, texts(digits))
         if abs(first - last) == printed:
-            return texts
-    return tuple(format_digits(value, decimals) for value in (amount, *ends))
+            return texts(digits)
+    return texts(decimals)
 
 
 def choose_decimals(metric: str, printed: float) -> int:

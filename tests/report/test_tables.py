@@ -13,7 +13,7 @@ from msb.bench.aggregate import SCENES
 from msb.bench.documents import AuditDocument
 from msb.bench.records import Reason, Training
 from msb.errors import UsageError
-from msb.report.build import build_report
+from msb.report.build import EQUIVALENTS, build_report
 from msb.report.collect import SOUP
 from msb.report.findings import Finding, derive_findings
 from msb.report.layout import mark_best
@@ -124,6 +124,25 @@ def test_unsteady_frame_rates_are_not_printed_ranked_or_compared(tmp_path: Path)
     assert (cells["two_dts"].text, cells["two_dts"].value, cells["two_dts"].bold) == ("unsteady", None, False)
     assert cells["mesh_splatting"].value == 100
     assert not any("2DTS" in f.sentence for f in report.findings if f.kind in ("slowdown", "leaders"))
+
+
+def test_comprehensive_native_results_have_every_scene_and_the_means(whole: Report) -> None:
+    table, summary = (whole.tables[name] for name in ("native_comprehensive_results", "native_summary"))
+    assert [column.of for column in table.columns] == [column.of for column in summary.columns]
+    means = {
+        (row.labels[0], row.labels[2]): row.cells
+        for row in table.rows
+        if row.labels[1] == "Mean" and not row.paper
+    }
+    assert means == {row.labels: row.cells for row in summary.rows if not row.paper}
+    scenes = {(row.labels[0], row.labels[1]) for row in table.rows}
+    assert len(scenes) == sum(len(names) + 1 for names in SCENES.values())
+    assert all(row.labels[1] == "Mean" for row in table.rows if row.paper)
+
+
+@pytest.mark.parametrize("label", sorted(EQUIVALENTS))
+def test_labels_of_the_paper_select_the_same_table_of_the_results(whole: Report, label: str) -> None:
+    assert EQUIVALENTS[label] in whole.tables
 
 
 def test_metrics_of_the_model_do_not_imply_images(tmp_path: Path) -> None:
