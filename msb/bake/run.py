@@ -209,6 +209,7 @@ def bake(
             photographs=is_photographs,
             device=device,
         )
+        report_progress("views", 1, 1)
         with ImageSource(model, views, settings.supervision, device, cache) as source:
             with closing(BakePipeline(model, views, source, settings, device, report_progress)) as pipeline:
                 mesh, choice = pipeline.make_mesh(stopped)

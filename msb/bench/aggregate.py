@@ -18,6 +18,9 @@ from msb.topology.metric_text import DECIMALS
 
 Better = Literal["higher", "lower"]
 _MIB = float(1 << 20)
+# Largest difference between the rounds of a timing, relative to the frame rate. The rounds of an idle machine
+# differ by a few percent; beyond this limit other work decided the rate.
+MAX_RATE_RANGE = 0.25
 
 
 class Metric(NamedTuple):
@@ -60,10 +63,24 @@ def _read_timing(get: Callable[[Timing], float | None]) -> Callable[[Result], fl
     return lambda result: None if result.timing is None else get(result.timing)
 
 
+def _read_device_time(get: Callable[[Timing], float]) -> Callable[[Result], float | None]:
+    """Return a function that computes a number from device times; None if the renderer measured none."""
+    return _read_timing(lambda times: get(times) if times.has_device_times else None)
+
+
 def _compute_rate_range(timing: Timing) -> float | None:
     """Return the difference between the fastest and the slowest round, relative to the overall frame rate."""
     rates = timing.round_fps
     return (max(rates) - min(rates)) / timing.fps if len(rates) > 1 else None
+
+
+def why_unsteady(result: Result) -> str | None:
+    """Return why the frame rate of a record is not used, or None: its rounds differ by more than 25 %."""
+    if result.timing is None or (_compute_rate_range(result.timing) or 0.0) <= MAX_RATE_RANGE:
+        return None
+    slow, fast = min(result.timing.round_fps), max(result.timing.round_fps)
+    rates = f"the slowest of {len(result.timing.round_fps)} rounds had {slow:.3g} frames per second"
+    return f"{rates}, the fastest {fast:.3g}; run the timing again on an idle machine"
 
 
 def _get_memory(result: Result) -> float | None:
@@ -103,13 +120,15 @@ _STRUCTURE: dict[str, tuple[str, Better | None]] = {
 AUDITED = tuple(_STRUCTURE)
 _OTHERS: dict[str, Metric] = {
     "fps": Metric("FPS", "1/s", 0, "higher", _get_fps),
-    "p50_ms": Metric("P50", "ms", 1, "lower", _read_key("timing.p50_ms")),
-    "p95_ms": Metric("P95", "ms", 1, "lower", _read_key("timing.p95_ms")),
+    "p50_ms": Metric("P50", "ms", 1, "lower", _read_device_time(lambda times: times.p50_ms)),
+    "p95_ms": Metric("P95", "ms", 1, "lower", _read_device_time(lambda times: times.p95_ms)),
     "spread_ms": Metric(
-        "P95 - P50", "ms", 1, "lower", _read_timing(lambda times: times.p95_ms - times.p50_ms)
+        "P95 - P50", "ms", 1, "lower", _read_device_time(lambda times: times.p95_ms - times.p50_ms)
     ),
-    "busy_p50_ms": Metric("Busy P50", "ms", 1, "lower", _read_key("timing.busy_p50_ms")),
-    "host_ms": Metric("Host", "ms", 1, "lower", _read_timing(lambda times: 1000 / times.fps - times.p50_ms)),
+    "busy_p50_ms": Metric("Busy P50", "ms", 1, "lower", _read_device_time(lambda times: times.busy_p50_ms)),
+    "host_ms": Metric(
+        "Host", "ms", 1, "lower", _read_device_time(lambda times: 1000 / times.fps - times.p50_ms)
+    ),
     "unsteady": Metric("Rounds apart (%)", "%", 0, "lower", _read_timing(_compute_rate_range), 0.01),
     "memory": Metric("Memory", "MiB", 0, "lower", _get_memory, _MIB),
     "driver_memory": Metric("By the driver", "MiB", 0, "lower", _read_key("memory.driver_bytes"), _MIB),

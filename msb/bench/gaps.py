@@ -14,7 +14,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Literal
 
-from msb.bench.aggregate import METRICS, mean_over
+from msb.bench.aggregate import METRICS, mean_over, why_unsteady
 from msb.bench.intervals import Interval, interval, view_values
 from msb.metrics.identity import defined
 from msb.metrics.registry import IMAGE_METRICS
@@ -188,7 +188,8 @@ def incomparable(
 
     The reasons are "unsupported", "failed", "missing" (no record), "not_measured" (no value in the record),
     "camera_mismatch" (different views or image sizes), "setup_mismatch" (different background or ground
-    truth), "metric_mismatch", "asset_mismatch", "device_mismatch" and "whole_command" (loading is included).
+    truth), "metric_mismatch", "asset_mismatch", "device_mismatch", "whole_command" (loading is included) and
+    "unsteady" (the rounds of a frame rate differ too much).
 
     The records must have equal images, sizes, ground truth, background and definition of the metric. If both
     have an asset, it must be the same; a bake counts as the asset that was baked. Speed and memory must be of
@@ -209,6 +210,8 @@ def incomparable(
         return "asset_mismatch"
     if metric in _DEVICE_METRICS and (reason := _compare_devices(first, second)):
         return reason
+    if metric == "fps" and (why_unsteady(first) or why_unsteady(second)):
+        return "unsteady"
     if first.quality is None or second.quality is None:
         return None
     if first.quality.views != second.quality.views:

@@ -186,11 +186,14 @@ def read_native_timing(job: Job) -> dict[str, Any]:
 
 
 def read_training(job: Job) -> dict[str, Any]:
-    """Return time and memory of a training from a record of `msb track`."""
-    from msb.bench.track import read_track
+    """Return time and memory of a training from a record of `msb track`, or the time from our trainer's."""
+    from msb.bench.track import TrainingLog, read_training_record
 
     assert job.training is not None
-    track = read_track(job.training)
+    track = read_training_record(job.training)
+    if isinstance(track, TrainingLog):
+        training = Training(seconds=track.seconds, peak_memory_bytes=None, source=str(job.training))
+        return {"training": training}
     if track.exit_status:
         text = (
             f"the training failed with exit status {track.exit_status}, so its time and memory are not used"

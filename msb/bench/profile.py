@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from msb.bench.records import Timing
+from msb.bench.records import MOST_FRAME_TIMES, Timing
 from msb.bench.timing import Timing as Options
 from msb.render.backend import SETTLED_AT, DrawTime
 
@@ -42,16 +42,22 @@ class Profile:
     memory_groups: Mapping[str, str]
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the profile as JSON data."""
+        """Return the profile as JSON data; device times are None if the renderer measured none."""
         timing = self.timing
+        device = timing if timing.has_device_times else None
+
+        def percentiles(kind: str, *names: str) -> dict[str, float | None]:
+            return {name: getattr(device, f"{kind}{name}_ms", None) for name in names}
+
         return {
             "frames": timing.frames,
-            "device_ms": {"p50": timing.p50_ms, "p95": timing.p95_ms, "mean": timing.mean_ms},
-            "busy_ms": {"p50": timing.busy_p50_ms, "p95": timing.busy_p95_ms},
-            "queued_ms": {"p50": timing.queued_p50_ms, "p95": timing.queued_p95_ms},
+            "device_ms": percentiles("", "p50", "p95", "mean"),
+            "busy_ms": percentiles("busy_", "p50", "p95"),
+            "queued_ms": percentiles("queued_", "p50", "p95"),
             "stages_ms": timing.stages_ms,
             "fps": timing.fps,
             "round_fps": list(timing.round_fps),
+            "frame_ms": list(timing.frame_ms) if device else [],
             "memory_bytes": dict(self.memory),
         }
 
@@ -111,6 +117,7 @@ def profile(
         queued_p50_ms=queued_p50,
         queued_p95_ms=queued_p95,
         round_fps=_compute_round_rates(ends),
+        frame_ms=_select_frame_times(spans),
         stages_ms=stages,
         device_kind=device_kind,
     )
@@ -126,6 +133,12 @@ def _compute_round_rates(ends: Sequence[float]) -> tuple[float, ...]:
     rounds = min(ROUNDS, frames)
     marks = [number * frames // rounds for number in range(rounds + 1)]
     return tuple((b - a) / (ends[b] - ends[a]) for a, b in pairwise(marks) if ends[b] > ends[a])
+
+
+def _select_frame_times(spans: Sequence[float]) -> tuple[float, ...]:
+    """Return the times of all frames in ms, or of evenly spread ones if a record cannot hold all."""
+    count = min(len(spans), MOST_FRAME_TIMES)
+    return tuple(round(spans[number * len(spans) // count], 4) for number in range(count))
 
 
 class _CameraCycle:

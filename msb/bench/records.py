@@ -12,6 +12,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Annotated, Any, Literal, Self
 
+import numpy as np
 from pydantic import ConfigDict, Field, model_validator
 
 from msb.base.version import __version__
@@ -33,6 +34,8 @@ from msb.registry import Tier
 SCHEMA: Literal["msb.result/2"] = "msb.result/2"
 # Maximum size of a record in bytes. An image takes about 400 bytes, so 100,000 test views fit.
 MAX_BYTES = 64 << 20
+# Maximum number of frame times in a record. They take 160 kB; the default timing of 3 s has fewer.
+MOST_FRAME_TIMES = 20_000
 # Maximum size of a file of the schema msb.renderer_timing/1 in bytes.
 _MAX_TIMING = 1 << 16
 
@@ -219,9 +222,17 @@ class Timing(Record):
     queued_p95_ms: Amount | None
     # Frame rates of up to five consecutive rounds; they differ if other programs use the machine.
     round_fps: tuple[Amount, ...]
+    # Device time of each frame in units of 0.1 microseconds; of long timings, of evenly spread frames. Empty
+    # in older records.
+    frame_ms: Annotated[tuple[Amount, ...], Field(max_length=MOST_FRAME_TIMES)] = ()
     # Stage of the renderer -> median milliseconds.
     stages_ms: dict[str, Amount]
     device_kind: Literal["gpu", "cpu", "other"]
+
+    @property
+    def has_device_times(self) -> bool:
+        """Whether the renderer measured times on its device; otherwise all of them are 0."""
+        return self.mean_ms > 0
 
     @model_validator(mode="after")
     def _check_consistency(self) -> Self:
@@ -232,6 +243,11 @@ class Timing(Record):
             p50, p95 = (getattr(self, f"{kind}{name}") for name in ("p50_ms", "p95_ms"))
             if (p50 or 0) > (p95 or 0) * (1 + 1e-9):
                 raise ValueError(f"{kind}p50_ms is {p50:g}, and {kind}p95_ms is less")
+        if len(self.frame_ms) == self.frames:
+            for name, percent in (("p50_ms", 50), ("p95_ms", 95)):
+                recorded, value = getattr(self, name), float(np.percentile(self.frame_ms, percent))
+                if not math.isclose(recorded, value, rel_tol=1e-6, abs_tol=1e-3):
+                    raise ValueError(f"{name} is {recorded:g}, but that of frame_ms is {value:g}")
         return self
 
 

@@ -15,7 +15,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Literal
 
-from pydantic import Field
+from pydantic import ConfigDict, Field
 
 from msb.base.extras import need_extra
 from msb.base.version import __version__
@@ -57,6 +57,25 @@ class Track(Record):
     interval_seconds: Amount
     machine: dict[str, Any]
     tool_version: str
+
+
+class TrainingLog(Record):
+    """The file `training.json` of our trainer (docs/training.md), of which only these keys are read."""
+
+    model_config = ConfigDict(extra="ignore")
+
+    method: str
+    iterations: Count
+    # Time of all iterations.
+    seconds: Amount
+
+
+def read_training_record(path: Path) -> Track | TrainingLog:
+    """Return the record of a training in the file `path`: of `msb track`, or of our trainer."""
+    data = read_json(path, _MAX_BYTES)
+    if isinstance(data, dict) and "schema" not in data and data.keys() >= {"method", "iterations"}:
+        return validate(TrainingLog, data, file=path, code="RECORD_INVALID")
+    return read_track(path)
 
 
 def read_track(path: Path) -> Track:

@@ -21,6 +21,7 @@ from msb.base.option import Option
 from msb.base.own_folder import check_own_folder, listed_files
 from msb.base.paths import real_place
 from msb.base.version import __version__
+from msb.cli.progress import ProgressLines, format_duration
 from msb.errors import EXIT_STATUS, MsbError, OutputError, UsageError, formula_safe, one_line
 
 if TYPE_CHECKING:
@@ -74,6 +75,9 @@ class Output:
     _inputs: set[object] = field(default_factory=set, init=False)
     _outputs: dict[object, tuple[str, Path]] = field(default_factory=dict, init=False)
     _checked: set[str] = field(default_factory=set, init=False)
+    _progress_lines: ProgressLines = field(
+        default_factory=lambda: ProgressLines(_print_progress), init=False, compare=False
+    )
     _remedy: ClassVar[str] = "--force replaces it"
 
     def __post_init__(self) -> None:
@@ -91,6 +95,22 @@ class Output:
     def shows_progress(self) -> bool:
         """Whether progress bars are shown: on a terminal, if the text of the result is printed."""
         return self.prints_text and not self.quiet and sys.stderr.isatty()
+
+    @property
+    def progress_lines(self) -> ProgressLines | None:
+        """The writer of progress lines; None on a terminal and with --quiet."""
+        return None if self.quiet or sys.stderr.isatty() else self._progress_lines
+
+    @contextlib.contextmanager
+    def _report(self, describe: Callable[[], str]) -> Iterator[None]:
+        """Write lines with ``describe()`` and the elapsed time during the block, except on a terminal."""
+        start = time.monotonic()
+        lines = self.progress_lines
+        if lines is None:
+            yield
+            return
+        with lines.watch(lambda: f"{describe()}, {format_duration(time.monotonic() - start)} so far"):
+            yield
 
     def console(self) -> Console:
         """Return the console for results. Rich applies FORCE_COLOR and TERM=dumb; NO_COLOR gives plain text.
@@ -176,7 +196,10 @@ class Output:
 
     @contextlib.contextmanager
     def progress(self, text: str) -> Iterator[None]:
-        """Show `text` with a spinner on a terminal while the block runs. With -vv print the time."""
+        """Show `text` while the block runs: with a spinner on a terminal, as lines elsewhere.
+
+        With -vv the time is printed.
+        """
         start = time.perf_counter()
         if self.shows_progress:
             from rich.console import Console
@@ -184,21 +207,31 @@ class Output:
             with Console(stderr=True).status(text, spinner="line"):  # ASCII characters only
                 yield
         else:
-            yield
+            with self._report(lambda: text):
+                yield
         self.note(f"{text}: {1000 * (time.perf_counter() - start):.1f} ms", level=2)
 
     @contextlib.contextmanager
     def bars(self, unit: Literal["bytes", "steps"] = "bytes") -> Iterator[Progress]:
-        """Yield a function that shows a progress bar for each stage on a terminal.
+        """Yield a function that shows the progress of each stage: a bar on a terminal, lines elsewhere.
 
         With -v the times of the stages are printed at the end.
         """
         begun: list[tuple[str, float]] = []
-        with self._bars("DownloadColumn" if unit == "bytes" else "MofNCompleteColumn") as bars:
+        state = ["starting"]
+        with (
+            self._bars("DownloadColumn" if unit == "bytes" else "MofNCompleteColumn") as bars,
+            self._report(lambda: state[0]),
+        ):
             tasks: dict[str, Any] = {}
 
             def update(stage: str, done: int, total: int) -> None:
+                # A stage of one step has no count that would say anything.
+                state[0] = stage if total <= 1 else f"{stage} {100 * done // total} %"
                 if not begun or begun[-1][0] != stage:
+                    if begun and bars is not None:  # the last stage has ended, whatever it reported
+                        ended = tasks[begun[-1][0]]
+                        bars.update(ended, completed=bars.tasks[ended].total)
                     begun.append((stage, time.perf_counter()))
                 if bars is not None:
                     if stage not in tasks:
@@ -215,13 +248,18 @@ class Output:
 
     @contextlib.contextmanager
     def counted(self, text: str, total: int) -> Iterator[Callable[[], None]]:
-        """Yield a function to call after each of `total` steps. It shows a progress bar on a terminal."""
-        with self._bars("MofNCompleteColumn") as bars:
-            if bars is None:
-                yield lambda: None
-            else:
-                task = bars.add_task(text, total=total)
-                yield lambda: bars.advance(task)
+        """Yield a function to call after each of `total` steps; they are shown as a bar or as lines."""
+        done = 0
+        with self._bars("MofNCompleteColumn") as bars, self._report(lambda: f"{text} {done}/{total}"):
+            task = None if bars is None else bars.add_task(text, total=total)
+
+            def step() -> None:
+                nonlocal done
+                done += 1
+                if bars is not None:
+                    bars.advance(task)
+
+            yield step
 
     @contextlib.contextmanager
     def _bars(self, counter: str) -> Iterator[Any]:
@@ -231,10 +269,13 @@ class Output:
         from rich import progress
         from rich.console import Console
 
+        # The spinner and the elapsed time move even during the first of few steps.
         columns = (
+            progress.SpinnerColumn("line"),  # ASCII characters only
             progress.TextColumn("{task.description}"),
             progress.BarColumn(),
             getattr(progress, counter)(),
+            progress.TimeElapsedColumn(),
             progress.TimeRemainingColumn(),
         )
         with progress.Progress(*columns, console=Console(stderr=True), transient=True) as bars:
@@ -403,10 +444,17 @@ def report_error(error: MsbError) -> int:
     return EXIT_STATUS[type(error)]
 
 
+def _print_progress(text: str) -> None:
+    """Print a progress line on standard error at once, and write it to the log file."""
+    text = one_line(f"progress: {text}")
+    log(text, "INFO")
+    _print_aside(text)
+
+
 def _print_aside(text: str) -> None:
     """Print on standard error. If standard error is closed or full, the text is lost."""
     try:
-        print(text, file=sys.stderr)  # noqa: T201 - the only place that prints notes and errors
+        print(text, file=sys.stderr, flush=True)  # noqa: T201 - the only place that prints notes and errors
     except OSError:
         silence(sys.stderr)
 

@@ -15,6 +15,7 @@ from msb.errors import UsageError, shorten
 if TYPE_CHECKING:
     from msb.asset import Asset
     from msb.scenes import Camera
+    from msb.scenes.datasets import Scene
 
 Source = Annotated[Path, Argument("A .triasset, checkpoint or mesh file.", metavar="ASSET")]
 ImageFolder = Annotated[
@@ -24,6 +25,7 @@ Up = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
 NO_CAMERAS = "needs --cameras PATH"
 # Largest width or height of an image in pixels: the limit of common OpenGL drivers.
 MOST_PIXELS = 16384
+Split = Literal["train", "test", "all"]
 Tier = Literal["reference", "dedicated", "standard"]
 
 
@@ -76,6 +78,21 @@ class ViewOptions:
             return [camera.resized(*size) for camera in chosen]
         return [camera.scaled(self._factor) for camera in chosen]
 
+    def of_scene(self, scene: Scene) -> tuple[Split, list[Camera]]:
+        """Return the split and the requested cameras of a scene; the default is the test views.
+
+        ``train`` selects the training views, ``all`` the training and then the test views. A camera's number
+        counts the test views first, then the training views.
+        """
+        train, test = list(scene.train), list(scene.test)
+        words = set(self.camera)
+        if words <= {"train", "test", "all"}:
+            split: Split = "test" if words <= {"test"} else "train" if words == {"train"} else "all"
+            return split, {"train": train, "test": test, "all": [*train, *test]}[split]
+        cameras = self.of([*test, *train])
+        known = {camera.name for camera in test}
+        return ("test" if all(camera.name in known for camera in cameras) else "all"), cameras
+
     def pixels(self, width: int, height: int) -> tuple[int, int]:
         """Return the size of images without cameras: --size, else `width` x `height` pixels."""
         if self.size is None:
@@ -115,6 +132,18 @@ class ViewOptions:
         if asset is not None:
             official = str(asset.manifest.appearance.get("background", "the asset records none"))
         return parse_color_option(self.background, official)
+
+
+def read_scene_of(asset: Asset, path: Path, image_folder: str | None, note: Callable[[str], None]) -> Scene:
+    """Return a scene as `msb run` evaluates the asset on it; call `note` with each of its warnings."""
+    from msb.scenes.datasets import note_scaled_cameras, scene_of
+
+    scene = scene_of(asset.manifest, path, image_folder=image_folder)
+    for warning in scene.warnings:
+        note(warning.to_line(warning.file or path))
+    if (text := note_scaled_cameras([scene])) is not None:
+        note(f"{path}: {text}")
+    return scene
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,7 @@ from itertools import groupby
 from msb.base.version import __version__
 from msb.bench.records import BAKED
 from msb.errors import UsageError, shorten
+from msb.registry import METHODS
 from msb.report.collect import collect
 from msb.report.compared_views import ComparedView, select_views, view_names
 from msb.report.figures import Figure, make_figures
@@ -14,7 +15,7 @@ from msb.report.findings import derive_findings
 from msb.report.layout import PAPER_ROW
 from msb.report.method_comparison import LABEL, compare_methods, comparison_findings, comparison_table
 from msb.report.numbers import Key, Number, Numbers, dataset_title, method_title
-from msb.report.paper import contradictions, paper_numbers
+from msb.report.paper import OUR_METHODS, contradictions, paper_numbers
 from msb.report.report import Report, Section, list_places
 from msb.report.results import ResultSet
 from msb.report.table import Table
@@ -38,7 +39,7 @@ FEW_SCENES = ("tanksandtemples",)
 # Label of a table of the paper -> our builder of this table, and its dataset ("" for all datasets).
 _PAPER: dict[str, tuple[Callable[..., Table], str]] = {
     "native_summary": (measurements.native_summary, ""),
-    "native_comprehensive_results": (measurements.native_summary, ""),
+    "native_comprehensive_results": (measurements.native_comprehensive_results, ""),
     "mip360_renderer_comparison": (measurements.renderer_comparison, "mipnerf360"),
     "tnt_renderer_comparison": (measurements.scene_comparison, "tanksandtemples"),
     "tnt_unity_runtime_resources": (measurements.runtime_resources, "tanksandtemples"),
@@ -47,6 +48,8 @@ _PAPER: dict[str, tuple[Callable[..., Table], str]] = {
     "mesh_connectivity": (measurements.mesh_connectivity, "mipnerf360"),
     "reproducibility_comparison": (reproducibility, ""),
 }
+# Label of a table of the paper -> label of the same table of ours.
+EQUIVALENTS = {label: "-".join(filter(None, (build.__name__, at))) for label, (build, at) in _PAPER.items()}
 # Label of a table of ours -> label in the paper, if they differ.
 _PAPER_LABELS = {
     "renderer_comparison-mipnerf360": "mip360_renderer_comparison",
@@ -156,13 +159,14 @@ def paper_report(*, pictures: bool = True) -> Report:
         replace(build(paper_numbers(label), *filter(None, [dataset])), label=label)
         for label, (build, dataset) in _PAPER.items()
     ]
+    methods = [method for name, method in METHODS.items() if name in OUR_METHODS.values()]
     derived = [gaps_table(numbers, dataset) for dataset in ("mipnerf360", "tanksandtemples")]
     sections = (
         Section(
             "tables",
             "The paper's tables",
             "The paper's numbers, printed in the same way as ours.",
-            _with_contradictions(*tables, native_features(), deployment_features()),
+            _with_contradictions(*tables, native_features(methods), deployment_features(methods)),
         ),
         Section(
             "derived",
@@ -239,11 +243,14 @@ def _make_sections(
         "structure": (measurements.mesh_connectivity(numbers, dataset, paper) for dataset in audited),
         "reproducibility": published,
         "features": [native_features(), deployment_features()],
-        "scenes": (
-            measurements.per_scene(numbers, dataset, condition)
-            for dataset in datasets
-            for condition in dict.fromkeys(("non_engine", *numbers.conditions(dataset)))
-        ),
+        "scenes": [
+            measurements.native_comprehensive_results(numbers, paper),
+            *(
+                measurements.per_scene(numbers, dataset, condition)
+                for dataset in datasets
+                for condition in dict.fromkeys(("non_engine", *numbers.conditions(dataset)))
+            ),
+        ],
     }
     sections = []
     for name, (title, intro, kind) in _SECTIONS.items():

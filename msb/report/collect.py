@@ -6,7 +6,15 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from msb.bench.aggregate import AUDITED, METRICS, SCENES, expected_scenes, mean_over, scene_groups
+from msb.bench.aggregate import (
+    AUDITED,
+    METRICS,
+    SCENES,
+    expected_scenes,
+    mean_over,
+    scene_groups,
+    why_unsteady,
+)
 from msb.bench.gaps import Gaps, Ratio, dataset_gaps, scene_gaps, slowdown
 from msb.bench.intervals import interval, view_values
 from msb.bench.records import BAKED, Result
@@ -32,7 +40,7 @@ from msb.report.numbers import (
     scene_title,
 )
 from msb.report.results import Place, ResultSet
-from msb.report.table import NOT_AVAILABLE, NOT_SUPPORTED
+from msb.report.table import NOT_AVAILABLE, NOT_SUPPORTED, UNSTEADY
 
 # Metrics by condition: timing, the walk beyond the captured views, and all other metrics of drawn conditions.
 _TIMING = ("fps", "p50_ms", "p95_ms", "spread_ms", "busy_p50_ms", "host_ms", "unsteady")
@@ -40,6 +48,8 @@ WALK = ("flicker", "flicker_worst", "holes")
 _DRAWN = (*_TIMING, *WALK, "memory", "driver_memory", "asset_size")
 # Metrics of exported and baked meshes, and of baked meshes alone.
 _OF_MESH, _OF_BAKE = ("faces", "tasks"), ("psnr_16", "bake_seconds")
+# Metrics that are computed from the frame rate.
+_RATES = ("fps", "host_ms")
 # Metric -> key of `Result.reasons` that explains a missing value.
 _REASON_KEYS = {
     **dict.fromkeys((*_TIMING, "memory", "driver_memory"), "timing"),
@@ -252,6 +262,8 @@ def _make_number(metric: str, method: str, condition: str, result: Result | None
         why = _why_unsupported(method, condition)
         return Number(None, NOT_AVAILABLE, NOT_RUN) if why is None else Number(None, NOT_SUPPORTED, why)
     value = METRICS[metric].get(result)
+    if metric in _RATES and (unsteady := why_unsteady(result)) is not None:
+        return Number(None, UNSTEADY, f"unsteady: {unsteady}")
     if value is not None:
         return Number(float(value), notes=tuple(_notes_on(metric, result)))
     if result.status == "unsupported":
@@ -274,6 +286,8 @@ def _why_missing(metric: str, result: Result) -> str:
     needs_weights = metric in IMAGE_METRICS and IMAGE_METRICS[metric].load is not None
     if needs_weights and result.quality is not None and result.quality.lpips_reason:
         return f"{IMAGE_METRICS[metric].title}: {result.quality.lpips_reason}; {weights_source(None)}"
+    if metric == "train_memory" and result.training is not None:
+        return "the record of the training has no peak GPU memory"
     if metric == "driver_memory" and result.memory is not None and result.memory.driver_reason:
         return f"by the driver: {result.memory.driver_reason}"
     if metric == "chamfer" and result.cell.dataset != "dtu":
@@ -331,7 +345,11 @@ def _average(numbers: Mapping[str, Number], members: Iterable[str]) -> Number:
             notes[f"({mean.present}/{mean.expected}): mean over {named} only"] = None
         return Number(mean.value, present=mean.present, expected=mean.expected, notes=tuple(notes))
     # No scene has a value: give the most frequent reason.
-    absent = NOT_SUPPORTED if all(n.absent == NOT_SUPPORTED for n in numbers.values()) else NOT_AVAILABLE
+    kinds = [number.absent for number in numbers.values()]
+    if all(kind == NOT_SUPPORTED for kind in kinds):
+        absent = NOT_SUPPORTED
+    else:
+        absent = UNSTEADY if UNSTEADY in kinds else NOT_AVAILABLE
     reasons = Counter(number.reason for number in numbers.values() if number.absent == absent)
     reason = reasons.most_common(1)[0][0] if reasons else None
     return Number(None, absent, reason, present=0, expected=mean.expected)

@@ -10,7 +10,7 @@ from msb.bench.gaps import PAIRS, Gap, GapName, Gaps
 from msb.bench.intervals import Interval, excludes_zero
 from msb.bench.records import BAKED
 from msb.report.collect import REFERENCE, SOUP
-from msb.report.metric_format import format_digits, format_value
+from msb.report.metric_format import format_change, format_digits, format_value
 from msb.report.numbers import (
     MEAN,
     QUALITY,
@@ -211,11 +211,12 @@ def _gap_cases(numbers: Numbers, name: GapName, dedicated: str) -> Iterator[_Cas
 
 def _describe_gap(gap: Gap, signed: float, ends: tuple[float, float]) -> str:
     """Return "loses 4.88 dB PSNR (28.16 to 23.28 dB)"; `signed` in dB is positive for a loss."""
+    amount, first, last = format_change(signed, ends, METRICS["psnr"].decimals)
     if abs(signed) < _MIN_DIFFERENCE:
         change = "keeps its PSNR"
     else:
-        change = f"{'loses' if signed > 0 else 'gains'} {format_digits(abs(signed), 2)} dB PSNR"
-    parts = [f"{ends[0]:.2f} to {ends[1]:.2f} dB"]
+        change = f"{'loses' if signed > 0 else 'gains'} {amount} dB PSNR"
+    parts = [f"{first} to {last} dB"]
     parts += [f"mean over {gap.scenes} of {gap.expected} scenes"] if gap.partial else []
     parts += filter(None, [_describe_significance(gap.interval)])
     return f"{change} ({'; '.join(parts)})"

@@ -12,7 +12,16 @@ from msb.report.metric_format import (
     metric_title,
     to_printed_unit,
 )
-from msb.report.numbers import ON_CPU, Key, Number, Numbers, condition_title, dataset_title, method_title
+from msb.report.numbers import (
+    ON_CPU,
+    Key,
+    Number,
+    Numbers,
+    condition_title,
+    dataset_title,
+    method_title,
+    scene_title,
+)
 from msb.report.table import Table, TableCell, TableColumn, TableRow
 
 # Last label of the paper's rows.
@@ -43,6 +52,7 @@ class RowSpec:
 
 _TITLES: Mapping[str, Callable[[str], str]] = {
     "dataset": dataset_title,
+    "scene": scene_title,
     "method": method_title,
     "condition": condition_title,
     "metric": metric_title,
@@ -167,7 +177,7 @@ def mark_best(cells: Sequence[TableCell], groups: Sequence[Hashable], *, single:
 
 def _round_as_printed(cell: TableCell) -> float:
     assert isinstance(cell.value, float)
-    return round(cell.value, choose_decimals(cell.metric, cell.value))
+    return float(format_digits(cell.value, choose_decimals(cell.metric, cell.value)))
 
 
 def _make_rows(

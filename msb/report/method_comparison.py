@@ -1,17 +1,25 @@
 """Compare every method with a chosen one, view by view, with confidence intervals and t tests."""
 
 from collections.abc import Iterator
-from itertools import groupby
 from typing import NamedTuple
 
 from msb.bench.aggregate import METRICS, expected_scenes
 from msb.bench.gaps import Gap, gap_between
 from msb.bench.intervals import LEVEL
 from msb.errors import UsageError, shorten
-from msb.report.findings import Finding
+from msb.report.findings import Finding, join_words
 from msb.report.layout import difference_cell
 from msb.report.metric_format import format_digits, metric_title
-from msb.report.numbers import MEAN, QUALITY, Key, Numbers, condition_title, dataset_title, method_title
+from msb.report.numbers import (
+    DRAWN_CONDITIONS,
+    MEAN,
+    QUALITY,
+    Key,
+    Numbers,
+    condition_title,
+    dataset_title,
+    method_title,
+)
 from msb.report.results import Place, ResultSet
 from msb.report.table import NOT_AVAILABLE, Table, TableCell, TableColumn, TableRow
 from msb.report.tables.gaps import REASONS, gap_cell
@@ -109,18 +117,24 @@ def comparison_table(comparisons: list[Comparison], numbers: Numbers, other: str
 
 
 def comparison_findings(comparisons: list[Comparison], other: str) -> Iterator[Finding]:
-    """Yield a sentence on the PSNR comparisons of each dataset, condition and set of scenes or views."""
-    cases = (case for case in comparisons if case.key.metric == "psnr" and case.gap.interval is not None)
-    for (dataset, condition, over), group in groupby(cases, key=_group_key):
-        where = f"On {dataset_title(dataset)} ({condition_title(condition)}, {over})"
-        parts = "; ".join(_describe(comparison, method_title(other)) for comparison in group)
-        yield Finding("against", f"{where}, {parts}.", LABEL)
+    """Yield a finding for each dataset: its PSNR comparisons under the tiers, else under its conditions.
 
-
-def _group_key(comparison: Comparison) -> tuple[str, str, str]:
-    """Return the dataset, the condition, and the averaged scenes or views of a comparison."""
-    assert comparison.gap.interval is not None
-    return comparison.key.dataset, comparison.key.condition, comparison.gap.interval.over
+    Conditions with the same result share a part of the sentence.
+    """
+    cases = [case for case in comparisons if case.key.metric == "psnr" and case.gap.interval is not None]
+    for dataset in dict.fromkeys(case.key.dataset for case in cases):
+        of_dataset = [case for case in cases if case.key.dataset == dataset]
+        tiers = [case for case in of_dataset if case.key.condition in DRAWN_CONDITIONS]
+        # Result in words, scenes or views -> the conditions with this result.
+        conditions: dict[tuple[str, str], list[str]] = {}
+        for case in tiers or of_dataset:
+            assert case.gap.interval is not None
+            result = _describe(case, method_title(other)), case.gap.interval.over
+            conditions.setdefault(result, []).append(condition_title(case.key.condition))
+        parts = "; ".join(
+            f"{text} under {join_words(titles)} ({over})" for (text, over), titles in conditions.items()
+        )
+        yield Finding("against", f"On {dataset_title(dataset)}, {parts}.", LABEL)
 
 
 def format_p(p: float) -> str:

@@ -1,11 +1,17 @@
 """Printed form of metric values: title, unit, arrow and number of decimals."""
 
+from decimal import ROUND_HALF_UP, Decimal
+
 from msb.bench.aggregate import METRICS
-from msb.topology.metric_text import format_metric
+from msb.topology.metric_text import format_count, format_metric
 
 # Unit -> (limit, decimals) pairs: a value below the limit, in the printed unit, gets this number of decimals.
 # Without them a small value such as 0.04 MiB would print as 0.
 _SMALL_VALUE_DECIMALS = {"MiB": ((0.1, 2), (10.0, 1)), "min": ((1.0, 2),)}
+# Metrics that count things. Their means over scenes can have a fraction.
+_COUNTS = ("components", "faces", "tasks")
+# Decimals beyond which a difference is printed as it is, even if the printed ends do not give it.
+_MOST_DECIMALS = 6
 _ARROWS = {"higher": " ↑", "lower": " ↓", None: ""}
 
 
@@ -35,17 +41,47 @@ def to_printed_unit(metric: str, value: float) -> float:
 def format_digits(value: float, decimals: int, *, sign: bool = False) -> str:
     """Return `value` with `decimals` decimals, and with a plus sign if `sign`. A printed 0 has no sign.
 
+    Halves are rounded away from zero.
+
     Examples
     --------
     >>> format_digits(-0.004, 2), format_digits(0.004, 2, sign=True), format_digits(0.006, 2, sign=True)
     ('0.00', '0.00', '+0.01')
+    >>> format_digits(2.5, 0), format_digits(0.125, 2)
+    ('3', '0.13')
     """
-    printed = f"{value:{'+' if sign else ''}.{decimals}f}"
-    return printed if float(printed) else printed.lstrip("+-")
+    rounded = Decimal(value).quantize(Decimal(1).scaleb(-decimals), ROUND_HALF_UP)
+    printed = f"{rounded:{'+' if sign else ''}.{decimals}f}"
+    return printed if rounded else printed.lstrip("+-")
+
+
+def format_change(change: float, ends: tuple[float, float], decimals: int) -> tuple[str, str, str]:
+    """Return the size of a change and its two ends, with enough decimals that they agree as printed.
+
+    Ends that are not those of the change, such as means over other scenes, get `decimals`.
+
+    Examples
+    --------
+    >>> format_change(4.88, (28.16, 23.28), 2), format_change(0.0122, (29.0138, 29.026), 2)
+    (('4.88', '28.16', '23.28'), ('0.012', '29.014', '29.026'))
+    """
+    amount = abs(change)
+    belong = abs(amount - abs(ends[0] - ends[1])) < 10.0**-_MOST_DECIMALS
+
+    def texts(digits: int) -> tuple[str, str, str]:
+        return format_digits(amount, digits), format_digits(ends[0], digits), format_digits(ends[1], digits)
+
+    for digits in range(decimals, _MOST_DECIMALS + 1 if belong else decimals):
+        printed, first, last = map(Decimal, texts(digits))
+        if abs(first - last) == printed:
+            return texts(digits)
+    return texts(decimals)
 
 
 def choose_decimals(metric: str, printed: float) -> int:
     """Return the number of decimals for `printed`, a value in the printed unit."""
+    if metric in _COUNTS and printed < 100 and printed != int(printed):
+        return 1
     unit = METRICS[metric].unit
     for limit, decimals in _SMALL_VALUE_DECIMALS.get(unit, ()):
         if 0 < printed < limit:
@@ -64,9 +100,13 @@ def format_value(metric: str, value: float) -> str:
     ('0.02', '1.5', '0.3')
     >>> format_value("components", 715_000), format_value("components", 99_999)
     ('0.71 M', '99,999')
+    >>> format_value("components", 4.5), format_value("tasks", 6.0)
+    ('4.5', '6')
     """
     if metric == "components":
         return format_metric(metric, value)
+    if metric in _COUNTS:
+        return format_count(value).replace(",", "")
     printed = to_printed_unit(metric, value)
     if METRICS[metric].unit in _SMALL_VALUE_DECIMALS and 0 < printed < 0.01:
         return "<0.01"

@@ -77,7 +77,7 @@ class Number:
     value : float or None
         In the unit of the records.
     absent : str
-        Printed in place of a missing value: "N/A" (not supported) or "--".
+        Printed in place of a missing value: "N/A" (not supported), "unsteady" or "--".
     reason : str or None
         Why the value is missing.
     present, expected : int

@@ -42,7 +42,8 @@ PAPER_TABLES = (
 )
 
 # The paper's name of a method -> ours.
-OUR_METHODS = {method.paper_name: name for name, method in METHODS.items() if method.paper_name}
+# Methods of packages come last in METHODS, so they never replace one of the paper.
+OUR_METHODS = {method.paper_name: name for name, method in reversed([*METHODS.items()]) if method.paper_name}
 # The paper's name of a metric -> our name (a key of `msb.bench.aggregate.METRICS`), if they differ.
 _OUR_METRICS = {
     "gpu_ms_p50": "p50_ms",

@@ -13,6 +13,8 @@ from msb.metrics.registry import IMAGE_METRICS
 SCHEMA = "msb.table/1"
 # Texts of cells without a value: the condition is not supported, or the value is missing or has no meaning.
 NOT_SUPPORTED, NOT_AVAILABLE = "N/A", "--"
+# Text of a frame rate whose rounds differ too much to mean anything.
+UNSTEADY = "unsteady"
 
 
 @dataclass(frozen=True)

@@ -7,14 +7,14 @@ from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
 
 from msb import metrics
-from msb.bench.gaps import Gap
+from msb.bench.aggregate import METRICS, why_unsteady
 from msb.bench.records import BAKED, ImageQuality, Result
 from msb.errors import MsbError
 from msb.metrics.images import PSNR_CAP
 from msb.metrics.likeness import ALIKE, NEARLY, decibels
 from msb.report.collect import NOT_RUN, REFERENCE
 from msb.report.mesh_trials import TaskOutcome, read_task_outcomes
-from msb.report.metric_format import format_value
+from msb.report.metric_format import format_change, format_digits, format_value
 from msb.report.numbers import GapKey, Key, Numbers, condition_title, dataset_title, method_title, scene_title
 from msb.report.results import LoadedResult, Place
 from msb.report.safe_names import plain_text
@@ -162,9 +162,7 @@ def _judge_appearance(
         return Statement("UNKNOWN", use, text)
 
     # Compare the two sets of renderings, or else their PSNR against the photographs.
-    change = f"PSNR against the photographs {_describe_change(gap)}"
-    if before.value is not None:
-        change += f" ({before.value:.2f} to {number.value:.2f} dB)"
+    change = f"PSNR against the photographs {_describe_change(gap.signed, before.value, number.value)}"
     similarity = measure_similarity(loaded[start], loaded[condition])
     if similarity is None:
         mark, wording = next((mark, wording) for limit, mark, wording in _LOSSES if gap.signed < limit)
@@ -177,13 +175,14 @@ def _judge_appearance(
     return Statement(mark, use, f"{wording} {reference}: {between}. {change}.{remark}")
 
 
-def _describe_change(gap: Gap) -> str:
-    """Return "is 1.01 dB worse", "is 0.51 dB better" or "shows no loss"; the gap is positive for a loss."""
-    signed = gap.signed or 0.0
-    amount = f"{abs(signed):.2f}"
-    if amount == "0.00":
-        return "shows no loss"
-    return f"is {amount} dB {'better' if signed < 0 else 'worse'}"
+def _describe_change(loss: float, before: float | None, after: float) -> str:
+    """Return "is 1.01 dB worse (23.01 to 22.00 dB)", "is 0.51 dB better (...)" or "shows no loss (...)"."""
+    start = after + loss if before is None else before
+    amount, first, last = format_change(loss, (start, after), METRICS["psnr"].decimals)
+    change = f"is {amount} dB {'better' if loss < 0 else 'worse'}"
+    if not float(format_digits(loss, METRICS["psnr"].decimals)):
+        change = "shows no loss"
+    return change if before is None else f"{change} ({first} to {last} dB)"
 
 
 def _judge_speed(condition: str, record: Result) -> Statement:
@@ -193,7 +192,11 @@ def _judge_speed(condition: str, record: Result) -> Statement:
     if timing is None:
         reason = record.reasons.get("timing") or record.reason
         return Statement("UNKNOWN", use, f"Not timed{f': {reason.message}' if reason else ''}.")
-    longest, rate = _format_milliseconds(timing.p95_ms), f"{timing.fps:.0f} frames per second on average"
+    if not timing.has_device_times:
+        return Statement("UNKNOWN", use, "The renderer reports no device times.")
+    longest = _format_milliseconds(timing.p95_ms)
+    unsteady = why_unsteady(record) is not None
+    rate = "unsteady frame rate" if unsteady else f"{timing.fps:.0f} frames per second on average"
     measured = f"95 % of the frames take at most {longest} ({rate})"
     if timing.p95_ms <= SMOOTH_MS:
         return Statement("YES", use, f"Holds 60 frames per second: {measured}.")

@@ -129,6 +129,9 @@ def _print_one(report: SceneReport, output: Output) -> None:
         rows += _describe(report.scene)
     else:
         rows += [("images", f"{f.name}: {f.images}") for f in report.image_folders]
+    if report.missing is not None and any(report.missing.values()):
+        counts = " and ".join(f"{count} {split}" for split, count in report.missing.items() if count)
+        rows.append(("missing", f"{counts} photographs"))
     if report.points is not None:
         rows.append(("SfM points", f"{report.points:,}"))
     rows += [("not used", text) for text in report.unused]

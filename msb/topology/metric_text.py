@@ -1,9 +1,13 @@
 """Text of ratios and component counts of an audit, as the terminal and reports print them."""
 
+import math
+
 # Decimals of ratios and averages, as in the table of mesh diagnostics of the paper.
 DECIMALS = 2
 # Counts from here on are printed in millions; smaller ones in full, because "0.00 M" says nothing.
 _MILLIONS_FROM = 1e5
+# Means of counts below this are printed with one decimal if they have a fraction.
+_FRACTIONS_BELOW = 100
 
 
 def format_metric(metric: str, value: float) -> str:
@@ -18,4 +22,17 @@ def format_metric(metric: str, value: float) -> str:
     """
     if metric != "components":
         return f"{value:.{DECIMALS}f}"
-    return f"{value / 1e6:.{DECIMALS}f} M" if value >= _MILLIONS_FROM else f"{value:,.0f}"
+    return f"{value / 1e6:.{DECIMALS}f} M" if value >= _MILLIONS_FROM else format_count(value)
+
+
+def format_count(value: float) -> str:
+    """Return a count, or the mean of counts; halves are rounded up.
+
+    Examples
+    --------
+    >>> format_count(4.0), format_count(4.5), format_count(1234.5)
+    ('4', '4.5', '1,235')
+    """
+    if value < _FRACTIONS_BELOW and value != int(value):
+        return f"{math.floor(10 * value + 0.5) / 10:.1f}"
+    return f"{math.floor(value + 0.5):,}"

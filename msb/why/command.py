@@ -98,8 +98,10 @@ def _save_images(causes: list[Cause], folder: Path, *, overwrite: bool) -> None:
 def _print(
     causes: Causes, head: dict[str, Any], views: ChosenViews, save: Path | None, output: Output
 ) -> None:
-    """Print the table of causes, the loss of all causes together, and the causes that do not apply."""
+    """Print the table of causes, the loss of the standard-tier mesh, and the causes that do not apply."""
     from rich.markup import escape
+
+    from msb.why.total import TITLE
 
     console = output.console()
     console.print(f"[bold]{escape(head['path'])}[/bold]: {head['method']}", soft_wrap=True)
@@ -125,7 +127,7 @@ def _print(
         console.print("\nCauses that do not apply:")
         reasons = {cause.title: cause.reason for cause in absent}
         if causes.total.reason is not None:
-            reasons["All causes together"] = causes.total.reason
+            reasons[TITLE] = causes.total.reason
         for title, reason in reasons.items():
             console.print(f"- {escape(title)}: {escape(str(reason))}")
 
@@ -137,7 +139,7 @@ def _format_db(db: float | None) -> str:
 
 
 def _describe_total(causes: Causes, quiet: bool) -> Iterator[str]:
-    """Yield lines: the loss of all causes together, and the parts that settings or a bake can avoid."""
+    """Yield the loss of the standard-tier mesh, and the parts that settings or a bake can avoid."""
     from msb.why.total import TITLE
 
     total = causes.total
@@ -146,11 +148,11 @@ def _describe_total(causes: Causes, quiet: bool) -> Iterator[str]:
     yield f"\n[bold]{TITLE}: {_format_db(total.db)}[/bold]"
     if quiet:
         return
-    sampled = "" if total.right == total.db else ", supersampled as in training"
+    sampled = "" if total.right == total.db else f" Supersampled as in training: {_format_db(total.right)}."
     yield (
-        f"- With all engine settings wrong (lit, back faces culled, colours interpreted as linear): "
-        f"{_format_db(total.wrong)}. With all settings right (unlit, two-sided, colours unchanged{sampled}): "
-        f"{_format_db(total.right)}."
+        "- This is not the sum of the causes above, and it can be better than one of them that is an engine "
+        f"setting.{sampled} With every engine setting wrong (lit, back faces culled, colours interpreted as "
+        f"linear): {_format_db(total.wrong)}."
     )
     texts = {cause.name: f"{cause.title.lower()} ({_format_db(cause.db)})" for cause in causes}
     if total.bakes:

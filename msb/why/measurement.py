@@ -76,7 +76,7 @@ class Cause:
 class Causes(list[Cause]):
     """A list with the loss of each cause.
 
-    `total` has the loss of all causes together, `views` has the cameras that see the asset.
+    `total` has the loss of the standard-tier mesh, `views` has the cameras that see the asset.
     """
 
     total: Total
@@ -114,7 +114,7 @@ def why(
     -------
     list of Cause
         One entry for each of `CAUSES`, including causes that do not apply. If no camera sees the asset, no
-        cause applies. The attribute `total` has the loss of all causes together; `views` has the `cameras`
+        cause applies. The attribute `total` has the loss of the standard-tier mesh; `views` has the `cameras`
         that see the asset.
 
     Raises

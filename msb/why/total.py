@@ -1,4 +1,4 @@
-"""The loss of all causes together, and the parts of it that settings or a bake can avoid."""
+"""The loss of the standard-tier mesh, and the parts of it that settings or a bake can avoid."""
 
 import contextlib
 from collections.abc import Mapping
@@ -9,7 +9,7 @@ from msb.views import psnr_over_views
 from msb.why.causes import BAKED, apply_light, interpret_as_linear
 from msb.why.views import EQUAL, CauseViews, DoesNotApplyError
 
-TITLE = "All causes together (standard-tier mesh against native rendering)"
+TITLE = "Standard-tier mesh with every engine setting right (unlit, two-sided, colours unchanged)"
 # A cause with a PSNR above this number of dB is invisible and does not explain the remaining loss.
 _VISIBLE = 40.0
 
@@ -61,7 +61,7 @@ def _finite(db: float | None) -> float | None:
 
 
 def measure_total(views: CauseViews, losses: Mapping[str, float | None]) -> Total:
-    """Return the loss of all causes together; `losses` has the PSNR in dB of each cause alone."""
+    """Return the loss of the standard-tier mesh; `losses` has the PSNR in dB of each cause alone."""
     try:
         native, standard = views.native, views.standard
     except DoesNotApplyError as error:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import ttest_1samp
 
-from msb.bench.aggregate import METRICS, SCENES, expected_scenes, mean_over, scene_groups
+from msb.bench.aggregate import METRICS, SCENES, expected_scenes, mean_over, scene_groups, why_unsteady
 from msb.bench.documents import AuditDocument, ChamferDocument, TrialDocument
 from msb.bench.gaps import PAIRS, dataset_gaps, incomparable, scene_gaps, slowdown, value_gaps
 from msb.bench.intervals import excludes_zero, interval
@@ -121,6 +121,18 @@ def test_the_slowdown_of_a_dataset_is_the_ratio_of_averages() -> None:
     ratio = slowdown(records, rates)
     assert ratio.value == 4
     assert ratio.per_scene == pytest.approx({"s0": 10, "s1": 2})
+
+
+@pytest.mark.parametrize(("slowest", "value"), [(0.8, 10), (0.7, None)])
+def test_a_rate_whose_rounds_differ_by_more_than_a_quarter_has_no_ratio(
+    slowest: float, value: float | None
+) -> None:
+    rounds = timing(100.0, round_fps=(100.0 * slowest, 100.0))
+    records = {"dedicated": result(timing=rounds), "standard": result("standard", timing=timing(1000.0))}
+    ratio = slowdown({"s": records}, ["s"])
+    assert (ratio.value, ratio.reason) == (value, None if value else "unsteady")
+    assert (why_unsteady(records["dedicated"]) is None) is (value is not None)
+    assert incomparable("p50_ms", *records.values()) is None  # device times do not depend on other work
 
 
 def test_an_average_weighs_scenes_and_not_groups() -> None:

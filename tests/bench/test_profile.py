@@ -9,14 +9,19 @@ import numpy as np
 import pytest
 
 import msb
+from msb.bench.aggregate import METRICS
 from msb.bench.floor import take_one_triangle
 from msb.bench.parts import group_memory
 from msb.bench.profile import profile
+from msb.bench.records import Timing
 from msb.render.backend import SETTLED_AT, DrawTime
 from msb.scenes import turntable, write_cameras
 from msb.scenes.datasets import read_scene
 from tests.bench.protocols import PEBBLE, STUBS
 from tests.cli.conftest import Here
+from tests.report.factory import result, timing
+
+SPANS = ("p50_ms", "p95_ms", "mean_ms", "busy_p50_ms", "busy_p95_ms")
 
 
 class FakeRenderer:
@@ -51,6 +56,8 @@ def test_percentiles_are_interpolated_without_the_warm_up() -> None:
     timing = result.timing
     assert timing.frames == 20 == len(steps)
     assert (timing.p50_ms, timing.p95_ms) == tuple(np.percentile(spans, (50, 95)))
+    assert (timing.p50_ms, timing.p95_ms) == tuple(np.percentile(timing.frame_ms, (50, 95)))
+    assert timing.frame_ms == tuple(spans)
     assert timing.busy_p50_ms == pytest.approx(timing.p50_ms - 0.5)
     assert timing.queued_p50_ms == pytest.approx(timing.p50_ms + 0.5)
     assert len(timing.round_fps) == 5
@@ -58,6 +65,15 @@ def test_percentiles_are_interpolated_without_the_warm_up() -> None:
     assert timing.stages_ms == {"raster": np.median(spans) - 1.5, "shade": 1.0}
     assert result.memory == {"geometry": 100, "scratch": 6, "lists": ord("c")}
     assert 1000 / timing.fps >= 0.5, "each frame sleeps for half a millisecond"
+
+
+def test_a_record_keeps_the_times_of_evenly_spread_frames(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("msb.bench.profile.MOST_FRAME_TIMES", 5)
+    timing = profile(FakeRenderer(), ["a"], frames=10, seconds=0, warm_up=0).timing
+    assert timing.frame_ms == (2.5, 4.5, 6.5, 8.5, 10.5)
+    changed = {**timing.model_dump(), "frame_ms": [1.0] * 10}
+    with pytest.raises(ValueError, match="frame_ms"):
+        Timing(**changed)
 
 
 def test_cameras_alternate_until_frames_and_seconds_are_reached() -> None:
@@ -144,6 +160,55 @@ def test_bench_writes_and_compares_records(
     modes = ("--tier", "dedicated", "--order", "none", "--sampling", "engine")
     data = here(*args, *modes, "--json", "-", demo_asset).json
     assert (data["order"], data["sampling"]) == ("none", "engine")
+
+
+class NumpyRenderer:
+    """A renderer of another package that draws on the host and measures no times."""
+
+    name, version = "numpy-only", "1"
+
+    def __init__(self, _asset: Any, **_: Any) -> None:
+        pass
+
+    def render(self, camera: Any, background: Any) -> msb.Frame:
+        image = np.full((camera.height, camera.width, 3), background, np.float32)
+        return msb.Frame(image=image, alpha=image[..., 0], depth=image[..., 0])
+
+    def memory(self) -> dict[str, int]:
+        return {}
+
+    def close(self) -> None:
+        pass
+
+
+@pytest.mark.parametrize("draws", [False, True])
+def test_a_renderer_without_device_times_has_no_device_and_no_zeros(
+    here: Here, demo_asset: Path, cameras: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, draws: bool
+) -> None:
+    if draws:
+        monkeypatch.setattr(NumpyRenderer, "draw", lambda *_: DrawTime({}, 0.0), raising=False)
+    place = f"{__name__}:NumpyRenderer"
+    monkeypatch.setattr("msb.render.backend.renderers", lambda: {"numpy-only": place})
+    args = ("bench", "--renderer", "numpy-only", "--cameras", cameras, "--repeat", "3", "--seconds", "0")
+    old = tmp_path / "old.json"
+    result = here(*args, "--json", old, demo_asset)
+    assert result.status == 0
+    data = json.loads(old.read_text())
+    assert "device" not in data["machine"]
+    assert set(data["device_ms"].values()) == {None} == set(data["busy_ms"].values())
+    assert data["fps"] > 0
+    printed = here(*args, "--compare", old, demo_asset)
+    assert printed.status == 0
+    rows = [line.split() for line in printed.out.splitlines() if line.startswith(("device time", "memory"))]
+    assert [row[-3:] for row in rows] == [["--", "--", "-"]] * 3
+    here(*args, "--compare", old, "--fail-slower", "5%", "--json", "-", demo_asset, status=2)
+
+
+def test_tables_have_no_device_times_of_a_renderer_that_measures_none() -> None:
+    record = result(timing=timing(**dict.fromkeys(SPANS, 0.0)))
+    names = ("p50_ms", "p95_ms", "spread_ms", "busy_p50_ms", "host_ms")
+    assert [METRICS[name].get(record) for name in names] == [None] * 5
+    assert METRICS["fps"].get(record) == 100
 
 
 @pytest.mark.parametrize(

@@ -12,10 +12,11 @@ import pytest
 
 from msb.bench.gaps import slowdown
 from msb.bench.nvml import Gpus, read_driver_memory
+from msb.bench.protocol import read_protocol
 from msb.bench.records import RendererTiming, read_renderer_timing
 from msb.bench.run import run_protocol
-from msb.bench.track import WHOLE_COMMAND, read_track, track
-from msb.errors import MsbError
+from msb.bench.track import WHOLE_COMMAND, TrainingLog, read_track, read_training_record, track
+from msb.errors import InputError, MsbError
 from msb.report.collect import collect
 from msb.report.numbers import MEAN, Key, RatioKey
 from msb.report.results import read_results
@@ -302,3 +303,23 @@ def test_track_writes_a_renderer_timing_of_a_whole_command(tmp_path: Path) -> No
     timing = read_renderer_timing(tmp_path / "own.json")
     assert (timing.frames, timing.whole_command, timing.timed) == (8, True, WHOLE_COMMAND)
     assert not (tmp_path / "no.json").exists()
+
+
+def test_our_trainers_record_gives_the_training_time(tmp_path: Path) -> None:
+    (tmp_path / "training.json").write_text('{"method": "x", "iterations": 3, "seconds": 60.5, "note": ""}')
+    record = read_training_record(tmp_path / "training.json")
+    assert isinstance(record, TrainingLog)
+    assert record.seconds == 60.5
+    (tmp_path / "training.json").write_text('{"method": "x", "iterations": 3}')
+    with pytest.raises(InputError) as caught:
+        read_training_record(tmp_path / "training.json")
+    assert caught.value.code == "RECORD_INVALID"
+
+
+@pytest.mark.parametrize("name", ["protocol.toml", "protocol_all.toml"])
+def test_the_demos_protocols_name_the_record_of_every_training(name: str) -> None:
+    protocol = read_protocol(ROOT / "data_stubs" / name).protocol
+    for method in protocol.methods:
+        assert method.training is not None
+        path = ROOT / "data_stubs" / str(method.training).format(method=method.name)
+        assert read_training_record(path).seconds > 0

@@ -1,8 +1,11 @@
 """Tables and findings that golden.md does not cover: bold and missing values, notes, the paper's rows."""
 
+import re
 from dataclasses import replace
+from decimal import Decimal
 from pathlib import Path
 
+import numpy as np
 import pytest
 from scipy.stats import ttest_rel
 
@@ -10,12 +13,12 @@ from msb.bench.aggregate import SCENES
 from msb.bench.documents import AuditDocument
 from msb.bench.records import Reason, Training
 from msb.errors import UsageError
-from msb.report.build import build_report
+from msb.report.build import EQUIVALENTS, build_report
 from msb.report.collect import SOUP
 from msb.report.findings import Finding, derive_findings
 from msb.report.layout import mark_best
 from msb.report.method_comparison import adjust_by_holm
-from msb.report.metric_format import format_value
+from msb.report.metric_format import format_change, format_value
 from msb.report.numbers import MEAN, Key, Number, Numbers
 from msb.report.paper import contradictions, paper_numbers
 from msb.report.report import Report
@@ -31,6 +34,7 @@ from tests.report.factory import (
     make_result,
     measure,
     numbers_of,
+    timing,
     write,
 )
 from tests.report.test_golden import compare, metrics_of_the_model
@@ -98,6 +102,47 @@ def test_memory_reported_by_the_driver_has_a_column(tmp_path: Path, driver_bytes
         assert (table.rows[0].cells[-1].text == "5120", DRIVER_NOTE in table.notes) == (
             bool(driver_bytes),
         ) * 2
+
+
+def test_unsteady_frame_rates_are_not_printed_ranked_or_compared(tmp_path: Path) -> None:
+    for method, rounds in (("two_dts", (20.0, 900.0)), ("mesh_splatting", (99.0, 101.0))):
+        for condition in ("dedicated", "standard"):
+            times = timing(100.0, round_fps=rounds, device_kind="gpu")
+            write(tmp_path, make_result("mipnerf360", "garden", method, condition, timing=times))
+    report = build_report(read_results(tmp_path), with_paper=False, pictures=False)
+    tables = report.tables
+    rates = row_of(tables["slowdown"], "Mip-NeRF 360", "2DTS").cells
+    assert (rates[0].text, rates[0].value) == ("unsteady", None)
+    assert row_of(tables["slowdown"], "Mip-NeRF 360", "MeshSplatting").cells[0].value == 1
+    table = tables["scenes-mipnerf360-dedicated"]
+    cells = {
+        column.of["method"]: row.cells[place]
+        for row in table.rows[:1]
+        for place, column in enumerate(table.columns)
+        if column.of["metric"] == "fps"
+    }
+    assert (cells["two_dts"].text, cells["two_dts"].value, cells["two_dts"].bold) == ("unsteady", None, False)
+    assert cells["mesh_splatting"].value == 100
+    assert not any("2DTS" in f.sentence for f in report.findings if f.kind in ("slowdown", "leaders"))
+
+
+def test_comprehensive_native_results_have_every_scene_and_the_means(whole: Report) -> None:
+    table, summary = (whole.tables[name] for name in ("native_comprehensive_results", "native_summary"))
+    assert [column.of for column in table.columns] == [column.of for column in summary.columns]
+    means = {
+        (row.labels[0], row.labels[2]): row.cells
+        for row in table.rows
+        if row.labels[1] == "Mean" and not row.paper
+    }
+    assert means == {row.labels: row.cells for row in summary.rows if not row.paper}
+    scenes = {(row.labels[0], row.labels[1]) for row in table.rows}
+    assert len(scenes) == sum(len(names) + 1 for names in SCENES.values())
+    assert all(row.labels[1] == "Mean" for row in table.rows if row.paper)
+
+
+@pytest.mark.parametrize("label", sorted(EQUIVALENTS))
+def test_labels_of_the_paper_select_the_same_table_of_the_results(whole: Report, label: str) -> None:
+    assert EQUIVALENTS[label] in whole.tables
 
 
 def test_metrics_of_the_model_do_not_imply_images(tmp_path: Path) -> None:
@@ -206,6 +251,45 @@ def test_a_note_explains_that_there_is_nothing_to_compare(tmp_path: Path) -> Non
     assert report.notes[0].startswith("--against mesh_splatting: ")
     with pytest.raises(UsageError, match="USAGE"):
         build_report(read_results(tmp_path), pictures=False, against="two_dts")
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_a_printed_change_is_the_difference_of_its_printed_ends(seed: int) -> None:
+    first, last = np.random.default_rng(seed).uniform(20, 21, 2)
+    amount, *ends = map(Decimal, format_change(first - last, (first, last), 2))
+    assert abs(ends[0] - ends[1]) == amount
+    assert float(amount) == pytest.approx(abs(first - last), abs=0.005)
+
+
+def test_ends_of_other_scenes_are_printed_with_two_digits() -> None:
+    assert format_change(1.0, (20.0, 18.0), 2) == ("1.00", "20.00", "18.00")
+
+
+def test_halves_are_rounded_up_and_means_of_counts_keep_their_fraction() -> None:
+    assert [format_value("fps", value) for value in (0.5, 1.5, 2.5)] == ["1", "2", "3"]
+    assert [format_value("components", value) for value in (1.0, 4.5, 13 / 3, 1000.5)] == [
+        "1",
+        "4.5",
+        "4.3",
+        "1,001",
+    ]
+    assert format_value("tasks", 6.5) == "6.5"
+
+
+@pytest.mark.parametrize("loss", [0.0, 5.0])
+def test_a_comparison_has_one_finding_per_dataset_with_the_sign_of_its_interval(
+    tmp_path: Path, loss: float
+) -> None:
+    for number, scene in enumerate(("desk", "chair")):
+        for condition in ("non_engine", "dedicated", "standard"):
+            for method, psnr in (("two_dts", 20 - loss + 3 * number), ("mesh_splatting", 20 - 3 * number)):
+                measure(tmp_path, condition, psnr, method=method, scene=scene)
+    report = build_report(read_results(tmp_path), with_paper=False, pictures=False, against="mesh_splatting")
+    (finding,) = [finding for finding in report.findings if finding.kind == "against"]
+    assert finding.sentence.count("not significant") == 1
+    amount, low, high = map(float, re.findall(r"-?\d+\.\d\d(?= dB| to|,)", finding.sentence)[:3])
+    assert low < amount < high
+    assert (amount - low) == pytest.approx(high - amount, abs=0.02)
 
 
 def test_p_values_are_adjusted_by_holms_method() -> None:

@@ -83,3 +83,27 @@ def test_a_real_capture(msb: Msb, shared: Path) -> None:
     result = msb("scenes", "--image-folder", "images_8", garden, status=0)
     assert "28 training, 4 test" in result.out
     assert "138,766" in result.out
+
+
+def test_missing_photographs_of_training_and_test_views_are_counted_apart(msb: Msb, tmp_path: Path) -> None:
+    root = tmp_path / "pebble"
+    shutil.copytree(STUBS / "mipnerf360/pebble", root)
+    (whole,) = msb("scenes --json -", root).json["scenes"]
+    assert whole["missing"] == {"training": 0, "test": 0}
+    evaluated = whole["evaluated"]
+    photographs = root / evaluated["image_folder"]
+    for name in evaluated["train"][:3]:
+        (photographs / name).unlink()
+    (scene,) = msb("scenes --json -", root).json["scenes"]
+    assert (scene["error"], scene["missing"]) == (None, {"training": 3, "test": 0})
+    # A missing test photograph is an error, which counts the training photographs, too.
+    (photographs / evaluated["test"][0]).unlink()
+    (scene,) = msb("scenes --json -", root, status=3).json["scenes"]
+    assert (scene["error"]["code"], scene["missing"]) == ("SCENE_IMAGE_MISSING", {"training": 3, "test": 1})
+    counts = f"1 of {len(evaluated['test'])} test and 3 of {len(evaluated['train'])} training"
+    assert counts in scene["error"]["message"]
+    # Without the folder all are missing.
+    for folder in root.glob("images*"):
+        shutil.rmtree(folder)
+    (scene,) = msb("scenes --json -", root, status=3).json["scenes"]
+    assert scene["missing"] == {"training": len(evaluated["train"]), "test": len(evaluated["test"])}

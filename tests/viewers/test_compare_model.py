@@ -52,9 +52,11 @@ def test_views_take_the_size_of_their_photographs(tmp_path: Path) -> None:
     assert views[1].camera.width == 2 * WIDTH
     assert tmp_path.name in views[1].why
     assert dataset_views(cameras, beside=tmp_path)[0].photograph == views[0].photograph
-    half = dataset_views(cameras, tmp_path, 0.5)[0]
-    assert (half.camera.width, half.camera.height) == (WIDTH // 2, HEIGHT // 2)
-    assert read_photograph(half, (0, 0, 0)).shape == (HEIGHT // 2, WIDTH // 2, 3)
+    # A factor is relative to the cameras, with and without photographs, as in `msb render`.
+    for view in dataset_views(cameras, tmp_path, 0.25):
+        assert (view.camera.width, view.camera.height) == (WIDTH // 2, HEIGHT // 2)
+    quarter = dataset_views(cameras, tmp_path, 0.25)[0]
+    assert read_photograph(quarter, (0, 0, 0)).shape == (HEIGHT // 2, WIDTH // 2, 3)
 
 
 def test_transparent_photographs_lie_over_the_background(tmp_path: Path) -> None:

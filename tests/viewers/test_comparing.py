@@ -43,7 +43,7 @@ def test_the_function_writes_the_files_of_the_command(here: Here, tmp_path: Path
 
 
 def test_every_view_has_the_psnr_of_its_renderings_and_photograph() -> None:
-    asset, cameras = msb.open(MODEL), msb.read_cameras(SCENE)[:2]
+    asset, cameras = msb.open(MODEL), msb.read_scene(SCENE).test[:2]
     done = msb.compare(
         asset, SCENE, views=["0", "1"], tiers=["truth", "standard", "baked"], baked=asset, background="white"
     )

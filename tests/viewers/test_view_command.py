@@ -10,6 +10,7 @@ import pytest
 from PIL import Image
 
 from msb.meshes import Mesh, write_mesh
+from msb.scenes.datasets import read_scene
 from msb_viewers.deployment.difference import scale_colors
 from tests.cli.conftest import Here, here, refused
 from tests.cli.forks import run_msb
@@ -190,6 +191,21 @@ def test_views_have_the_size_of_their_photographs_and_psnrs(tmp_path: Path) -> N
         assert stored["name"] == expected.name
     white, black = (stored["decibels"]["standard truth"] for stored in meta["views"])
     assert white < 6 < black  # the dark asset on black is more similar to the black photograph
+
+
+@pytest.mark.parametrize(("scale", "factor"), [((), 1), (("--scale", "0.25"), 0.25)])
+def test_a_scene_gives_its_test_views_as_a_run_evaluates_them(
+    tmp_path: Path, scale: tuple[str, ...], factor: float
+) -> None:
+    scene, out = read_scene(SCENE), tmp_path / "c.html"
+    model = ROOT / "data_stubs" / "models" / "walled" / "triangle_splatting"
+    run = compare("--scene", SCENE, *scale, "--tiers", "standard,truth", "--html", out, model)
+    assert run.returncode == 0, run.stderr
+    meta = meta_of(out.read_text())
+    assert [view["name"] for view in meta["views"]] == [camera.name for camera in scene.test]
+    assert {view["width"] for view in meta["views"]} == {scene.test[0].width * factor}
+    assert all("standard truth" in view["decibels"] for view in meta["views"])
+    assert compare("--scene", SCENE, "--cameras", VIEWS, "--html", out, model).returncode == 2
 
 
 @pytest.mark.parametrize("more", [(), ("--image-folder", "images_8"), ("--image-folder", SCENE / "images_8")])

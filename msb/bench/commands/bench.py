@@ -83,7 +83,7 @@ def bench(
     from msb.bench.nvml import read_driver_memory
     from msb.bench.profile import profile
     from msb.render import Renderer
-    from msb.render.backend import minimal_options
+    from msb.render.backend import ON_OPENCL, minimal_options
     from msb.render.machine import machine
     from msb.scenes.around import make_turntable
 
@@ -100,8 +100,11 @@ def bench(
     with Renderer(asset, options.tier, drawing.device, settings, name=drawing.renderer, **lean) as renderer:
         with output.counted("timing", timing.frames) as step:
             timed = profile(renderer, cameras, color, **asdict(timing), step=step)
-        about = machine(drawing.device, engine=renderer.device_info)
-        driver, reason = read_driver_memory(about["device"])
+        # A renderer of another package that measures no device time does not use OpenCL.
+        ours = (drawing.renderer or options.tier) in ON_OPENCL
+        opencl = ours or (drawing.renderer is not None and timed.timing.has_device_times)
+        about = machine(drawing.device, opencl=opencl, engine=renderer.device_info)
+        driver, reason = read_driver_memory(about.get("device", {}))
     record: dict[str, Any] = {
         "schema": SCHEMA,
         "path": str(path),
@@ -129,6 +132,8 @@ def bench(
                 )
                 output.note(f"{options.compare}: {text}")
         if limit is not None:
+            if not timed.timing.has_device_times:
+                raise UsageError("USAGE", "--fail-slower: the renderer reports no device times")
             _check_slower(timed.timing.p50_ms, old, limit, path)
 
 
@@ -167,31 +172,36 @@ def _read_old(path: Path) -> dict[str, Any]:
 
 
 def _is_record(data: dict[str, Any]) -> bool:
-    """Return whether the tables of a record contain numbers only."""
+    """Return whether the tables of a record contain numbers and nulls only."""
     tables = [data.get(key) for key in ("device_ms", "busy_ms", "stages_ms", "memory_bytes")]
     values = [value for table in tables if isinstance(table, dict) for value in table.values()]
-    numbers = (*values, data.get("fps"), data.get("driver_memory_bytes") or 0)
-    return all(isinstance(table, dict) for table in tables) and all(
-        type(value) in (int, float) for value in numbers
+    numbers = (*values, data.get("driver_memory_bytes"))
+    # Device times are null if the renderer measures none.
+    return (
+        all(isinstance(table, dict) for table in tables)
+        and type(data.get("fps")) in (int, float)
+        and all(type(value) in (int, float, type(None)) for value in numbers)
     )
 
 
 def _print(record: dict[str, Any], old: dict[str, Any] | None, output: Output) -> None:
     """Print the record as a table, with a column for an older one."""
-    device = record["machine"]["device"]
+    device = record["machine"].get("device")
     modes = [f"{name} {record[name]}, " for name in ("order", "sampling") if name in record]
     output.line(
         f"{record['path']}: {record['faces']:,} faces, tier {record['tier']}, {''.join(modes)}"
         f"{record['views']} views of {', '.join(record['sizes'])}, {record['frames']} frames"
     )
-    output.line(f"{record['renderer']} on {device['platform']}: {device['name']}")
+    where = f" on {device['platform']}: {device['name']}" if device else ", no device"
+    output.line(f"{record['renderer']}{where}")
     rows = []
     for label, unit, get in _list_rows(record, output.verbose > 0):
         value = get(record)
         cells = [label, _format_number(value, unit)]
         if old:
             before = get(old)
-            cells += [_format_number(before, unit), f"{value / before:.2f}"] if before else ["-", "-"]
+            both = value is not None and before
+            cells += [_format_number(before, unit), f"{value / before:.2f}" if both else "-"]
         rows.append(cells)
     headers = ("", "Now", "Before", "Now / before") if old else ("", "Now")
     output.table(headers, rows[:3] if output.quiet else rows, right=range(1, len(headers)))
@@ -210,7 +220,7 @@ def _list_rows(record: dict[str, Any], everything: bool) -> Iterator[tuple[str, 
         yield f"  {name}", "ms", lambda data, name=name: data["stages_ms"].get(name)
     memory = record["memory_bytes"]
     total = sum(memory.values())
-    yield "memory of buffers, all views", "B", lambda data: sum(data["memory_bytes"].values())
+    yield "memory of buffers, all views", "B", lambda data: sum(data["memory_bytes"].values()) or None
     for use, size in sorted(memory.items(), key=lambda item: -item[1]):
         if everything or size >= total / 100:
             yield f"  {use}", "B", lambda data, use=use: data["memory_bytes"].get(use, 0)
@@ -218,8 +228,10 @@ def _list_rows(record: dict[str, Any], everything: bool) -> Iterator[tuple[str, 
         yield "GPU memory of the process", "B", lambda data: data.get("driver_memory_bytes")
 
 
-def _format_number(value: float, unit: str) -> str:
-    """Return a value with its unit: bytes as MiB, and short times in microseconds."""
+def _format_number(value: float | None, unit: str) -> str:
+    """Return a value with its unit, or "--": bytes as MiB, and short times in microseconds."""
+    if value is None:
+        return "--"
     if unit == "B":
         return f"{value / 2**20:,.2f} MiB"
     if unit == "ms":

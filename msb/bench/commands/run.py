@@ -15,6 +15,7 @@ from msb.base.option import Argument, Option
 from msb.base.paths import shell_word
 from msb.cli.command import Typed, command, require
 from msb.cli.output import Output, echo, say
+from msb.cli.progress import format_duration
 from msb.errors import UsageError
 from msb.render.options import ImageFolder, RendererOptions
 
@@ -207,7 +208,7 @@ def _group_failures(report: Report, *, dry: bool) -> dict[Reason, list[str]]:
 
 
 class _ProgressDisplay:
-    """Shows a progress bar for each stage on a terminal, and with -v a line for each task."""
+    """Shows the progress of each stage: a bar on a terminal, lines elsewhere, and with -v each task."""
 
     def __init__(self, output: Output) -> None:
         self.output = output
@@ -220,6 +221,9 @@ class _ProgressDisplay:
             def step(name: str) -> None:
                 self.cells += stage.title == "cells"
                 self.output.note(f"{stage.title}: {name}", level=1)
+                if self.output.progress_lines is not None:
+                    text = f"{stage.title} {stage.done}/{len(stage.names)}, finished {name}"
+                    self.output.progress_lines.write_first(text)
 
             yield step
 
@@ -229,6 +233,12 @@ class _ProgressDisplay:
 
 def _format_name(row: CellOutcome) -> str:
     return " ".join(row.planned.cell.names)
+
+
+def _is_unsteady(row: CellOutcome) -> bool:
+    from msb.bench.aggregate import why_unsteady
+
+    return row.result is not None and why_unsteady(row.result) is not None
 
 
 def _get_numbers(row: CellOutcome) -> dict[str, float | None]:
@@ -251,6 +261,7 @@ def _make_document(file: ProtocolFile, report: Report) -> dict[str, Any]:
             "reasons": {part: reason.model_dump() for part, reason in row.reasons.items()},
             "seconds": row.seconds,
             **_get_numbers(row),
+            "fps_unsteady": _is_unsteady(row),
         }
         for row in report.rows
     ]
@@ -297,11 +308,14 @@ def _format_row(row: CellOutcome) -> list[str]:
     from msb.metrics import IMAGE_METRICS
 
     decimals = {**{key: metric.decimals for key, metric in IMAGE_METRICS.items()}, "fps": 0}
-    numbers = (
-        "--" if value is None else f"{value:.{decimals[key]}f}" for key, value in _get_numbers(row).items()
-    )
+    numbers = {
+        key: "--" if value is None else f"{value:.{decimals[key]}f}"
+        for key, value in _get_numbers(row).items()
+    }
+    if _is_unsteady(row):
+        numbers["fps"] = "unsteady"
     _, _, method, condition = row.planned.cell.names
-    return [f"  {method}", condition, *numbers]
+    return [f"  {method}", condition, *numbers.values()]
 
 
 def _describe_state(row: CellOutcome, *, dry: bool) -> str:
@@ -321,9 +335,11 @@ def _describe_state(row: CellOutcome, *, dry: bool) -> str:
 
 @contextlib.contextmanager
 def show_stage(stage: Stage, output: Output) -> Iterator[None]:
-    """Show the progress of `stage` during the block, if the output is a terminal."""
+    """Show the progress of `stage` during the block, as a bar on a terminal and as lines elsewhere."""
     if not output.shows_progress:
-        yield
+        lines = output.progress_lines
+        with contextlib.nullcontext() if lines is None else lines.watch(lambda: _describe_stage(stage)):
+            yield
         return
     from rich.console import Console
     from rich.live import Live
@@ -331,6 +347,19 @@ def show_stage(stage: Stage, output: Output) -> Iterator[None]:
     console = Console(stderr=True)
     with Live(get_renderable=lambda: draw_stage(stage), console=console, transient=True):
         yield
+
+
+def _describe_stage(stage: Stage) -> str:
+    """Return the stage, its finished tasks, the current one and the remaining time as one line."""
+    parts = [f"{stage.title} {stage.done}/{len(stage.names)}", *_name_current(stage), _describe_rest(stage)]
+    return ", ".join(filter(None, parts))
+
+
+def _name_current(stage: Stage) -> list[str]:
+    """Return the first current task and the number of the others, as one text if there is a task."""
+    names = stage.current
+    more = f" and {len(names) - 1} more" if len(names) > 1 else ""
+    return [f"{names[0]}{more}"] if names else []
 
 
 def draw_stage(stage: Stage) -> Group:
@@ -347,9 +376,8 @@ def draw_stage(stage: Stage) -> Group:
     line.add_row(
         Text(stage.title), Text(f"{stage.done}/{len(stage.names)}"), bar, Text(_describe_rest(stage))
     )
-    names = stage.current
-    more = f" and {len(names) - 1} more" if len(names) > 1 else ""
-    return Group(line, Text(f"  {names[0]}{more}" if names else "", no_wrap=True, overflow="ellipsis"))
+    current = "".join(f"  {name}" for name in _name_current(stage))
+    return Group(line, Text(current, no_wrap=True, overflow="ellipsis"))
 
 
 def _describe_rest(stage: Stage) -> str:
@@ -362,12 +390,4 @@ def _describe_rest(stage: Stage) -> str:
 
 def _format_time(left: RemainingTime) -> str:
     """Return an estimate in seconds, minutes or hours."""
-    seconds = round(left.seconds)
-    minutes = round(left.seconds / 60)
-    if seconds < 90:
-        text = f"{max(seconds, 1)} s"
-    elif minutes < 90:
-        text = f"{minutes} min"
-    else:
-        text = f"{minutes // 60} h {minutes % 60} min"
-    return f"{'more than ' if left.at_least else ''}{text} left"
+    return f"{'more than ' if left.at_least else ''}{format_duration(left.seconds)} left"

@@ -13,7 +13,15 @@ from msb.base.option import Option
 from msb.cli.command import Typed, command, require
 from msb.cli.output import JsonOutput, Output, echo, file_option
 from msb.errors import UsageError, shorten
-from msb.render.options import ImageFolder, RendererOptions, Source, Tier, Up, ViewOptions
+from msb.render.options import (
+    ImageFolder,
+    RendererOptions,
+    Source,
+    Tier,
+    Up,
+    ViewOptions,
+    read_scene_of,
+)
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -23,7 +31,6 @@ if TYPE_CHECKING:
     from msb.scenes import Camera
     from msb.scenes.datasets import Scene
 
-Split = Literal["train", "test", "all"]
 _SCENE_CONFLICT = (
     "cannot be used with --scene, which draws the scene's evaluation views at their evaluation size"
 )
@@ -136,11 +143,11 @@ def render(
     color = views.color(asset)
     about: dict[str, Any] = {}
     if options.scene is not None:
-        scene = _read_scene(asset, options.scene, options.image_folder, output)
+        scene = read_scene_of(asset, options.scene, options.image_folder, output.note)
         if views.background is None:
             color = scene.background
         _note_training(asset, replace(scene, background=color), path, output)
-        split, cameras = _select_views(scene, views)
+        split, cameras = views.of_scene(scene)
         about["scene"] = {
             "path": str(scene.root),
             "dataset": scene.dataset,
@@ -211,18 +218,6 @@ def _make_cameras(asset: Asset, options: RenderOptions, views: ViewOptions, outp
     ]
 
 
-def _read_scene(asset: Asset, path: Path, image_folder: str | None, output: Output) -> Scene:
-    """Return a scene as `msb run` evaluates the asset on it, and print its warnings."""
-    from msb.scenes.datasets import note_scaled_cameras, scene_of
-
-    scene = scene_of(asset.manifest, path, image_folder=image_folder)
-    for warning in scene.warnings:
-        output.note(warning.to_line(warning.file or path))
-    if (note := note_scaled_cameras([scene])) is not None:
-        output.note(f"{path}: {note}")
-    return scene
-
-
 def _note_training(asset: Asset, scene: Scene, path: Path, output: Output) -> None:
     """Print how the training differed from the scene, but do not repeat warnings of the asset."""
     from msb.scenes.datasets import compare_training, stated_background
@@ -232,22 +227,6 @@ def _note_training(asset: Asset, scene: Scene, path: Path, output: Output) -> No
     for finding in compare_training(manifest.training, stated_background(manifest), scene):
         if finding.message not in reported:
             output.note(finding.to_line(path))
-
-
-def _select_views(scene: Scene, views: ViewOptions) -> tuple[Split, list[Camera]]:
-    """Return the requested cameras of a scene and their split; the default is the test views.
-
-    ``train`` selects the training views, ``all`` the training and then the test views. Cameras are numbered
-    from the first test view to the last, then through the training views.
-    """
-    train, test = list(scene.train), list(scene.test)
-    words = set(views.camera)
-    if words <= {"train", "test", "all"}:
-        split: Split = "test" if words <= {"test"} else "train" if words == {"train"} else "all"
-        return split, {"train": train, "test": test, "all": [*train, *test]}[split]
-    cameras = views.of([*test, *train])
-    known = {camera.name for camera in test}
-    return ("test" if all(camera.name in known for camera in cameras) else "all"), cameras
 
 
 class _Images:

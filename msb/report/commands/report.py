@@ -1,6 +1,6 @@
 """The command `msb report`: tables, charts, findings and pages from results."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Literal, cast
 
@@ -177,12 +177,17 @@ def report(
 
 def _print_tables(report: Report, label: str | None, form: TableFormat, output: Output) -> None:
     """Print the table `label`, or all tables."""
+    from msb.report.build import EQUIVALENTS
     from msb.report.writers import WRITERS
 
-    if label is not None and label not in report.tables:
+    chosen = None if label is None else report.tables.get(label)
+    if label is not None and chosen is None and EQUIVALENTS.get(label) in report.tables:
+        # The table of these results under the paper's label, so that references of a text stay valid.
+        chosen = replace(report.tables[EQUIVALENTS[label]], label=label)
+    if label is not None and chosen is None:
         text = f'the table "{shorten(label, 60)}" does not exist; choose from {", ".join(report.tables)}'
         raise UsageError("NAME_UNKNOWN", text)
-    tables = list(report.tables.values()) if label is None else [report.tables[label]]
+    tables = list(report.tables.values()) if chosen is None else [chosen]
     output.write_json(report.to_dict() if label is None else tables[0].to_dict())
     if output.prints_text:
         echo("\n".join(map(WRITERS[form], tables)).removesuffix("\n"))

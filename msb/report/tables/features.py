@@ -1,5 +1,6 @@
 """The two feature tables, built from `msb.registry`."""
 
+from collections.abc import Iterable
 from dataclasses import fields
 
 from msb.registry import METHODS, Method, Native, Tier
@@ -15,8 +16,8 @@ _FIELDS: dict[Tier, tuple[str, ...]] = {
 TIER_TITLES: dict[Tier, str] = {"standard": "Standard deployment", "dedicated": "Dedicated deployment"}
 
 
-def native_features() -> Table:
-    """Return the features of each method's representation."""
+def native_features(methods: Iterable[Method] | None = None) -> Table:
+    """Return the features of the representation of each of the `methods`, by default of all."""
     names = [field.name for field in fields(Native)]
     return Table(
         "method_attributes",
@@ -25,20 +26,20 @@ def native_features() -> Table:
         tuple(TableColumn(_title(name)) for name in names),
         tuple(
             TableRow((method.title,), tuple(_feature_cell(getattr(method.native, name)) for name in names))
-            for method in METHODS.values()
+            for method in (METHODS.values() if methods is None else methods)
             if method.native
         ),
     )
 
 
-def deployment_features() -> Table:
-    """Return the features that each tier keeps of each method."""
+def deployment_features(methods: Iterable[Method] | None = None) -> Table:
+    """Return the features that each tier keeps of each of the `methods`, by default of all."""
     rows = [
         TableRow(
             (method.title,),
             tuple(_tier_cell(method, tier, name) for tier in _FIELDS for name in _FIELDS[tier]),
         )
-        for method in METHODS.values()
+        for method in (METHODS.values() if methods is None else methods)
         if method.paper_name or method.retained
     ]
     return Table(

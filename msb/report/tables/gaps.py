@@ -21,7 +21,7 @@ from msb.report.numbers import (
 )
 from msb.report.results import Place
 from msb.report.safe_names import plain_text, slug
-from msb.report.table import NOT_AVAILABLE, NOT_SUPPORTED, Table, TableCell, TableColumn, TableRow
+from msb.report.table import NOT_AVAILABLE, NOT_SUPPORTED, UNSTEADY, Table, TableCell, TableColumn, TableRow
 
 # `Gap.reason` in words.
 REASONS = {
@@ -33,6 +33,7 @@ REASONS = {
     "metric_mismatch": "the compared results have different definitions of the metric",
     "asset_mismatch": "the compared results are of different assets",
     "device_mismatch": "the compared results were measured on different devices",
+    "unsteady": "the rounds of a frame rate differ by more than 25 %",
     "whole_command": "the time of the native renderer includes loading and writing",
 }
 _NAMES: dict[GapName, str] = {"adapt": "Adapt", "port": "Port", "deploy": "Deploy"}
@@ -130,7 +131,8 @@ def slowdown_table(numbers: Numbers, paper: Numbers | None = None) -> Table:
         for standard, dedicated in numbers.ratio_pairs(dataset):
             for method in numbers.methods(dataset, dedicated):
                 both = standard, dedicated
-                if all(numbers.value(Key(dataset, MEAN, method, c, "fps")) is None for c in both):
+                rates = [numbers.number(Key(dataset, MEAN, method, c, "fps")) for c in both]
+                if all(rate.value is None and rate.absent != UNSTEADY for rate in rates):
                     continue
                 key = GapKey(dataset, MEAN, method, "fps", standard, dedicated)
                 labels = dataset_title(dataset), gap_title(key)
@@ -236,9 +238,13 @@ def _ratio_cells(numbers: Numbers, key: GapKey) -> tuple[TableCell, ...]:
 
 
 def absent_cell(ends: Iterable[Number], reason: str | None, metric: str) -> TableCell:
-    """Return the cell of a missing difference: N/A if one of the numbers `ends` is N/A, else "--"."""
+    """Return the cell of a missing difference: "N/A" or "unsteady" if an end is, else "--"."""
     unit = METRICS[metric].unit
-    for end in ends:
-        if end.value is None and end.absent == NOT_SUPPORTED:
-            return TableCell(NOT_SUPPORTED, None, metric, unit, reason=end.reason)
+    missing = [end for end in ends if end.value is None]
+    for absent in (NOT_SUPPORTED, UNSTEADY):
+        for end in missing:
+            if end.absent == absent:
+                return TableCell(absent, None, metric, unit, reason=end.reason)
+    if reason == "unsteady":  # in the scenes that both conditions have
+        return TableCell(UNSTEADY, None, metric, unit, reason=REASONS[reason])
     return TableCell(NOT_AVAILABLE, None, metric, unit, reason=REASONS.get(reason or "", reason))

@@ -168,6 +168,26 @@ def native_summary(numbers: Numbers, paper: Numbers | None = None) -> Table:
     )
 
 
+def native_comprehensive_results(numbers: Numbers, paper: Numbers | None = None) -> Table:
+    """Return the columns of `native_summary` for every scene and mean; the best method of a scene is bold."""
+    return make_table(
+        numbers,
+        paper,
+        "native_comprehensive_results",
+        "Non-Engine results of every scene, and means over the scenes of a dataset.",
+        ("Dataset", "Scene", "Method"),
+        metric_columns((*QUALITY, *_NATIVE)),
+        [
+            titled_row(dataset=dataset, scene=scene, method=method)
+            for dataset in numbers.datasets()
+            for scene in (*numbers.scenes(dataset), MEAN)
+            for method in numbers.methods(dataset, "non_engine", asset_metrics=ASSET_METRICS)
+        ],
+        {"condition": "non_engine"},
+        best_of=("dataset", "scene"),
+    )
+
+
 def renderer_comparison(numbers: Numbers, dataset: str, paper: Numbers | None = None) -> Table:
     """Return a row per condition and metric, a column per method; each method's best condition is bold."""
     conditions = numbers.conditions(dataset)

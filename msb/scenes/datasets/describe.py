@@ -13,8 +13,8 @@ from msb.scenes.colors import NAMED
 from msb.scenes.datasets.catalog import DATASETS, Layout
 from msb.scenes.datasets.layout import TRAIN, find_layout, folders, images_in
 from msb.scenes.datasets.neus import MATRICES
-from msb.scenes.datasets.photographs import MASKS
-from msb.scenes.datasets.read import dataset_of, read_scene
+from msb.scenes.datasets.photographs import MASKS, count_missing
+from msb.scenes.datasets.read import dataset_of, missing_photographs, read_scene
 from msb.scenes.datasets.rulebook import OURS, RULES
 from msb.scenes.datasets.rules import Size
 from msb.scenes.datasets.scene import Scene
@@ -36,7 +36,8 @@ class SceneReport:
     """The content of a scene's folder; either `scene` or `error` is None.
 
     `points` is the number of SfM points, None if they cannot be read. `unused` lists unused files with the
-    reason, `deviations` how each method's official code reads the scene differently.
+    reason, `deviations` how each method's official code reads the scene differently. `missing` counts missing
+    photographs of "training" and "test" views; it is None if the cameras cannot be read.
     """
 
     path: Path
@@ -47,6 +48,7 @@ class SceneReport:
     error: MsbError | None
     image_folders: tuple[ImageFolder, ...]
     points: int | None
+    missing: dict[str, int] | None
     findings: tuple[Finding, ...]
     unused: tuple[str, ...]
     deviations: dict[str, tuple[str, ...]]
@@ -62,6 +64,7 @@ class SceneReport:
             "error": None if error is None else {"code": error.code, "message": error.message},
             "evaluated": None if self.scene is None else _describe_evaluation(self.scene),
             "points": self.points,
+            "missing": self.missing,
             "image_folders": [asdict(folder) for folder in self.image_folders],
             "warnings": [{"code": f.code, "file": f.file, "message": f.message} for f in self.findings],
             "unused": self.unused,
@@ -106,8 +109,14 @@ def describe_scene(path: Path, **options: Any) -> SceneReport:
     # Facts that do not need a valid scene, then facts about how it is evaluated.
     dataset = options.get("dataset") or dataset_of(path)
     images = _list_image_folders(path, scene)
-    points, missing = _count_points(path, layout)
-    findings = [*(scene.warnings if scene else ()), *missing]
+    points, of_points = _count_points(path, layout)
+    findings = [*(scene.warnings if scene else ()), *of_points]
+    missing: dict[str, int] | None = None
+    if scene is not None:
+        missing = count_missing([*scene.train, *scene.test])
+    else:
+        with contextlib.suppress(MsbError):  # cameras that cannot be read have no known photographs
+            missing = missing_photographs(path, **options)
     if scene is not None:
         findings += _check_view_count(scene)
     return SceneReport(
@@ -119,6 +128,7 @@ def describe_scene(path: Path, **options: Any) -> SceneReport:
         error=problem,
         image_folders=images,
         points=points,
+        missing=missing,
         findings=tuple(findings),
         unused=_list_unused(path, layout, scene, images),
         deviations=_list_deviations(path, scene, options) if scene else {},

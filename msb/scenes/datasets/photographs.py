@@ -98,8 +98,8 @@ def photograph_sizes(root: Path, views: Sequence[Camera], warnings: list[Finding
         needed = [view for view in missing if view.split == "test" or (view.width, view.height) not in sizes]
         reported = needed or missing
         names = ", ".join(shorten(str(view.name), 60) for view in reported[:4])
-        text = f"{len(reported)} of {len(views)} photographs are missing: {names}"
-        text += ", ..." if len(reported) > 4 else ""
+        text = f"{_count_by_split(missing, views)} are missing: {names}"
+        text += ", ..." if len(missing) > len(reported[:4]) else ""
         folder = root if reported[0].image_path is None else reported[0].image_path.parent
         if needed:
             raise SceneError("SCENE_IMAGE_MISSING", text, file=folder)
@@ -114,6 +114,21 @@ def photograph_sizes(root: Path, views: Sequence[Camera], warnings: list[Finding
             )
             warnings.append(finding("SCENE_IMAGE", text, severity="warning", file=str(first.image_path)))
     return [sizes[view.width, view.height][0] for view in views]
+
+
+def count_missing(views: Sequence[Camera]) -> dict[str, int]:
+    """Return how many photographs of training views and of test views are missing."""
+    missing = [view.split for view in views if view.image_path is None or not is_file(view.image_path)]
+    return {"training": len(missing) - missing.count("test"), "test": missing.count("test")}
+
+
+def _count_by_split(missing: Sequence[Camera], views: Sequence[Camera]) -> str:
+    """Return "1 of 9 test and 16 of 58 training photographs", without a split that lacks none."""
+    parts = []
+    for split, title in (("test", "test"), ("train", "training")):
+        count, total = (sum(view.split == split for view in some) for some in (missing, views))
+        parts += [f"{count} of {total} {title}"] if count else []
+    return f"{' and '.join(parts)} photographs"
 
 
 def find_masks(

@@ -14,7 +14,12 @@ from msb.scenes.camera import Camera
 from msb.scenes.colors import Color
 from msb.scenes.datasets.catalog import Layout, guess_dataset
 from msb.scenes.datasets.layout import find_layout, find_scenes, read_views
-from msb.scenes.datasets.photographs import choose_photographs, find_masks, photograph_sizes
+from msb.scenes.datasets.photographs import (
+    choose_photographs,
+    count_missing,
+    find_masks,
+    photograph_sizes,
+)
 from msb.scenes.datasets.rulebook import OURS, RULES, evaluation_background, stated_background
 from msb.scenes.datasets.rules import CONVENTIONS, ROUNDINGS, Convention, Rules, check_resolution
 from msb.scenes.datasets.scene import Scene
@@ -86,10 +91,7 @@ def read_scene(
     chosen, how = choose_photographs(root, key, layout, place.name, by, image_folder, wish, warnings)
     files = SpelledFiles(root / chosen.folder)
     # Read the recorded cameras, and find the photograph of each.
-    views = [
-        replace(view, image_path=files.find(str(view.name)))
-        for view in read_views(root, layout, by, chosen.folder)
-    ]
+    views = _find_photographs(root, layout, by, chosen.folder, files)
     native = photograph_sizes(root, views, warnings)
     masks = (None, {}) if chosen.compositing == "none" else find_masks(root, key, views)
     # Resize the cameras to the evaluated size of their photographs.
@@ -122,6 +124,40 @@ def read_scene(
         gt_resized=resized,
         warnings=tuple(warnings),
     )
+
+
+def missing_photographs(
+    path: str | os.PathLike[str],
+    *,
+    dataset: str | None = None,
+    image_folder: str | None = None,
+    resolution: int | None = None,
+    rules: str = OURS,
+) -> dict[str, int]:
+    """Return how many photographs of a scene's training and test views are missing, also if it is rejected.
+
+    The parameters are those of `read_scene`, whose errors about cameras and folders are raised.
+    """
+    root = given_path(path)
+    layout, by = _require_layout(root), rules_of(rules)
+    place = _absolute_path(root)
+    key = dataset or guess_dataset(layout, place.name, place.parent.name)
+    try:
+        chosen, _ = choose_photographs(root, key, layout, place.name, by, image_folder, resolution, [])
+    except SceneError as error:
+        if error.code != "SCENE_IMAGE_MISSING":
+            raise
+        return count_missing([replace(view, image_path=None) for view in read_views(root, layout, by, "")])
+    files = SpelledFiles(root / chosen.folder)
+    return count_missing(_find_photographs(root, layout, by, chosen.folder, files))
+
+
+def _find_photographs(
+    root: Path, layout: Layout, by: Rules, folder: str, files: SpelledFiles
+) -> list[Camera]:
+    """Return the recorded cameras of a scene, each with the path of its photograph."""
+    views = read_views(root, layout, by, folder)
+    return [replace(view, image_path=files.find(str(view.name))) for view in views]
 
 
 def dataset_of(path: str | os.PathLike[str]) -> str:

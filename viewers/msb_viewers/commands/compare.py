@@ -17,6 +17,14 @@ from msb_viewers.commands.window import Window
 class CompareOptions:
     """Compared tiers and photographs, and the first layout."""
 
+    scene: Annotated[
+        Path | None,
+        Option(
+            "Show the test views of a dataset's scene, with size, photographs and background as in msb run. "
+            "--camera train or all selects other views.",
+            metavar="DIR",
+        ),
+    ] = None
     image_folder: Annotated[
         Path | None,
         Option(
@@ -27,7 +35,8 @@ class CompareOptions:
         ),
     ] = None
     scale: Annotated[
-        float | None, Option("Size of the images relative to the cameras.", metavar="FACTOR")
+        float | None,
+        Option("Size of the images relative to the cameras, as in msb render.", metavar="FACTOR"),
     ] = None
     layout: Annotated[
         Literal["side", "wipe", "difference"],
@@ -57,6 +66,8 @@ class CompareOptions:
     "msb compare --layout wipe --screenshot out/w.png data_stubs/checkpoint",
     "msb compare --tiers dedicated,standard --html out/c.html \\\n"
     "      --cameras data_stubs/views.json --scale 0.25 data_stubs/checkpoint",
+    "msb compare --scene data_stubs/scenes/nerf_synthetic/pebble --tiers dedicated,truth \\\n"
+    "      --html out/s.html data_stubs/models/pebble/two_dts",
 )
 def compare(
     path: Source,
@@ -71,11 +82,13 @@ def compare(
 
     Images are shown side by side, with a wipe, or as a map of their difference with the PSNR. --html writes a
     page of all views, which can switch between these layouts. --screenshot writes an image of the first view.
-    Without --cameras the cameras of the training are used, if they are found next to the model, otherwise a
-    turntable.
+    Without --cameras and --scene the cameras of the training are used, if they are found next to the model,
+    otherwise a turntable.
     """
-    if views.cameras is None:
-        typed.reject(["camera", "image_folder", "scale"], NO_CAMERAS)
+    if options.scene is not None:
+        typed.reject(["cameras"], "cannot be combined with --scene, which has its own cameras")
+    elif views.cameras is None:
+        typed.reject(["camera", "image_folder", "scale"], f"{NO_CAMERAS} or --scene DIR")
     require(window.written, "Missing output. Pass --html FILE.html or --screenshot FILE.png")
     from msb.api.command_files import open_asset, open_baked
     from msb_viewers.deployment.comparing import Request, write
@@ -83,7 +96,8 @@ def compare(
     asset = open_asset(path, output)
     request = Request(
         cameras=views,
-        background=views.color(asset),
+        scene=options.scene,
+        background=None if views.background is None else views.color(asset),
         image_folder=options.image_folder,
         scale=options.scale,
         layout=options.layout,

@@ -17,7 +17,7 @@ from msb.base.atomic import check_new, check_place, new_file
 from msb.base.paths import given_path
 from msb.errors import UsageError, about
 from msb.meshes.assets import align_baked
-from msb.render.options import Up, ViewOptions, check_factor
+from msb.render.options import Up, ViewOptions, check_factor, read_scene_of
 from msb.scenes import read_cameras
 from msb.scenes.around import make_turntable
 from msb.scenes.colors import Color, check_background
@@ -27,7 +27,7 @@ from msb_viewers.deployment.compose import compose
 from msb_viewers.deployment.page import page, page_view
 from msb_viewers.deployment.shots import Comparison, Shot, TierRenderers, choose_tiers
 from msb_viewers.deployment.state import LAYOUTS, CompareState, Layout
-from msb_viewers.deployment.views import View, views_at
+from msb_viewers.deployment.views import View, scene_views, views_at
 from msb_viewers.sheet import write_png
 
 # Turntable for models without cameras: the number of views, and their width and height in pixels. Views of
@@ -93,21 +93,23 @@ def compare(
     asset : Asset or path-like
         The asset, or a path that `msb.open` accepts.
     scene : path-like, optional
-        The views and their photographs: a scene's folder, or a file of cameras (`msb.read_cameras`). Default:
-        the cameras of the training if they are found next to the model, else a turntable.
+        The views and their photographs: the folder of a dataset's scene, of which the test views are compared
+        as `msb compare --scene` does, or a file of cameras (`msb.read_cameras`). Default: the cameras of the
+        training if they are found next to the model, else a turntable.
     html, screenshot : path-like, optional
         Write a page of all views, and an image (.png) of the first view. Without `html`, a `screenshot`
         renders the first view only.
     overwrite : bool
         Replace existing files.
     views : sequence of str
-        Names or numbers of the cameras of `scene`. Default: all.
+        Names or numbers of the cameras of `scene`, or "train" or "all" for those of a folder. Default: the
+        test views of a folder, all cameras of a file.
     tiers : sequence of str
         Some of "reference", "dedicated", "standard", "baked" and "truth" (photographs). Default: all.
     baked : Asset or path-like, optional
         Also compare this mesh, which `msb.bake` made from the model.
     image_folder : path-like, optional
-        The folder of the photographs: its name in the scene, or any path.
+        The folder of the photographs: its name in the scene. For a file of cameras, any path.
     scale : float, optional
         Size of the images, as `msb compare --scale`.
     layout : {"side", "wipe", "difference"}
@@ -157,13 +159,16 @@ def compare(
         if not overwrite:
             check_new(path)
     opened = as_asset(asset)
-    color = default_background(opened.manifest)
+    color = None
     if background is not None:
         color = check_background(background, opened.manifest.appearance.get("background"))
     place = opened.opened_from if isinstance(asset, Asset) else given_path(asset)
     notes = [warning.to_line(place) for warning in opened.warnings]
+    views_path = None if scene is None else given_path(scene)
+    folder = views_path if views_path is not None and views_path.is_dir() else None
     request = Request(
-        cameras=ViewOptions(None if scene is None else given_path(scene), tuple(map(str, views))),
+        cameras=ViewOptions(None if folder else views_path, tuple(map(str, views))),
+        scene=folder,
         background=color,
         image_folder=None if image_folder is None else given_path(image_folder),
         scale=scale,
@@ -183,10 +188,14 @@ def compare(
 
 @dataclass(frozen=True)
 class Request:
-    """The views, tiers and options of a comparison."""
+    """The views, tiers and options of a comparison.
+
+    `cameras` selects the views, in a file of cameras or in the folder `scene` of a dataset's scene.
+    """
 
     cameras: ViewOptions
-    background: Color
+    scene: Path | None = None
+    background: Color | None = None  # default: the background of the scene, else of the asset
     image_folder: Path | None = None
     scale: float | None = None
     layout: Layout = "side"
@@ -201,17 +210,28 @@ class Request:
     def read(self, asset: Asset, place: Path | None, note: Note) -> CompareState:
         """Read cameras and photographs. `place` is the path of the model, for titles and notes."""
         source = ""
-        views = self._read_cameras()
-        if views is None:
+        color = self.background or default_background(asset.manifest)
+        if self.scene is not None:
+            folder = None if self.image_folder is None else str(self.image_folder)
+            scene = read_scene_of(asset, self.scene, folder, note)
+            views = scene_views(self.cameras.of_scene(scene)[1], self.scale)
+            color = self.background or scene.background
+        elif self.cameras.cameras is not None:
+            source_path = self.cameras.cameras
+            cameras = self.cameras.of(read_cameras(source_path))
+            views = views_at(cameras, source_path, self.image_folder, self.scale)
+        else:
             views, source = self._choose(asset)
-        comparison = self._comparison(asset, place, views, note)
+        comparison = self._comparison(asset, place, views, color, note)
         with about(place):
             state = CompareState.first(comparison, layout=self.layout, pair=self.pair)
         if source:
             note(f"views: {source}")
         return state
 
-    def _comparison(self, asset: Asset, place: Path | None, views: list[View], note: Note) -> Comparison:
+    def _comparison(
+        self, asset: Asset, place: Path | None, views: list[View], color: Color, note: Note
+    ) -> Comparison:
         name = "asset" if place is None else place.name
         photographs = any(view.photograph for view in views)
         if self.cameras.cameras is not None and not photographs:
@@ -224,8 +244,8 @@ class Request:
             note(f"{name}: the reference tier is omitted: {text}")
         effective_settings(asset.manifest, self.settings)  # rejects invalid settings
         stated = stated_background(asset.manifest)
-        if stated not in (None, self.background) and photographs:
-            note(warn_background(stated, self.background).to_line(place))
+        if stated not in (None, color) and photographs:
+            note(warn_background(stated, color).to_line(place))
         content = (
             name,
             asset,
@@ -234,7 +254,7 @@ class Request:
             tuple(views),
             self.settings,
             self.supersample,
-            self.background,
+            color,
         )
         return Comparison(*content, self.device, self.baked)
 
@@ -251,13 +271,6 @@ class Request:
         return [
             replace(view, camera=view.camera.scaled(size)) for view, size in zip(views, sizes, strict=True)
         ], chosen.description
-
-    def _read_cameras(self) -> list[View] | None:
-        """Return the views of the scene, with their photographs; None without a scene."""
-        place = self.cameras.cameras
-        if place is None:
-            return None
-        return views_at(self.cameras.of(read_cameras(place)), place, self.image_folder, self.scale)
 
 
 @contextmanager

@@ -37,8 +37,8 @@ def dataset_views(
     """Return a view for each camera, with its photograph if there is one.
 
     Photographs in the folder `images` have the names of the cameras, with any suffix. By default the dataset
-    gives their paths, or they are in the folder `beside`. `scale` is relative to the size of the photograph,
-    or of the camera if it has no photograph.
+    gives their paths, or they are in the folder `beside`. A view has the size of its photograph. With
+    `scale` it has the size of its camera times `scale`, as in `msb render`.
     """
     if images is not None and not images.is_dir():
         raise UsageError("USAGE", "--image-folder: the folder does not exist", file=images)
@@ -47,12 +47,12 @@ def dataset_views(
     files = None if folder is None else SpelledFiles(folder)
     for index, camera in enumerate(cameras):
         photograph = _find_photograph(camera, files, by_name=images is not None)
-        if photograph is not None:
+        if scale is not None:
+            camera = camera.scaled(scale)
+        elif photograph is not None:
             from msb.scenes import image_size
 
             camera = camera.resized(*image_size(photograph))
-        if scale is not None:
-            camera = camera.scaled(scale)
         why = _NO_PHOTOGRAPH if images is None else f"{images.name} holds no image with its name"
         views.append(View(camera.name or f"camera {index}", camera, photograph, why))
     if images is not None and not any(view.photograph for view in views):
@@ -60,6 +60,18 @@ def dataset_views(
         text = f"--image-folder: it holds no image with the name of a camera ({names}, ...)"
         raise UsageError("USAGE", text, file=images)
     return views
+
+
+def scene_views(cameras: Sequence[Camera], scale: float | None = None) -> list[View]:
+    """Return the views of a scene's cameras at their evaluated size, or times `scale`."""
+    return [
+        View(
+            camera.name or f"camera {index}",
+            camera if scale is None else camera.scaled(scale),
+            camera.image_path if camera.image_path is not None and camera.image_path.is_file() else None,
+        )
+        for index, camera in enumerate(cameras)
+    ]
 
 
 def _find_photograph(camera: Camera, files: SpelledFiles | None, *, by_name: bool) -> Path | None:
