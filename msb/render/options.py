@@ -21,6 +21,8 @@ ImageFolder = Annotated[
     str | None, Option("With --scene: the photographs' folder, e.g. images_2.", metavar="NAME")
 ]
 Up = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
+# Where generated views are placed.
+ViewKind = Literal["outside", "inside", "both"]
 NO_CAMERAS = "needs --cameras PATH"
 # Largest width or height of an image in pixels: the limit of common OpenGL drivers.
 MOST_PIXELS = 16384
