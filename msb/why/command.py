@@ -103,8 +103,8 @@ def _print(
 
     console = output.console()
     console.print(f"[bold]{escape(head['path'])}[/bold]: {head['method']}", soft_wrap=True)
-    if not views.cameras:
-        console.print(escape(views.blind_message), soft_wrap=True)
+    if (reason := views.why_not) is not None:
+        console.print(escape(reason), soft_wrap=True)
         return
     if not output.quiet:
         console.print(escape(f"views: {views.description}"), soft_wrap=True)
