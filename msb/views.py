@@ -295,9 +295,10 @@ def _describe_generated(
 def _measure_seen_areas(
     asset: Asset, outside: list[Camera], within: list[Camera], device: str | None
 ) -> tuple[float, float, float]:
-    """Return the shares of the area seen from outside and from inside, and the share `outside` sees from behind.
+    """Return the shares of the area seen from outside and from inside, and the winding.
 
-    Front sides count alone if the winding is consistent. The shares are (1, 1) if they cannot be measured.
+    The winding is the share of visible faces that outside cameras see from behind. Front sides count alone if
+    it is consistent. Both shares are 1 if they cannot be measured.
     """
     if why_not(asset.manifest, "standard") is not None:
         return 1.0, 1.0, 0.5

@@ -127,6 +127,8 @@ def choose_bake_views(
     """
     if scene is not None and cameras is not None:
         raise UsageError("USAGE", "cameras and a scene are both given; pass only one of them")
+    if kind is not None and (scene is not None or cameras is not None):
+        raise UsageError("USAGE", "views only applies to generated views, without cameras and a scene")
     if scene is not None:
         return _choose_scene_views(asset, scene, background, photographs, device)
     notes: list[str] = []

@@ -12,8 +12,8 @@ from msb.asset import Asset
 from msb.asset.look import up_axis
 from msb.errors import SceneError
 from msb.scenes.camera import Camera
-from msb.scenes.paths import turntable, unit_at
 from msb.scenes.framing import Framing, find_framing
+from msb.scenes.paths import turntable, unit_at
 from msb.scenes.poses import MAX_COORDINATE, look_at_pose
 
 # Vertical field of view of cameras around an asset, in radians.
@@ -104,8 +104,8 @@ def place_inside(
 ) -> list[Camera]:
     """Return cameras within an asset that look across its middle, half-way out to the enclosing faces.
 
-    The cameras `outside` look at the framed part of the asset. For each of them, a camera on the same side with the same image
-    size is returned. The result is empty if most of the asset is flat.
+    The cameras `outside` look at the framed part of the asset. For each of them, a camera on the same side
+    with the same image size is returned. The result is empty if most of the asset is flat.
     """
     low, middle, high = bulk.low, bulk.middle, bulk.high
     if not (low < middle).all() or not (middle < high).all():

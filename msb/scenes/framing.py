@@ -17,17 +17,19 @@ from msb.asset.look import normals_of
 MIN_COVERAGE = 0.01
 # Faces are isolated if they are at least this factor farther from the middle than all other faces. Framing
 # them would shrink the others to about a quarter of their pixels.
-_ISOLATED = 3.0
+_ISOLATED = 2.0
 # Largest shares of the faces and of the area for which isolated faces carry nothing.
 _FEW_FACES, _LITTLE_AREA = 0.1, 0.01
 # Largest share of the faces that are ignored whatever their area, if the others would cover too little.
 _STRAY_FACES = 0.01
-# Share of the faces or of the area in the dense part of a mesh, and the radius up to which faces are framed,
-# as a multiple of the radius of the dense part.
-_DENSE, _MARGIN = 0.9, 2.0
+# Share of the faces or of the area in the dense part of a mesh.
+_DENSE = 0.9
 # Share of pixels that a mesh covers, as a multiple of its area over its squared radius. Measured on a
 # turntable at 4:3: 0.042 for a sphere, 0.058 for a disc.
 _COVERED = 0.05
+# Estimated share of covered pixels below which the dense part is framed alone, if it covers twice as much. The
+# estimate is up to four times too large where parts hide each other.
+_SPARSE = 4 * MIN_COVERAGE
 # Largest number of faces from which the middle is computed.
 _SAMPLES = 200_000
 
@@ -84,13 +86,16 @@ def find_framing(asset: Asset) -> Framing:
     framed = np.zeros(len(faces), bool)
     framed[solid[kept]] = True
     around = measure_bounds(positions[np.unique(faces[framed])])[1]
-    text = "vertices without a face"
+    text = "vertices that no face with an area uses"
     if count := int((~kept).sum()):
         radii = near[~kept].min() / max(around.radius, np.finfo(np.float64).tiny)
-        plural = "face" if count == 1 else "faces"
-        text = f"{count:,} of {len(faces):,} {plural}, {radii:,.0f} or more radii away from the others"
-        if radii < 1:
-            text = f"{count:,} of {len(faces):,} {plural}, which extend far beyond the others"
+        more = "" if count == 1 else " or more"
+        far_away = (
+            f"{radii:,.0f} radii{more} away from the middle"
+            if radii >= 2
+            else "which extend far beyond the others"
+        )
+        text = f"{count:,} of {len(faces):,} faces, {far_away}"
     return Framing(around.center, around.radius, framed, text)
 
 
@@ -134,19 +139,18 @@ def _find_dense(far: NDArray[np.float64], area: NDArray[np.float64]) -> NDArray[
     All faces are returned if there is no dense part that covers enough of them.
     """
     everything = np.ones(len(far), bool)
-    total = area.sum()
-    if _COVERED * total >= 2 * MIN_COVERAGE * (far.max() / 2) ** 2:
+    # The sphere around everything has at least half of the largest distance as its radius.
+    if _COVERED * area.sum() >= _SPARSE * (far.max() / 2) ** 2:
         return everything
+    # Spheres around the first k faces that hold most of the faces, or most of the area and half of the faces.
     order = np.argsort(far, kind="stable")
-    inner = np.cumsum(area[order])
-    # Number of faces that hold most of the faces, and that hold most of the area but half of the faces.
-    counts = (
-        int(np.ceil(_DENSE * len(far))),
-        max(int(np.searchsorted(inner, _DENSE * total)) + 1, -(-len(far) // 2)),
-    )
-    count = min(min(counts), len(far))
-    radius = far[order[count - 1]]
-    framed = far <= _MARGIN * radius
-    is_small = _ISOLATED * radius <= far.max()
-    covers = _COVERED * area[framed].sum() >= 2 * MIN_COVERAGE * radius**2
-    return framed if is_small and covers else everything
+    radius, inner = far[order], np.cumsum(area[order])
+    count = np.arange(1, len(order) + 1)
+    is_most = (inner >= _DENSE * inner[-1]) & (2 * count >= len(order)) | (count >= _DENSE * len(order))
+    is_covered = _COVERED * inner >= 2 * _SPARSE * radius**2
+    good = np.flatnonzero(is_most & is_covered & (_ISOLATED * radius <= radius[-1]) & (radius > 0))
+    if not len(good):
+        return everything
+    # Of these, take the one with the largest gap behind it.
+    best = good[np.argmax(radius[good + 1] / radius[good])]
+    return np.asarray(far <= radius[best])

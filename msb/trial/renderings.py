@@ -36,8 +36,8 @@ class Renderings:
     """Renderings of the original mesh over the cameras, and comparisons of results with them.
 
     If nothing can be judged (no OpenCL device, no camera sees the mesh, or it covers too few pixels),
-    `why_not` is the reason, and all methods return None or nothing. `blind_cameras` is the number of cameras that do not see the mesh and
-    are ignored.
+    `why_not` is the reason, and all methods return None or nothing. `blind_cameras` is the number of cameras
+    that do not see the mesh and are ignored.
     """
 
     def __init__(self, mesh: TrialMesh, views: ChosenViews, device: str | None = None) -> None:

@@ -10,7 +10,14 @@ from msb.base.option import Option
 from msb.cli.command import Typed, command, require
 from msb.cli.output import Output, PlainOutput, echo
 from msb.errors import about
-from msb.render.options import NO_CAMERAS, RendererOptions, Source, ViewOptions, check_factor
+from msb.render.options import (
+    NO_CAMERAS,
+    ONLY_GENERATED,
+    RendererOptions,
+    Source,
+    ViewOptions,
+    check_factor,
+)
 from msb_viewers.commands.window import Window
 
 if TYPE_CHECKING:
@@ -81,7 +88,7 @@ class _Request:
 def compare(
     path: Source,
     window: Annotated[Window, ("screenshot", "html", "up", "size")],
-    views: Annotated[ViewOptions, ("cameras", "camera", "background")],
+    views: Annotated[ViewOptions, ("cameras", "camera", "background", "kind")],
     options: CompareOptions,
     drawing: Annotated[RendererOptions, ("assignments", "supersample", "device")],
     output: PlainOutput,
@@ -96,6 +103,8 @@ def compare(
     """
     if views.cameras is None:
         typed.reject(["camera", "image_folder", "scale"], NO_CAMERAS)
+    else:
+        typed.reject(["kind"], ONLY_GENERATED)
     require(window.written, "Missing output. Pass --html FILE.html or --screenshot FILE.png")
     request = _Request(options, views, drawing, window)
     _write(_read(path, request, output), request, output)
@@ -147,7 +156,7 @@ def _choose(asset: Asset, request: _Request) -> tuple[list[View], str]:
     from msb.views import choose_views
     from msb_viewers.deployment.views import View, views_at
 
-    chosen = choose_views(asset, device=request.drawing.device)
+    chosen = choose_views(asset, device=request.drawing.device, kind=request.views.kind)
     if chosen.origin == "turntable":
         cameras = make_turntable(asset, *TURNTABLE, up=request.window.up)
         views = [View(f"view {index}", camera, why="") for index, camera in enumerate(cameras, 1)]
