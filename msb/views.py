@@ -48,8 +48,8 @@ _TESTED_FACES = 4000
 # pointing inwards; below 1/3, as consistent and pointing outwards. Faces that are wound at random have a
 # share of 1/2.
 _BEHIND_SHARE = 2 / 3
-# The same limits for the comparison of two kinds of views, which needs less certainty: 0.3 for a diorama, 0.66
-# for a room, 0.49 to 0.55 for captures with random winding.
+# The same limits for the comparison of two kinds of views, which needs less certainty: 0.3 for a diorama,
+# 0.66 for a room, 0.49 to 0.55 for captures with random winding.
 _OUTWARD_SHARE, _INWARD_SHARE = 0.4, 0.6
 # A face is visible if the depth of its centre is at most this factor times the depth in the depth map. The
 # tolerance allows for the distance between the centres of face and pixel.

@@ -185,7 +185,8 @@ def test_nothing_is_judged_where_the_mesh_is_a_speck() -> None:
     assert 0 < chosen.coverage < 0.01
     assert chosen.why_not is not None
     (tried,) = msb.trial(asset, ["decimate_50"])
-    assert (tried.outcome, tried.why) == ("not_run", f"not judged: {chosen.why_not}")
+    assert tried.outcome == "not_run"
+    assert str(tried.why).endswith(chosen.why_not)
     assert not any(cause.applies for cause in why(asset))
     rows = repairs.compare(asset, None, Options(), tasks=())
     assert all(look.why for row in rows for look in (row.looks or {}).values())
@@ -277,7 +278,7 @@ def test_nothing_is_measured_without_a_view_that_sees_the_asset() -> None:
     causes = why(asset, elsewhere())
     assert {(cause.applies, cause.db) for cause in causes} == {(False, None)}
     reasons = {str(cause.reason) for cause in causes if cause.name in ("shading", "back_faces")}
-    assert reasons == {tried.why.removeprefix("not judged: ")}
+    assert [tried.why.endswith(reason) for reason in reasons] == [True]
     rows = repairs.compare(asset, elsewhere(), Options(), tasks=())
     comparisons = [look for row in rows for look in (row.looks or {}).values()]
     assert not any(look.same or look.psnr is not None for look in comparisons)

@@ -27,8 +27,8 @@ _DENSE = 0.9
 # Share of pixels that a mesh covers, as a multiple of its area over its squared radius. Measured on a
 # turntable at 4:3: 0.042 for a sphere, 0.058 for a disc.
 _COVERED = 0.05
-# Estimated share of covered pixels below which the dense part is framed alone, if it covers twice as much. The
-# estimate is up to four times too large where parts hide each other.
+# Estimated share of covered pixels below which the dense part is framed alone, if it covers twice as much.
+# The estimate is up to four times too large where parts hide each other.
 _SPARSE = 4 * MIN_COVERAGE
 # Largest number of faces from which the middle is computed.
 _SAMPLES = 200_000
