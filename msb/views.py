@@ -252,7 +252,9 @@ def generate_views(
         text = "views from inside are impossible, because most of the mesh is flat; use views from outside"
         raise UsageError("USAGE", text, file=asset.opened_from)
     if not within:
-        return _describe_generated(outside, "turntable", framing)
+        chosen = _describe_generated(outside, "turntable", framing)
+        text = f"{chosen.description}; none from inside, because most of the mesh is flat"
+        return replace(chosen, description=text) if kind == "both" else chosen
     if kind == "both":
         cameras = [replace(camera, name=f"{k:05d}") for k, camera in enumerate([*outside, *within])]
         return _describe_generated(cameras, "both", framing)
