@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 import msb
 from data_stubs.surface import icosphere
 from msb.asset import build_asset
+from msb.delivery.web_quality import ImageLoss
+from msb.meshes.assets import mesh_from_asset
 from msb.repair.plan import Options
 from msb.scenes import write_cameras
 from msb.scenes.around import make_turntable
@@ -190,6 +192,11 @@ def test_nothing_is_judged_where_the_mesh_is_a_speck() -> None:
     assert not any(cause.applies for cause in why(asset))
     rows = repairs.compare(asset, None, Options(), tasks=())
     assert all(look.why for row in rows for look in (row.looks or {}).values())
+    mesh = mesh_from_asset(asset)
+    images = ImageLoss.of(mesh, asset)
+    assert images.why_not is not None
+    assert images.describe(mesh) == ""
+    assert ImageLoss.of(mesh_from_asset(asset_of(ball())), None).why_not is None
     near = [view.scaled(0.1) for view in make_turntable(asset_of(ball()), 2)]
     assert choose_views(asset, near).without_blind(asset).why_not is None
 
