@@ -7,7 +7,7 @@ model, or inside it if it is an interior.
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -24,14 +24,21 @@ from msb.metrics.images import psnr_of_mse
 from msb.registry import Tier
 from msb.render import Renderer
 from msb.render.backend import minimal_options
+from msb.render.frame import Frame
 from msb.render.images import to_bytes
+from msb.render.options import ViewKind
 from msb.render.standard.renderer import StandardRenderer
 from msb.scenes import Camera
 from msb.scenes.around import find_bulk, is_surrounded, make_turntable, place_inside
+from msb.scenes.framing import MIN_COVERAGE, Framing, find_framing
 from msb.scenes.sets import check_cameras
 
 # Largest number of training cameras that are used, evenly spread over all of them. It bounds the time.
 MAX_TRAINING_VIEWS = 12
+# Share of the area that generated views must see; below it, views from the other side are tried as well.
+MIN_SEEN_SHARE = 0.8
+# Number of views of each kind that measure this share, evenly spread over all of them.
+_MEASURED_VIEWS = 12
 # Width and height in pixels of the depth maps that tell an interior from an object. Small maps suffice, as
 # only the shares of visible faces are compared.
 _DEPTH_SIZE = (320, 240)
@@ -41,6 +48,9 @@ _TESTED_FACES = 4000
 # pointing inwards; below 1/3, as consistent and pointing outwards. Faces that are wound at random have a
 # share of 1/2.
 _BEHIND_SHARE = 2 / 3
+# The same limits for the comparison of two kinds of views, which needs less certainty: 0.3 for a diorama,
+# 0.66 for a room, 0.49 to 0.55 for captures with random winding.
+_OUTWARD_SHARE, _INWARD_SHARE = 0.4, 0.6
 # A face is visible if the depth of its centre is at most this factor times the depth in the depth map. The
 # tolerance allows for the distance between the centres of face and pixel.
 _DEPTH_TOLERANCE = 1.01
@@ -48,12 +58,42 @@ _DEPTH_TOLERANCE = 1.01
 
 @dataclass(frozen=True)
 class ChosenViews:
-    """Cameras, their origin, its description in words, and the file or folder of training cameras."""
+    """Cameras, and where they come from.
+
+    Attributes
+    ----------
+    cameras : list of Camera
+    origin : {"given", "training", "turntable", "inside", "both"}
+        The last three are generated: around the model, inside it, or half of them each.
+    description : str
+        The same in words.
+    place : Path, optional
+        The file or folder of training cameras.
+    coverage : float, optional
+        The share of the pixels of these cameras that the model covers; None if it was not measured.
+    """
 
     cameras: list[Camera]
-    origin: Literal["given", "training", "turntable", "inside"]
+    origin: Literal["given", "training", "turntable", "inside", "both"]
     description: str
     place: Path | None = None
+    coverage: float | None = None
+
+    @property
+    def is_generated(self) -> bool:
+        """Whether the views were neither given nor found beside the model."""
+        return self.origin not in ("given", "training")
+
+    @property
+    def why_not(self) -> str | None:
+        """Why nothing can be judged in these views; None if it can, or if `coverage` is unknown."""
+        if not self.cameras:
+            return self.blind_message
+        if self.coverage is None or self.coverage >= MIN_COVERAGE:
+            return None
+        share = f"{100 * self.coverage:.2g} % of the pixels ({self.description})"
+        text = f"the mesh covers only {share}; at least {100 * MIN_COVERAGE:g} % are required"
+        return f"{text}; pass {'' if self.origin == 'given' else '--'}cameras that are closer to it"
 
     @property
     def blind_message(self) -> str:
@@ -65,17 +105,28 @@ class ChosenViews:
 
     def without_blind(self, asset: Asset, device: str | None = None) -> ChosenViews:
         """Return the views that see a pixel of the asset, on the standard or on the dedicated tier."""
-        useful = _find_seeing(asset, self.cameras, device, len(self.cameras))
-        if useful is None or len(useful) == len(self.cameras):
-            return self
-        blind = len(self.cameras) - len(useful)
-        text = f"{self.description}; {blind} of them do not see the model and are ignored"
-        cameras = [self.cameras[k] for k in sorted(useful)]
-        return replace(self, cameras=cameras, description=text if useful else self.description)
+        return self.with_covered(_measure_coverage(asset, self.cameras, device, len(self.cameras)))
+
+    def with_covered(self, covered: Mapping[int, float] | None) -> ChosenViews:
+        """Return the views that see the model, with their coverage.
+
+        `covered` is the share of covered pixels of each camera that sees the model, by the camera's number;
+        None if it is unknown.
+        """
+        if not covered:
+            return self if covered is None else replace(self, cameras=[])
+        cameras = [self.cameras[k] for k in sorted(covered)]
+        pixels = [camera.width * camera.height for camera in cameras]
+        coverage = sum(covered[k] * n for k, n in zip(sorted(covered), pixels, strict=True)) / sum(pixels)
+        blind, text = len(self.cameras) - len(cameras), self.description
+        text += f"; {blind} of them do not see the model and are ignored" if blind else ""
+        return replace(self, cameras=cameras, description=text, coverage=coverage)
 
 
-def _find_seeing(asset: Asset, cameras: Sequence[Camera], device: str | None, enough: int) -> set[int] | None:
-    """Return the numbers of the first `enough` cameras that see a pixel of the asset.
+def _measure_coverage(
+    asset: Asset, cameras: Sequence[Camera], device: str | None, enough: int
+) -> dict[int, float] | None:
+    """Return the share of covered pixels for the first `enough` cameras that see the asset, by their number.
 
     Return None if no tier can draw the asset. The error is reported when the caller draws the asset.
     """
@@ -83,18 +134,24 @@ def _find_seeing(asset: Asset, cameras: Sequence[Camera], device: str | None, en
     tiers = [tier for tier in all_tiers if why_not(asset.manifest, tier) is None]
     if not tiers:
         return None
-    seeing: set[int] = set()
+    covered: dict[int, float] = {}
     try:
         for tier in tiers:
-            if len(seeing) == min(enough, len(cameras)):
+            if len(covered) == min(enough, len(cameras)):
                 break
             with Renderer(asset, tier, device, **minimal_options(tier, None)) as renderer:
                 for number, camera in enumerate(cameras):
-                    if len(seeing) < enough and number not in seeing:
-                        seeing |= {number} if (renderer.render(camera).alpha > 0).any() else set()
+                    if len(covered) < enough and number not in covered:
+                        share = measure_coverage(renderer.render(camera))
+                        covered |= {number: share} if share else {}
     except DeviceError:
         return None
-    return seeing
+    return covered
+
+
+def measure_coverage(frame: Frame) -> float:
+    """Return the share of the pixels of a frame that the model covers."""
+    return float(np.count_nonzero(frame.alpha > 0) / frame.alpha.size)
 
 
 def choose_views(
@@ -104,6 +161,7 @@ def choose_views(
     count: int = 8,
     size: tuple[int, int] = (640, 480),
     device: str | None = None,
+    kind: ViewKind | None = None,
 ) -> ChosenViews:
     """Return the views that judge an asset: given cameras, else training cameras, else generated views.
 
@@ -115,17 +173,22 @@ def choose_views(
         The number of generated views.
     size : (int, int)
         Width and height of generated views in pixels; training cameras are scaled to the longer side.
+    kind : {"outside", "inside", "both"}, optional
+        Generate these views, instead of training cameras or the kind that suits the asset.
     """
     if isinstance(given, ChosenViews):
         return given
     if given is not None:
         return check_given_views(given)
-    outside = make_turntable(asset, count, *size)
+    framing = find_framing(asset)
+    outside = make_turntable(asset, count, *size, framing=framing)
     try:
-        training = find_training_views(asset, device, most=MAX_TRAINING_VIEWS, longest=max(size))
-        return training or generate_views(asset, outside, device)
+        training = None
+        if kind is None:
+            training = find_training_views(asset, device, most=MAX_TRAINING_VIEWS, longest=max(size))
+        return training or generate_views(asset, outside, framing, device, kind=kind)
     except DeviceError:  # it is reported when the caller draws the asset
-        return _make_turntable_views(outside)
+        return _describe_generated(outside, "turntable", framing)
 
 
 def check_given_views(cameras: Iterable[Camera]) -> ChosenViews:
@@ -159,34 +222,97 @@ def find_training_views(
         if longest is not None:
             few = [camera.scaled(min(1.0, longest / max(camera.width, camera.height))) for camera in few]
         share = f"{len(few)} of {len(cameras)}" if len(few) < len(cameras) else f"{len(few)}"
-        if _find_seeing(asset, few, device, 1) != set():
+        if _measure_coverage(asset, few, device, 1) != {}:
             return ChosenViews(few, "training", f"{share} training cameras ({place.name})", place)
     return None
 
 
 def generate_views(
-    asset: Asset, outside: list[Camera], device: str | None = None, up: str | None = None
+    asset: Asset,
+    outside: list[Camera],
+    framing: Framing,
+    device: str | None = None,
+    up: str | None = None,
+    kind: ViewKind | None = None,
 ) -> ChosenViews:
-    """Return the views `outside`, or the same number of views from inside if the asset is an interior.
+    """Return the views `outside`, or the same number of views from inside, or both.
 
-    The up axis of views from inside is `up`, by default the asset's up axis.
+    Without `kind`, views from inside are chosen for interiors. If the chosen views see little of the area,
+    and views of the other kind see more, these are returned. `framing` is the part that the views `outside`
+    show. The up axis of views from inside is `up`, by default the asset's up axis.
+
+    Raises
+    ------
+    UsageError
+        USAGE: views from inside are requested, but the asset is flat.
     """
-    bulk = find_bulk(asset)
-    within = place_inside(asset, bulk, outside, up)
+    bulk = find_bulk(asset, framing)
+    within = [] if kind == "outside" else place_inside(asset, framing, bulk, outside, up)
+    if kind == "inside" and not within:
+        text = "views from inside are impossible, because most of the mesh is flat; use views from outside"
+        raise UsageError("USAGE", text, file=asset.opened_from)
     if not within:
-        return _make_turntable_views(outside)
-    if is_surrounded(bulk):
+        chosen = _describe_generated(outside, "turntable", framing)
+        text = f"{chosen.description}; none from inside, because most of the mesh is flat"
+        return replace(chosen, description=text) if kind == "both" else chosen
+    if kind == "both":
+        cameras = [replace(camera, name=f"{k:05d}") for k, camera in enumerate([*outside, *within])]
+        return _describe_generated(cameras, "both", framing)
+    if kind == "inside":
+        return _describe_generated(within, "inside", framing)
+    why = ""
+    is_capture = is_surrounded(bulk)
+    if is_capture:
         why = "large faces surround most of it"
     elif _is_interior(asset, outside, within, device):
         why = "most of its faces are hidden from outside or seen from behind"
-    else:
-        return _make_turntable_views(outside)
-    text = f"{len(within)} generated views from inside, because {why}; pass --cameras for other views"
-    return ChosenViews(within, "inside", text)
+    # Take the other kind of views if these see little of the area and the others see more.
+    from_inside = bool(why)
+    seen_outside, seen_within, behind = _measure_seen_areas(asset, outside, within, device)
+    seen, other = (seen_within, seen_outside) if from_inside else (seen_outside, seen_within)
+    # Walls around a capture are seen from both sides, unless all of their faces point outwards.
+    can_change = behind <= _OUTWARD_SHARE or not is_capture
+    if seen < MIN_SEEN_SHARE and other > seen and can_change:
+        here, there = ("inside", "outside") if from_inside else ("outside", "inside")
+        why = f"they see {100 * other:.0f} % of its area, and views from {here} {100 * seen:.0f} %"
+        from_inside = there == "inside"
+    if from_inside:
+        return _describe_generated(within, "inside", framing, why)
+    return _describe_generated(outside, "turntable", framing, why)
 
 
-def _make_turntable_views(outside: list[Camera]) -> ChosenViews:
-    return ChosenViews(outside, "turntable", f"{len(outside)} generated views around the model")
+def _describe_generated(
+    cameras: list[Camera],
+    origin: Literal["turntable", "inside", "both"],
+    framing: Framing,
+    why: str = "",
+) -> ChosenViews:
+    """Return generated views with their description. `why` is the reason for an unusual choice."""
+    place = {"turntable": "around the model", "inside": "from inside", "both": "around and inside the model"}
+    text = f"{len(cameras)} generated views {place[origin]}"
+    text += f", because {why}; pass --cameras for other views" if why else ""
+    return ChosenViews(cameras, origin, text + framing.note)
+
+
+def _measure_seen_areas(
+    asset: Asset, outside: list[Camera], within: list[Camera], device: str | None
+) -> tuple[float, float, float]:
+    """Return the shares of the area seen from outside and from inside, and the winding.
+
+    The winding is the share of visible faces that outside cameras see from behind. Front sides count alone if
+    it is consistent. Both shares are 1 if they cannot be measured.
+    """
+    if why_not(asset.manifest, "standard") is not None:
+        return 1.0, 1.0, 0.5
+    with Renderer(asset, "standard", device) as renderer:
+        (front, back, behind, area), (front_within, back_within, *_) = (
+            _test_visibility(asset, renderer, spread_evenly(cameras, _MEASURED_VIEWS))
+            for cameras in (outside, within)
+        )
+    if _OUTWARD_SHARE < behind < _INWARD_SHARE:
+        front, front_within = front | back, front_within | back_within
+    total = max(area.sum(), np.finfo(np.float64).tiny)
+    return float(area[front].sum() / total), float(area[front_within].sum() / total), behind
 
 
 def spread_evenly(cameras: Sequence[Camera], count: int) -> list[Camera]:
@@ -204,20 +330,24 @@ def _is_interior(asset: Asset, outside: list[Camera], within: list[Camera], devi
     if why_not(asset.manifest, "standard") is not None:
         return False
     with Renderer(asset, "standard", device) as renderer:
-        front, back, behind = _test_visibility(asset, renderer, outside)
+        front, back, behind, _ = _test_visibility(asset, renderer, outside)
         # Front sides count alone if the winding is consistent, else both sides.
         is_sided = behind >= _BEHIND_SHARE or behind <= 1 - _BEHIND_SHARE
         visible = (front if is_sided else front | back).mean()
         if visible >= 0.5:
             return False
-        front, back, _ = _test_visibility(asset, renderer, within)
+        front, back, *_ = _test_visibility(asset, renderer, within)
         return bool((front if is_sided else front | back).mean() > visible)
 
 
 def _test_visibility(
     asset: Asset, renderer: Renderer, cameras: list[Camera]
-) -> tuple[NDArray[np.bool_], NDArray[np.bool_], float]:
-    """Return masks (n,) of faces seen from the front and from behind, and the share seen from behind."""
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_], float, NDArray[np.float64]]:
+    """Test a sample of n faces.
+
+    Return masks (n,) of the faces seen from the front and from behind, the share seen from behind, and
+    weights (n,) that are proportional to the area.
+    """
     # Centres (n, 3) and normals (n, 3) of an evenly spread sample of the faces.
     faces = asset.buffers["indices"]
     corners = asset.buffers["positions"][faces[:: max(1, len(faces) // _TESTED_FACES)]].astype(np.float64)
@@ -241,7 +371,7 @@ def _test_visibility(
             sides[0] + int((is_visible & is_facing).sum()),
             sides[1] + int((is_visible & ~is_facing).sum()),
         ]
-    return front, back, sides[1] / max(1, sum(sides))
+    return front, back, sides[1] / max(1, sum(sides)), np.linalg.norm(normal, axis=1)
 
 
 def render_standard(

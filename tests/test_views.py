@@ -12,9 +12,12 @@ from numpy.typing import NDArray
 import msb
 from data_stubs.surface import icosphere
 from msb.asset import build_asset
+from msb.delivery.web_quality import ImageLoss
+from msb.meshes.assets import mesh_from_asset
 from msb.repair.plan import Options
 from msb.scenes import write_cameras
 from msb.scenes.around import make_turntable
+from msb.scenes.framing import find_framing
 from msb.views import MAX_TRAINING_VIEWS, choose_views
 from tests.conftest import ROOT
 
@@ -58,6 +61,144 @@ def room(height: float, *, inward: bool, lid: bool = False) -> Mesh:
             points.append(corner * [1, height, 1])
     joined = np.concatenate(faces)
     return np.concatenate(points), joined[:, ::-1] if inward else joined
+
+
+def triangle(size: float, at: NDArray[Any]) -> Mesh:
+    return size * np.eye(3) + at, np.arange(3)[None]
+
+
+def spike(length: float) -> Mesh:
+    """Return the ball with one vertex pulled out."""
+    points, faces = ball()
+    points[100] *= length
+    return points, faces
+
+
+def far_mesh(count: int, reach: float, size: float = 0.1) -> list[Mesh]:
+    """Return triangles in all directions, up to `reach` away."""
+    random = np.random.default_rng(1)
+    ways = random.normal(size=(count, 3))
+    distances = np.geomspace(3, reach, count)[:, None]
+    return [triangle(size, at) for at in distances * ways / np.linalg.norm(ways, axis=1, keepdims=True)]
+
+
+def sky() -> Mesh:
+    points, faces = ball(1000)
+    return points, faces[:: len(faces) // 7]
+
+
+@pytest.mark.parametrize(
+    ("outliers", "meshes"),
+    [
+        pytest.param(1, [ball(), triangle(0.1, np.full(3, 3.0))], id="near"),
+        pytest.param(1, [ball(), triangle(0.1, np.full(3, 1e4))], id="far"),
+        pytest.param(1, [ball(), triangle(50, np.full(3, 300.0))], id="large"),
+        pytest.param(40, [ball(), *far_mesh(40, 200)], id="floaters"),
+        pytest.param(8, [ball(), sky()], id="sky"),
+        pytest.param(0, [ball(), (np.full((1, 3), 9.0), np.zeros((0, 3), int))], id="loose-vertex"),
+        pytest.param(0, [ball(), triangle(0, np.full(3, 9.0))], id="no-area"),
+    ],
+)
+def test_far_outliers_do_not_move_the_views(outliers: int, meshes: list[Mesh]) -> None:
+    clean, asset = asset_of(ball()), asset_of(*meshes)
+    framing = find_framing(asset)
+    assert framing.left_out
+    assert framing.framed is not None
+    assert framing.framed.sum() == len(ball()[1])
+    assert (framing.center, framing.radius) == tuple(vars(clean.manifest.bounding_sphere).values())
+    poses = [[view.world_to_camera.tobytes() for view in make_turntable(a, 3)] for a in (clean, asset)]
+    assert poses[0] == poses[1]
+    chosen = choose_views(asset)
+    assert chosen.origin == "turntable"
+    assert framing.left_out in chosen.description
+    counted = f"{outliers} of " in framing.left_out
+    assert counted == bool(outliers)
+
+
+def test_a_spike_is_not_framed() -> None:
+    whole, framing = asset_of(ball()).manifest.bounding_sphere, find_framing(asset_of(spike(30)))
+    assert framing.radius == pytest.approx(whole.radius, rel=0.1)
+    assert "extend far beyond" in framing.left_out
+
+
+@pytest.mark.parametrize(
+    "meshes",
+    [
+        pytest.param([ball()], id="ball"),
+        pytest.param([ball(), triangle(0.1, np.full(3, 0.9))], id="beside"),
+        pytest.param([ball(), ball(0.8, at=40)], id="two"),
+        pytest.param([ball(), ball(0.1, at=20)], id="as-many-faces"),
+        pytest.param([room(0.01, inward=False), ball(0.1)], id="plate"),
+        pytest.param([(ball()[0] * [0.01, 50, 0.01], ball()[1])], id="rod"),
+    ],
+)
+def test_what_carries_area_or_faces_is_framed(meshes: list[Mesh]) -> None:
+    asset = asset_of(*meshes)
+    framing, whole = find_framing(asset), asset.manifest.bounding_sphere
+    assert (framing.center, framing.radius, framing.framed) == (whole.center, whole.radius, None)
+    assert not framing.left_out
+
+
+def diorama() -> msb.Asset:
+    """Return small balls on a large disc, all wound outwards: large faces surround most of it."""
+    angles = np.linspace(0, 2 * np.pi, 24, endpoint=False)
+    rim = np.stack([4 * np.cos(angles), np.zeros(24), 4 * np.sin(angles)], axis=1)
+    corners = np.arange(24)
+    disc = np.stack([np.full(24, 24), np.roll(corners, -1), corners], axis=1)
+    return asset_of((np.concatenate([rim, np.zeros((1, 3))]), disc), ball(0.5, at=0.6), ball(0.3, at=1.4))
+
+
+def test_a_diorama_is_viewed_from_outside_unless_requested() -> None:
+    asset = diorama()
+    chosen = choose_views(asset)
+    assert (chosen.origin, len(chosen.cameras)) == ("turntable", 8)
+    inside, both = (choose_views(asset, kind=kind) for kind in ("inside", "both"))
+    assert (inside.origin, len(inside.cameras)) == ("inside", 8)
+    assert (both.origin, len({view.name for view in both.cameras})) == ("both", 16)
+    cameras = [view.world_to_camera.tobytes() for view in (*chosen.cameras, *inside.cameras)]
+    assert cameras == [view.world_to_camera.tobytes() for view in both.cameras]
+    room_of = asset_of(room(1.0, inward=True, lid=True))
+    assert choose_views(room_of).origin == "inside"
+    assert choose_views(room_of, kind="outside").origin == "turntable"
+
+
+def test_views_inside_a_flat_mesh_are_rejected() -> None:
+    flat = asset_of(triangle(1, np.zeros(3)))
+    assert choose_views(flat, kind="both").origin == "turntable"
+    with pytest.raises(msb.MsbError) as caught:
+        choose_views(flat, kind="inside")
+    assert caught.value.code == "USAGE"
+
+
+def test_requested_views_replace_training_cameras(tmp_path: Path) -> None:
+    asset_of(ball()).save(tmp_path / "a.triasset")
+    write_cameras(make_turntable(asset_of(ball()), 2, 48, 36), tmp_path / "cameras.json")
+    asset = msb.load(tmp_path / "a.triasset")
+    assert [choose_views(asset, kind=kind).origin for kind in (None, "outside")] == ["training", "turntable"]
+
+
+@pytest.mark.slow
+def test_nothing_is_judged_where_the_mesh_is_a_speck() -> None:
+    repairs = pytest.importorskip("msb.trial.repairs")
+    why = pytest.importorskip("msb.why").why
+    asset = asset_of(ball(), ball(at=60))
+    chosen = choose_views(asset).without_blind(asset)
+    assert chosen.coverage is not None
+    assert 0 < chosen.coverage < 0.01
+    assert chosen.why_not is not None
+    (tried,) = msb.trial(asset, ["decimate_50"])
+    assert tried.outcome == "not_run"
+    assert str(tried.why).endswith(chosen.why_not)
+    assert not any(cause.applies for cause in why(asset))
+    rows = repairs.compare(asset, None, Options(), tasks=())
+    assert all(look.why for row in rows for look in (row.looks or {}).values())
+    mesh = mesh_from_asset(asset)
+    images = ImageLoss.of(mesh, asset)
+    assert images.why_not is not None
+    assert images.describe(mesh) == ""
+    assert ImageLoss.of(mesh_from_asset(asset_of(ball())), None).why_not is None
+    near = [view.scaled(0.1) for view in make_turntable(asset_of(ball()), 2)]
+    assert choose_views(asset, near).without_blind(asset).why_not is None
 
 
 @pytest.mark.parametrize(

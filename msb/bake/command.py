@@ -131,7 +131,7 @@ def _check_files(files: BakeFiles, views: ViewOptions, typed: Typed) -> None:
     if views.cameras is None:
         typed.reject(["size"], NO_CAMERAS)
     if files.scene is not None or views.cameras is not None:
-        typed.reject(["up"], "only applies to generated views, without --scene and --cameras")
+        typed.reject(["up", "views"], "only applies to generated views, without --scene and --cameras")
 
 
 def _note_losses(baked: Baked, paths: tuple[Path, ...], output: Output) -> None:

@@ -18,6 +18,7 @@ from msb.base.version import __version__
 from msb.errors import UsageError
 from msb.meshes.formats import list_written_suffixes
 from msb.render.images import write_image
+from msb.scenes.framing import find_framing
 
 if TYPE_CHECKING:
     from msb.bake.output_files import OutputAsset
@@ -91,7 +92,7 @@ def _make_page(
         camera.scaled(max(1.0, _MIN_PAGE_SIDE / max(camera.width, camera.height)))
         for camera in preview.cameras
     ]
-    scene = scene_to_json(name, views, up_axis(baked.asset), report.background)
+    scene = scene_to_json(name, views, up_axis(baked.asset), report.background, find_framing(baked.asset))
     rows = "held-out views" if report.test else "training views, as no view was held out"
     scene["baked"] = {
         "facts": _make_facts(report),

@@ -12,7 +12,7 @@ from typing import Annotated, Literal, TypedDict
 from msb.base.extras import need_extras
 from msb.base.option import Option, check_values, label_of
 from msb.errors import UsageError, shorten
-from msb.render.options import Up
+from msb.render.options import Up, ViewKind
 
 Geometry = Literal["kept", "fitted", "surface"]
 GeometryChoice = Literal["auto", "kept", "fitted", "surface"]
@@ -99,6 +99,10 @@ class BakeOptions:
         Up | None,
         Option("Set the up axis for generated views. Default: the up axis of the asset."),
     ] = None
+    views: Annotated[
+        ViewKind | None,
+        Option("Generate views around the model, inside it, or both. Default: the views that see more."),
+    ] = None
     keep_best: Annotated[bool, Option("On Ctrl-C, write the best result instead of nothing.")] = False
     cache: Annotated[
         Path | str | os.PathLike[str] | None,
@@ -146,6 +150,7 @@ class BakeKeywords(TypedDict, total=False):
     seconds: float
     seed: int
     up: Up | None
+    views: ViewKind | None
     keep_best: bool
     cache: str | os.PathLike[str] | None
 

@@ -32,14 +32,11 @@ from msb.bake.requirements import choose_color_target
 from msb.bake.texture import fit_texture, select_first_pass
 from msb.bake.vertex_colors import fit_vertex_colors
 from msb.bake.views import BakeViews
-from msb.errors import AssetError, UsageError
+from msb.errors import AssetError
 from msb.meshes.assets import asset_from_mesh
 from msb.meshes.mesh import Mesh
 from msb.topology.faces import face_areas
 
-# Smallest share of the model's area that generated views must see. If they see less, generated views are
-# unsuitable for the model.
-MIN_SEEN_SHARE = 0.8
 # Share of the option `seconds` for moving fitted triangles, and for each level of detail.
 _FITTED_SHARE = 2 / 3
 # Share of the option `seconds` for each of the two searches of a surface. The first fits the soup that the
@@ -211,13 +208,7 @@ class BakePipeline:
         return "surface", "surface was chosen, as tools for solids need it"
 
     def _measure_visibility(self) -> tuple[float, BlendingWeights | None]:
-        """Return the share of the area that no view sees, and the blending weights in the training images.
-
-        Raises
-        ------
-        UsageError
-            USAGE: generated views see too little of the model.
-        """
+        """Return the area share that no view sees, and the blending weights in the training images."""
         self._progress("weighing faces", 0, 1)
         context = limit_for_selection(self._context, self._asset.manifest.face_count)
         training, validation = (
@@ -232,11 +223,6 @@ class BakePipeline:
         if visible is not None:
             area[~visible] = 0.0
         unseen = float(area[training.weight + validation.weight == 0].sum() / max(area.sum(), 1e-300))
-        views = self._views
-        if views.origin in ("turntable", "inside") and 1 - unseen < MIN_SEEN_SHARE:
-            seen, needed = int(100 * (1 - unseen)), round(100 * MIN_SEEN_SHARE)
-            text = f"only {seen} % of the model is visible from the generated views ({views.description})"
-            raise UsageError("USAGE", f"{text}. At least {needed} % is required; pass --cameras or --scene")
         return unseen, None if why_not(self._asset.manifest, "dedicated") else training
 
     def _list_candidates(self) -> tuple[Sequence[Geometry], list[str]]:

@@ -19,10 +19,11 @@ def measure_quality(
 ) -> tuple[Psnr | None, Psnr | None]:
     """Return the PSNR of a baked asset on the test views, to native renderings and to photographs.
 
-    Both are None without a test view; the second is None without a scene.
+    Both are None without a test view, or if the model covers too few pixels; the second is None without a
+    scene.
     """
     test = views.test
-    if not test:
+    if not test or views.why_not_judged is not None:
         return None, None
     with ExitStack() as stack:
         targets = [stack.enter_context(source.native_images(test))]

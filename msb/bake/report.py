@@ -8,15 +8,14 @@ from pathlib import Path
 from typing import Any
 
 from msb.bake.collision import Collision
-from msb.bake.options import ColorTarget, Geometry
+from msb.bake.options import ColorTarget, Geometry, Supervision
+from msb.bake.views import BakeViews
 from msb.scenes.colors import Color
 from msb.topology import Audit
 from msb.topology.verdict import judge
+from msb.views import MIN_SEEN_SHARE
 
 SCHEMA = "msb.bake/1"
-WORSE_NOTE = (
-    "the unbaked mesh is closer to the native rendering than the baked one; pass more views or larger ones"
-)
 
 
 @dataclass(frozen=True)
@@ -235,6 +234,8 @@ class Report:
         if values is None:
             values, reference = self.native, ", compared with the native renderer"
         if values is None:
+            if self.test:
+                return "PSNR was not measured, as the model covers too few pixels of the views"
             return "PSNR was not measured, as no view was held out; pass two or more views"
         parts = [] if values.native is None else [f"native renderer {values.native:.1f} dB"]
         if values.before is not None:
@@ -295,6 +296,28 @@ class Report:
         names = ("schema", "geometry", "color", "faces", "texture", "views", "unseen_area", "psnr")
         data = self.to_dict()
         return {key: data[key] for key in (*names, "supervision")}
+
+
+def list_quality_notes(supervision: Supervision, native: Psnr | None, photographs: Psnr | None) -> list[str]:
+    """Return a note if the bake is worse than the unbaked mesh, compared with what it was fitted to."""
+    values, reference = native, "native rendering"
+    if supervision == "photographs":
+        values, reference = photographs, "photographs"
+    if values is None or not values.is_worse:
+        return []
+    text = f"the unbaked mesh is closer to the {reference} than the baked one"
+    return [f"{text}; pass more views or larger ones"]
+
+
+def list_coverage_notes(views: BakeViews, unseen_area: float) -> list[str]:
+    """Return notes if the views show too little of the model, or the model covers too few of their pixels."""
+    notes = [] if views.why_not_judged is None else [f"quality was not measured: {views.why_not_judged}"]
+    if views.is_generated and 1 - unseen_area < MIN_SEEN_SHARE:
+        kind = "inside" if views.origin == "turntable" else "outside"
+        other = "" if views.origin == "both" else f"--views both or {kind}, "
+        text = f"the generated views see only {100 * (1 - unseen_area):.0f} % of the model's area"
+        notes.append(f"{text}; pass {other}--cameras or --scene to see more of it")
+    return notes
 
 
 def describe_choice(tried: Mapping[str, float]) -> str:

@@ -20,7 +20,13 @@ from msb.bake.options import BakeKeywords, BakeOptions, need_libraries
 from msb.bake.output_files import OutputAsset, list_endings, write_assets
 from msb.bake.pipeline import BakePipeline
 from msb.bake.preview import Preview, make_preview
-from msb.bake.report import WORSE_NOTE, CollisionReport, Report, Verdict
+from msb.bake.report import (
+    CollisionReport,
+    Report,
+    Verdict,
+    list_coverage_notes,
+    list_quality_notes,
+)
 from msb.bake.requirements import check_model
 from msb.bake.views import choose_bake_views
 from msb.base.atomic import check_place, room_for_temporaries
@@ -159,6 +165,9 @@ def bake(
         same result.
     up : str, optional
         The up axis, such as "+z", for generated views.
+    views : {"outside", "inside", "both"}, optional
+        Generate views around the asset, inside it, or both, even if training cameras lie beside it. Default:
+        training cameras, else the views that see more of the area.
     keep_best : bool, default False
         After an interrupt (Ctrl-C), return the best result instead of raising.
     cache : path-like, optional
@@ -167,7 +176,7 @@ def bake(
     Raises
     ------
     UsageError
-        An argument is invalid, or the generated views see less than 80 % of the asset's area.
+        An argument is invalid, or views from inside are requested for a flat asset.
     MetricError
         `METRIC_NOTHING_SHOWN`: no view sees the asset.
     Unsupported
@@ -208,6 +217,7 @@ def bake(
             background=background,
             photographs=is_photographs,
             device=device,
+            kind=settings.views,
         )
         report_progress("views", 1, 1)
         with ImageSource(model, views, settings.supervision, device, cache) as source:
@@ -223,7 +233,8 @@ def bake(
             preview = make_preview(model, baked, views, source, device)
             cache_notes = [] if source.cache is None else source.cache.notes()
         report_progress("audit", 0, 1)
-    worse = [WORSE_NOTE] if native is not None and native.is_worse else []
+    quality_notes = list_quality_notes(settings.supervision, native, photographs)
+    quality_notes += list_coverage_notes(views, choice.unseen_area)
     report = Report(
         geometry=choice.geometry,
         color="texture" if mesh.textures else "vertex",
@@ -247,7 +258,7 @@ def bake(
         seed=settings.seed,
         device=choose_device(device).record.name,
         tried=choice.tried,
-        notes=(*views.notes, *cache_notes, *choice.notes, *worse, *level_notes),
+        notes=(*views.notes, *cache_notes, *choice.notes, *quality_notes, *level_notes),
         lods=tuple(level for level, _ in levels),
         collision=None if collision is None else CollisionReport.of(collision),
         path=None if model.opened_from is None else str(model.opened_from),

@@ -13,10 +13,12 @@ from msb.asset import Asset
 from msb.asset.look import up_axis
 from msb.asset.tiers import why_not
 from msb.errors import MetricError, UsageError
+from msb.render.options import ViewKind
 from msb.scenes import Camera
 from msb.scenes.around import make_turntable
 from msb.scenes.colors import Color, check_background
 from msb.scenes.datasets import Scene, compare_training, default_background, scene_of, stated_background
+from msb.scenes.framing import find_framing
 from msb.scenes.sets import split_every_8th
 from msb.scenes.walk import fill_gaps
 from msb.views import ChosenViews, check_given_views, find_training_views, generate_views
@@ -53,8 +55,8 @@ class BakeViews:
         fewer than three training views, none is used for validation.
     interpolated : tuple of Camera
         Views between the training and validation views, which supervise as well if there are few.
-    origin : {"scene", "given", "training", "turntable", "inside"}
-        Where the views come from. "training": cameras found beside the model. The last two are generated.
+    origin : {"scene", "given", "training", "turntable", "inside", "both"}
+        Where the views come from. "training": cameras found beside the model. The last three are generated.
     description : str
         The same in words.
     background : (float, float, float)
@@ -63,6 +65,10 @@ class BakeViews:
         The scene of the views.
     notes : tuple of str
         Notes for the user.
+    is_generated : bool
+        Whether the views are generated.
+    why_not_judged : str, optional
+        Why no quality is measured in these views: the model covers too few pixels.
     """
 
     training: tuple[Camera, ...]
@@ -74,6 +80,8 @@ class BakeViews:
     background: Color
     scene: Scene | None = None
     notes: tuple[str, ...] = ()
+    is_generated: bool = False
+    why_not_judged: str | None = None
 
     @property
     def all_but_test(self) -> tuple[Camera, ...]:
@@ -90,6 +98,7 @@ def choose_bake_views(
     background: Sequence[float] | str | None = None,
     photographs: bool = False,
     device: str | None = None,
+    kind: ViewKind | None = None,
 ) -> BakeViews:
     """Return the views of a bake.
 
@@ -108,6 +117,8 @@ def choose_bake_views(
         As for `msb.render`. Default: the scene's background, else the asset's.
     photographs : bool
         Whether each training view must have a photograph.
+    kind : {"outside", "inside", "both"}, optional
+        Generate these views, even if training cameras lie beside the model.
 
     Raises
     ------
@@ -118,13 +129,16 @@ def choose_bake_views(
     """
     if scene is not None and cameras is not None:
         raise UsageError("USAGE", "cameras and a scene are both given; pass only one of them")
+    if kind is not None and (scene is not None or cameras is not None):
+        raise UsageError("USAGE", "views only applies to generated views, without cameras and a scene")
     if scene is not None:
         return _choose_scene_views(asset, scene, background, photographs, device)
     notes: list[str] = []
     if cameras is not None:
         chosen = check_given_views(cameras)
     else:
-        chosen = find_training_views(asset, device) or _generate_views(asset, up, notes, device)
+        training_views = find_training_views(asset, device) if kind is None else None
+        chosen = training_views or _generate_views(asset, up, notes, device, kind)
     chosen = _drop_blind_views(asset, chosen, device)
     views = _limit_size(chosen.cameras, notes)
     training, test = split_every_8th(views)
@@ -170,18 +184,21 @@ def _choose_scene_views(
     return _split(chosen, training, test, scene.background, scene, notes, interpolate=not photographs)
 
 
-def _generate_views(asset: Asset, up: str | None, notes: list[str], device: str | None) -> ChosenViews:
+def _generate_views(
+    asset: Asset, up: str | None, notes: list[str], device: str | None, kind: ViewKind | None
+) -> ChosenViews:
     """Return views around an asset or inside it at several heights; note an assumed up axis."""
     rings = RINGS if why_not(asset.manifest, "dedicated") is None else (*RINGS, RING_BELOW)
+    framing = find_framing(asset)
     cameras = [
         camera
         for degrees, count in rings
-        for camera in make_turntable(asset, count, *_GENERATED_SIZE, up, degrees)
+        for camera in make_turntable(asset, count, *_GENERATED_SIZE, up, degrees, framing)
     ]
     outside = [replace(camera, name=f"{number:05d}") for number, camera in enumerate(cameras)]
     if up is None and asset.manifest.coordinate_frame.known_up is None:
         notes.append(f"the up axis is not recorded; {up_axis(asset)} is assumed. Pass --up to change it")
-    chosen = generate_views(asset, outside, device, up)
+    chosen = generate_views(asset, outside, framing, device, up, kind)
     return replace(chosen, description=f"{chosen.description}, {up or up_axis(asset)} up")
 
 
@@ -235,4 +252,6 @@ def _split(
         background,
         scene,
         tuple(notes),
+        chosen.is_generated,
+        chosen.why_not,
     )

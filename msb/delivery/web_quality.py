@@ -43,12 +43,14 @@ _LEVELS = (None, 4.0, 2.0, 1.0, 0.5)
 class ImageLoss:
     """Measures the difference between images of `mesh` and images of other meshes.
 
-    `views` describes the cameras in words, for messages.
+    `views` describes the cameras in words, for messages. `why_not` is the reason why nothing can be judged in
+    them; None if it can.
     """
 
     mesh: Mesh
     cameras: list[Camera]
     views: str
+    why_not: str | None = None
     # Images of `mesh`, each (H, W, 3), by the number of samples per pixel along each axis.
     _images: dict[int, list[NDArray[np.float32]]] = field(default_factory=dict, repr=False)
 
@@ -58,8 +60,11 @@ class ImageLoss:
         from msb.meshes.assets import asset_from_mesh
         from msb.views import choose_views
 
-        chosen = choose_views(asset or asset_from_mesh(mesh), count=4, size=(480, 360))
-        return cls(mesh, chosen.cameras[:4], chosen.description)
+        shown = asset or asset_from_mesh(mesh)
+        chosen = choose_views(shown, count=4, size=(480, 360))
+        cameras = chosen.cameras[:4]
+        why_not = replace(chosen, cameras=cameras).without_blind(shown).why_not
+        return cls(mesh, cameras, chosen.description, why_not)
 
     def loss(self, other: Mesh, samples: int = _SAMPLES) -> float:
         """Return the PSNR in dB of `other`, in images with `samples` samples per pixel along each axis."""
@@ -75,7 +80,9 @@ class ImageLoss:
         return render_standard(mesh, self.cameras, supersample=samples)
 
     def describe(self, other: Mesh) -> str:
-        """Return the PSNR of `other` as text to append to a sentence; "" without a device to draw with."""
+        """Return the PSNR of `other` as text to append to a sentence; "" if it cannot be measured."""
+        if self.why_not is not None:
+            return ""
         try:
             return f" (PSNR {self.loss(other):.1f} dB, {self.views})"
         except DeviceError:
@@ -85,8 +92,10 @@ class ImageLoss:
 def web_style(images: ImageLoss) -> tuple[Style, str]:
     """Return the coarsest style of a file for the web that keeps 50 dB, and the measured quality in words.
 
-    If there is no device to draw with, return the finest style.
+    If there is no device to draw with, or the mesh covers too few pixels, return the finest style.
     """
+    if images.why_not is not None:
+        return _style(Web(_FINEST, _LEVELS[-1])), f"quality not measured ({images.why_not})"
     try:
         return _find_coarsest(images)
     except DeviceError:

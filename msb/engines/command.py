@@ -12,7 +12,7 @@ from msb.base.option import Argument, Option
 from msb.cli.command import Typed, command, require
 from msb.cli.output import JsonOutput, Output, echo, file_option
 from msb.errors import DeviceError, GateFailed, InputError, UsageError
-from msb.render.options import NO_CAMERAS, RendererOptions, Up, ViewOptions
+from msb.render.options import NO_CAMERAS, ONLY_GENERATED, RendererOptions, Up, ViewOptions
 
 if TYPE_CHECKING:
     import numpy as np
@@ -101,9 +101,11 @@ def _check_options(path: Path | None, options: WebOptions, views: ViewOptions, t
     typed.reject(["at_least", "device"], "needs --verify PAGE")
     if path is None:
         require(options.tier == "standard", "--tier dedicated needs an ASSET")
-        typed.reject(["cameras", "assignments", "up"], "needs an ASSET")
+        typed.reject(["cameras", "kind", "assignments", "up"], "needs an ASSET")
     if views.cameras is None:
         typed.reject(["camera", "size", "renders"], NO_CAMERAS)
+    else:
+        typed.reject(["kind"], ONLY_GENERATED)
     if options.tier == "standard":
         only_dedicated = ["quantise", "faces", "renders", "baked", "json_file", "no_verify"]
         typed.reject(only_dedicated, "needs --tier dedicated")
@@ -153,7 +155,7 @@ def web(
     if views.cameras is not None:
         cameras = views.read(output.note)
     else:
-        chosen = choose_views(asset)
+        chosen = choose_views(asset, kind=views.kind)
         cameras, origin = [] if chosen.origin == "turntable" else chosen.cameras, chosen.description
     axis = options.up or up_axis(asset)
     color = views.color(asset)
@@ -173,6 +175,7 @@ def _write_mesh_page(content: PageContent, target: Path, output: Output) -> None
     from msb.engines.engine import engine_mesh
     from msb.engines.webpage import LARGE, make_mesh_page
     from msb.render.backend import check_supported
+    from msb.scenes.framing import find_framing
 
     check_supported(content.asset, "standard")
     mesh = engine_mesh(content.asset, content.settings)
@@ -181,7 +184,12 @@ def _write_mesh_page(content: PageContent, target: Path, output: Output) -> None
     with output.progress(f"writing {target.name}"):
         glb, background = mesh.to_bytes(".glb"), content.background
         data = make_mesh_page(
-            glb, name=content.name, cameras=content.cameras, up=content.up, background=background
+            glb,
+            name=content.name,
+            cameras=content.cameras,
+            up=content.up,
+            background=background,
+            framing=find_framing(content.asset),
         )
         _write(target, data, output)
     if not output.quiet:

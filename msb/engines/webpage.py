@@ -17,6 +17,7 @@ from typing import Any
 
 from msb.asset.look import AMBIENT, GREY, light_toward
 from msb.scenes import Camera
+from msb.scenes.framing import Framing
 
 # Number of faces above which most browsers run out of memory when they open the page.
 LARGE = 3_000_000
@@ -32,6 +33,7 @@ def make_mesh_page(
     cameras: Sequence[Camera] = (),
     up: str = "+y",
     background: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    framing: Framing | None = None,
     served: bool = False,
 ) -> bytes:
     """Return the page of a mesh as UTF-8.
@@ -41,28 +43,36 @@ def make_mesh_page(
     glb : bytes, optional
         The mesh. A page without a mesh shows a file that is dropped on it, or the file of `?url=` in its
         address.
-    name, cameras, up, background
+    name, cameras, up, background, framing
         As for `scene_to_json`.
     served : bool
         Let the page execute the tasks of its server (`browser.py`).
     """
-    scene = scene_to_json(name, cameras, up, background)
+    scene = scene_to_json(name, cameras, up, background, framing)
     encoded = "" if glb is None else base64.b64encode(glb).decode("ascii")
     return fill_template(scene, _SCRIPTS + (("remote.js",) if served else ()), glb=encoded)
 
 
 def scene_to_json(
-    name: str, cameras: Sequence[Camera], up: str, background: tuple[float, float, float]
+    name: str,
+    cameras: Sequence[Camera],
+    up: str,
+    background: tuple[float, float, float],
+    framing: Framing | None = None,
 ) -> dict[str, Any]:
     """Return the scene description that all pages contain, as JSON data.
 
     `name` is the title of the page, and its user can choose one of `cameras`. `up` is the axis that points
-    up, such as "+y", and `background` is a colour in the asset's colour space.
+    up, such as "+y", and `background` is a colour in the asset's colour space. The free camera shows
+    everything, except for far outliers that `framing` leaves out.
     """
     listed = [{**camera_to_json(camera), "name": camera.name} for camera in cameras]
     # The shading of dropped files without colours. Our own files always have colours.
     daylight = {"grey": GREY, "ambient": AMBIENT, "light": light_toward(up).tolist()}
-    return {"name": name, "cameras": listed, "up": up, "background": list(background), "daylight": daylight}
+    scene = {"name": name, "cameras": listed, "up": up, "background": list(background), "daylight": daylight}
+    if framing is not None and framing.left_out:
+        scene["sphere"] = {"center": list(framing.center), "radius": framing.radius}
+    return scene
 
 
 def fill_template(

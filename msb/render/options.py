@@ -22,7 +22,10 @@ ImageFolder = Annotated[
     str | None, Option("With --scene: the photographs' folder, e.g. images_2.", metavar="NAME")
 ]
 Up = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
+# Where generated views are placed.
+ViewKind = Literal["outside", "inside", "both"]
 NO_CAMERAS = "needs --cameras PATH"
+ONLY_GENERATED = "only applies to generated views, without --cameras"
 # Largest width or height of an image in pixels: the limit of common OpenGL drivers.
 MOST_PIXELS = 16384
 Split = Literal["train", "test", "all"]
@@ -55,6 +58,14 @@ class ViewOptions:
             "black, white, #rrggbb, r,g,b in 0..1, or official. Default: official; if the asset records "
             "none, the background of its method, else black.",
             metavar="COLOR",
+        ),
+    ] = None
+    kind: Annotated[
+        ViewKind | None,
+        Option(
+            "Without --cameras: generate views around the model, inside it, or both. Default: the training "
+            "cameras, else the views that see more.",
+            ("--views",),
         ),
     ] = None
 

@@ -15,7 +15,7 @@ from msb.base.paths import shell_word
 from msb.cli.command import Typed, command, option_value, require
 from msb.cli.output import JsonOutput, Output, echo, file_option, plain_table, report_error
 from msb.errors import UsageError, about, one_line
-from msb.render.options import RendererOptions, Source, ViewOptions
+from msb.render.options import ONLY_GENERATED, RendererOptions, Source, ViewOptions
 from msb.repair.options import PLAN_STEPS, STEPS
 
 if TYPE_CHECKING:
@@ -81,7 +81,7 @@ def repair(
     ] = None,
     *,
     options: RepairOptions,
-    views: Annotated[ViewOptions, ("cameras",)],
+    views: Annotated[ViewOptions, ("cameras", "kind")],
     limits: Limits,
     conditions: Annotated[GateOptions, ("fail_on", "fail_on_verdict")],
     drawing: Annotated[RendererOptions, ("device",)],
@@ -103,7 +103,9 @@ def repair(
     if options.compare:
         typed.reject(["maps", "fail_on", "fail_on_verdict", "peer"], "cannot be combined with --compare")
     else:
-        typed.reject(["tasks"], "needs --compare")
+        typed.reject(["tasks", "kind"], "needs --compare")
+    if views.cameras is not None:
+        typed.reject(["kind"], ONLY_GENERATED)
     target = target or options.out
     with option_value("--plan"):
         plan = parse_plan(options.plan, peer=options.peer, limits=limits)
@@ -337,7 +339,8 @@ def compare_strategies(
     asset = open_asset(source, output)
     given = None if views.cameras is None else views.read(output.note)
     with about(source):
-        chosen = choose_views(asset, given, size=(960, 720), device=device).without_blind(asset, device)
+        chosen = choose_views(asset, given, size=(960, 720), device=device, kind=views.kind)
+        chosen = chosen.without_blind(asset, device)
     description = (
         chosen.description if given is None else chosen.description.replace("given", f"of {views.cameras}")
     )

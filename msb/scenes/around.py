@@ -12,6 +12,7 @@ from msb.asset import Asset
 from msb.asset.look import up_axis
 from msb.errors import SceneError
 from msb.scenes.camera import Camera
+from msb.scenes.framing import Framing, find_framing
 from msb.scenes.paths import turntable, unit_at
 from msb.scenes.poses import MAX_COORDINATE, look_at_pose
 
@@ -39,17 +40,19 @@ def make_turntable(
     height: int = 720,
     up: str | None = None,
     elevation: float = ELEVATION,
+    framing: Framing | None = None,
 ) -> list[Camera]:
-    """Return a turntable of `count` cameras that see the whole asset, `elevation` degrees above the horizon.
+    """Return a turntable of `count` cameras that see the asset, `elevation` degrees above the horizon.
 
-    `up` is its axis, such as "+y"; the default is the asset's (`up_axis`). CAMERA_PATH reports an asset that
-    is too large or too far away for cameras.
+    `up` is its axis, such as "+y"; the default is the asset's (`up_axis`). `framing` is the visible part, by
+    default everything except far outliers. CAMERA_PATH reports an asset that is too large or too far away for
+    cameras.
     """
-    sphere = asset.manifest.bounding_sphere
+    sphere = framing or find_framing(asset)
     vector = _vector(up or up_axis(asset))
     narrow = min(_FOV_Y, 2 * math.atan(math.tan(_FOV_Y / 2) * width / height))
     distance = _MARGIN * (sphere.radius or 1e-6) / math.sin(narrow / 2)
-    _check_reach(asset, distance)
+    _check_reach(asset, sphere, distance)
     cameras = turntable(
         sphere.center,
         distance,
@@ -63,9 +66,9 @@ def make_turntable(
     return [replace(camera, name=f"{index:05d}") for index, camera in enumerate(cameras)]
 
 
-def _check_reach(asset: Asset, distance: float) -> None:
-    """Raise CAMERA_PATH if no camera can be `distance` away from the asset's middle."""
-    bounds, sphere = asset.manifest.bounds, asset.manifest.bounding_sphere
+def _check_reach(asset: Asset, sphere: Framing, distance: float) -> None:
+    """Raise CAMERA_PATH if no camera can be `distance` away from the middle of the framed part."""
+    bounds = asset.manifest.bounds
     far = max(map(abs, sphere.center)) + distance
     if far > MAX_COORDINATE:
         reach = max(map(abs, (*bounds.min, *bounds.max)))
@@ -85,20 +88,24 @@ class Bulk(NamedTuple):
     high: NDArray[np.float64]
 
 
-def find_bulk(asset: Asset) -> Bulk:
-    """Return where most faces of an asset are; large assets are sampled evenly."""
+def find_bulk(asset: Asset, framing: Framing) -> Bulk:
+    """Return where most of the framed faces of an asset are; large assets are sampled evenly."""
     faces = asset.buffers["indices"]
+    if framing.framed is not None:
+        faces = faces[framing.framed]
     some = faces[:: max(1, len(faces) // _SAMPLES)]
     corners = asset.buffers["positions"][some].astype(np.float64)
     low, middle, high = np.quantile(corners.mean(axis=1), (_LEAST, 0.5, 1 - _LEAST), axis=0)
     return Bulk(corners, low, middle, high)
 
 
-def place_inside(asset: Asset, bulk: Bulk, outside: Iterable[Camera], up: str | None = None) -> list[Camera]:
+def place_inside(
+    asset: Asset, framing: Framing, bulk: Bulk, outside: Iterable[Camera], up: str | None = None
+) -> list[Camera]:
     """Return cameras within an asset that look across its middle, half-way out to the enclosing faces.
 
-    The cameras `outside` look at the asset. For each of them, a camera on the same side with the same image
-    size is returned. The result is empty if most of the asset is flat.
+    The cameras `outside` look at the framed part of the asset. For each of them, a camera on the same side
+    with the same image size is returned. The result is empty if most of the asset is flat.
     """
     low, middle, high = bulk.low, bulk.middle, bulk.high
     if not (low < middle).all() or not (middle < high).all():
@@ -107,7 +114,7 @@ def place_inside(asset: Asset, bulk: Bulk, outside: Iterable[Camera], up: str | 
     cameras = []
     for camera in outside:
         # Along each axis, the multiple of `away` at which a ray from the middle leaves the bulk of the faces.
-        away = camera.center - asset.manifest.bounding_sphere.center
+        away = camera.center - framing.center
         reach = np.where(away > 0, high - middle, middle - low) / np.maximum(np.abs(away), 1e-300)
         eye = middle + 0.5 * reach.min() * away
         pose = look_at_pose(eye, middle, vector)

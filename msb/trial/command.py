@@ -12,7 +12,7 @@ from msb.base.option import Argument, Option
 from msb.cli.command import Typed, command, option_value
 from msb.cli.output import LinesOutput, Output, echo, report_error
 from msb.errors import GateFailed, MsbError, UsageError, one_line
-from msb.render.options import NO_CAMERAS, RendererOptions, ViewOptions
+from msb.render.options import NO_CAMERAS, ONLY_GENERATED, RendererOptions, ViewOptions
 from msb.repair.options import PLAN_STEPS
 
 if TYPE_CHECKING:
@@ -76,7 +76,7 @@ def trial(
         ),
     ],
     options: TrialOptions,
-    views: Annotated[ViewOptions, ("cameras", "camera")],
+    views: Annotated[ViewOptions, ("cameras", "camera", "kind")],
     limits: Limits,
     drawing: Annotated[RendererOptions, ("device",)],
     output: LinesOutput,
@@ -93,6 +93,8 @@ def trial(
 
     if views.cameras is None:
         typed.reject(["camera"], NO_CAMERAS)
+    else:
+        typed.reject(["kind"], ONLY_GENERATED)
     run = _Run(options, views, limits, drawing, output)
     return for_each(paths, SCHEMA, output, run.try_path, ["--save"] if options.save else [])[0]
 
@@ -128,6 +130,7 @@ class _Run:
             "weld": weld,
             "repair": options.plan,
             "cameras": None if views.cameras is None else views.of(read_cameras(str(views.cameras))),
+            "view_kind": views.kind,
             "limits": limits,
             "device": drawing.device,
         }

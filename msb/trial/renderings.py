@@ -18,6 +18,7 @@ from msb.render import Renderer
 from msb.render.images import to_bytes
 from msb.scenes import Camera
 from msb.trial.mesh import TrialMesh
+from msb.views import measure_coverage
 
 if TYPE_CHECKING:
     from msb.render import Frame
@@ -34,9 +35,9 @@ _DARKEST = 0.4
 class Renderings:
     """Renderings of the original mesh over the cameras, and comparisons of results with them.
 
-    If rendering is impossible (no OpenCL device, or no camera sees the mesh), `why_not` is the reason, and
-    all methods return None or nothing. `blind_cameras` is the number of cameras that do not see the mesh and
-    are ignored.
+    If nothing can be judged (no OpenCL device, no camera sees the mesh, or it covers too few pixels),
+    `why_not` is the reason, and all methods return None or nothing. `blind_cameras` is the number of cameras
+    that do not see the mesh and are ignored.
     """
 
     def __init__(self, mesh: TrialMesh, views: ChosenViews, device: str | None = None) -> None:
@@ -126,15 +127,17 @@ class Renderings:
         Computing it removes all other cameras from `cameras`.
         """
         rendered = [
-            (camera, to_bytes(frame.image), np.array(frame.depth), bool((frame.alpha > 0).any()))
-            for camera, frame in zip(self.cameras, self._frames(self.mesh, self.cameras), strict=False)
+            (to_bytes(frame.image), np.array(frame.depth), measure_coverage(frame))
+            for frame in self._frames(self.mesh, self.cameras)
         ]
-        seeing = [(camera, image, depth) for camera, image, depth, sees in rendered if sees]
-        if not seeing and self.why_not is None:
-            self.why_not = self.views.blind_message
-        self.blind_cameras = len(rendered) - len(seeing)
-        self.cameras = [camera for camera, _, _ in seeing] or self.cameras
-        return [(image, depth) for _, image, depth in seeing]
+        if len(rendered) < len(self.cameras):  # without a device
+            return []
+        covered = {number: share for number, (_, _, share) in enumerate(rendered) if share}
+        chosen = self.views.with_covered(covered)
+        self.blind_cameras = len(rendered) - len(covered)
+        self.cameras = chosen.cameras or self.cameras
+        self.why_not = chosen.why_not
+        return [] if self.why_not else [rendered[number][:2] for number in covered]
 
     def _frames(self, mesh: TrialMesh, cameras: Sequence[Camera]) -> Iterator[Frame]:
         """Yield the frame of each camera; nothing if there is no OpenCL device."""

@@ -227,7 +227,7 @@ class _Evaluator:
 
     def __init__(self, views: ChosenViews, tasks: Sequence[str], limits: Limits, device: str | None) -> None:
         self.views, self.tasks, self.limits, self.device = views, tasks, limits, device
-        self.why = None if views.cameras else views.blind_message
+        self.why = views.why_not
         # The images of the first asset. All others are compared with them.
         self.originals: dict[Tier, Images | str] = {}
         self.known: dict[tuple[str, ...], tuple[dict[Tier, TierLikeness], tuple[Trial, ...]]] = {}

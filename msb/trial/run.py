@@ -17,6 +17,7 @@ from msb.base.limits import Limits
 from msb.errors import AssetError, about, shorten
 from msb.meshes import write_mesh
 from msb.meshes.assets import fit_to_format
+from msb.render.options import ViewKind
 from msb.repair.assets import repair_mesh
 from msb.repair.plan import Options, parse_plan
 from msb.scenes import Camera
@@ -165,6 +166,7 @@ def try_asset(
     weld: Weld | None = None,
     repair: Sequence[str] | str | None = None,
     cameras: ChosenViews | Sequence[Camera] | None = None,
+    view_kind: ViewKind | None = None,
     limits: Limits | None = None,
     device: str | None = None,
     keep: Path | None = None,
@@ -172,6 +174,8 @@ def try_asset(
     watch: Callable[[Trial], None] = lambda _: None,
 ) -> Trials:
     """Try tasks on an asset; see `trial` for the other parameters.
+
+    `view_kind` is the `kind` of generated views for `msb.views.choose_views`.
 
     `keep` is a folder for an image of each task and, with `meshes`, for the results as GLB files. `watch` is
     called with each result.
@@ -185,7 +189,7 @@ def try_asset(
     if plan is not None:
         with about(asset.path):
             mesh = _repair(mesh, plan)
-    views = choose_views(asset, cameras, size=(960, 720), device=device)
+    views = choose_views(asset, cameras, size=(960, 720), device=device, kind=view_kind)
     renderings = Renderings(mesh, views, device)
     results, up = [], written_up(asset)
     for task in selected:

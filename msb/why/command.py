@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from msb.base.option import Option
 from msb.cli.command import Typed, command
 from msb.cli.output import JsonOutput, Output
-from msb.render.options import NO_CAMERAS, RendererOptions, Source, ViewOptions
+from msb.render.options import NO_CAMERAS, ONLY_GENERATED, RendererOptions, Source, ViewOptions
 
 if TYPE_CHECKING:
     from msb.views import ChosenViews
@@ -52,6 +52,8 @@ def why(
 
     if views.cameras is None:
         typed.reject(["camera"], NO_CAMERAS)
+    else:
+        typed.reject(["kind"], ONLY_GENERATED)
     if save is not None:
         for definition in CAUSES:
             output.check_free(save / f"{definition.name}.png")
@@ -60,7 +62,7 @@ def why(
     cameras = None if views.cameras is None else views.read(output.note)
     device = drawing.device
     with about(path):
-        chosen = choose_views(asset, cameras, size=size, device=device)
+        chosen = choose_views(asset, cameras, size=size, device=device, kind=views.kind)
     color = views.color(asset)
     settings = drawing.settings(asset)
     with output.counted("drawing", len(CAUSES) + 1) as step, about(path):
@@ -105,8 +107,8 @@ def _print(
 
     console = output.console()
     console.print(f"[bold]{escape(head['path'])}[/bold]: {head['method']}", soft_wrap=True)
-    if not views.cameras:
-        console.print(escape(views.blind_message), soft_wrap=True)
+    if (reason := views.why_not) is not None:
+        console.print(escape(reason), soft_wrap=True)
         return
     if not output.quiet:
         console.print(escape(f"views: {views.description}"), soft_wrap=True)

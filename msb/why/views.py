@@ -22,7 +22,7 @@ from msb.render.frame import Frame
 from msb.render.standard.renderer import StandardRenderer
 from msb.render.standard.supersampling import box_mean, enlarge
 from msb.scenes import Camera
-from msb.views import ChosenViews, render_standard
+from msb.views import ChosenViews, measure_coverage, render_standard
 
 Image = NDArray[np.float32]
 
@@ -75,12 +75,14 @@ class CauseViews:
         # Render the standard tier first: if all its images show the asset, no separate visibility test is
         # needed.
         self._standard = None if why_not(asset.manifest, "standard") else self._draw_standard(views.cameras)
-        hits = [] if self._standard is None else [(frame.alpha > 0).any() for frame in self._standard.frames]
-        self.chosen = views if hits and all(hits) else views.without_blind(asset, device)
+        frames = [] if self._standard is None else self._standard.frames
+        covered = {number: share for number, frame in enumerate(frames) if (share := measure_coverage(frame))}
+        is_seen = covered and len(covered) == len(views.cameras)
+        self.chosen = views.with_covered(covered) if is_seen else views.without_blind(asset, device)
         if self._standard is not None and 0 < len(self.chosen.cameras) < len(views.cameras):
             self._standard = self._draw_standard(self.chosen.cameras)
         self.cameras = self.chosen.cameras
-        self._no_view_reason = None if self.cameras else views.blind_message
+        self._no_view_reason = self.chosen.why_not
 
     def draw_native(self, asset: Asset | None = None, **options: Any) -> list[Image]:
         """Return native renderings of `asset`, with options of `Renderer`.
@@ -153,7 +155,7 @@ class CauseViews:
         return front
 
     def _check(self, tier: Tier) -> None:
-        """Raise DoesNotApplyError if the asset does not have the tier, or if no camera sees the asset."""
+        """Raise DoesNotApplyError if the asset does not have the tier, or if the cameras do not show it."""
         reason = why_not(self.asset.manifest, tier) or self._no_view_reason
         if reason is not None:
             raise DoesNotApplyError(reason)

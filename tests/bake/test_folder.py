@@ -11,7 +11,15 @@ import pytest
 from PIL import Image
 
 import msb
-from msb.bake.report import Psnr, Report, Verdict, average_psnr
+from msb.bake.report import (
+    Psnr,
+    Report,
+    Verdict,
+    average_psnr,
+    list_coverage_notes,
+    list_quality_notes,
+)
+from msb.bake.views import BakeViews
 from msb.errors import UsageError
 from msb.meshes import read_mesh
 from msb.scenes import write_cameras
@@ -169,6 +177,28 @@ def test_a_bake_can_be_worse_than_the_unbaked_mesh() -> None:
     assert Psnr(None, 20.2, 15.3, 15.6).is_worse
     assert not Psnr(None, 20.2, 19.0, 21.0).is_worse
     assert not Psnr(None, None, 15.3, 15.6).is_worse
+
+
+def test_a_bake_is_compared_with_its_training_images() -> None:
+    worse, better = Psnr(None, 20.2, 15.3, 15.6), Psnr(None, 20.2, 19.0, 21.0)
+    for supervision in ("native", "photographs"):
+        is_native = supervision == "native"
+        for native, photographs in ((worse, better), (better, worse), (worse, None), (None, None)):
+            reference = native if is_native else photographs
+            notes = list_quality_notes(supervision, native, photographs)
+            assert len(notes) == (reference is worse)
+            assert all(("native rendering" in note) == is_native for note in notes)
+
+
+@pytest.mark.parametrize(("origin", "kind"), [("turntable", "inside"), ("inside", "outside"), ("both", None)])
+def test_generated_views_that_see_little_are_noted(origin: str, kind: str | None) -> None:
+    views = BakeViews((), (), (), (), origin, "", (0, 0, 0), is_generated=True)
+    (note,) = list_coverage_notes(views, 0.634)
+    assert "37 %" in note
+    assert ("--views" in note) == (kind is not None)
+    assert kind is None or f"or {kind}" in note
+    assert list_coverage_notes(views, 0.2) == []
+    assert list_coverage_notes(replace(views, is_generated=False), 0.634) == []
 
 
 def test_keys_of_the_json() -> None:

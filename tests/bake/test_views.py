@@ -12,8 +12,9 @@ from msb.bake.views import MAX_PIXELS, RING_BELOW, RINGS, BakeViews, choose_bake
 from msb.errors import MetricError, SceneError, UsageError
 from msb.meshes import Mesh
 from msb.meshes.assets import asset_from_mesh
+from msb.scenes import turntable
 from msb.scenes.datasets import read_scene
-from tests.bake.soups import MODELS, SCENE, ring
+from tests.bake.soups import MODELS, SCENE, ball, ring
 from tests.conftest import TETRAHEDRON
 
 
@@ -96,6 +97,38 @@ def test_a_room_gets_views_from_inside() -> None:
     views = choose_bake_views(asset)
     assert views.origin == "inside"
     assert are_disjoint(views)
+
+
+def test_the_kind_of_generated_views_can_be_chosen(solid: msb.Asset) -> None:
+    asset = asset_from_mesh(ball(4))
+    outside, inside, both = (choose_bake_views(asset, kind=kind) for kind in ("outside", "inside", "both"))
+    assert (outside.origin, inside.origin, both.origin) == ("turntable", "inside", "both")
+    counts = [len((*views.all_but_test, *views.test)) for views in (outside, inside, both)]
+    assert counts == [52, 52, 104]
+    assert are_disjoint(both)
+    assert both.is_generated
+    for given in ({"cameras": ring(4)}, {"scene": SCENE}):
+        with pytest.raises(UsageError):
+            choose_bake_views(solid, **given, kind="outside")
+    # Requested views replace the training cameras beside the model.
+    assert choose_bake_views(msb.open(MODELS / "walled" / "mesh_splatting"), kind="inside").origin == "inside"
+
+
+def test_far_outliers_do_not_move_generated_views(solid: msb.Asset) -> None:
+    points, faces = TETRAHEDRON
+    stray = np.float32(50) + 0.1 * np.eye(3, dtype=np.float32)
+    both = np.concatenate([points, stray]), np.concatenate([faces, np.arange(3)[None] + len(points)])
+    views = choose_bake_views(asset_from_mesh(Mesh(both[0], both[1].astype(np.int64))), up="+z")
+    assert poses(views.test) == poses(choose_bake_views(solid, up="+z").test)
+
+
+def test_nothing_is_judged_where_the_model_is_a_speck(solid: msb.Asset) -> None:
+    assert choose_bake_views(solid, cameras=ring(4)).why_not_judged is None
+    far = turntable((0.2, 0.2, 0.2), 60.0, up=(0, 0, 1), count=4, width=96, height=72, fov_y=0.6)
+    assert choose_bake_views(solid, cameras=far).why_not_judged
+    report = msb.bake(solid, cameras=far, geometry="kept", color="vertex").report
+    assert (report.native, report.test) == (None, 1)
+    assert any("quality was not measured" in note for note in report.notes)
 
 
 @pytest.mark.slow

@@ -2,6 +2,7 @@
 
 import math
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,9 @@ import pytest
 import msb
 from msb.errors import UsageError
 from msb.metrics import psnr, read_image
+from msb.metrics.ground_truth import ground_truth
 from msb.render.images import to_bytes
+from msb.scenes.datasets import read_scene
 from tests.cli.conftest import Here, here
 from tests.conftest import ROOT
 
@@ -43,7 +46,8 @@ def test_the_function_writes_the_files_of_the_command(here: Here, tmp_path: Path
 
 
 def test_every_view_has_the_psnr_of_its_renderings_and_photograph() -> None:
-    asset, cameras = msb.open(MODEL), msb.read_scene(SCENE).test[:2]
+    asset, scene = msb.open(MODEL), read_scene(SCENE)
+    cameras = scene.test[:2]
     done = msb.compare(
         asset, SCENE, views=["0", "1"], tiers=["truth", "standard", "baked"], baked=asset, background="white"
     )
@@ -51,7 +55,7 @@ def test_every_view_has_the_psnr_of_its_renderings_and_photograph() -> None:
     for camera in cameras:
         values = done.psnr[str(camera.name)]
         frame = to_bytes(asset.render(camera, background=(1, 1, 1)).image)
-        truth = read_image(str(camera.image_path), background=(1, 1, 1))
+        truth = ground_truth(replace(scene, background=(1.0, 1.0, 1.0)), camera)
         assert math.isinf(values["baked", "standard"])
         assert values["standard", "truth"] == pytest.approx(psnr(frame, truth), abs=0.01)
 

@@ -27,6 +27,7 @@ from msb.render.splat.model import SplatModel
 from msb.render.surface import Surface
 from msb.scenes import Camera
 from msb.scenes.colors import Color
+from msb.scenes.framing import find_framing
 
 SCRIPTS = (
     *("camera.js", "page.js", "controls.js", "store.js", "dedicated.js"),
@@ -346,12 +347,12 @@ def _differ_in_record_only(model: SplatModel | Surface, other: SplatModel | Surf
 
 
 def _orbit_sphere(asset: Asset) -> dict[str, Any]:
-    """Return the sphere that a free camera orbits: the bounding sphere, or a smaller one of most vertices.
+    """Return the sphere that a free camera orbits: the framed part, or a smaller one of most vertices.
 
-    In captures a few faces are far away. A camera that orbits the whole bounding sphere would be too far from
+    In captures some faces are far away. A camera that orbits the whole bounding sphere would be too far from
     the model.
     """
-    whole = asset.manifest.bounding_sphere
+    whole = find_framing(asset)
     positions = np.asarray(asset.buffers["positions"][:: max(1, asset.manifest.vertex_count // 100_000)])
     # The sphere around the median that contains 90 % of the sampled vertices.
     middle = np.median(positions, axis=0)

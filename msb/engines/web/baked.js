@@ -26,7 +26,7 @@ function showReport(bake) {
   byId("notes").replaceChildren(...bake.notes.map((text) => element("li", text)));
 }
 
-const openNamed = (name) => open(decodeBase64(files[name].textContent), name);
+const openNamed = (name) => open(decodeBase64(files[name].textContent), name, start.sphere);
 
 async function openFirst() {
   showReport(start.baked);

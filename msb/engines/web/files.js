@@ -20,7 +20,7 @@ async function openFirst() {
     } else {
       const file = embeddedFile();
       if (!file) { say("Drop a .glb file here"); return false; }
-      await open(file, start.name);
+      await open(file, start.name, start.sphere);
     }
   } catch (error) {
     say(`${url || start.name} cannot be shown: ${error.message || error}`);

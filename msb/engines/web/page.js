@@ -167,13 +167,15 @@ function embeddedFile() {
   return text ? decodeBase64(text) : null;
 }
 
-async function open(buffer, name) {
+// Shows a mesh file; `framed` is the sphere that the free camera shows, by default everything.
+async function open(buffer, name, framed = null) {
   say(`Reading ${name} ...`);
   await new Promise((done) => setTimeout(done, 20));  // lets the browser show the message
   const gltf = await parseGlb(buffer);
   setColors(query.get("colors") || (gltf.asset.extras?.color_space === "srgb" ? "stored" : "linear"));
   const faces = setMesh(gltf.scene);
-  const sphere = new THREE.Box3().setFromObject(gltf.scene).getBoundingSphere(new THREE.Sphere());
+  const sphere = framed ? new THREE.Sphere(new THREE.Vector3(...framed.center), framed.radius)
+    : new THREE.Box3().setFromObject(gltf.scene).getBoundingSphere(new THREE.Sphere());
   setName(name, faces, sphere.center, sphere.radius);
   say("");
 }

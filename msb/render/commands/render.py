@@ -122,7 +122,7 @@ def _check_options(options: RenderOptions, views: ViewOptions, typed: Typed) -> 
 def render(
     path: Source,
     options: RenderOptions,
-    views: ViewOptions,
+    views: Annotated[ViewOptions, ("cameras", "camera", "size", "background")],
     drawing: RendererOptions,
     output: JsonOutput,
     typed: Typed,
@@ -195,6 +195,7 @@ def _make_cameras(asset: Asset, options: RenderOptions, views: ViewOptions, outp
     """Return the cameras of --cameras, of a flight through them, or of a turntable."""
     from msb.scenes import interpolate_cameras
     from msb.scenes.around import ELEVATION, make_turntable
+    from msb.scenes.framing import find_framing
     from msb.scenes.paths import MAX_FRAMES
 
     if options.turntable is not None:
@@ -208,7 +209,10 @@ def _make_cameras(asset: Asset, options: RenderOptions, views: ViewOptions, outp
             text = f"1 to {MAX_FRAMES} cameras, at less than 90 degrees above or below the horizon"
             raise UsageError("USAGE", f"--turntable is {options.turntable}; allowed are {text}")
         width, height = views.pixels(960, 720)
-        return make_turntable(asset, count, width, height, options.up, degrees)
+        framing = find_framing(asset)
+        if framing.left_out:
+            output.note(f"{asset.opened_from}: far outliers are not framed: {framing.left_out}")
+        return make_turntable(asset, count, width, height, options.up, degrees, framing)
     cameras = views.read(output.note)
     if options.flight is None:
         return cameras
@@ -305,6 +309,8 @@ class _Images:
                     pass
         if not any(row["coverage"] for row in rows):
             text = "the cameras do not look at the asset, or use other coordinates; try --turntable 8"
+            if self.options.turntable is not None:
+                text = "the asset draws no pixel; its faces are transparent or too small"
             self.output.note(f"warning: all images are empty: {text}")
         if self.output.prints_text:
             self.print_summary(rows, renderer.tier)

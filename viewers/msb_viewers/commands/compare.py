@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 from msb.base.option import Option
 from msb.cli.command import Typed, command, require
 from msb.cli.output import PlainOutput, echo
-from msb.render.options import NO_CAMERAS, RendererOptions, Source, ViewOptions, check_factor
+from msb.render.options import NO_CAMERAS, ONLY_GENERATED, RendererOptions, Source, ViewOptions, check_factor
 from msb_viewers.commands.window import Window
 
 
@@ -72,7 +72,7 @@ class CompareOptions:
 def compare(
     path: Source,
     window: Annotated[Window, ("screenshot", "html", "up", "size")],
-    views: Annotated[ViewOptions, ("cameras", "camera", "background")],
+    views: Annotated[ViewOptions, ("cameras", "camera", "background", "kind")],
     options: CompareOptions,
     drawing: Annotated[RendererOptions, ("assignments", "supersample", "device")],
     output: PlainOutput,
@@ -89,6 +89,8 @@ def compare(
         typed.reject(["cameras"], "cannot be combined with --scene, which has its own cameras")
     elif views.cameras is None:
         typed.reject(["camera", "image_folder", "scale"], f"{NO_CAMERAS} or --scene DIR")
+    if options.scene is not None or views.cameras is not None:
+        typed.reject(["kind"], ONLY_GENERATED)
     require(window.written, "Missing output. Pass --html FILE.html or --screenshot FILE.png")
     from msb.api.command_files import open_asset, open_baked
     from msb_viewers.deployment.comparing import Request, write

@@ -214,7 +214,7 @@ class Request:
         if self.scene is not None:
             folder = None if self.image_folder is None else str(self.image_folder)
             scene = read_scene_of(asset, self.scene, folder, note)
-            views = scene_views(self.cameras.of_scene(scene)[1], self.scale)
+            views = scene_views(scene, self.cameras.of_scene(scene)[1], self.scale)
             color = self.background or scene.background
         elif self.cameras.cameras is not None:
             source_path = self.cameras.cameras
@@ -260,7 +260,7 @@ class Request:
 
     def _choose(self, asset: Asset) -> tuple[list[View], str]:
         """Return the views without a scene, and their description; `up` sets the axis of a turntable."""
-        chosen = choose_views(asset, device=self.device)
+        chosen = choose_views(asset, device=self.device, kind=self.cameras.kind)
         if chosen.origin == "turntable":
             cameras = make_turntable(asset, *TURNTABLE, up=self.up)
             views = [View(f"view {index}", camera, why="") for index, camera in enumerate(cameras, 1)]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 
 import numpy as np
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from msb.base.paths import SpelledFiles
 from msb.errors import UsageError
 from msb.scenes import Camera
+from msb.scenes.datasets import Scene
 from msb_viewers.deployment.difference import resize
 
 _NO_PHOTOGRAPH = "the dataset has no photograph for this camera"
@@ -19,12 +20,16 @@ _NO_PHOTOGRAPH = "the dataset has no photograph for this camera"
 
 @dataclass(frozen=True)
 class View:
-    """A camera with the size of the compared images, and its photograph or the reason `why` it is missing."""
+    """A camera with the size of the compared images, and its photograph or the reason `why` it is missing.
+
+    A camera of a dataset's `scene` has its photograph masked and resized by the rules of that scene.
+    """
 
     name: str
     camera: Camera
     photograph: Path | None = None
     why: str = _NO_PHOTOGRAPH
+    scene: Scene | None = None
 
 
 def dataset_views(
@@ -62,13 +67,14 @@ def dataset_views(
     return views
 
 
-def scene_views(cameras: Sequence[Camera], scale: float | None = None) -> list[View]:
-    """Return the views of a scene's cameras at their evaluated size, or times `scale`."""
+def scene_views(scene: Scene, cameras: Sequence[Camera], scale: float | None = None) -> list[View]:
+    """Return views of some cameras of a scene, at their evaluated size or times `scale`."""
     return [
         View(
             camera.name or f"camera {index}",
             camera if scale is None else camera.scaled(scale),
             camera.image_path if camera.image_path is not None and camera.image_path.is_file() else None,
+            scene=scene,
         )
         for index, camera in enumerate(cameras)
     ]
@@ -95,8 +101,11 @@ def read_photograph(view: View, background: tuple[float, float, float]) -> NDArr
     Transparent parts show the `background`.
     """
     from msb.metrics import read_image
+    from msb.metrics.ground_truth import ground_truth
     from msb.render.images import to_bytes
 
+    if view.scene is not None:
+        return to_bytes(ground_truth(replace(view.scene, background=background), view.camera))
     image = read_image(str(view.photograph), background=background)
     if image.dtype != np.uint8:
         image = to_bytes(image)
