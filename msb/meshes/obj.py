@@ -10,6 +10,7 @@ from msb.meshes.colors import stored_colors
 from msb.meshes.formats import Format, Style
 from msb.meshes.image_files import encode_images, simplify_stem
 from msb.meshes.mesh import Mesh
+from msb.meshes.obj_keys import read_corner_keys
 from msb.meshes.obj_materials import names_materials, select_face_lines, with_coordinates, with_materials
 from msb.meshes.polygons import fan_triangulate, find_wrong_polygon
 from msb.meshes.source import Source
@@ -74,6 +75,8 @@ def read(source: Source) -> Mesh:
         elif b"vt" in parts.left_out:
             mesh = with_coordinates(mesh, text)
         parts.left_out -= {b"usemtl", b"vt"} if mesh.textures or not source.images else {b"usemtl"}
+    if wrong is None and parts.left_out & {b"vn", b"vt"}:
+        mesh = replace(mesh, corner_keys=read_corner_keys(mesh, text))
     left_out = [what for word, what in _LEFT_OUT.items() if word in parts.left_out]
     return replace(mesh, left_out=(*left_out, *more))
 

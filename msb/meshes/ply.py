@@ -6,6 +6,7 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
+from msb.base.seam_keys import hash_attributes
 from msb.errors import shorten
 from msb.meshes.colors import stored_colors
 from msb.meshes.formats import Format, Style
@@ -21,6 +22,7 @@ _COLOR_NAMES = (
     ("red", "green", "blue", "alpha"),
     ("diffuse_red", "diffuse_green", "diffuse_blue", "diffuse_alpha"),
 )
+_READ = {"x", "y", "z", *_INDEX_NAMES, *(name for names in _COLOR_NAMES for name in names)}
 _MAX_INT = 2**31 - 1
 _UVS = ("s", "t", "u", "v", "texture_u", "texture_v", "texcoord", "texnumber")
 # Property that is not read -> the name of the data it belongs to.
@@ -52,8 +54,15 @@ def read(source: Source) -> Mesh:
     face_colors = _read_colors(faces, body)
     if face_colors is not None:
         face_colors = face_colors[polygon]
-    positions = _read_positions(vertices, body)
-    return Mesh(positions, triangles, vertex_colors, face_colors, left_out=left_out, wrong_face=wrong_face)
+    return Mesh(
+        _read_positions(vertices, body),
+        triangles,
+        vertex_colors,
+        face_colors,
+        vertex_keys=_hash_unread(vertices, body),
+        left_out=left_out,
+        wrong_face=wrong_face,
+    )
 
 
 def write(mesh: Mesh, stream: BinaryIO, _style: Style) -> None:
@@ -103,15 +112,22 @@ def _write_records(
         stream.write(records.tobytes())
 
 
+def _hash_unread(vertices: Rows, body: Body) -> NDArray[np.uint32] | None:
+    """Return the seam keys (V,) of the vertex properties that are not read, or None without any."""
+    names = [
+        entry.name for entry in vertices.element.properties if entry.name not in _READ and not entry.count_type
+    ]
+    return hash_attributes(body.column(vertices, name) for name in names) if names else None
+
+
 def _list_left_out(header: Header) -> tuple[str, ...]:
     """Return the names of skipped vertex and face properties and of skipped elements."""
-    read = {"x", "y", "z", *_INDEX_NAMES, *(name for names in _COLOR_NAMES for name in names)}
     parts: dict[str, None] = {}
     for element in (candidate for candidate in header.elements if candidate.count):
         if element.name not in ("vertex", "face"):
             parts[f"element {shorten(element.name, 30)}"] = None
             continue
-        for name in (entry.name for entry in element.properties if entry.name not in read):
+        for name in (entry.name for entry in element.properties if entry.name not in _READ):
             parts[_KNOWN.get(name, f"property {shorten(name, 30)}")] = None
     return tuple(parts)
 
