@@ -264,7 +264,7 @@ class _Repair:
         `splits` tells whether the file stores separate vertices although faces of the repaired mesh share
         them.
         """
-        from msb.api.auditing import advice
+        from msb.api.auditing import next_command
         from msb.topology.verdict import judge
 
         source, target = (one_line(str(path)) for path in (self.source, self.target))
@@ -287,10 +287,13 @@ class _Repair:
         echo(f"Components: {pieces[0]:,} before, {pieces[1]:,} after{in_file}; {cut}")
         echo(f"Remaining defects: {', '.join(left) or 'none'}")
         source, target = shell_word(source), shell_word(target)
-        hint = advice(done.before, f"--force -o {target}", source)
-        if hint and "weld" not in self.plan.plan:
-            echo(hint)
-        echo(f"next: msb view {source} --repaired {target}")
+        echo(f"To see the changes: msb view {source} --repaired {target}")
+        # The last line is about what is left. A plan that was just run would change nothing.
+        plan = judge(after).plan
+        suffix = ".glb" if plan == "bake" else self.suffix
+        command = next_command(after, target, shell_word(one_line(str(self.target.with_suffix("")))+f"_next{suffix}"))
+        if command and not set(plan.split(",")) <= {*self.plan.plan}:
+            echo(f"Next, for the remaining defects: {command}")
 
 
 def _note_turned(asset: Asset, done: Repaired, output: Output) -> None:

@@ -19,7 +19,8 @@ from msb.topology.weld import Weld, parse_weld
 # weld: merge coincident vertices.
 # debris: remove small components.
 # close: close small holes.
-STEPS = ("orient", "pair", "cut", "drop", "weld", "debris", "close")
+# outward: turn closed bodies that are inside out.
+STEPS = ("orient", "pair", "cut", "drop", "weld", "debris", "close", "outward")
 # The plan that changes nothing visible.
 DEFAULT = ("orient", "pair")
 Peer = Literal["igl", "pymeshlab"]

@@ -20,7 +20,7 @@ from msb.topology import audit_arrays
 from msb.topology.arrays import mesh_arrays
 from msb.topology.halfedge import NONE
 from msb.topology.seams import find_seams, seam_attributes
-from msb.topology.steps import close, cut, debris, drop, orient, pair, weld
+from msb.topology.steps import close, cut, debris, drop, orient, outward, pair, weld
 from msb.topology.steps.change import followed_by, unchanged, with_vertices
 from msb.topology.steps.cut import cut_edges
 
@@ -41,6 +41,7 @@ _UNTOUCHED_BY = {
     **dict.fromkeys(("pair", "cut"), ("pair", "cut", "orient", "debris")),
     "drop": ("drop", "orient", "debris"),
     "debris": ("debris",),
+    "outward": ("outward",),
 }
 # Steps after which no edge has more than two faces. In plans with one of them, `orient` only turns faces, so
 # that the other step decides which faces stay connected.
@@ -362,5 +363,6 @@ def _compute_change(name: str, state: _State, options: Options) -> Change:
             points, faces, least_faces=least, least_share=options.debris_share, weights=state.weights
         ),
         "close": lambda: close(points, faces, most_edges=most, most_share=options.close_share),
+        "outward": lambda: outward(points, faces),
     }
     return steps[name]()

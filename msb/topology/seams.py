@@ -284,29 +284,12 @@ def is_closed(counts: Counts) -> bool:
     )
 
 
-def closes_once_merged(findings: Findings, points: NDArray[Any], faces: NDArray[Any]) -> bool:
-    """Return whether an exact weld would close an open mesh of at most `MOST_FACES` faces.
+def audit_merged(findings: Findings, points: NDArray[Any], faces: NDArray[Any]) -> Counts | None:
+    """Return the counts after an exact weld of an open mesh of at most `MOST_FACES` faces, or None.
 
-    `findings` describe the mesh as stored. Larger meshes are not tested; the result is then False.
+    `findings` describe the mesh as stored. The result is also None if no two vertices coincide.
     """
     counts = findings.counts
-    if not counts.boundary_edges or counts.faces > MOST_FACES:
-        return False
-    # These faults survive a weld. Most meshes return here or at the next check, before the expensive weld.
-    if counts.nonmanifold_edges or counts.inconsistent_winding_edges or counts.duplicate_faces:
-        return False
-    if not _all_coincide([edge for _, edge in findings.first["boundary_edges"]], points):
-        return False
-    return is_closed(find_findings(*weld_vertices(points, faces, "exact"))[0].counts)
-
-
-def _all_coincide(edges: list[tuple[int, ...]], points: NDArray[Any]) -> bool:
-    """Return whether each edge has an end whose float32 coordinates are shared with another vertex.
-
-    A weld removes a boundary edge only if one of its ends is merged with another vertex.
-    """
-    with np.errstate(over="ignore"):
-        places = points.astype(np.float32)
-    return all(
-        any(np.count_nonzero((places == places[vertex]).all(axis=1)) > 1 for vertex in edge) for edge in edges
-    )
+    if not counts.boundary_edges or counts.faces > MOST_FACES or not len(find_coincident_vertices(points)[0]):
+        return None
+    return find_findings(*weld_vertices(points, faces, "exact"))[0].counts
