@@ -381,6 +381,8 @@ def _print_comparison(rows: list[StrategyResult], views: str, output: Output) ->
     for row in rows:
         if row.why is not None:
             echo(f"{row.strategy}: {row.why}")
+    if advice := _recommend(rows):
+        echo(advice)
     tried = [trial.task for trial in stored.trials if trial.outcome != "not_run"]
     if tried:
         echo(f"Tasks: number of {', '.join(tried)} that work, some with limitations (details: msb trial)")
@@ -392,6 +394,26 @@ def _print_comparison(rows: list[StrategyResult], views: str, output: Output) ->
         echo(f"{tier.capitalize()}: not rendered: {why}")
     if any(look.same or look.psnr is not None for look in (stored.looks or {}).values()):
         echo(f"Standard, Dedicated: PSNR in dB against the asset as stored, averaged over {views}.")
+
+
+def _recommend(rows: list[StrategyResult]) -> str:
+    """Return the recommended row: the best verdict, then the most tasks, fewest defects and best likeness."""
+    from msb.topology.verdict import judge
+    from msb.trial.repairs import count_passed
+
+    def rank(row: StrategyResult) -> tuple[float, ...]:
+        assert row.after is not None and row.looks is not None
+        counts = row.after.judged.counts
+        defects = counts.nonmanifold_vertices + counts.boundary_edges + counts.duplicate_faces
+        looks = [0.0 if look.psnr is None else -look.psnr for look in row.looks.values() if not look.same]
+        level = ("ok", "limited", "bad").index(judge(row.after).level)
+        return level, -count_passed(row.trials), defects, max(looks, default=-1000.0)
+
+    done = [row for row in rows if row.after is not None and row.looks is not None]
+    if not done:
+        return ""
+    best = min(done, key=rank)  # the first of equal rows, which is the asset as stored
+    return f"Recommended: {best.strategy} ({'no repair is better' if best is rows[0] else 'best verdict, then most tasks'})"
 
 
 def _format_cells(row: StrategyResult) -> list[str]:

@@ -133,7 +133,6 @@ def totals(audits: Sequence[Audit | dict[str, Any]], failed_gates: int | None = 
 def _print_defects(audit: Audit, output: Output) -> None:
     judged = audit.judged
     counts = {**vars(judged.counts), "seam_vertices": audit.counts.seam_vertices}
-    wholes = {"edge": judged.counts.edges, "vertex": judged.counts.vertices, "face": judged.counts.faces}
     soup = judged.counts.all_apart
     if audit.without_seams is not None:
         stored = audit.counts.boundary_edges
@@ -153,7 +152,8 @@ def _print_defects(audit: Audit, output: Output) -> None:
         if key == "multifan_vertices":  # they are also in the row above: do not repeat their positions
             places = [place for place in places if place not in above] or ["as above"]
         above = places
-        rows.append((label, f"{count:,}", percent(count, wholes[whole]), "\n".join(places)))
+        of = vars(audit.counts) if key == "seam_vertices" else counts
+        rows.append((label, f"{count:,}", percent(count, of[whole]), "\n".join(places)))
     if rows:
         output.table(("Defect", "Count", "Share", "First three and their positions"), rows, right=[1, 2])
     elif not soup:
