@@ -19,8 +19,9 @@ from msb.topology.weld import Weld, parse_weld
 # weld: merge coincident vertices.
 # debris: remove small components.
 # close: close small holes.
+# dedupe: remove repeated faces.
 # outward: turn closed bodies that are inside out.
-STEPS = ("orient", "pair", "cut", "drop", "weld", "debris", "close", "outward")
+STEPS = ("orient", "pair", "cut", "drop", "weld", "debris", "close", "dedupe", "outward")
 # The plan that changes nothing visible.
 DEFAULT = ("orient", "pair")
 Peer = Literal["igl", "pymeshlab"]

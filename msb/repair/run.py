@@ -20,9 +20,10 @@ from msb.topology import audit_arrays
 from msb.topology.arrays import mesh_arrays
 from msb.topology.halfedge import NONE
 from msb.topology.seams import find_seams, seam_attributes
-from msb.topology.steps import close, cut, debris, drop, orient, outward, pair, weld
+from msb.topology.steps import close, cut, debris, dedupe, drop, orient, outward, pair, weld
 from msb.topology.steps.change import followed_by, unchanged, with_vertices
 from msb.topology.steps.cut import cut_edges
+from msb.topology.verdict import is_worth_merging
 
 if TYPE_CHECKING:
     from msb.asset.manifest import Domain
@@ -41,6 +42,7 @@ _UNTOUCHED_BY = {
     **dict.fromkeys(("pair", "cut"), ("pair", "cut", "orient", "debris")),
     "drop": ("drop", "orient", "debris"),
     "debris": ("debris",),
+    "dedupe": ("orient", "pair", "cut", "drop", "dedupe", "debris", "outward"),
     "outward": ("outward",),
 }
 # Steps after which no edge has more than two faces. In plans with one of them, `orient` only turns faces, so
@@ -330,13 +332,15 @@ def list_defects(after: Audit, split: str | None = None) -> list[str]:
         hint = 'faces share no vertices; add "weld" to the plan to merge them'
         if not after.corners_coincide:
             hint = "faces share no vertices, and no two corners coincide, so weld cannot merge them"
+    elif after.closed_once_merged or is_worth_merging(after):
+        hint = 'add "weld" to the plan to merge coincident vertices'
     if split is not None:
         hint = f"faces share no vertices: {split}"
     for key, singular, plural, text in (
         ("nonmanifold_edges", "edge", "edges", " of more than two faces"),
         ("nonmanifold_vertices", "non-manifold vertex", "non-manifold vertices", ""),
         ("boundary_edges", "boundary edge", "boundary edges", f" ({hint})"),
-        ("duplicate_faces", "duplicate face", "duplicate faces", ""),
+        ("duplicate_faces", "duplicate face", "duplicate faces", ' (add "dedupe" to the plan)'),
         ("inconsistent_winding_edges", "edge", "edges", " between faces of opposite winding"),
         ("repeated_index_faces", "face that uses", "faces that use", " a vertex twice"),
     ):
@@ -363,6 +367,7 @@ def _compute_change(name: str, state: _State, options: Options) -> Change:
             points, faces, least_faces=least, least_share=options.debris_share, weights=state.weights
         ),
         "close": lambda: close(points, faces, most_edges=most, most_share=options.close_share),
+        "dedupe": lambda: dedupe(faces, len(points)),
         "outward": lambda: outward(points, faces),
     }
     return steps[name]()

@@ -126,7 +126,7 @@ def _is_nearly_manifold(audit: Audit) -> bool:
     )
 
 
-def _is_worth_merging(audit: Audit) -> bool:
+def is_worth_merging(audit: Audit) -> bool:
     """Return whether an exact weld removes most boundary edges and adds no non-manifold ones."""
     merged, counts = audit.merged, audit.counts
     return (
@@ -140,7 +140,7 @@ def _is_worth_merging(audit: Audit) -> bool:
 
 def _describe_merged(audit: Audit) -> str:
     """Return the result of merging coincident vertices, if it helps without closing the mesh."""
-    if audit.closed_once_merged or not _is_worth_merging(audit) or audit.merged is None:
+    if audit.closed_once_merged or not is_worth_merging(audit) or audit.merged is None:
         return ""
     edges, pieces = audit.merged.boundary_edges, audit.merged.components
     left = f"{edges:,} boundary edge{'' if edges == 1 else 's'}"
@@ -150,10 +150,10 @@ def _describe_merged(audit: Audit) -> str:
 def _choose_plan(audit: Audit, gravest: _Fault) -> str:
     """Return the plan that improves a mesh whose gravest fault is `gravest`."""
     counts = audit.counts
-    if audit.closed_once_merged or _is_worth_merging(audit):
+    if audit.closed_once_merged or is_worth_merging(audit):
         return "weld,orient,pair"
     if counts.duplicate_faces:
-        return "drop,orient,debris:3"
+        return "dedupe,orient,pair"
     if counts.nonmanifold_vertices:
         return "orient,pair"
     if counts.boundary_edges:
