@@ -17,14 +17,14 @@ def hash_attributes(columns: Iterable[NDArray[Any]]) -> NDArray[np.uint32]:
 
     Rows with equal values have equal hashes. Different rows have equal hashes with a probability of 2^-32.
     """
-    key = np.zeros(0, np.uint32)
+    key: NDArray[np.uint32] = np.zeros(0, np.uint32)
     for values in columns:
         rows = np.ascontiguousarray(values).reshape(len(values), -1)
         if rows.dtype.kind == "f":
             rows = rows + rows.dtype.type(0)  # -0 becomes +0
         # words (n, m) uint32: the bits of each row. Smaller integers become 32 bits wide.
-        words = rows.astype(np.int64) if rows.dtype.kind in "iub" else rows.astype(np.float64)
-        words = words.view(np.uint32)
+        wide: NDArray[Any] = rows.astype(np.int64 if rows.dtype.kind in "iub" else np.float64)
+        words: NDArray[np.uint32] = wide.view(np.uint32)
         key = key if len(key) else np.full(len(words), 0x811C9DC5, np.uint32)
         for column in words.T:
             key = (key ^ column) * _MULTIPLIER

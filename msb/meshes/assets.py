@@ -70,7 +70,7 @@ def make_mesh_buffers(mesh: Mesh) -> tuple[dict[str, NDArray[Any]], dict[str, Do
 def _needs_keys(
     positions: NDArray[np.float32], buffers: dict[str, NDArray[Any]], domains: dict[str, Domain]
 ) -> bool:
-    """Return whether two vertices have equal positions and attributes, so that only seam keys explain them."""
+    """Return whether two vertices have equal positions and attributes, so that seam keys matter."""
     stored = [buffers[name] for name, domain in domains.items() if domain == "vertex"]
     rows = hash_attributes([positions, *stored])
     return len(np.unique(rows)) < len(rows)

@@ -65,8 +65,8 @@ class PrimitiveArrays:
     base : BaseColor
         The material.
     keys : (V,) uint32
-        The seam keys: hashes of the attributes that are not read. If no vertex is used twice, every vertex has
-        its own key, because a triangle list cannot share vertices.
+        The seam keys: hashes of the attributes that are not read. If no vertex is used twice, every vertex
+        has its own key, because a triangle list cannot share vertices.
     """
 
     vertices: NDArray[Any]

@@ -115,7 +115,9 @@ def _write_records(
 def _hash_unread(vertices: Rows, body: Body) -> NDArray[np.uint32] | None:
     """Return the seam keys (V,) of the vertex properties that are not read, or None without any."""
     names = [
-        entry.name for entry in vertices.element.properties if entry.name not in _READ and not entry.count_type
+        entry.name
+        for entry in vertices.element.properties
+        if entry.name not in _READ and not entry.count_type
     ]
     return hash_attributes(body.column(vertices, name) for name in names) if names else None
 

@@ -20,6 +20,7 @@ from msb.asset.writer import stored_member
 from msb.base.children import run_in_child
 from msb.base.extras import need_extra
 from msb.base.limits import Limits
+from msb.base.seam_keys import hash_attributes
 from msb.errors import MeshFileError, about, shorten
 from msb.meshes.colors import linear_light, srgb_colors
 from msb.meshes.formats import Format, Style
@@ -79,6 +80,8 @@ def read(source: Source) -> Mesh:
         with about(source.path):
             check_indices(mesh)  # before vertices are split
         mesh = with_corner_colors(mesh, colors["corner"])
+    if "corner_normals" in arrays:
+        mesh = replace(mesh, corner_keys=hash_attributes([arrays["corner_normals"]]))
     return _with_textures(mesh, source, data) if data["textures"] and source.images else mesh
 
 

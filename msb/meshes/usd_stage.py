@@ -22,7 +22,7 @@ class _PrimArrays:
     """The triangles of a mesh prim with their colours, UVs and textures.
 
     `colors` (linear light) and `uvs` are None, or a domain ("vertex", "face", "corner") and its values.
-    `textures` (F,) are image numbers.
+    `textures` (F,) are image numbers. `normals` explain duplicated vertices; they are not kept.
     """
 
     points: NDArray[Any]
@@ -30,6 +30,7 @@ class _PrimArrays:
     colors: tuple[str, Floats] | None
     uvs: tuple[str, Floats] | None
     textures: NDArray[np.uint32]
+    normals: tuple[str, Floats] | None = None
 
 
 @dataclass(frozen=True)
@@ -147,6 +148,7 @@ class _Reader:
             textures[faces] = number
         self._note_ignored(mesh)
         arrays = _PrimArrays(points, corners[order], None, None, textures[polygon])
+        arrays.normals = self._read_normals(mesh, order)
         # A prim has texture coordinates, with v upwards, or else colours.
         shape = len(points), len(counts), len(corners)
         varname = next((material.varname for material, _ in materials if material.image), None)
@@ -201,6 +203,25 @@ class _Reader:
             raise _Refused(f"{mesh.GetPrim().GetPath()}: {text}")
         if domain == "face":
             return domain, values[polygon]
+        return domain, values[order.reshape(-1)] if domain == "corner" else values
+
+    def _read_normals(self, mesh: Any, order: NDArray[np.int64]) -> tuple[str, Floats] | None:
+        """Return the domain and the normals (n, 3) of vertices or corners, or None if they are invalid."""
+        from pxr import UsdGeom
+
+        primvar = UsdGeom.PrimvarsAPI(mesh).GetPrimvar("normals")
+        if primvar and primvar.HasValue():
+            stored, kind = primvar.ComputeFlattened(self._time), str(primvar.GetInterpolation())
+        else:
+            stored, kind = mesh.GetNormalsAttr().Get(self._time), str(mesh.GetNormalsInterpolation())
+        values = np.array([] if stored is None else stored, np.float32).reshape(-1, 3)
+        domain = _DOMAINS.get(kind, "vertex")
+        rows = {
+            "vertex": len(mesh.GetPointsAttr().Get(self._time) or ()),
+            "corner": int(order.max(initial=-1)) + 1,
+        }
+        if not len(values) or kind == "constant" or len(values) < rows.get(domain, len(values) + 1):
+            return None
         return domain, values[order.reshape(-1)] if domain == "corner" else values
 
     def _read_materials(self, mesh: Any, count: int) -> list[tuple[_Material, Any]]:
@@ -316,6 +337,9 @@ def _join_parts(parts: list[_PrimArrays], textures: list[str]) -> dict[str, NDAr
     }
     if len(textures) > 1:
         arrays["face_textures"] = np.concatenate([part.textures for part in parts])
+    if any(part.normals is not None for part in parts):
+        rows = [_convert_domain("corner", part, part.normals, 3, 0.0) for part in parts]
+        arrays["corner_normals"] = np.concatenate(rows)
     for name, width, blank in (("colors", 3, 1.0), ("uvs", 2, 0.0)):
         # Keep the domain if it is the same for all parts; otherwise convert the values to corners.
         values = [getattr(part, name) for part in parts]

@@ -126,7 +126,15 @@ def repair_asset(asset: Asset, options: Options, weights: NDArray[Any] | None = 
         domains = {name: spec.domain for name, spec in manifest.buffers.items()}
         level = manifest.appearance.get("level")
         level = level if isinstance(level, int) and 0 <= level <= 8 else None
-        done = run_plan(base.buffers, domains, options, level=level, weights=weights, first=first, trained=manifest.method != "mesh")
+        done = run_plan(
+            base.buffers,
+            domains,
+            options,
+            level=level,
+            weights=weights,
+            first=first,
+            trained=manifest.method != "mesh",
+        )
         if done.unchanged:
             repaired = asset
         else:

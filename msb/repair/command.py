@@ -291,7 +291,9 @@ class _Repair:
         # The last line is about what is left. A plan that was just run would change nothing.
         plan = judge(after).plan
         suffix = ".glb" if plan == "bake" else self.suffix
-        command = next_command(after, target, shell_word(one_line(str(self.target.with_suffix("")))+f"_next{suffix}"))
+        command = next_command(
+            after, target, shell_word(one_line(str(self.target.with_suffix(""))) + f"_next{suffix}")
+        )
         if command and not set(plan.split(",")) <= {*self.plan.plan}:
             echo(f"Next, for the remaining defects: {command}")
 
@@ -402,7 +404,8 @@ def _recommend(rows: list[StrategyResult]) -> str:
     from msb.trial.repairs import count_passed
 
     def rank(row: StrategyResult) -> tuple[float, ...]:
-        assert row.after is not None and row.looks is not None
+        assert row.after is not None
+        assert row.looks is not None
         counts = row.after.judged.counts
         defects = counts.nonmanifold_vertices + counts.boundary_edges + counts.duplicate_faces
         looks = [0.0 if look.psnr is None else -look.psnr for look in row.looks.values() if not look.same]
@@ -413,7 +416,8 @@ def _recommend(rows: list[StrategyResult]) -> str:
     if not done:
         return ""
     best = min(done, key=rank)  # the first of equal rows, which is the asset as stored
-    return f"Recommended: {best.strategy} ({'no repair is better' if best is rows[0] else 'best verdict, then most tasks'})"
+    reason = "no repair is better" if best is rows[0] else "best verdict, then most tasks"
+    return f"Recommended: {best.strategy} ({reason})"
 
 
 def _format_cells(row: StrategyResult) -> list[str]:

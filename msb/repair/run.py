@@ -194,8 +194,8 @@ def run_plan(
 ) -> Outcome:
     """Repair a mesh: run the steps of the plan in order, and repeat them until nothing changes (weld once).
 
-    The steps see the mesh with its seams merged. If no step changes anything, the mesh keeps its seams, except
-    those of attributes that the result lacks, such as normals.
+    The steps see the mesh with its seams merged. If no step changes anything, the mesh keeps its seams,
+    except those of attributes that the result lacks, such as normals.
 
     Parameters
     ----------

@@ -84,8 +84,8 @@ class Audit:
     welded : Welded or None
         The result of the requested weld.
     seams : {"texture", "color", "normal", "format"} or None
-        The cause of the seams: texture coordinates, colours, attributes that are not read (such as normals), or
-        a format without shared vertices. None without seams.
+        The cause of the seams: texture coordinates, colours, attributes that are not read (such as normals),
+        or a format without shared vertices. None without seams.
     without_seams : Audit or None
         The audit of the mesh with merged seams; None without seams.
     closed_once_merged : bool
@@ -253,8 +253,8 @@ def audit_arrays(
     """Return the audit of plain arrays, and the analysis for viewers and exports.
 
     `attributes` are the UVs and colours that may duplicate vertices at seams
-    (`msb.topology.seams.seam_attributes`). `check_crossings` also checks the bodies of a closed mesh. The analysis of a large mesh is computed on first use, part by
-    part, because kernels compute its audit.
+    (`msb.topology.seams.seam_attributes`). `check_crossings` also checks the bodies of a closed mesh.
+    The analysis of a large mesh is computed on first use, part by part, because kernels compute its audit.
     """
     points, triangles = mesh_arrays(vertices, faces)
     findings, analysis = find_findings(points, triangles)

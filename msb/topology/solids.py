@@ -64,9 +64,7 @@ def label_bodies(faces: NDArray[Any], vertex_count: int) -> NDArray[Any]:
     return np.asarray(np.unique(of_vertex[faces[:, 0]], return_inverse=True)[1].reshape(-1))
 
 
-def find_inside_out(
-    points: NDArray[Any], faces: NDArray[Any], label: NDArray[Any]
-) -> NDArray[np.bool_]:
+def find_inside_out(points: NDArray[Any], faces: NDArray[Any], label: NDArray[Any]) -> NDArray[np.bool_]:
     """Return which closed bodies (n,) are wound inside out; `label` (F,) is the body of each face.
 
     A body of negative volume inside the bounding box of a larger body of positive volume is a cavity.

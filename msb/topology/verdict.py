@@ -15,8 +15,8 @@ Level = Literal["ok", "limited", "bad"]
 # UV unwrapping and collision ("Mesh Structural Results": Local structure), but their tools cut and join the
 # mesh themselves; docs/trial.md reports how well this works.
 SOLID_TOOLS = "subdivision, booleans or printing"
-# Maximum share of non-manifold edges or vertices, and their maximum number, up to which a tool or a person can
-# repair a mesh, so that it is "limited". Above one of them it is "bad". The profile `game` has the same share.
+# Maximum share of non-manifold edges or vertices, and their maximum number, up to which a tool or a person
+# can repair a mesh, so that it is "limited". Above one of them it is "bad". The profile `game` has this share.
 MANY, MOST = 0.01, 1000
 # Minimum share of the boundary edges that a weld must remove for the advice to merge vertices.
 _WORTH_MERGING = 0.5
@@ -42,8 +42,8 @@ class Verdict:
     renders : bool
         Whether the mesh can be displayed. If not, the sentence mentions nothing else.
     plan : str
-        The plan of `msb repair` that improves the mesh, or "bake" if only a new surface does. Empty if nothing
-        is known to help, and for "ok".
+        The plan of `msb repair` that improves the mesh, or "bake" if only a new surface does. Empty if
+        nothing is known to help, and for "ok".
     """
 
     level: Level
@@ -85,7 +85,9 @@ def judge(audit: Audit) -> Verdict:
         return Verdict("ok", f"usable for all tasks: {_describe_sound(audit)}")
     # The gravest fault decides, but duplicate faces come first if they are its cause.
     gravest = faults[0][0]
-    faults.sort(key=lambda pair: not (pair[0].describe is _describe_duplicates and _duplicates_are_cause(audit)))
+    faults.sort(
+        key=lambda pair: not (pair[0].describe is _describe_duplicates and _duplicates_are_cause(audit))
+    )
     first = faults[0][1]
     *most, last = [text for _, text in faults]
     reasons = f"{', '.join(most)}, and {last}" if most else last
@@ -254,7 +256,9 @@ def _describe_duplicates(audit: Audit) -> str:
     if single is None or not _duplicates_are_cause(audit):
         return text
     edges = f"{single.boundary_edges:,} boundary edge{'' if single.boundary_edges == 1 else 's'}"
-    left = f"{single.nonmanifold_vertices:,} non-manifold vertices and " if single.nonmanifold_vertices else ""
+    left = (
+        f"{single.nonmanifold_vertices:,} non-manifold vertices and " if single.nonmanifold_vertices else ""
+    )
     return f"{text} (without them, {left}{edges} are left)"
 
 

@@ -93,8 +93,16 @@ PATCHED = np.concatenate([BALL[0]] * 2), np.concatenate([BALL[1][1:4], BALL[1][4
         ((BALL[0], np.tile(BALL[1], (2, 1))), "dedupe,orient,pair", "ok"),
         ((BALL[0], BALL[1][1:]), "orient,pair,close:3:1", "ok"),
         (PATCHED, "weld,orient,pair", "limited"),
-        ((np.tile(BALL[0], (2, 1)), np.concatenate([BALL[1][:4], BALL[1][4:] + 6])), "weld,orient,pair", "ok"),
-        ((np.concatenate([FOUR, [[9, 9, 9]]]), np.concatenate([FOUR_FACES, [[0, 2, 24]]])), "orient,pair", None),
+        (
+            (np.tile(BALL[0], (2, 1)), np.concatenate([BALL[1][:4], BALL[1][4:] + 6])),
+            "weld,orient,pair",
+            "ok",
+        ),
+        (
+            (np.concatenate([FOUR, [[9, 9, 9]]]), np.concatenate([FOUR_FACES, [[0, 2, 24]]])),
+            "orient,pair",
+            None,
+        ),
     ],
 )
 def test_the_last_line_is_a_command_that_improves_the_mesh(
@@ -128,7 +136,9 @@ def test_a_sound_stl_passes_print(here: Here, tmp_path: Path) -> None:
     data = here("audit", "--json", "-", path).json
     assert (data["verdict"]["level"], data["without_seams"]["kind"]) == ("ok", "format")
     assert (data["counts"]["boundary_edges"], data["counts"]["seam_vertices"]) == (24, 18)
-    assert here("audit", "--profile", "game", mesh_file(tmp_path / "pieces.off", FOUR, FOUR_FACES)).status == 0
+    assert (
+        here("audit", "--profile", "game", mesh_file(tmp_path / "pieces.off", FOUR, FOUR_FACES)).status == 0
+    )
 
 
 def test_suggestions_depend_on_the_mesh(here: Here, tmp_path: Path) -> None:

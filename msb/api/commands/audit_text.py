@@ -91,9 +91,9 @@ def print_audit(audit: Audit, output: Output, *, paper: bool = False, hint: bool
         if judge(audit).renders:
             output.line((f"To try common tasks on it: msb trial {path}", "dim"))
     _print_verdict(audit, output)
-    if audit.path is not None and str(audit.path).isprintable():
-        if command := next_command(audit, shell_word(audit.path)):
-            output.line(f"Next: {command}")
+    printable = audit.path is not None and str(audit.path).isprintable()
+    if printable and (command := next_command(audit, shell_word(str(audit.path)))):
+        output.line(f"Next: {command}")
 
 
 def _print_verdict(audit: Audit, output: Output) -> None:

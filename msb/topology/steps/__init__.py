@@ -15,4 +15,16 @@ from msb.topology.steps.outward import outward
 from msb.topology.steps.pair import pair
 from msb.topology.steps.weld import weld
 
-__all__ = ["Change", "close", "cut", "debris", "dedupe", "drop", "orient", "outward", "pair", "turn_faces", "weld"]
+__all__ = [
+    "Change",
+    "close",
+    "cut",
+    "debris",
+    "dedupe",
+    "drop",
+    "orient",
+    "outward",
+    "pair",
+    "turn_faces",
+    "weld",
+]

@@ -24,7 +24,7 @@ def _work(mesh: TrialMesh, _: Arrays) -> Output:
     """Unwrap the mesh. The array "chart" (V,) has the chart of each vertex."""
     import xatlas
 
-    # xatlas crashes on large meshes, so they are unwrapped in parts, as a bake does. A small mesh is one part.
+    # xatlas crashes on large meshes, so they are unwrapped in parts, as in a bake.
     atlas = xatlas.Atlas()
     blocks = split_into_blocks(mesh.vertices[mesh.faces].mean(axis=1), UNWRAP_FACES)
     used_by = []
