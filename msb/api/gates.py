@@ -34,7 +34,7 @@ Profile = Literal["game", "print", "research"]
 # Purpose of a mesh -> conditions that make it unfit. The limits of `game` and `print` are our choice.
 PROFILES: dict[Profile, tuple[str, ...]] = {
     # For engines. Simplification, subdivision and UV unwrapping need connected faces: V/F is 0.5 for a closed
-    # mesh and 3 for a triangle soup. Props and characters may consist of pieces. Engines duplicate vertices at
+    # mesh and 3 for a triangle soup. Props may consist of pieces. Engines duplicate vertices at
     # non-manifold elements. Up to 1 % of these can be repaired by a tool or by hand. Open edges are harmless.
     "game": (
         "nonfinite_faces>0",

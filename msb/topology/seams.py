@@ -186,7 +186,8 @@ class _TornEdges:
 
     `pairs` (n, 2) are the vertex rows to merge, and `faces` the number of faces with a torn edge.
     `equal_edges` tells whether any coincident boundary edges have equal attributes at both ends.
-    `some_by_key` and `all_by_key` tell whether some and all torn edges differ in attributes that are not read alone.
+    `some_by_key` and `all_by_key` tell whether some and all torn edges differ in nothing but attributes that
+    are not read.
     """
 
     pairs: NDArray[np.int64]

@@ -16,7 +16,8 @@ Level = Literal["ok", "limited", "bad"]
 # mesh themselves; docs/trial.md reports how well this works.
 SOLID_TOOLS = "subdivision, booleans or printing"
 # Maximum share of non-manifold edges or vertices, and their maximum number, up to which a tool or a person
-# can repair a mesh, so that it is "limited". Above one of them it is "bad". The profile `game` has this share.
+# can repair a mesh, so that it is "limited". Above one of them it is "bad". The share is that of
+# the profile `game`.
 MANY, MOST = 0.01, 1000
 # Minimum share of the boundary edges that a weld must remove for the advice to merge vertices.
 _WORTH_MERGING = 0.5
