@@ -291,6 +291,14 @@ class _TaskRun:
             ended = any(reply.ended_by is not None for reply in failed.values())
             return Judgement("not_run" if ended else "fails", why, numbers)
         judgement = self.task.judge(self.mesh, outputs, self.renderings)
+        # A fallback fails in place of a library that crashed or exceeded its limits.
+        ended = all(
+            replies[attempt.library].ended_by is not None
+            for attempt in self.task.attempts
+            if attempt.library in replies
+        )
+        if ended and judgement.outcome == "fails":
+            judgement = replace(judgement, outcome="not_run")
         no_images = self.renderings.why_not
         if self.task.needs_images and judgement.outcome != "fails" and no_images is not None:
             judgement = Judgement("not_run", f"cannot be judged: {no_images}", judgement.numbers)

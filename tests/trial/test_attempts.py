@@ -267,7 +267,8 @@ def test_fallbacks_have_a_minimum_time_limit(monkeypatch: pytest.MonkeyPatch) ->
 
 
 @pytest.mark.parametrize(
-    ("ended_by", "outcome"), [("crash", "not_run"), ("time", "not_run"), ("memory", "not_run"), (None, "fails")]
+    ("ended_by", "outcome"),
+    [("crash", "not_run"), ("time", "not_run"), ("memory", "not_run"), (None, "fails")],
 )
 def test_a_crash_or_a_limit_is_no_fault_of_the_mesh(
     monkeypatch: pytest.MonkeyPatch, ended_by: Any, outcome: str
