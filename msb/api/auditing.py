@@ -12,6 +12,7 @@ from msb.base.paths import PATH_TYPES
 from msb.errors import about
 from msb.topology import Audit, audit_arrays
 from msb.topology.analysis import Analysis
+from msb.topology.verdict import judge
 from msb.topology.weld import Weld
 
 
@@ -105,20 +106,30 @@ def audit_stored(mesh: StoredMesh, *, weld: Weld | None = None) -> tuple[Audit, 
     return replace(report, path=path, method=mesh.method), analysis
 
 
-def advice(audit: Audit, output: str, source: str) -> str | None:
-    """Return the command that helps if faces share no vertices, or None.
+def next_command(audit: Audit, source: str, output: str | None = None) -> str | None:
+    """Return the command that improves a mesh, or None if it is OK or nothing is known to help.
 
-    `output` is the option -o with a file name, `source` the path of the mesh.
+    `source` is the path of the mesh, and `output` that of the file to write, both as words of a shell.
+    Default: a file in the current folder.
     """
+    plan = judge(audit).plan
+    if not plan:
+        return None
+    if plan == "bake":
+        return f"msb bake {source} -o {output or 'baked.glb'} --geometry surface"
+    # A triangle soup of a method is merged to an ordinary mesh.
+    keeps_method = audit.method not in (None, "mesh") and "weld" not in plan
+    target = output or ("repaired.triasset" if keeps_method else "repaired.glb")
+    return f"msb repair {source} {target} --plan {plan}"
+
+
+def native_advice(audit: Audit, source: str) -> str | None:
+    """Return the commands for a trained soup whose corners do not coincide, or None for other meshes."""
     from msb.registry import lookup
 
-    audit = audit.judged
-    if audit.closed_once_merged or audit.corners_coincide:
-        return f"Merge the vertices: msb repair --plan weld,orient,pair {output} {source}"
-    if audit.corners_coincide is False and audit.method and "dedicated" in lookup(audit.method).passes:
-        page = f"msb web --tier dedicated -o page.html {source}"
-        return (
-            f"To see its native rendering: {page}; to measure the loss in engines: msb why {source}; "
-            f"to make an ordinary mesh that looks like it: msb bake -o plain.glb {source}"
-        )
-    return None
+    if audit.judged.corners_coincide is not False or not audit.method:
+        return None
+    if "dedicated" not in lookup(audit.method).passes:
+        return None
+    page = f"msb web --tier dedicated -o page.html {source}"
+    return f"To see its native rendering: {page}; to measure the loss in engines: msb why {source}"

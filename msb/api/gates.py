@@ -34,15 +34,14 @@ Profile = Literal["game", "print", "research"]
 # Purpose of a mesh -> conditions that make it unfit. The limits of `game` and `print` are our choice.
 PROFILES: dict[Profile, tuple[str, ...]] = {
     # For engines. Simplification, subdivision and UV unwrapping need connected faces: V/F is 0.5 for a closed
-    # mesh and 3 for a triangle soup. Engines duplicate vertices at non-manifold elements. Up to 1 % of these
-    # can be repaired by a tool or by hand. Open edges are harmless.
+    # mesh and 3 for a triangle soup. Props may consist of pieces. Engines duplicate vertices at
+    # non-manifold elements. Up to 1 % of these can be repaired by a tool or by hand. Open edges are harmless.
     "game": (
         "nonfinite_faces>0",
         "vf_ratio>2.5",
         "nonmanifold_edge_ratio>0.01",
         "nonmanifold_vertex_ratio>0.01",
         "inconsistent_winding_edges>0",
-        "lcc_face_ratio<0.5",
     ),
     # For slicers: a closed, consistently wound surface, which may consist of several bodies.
     "print": (
@@ -98,11 +97,12 @@ class Gate:
     profile: Profile | None = None
 
     def check(self, audit: Audit, path: Path) -> GateFailed | None:
-        """Return the error if the condition is true for `audit`. The gates of a profile ignore seams.
+        """Return the error if the condition is true for `audit`.
 
+        The gates of a profile check the requested weld, or else the mesh without its seams.
         A ratio whose denominator is 0 fails, too, because an empty mesh must not pass.
         """
-        judged = audit if self.profile is None else audit.judged
+        judged = audit if self.profile is None else audit.welded or audit.judged
         value = {**asdict(judged.counts), **asdict(judged.metrics)}[self.key]
         of = f" of profile {self.profile}" if self.profile else ""
         condition = f"gate{of}: {self.key} {self.sign} {self.limit:g}"

@@ -18,6 +18,7 @@ from msb.asset import Asset, is_asset, load
 from msb.asset.arguments import AN_ASSET, check_type
 from msb.asset.texture import Sampler, is_textured
 from msb.base.paths import PATH_TYPES, given_path
+from msb.base.seam_keys import SEAM_KEY
 from msb.errors import CheckpointError, Finding, MeshError, about
 from msb.topology.seams import Attributes
 
@@ -126,7 +127,9 @@ class StoredMesh:
         """The attributes whose seams can duplicate vertices."""
         from msb.topology.seams import seam_attributes
 
-        return seam_attributes(self.buffers, self.domains)
+        # Soups of methods are trained, and their corners coincide by chance.
+        is_mesh = self.method in (None, "mesh")
+        return seam_attributes(self.buffers, self.domains, triangle_list=is_mesh)
 
 
 def read_stored(path: str | os.PathLike[str], *, images: bool = False) -> StoredMesh:
@@ -170,6 +173,8 @@ def _store(mesh: Mesh, path: Path | None) -> StoredMesh:
         ("color", mesh.face_colors, "face"),
         ("uv", mesh.vertex_uvs, "vertex"),
         ("uv", mesh.corner_uvs, "corner"),
+        (SEAM_KEY, mesh.vertex_keys, "vertex"),
+        (SEAM_KEY, mesh.corner_keys, "corner"),
         ("face_texture", mesh.face_textures, "face"),
         *((f"texture.{number}", image, "global") for number, image in enumerate(mesh.textures)),
     ):

@@ -12,6 +12,7 @@ from msb.base.children import run_in_child
 from msb.base.extras import need_extra
 from msb.base.limits import Limits
 from msb.errors import MeshError, UsageError
+from msb.topology.faces import UNWRAP_FACES, split_into_blocks
 
 if TYPE_CHECKING:
     from msb.base.children import Arrays
@@ -43,9 +44,6 @@ _COORDINATE_STEPS = 65535
 # Smallest scale of a chart relative to the median chart; the largest scale is its inverse. Without the
 # limits, charts that a camera sees from very near would fill the whole texture.
 _MIN_CHART_SCALE = 1 / 4
-# Largest number of faces that xatlas cuts into charts at once. Its time grows with the square of this number:
-# 48,000 faces took 23 s in one block, and 5 s in blocks of this size.
-_BLOCK_FACES = 8192
 
 
 class _Cells(NamedTuple):
@@ -266,7 +264,7 @@ def _cut_charts(vertices: Singles, faces: NDArray[np.uint32]) -> tuple[Floats, I
     import xatlas
 
     cut = xatlas.Atlas()
-    blocks = _split_blocks(vertices[faces].mean(axis=1))
+    blocks = split_into_blocks(vertices[faces].mean(axis=1), UNWRAP_FACES)
     for block in blocks:
         used, local = np.unique(faces[block], return_inverse=True)
         cut.add_mesh(vertices[used], local.reshape(-1, 3).astype(np.uint32))
@@ -287,19 +285,6 @@ def _cut_charts(vertices: Singles, faces: NDArray[np.uint32]) -> tuple[Floats, I
     # so any chart will do.
     chart[chart >= cut.chart_count] = 0
     return np.concatenate(places), joined, chart
-
-
-def _split_blocks(centers: Singles) -> list[Ints]:
-    """Divide faces with these centres (F, 3) into compact blocks of at most `_BLOCK_FACES` face numbers."""
-    blocks = [np.arange(len(centers))]
-    while len(blocks[0]) > _BLOCK_FACES:
-        halves = []
-        for block in blocks:
-            longest = np.ptp(centers[block], axis=0).argmax()
-            ordered = block[np.argsort(centers[block, longest], kind="stable")]
-            halves += [np.sort(half) for half in np.array_split(ordered, 2)]
-        blocks = halves
-    return blocks
 
 
 def _measure_areas(corners: Floats) -> Floats:

@@ -20,7 +20,7 @@ _AGGRESSIVENESS = 5
 
 def is_closed_surface(points: NDArray[Any], faces: Ints) -> bool:
     """Return whether a surface is closed, manifold and consistently wound."""
-    return is_closed(audit_arrays(points, faces)[0].counts)
+    return is_closed(audit_arrays(points, faces, check_crossings=False)[0].counts)
 
 
 def simplify(points: Floats, faces: Ints, count: int) -> tuple[Floats, Ints]:

@@ -13,6 +13,7 @@ from msb.asset.look import stored_threshold, tint_of, visible_faces, written_up
 from msb.asset.manifest import CoordinateFrame, Domain, Parameters
 from msb.asset.texture import Sampler, is_textured, texture_images
 from msb.asset.tiers import refusal
+from msb.base.seam_keys import SEAM_KEY, hash_attributes
 from msb.errors import AssetError, Unsupported
 from msb.meshes.charts import with_sampled_colors, with_vertex_uvs, without_textures
 from msb.meshes.formats import FORMATS
@@ -61,7 +62,19 @@ def make_mesh_buffers(mesh: Mesh) -> tuple[dict[str, NDArray[Any]], dict[str, Do
         if len(mesh.textures) > 1:
             assert mesh.face_textures is not None
             buffers["face_texture"], domains["face_texture"] = mesh.face_textures, "face"
+    for keys, domain in ((mesh.vertex_keys, "vertex"), (mesh.corner_keys, "corner")):
+        if keys is not None and SEAM_KEY not in buffers and _needs_keys(positions, buffers, domains):
+            buffers[SEAM_KEY], domains[SEAM_KEY] = keys, domain  # type: ignore[assignment]
     return buffers, domains, appearance
+
+
+def _needs_keys(
+    positions: NDArray[np.float32], buffers: dict[str, NDArray[Any]], domains: dict[str, Domain]
+) -> bool:
+    """Return whether two vertices have equal positions and attributes, so that seam keys matter."""
+    stored = [buffers[name] for name, domain in domains.items() if domain == "vertex"]
+    rows = hash_attributes([positions, *stored])
+    return len(np.unique(rows)) < len(rows)
 
 
 def _check_uvs(mesh: Mesh) -> None:
@@ -146,6 +159,7 @@ def fit_to_format(mesh: Mesh, suffix: str) -> Mesh:
     the up axis of the mesh is known. If the format cannot share vertices between faces, every face gets three
     separate vertices.
     """
+    mesh = replace(mesh, vertex_keys=None, corner_keys=None)  # files are written without these attributes
     form = FORMATS[suffix]
     check_writable(mesh)
     if form.keeps:

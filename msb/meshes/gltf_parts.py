@@ -1,11 +1,14 @@
 """Read the primitives of glTF meshes: first validated descriptions, then their arrays."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from msb.base.seam_keys import hash_attributes
+from msb.errors import MeshFileError
 from msb.meshes.colors import stored_colors
 from msb.meshes.gltf import IDENTITY, Accessor, Document, parse_accessor
 from msb.meshes.gltf_materials import BaseColor, read_base_color, transform_uvs
@@ -30,6 +33,7 @@ class Primitive:
     colors: Accessor | None
     uvs: Accessor | None
     base: BaseColor
+    unread: tuple[Accessor, ...] = ()
 
     @property
     def corners(self) -> int:
@@ -42,7 +46,7 @@ class Primitive:
         triangles = self.corners // 3 if self.mode == TRIANGLES else self.corners
         colors = 0 if self.colors is None else self.colors.width * 4
         uvs = 0 if self.uvs is None else 8
-        return self.positions.count * (24 + colors + uvs) + triangles * 24 + _PRIMITIVE_BYTES
+        return self.positions.count * (28 + colors + uvs) + triangles * 24 + _PRIMITIVE_BYTES
 
 
 @dataclass(frozen=True)
@@ -61,6 +65,9 @@ class PrimitiveArrays:
     uvs : (V, 2) float32, optional
     base : BaseColor
         The material.
+    keys : (V,) uint32
+        The seam keys: hashes of the attributes that are not read. If no vertex is used twice, every vertex
+        has its own key, because a triangle list cannot share vertices.
     """
 
     vertices: NDArray[Any]
@@ -69,6 +76,7 @@ class PrimitiveArrays:
     most: int
     uvs: NDArray[np.float32] | None
     base: BaseColor
+    keys: NDArray[np.uint32]
 
 
 def parse_primitives(document: Document, mesh: int) -> list[Primitive]:
@@ -111,7 +119,8 @@ def _parse_primitive(document: Document, entry: dict[str, Any], pointer: str) ->
     colors = _parse_attribute(
         document, attributes, where, "COLOR_0", positions.count, unpacked.get("COLOR_0")
     )
-    primitive = Primitive(pointer, entry, mode, positions, indices, colors, uvs, base)
+    unread = _parse_unread(document, attributes, positions.count, base, unpacked)
+    primitive = Primitive(pointer, entry, mode, positions, indices, colors, uvs, base, unread)
     if mode == TRIANGLES and primitive.corners % 3:
         text = f"the number of corners, {primitive.corners}, is not a multiple of 3"
         raise document.error("MESH_FILE_INVALID", pointer, text)
@@ -140,6 +149,49 @@ def _parse_attribute(
     return values
 
 
+def _parse_unread(
+    document: Document,
+    attributes: dict[str, Any],
+    count: int,
+    base: BaseColor,
+    unpacked: Mapping[str, NDArray[Any]],
+) -> tuple[Accessor, ...]:
+    """Return the attributes of `count` vertices that are only hashed; malformed ones are ignored."""
+    read = {"POSITION", "COLOR_0"}
+    if base.texture is not None:
+        read.add(f"TEXCOORD_{base.texture.uv_set}")
+    found = []
+    for name, number in sorted(attributes.items()):
+        if name in read or not isinstance(number, int):
+            continue
+        try:
+            values = parse_accessor(
+                document,
+                number,
+                kinds="SCALAR VEC2 VEC3 VEC4",
+                components="i1 u1 i2 u2 u4 f4",
+                unpacked=unpacked.get(name),
+            )
+        except MeshFileError:
+            continue
+        if values.count == count:
+            found.append(values)
+    return tuple(found)
+
+
+def _hash_unread(primitive: Primitive, corners: NDArray[np.int64]) -> NDArray[np.uint32]:
+    """Return the seam keys (V,) of a primitive; see `PrimitiveArrays`."""
+    count = primitive.positions.count
+    columns: list[NDArray[Any]] = [stored.read() for stored in primitive.unread]
+    used = np.zeros(count, bool)
+    used[corners[(corners >= 0) & (corners < count)]] = True
+    if primitive.mode == TRIANGLES and len(corners) == count and used.all():
+        columns = [np.arange(count)]
+    # Primitives share no vertices, so the number of the primitive is a part of the key.
+    number = int(primitive.pointer.rpartition("/")[2])
+    return hash_attributes([np.full(count, number), *columns])
+
+
 def read_arrays(primitive: Primitive) -> PrimitiveArrays:
     """Return the arrays of `primitive`."""
     if primitive.indices is None:
@@ -155,7 +207,8 @@ def read_arrays(primitive: Primitive) -> PrimitiveArrays:
         if primitive.base.texture is not None:
             uvs = transform_uvs(uvs, primitive.base.texture)
     faces = _assemble_triangles(corners, primitive.mode)
-    return PrimitiveArrays(read_numbers(primitive.positions), faces, colors, most, uvs, primitive.base)
+    positions, keys = read_numbers(primitive.positions), _hash_unread(primitive, corners)
+    return PrimitiveArrays(positions, faces, colors, most, uvs, primitive.base, keys)
 
 
 def read_numbers(stored: Accessor) -> NDArray[Any]:

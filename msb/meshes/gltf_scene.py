@@ -229,6 +229,7 @@ def _join_parts(
         join_faces((part.faces for part in parts), [len(part.vertices) for part in parts]),
         _join_colors([_combine_colors(part, cutoff, _has_srgb_colors(document)) for part in parts], parts),
         vertex_uvs=uvs,
+        vertex_keys=np.concatenate([part.keys for part in parts]),
     )
     is_textured = any(part.base.texture for part in parts)
     return _with_textures(mesh, document, parts, images) if is_textured else mesh

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msb.asset.texture import Sampler
+from msb.base.seam_keys import SEAM_KEY, TRIANGLE_LIST
 from msb.errors import Finding, MeshError, finding
 
 
@@ -32,6 +33,9 @@ class Mesh:
     corner_uvs : (3F, 2) float32, optional
         Texture coordinates per face corner, for formats that store them per corner. A mesh has either these
         or `vertex_uvs`.
+    vertex_keys, corner_keys : (V,), (3F,) uint32, optional
+        A hash of the attributes of each vertex or corner that are not read, such as normals and tangents
+        (`msb.base.seam_keys.hash_attributes`). They explain duplicated vertices, and are not written.
     textures : tuple of (H, W, 3) or (H, W, 4) uint8
         sRGB images. They are multiplied with the colours in linear light.
     face_textures : (F,) uint32, optional
@@ -59,6 +63,8 @@ class Mesh:
     face_colors: NDArray[Any] | None = None
     vertex_uvs: NDArray[np.float32] | None = None
     corner_uvs: NDArray[np.float32] | None = None
+    vertex_keys: NDArray[np.uint32] | None = None
+    corner_keys: NDArray[np.uint32] | None = None
     textures: tuple[NDArray[np.uint8], ...] = ()
     face_textures: NDArray[np.uint32] | None = None
     sampler: Sampler = field(default_factory=Sampler)
@@ -75,6 +81,11 @@ class Mesh:
         _check("face_colors", self.face_colors, faces, (3, 4), colors)
         _check("vertex_uvs", self.vertex_uvs, vertices, (2,), (np.float32,))
         _check("corner_uvs", self.corner_uvs, 3 * faces, (2,), (np.float32,))
+        for name, keys, rows in (
+            ("vertex_keys", self.vertex_keys, vertices),
+            ("corner_keys", self.corner_keys, 3 * faces),
+        ):
+            _check(name, None if keys is None else keys[:, None], rows, (1,), (np.uint32,))
 
     def select(self, vertices: Any, faces: Any, numbers: NDArray[np.int64]) -> Mesh:
         """Return the mesh with the selected vertex and face rows, each given as a mask or as row indices.
@@ -83,19 +94,23 @@ class Mesh:
         """
         rows: dict[str, Any] = {"faces": numbers}
         by_face = ("face_colors", "face_textures")
-        for name in ("vertices", "vertex_colors", "vertex_uvs", *by_face):
+        for name in ("vertices", "vertex_colors", "vertex_uvs", "vertex_keys", *by_face):
             if (values := getattr(self, name)) is not None:
                 rows[name] = values[faces if name in by_face else vertices]
         if self.corner_uvs is not None:
             rows["corner_uvs"] = self.corner_uvs.reshape(-1, 3, 2)[faces].reshape(-1, 2)
+        if self.corner_keys is not None:
+            rows["corner_keys"] = self.corner_keys.reshape(-1, 3)[faces].reshape(-1)
         return replace(self, **rows)
 
     @property
     def attributes(self) -> dict[str, NDArray[Any]]:
-        """The arrays whose differences split vertices at seams, by the buffer names of assets."""
+        """The arrays whose differences split vertices at seams, by the names of `msb.topology.seams`."""
         stored = {"uv": self.vertex_uvs, "corner_uv": self.corner_uvs, "color": self.vertex_colors}
+        stored |= {SEAM_KEY: self.vertex_keys, f"corner_{SEAM_KEY}": self.corner_keys}
         stored["face_texture"] = self.face_textures
-        return {name: values for name, values in stored.items() if values is not None}
+        named = {name: values for name, values in stored.items() if values is not None}
+        return {**named, TRIANGLE_LIST: np.zeros(0)}
 
 
 def report_left_out(mesh: Mesh) -> tuple[Finding, ...]:

@@ -11,6 +11,7 @@ from msb.meshes.formats import Format, Style
 from msb.meshes.image_files import encode_images, name_images, simplify_stem
 from msb.meshes.mesh import Mesh
 from msb.meshes.obj_colors import choose_materials, list_lost, list_stored
+from msb.meshes.obj_keys import read_corner_keys
 from msb.meshes.obj_materials import (
     CUTOFF,
     names_materials,
@@ -83,6 +84,8 @@ def read(source: Source) -> Mesh:
         elif b"vt" in parts.left_out:
             mesh = with_coordinates(mesh, text, cut)
         parts.left_out -= {b"usemtl", b"vt"} if mesh.textures or not source.images else {b"usemtl"}
+    if wrong is None and parts.left_out & {b"vn", b"vt"}:
+        mesh = replace(mesh, corner_keys=read_corner_keys(mesh, text, cut))
     left_out = [what for word, what in _LEFT_OUT.items() if word in parts.left_out]
     return replace(mesh, left_out=(*left_out, *more, *cut.left_out))
 

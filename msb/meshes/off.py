@@ -8,6 +8,7 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
+from msb.base.seam_keys import hash_attributes
 from msb.errors import shorten
 from msb.meshes.colors import stored_colors
 from msb.meshes.formats import Format, Style
@@ -72,9 +73,20 @@ def read(source: Source) -> Mesh:
         faces,
         vertex_colors,
         face_colors,
+        vertex_keys=_hash_unread(table, header),
         left_out=(*left_out, *cut.left_out),
         wrong_face=wrong_face,
     )
+
+
+def _hash_unread(table: Table, header: _Header) -> NDArray[np.uint32] | None:
+    """Return the seam keys (V,) of the normals and texture coordinates, or None without any."""
+    before, after = 3 * ("N" in header.prefixes), 2 * ("ST" in header.prefixes)
+    if not (before or after) or not header.vertices:
+        return None
+    begin, end = table.row[: header.vertices], table.row[1 : header.vertices + 1]
+    places = [begin + 3 + number for number in range(before)] + [end - 1 - number for number in range(after)]
+    return hash_attributes(table.values[place] for place in places)
 
 
 def write(mesh: Mesh, stream: BinaryIO, _style: Style) -> None:

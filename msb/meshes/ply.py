@@ -6,6 +6,7 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
+from msb.base.seam_keys import hash_attributes
 from msb.errors import shorten
 from msb.meshes.colors import stored_colors
 from msb.meshes.formats import Format, Style
@@ -22,6 +23,7 @@ _COLOR_NAMES = (
     ("red", "green", "blue", "alpha"),
     ("diffuse_red", "diffuse_green", "diffuse_blue", "diffuse_alpha"),
 )
+_READ = {"x", "y", "z", *_INDEX_NAMES, *(name for names in _COLOR_NAMES for name in names)}
 _MAX_INT = 2**31 - 1
 _UVS = ("s", "t", "u", "v", "texture_u", "texture_v", "texcoord", "texnumber")
 # Property that is not read -> the name of the data it belongs to.
@@ -41,7 +43,8 @@ def read(source: Source) -> Mesh:
     body.finish()
     vertices = rows["vertex"]
     vertex_colors = _read_colors(vertices, body)
-    left_out = _list_left_out(header)
+    read = _READ | list_read_properties(header)
+    left_out = _list_left_out(header, read)
     if "face" not in rows or not rows["face"].element.count:
         no_faces = np.zeros((0, 3), dtype=np.int64)
         return Mesh(_read_positions(vertices, body), no_faces, vertex_colors, left_out=left_out)
@@ -56,7 +59,16 @@ def read(source: Source) -> Mesh:
     if face_colors is not None:
         face_colors = face_colors[cut.polygon]
     left_out = (*left_out, *cut.left_out)
-    mesh = Mesh(positions, triangles, vertex_colors, face_colors, left_out=left_out, wrong_face=wrong_face)
+    keys = _hash_unread(vertices, body, read)
+    mesh = Mesh(
+        positions,
+        triangles,
+        vertex_colors,
+        face_colors,
+        vertex_keys=keys,
+        left_out=left_out,
+        wrong_face=wrong_face,
+    )
     if not header.images:
         return mesh
     return with_textures(mesh, source, header.images, body, (vertices, faces), counts, cut)
@@ -109,10 +121,16 @@ def _write_records(
         stream.write(records.tobytes())
 
 
-def _list_left_out(header: Header) -> tuple[str, ...]:
+def _hash_unread(vertices: Rows, body: Body, read: set[str]) -> NDArray[np.uint32] | None:
+    """Return the seam keys (V,) of the vertex properties that are not in `read`, or None without any."""
+    names = [
+        entry.name for entry in vertices.element.properties if entry.name not in read and not entry.count_type
+    ]
+    return hash_attributes(body.column(vertices, name) for name in names) if names else None
+
+
+def _list_left_out(header: Header, read: set[str]) -> tuple[str, ...]:
     """Return the names of skipped vertex and face properties and of skipped elements."""
-    read = {"x", "y", "z", *_INDEX_NAMES, *(name for names in _COLOR_NAMES for name in names)}
-    read |= list_read_properties(header)
     parts: dict[str, None] = {}
     for element in (candidate for candidate in header.elements if candidate.count):
         if element.name not in ("vertex", "face"):

@@ -16,6 +16,7 @@ from msb.asset.texture import MAX_TEXTURES, Sampler, linear_to_srgb, srgb_to_lin
 from msb.base.children import run_in_child
 from msb.base.extras import need_extra
 from msb.base.limits import Limits
+from msb.base.seam_keys import hash_attributes
 from msb.errors import MeshFileError, about, shorten
 from msb.meshes.charts import without_textures
 from msb.meshes.colors import clamp_floats, srgb_colors
@@ -77,6 +78,8 @@ def read(source: Source) -> Mesh:
         with about(source.path):
             check_indices(mesh)  # before vertices are split
         mesh = with_corner_colors(mesh, colors["corner"])
+    if "corner_normals" in arrays:
+        mesh = replace(mesh, corner_keys=hash_attributes([arrays["corner_normals"]]))
     return _with_textures(mesh, source, data) if data["textures"] and source.images else mesh
 
 

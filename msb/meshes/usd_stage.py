@@ -25,6 +25,7 @@ class _PrimArrays:
     """The triangles of a mesh prim with their colours, UVs and textures.
 
     `colors` (linear light) and `uvs` are None if the prim has none. `textures` (F,) are image numbers.
+    `normals` explain duplicated vertices; they are not kept.
     """
 
     points: NDArray[Any]
@@ -32,6 +33,7 @@ class _PrimArrays:
     colors: Values | None
     uvs: Values | None
     textures: NDArray[np.uint32]
+    normals: Values | None = None
 
 
 def read_stage(word: str, _: Arrays) -> tuple[Any, Arrays]:
@@ -153,6 +155,7 @@ class _Reader:
             order = order[:, [0, 2, 1]]
         self._note_ignored(mesh)
         arrays = _PrimArrays(points, corners[order], None, None, np.zeros(len(order), np.uint32))
+        arrays.normals = self._read_normals(mesh, order)
         shape = len(points), len(counts), len(corners)
 
         @cache
@@ -239,6 +242,25 @@ class _Reader:
             raise _Refused(f"{mesh.GetPrim().GetPath()}: {text}")
         if domain == "face":
             return domain, values[polygon]
+        return domain, values[order.reshape(-1)] if domain == "corner" else values
+
+    def _read_normals(self, mesh: Any, order: NDArray[np.int64]) -> Values | None:
+        """Return the domain and the normals (n, 3) of vertices or corners, or None if they are invalid."""
+        from pxr import UsdGeom
+
+        primvar = UsdGeom.PrimvarsAPI(mesh).GetPrimvar("normals")
+        if primvar and primvar.HasValue():
+            stored, kind = primvar.ComputeFlattened(self._time), str(primvar.GetInterpolation())
+        else:
+            stored, kind = mesh.GetNormalsAttr().Get(self._time), str(mesh.GetNormalsInterpolation())
+        values = np.array([] if stored is None else stored, np.float32).reshape(-1, 3)
+        domain = _DOMAINS.get(kind, "vertex")
+        rows = {
+            "vertex": len(mesh.GetPointsAttr().Get(self._time) or ()),
+            "corner": int(order.max(initial=-1)) + 1,
+        }
+        if not len(values) or kind == "constant" or len(values) < rows.get(domain, len(values) + 1):
+            return None
         return domain, values[order.reshape(-1)] if domain == "corner" else values
 
     def _read_materials(
@@ -356,6 +378,9 @@ def _join_parts(parts: list[_PrimArrays], textures: int) -> dict[str, NDArray[An
     }
     if textures > 1:
         arrays["face_textures"] = np.concatenate([part.textures for part in parts])
+    if any(part.normals is not None for part in parts):
+        rows = [_convert_domain("corner", part, part.normals, 3, 0.0) for part in parts]
+        arrays["corner_normals"] = np.concatenate(rows)
     for name, width, blank in (("colors", 3, 1.0), ("uvs", 2, 0.0)):
         # Keep the domain if it is the same for all parts; otherwise convert the values to corners.
         values = [getattr(part, name) for part in parts]

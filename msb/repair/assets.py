@@ -15,6 +15,7 @@ from msb.asset import Asset, Description, build_asset
 from msb.asset.look import colors_of, stored_threshold, visible_faces
 from msb.asset.manifest import Domain
 from msb.asset.tiers import refusal
+from msb.base.seam_keys import SEAM_KEY
 from msb.errors import Unsupported, about
 from msb.meshes import Mesh
 from msb.meshes.assets import with_corner_colors
@@ -125,8 +126,16 @@ def repair_asset(asset: Asset, options: Options, weights: NDArray[Any] | None = 
         domains = {name: spec.domain for name, spec in manifest.buffers.items()}
         level = manifest.appearance.get("level")
         level = level if isinstance(level, int) and 0 <= level <= 8 else None
-        done = run_plan(base.buffers, domains, options, level=level, weights=weights, first=first)
-        if first is None and not any(step.changed for step in done.steps):
+        done = run_plan(
+            base.buffers,
+            domains,
+            options,
+            level=level,
+            weights=weights,
+            first=first,
+            trained=manifest.method != "mesh",
+        )
+        if done.unchanged:
             repaired = asset
         else:
             described = {f.name: getattr(manifest, f.name) for f in fields(Description)}
@@ -157,12 +166,14 @@ def repair_mesh(mesh: Mesh, options: Options) -> tuple[Mesh, Outcome]:
         ("f_dc", mesh.face_colors, "face"),
         ("uv", mesh.corner_uvs if by_corner else mesh.vertex_uvs, "corner" if by_corner else "vertex"),
         ("face_texture", mesh.face_textures, "face"),
+        (SEAM_KEY, mesh.vertex_keys, "vertex"),
+        (SEAM_KEY, mesh.corner_keys, "corner"),
     )
     domains = {name: domain for name, values, domain in arrays if values is not None}
     buffers = {name: values for name, values, _ in arrays if values is not None}
     done = run_plan({"positions": mesh.vertices, "indices": mesh.faces, **buffers}, domains, options)
     # A repair may move colours and UVs to corners.
-    moved = {(name, done.domains[name]): done.buffers[name] for name in domains}
+    moved = {(name, done.domains[name]): done.buffers[name] for name in domains if name != SEAM_KEY}
     repaired = replace(
         mesh,
         vertices=done.buffers["positions"],
@@ -172,6 +183,8 @@ def repair_mesh(mesh: Mesh, options: Options) -> tuple[Mesh, Outcome]:
         vertex_uvs=moved.get(("uv", "vertex")),
         corner_uvs=moved.get(("uv", "corner")),
         face_textures=moved.get(("face_texture", "face")),
+        vertex_keys=None,
+        corner_keys=None,
         left_out=(),
     )
     colors = moved.get(("color", "corner"))

@@ -267,7 +267,7 @@ class _Repair:
         `splits` tells whether the file stores separate vertices although faces of the repaired mesh share
         them.
         """
-        from msb.api.auditing import advice
+        from msb.api.auditing import next_command
         from msb.topology.verdict import judge
 
         source, target = (one_line(str(path)) for path in (self.source, self.target))
@@ -290,10 +290,15 @@ class _Repair:
         echo(f"Components: {pieces[0]:,} before, {pieces[1]:,} after{in_file}; {cut}")
         echo(f"Remaining defects: {', '.join(left) or 'none'}")
         source, target = shell_word(source), shell_word(target)
-        hint = advice(done.before, f"--force -o {target}", source)
-        if hint and "weld" not in self.plan.plan:
-            echo(hint)
-        echo(f"next: msb view {source} --repaired {target}")
+        echo(f"To see the changes: msb view {source} --repaired {target}")
+        # The last line is about what is left. A plan that was just run would change nothing.
+        plan = judge(after).plan
+        suffix = ".glb" if plan == "bake" else self.suffix
+        command = next_command(
+            after, target, shell_word(one_line(str(self.target.with_suffix(""))) + f"_next{suffix}")
+        )
+        if command and not set(plan.split(",")) <= {*self.plan.plan}:
+            echo(f"Next, for the remaining defects: {command}")
 
 
 def _note_turned(asset: Asset, done: Repaired, output: Output) -> None:
@@ -382,6 +387,8 @@ def _print_comparison(rows: list[StrategyResult], views: str, output: Output) ->
     for row in rows:
         if row.why is not None:
             echo(f"{row.strategy}: {row.why}")
+    if advice := _recommend(rows):
+        echo(advice)
     tried = [trial.task for trial in stored.trials if trial.outcome != "not_run"]
     if tried:
         echo(f"Tasks: number of {', '.join(tried)} that work, some with limitations (details: msb trial)")
@@ -393,6 +400,28 @@ def _print_comparison(rows: list[StrategyResult], views: str, output: Output) ->
         echo(f"{tier.capitalize()}: not rendered: {why}")
     if any(look.same or look.psnr is not None for look in (stored.looks or {}).values()):
         echo(f"Standard, Dedicated: PSNR in dB against the asset as stored, averaged over {views}.")
+
+
+def _recommend(rows: list[StrategyResult]) -> str:
+    """Return the recommended row: the best verdict, then the most tasks, fewest defects and best likeness."""
+    from msb.topology.verdict import judge
+    from msb.trial.repairs import count_passed
+
+    def rank(row: StrategyResult) -> tuple[float, ...]:
+        assert row.after is not None
+        assert row.looks is not None
+        counts = row.after.judged.counts
+        defects = counts.nonmanifold_vertices + counts.boundary_edges + counts.duplicate_faces
+        looks = [0.0 if look.psnr is None else -look.psnr for look in row.looks.values() if not look.same]
+        level = ("ok", "limited", "bad").index(judge(row.after).level)
+        return level, -count_passed(row.trials), defects, max(looks, default=-1000.0)
+
+    done = [row for row in rows if row.after is not None and row.looks is not None]
+    if not done:
+        return ""
+    best = min(done, key=rank)  # the first of equal rows, which is the asset as stored
+    reason = "no repair is better" if best is rows[0] else "best verdict, then most tasks"
+    return f"Recommended: {best.strategy} ({reason})"
 
 
 def _format_cells(row: StrategyResult) -> list[str]:

@@ -8,8 +8,10 @@
 # weld: merge coincident vertices.
 # debris: remove small components.
 # close: close small holes.
-STEPS = ("orient", "pair", "cut", "drop", "weld", "debris", "close")
+# dedupe: remove repeated faces.
+# outward: turn closed bodies that are inside out.
+STEPS = ("orient", "pair", "cut", "drop", "weld", "debris", "close", "dedupe", "outward")
 PLAN_STEPS = (
-    "Steps separated by commas: orient, pair, cut, drop, weld, debris, close. Numbers may follow a step: "
-    "weld:0.01, pair:0.25, debris:10:0, close:8:0.25."
+    "Steps separated by commas: orient, pair, cut, drop, weld, debris, close, dedupe, outward. "
+    "Numbers may follow a step: weld:0.01, pair:0.25, debris:10:0, close:8:0.25."
 )

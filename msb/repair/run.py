@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msb.asset.look import static_colors
+from msb.base.seam_keys import SEAM_KEY
 from msb.errors import AssetError, MeshError, UsageError
 from msb.repair.buffers import carry
 from msb.repair.plan import BY_PEER
@@ -19,9 +20,10 @@ from msb.topology import audit_arrays
 from msb.topology.arrays import mesh_arrays
 from msb.topology.halfedge import NONE
 from msb.topology.seams import find_seams, seam_attributes
-from msb.topology.steps import close, cut, debris, drop, orient, pair, weld
+from msb.topology.steps import close, cut, debris, dedupe, drop, orient, outward, pair, weld
 from msb.topology.steps.change import followed_by, unchanged, with_vertices
 from msb.topology.steps.cut import cut_edges
+from msb.topology.verdict import is_worth_merging
 
 if TYPE_CHECKING:
     from msb.asset.manifest import Domain
@@ -40,6 +42,8 @@ _UNTOUCHED_BY = {
     **dict.fromkeys(("pair", "cut"), ("pair", "cut", "orient", "debris")),
     "drop": ("drop", "orient", "debris"),
     "debris": ("debris",),
+    "dedupe": ("orient", "pair", "cut", "drop", "dedupe", "debris", "outward"),
+    "outward": ("outward",),
 }
 # Steps after which no edge has more than two faces. In plans with one of them, `orient` only turns faces, so
 # that the other step decides which faces stay connected.
@@ -94,6 +98,11 @@ class Outcome:
     steps: tuple[Step, ...]
     before: Audit
     after: Audit
+
+    @property
+    def unchanged(self) -> bool:
+        """Whether the mesh is the original."""
+        return self.after is self.before
 
     @cached_property
     def cut_edges(self) -> NDArray[Any]:
@@ -181,10 +190,12 @@ def run_plan(
     level: int | None = None,
     weights: NDArray[Any] | None = None,
     first: Change | None = None,
+    trained: bool = False,
 ) -> Outcome:
     """Repair a mesh: run the steps of the plan in order, and repeat them until nothing changes (weld once).
 
-    The steps see the mesh with its seams merged. If no step changes anything, the mesh keeps its seams.
+    The steps see the mesh with its seams merged. If no step changes anything, the mesh keeps its seams,
+    except those of attributes that the result lacks, such as normals.
 
     Parameters
     ----------
@@ -197,6 +208,8 @@ def run_plan(
         The importance of each face for `debris` and `drop`. Default: its area.
     first : Change, optional
         A change to apply before the plan, such as removing hidden faces.
+    trained : bool
+        Whether a method trained the mesh, so that the corners of a soup coincide by chance.
 
     Raises
     ------
@@ -212,9 +225,12 @@ def run_plan(
             text = f"weights must be {len(faces)} finite numbers, one per face, and not negative"
             raise UsageError("USAGE", text)
     # Audit the original, and merge the vertices that are split at seams.
-    attributes = seam_attributes(buffers, domains)
+    attributes = seam_attributes(buffers, domains, triangle_list=not trained)
     before, _ = audit_arrays(points, faces, attributes=attributes)
     seams = find_seams(points, faces, attributes) if first is None else None
+    # The result lacks the attributes of the seam keys.
+    buffers = {name: values for name, values in buffers.items() if name != SEAM_KEY}
+    domains = {name: domain for name, domain in domains.items() if name != SEAM_KEY}
     carried, new_domains = _move_to_corners(buffers, domains, seams)
     state = _State(
         carried,
@@ -236,16 +252,18 @@ def run_plan(
     if len(faces) and not len(state.face_map):
         raise AssetError("TRIASSET_EMPTY", f"the plan {','.join(plan)} would remove all faces")
     steps = [step for turn, step in enumerate(state.steps) if turn < len(plan) or step.changed]
-    if (first is None or seams is not None) and not any(step.changed for step in steps):
+    kept = seams is None or not seams.unexplained
+    if (first is None or seams is not None) and kept and not any(step.changed for step in steps):
         same = (np.arange(len(points)), np.arange(len(faces)), np.zeros(len(faces), bool))
         return Outcome(buffers, domains, *same, tuple(steps), before, before)
     if seams is not None:
         vertices = "vertex was" if seams.doubles == 1 else "vertices were"
-        note = f"{seams.doubles:,} {vertices} merged at seams; UVs are stored per corner now"
+        by_corner = "; UVs are stored per corner now" if new_domains.get("uv") == "corner" else ""
+        note = f"{seams.doubles:,} {vertices} merged at seams{by_corner}"
         steps[0] = replace(steps[0], notes=(note, *steps[0].notes))
     # Audit the result.
     state.flush()
-    attributes = seam_attributes(state.buffers, new_domains)
+    attributes = seam_attributes(state.buffers, new_domains, triangle_list=not trained)
     after, _ = audit_arrays(state.points, state.pending.faces, attributes=attributes)
     maps = (state.vertex_map.astype(np.int64), state.face_map.astype(np.int64), state.turned)
     return Outcome(state.buffers, new_domains, *maps, tuple(steps), before, after)
@@ -314,13 +332,15 @@ def list_defects(after: Audit, split: str | None = None) -> list[str]:
         hint = 'faces share no vertices; add "weld" to the plan to merge them'
         if not after.corners_coincide:
             hint = "faces share no vertices, and no two corners coincide, so weld cannot merge them"
+    elif after.closed_once_merged or is_worth_merging(after):
+        hint = 'add "weld" to the plan to merge coincident vertices'
     if split is not None:
         hint = f"faces share no vertices: {split}"
     for key, singular, plural, text in (
         ("nonmanifold_edges", "edge", "edges", " of more than two faces"),
         ("nonmanifold_vertices", "non-manifold vertex", "non-manifold vertices", ""),
         ("boundary_edges", "boundary edge", "boundary edges", f" ({hint})"),
-        ("duplicate_faces", "duplicate face", "duplicate faces", ""),
+        ("duplicate_faces", "duplicate face", "duplicate faces", ' (add "dedupe" to the plan)'),
         ("inconsistent_winding_edges", "edge", "edges", " between faces of opposite winding"),
         ("repeated_index_faces", "face that uses", "faces that use", " a vertex twice"),
     ):
@@ -347,5 +367,7 @@ def _compute_change(name: str, state: _State, options: Options) -> Change:
             points, faces, least_faces=least, least_share=options.debris_share, weights=state.weights
         ),
         "close": lambda: close(points, faces, most_edges=most, most_share=options.close_share),
+        "dedupe": lambda: dedupe(faces, len(points)),
+        "outward": lambda: outward(points, faces),
     }
     return steps[name]()

@@ -13,9 +13,10 @@ from msb.errors import one_line
 from msb.topology.analysis import Analysis
 from msb.topology.arrays import mesh_arrays
 from msb.topology.dispatch import find_findings
-from msb.topology.faces import names_vertex_twice
+from msb.topology.faces import find_duplicate_faces, names_vertex_twice
 from msb.topology.findings import Counts, Findings
-from msb.topology.seams import Attributes, SeamKind, closes_once_merged, find_seams, is_closed
+from msb.topology.seams import Attributes, SeamKind, audit_merged, find_seams, is_closed
+from msb.topology.solids import Bodies, check_bodies
 from msb.topology.verdict import Level, judge, percent
 from msb.topology.weld import Weld, corners_coincide, parse_weld, weld_vertices
 
@@ -82,14 +83,21 @@ class Audit:
         The first few elements of each count, in ascending order.
     welded : Welded or None
         The result of the requested weld.
-    seams : {"texture", "color"} or None
-        The cause of the seams: texture coordinates or colours. None without seams.
+    seams : {"texture", "color", "normal", "format"} or None
+        The cause of the seams: texture coordinates, colours, attributes that are not read (such as normals),
+        or a format without shared vertices. None without seams.
     without_seams : Audit or None
         The audit of the mesh with merged seams; None without seams.
     closed_once_merged : bool
         Whether the mesh is open as stored, but closed, manifold and consistently wound after an exact weld.
         False if this was not tested: a mesh with more than 200,000 faces is tested only if the exact weld is
         requested.
+    merged : Counts or None
+        The counts of an open mesh of at most 200,000 faces after an exact weld. None if no vertices coincide.
+    without_duplicates : Counts or None
+        The counts of a non-manifold mesh without its duplicate faces. None without duplicates.
+    bodies : Bodies or None
+        Whether the bodies of a closed mesh are inside out, touch or cross; None for other meshes.
     corners_coincide : bool or None
         For a triangle soup, whether an exact weld would join any two faces; otherwise None.
     cross_check : list or None
@@ -119,6 +127,9 @@ class Audit:
     seams: SeamKind | None = None
     without_seams: Audit | None = None
     closed_once_merged: bool = False
+    merged: Counts | None = None
+    without_duplicates: Counts | None = None
+    bodies: Bodies | None = None
     corners_coincide: bool | None = None
     cross_check: list[dict[str, Any]] | None = None
 
@@ -161,12 +172,12 @@ class Audit:
 
     def _title(self) -> str:
         name = one_line(self.path or "mesh") + (f" ({self.method})" if self.method else "")
-        kind = self.topology.replace("_", " ")
+        kind = "triangle list" if self.seams == "format" else self.topology.replace("_", " ")
         return f"{name}: {kind}, {self.counts.vertices:,} vertices, {self.counts.faces:,} faces"
 
     def _rows(self) -> list[tuple[str, str, str]]:
         """Return name, count and share of the most important counts."""
-        c = self.counts
+        c = self.judged.counts
         rows = [
             (name, f"{count:,}", percent(count, whole))
             for name, count, whole in (
@@ -181,6 +192,7 @@ class Audit:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the audit as JSON data (schema msb.audit/1), without NaN or infinity."""
+        verdict = judge(self)
         welded = self.welded and {"weld": self.welded.weld, **_numbers_to_dict(self.welded)}
         without_seams = self.without_seams and {"kind": self.seams, **_numbers_to_dict(self.without_seams)}
         return {
@@ -189,7 +201,7 @@ class Audit:
             "method": self.method,
             "topology": self.topology,
             "is_soup": self.is_soup,
-            "verdict": {"level": self.verdict, "sentence": self.sentence},
+            "verdict": {"level": verdict.level, "sentence": verdict.sentence, "plan": verdict.plan or None},
             **_numbers_to_dict(self),
             "variants": self.variants(),
             "winding_consistent": self.winding_consistent,
@@ -207,6 +219,7 @@ class Audit:
             },
             "welded": welded,
             "without_seams": without_seams,
+            "bodies": self.judged.bodies and asdict(self.judged.bodies),
             "cross_check": self.cross_check,
             "timings_ms": self.timings_ms,
             "computed_by": self.computed_by,
@@ -235,12 +248,13 @@ def audit_arrays(
     *,
     weld: Weld | None = None,
     attributes: Attributes | None = None,
+    check_crossings: bool = True,
 ) -> tuple[Audit, Analysis]:
     """Return the audit of plain arrays, and the analysis for viewers and exports.
 
     `attributes` are the UVs and colours that may duplicate vertices at seams
-    (`msb.topology.seams.seam_attributes`). The analysis of a large mesh is computed on first use, part by
-    part, because kernels compute its audit.
+    (`msb.topology.seams.seam_attributes`). `check_crossings` also checks the bodies of a closed mesh.
+    The analysis of a large mesh is computed on first use, part by part, because kernels compute its audit.
     """
     points, triangles = mesh_arrays(vertices, faces)
     findings, analysis = find_findings(points, triangles)
@@ -252,15 +266,27 @@ def audit_arrays(
     seams = find_seams(points, triangles, attributes or {}) if report.counts.boundary_edges else None
     if seams is not None:
         counts = replace(report.counts, seam_vertices=seams.doubles)
-        without, _ = audit_arrays(points[seams.first], seams.merged(triangles))
+        merged_faces = seams.merged(triangles)
+        without, _ = audit_arrays(points[seams.first], merged_faces, check_crossings=check_crossings)
+        without = replace(without, samples=_name_stored_vertices(without.samples, seams.first))
         report = replace(report, counts=counts, seams=seams.kind, without_seams=without)
-    # Whether merging coincident vertices closes the mesh; reuse a weld that was already audited.
+    # The mesh after an exact weld; reuse a weld that was already audited.
     if report.welded is not None and chosen == "exact":
-        closes = report.counts.boundary_edges > 0 and is_closed(report.welded.counts)
+        after_weld = report.welded.counts if report.counts.boundary_edges else None
     elif report.without_seams is not None:
-        closes = is_closed(report.without_seams.counts) or report.without_seams.closed_once_merged
+        after_weld = report.without_seams.counts
+        if not is_closed(after_weld):
+            after_weld = report.without_seams.merged
     else:
-        closes = closes_once_merged(findings, points, triangles)
+        after_weld = audit_merged(findings, points, triangles)
+    closes = after_weld is not None and is_closed(after_weld)
+    report = replace(report, merged=after_weld)
+    # Without its duplicate faces, and the bodies of a closed mesh.
+    if report.counts.duplicate_faces and report.counts.nonmanifold_vertices:
+        single = triangles[~find_duplicate_faces(triangles)]
+        report = replace(report, without_duplicates=find_findings(points, single)[0].counts)
+    if check_crossings and is_closed(report.counts) and not report.counts.nonfinite_faces:
+        report = replace(report, bodies=check_bodies(points, triangles))
     # Whether the corners of a triangle soup meet, ignoring its repeated-index rows.
     coincide = None
     if report.counts.all_apart:
@@ -268,6 +294,23 @@ def audit_arrays(
         proper = triangles[~names_vertex_twice(triangles)] if degenerate else triangles
         coincide = corners_coincide(points, proper)
     return replace(report, closed_once_merged=closes, corners_coincide=coincide), analysis
+
+
+def _name_stored_vertices(
+    samples: dict[str, tuple[Sample, ...]], first: NDArray[Any]
+) -> dict[str, tuple[Sample, ...]]:
+    """Return samples of the mesh without seams with the vertex rows of the file, `first` (W,)."""
+    return {
+        kind: tuple(
+            replace(
+                sample,
+                element=int(first[sample.element]) if kind.endswith("vertices") else sample.element,
+                vertices=tuple(int(first[vertex]) for vertex in sample.vertices),
+            )
+            for sample in found
+        )
+        for kind, found in samples.items()
+    }
 
 
 def _build_report(findings: Findings, points: NDArray[Any]) -> Audit:

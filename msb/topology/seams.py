@@ -1,9 +1,8 @@
-"""Seams: vertices that a file stores more than once because each vertex row has a single UV coordinate or
-colour.
+"""Seams: vertices that a file stores more than once because its format demands it.
 
-docs/definitions.md ("Seams") has the definition. Vertices duplicated for another reason, such as normals or
-a format without shared vertices, are not seams. For a mesh with such vertices, `closes_once_merged` tells
-whether an exact weld would close it.
+Each vertex row has a single UV coordinate, colour and normal, and a triangle list shares no vertices at all.
+docs/definitions.md ("Seams") has the definition. Vertices duplicated for another reason are not seams. For a
+mesh with such vertices, `closes_once_merged` tells whether an exact weld would close it.
 """
 
 from collections.abc import Mapping
@@ -13,6 +12,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from msb.base.seam_keys import SEAM_KEY, TRIANGLE_LIST
 from msb.base.soup import is_soup
 from msb.topology.components import label_components
 from msb.topology.dispatch import find_findings
@@ -20,10 +20,18 @@ from msb.topology.faces import names_vertex_twice
 from msb.topology.findings import Counts, Findings
 from msb.topology.weld import find_coincident_vertices, weld_vertices
 
-# Attributes that make a file duplicate vertices. By vertex: "uv" (V, 2) and "color" (V, n). By corner:
-# "corner_uv" (3F, 2) and "corner_color" (3F, n). By face: "face_texture" (F,).
+# Attributes that make a file duplicate vertices. By vertex: "uv" (V, 2), "color" (V, n) and "seam_key" (V,).
+# By corner: "corner_uv" (3F, 2), "corner_color" (3F, n) and "corner_seam_key" (3F,). By face: "face_texture"
+# (F,). A "seam_key" is a hash of all attributes that are not read, such as normals and tangents. An entry
+# TRIANGLE_LIST, whose value does not matter, tells that a soup may be a surface without shared vertices.
 Attributes = Mapping[str, NDArray[Any]]
-SeamKind = Literal["texture", "color"]
+SeamKind = Literal["texture", "color", "normal", "format"]
+# A soup is a surface without shared vertices if more than this share of its edges coincide. The corners of
+# trained soups coincide by chance only.
+_COINCIDING = 0.5
+# Two faces that fold onto each other at an edge are two sides of a sheet, and not a seam: the largest cosine
+# of the angle between their normals (0.08 degrees away from opposite).
+_FOLDED = -0.999999
 
 # Up to this number of faces, the audit tests an exact weld even if --weld is not given. The test takes about
 # as long as the audit itself.
@@ -40,13 +48,17 @@ class Seams:
         The first row of each merged vertex, ascending.
     number : (V,) integers
         The merged vertex of each row.
-    kind : {"texture", "color"}
-        "texture" if the mesh has UVs, else "color".
+    kind : {"texture", "color", "normal", "format"}
+        "format" for a triangle list. "normal" if only attributes that are not read differ, such as normals.
+        Else "texture" if the mesh has UVs, and "color" if not.
+    unexplained : bool
+        Whether some of the vertices are needless after the attributes that are not read are lost.
     """
 
     first: NDArray[Any]
     number: NDArray[Any]
     kind: SeamKind
+    unexplained: bool = False
 
     @property
     def doubles(self) -> int:
@@ -58,29 +70,33 @@ class Seams:
         return np.asarray(self.number.astype(faces.dtype)[faces])
 
 
-def seam_attributes(buffers: Mapping[str, NDArray[Any]], domains: Mapping[str, str]) -> dict[str, Any]:
-    """Return the UVs and colours of an asset's buffers, the attributes that make a file duplicate vertices.
+def seam_attributes(
+    buffers: Mapping[str, NDArray[Any]], domains: Mapping[str, str], *, triangle_list: bool = False
+) -> dict[str, Any]:
+    """Return the attributes in an asset's buffers that make a file duplicate vertices: UVs, colours and keys.
 
     Trained vertex attributes are not included: their rows belong to the model, not to a file format.
+    `triangle_list` adds TRIANGLE_LIST, for meshes that are not trained.
     """
     prefix = {"vertex": "", "corner": "corner_"}
-    names = [name for name in ("uv", "color") if domains.get(name) in prefix]
+    names = [name for name in ("uv", "color", SEAM_KEY) if domains.get(name) in prefix]
     attributes = {f"{prefix[domains[name]]}{name}": buffers[name] for name in names}
     if "uv" in names and "face_texture" in buffers:  # files store the faces of each texture separately
         attributes["face_texture"] = buffers["face_texture"]
-    return attributes
+    return {**attributes, TRIANGLE_LIST: np.zeros(0)} if triangle_list else attributes
 
 
 def find_seams(points: NDArray[Any], faces: NDArray[Any], attributes: Attributes) -> Seams | None:
     """Return the seams of a mesh, or None if it has none.
 
-    A torn edge is a pair of coincident boundary edges with different UVs or colours at an end, or with
-    different textures on their faces. Its end vertices are merged. Three or more coincident boundary edges
-    are not merged, because their pairing is ambiguous.
+    A torn edge is a pair of coincident boundary edges with different attributes at an end, or with different
+    textures on their faces. Its end vertices are merged. Three or more coincident boundary edges are not
+    merged, because their pairing is ambiguous.
 
     In a triangle soup (triangles that share no vertices) corners may coincide by chance. A soup counts as a
-    mesh with seams only if more than half of its faces have a torn edge, and if no coincident boundary edges
-    have equal attributes. Takes O(V log V) time, and much less if no two vertices coincide.
+    mesh with torn edges only if more than half of its faces have one, and if no coincident boundary edges
+    have equal attributes. With TRIANGLE_LIST, all coincident vertices of a soup are merged if more than half
+    of its edges coincide. Takes O(V log V) time, and much less if no two vertices coincide.
     """
     if not attributes or not len(faces):
         return None
@@ -92,32 +108,66 @@ def find_seams(points: NDArray[Any], faces: NDArray[Any], attributes: Attributes
     place[rows] = rows[set_of]
     double = np.zeros(len(points), bool)
     double[rows] = True
+    values = {name: array for name, array in attributes.items() if name != TRIANGLE_LIST}
+    seams = _merge_torn_edges(points, faces, values, place, double) if values else None
+    if seams is None and TRIANGLE_LIST in attributes:
+        seams = _merge_triangle_list(faces, place)
+    return seams
+
+
+def _merge_torn_edges(
+    points: NDArray[Any],
+    faces: NDArray[Any],
+    attributes: Attributes,
+    place: NDArray[Any],
+    double: NDArray[np.bool_],
+) -> Seams | None:
+    """Return the seams between vertices with different attributes; see `find_seams`."""
     # Only faces with a duplicated vertex can have a torn edge; faces with a repeated index have no edges.
     a, b, c = faces.T
     near = np.flatnonzero(double[a] | double[b] | double[c])
     near = near[~names_vertex_twice(faces[near])]
     if not len(near):
         return None
-    corner_values = [_spread_to_corners(name, values, faces, near) for name, values in attributes.items()]
-    edges, torn_faces, equal_edges = _find_torn_edges(
-        faces[near].astype(np.int64), place, double, corner_values
-    )
-    if not len(edges):
+    corner_values = {
+        name: _spread_to_corners(name, values, faces, near) for name, values in attributes.items()
+    }
+    torn = _find_torn_edges(faces[near].astype(np.int64), points, place, double, corner_values)
+    if not len(torn.pairs):
         return None
-    may_be_chance = (equal_edges or 2 * torn_faces <= len(faces)) and is_soup(faces[near])
+    may_be_chance = (torn.equal_edges or 2 * torn.faces <= len(faces)) and is_soup(faces[near])
     if may_be_chance and is_soup(faces[~names_vertex_twice(faces)]):
         return None
     # Each connected group of vertex pairs becomes one vertex: the lowest row of the group.
-    ends, node = np.unique(edges.reshape(-1), return_inverse=True)
+    ends, node = np.unique(torn.pairs.reshape(-1), return_inverse=True)
     _, label = label_components(len(ends), *node.reshape(-1, 2).T)
     # `ends` are sorted, so the first entry of each label is its lowest row
     _, lowest = np.unique(label, return_index=True)
     labels = np.arange(len(points))
     labels[ends] = ends[lowest][label]
-    is_first = labels == np.arange(len(points))
-    number = (np.cumsum(is_first) - 1)[labels]
     kind: SeamKind = "texture" if {"uv", "corner_uv"} & set(attributes) else "color"
-    return Seams(np.flatnonzero(is_first), number, kind)
+    return _number_merged(labels, "normal" if torn.all_by_key else kind, torn.some_by_key)
+
+
+def _merge_triangle_list(faces: NDArray[Any], place: NDArray[Any]) -> Seams | None:
+    """Return the exact weld of a soup if more than half of its edges coincide, else None."""
+    proper = faces[~names_vertex_twice(faces)]
+    if not is_soup(proper):
+        return None
+    # Half-edges (3F,) between places: the share of those whose place holds another one.
+    ends = place[proper]
+    low, high = (pick(ends, np.roll(ends, -1, axis=1)).reshape(-1) for pick in (np.minimum, np.maximum))
+    _, size = np.unique(low * len(place) + high, return_counts=True)
+    if size[size > 1].sum() <= _COINCIDING * len(low):
+        return None
+    return _number_merged(place, "format", unexplained=True)
+
+
+def _number_merged(labels: NDArray[Any], kind: SeamKind, unexplained: bool) -> Seams:
+    """Return the seams that merge all vertices with an equal label (V,), the lowest row of each group."""
+    is_first = labels == np.arange(len(labels))
+    number = (np.cumsum(is_first) - 1)[labels]
+    return Seams(np.flatnonzero(is_first), number, kind, unexplained)
 
 
 def _spread_to_corners(
@@ -130,26 +180,35 @@ def _spread_to_corners(
     return np.asarray(corners.reshape(3 * len(rows), -1))
 
 
+@dataclass(frozen=True, eq=False)
+class _TornEdges:
+    """The boundary edges that seams have torn.
+
+    `pairs` (n, 2) are the vertex rows to merge, and `faces` the number of faces with a torn edge.
+    `equal_edges` tells whether any coincident boundary edges have equal attributes at both ends.
+    `some_by_key` and `all_by_key` tell whether some and all torn edges differ in nothing but attributes that
+    are not read.
+    """
+
+    pairs: NDArray[np.int64]
+    faces: int
+    equal_edges: bool
+    some_by_key: bool
+    all_by_key: bool
+
+
 def _find_torn_edges(
     faces: NDArray[np.int64],
+    points: NDArray[Any],
     place: NDArray[Any],
     double: NDArray[np.bool_],
-    corner_values: list[NDArray[Any]],
-) -> tuple[NDArray[np.int64], int, bool]:
+    corner_values: Mapping[str, NDArray[Any]],
+) -> _TornEdges:
     """Find the boundary edges that seams have torn.
 
     `faces` (F, 3) must be all faces with a duplicated vertex and without a repeated index. `place` (V,) is
     the first vertex with the same coordinates, `double` (V,) whether another vertex has them. Each array of
     `corner_values` holds an attribute (3F, k) at the corners of `faces`.
-
-    Returns
-    -------
-    pairs : (n, 2) int64
-        Vertex rows to merge.
-    torn_faces : int
-        Number of faces with a torn edge.
-    equal_edges : bool
-        Whether any coincident boundary edges have equal attributes at both ends.
     """
     corners = np.arange(faces.size).reshape(-1, 3)
     ends, ends_at = (
@@ -175,16 +234,45 @@ def _find_torn_edges(
     )
     group = group.reshape(-1)
     other = first[group]
-    differs = np.zeros(len(edges), bool)
-    for values in corner_values:
-        differs |= (values[corner] != values[corner[other]]).any(axis=(1, 2))
-    differs = np.bincount(group, differs, len(size))[group] > 0
+    # differs (E,): in attributes that are read. by_key (E,): in their seam keys alone.
+    differs, by_key = np.zeros(len(edges), bool), np.zeros(len(edges), bool)
+    for name, values in corner_values.items():
+        unequal = (values[corner] != values[corner[other]]).any(axis=(1, 2))
+        if name.endswith(SEAM_KEY):
+            by_key |= unequal
+        else:
+            differs |= unequal
+    differs, by_key = (np.bincount(group, rows, len(size))[group] > 0 for rows in (differs, by_key))
+    by_key &= ~differs
+    if by_key.any():
+        by_key &= ~_find_folds(faces, points, corner // 3, other)
     # Exclude two edges of the same sliver face, because merging them would fold the face onto itself.
     same_face = corner[:, 0] // 3 == corner[other, 0] // 3
-    torn = differs & (size[group] == 2) & (np.bincount(group, same_face)[group] < 2)
-    equal_edges = bool(((size[group] > 1) & ~differs).any())
+    torn = (differs | by_key) & (size[group] == 2) & (np.bincount(group, same_face)[group] < 2)
+    equal_edges = bool(((size[group] > 1) & ~differs & ~by_key).any())
     pairs = np.stack([edges, edges[other]], axis=-1)[torn].reshape(-1, 2)
-    return pairs[pairs[:, 0] != pairs[:, 1]], len(np.unique(corner[torn] // 3)), equal_edges
+    some, every = bool(by_key[torn].any()), bool(by_key[torn].all())
+    pairs = pairs[pairs[:, 0] != pairs[:, 1]]
+    return _TornEdges(pairs, len(np.unique(corner[torn] // 3)), equal_edges, some, every)
+
+
+def _find_folds(
+    faces: NDArray[np.int64], points: NDArray[Any], face: NDArray[np.int64], other: NDArray[np.int64]
+) -> NDArray[np.bool_]:
+    """Return which edges (E,) lie in a pair whose faces fold onto each other, such as the sides of a sheet.
+
+    `face` (E, 2) is the face of each edge, twice, and `other` (E,) the edge that it is compared with.
+    """
+    with np.errstate(over="ignore", invalid="ignore"):
+        corners = points[faces].astype(np.float64)
+        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        length = np.linalg.norm(normals, axis=1, keepdims=True)
+        normals = np.divide(normals, length, out=np.zeros_like(normals), where=length > 0)
+        opposite = (normals[face[:, 0]] * normals[face[other, 0]]).sum(axis=1) < _FOLDED
+    # The first edge of a pair is compared with itself; both edges of a pair fold.
+    folded = np.zeros(len(face), bool)
+    folded[opposite] = folded[other[opposite]] = True
+    return folded
 
 
 def is_closed(counts: Counts) -> bool:
@@ -197,29 +285,12 @@ def is_closed(counts: Counts) -> bool:
     )
 
 
-def closes_once_merged(findings: Findings, points: NDArray[Any], faces: NDArray[Any]) -> bool:
-    """Return whether an exact weld would close an open mesh of at most `MOST_FACES` faces.
+def audit_merged(findings: Findings, points: NDArray[Any], faces: NDArray[Any]) -> Counts | None:
+    """Return the counts after an exact weld of an open mesh of at most `MOST_FACES` faces, or None.
 
-    `findings` describe the mesh as stored. Larger meshes are not tested; the result is then False.
+    `findings` describe the mesh as stored. The result is also None if no two vertices coincide.
     """
     counts = findings.counts
-    if not counts.boundary_edges or counts.faces > MOST_FACES:
-        return False
-    # These faults survive a weld. Most meshes return here or at the next check, before the expensive weld.
-    if counts.nonmanifold_edges or counts.inconsistent_winding_edges or counts.duplicate_faces:
-        return False
-    if not _all_coincide([edge for _, edge in findings.first["boundary_edges"]], points):
-        return False
-    return is_closed(find_findings(*weld_vertices(points, faces, "exact"))[0].counts)
-
-
-def _all_coincide(edges: list[tuple[int, ...]], points: NDArray[Any]) -> bool:
-    """Return whether each edge has an end whose float32 coordinates are shared with another vertex.
-
-    A weld removes a boundary edge only if one of its ends is merged with another vertex.
-    """
-    with np.errstate(over="ignore"):
-        places = points.astype(np.float32)
-    return all(
-        any(np.count_nonzero((places == places[vertex]).all(axis=1)) > 1 for vertex in edge) for edge in edges
-    )
+    if not counts.boundary_edges or counts.faces > MOST_FACES or not len(find_coincident_vertices(points)[0]):
+        return None
+    return find_findings(*weld_vertices(points, faces, "exact"))[0].counts

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
 if TYPE_CHECKING:
-    from msb.topology.audit import Audit
+    from msb.topology.audit import Audit, Sample
 
 Level = Literal["ok", "limited", "bad"]
 
@@ -15,9 +15,12 @@ Level = Literal["ok", "limited", "bad"]
 # UV unwrapping and collision ("Mesh Structural Results": Local structure), but their tools cut and join the
 # mesh themselves; docs/trial.md reports how well this works.
 SOLID_TOOLS = "subdivision, booleans or printing"
-# Maximum share of non-manifold edges, of all edges, up to which tools that cut a mesh there usually succeed.
-# Above it the sentence says "not usable" instead of "unreliable"; the level is "bad" in both cases.
-MANY = 0.01
+# Maximum share of non-manifold edges or vertices, and their maximum number, up to which a tool or a person
+# can repair a mesh, so that it is "limited". Above one of them it is "bad". The share is that of
+# the profile `game`.
+MANY, MOST = 0.01, 1000
+# Minimum share of the boundary edges that a weld must remove for the advice to merge vertices.
+_WORTH_MERGING = 0.5
 # The sentence calls pieces too small if a mesh has more than FEW_PIECES pieces with fewer than SMALL_PIECE
 # faces on average. The level does not depend on this.
 SMALL_PIECE, FEW_PIECES = 10, 10
@@ -39,12 +42,16 @@ class Verdict:
         The gravest fault in a few words; empty for "ok".
     renders : bool
         Whether the mesh can be displayed. If not, the sentence mentions nothing else.
+    plan : str
+        The plan of `msb repair` that improves the mesh, or "bake" if only a new surface does. Empty if
+        nothing is known to help, and for "ok".
     """
 
     level: Level
     sentence: str
     reason: str = ""
     renders: bool = True
+    plan: str = ""
 
     @property
     def word(self) -> str:
@@ -65,25 +72,98 @@ def judge(audit: Audit) -> Verdict:
     counts = audit.counts
     if audit.without_seams is not None:
         verdict = judge(audit.without_seams)
-        duplicated = "vertex is" if counts.seam_vertices == 1 else "vertices are"
-        kind = "texture" if audit.seams == "texture" else "colour"
-        text = f"{verdict.sentence}; {counts.seam_vertices:,} {duplicated} duplicated at {kind} seams"
+        text = f"{verdict.sentence}; {_describe_seams(audit)}"
         return replace(verdict, sentence=text)
     if reason := _describe_invisible(audit):
         return Verdict("bad", f"{reason}; nothing to display", reason, renders=False)
     merged = f"; {MERGED}" if audit.closed_once_merged else ""
     if counts.all_apart:
-        return Verdict("bad", f"displays correctly, but {_describe_soup(audit)}", f"triangle soup{merged}")
+        plan = "weld,orient,pair" if audit.corners_coincide else "bake"
+        text = f"displays correctly, but {_describe_soup(audit)}"
+        return Verdict("bad", text, f"triangle soup{merged}", plan=plan)
     faults = [(fault, text) for fault in _FAULTS if (text := fault.describe(audit))]
     if not faults:
         return Verdict("ok", f"usable for all tasks: {_describe_sound(audit)}")
-    gravest, first = faults[0]
+    # The gravest fault decides, but duplicate faces come first if they are its cause.
+    gravest = faults[0][0]
+    faults.sort(
+        key=lambda pair: not (pair[0].describe is _describe_duplicates and _duplicates_are_cause(audit))
+    )
+    first = faults[0][1]
     *most, last = [text for _, text in faults]
     reasons = f"{', '.join(most)}, and {last}" if most else last
     # The tasks of an open mesh already include the advice to merge vertices.
     advice = "" if gravest.tasks is _list_tasks_if_open else merged
-    sentence = f"displays correctly, but {reasons}; {gravest.tasks(audit)}{advice}"
-    return Verdict(gravest.level, sentence, first.removeprefix("it is ").removeprefix("it ") + merged)
+    sentence = f"displays correctly, but {reasons}; {gravest.tasks(audit)}{advice or _describe_merged(audit)}"
+    level = "limited" if gravest.level == "bad" and _is_nearly_manifold(audit) else gravest.level
+    reason = first.removeprefix("it is ").removeprefix("it ") + merged
+    return Verdict(level, sentence, reason, plan=_choose_plan(audit, gravest))
+
+
+def _describe_seams(audit: Audit) -> str:
+    """Return why the file stores more vertices than the mesh that was judged."""
+    count = audit.counts.seam_vertices
+    vertices = "vertex" if count == 1 else "vertices"
+    if audit.seams == "format":
+        return f"the file is a triangle list, judged with {count:,} coincident {vertices} merged"
+    kind = {"texture": "texture seams", "color": "colour seams"}.get(
+        audit.seams or "", "seams of normals or other attributes"
+    )
+    return f"{count:,} {vertices} {'is' if count == 1 else 'are'} duplicated at {kind}"
+
+
+def _duplicates_are_cause(audit: Audit) -> bool:
+    """Return whether a mesh is manifold, or nearly so, without its duplicate faces."""
+    single = audit.without_duplicates
+    return single is not None and 2 * single.nonmanifold_vertices < audit.counts.nonmanifold_vertices
+
+
+def _is_nearly_manifold(audit: Audit) -> bool:
+    counts = audit.counts
+    return all(
+        bad <= min(MANY * whole, MOST)
+        for bad, whole in (
+            (counts.nonmanifold_edges, counts.edges),
+            (counts.nonmanifold_vertices, counts.vertices),
+        )
+    )
+
+
+def is_worth_merging(audit: Audit) -> bool:
+    """Return whether an exact weld removes most boundary edges and adds no non-manifold ones."""
+    merged, counts = audit.merged, audit.counts
+    return (
+        merged is not None
+        and merged.boundary_edges < _WORTH_MERGING * counts.boundary_edges
+        and merged.nonmanifold_edges <= counts.nonmanifold_edges
+        and merged.nonmanifold_vertices <= counts.nonmanifold_vertices
+        and merged.duplicate_faces <= counts.duplicate_faces
+    )
+
+
+def _describe_merged(audit: Audit) -> str:
+    """Return the result of merging coincident vertices, if it helps without closing the mesh."""
+    if audit.closed_once_merged or not is_worth_merging(audit) or audit.merged is None:
+        return ""
+    edges, pieces = audit.merged.boundary_edges, audit.merged.components
+    left = f"{edges:,} boundary edge{'' if edges == 1 else 's'}"
+    return f"; merging coincident vertices leaves {left}, in {pieces:,} piece{'' if pieces == 1 else 's'}"
+
+
+def _choose_plan(audit: Audit, gravest: _Fault) -> str:
+    """Return the plan that improves a mesh whose gravest fault is `gravest`."""
+    counts = audit.counts
+    if audit.closed_once_merged or is_worth_merging(audit):
+        return "weld,orient,pair"
+    if counts.duplicate_faces:
+        return "dedupe,orient,pair"
+    if counts.nonmanifold_vertices:
+        return "orient,pair"
+    if counts.boundary_edges:
+        return f"orient,pair,close:{counts.boundary_edges}:1"
+    if counts.inconsistent_winding_edges:
+        return "orient"
+    return "outward" if audit.bodies is not None and audit.bodies.inside_out else "bake"
 
 
 def _describe_invisible(audit: Audit) -> str:
@@ -115,7 +195,17 @@ def _describe_nonmanifold(audit: Audit) -> str:
         return ""
     edges = f"{percent(counts.nonmanifold_edges, counts.edges)} of the edges and "
     vertices = f"{percent(counts.nonmanifold_vertices, counts.vertices)} of the vertices are non-manifold"
-    return f"{edges if counts.nonmanifold_edges else ''}{vertices}"
+    places = ""
+    if counts.nonmanifold_vertices <= 3:  # the audit samples three of each kind
+        names = " and ".join(_locate(sample) for sample in audit.samples.get("nonmanifold_vertices", ()))
+        places = f" ({'vertex' if counts.nonmanifold_vertices == 1 else 'vertices'} {names})"
+    return f"{edges if counts.nonmanifold_edges else ''}{vertices}{places}"
+
+
+def _locate(sample: Sample) -> str:
+    """Return the number and the position of a vertex: "31 at 0.1 0.2 0.3"."""
+    place = " ".join(f"{x:.3g}" for x in sample.coordinates[0])
+    return f"{sample.element} at {place}"
 
 
 def _list_tasks_if_nonmanifold(audit: Audit) -> str:
@@ -162,7 +252,15 @@ def _describe_duplicates(audit: Audit) -> str:
     counts = audit.counts
     if not counts.duplicate_faces:
         return ""
-    return f"{percent(counts.duplicate_faces, counts.faces)} of the faces are duplicates"
+    text = f"{percent(counts.duplicate_faces, counts.faces)} of the faces are duplicates"
+    single = audit.without_duplicates
+    if single is None or not _duplicates_are_cause(audit):
+        return text
+    edges = f"{single.boundary_edges:,} boundary edge{'' if single.boundary_edges == 1 else 's'}"
+    left = (
+        f"{single.nonmanifold_vertices:,} non-manifold vertices and " if single.nonmanifold_vertices else ""
+    )
+    return f"{text} (without them, {left}{edges} are left)"
 
 
 def _describe_flips(audit: Audit) -> str:
@@ -183,6 +281,33 @@ class _Fault:
     tasks: Callable[[Audit], str]
 
 
+def _describe_inside_out(audit: Audit) -> str:
+    bodies = audit.bodies
+    if bodies is None or not bodies.inside_out:
+        return ""
+    if bodies.inside_out == audit.counts.components:
+        return "it is wound inside out"
+    return f"{bodies.inside_out:,} of its {audit.counts.components:,} bodies are wound inside out"
+
+
+def _describe_touching(audit: Audit) -> str:
+    bodies = audit.bodies
+    if bodies is None or not bodies.touching_vertices:
+        return ""
+    return f"its {audit.counts.components:,} bodies touch in {bodies.touching_vertices:,} coincident vertices"
+
+
+def _describe_crossing(audit: Audit) -> str:
+    bodies = audit.bodies
+    if bodies is None or not bodies.crossing_faces:
+        return ""
+    return f"{percent(bodies.crossing_faces, audit.counts.faces)} of the faces cross other faces"
+
+
+def _list_tasks_if_crossing(_: Audit) -> str:
+    return "usable for subdivision and UV unwrapping; unreliable for booleans, printing and collision"
+
+
 # The gravest fault comes first.
 _FAULTS = (
     _Fault("bad", _describe_nonmanifold, _list_tasks_if_nonmanifold),
@@ -196,6 +321,13 @@ _FAULTS = (
         _describe_flips,
         lambda _: "make the winding consistent before computing normals, booleans or printing",
     ),
+    _Fault(
+        "limited",
+        _describe_inside_out,
+        lambda _: "turn its faces before back-face culling, booleans or printing",
+    ),
+    _Fault("limited", _describe_crossing, _list_tasks_if_crossing),
+    _Fault("limited", _describe_touching, _list_tasks_if_crossing),
 )
 
 
@@ -207,7 +339,9 @@ def _describe_sound(audit: Audit) -> str:
         if unused
         else ""
     )
-    return f"closed, manifold and consistently wound{bodies}{apart}"
+    known = audit.bodies is not None and audit.bodies.crossing_faces is not None
+    crossing = "" if known else "; self-intersections not checked"
+    return f"closed, manifold and consistently wound{bodies}{apart}{crossing}"
 
 
 def percent(part: int, whole: int) -> str:

@@ -42,7 +42,8 @@ class Trial:
     Attributes
     ----------
     outcome : {"works", "care", "fails", "not_run"}
-        "care" means that the task works with limitations; "not_run" that a library or images are missing.
+        "care" means that the task works with limitations; "not_run" that a library or images are missing, or
+        that every library crashed or exceeded its limits.
     why : str or None
         The reason why the outcome is not better.
     seconds : float
@@ -290,8 +291,18 @@ class _TaskRun:
                 for name, reply in failed.items()
             }
         if not outputs:
-            return Judgement("fails", why, numbers)
+            # A crash or a limit tells nothing about the mesh.
+            ended = any(reply.ended_by is not None for reply in failed.values())
+            return Judgement("not_run" if ended else "fails", why, numbers)
         judgement = self.task.judge(self.mesh, outputs, self.renderings)
+        # A fallback fails in place of a library that crashed or exceeded its limits.
+        ended = all(
+            replies[attempt.library].ended_by is not None
+            for attempt in self.task.attempts
+            if attempt.library in replies
+        )
+        if ended and judgement.outcome == "fails":
+            judgement = replace(judgement, outcome="not_run")
         no_images = self.renderings.why_not
         if self.task.needs_images and judgement.outcome != "fails" and no_images is not None:
             judgement = Judgement("not_run", f"cannot be judged: {no_images}", judgement.numbers)

@@ -64,7 +64,7 @@ def test_json_has_the_documented_keys(here: Here, demo_asset: Path) -> None:
 def test_the_text_begins_and_ends_with_the_verdict(here: Here, demo_asset: Path) -> None:
     result = here("audit", demo_asset)
     lines = result.out.strip().splitlines()
-    assert (result.err, lines[0]) == ("", lines[-1])
+    assert (result.err, lines[0]) == ("", lines[-2])  # the last line is the next command
     assert lines[0].startswith(f"{demo_asset}: BAD: ")
     assert "\x1b" not in result.out
     (vertex,) = (line for line in lines if "non-manifold vertices" in line)
@@ -74,15 +74,71 @@ def test_the_text_begins_and_ends_with_the_verdict(here: Here, demo_asset: Path)
     assert here("audit", "-q", demo_asset).out == f"{lines[0]}\n"
 
 
-def test_the_suggested_repair_closes_the_mesh(here: Here, tmp_path: Path) -> None:
-    points, faces = np.eye(4, 3, dtype=np.float32), np.array([[0, 1, 2], [0, 2, 3], [0, 3, 1], [1, 3, 2]])
-    path, merged = mesh_file(tmp_path / "tetrahedron.stl", points, faces), tmp_path / "merged.glb"
-    (line,) = (line for line in here("audit", path).out.splitlines() if "msb repair" in line)
-    words = line.partition("msb ")[2].split()
-    words[words.index("merged.glb")] = str(merged)
+# A ball of 8 faces, wound outwards.
+BALL = (
+    np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], np.float64),
+    np.array([[0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4], [2, 0, 5], [1, 2, 5], [3, 1, 5], [0, 3, 5]]),
+)
+FOUR = np.concatenate([BALL[0] + [4 * step, 0, 0] for step in range(4)])
+FOUR_FACES = np.concatenate([BALL[1] + 6 * step for step in range(4)])
+# The lower half of a ball has its own vertices, and one face is missing.
+PATCHED = np.concatenate([BALL[0]] * 2), np.concatenate([BALL[1][1:4], BALL[1][4:] + 6])
+
+
+@pytest.mark.parametrize(
+    ("mesh", "plan", "after"),
+    [
+        ((BALL[0], BALL[1][:, ::-1]), "outward", "ok"),
+        ((BALL[0], np.concatenate([BALL[1][:1, ::-1], BALL[1][1:]])), "orient", "ok"),
+        ((BALL[0], np.tile(BALL[1], (2, 1))), "dedupe,orient,pair", "ok"),
+        ((BALL[0], BALL[1][1:]), "orient,pair,close:3:1", "ok"),
+        (PATCHED, "weld,orient,pair", "limited"),
+        (
+            (np.tile(BALL[0], (2, 1)), np.concatenate([BALL[1][:4], BALL[1][4:] + 6])),
+            "weld,orient,pair",
+            "ok",
+        ),
+        (
+            (np.concatenate([FOUR, [[9, 9, 9]]]), np.concatenate([FOUR_FACES, [[0, 2, 24]]])),
+            "orient,pair",
+            None,
+        ),
+    ],
+)
+def test_the_last_line_is_a_command_that_improves_the_mesh(
+    here: Here, tmp_path: Path, mesh: tuple[np.ndarray, np.ndarray], plan: str, after: str | None
+) -> None:
+    path, repaired = mesh_file(tmp_path / "in.off", *mesh), tmp_path / "repaired.glb"
+    last = here("audit", path).out.splitlines()[-1]
+    words = last.removeprefix("Next: msb ").split()
+    assert words[0] == "repair"
+    assert words[-2:] == ["--plan", plan]
+    words[words.index("repaired.glb")] = str(repaired)
     assert here(*words).status == 0
-    assert here("audit", "--fail-on-verdict", "limited", merged).status == 0
-    assert "msb repair" not in here("audit", merged).out
+    before, result = (here("audit", "--json", "-", file).json for file in (path, repaired))
+    levels = ["ok", "limited", "bad"]
+    assert levels.index(result["verdict"]["level"]) <= levels.index(before["verdict"]["level"])
+    assert after in (None, result["verdict"]["level"])
+    faults = ("nonmanifold_vertices", "boundary_edges", "duplicate_faces", "inconsistent_winding_edges")
+    sums = [sum(data["counts"][key] for key in faults) for data in (before, result)]
+    assert plan == "outward" or sums[1] < sums[0]
+    assert before["verdict"]["plan"] == plan
+    if result["verdict"]["level"] == "ok":
+        assert result["verdict"]["plan"] is None
+        assert "Next: " not in here("audit", repaired).out
+
+
+def test_a_sound_stl_passes_print(here: Here, tmp_path: Path) -> None:
+    path, hole = mesh_file(tmp_path / "a.stl", *BALL), mesh_file(tmp_path / "b.stl", BALL[0], BALL[1][1:])
+    for words in ((), ("--weld", "exact")):
+        assert here("audit", "--profile", "print", *words, path).status == 0
+        assert here("audit", "--profile", "print", *words, hole).status == 1
+    data = here("audit", "--json", "-", path).json
+    assert (data["verdict"]["level"], data["without_seams"]["kind"]) == ("ok", "format")
+    assert (data["counts"]["boundary_edges"], data["counts"]["seam_vertices"]) == (24, 18)
+    assert (
+        here("audit", "--profile", "game", mesh_file(tmp_path / "pieces.off", FOUR, FOUR_FACES)).status == 0
+    )
 
 
 def test_suggestions_depend_on_the_mesh(here: Here, tmp_path: Path) -> None:
@@ -91,7 +147,7 @@ def test_suggestions_depend_on_the_mesh(here: Here, tmp_path: Path) -> None:
     trained = here("audit", "data_stubs/models/pebble/triangle_splatting").out
     flat = here("audit", mesh_file(tmp_path / "flat.ply", np.zeros((4, 3), np.float32), TETRAHEDRON[1])).out
     apart = mesh_file(tmp_path / "apart.ply", TETRAHEDRON[0][TETRAHEDRON[1][:2].ravel()], corners[1][:2])
-    for text, wanted in ((alone, set()), (trained, {"msb web", "msb bake", "msb why"})):
+    for text, wanted in ((alone, {"msb bake"}), (trained, {"msb web", "msb bake", "msb why"})):
         assert {word for word in ("msb repair", "msb web", "msb bake", "msb why") if word in text} == wanted
         assert "--weld exact" not in text
     assert "msb trial" in trained
@@ -184,7 +240,7 @@ def test_several_inputs_give_a_list_a_table_and_the_worst_status(
     assert rows[str(closed)] == ["OK", "4"]
     assert rows[str(tmp_path / "torn.ply")] == ["-", "-"]
     numbers = [int(word) for word in lines[-1].split() if word.isdigit()]
-    assert numbers == [4, 1, 0, 2, 2, 1]  # meshes: ok, limited, bad; failed a gate; not read
+    assert numbers == [4, 2, 0, 1, 1, 1]  # meshes: ok, limited, bad; failed a gate; not read
     assert len(here("audit", "-q", book, closed).out.splitlines()) == 3
 
 

@@ -125,7 +125,7 @@ def test_charts_are_scaled_by_their_pixels() -> None:
 @NEEDS_XATLAS
 def test_blocks_that_are_cut_separately_fit_together(monkeypatch: pytest.MonkeyPatch) -> None:
     """The faces of a flat sheet keep their shape in all blocks, and none overlap."""
-    monkeypatch.setattr(atlas, "_BLOCK_FACES", 30)
+    monkeypatch.setattr(atlas, "UNWRAP_FACES", 30)
     row, column = np.mgrid[0:9, 0:13]
     vertices = np.stack([column, row, 0 * row], axis=-1).reshape(-1, 3).astype(np.float32)
     first = (np.arange(8)[:, None] * 13 + np.arange(12)).reshape(-1)

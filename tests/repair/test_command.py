@@ -57,16 +57,19 @@ def test_losses_of_a_format_are_noted(here: Here, tmp_path: Path) -> None:
     assert "c.stl: " in here("repair", CHECKPOINT, "-o", tmp_path / "c.stl").err
 
 
-def test_the_command_for_merging_a_soup_is_printed_and_works(here: Here, tmp_path: Path) -> None:
-    corners = TETRAHEDRON[0][TETRAHEDRON[1].reshape(-1)]
-    source = mesh_file(tmp_path / "a soup.ply", corners, np.arange(12).reshape(-1, 3))
+def test_the_last_line_names_the_step_that_helps(here: Here, tmp_path: Path) -> None:
+    points, faces = TETRAHEDRON
+    points = np.concatenate([points, points[faces[0]]])  # the first face has separate vertices
+    faces = np.concatenate([[[4, 5, 6]], faces[1:]])
     target = tmp_path / "out.ply"
-    command = ("repair", "--plan", "weld,orient,pair", "--force", "-o", target)
-    printed = here("repair", source, "-o", target).out
-    assert f'msb {" ".join(map(str, command))} "{source}"\n' in printed
-    welded = here(*command, source)
+    printed = here("repair", mesh_file(tmp_path / "a torn.ply", points, faces), "-o", target).out
+    assert '"weld"' in printed
+    assert '"close"' not in printed
+    words = printed.splitlines()[-1].partition(": msb ")[2].split()
+    assert words[-1] == "weld,orient,pair"
+    welded = here(*words)
     assert "OK; " in welded.out
-    assert "--plan weld" not in welded.out
+    assert "--plan" not in welded.out
 
 
 def audited_after_repair(here: Here, *words: object) -> dict[str, Any]:

@@ -26,7 +26,7 @@ def torus(around: int = 8, along: int = 12) -> tuple[NDArray[np.float32], NDArra
     points = np.stack([out * np.cos(way), out * np.sin(way), np.sin(turn)], axis=1).astype(np.float32)
     a, b = i * along + j, (i + 1) % around * along + j
     c, d = (i + 1) % around * along + (j + 1) % along, i * along + (j + 1) % along
-    return points, np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
+    return points, np.concatenate([np.stack([a, c, b], axis=1), np.stack([a, d, c], axis=1)])
 
 
 def doubled(

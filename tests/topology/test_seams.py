@@ -173,3 +173,58 @@ def test_profile_checks_the_mesh_without_seams() -> None:
     gate = parse_gate("boundary_edges>0")
     assert gate.check(result, Path("x")) is not None
     assert replace(gate, profile="print").check(result, Path("x")) is None
+
+
+def test_normals_explain_duplicates_and_two_sides_of_a_sheet_stay_apart() -> None:
+    keys = np.array([0, 0, 0, 0, 1, 1, 1], np.uint32)
+    result = audit_arrays(*HARD, attributes={"seam_key": keys})[0]
+    assert (result.seams, result.verdict, result.counts.seam_vertices) == ("normal", "ok", 3)
+    by_corner = audit_arrays(*HARD, attributes={"corner_seam_key": keys[HARD[1]].reshape(-1)})[0]
+    assert (by_corner.seams, by_corner.verdict) == ("normal", "ok")
+    square = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], float)
+    sheet = np.array([[0, 1, 2], [0, 2, 3], [6, 5, 4], [7, 6, 4]])
+    sides = {"seam_key": np.repeat([0, 1], 4).astype(np.uint32)}
+    assert audit_arrays(np.tile(square, (2, 1)), sheet, attributes=sides)[0].seams is None
+
+
+@pytest.mark.parametrize("name", ["a.obj", "a.ply", "a.off", "a.stl"])
+def test_formats_with_normals_or_without_shared_vertices(tmp_path: Path, name: str) -> None:
+    points, faces = CUBE
+    corners = points[faces].astype(np.float64)
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    rows = np.concatenate([corners.reshape(-1, 3), np.repeat(normals, 3, axis=0)], axis=1)
+    rows, number = np.unique(rows, axis=0, return_inverse=True)  # 24 rows
+    triangles = number.reshape(-1, 3)
+    path = tmp_path / name
+    numbers = [" ".join(f"{value:g}" for value in row) for row in rows]
+    if name == "a.obj":
+        lines = [f"v {' '.join(text.split()[:3])}\nvn {' '.join(text.split()[3:])}" for text in numbers]
+        lines += ["f " + " ".join(f"{i + 1}//{i + 1}" for i in row) for row in triangles]
+    elif name == "a.ply":
+        lines = ["ply", "format ascii 1.0", "element vertex 24"]
+        lines += [f"property float {axis}" for axis in ("x", "y", "z", "nx", "ny", "nz")]
+        lines += ["element face 12", "property list uchar int vertex_indices", "end_header", *numbers]
+        lines += ["3 " + " ".join(map(str, row)) for row in triangles]
+    elif name == "a.off":
+        lines = ["NOFF", "24 12 0", *numbers, *("3 " + " ".join(map(str, row)) for row in triangles)]
+    else:
+        lines = ["solid a"]
+        for corner in corners:
+            lines += ["facet normal 0 0 0", "outer loop"]
+            lines += [f"vertex {' '.join(map(str, point))}" for point in corner]
+            lines += ["endloop", "endfacet"]
+        lines.append("endsolid a")
+    path.write_text("\n".join(lines) + "\n")
+    result = audit(path)
+    assert (result.verdict, result.seams) == ("ok", "format" if name == "a.stl" else "normal")
+    assert result.without_seams is not None
+    assert result.without_seams.counts == audit(*CUBE).counts
+    # The asset keeps the reason, and a repair merges what the result cannot explain.
+    assert msb.open(path).audit().verdict == "ok"
+    assert msb.repair(path).after.counts.vertices == 8
+
+
+def test_a_trained_soup_is_not_a_triangle_list() -> None:
+    rng = np.random.default_rng(3)
+    apart = rng.random((300, 3)), np.arange(300).reshape(-1, 3)
+    assert audit_arrays(*apart, attributes={"triangle_list": np.zeros(0)})[0].verdict == "bad"

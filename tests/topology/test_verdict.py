@@ -14,6 +14,7 @@ from msb.topology.findings import Counts
 from msb.topology.verdict import judge, percent
 from tests.conftest import BOOK, TETRAHEDRON
 from tests.topology.meshes import COUNT_OF, METRIC_OF, sheet
+from tests.topology.seamed import CUBE
 
 POINTS = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0], [0, 0, 1]], float)
 TWO_TETRAHEDRA = (
@@ -62,6 +63,58 @@ def test_verdict(mesh: tuple[np.ndarray, np.ndarray], level: str, number: str) -
     assert verdict.renders is (level != "invisible")
     assert number in verdict.sentence
     assert bool(verdict.reason) is (level != "ok")
+
+
+def ball(count: int = 24) -> tuple[np.ndarray, np.ndarray]:
+    """Return a closed ball of 2 x count x (count - 1) faces, wound outwards."""
+    rows, columns = (axis.reshape(-1) for axis in np.mgrid[1:count, :count])
+    down, round_ = np.pi * rows / count, 2 * np.pi * columns / count
+    points = np.stack([np.sin(down) * np.cos(round_), np.sin(down) * np.sin(round_), np.cos(down)], axis=1)
+    points = np.concatenate([points, [[0, 0, 1], [0, 0, -1]]])
+    number = np.arange((count - 1) * count).reshape(count - 1, count)
+    a, b = number[:-1], number[1:]
+    c, d = np.roll(b, -1, axis=1), np.roll(a, -1, axis=1)
+    top = np.stack([np.full(count, len(points) - 2), number[0], np.roll(number[0], -1)], axis=-1)
+    low = np.stack([np.full(count, len(points) - 1), np.roll(number[-1], -1), number[-1]], axis=-1)
+    sides = [np.stack(three, axis=-1).reshape(-1, 3) for three in ((a, b, c), (a, c, d))]
+    return points, np.concatenate([top, *sides, low])
+
+
+def test_ok_means_that_bodies_are_outwards_and_neither_touch_nor_cross() -> None:
+    points, faces = ball()
+    turned = faces[:, ::-1]
+    both = np.concatenate([faces, faces + len(points)])
+    hollow = np.concatenate([points, points / 2]), np.concatenate([faces, turned + len(points)])
+    assert [audit(*mesh).verdict for mesh in ((points, faces), hollow)] == ["ok", "ok"]
+    inside_out = audit(points, turned)
+    crossing = audit(np.concatenate([points, points + 0.7]), both)
+    cubes = np.concatenate([CUBE[0], CUBE[0] + [1, 0, 0]]), np.concatenate([CUBE[1], CUBE[1] + 8])
+    touching = audit(*cubes)
+    for result in (inside_out, crossing, touching):
+        assert result.verdict == "limited"
+        assert result.bodies is not None
+    assert inside_out.bodies.inside_out == 1
+    assert crossing.bodies.crossing_faces > 0
+    assert touching.bodies.touching_vertices == 8
+    assert audit(points, faces[1:]).bodies is None
+
+
+def test_one_bad_vertex_is_limited_and_located() -> None:
+    points, faces = ball()
+    joined = faces + len(points)
+    joined[joined == joined.max()] = 0  # a second ball shares one vertex
+    result = audit(np.concatenate([points, points * [1, 1, 1] + 3]), np.concatenate([faces, joined]))
+    assert (result.counts.nonmanifold_vertices, result.verdict) == (1, "limited")
+    assert "vertex 0 at" in result.sentence
+
+
+def test_duplicates_come_first_where_they_are_the_cause() -> None:
+    points, faces = ball()
+    result = audit(points, np.tile(faces, (2, 1)))
+    assert result.without_duplicates is not None
+    assert result.without_duplicates.nonmanifold_vertices == 0
+    assert "duplicates" in judge(result).reason
+    assert judge(result).plan.startswith("dedupe")
 
 
 def test_verdict_of_a_soup_describes_the_welded_mesh() -> None:

@@ -266,6 +266,20 @@ def test_fallbacks_have_a_minimum_time_limit(monkeypatch: pytest.MonkeyPatch) ->
     assert set(given.values()) == {30.0}
 
 
+@pytest.mark.parametrize(
+    ("ended_by", "outcome"),
+    [("crash", "not_run"), ("time", "not_run"), ("memory", "not_run"), (None, "fails")],
+)
+def test_a_crash_or_a_limit_is_no_fault_of_the_mesh(
+    monkeypatch: pytest.MonkeyPatch, ended_by: Any, outcome: str
+) -> None:
+    monkeypatch.setattr(run, "run_attempt", lambda *_: AttemptResult(None, "no", ended_by, 1.0))
+    monkeypatch.setattr(run, "select_installed", list)
+    (trial,) = try_asset(asset_from_mesh(box().to_mesh()), "uv").trials
+    assert trial.outcome == outcome
+    assert trial.why == "xatlas: no"
+
+
 @pytest.mark.parametrize("by", ["vertex", "corner"])
 def test_seams_are_merged_before_trials(by: str) -> None:
     mesh = prepare_mesh(asset_from_mesh(textured_cube(by)))

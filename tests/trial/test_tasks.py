@@ -12,6 +12,7 @@ from msb.trial.attempts import Unit, run_attempt
 from msb.trial.mesh import TrialMesh
 from msb.trial.registry import TASKS
 from msb.trial.task import Output
+from msb.trial.tasks import uv
 from msb.trial.tasks.boolean import TASKS as BOOLEAN
 from msb.trial.tasks.collision import TASKS as COLLISION
 from msb.trial.tasks.collision import sample_inside
@@ -348,3 +349,14 @@ def test_tasks_work_for_a_ball_of_any_size(radius: float) -> None:
     for name in ("boolean", "collision", "solid"):
         assert numbers[name]["volume"] == pytest.approx(volume, rel=1e-3)
     assert numbers["boolean"]["volume_left"] == pytest.approx(volume / 2, rel=0.01)
+
+
+def test_large_meshes_are_unwrapped_in_parts(monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("xatlas")
+    mesh = grid(20)
+    monkeypatch.setattr(uv, "UNWRAP_FACES", 200)
+    output = UV[0].attempts[0].work(mesh, {})
+    assert output.numbers["charts"] >= 4
+    assert output.numbers["faces_left_out"] == 0
+    unwrapped = output.meshes["uv"]
+    assert np.array_equal(unwrapped.vertices[unwrapped.faces], mesh.vertices[mesh.faces])

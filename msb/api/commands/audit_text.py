@@ -6,7 +6,7 @@ After several audits a table has a row for each mesh.
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-from msb.api.auditing import advice
+from msb.api.auditing import native_advice, next_command
 from msb.base.paths import shell_word
 from msb.cli.output import Cell, Output
 from msb.errors import one_line
@@ -55,15 +55,19 @@ def print_audit(audit: Audit, output: Output, *, paper: bool = False, hint: bool
     # Line 2: what kind of mesh it is, and its size.
     counts = audit.counts
     kind = "triangle soup (triangles that share no vertices)" if counts.all_apart else "indexed mesh"
+    kind = "triangle list (its format shares no vertices)" if audit.seams == "format" else kind
     method = f", {audit.method}" if audit.method else ""
     output.line(f"{kind}, {counts.vertices:,} vertices, {counts.faces:,} faces{method}")
     output.line("")
     # The table of metrics: this mesh, the welded mesh and the paper's average.
-    rows: list[tuple[str, dict[str, Any]]] = [("this mesh", audit.to_dict()["metrics"])]
+    stored = vars(audit.metrics)
+    rows: list[tuple[str, dict[str, Any]]] = [("as stored" if audit.without_seams else "this mesh", stored)]
+    if audit.without_seams:
+        rows.append(("seams merged", vars(audit.without_seams.metrics)))
     if audit.welded:
         weld = audit.welded.weld
         label = "welded" if weld == "exact" else f"welded {weld:g}"
-        rows.append((label, {**rows[0][1], **vars(audit.welded.metrics)}))
+        rows.append((label, vars(audit.welded.metrics)))
     if paper:
         from msb.report import paper_row
 
@@ -82,11 +86,14 @@ def print_audit(audit: Audit, output: Output, *, paper: bool = False, hint: bool
     output.line("")
     if hint and audit.path is not None and str(audit.path).isprintable():  # a terminal could interpret others
         path = shell_word(audit.path)
-        if command := advice(audit, "-o merged.glb", path):
-            output.line((command, "dim"))
+        if commands := native_advice(audit, path):
+            output.line((commands, "dim"))
         if judge(audit).renders:
             output.line((f"To try common tasks on it: msb trial {path}", "dim"))
     _print_verdict(audit, output)
+    printable = audit.path is not None and str(audit.path).isprintable()
+    if printable and (command := next_command(audit, shell_word(str(audit.path)))):
+        output.line(f"Next: {command}")
 
 
 def _print_verdict(audit: Audit, output: Output) -> None:
@@ -124,8 +131,15 @@ def totals(audits: Sequence[Audit | dict[str, Any]], failed_gates: int | None = 
 
 
 def _print_defects(audit: Audit, output: Output) -> None:
-    counts = vars(audit.counts)
-    soup = audit.judged.counts.all_apart
+    judged = audit.judged
+    counts = {**vars(judged.counts), "seam_vertices": audit.counts.seam_vertices}
+    soup = judged.counts.all_apart
+    if audit.without_seams is not None:
+        stored = audit.counts.boundary_edges
+        output.line(
+            f"Counts with seams merged, as in the verdict. The file as stored has {stored:,} boundary edges "
+            f"and {audit.counts.components:,} components."
+        )
     if soup and counts["boundary_edges"]:
         output.line("Every edge is a boundary edge, because the triangles share no vertices.")
     rows: list[tuple[str, ...]] = []
@@ -134,11 +148,12 @@ def _print_defects(audit: Audit, output: Output) -> None:
         count = counts[key]
         if count == 0 or (key == "boundary_edges" and soup):
             continue
-        places = [_where(noun, sample) for sample in audit.samples.get(key, ())]
+        places = [_where(noun, sample) for sample in judged.samples.get(key, ())]
         if key == "multifan_vertices":  # they are also in the row above: do not repeat their positions
             places = [place for place in places if place not in above] or ["as above"]
         above = places
-        rows.append((label, f"{count:,}", percent(count, counts[whole]), "\n".join(places)))
+        of = vars(audit.counts) if key == "seam_vertices" else counts
+        rows.append((label, f"{count:,}", percent(count, of[whole]), "\n".join(places)))
     if rows:
         output.table(("Defect", "Count", "Share", "First three and their positions"), rows, right=[1, 2])
     elif not soup:

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msb.base.children import Arrays
+from msb.topology.faces import UNWRAP_FACES, split_into_blocks
 from msb.trial.mesh import TrialMesh
 from msb.trial.renderings import Renderings, make_facing_camera, random_colors
 from msb.trial.task import Attempt, Judgement, Numbers, Output, Outputs, Task, combine, format_count, grade
@@ -23,16 +24,32 @@ def _work(mesh: TrialMesh, _: Arrays) -> Output:
     """Unwrap the mesh. The array "chart" (V,) has the chart of each vertex."""
     import xatlas
 
+    # xatlas crashes on large meshes, so they are unwrapped in parts, as in a bake.
     atlas = xatlas.Atlas()
-    atlas.add_mesh(mesh.vertices.astype(np.float32), mesh.faces.astype(np.uint32))
+    blocks = split_into_blocks(mesh.vertices[mesh.faces].mean(axis=1), UNWRAP_FACES)
+    used_by = []
+    for block in blocks:
+        used, local = np.arange(len(mesh.vertices)), mesh.faces
+        if len(blocks) > 1:
+            used, local = np.unique(mesh.faces[block], return_inverse=True)
+        used_by.append(used)
+        atlas.add_mesh(mesh.vertices[used].astype(np.float32), local.reshape(-1, 3).astype(np.uint32))
     atlas.generate()
-    original, faces, uv = atlas[0]
-    original, faces, uv = original.astype(np.int64), faces.astype(np.int64), uv.astype(np.float32)
-    # Vertices that xatlas could not place have no atlas (-1 or the largest uint32), and their UVs are 0.
-    placed, chart = (np.asarray(values) for values in atlas.get_mesh_vertex_assignment(0))
-    left_out = (
-        (placed < 0)[faces].any(axis=1) if placed.dtype.kind == "i" else (placed == _NONE)[faces].any(1)
-    )
+    # Join the parts, with vertices numbered one part after the other.
+    rows, uvs, charts, atlases, count = [], [], [], [], 0
+    faces = np.zeros(mesh.faces.shape, np.int64)
+    for number, (block, used) in enumerate(zip(blocks, used_by, strict=True)):
+        original, local, uv = atlas[number]
+        faces[block] = local.astype(np.int64) + count
+        count += len(uv)
+        placed, chart = (np.asarray(values) for values in atlas.get_mesh_vertex_assignment(number))
+        rows.append(used[original.astype(np.int64)])
+        uvs.append(uv.astype(np.float32))
+        charts.append(chart.astype(np.int64))
+        # Vertices that xatlas could not place have no atlas (-1 or the largest uint32), and their UVs are 0.
+        atlases.append(placed >= 0 if placed.dtype.kind == "i" else placed != _NONE)
+    original, uv, chart = (np.concatenate(parts) for parts in (rows, uvs, charts))
+    left_out = ~np.concatenate(atlases)[faces].all(axis=1)
     # xatlas normalises UVs by width and height; undo that for measuring the stretch.
     points = mesh.vertices[original]
     numbers = {
@@ -43,7 +60,7 @@ def _work(mesh: TrialMesh, _: Arrays) -> Output:
         "stretch_l2": measure_stretch(points, faces[~left_out], uv * (atlas.width, atlas.height)),
     }
     unwrapped = TrialMesh(points, faces, mesh.colors[original], uv)
-    return Output(numbers, {"uv": unwrapped}, {"chart": chart.astype(np.int64)})
+    return Output(numbers, {"uv": unwrapped}, {"chart": chart})
 
 
 # The atlas number of vertices that were not placed.

@@ -1,0 +1,71 @@
+"""Seam keys of OBJ files: normals and texture coordinates that explain duplicated positions."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from msb.base.seam_keys import hash_attributes
+from msb.errors import MeshFileError
+from msb.meshes.mesh import Mesh
+from msb.meshes.obj_materials import select_face_lines
+from msb.meshes.polygons import Triangulation
+from msb.meshes.source import Source
+from msb.meshes.text import Words, word_blocks
+
+
+def read_corner_keys(mesh: Mesh, text: Source, cut: Triangulation) -> NDArray[np.uint32] | None:
+    """Return the seam keys (3F,) of the corners of `mesh`, read from `text`, or None.
+
+    `cut` has the triangles of its polygons. The keys matter only if two vertices coincide. Malformed normals
+    and texture coordinates give None.
+    """
+    with np.errstate(over="ignore"):
+        places = np.ascontiguousarray(mesh.vertices.astype(np.float32) + np.float32(0))
+    if len(np.unique(places.view(np.dtype((np.void, 12))))) == len(places):
+        return None
+    try:
+        keys = _read_keys(text)
+    except MeshFileError:
+        return None
+    return None if keys is None else np.asarray(keys[cut.order.reshape(-1)])
+
+
+def _read_keys(text: Source) -> NDArray[np.uint32] | None:
+    """Return the hash (C,) of the normal and texture coordinates of each polygon corner."""
+    # Lines of the two kinds, padded to three numbers, and the line (C,) of each polygon corner, -1 for none.
+    values: dict[bytes, list[NDArray[np.float64]]] = {b"vt": [], b"vn": []}
+    rows: dict[bytes, list[NDArray[np.int64]]] = {b"vt": [], b"vn": []}
+    above = {b"vt": 0, b"vn": 0}
+    for words in word_blocks(text, comments=True):
+        is_face = select_face_lines(words)
+        chosen = words.arguments(is_face)
+        second = words.after(b"/")
+        for word, part in ((b"vt", second.without_suffix(b"/")), (b"vn", second.after(b"/"))):
+            is_line = words.lines_beginning(word)
+            values[word].append(_read_lines(words, is_line))
+            named = chosen & (part.end > part.start)
+            row = np.full(len(words.start), -1, np.int64)
+            row[named] = part.indices(named, above[word] + np.cumsum(is_line), "element")
+            rows[word].append(row[chosen])
+            above[word] += int(is_line.sum())
+    # columns: the values (C, 3) at each polygon corner. The last row, which -1 selects, is for none.
+    columns = []
+    for word, stored in values.items():
+        table = np.concatenate([*stored, np.full((1, 3), np.inf)])
+        row = np.concatenate(rows[word])
+        if row.size and row.max() >= above[word]:
+            return None
+        columns.append(table[row])
+    return hash_attributes(columns)
+
+
+def _read_lines(words: Words, is_line: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Return the first three numbers (N, 3) of the selected lines; missing ones are 0."""
+    widths = words.count[is_line] - 1
+    numbers = words.numbers(words.arguments(is_line))
+    first, result = np.cumsum(widths) - widths, np.zeros((len(widths), 3))
+    for column in range(3):
+        has = widths > column
+        result[has, column] = numbers[first[has] + column]
+    return result
