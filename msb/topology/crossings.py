@@ -118,8 +118,9 @@ def _find_near_pairs(
             keep = (lows[first] <= -highs[second]) & (lows[second] <= -highs[first])
             first, second = first[keep], second[keep]
         if level:
-            starts = range(0, len(first), _PAIRS_AT_ONCE)
-            waiting += [(level, *(rows[i : i + _PAIRS_AT_ONCE] for rows in (first, second))) for i in starts]
+            for start in range(0, len(first), _PAIRS_AT_ONCE):
+                rows = slice(start, start + _PAIRS_AT_ONCE)
+                waiting.append((level, first[rows], second[rows]))
         elif len(first):
             yield np.sort(order[np.stack([first, second], axis=1)], axis=1)
 

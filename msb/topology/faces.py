@@ -30,7 +30,7 @@ def face_areas(vertices: NDArray[Any], faces: NDArray[Any]) -> tuple[NDArray[np.
 
 
 def signed_volume(vertices: NDArray[Any], faces: NDArray[np.int64]) -> float:
-    """Return the volume of a closed mesh in cubed length units; it is negative if the mesh is wound inwards."""
+    """Return the volume of a closed mesh in cubed length units; negative if it is wound inwards."""
     return float(signed_volumes(vertices, faces).sum())
 
 

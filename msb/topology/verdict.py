@@ -24,6 +24,8 @@ MANY, MOST = 0.01, 1000
 _WORTH_MERGING = 0.5
 # The plan for a mesh with faces that are not finite: every repair drops them, and `close` fills the holes.
 _DROPPING = "orient,pair,close"
+# The step that removes single triangles, which cannot be parts of a solid; the share of a cap of any size.
+_NO_STRAYS, _ANY_CAP = "debris:2", 99
 # The sentence calls pieces too small if a mesh has more than FEW_PIECES pieces with fewer than SMALL_PIECE
 # faces on average. The level does not depend on this.
 SMALL_PIECE, FEW_PIECES = 10, 10
@@ -143,7 +145,7 @@ def is_worth_merging(audit: Audit) -> bool:
 
 
 def helps(merged: Counts, counts: Counts) -> bool:
-    """Return whether a weld that turns `counts` into `merged` removes most boundary edges and adds no faults."""
+    """Return whether a weld from `counts` to `merged` removes most boundary edges and adds no faults."""
     return (
         merged.boundary_edges < _WORTH_MERGING * counts.boundary_edges
         and merged.nonmanifold_edges <= counts.nonmanifold_edges
@@ -176,17 +178,16 @@ def _choose_plan(audit: Audit) -> str:
     if counts.nonfinite_faces and not counts.boundary_edges:
         return _DROPPING
     if counts.duplicate_faces:
-        return "dedupe,orient,pair"
+        return f"dedupe,orient,pair,{_NO_STRAYS}"
     if counts.nonmanifold_vertices or counts.nonfinite_faces:
         return "orient,pair"
     turns = "orient" if counts.inconsistent_winding_edges else ""
     if counts.boundary_edges:
-        return f"{turns and 'orient,'}close:{counts.boundary_edges}:1"
+        strays = "" if counts.components == 1 else f",{_NO_STRAYS}"
+        return f"{turns and 'orient,'}close:{counts.boundary_edges}:{_ANY_CAP}{strays}"
     if turns or bodies is None:
         return turns
-    if bodies.inside_out:
-        return "outward"
-    return "bake" if bodies.crossing_faces or bodies.touching_vertices else ""
+    return "bake" if bodies.flat or bodies.crossing_faces or bodies.touching_vertices else "outward"
 
 
 def _describe_invisible(audit: Audit) -> str:
