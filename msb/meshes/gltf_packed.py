@@ -41,7 +41,7 @@ def unpack(document: Document, meshes: list[int]) -> None:
     `document.packed`. Their total size is limited by `document.limit`.
     """
     jobs = list(_list_jobs(document, meshes))
-    if not jobs:
+    if all(job.get("optional") for job in jobs):
         return
     # Check the declared sizes. The buffers have been read by now, so that linked files count for the limit.
     total = sum(job["bytes"] for job in jobs)

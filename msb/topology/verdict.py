@@ -184,7 +184,7 @@ def _choose_plan(audit: Audit) -> str:
     turns = "orient" if counts.inconsistent_winding_edges else ""
     if counts.boundary_edges:
         strays = "" if counts.components == 1 else f",{_NO_STRAYS}"
-        return f"{turns and 'orient,'}close:{counts.boundary_edges}:{_ANY_CAP}{strays}"
+        return f"{turns and 'orient,'}close:{counts.boundary_edges}:{_ANY_CAP}{strays},outward"
     if turns or bodies is None:
         return turns
     return "bake" if bodies.flat or bodies.crossing_faces or bodies.touching_vertices else "outward"
