@@ -12,7 +12,7 @@ from msb.topology.halfedge import HalfEdgeMesh, face_of
 
 @dataclass(frozen=True)
 class Sides:
-    """An assignment of graph nodes to two sides; each pair of nodes requires equal or opposite sides.
+    """An assignment of graph nodes to two sides. Given pairs of nodes require equal or opposite sides.
 
     Attributes
     ----------
@@ -40,10 +40,10 @@ def find_sides(count: int, first: NDArray[Any], second: NDArray[Any], differ: ND
     """Return the sides of `count` nodes, given pairs of nodes (n,) on equal sides, or on opposite ones
     (`differ`).
 
-    The double cover has two copies of each node, one per side, and every pair connects matching copies. A
-    component is two-sided if its cover has two parts. In a one-sided component not all pairs can be
-    satisfied: all equal pairs are, and of the opposite pairs those of a spanning tree. Takes O(n log n) time,
-    or O(n) without one-sided components.
+    The double cover of the graph has two copies of each node, one per side. Every pair connects the copies
+    that it allows together. A component is two-sided if its cover has two parts. In a one-sided component
+    some pairs cannot be satisfied. All equal pairs are satisfied, and the opposite pairs of a spanning tree.
+    Takes O(n log n) time, or O(n) without one-sided components.
     """
     # Nodes that must be on equal sides become one node.
     nodes, part = label_components(count, first[~differ], second[~differ])
