@@ -152,7 +152,6 @@ def _merge_torn_edges(
 
 def _merge_triangle_list(faces: NDArray[Any], place: NDArray[Any]) -> Seams | None:
     """Return the exact weld of a soup, or None if at most half of its edges coincide with another edge."""
-    """
     proper = faces[~names_vertex_twice(faces)]
     if not is_soup(proper):
         return None
