@@ -30,10 +30,8 @@ def face_areas(vertices: NDArray[Any], faces: NDArray[Any]) -> tuple[NDArray[np.
 def signed_volume(vertices: NDArray[Any], faces: NDArray[np.int64]) -> float:
     """Return the volume of a closed mesh in cubed length units.
 
-    It is negative if the mesh is wound inside out.
-
-    Adds the signed volumes of the tetrahedra between each face and the first corner of the mesh. A point of
-    the mesh as apex keeps rounding errors small.
+    It is negative if the mesh is wound inside out. Adds the signed volumes of the tetrahedra between each
+    face and the first corner of the mesh. A point of the mesh as apex keeps rounding errors small.
     """
     if not len(faces):
         return 0.0

@@ -149,9 +149,7 @@ def pick_worst(outcomes: Iterable[Outcome]) -> Outcome:
 def grade(value: float | None, works: float, care: float) -> Outcome:
     """Return the outcome for a value that should be small.
 
-    `works` and `care` are the largest values for these outcomes.
-
-    An unknown value (None) counts as "works".
+    `works` and `care` are the largest values for these outcomes. An unknown value (None) counts as "works".
     """
     if value is None or value <= works:
         return "works"

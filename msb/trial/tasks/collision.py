@@ -1,8 +1,7 @@
 """Collision shape by CoACD.
 
-It is judged by its convex parts, its distance from the visible surface, and its protrusion.
-
-If CoACD fails, the task tries a convex hull (for moving objects) and a decimated mesh (for static objects).
+It is judged by its convex parts, its distance from the visible surface, and its protrusion. If CoACD fails,
+the task tries a convex hull (for moving objects) and a decimated mesh (for static objects).
 """
 
 from typing import Any
