@@ -20,11 +20,10 @@ from msb.cl.timing import Timing
 class Device:
     """An OpenCL device with one in-order queue.
 
-    `open_device` opens it; `close` or the end of a ``with`` block closes it.
-
-    Threads may share a device. Each command is thread-safe. Put commands that belong together into a `using`
-    or `timing` block. Other threads wait during the block. `style` selects the kernels. It is `record.style`
-    unless the caller chose another style.
+    `open_device` opens it; `close` or the end of a ``with`` block closes it. Threads may share a device. Each
+    command is thread-safe. Put commands that belong together into a `using` or `timing` block. Other threads
+    wait during the block. `style` selects the kernels. It is `record.style` unless the caller chose another
+    style.
     """
 
     def __init__(self, cl: Any, handle: Any, record: DeviceRecord, style: Style | None = None) -> None:

@@ -36,9 +36,8 @@ class Timing:
     def milliseconds(self) -> dict[str, float]:
         """Return the milliseconds that the commands of each stage ran.
 
-        Stages are in order of first appearance.
-
-        Time between commands does not count here, but it counts for `span`.
+        Stages are in order of first appearance. Time between commands does not count here, but it counts for
+        `span`.
         """
         total: dict[str, float] = {}
         for (stage, _), (start, end) in zip(self._events, self._intervals, strict=True):

@@ -101,9 +101,8 @@ def choose_style(
 ) -> tuple[Style, str | None]:
     """Return the style for writing `mesh` to `target`.
 
-    The second value describes its image quality (web only).
-
-    `mesh` is the mesh of `asset`, or of a mesh file. `save` describes the options.
+    The second value describes its image quality (web only). `mesh` is the mesh of `asset`, or of a mesh file.
+    `save` describes the options.
 
     Raises
     ------
