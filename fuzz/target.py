@@ -29,7 +29,7 @@ class Target:
     wrap : callable, optional
         Transforms the bytes before they are written, for example into an archive with correct checksums.
     beside : mapping
-        Other valid files that the reader needs: path below the folder -> content.
+        The contents of other valid files that the reader needs, by their paths below the folder.
     """
 
     read: Callable[[Path], Any]

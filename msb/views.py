@@ -66,7 +66,7 @@ class ChosenViews:
     origin : {"given", "training", "turntable", "inside", "both"}
         The last three are generated: around the model, inside it, or half of them each.
     description : str
-        The same in words.
+        The origin in words.
     place : Path, optional
         The file or folder of training cameras.
     coverage : float, optional
@@ -177,7 +177,7 @@ def choose_views(
     size : (int, int)
         Width and height of generated views in pixels; training cameras are scaled to the longer side.
     kind : {"outside", "inside", "both"}, optional
-        Generate these views, instead of training cameras or the kind that suits the asset.
+        Generate views of this kind. Default: the training cameras, else the kind that suits the asset.
     """
     if isinstance(given, ChosenViews):
         return given

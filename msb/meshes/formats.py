@@ -94,16 +94,16 @@ class Format:
         A function that writes a mesh with valid coordinates and indices to a binary stream; None for a
         read-only format.
     begins : compiled pattern of bytes, optional
-        The signature at the start of every file of this format and of no other. It identifies files with a
-        wrong suffix.
+        The signature at the start of every file of this format. Files of other formats must not begin with
+        it. It identifies files with a wrong suffix.
     companions : callable, optional
-        A function that returns the companion files of a mesh (materials, images) as name -> content; their
-        names begin with the `stem` of the style.
+        A function that returns the contents of the companion files of a mesh (materials, images) by name.
+        Names begin with the `stem` of the style.
     keeps : tuple of {"vertex_colors", "face_colors", "vertex_uvs", "textures", "collision"}
         The optional parts of a mesh that the format can store.
     list_stored, list_lost : callable, optional
-        Functions that name the colours and textures that a file stores of a textured mesh, and the parts that
-        it loses, if this depends on more than `keeps`.
+        Functions of a textured mesh. The first names the colours and textures that a file stores, the second
+        the parts that it loses. They are needed if this depends on more than `keeps`.
     is_soup : bool
         True if the format stores three vertices per face, so that faces never share vertices.
     is_single : bool

@@ -65,13 +65,14 @@ class Document:
     embedded : dict
         Long data URIs, which are replaced in the JSON by the keys "#0", "#1", ....
     buffers : dict
-        Buffer number -> bytes.
+        The bytes of the buffers by number.
     files : dict
         The linked files that were read.
     views : dict
-        Number of a compressed buffer view -> its decoded bytes.
+        The decoded bytes of compressed buffer views by number.
     packed : dict
-        JSON pointer of a compressed primitive -> attribute name -> decoded array (count, width).
+        The decoded arrays (count, width) of compressed primitives. The keys are the JSON pointer of the
+        primitive and then the name of the attribute.
     """
 
     source: Source

@@ -23,7 +23,7 @@ class Poses:
     Attributes
     ----------
     worlds : dict
-        Node number -> world transform (4, 4).
+        The world transforms (4, 4) by node number.
     left_out : dict
         The names of the parts of poses that cannot be read.
     is_skinned : bool

@@ -25,7 +25,7 @@ class Mesh:
     faces : (F, 3) int64
         Vertex indices as stored. They may be out of range (negative, or V and more); the audit reports that.
     vertex_colors : (V, 3) or (V, 4) uint8 or float32 in [0, 1], optional
-        None where the file has none.
+        None if the file has no vertex colours.
     face_colors : (F, 3) or (F, 4) uint8 or float32 in [0, 1], optional
         One row per triangle.
     vertex_uvs : (V, 2) float32, optional

@@ -37,7 +37,8 @@ class Triangulation:
     polygon : (F,) int64
         The polygon of each triangle.
     uncut : int
-        The number of polygons that are no simple outline, or too large, and became fans that overlap.
+        The number of polygons that became overlapping fans, because they cross themselves or have too many
+        corners.
     """
 
     order: NDArray[np.int64]

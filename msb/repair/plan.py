@@ -49,7 +49,7 @@ class Options:
     close_edges : int
         `close` fills holes with at most this number of edges.
     close_share : float
-        `close` keeps holes open whose cap would exceed this share of the area of their component.
+        `close` does not fill a hole if its cap would exceed this share of the area of its component.
     peer : {"igl", "pymeshlab"}, optional
         The library that runs `cut` (igl) or `drop` (pymeshlab) in a child process; None: MeshSplatBench.
     limits : Limits

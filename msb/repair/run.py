@@ -207,8 +207,8 @@ def run_plan(
     Parameters
     ----------
     buffers, domains : mapping
-        `positions`, `indices` and all other buffers, and the domain of each of the others: "vertex", "face",
-        "corner" or "global".
+        `buffers` has `positions`, `indices` and all other buffers. `domains` has the domain of each other
+        buffer: "vertex", "face", "corner" or "global".
     level : int, optional
         The level of DiffSoup's lattice.
     weights : (F,) numbers, optional

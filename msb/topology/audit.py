@@ -75,8 +75,7 @@ class Audit:
         Whether every vertex is used by exactly one face, so that V = 3F.
     counts, metrics : Counts, Metrics
     valence_histogram : dict of int to int
-        Number of edges at a vertex -> number of vertices with as many edges. Unreferenced vertices count as 0
-        edges.
+        The number of vertices for each number of edges at a vertex. Unreferenced vertices have 0 edges.
     winding_consistent : bool
         Whether the two faces of every two-face edge run along it in opposite directions.
     samples : dict of str to tuple of Sample
@@ -103,7 +102,7 @@ class Audit:
     cross_check : list or None
         Rows of `msb.topology.crosscheck`.
     timings_ms : dict of str to float
-        Stage -> milliseconds.
+        Milliseconds by stage.
     computed_by : str
         "NumPy", or "OpenCL" and the device; both give the same results.
     verdict : {"ok", "limited", "bad"}

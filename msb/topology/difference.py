@@ -17,9 +17,9 @@ class Difference:
     Attributes
     ----------
     deleted : (n,) int64
-        Numbers of faces of the old mesh that the new one lacks.
+        Numbers of the faces of the old mesh that are missing in the new mesh.
     added : (n,) int64
-        Numbers of faces of the new mesh that the old one lacks.
+        Numbers of the faces of the new mesh that are missing in the old mesh.
     cut : (n,) int64
         Edges of the old mesh, by position in `HalfEdgeMesh.edge_vertices`, that became several edges.
     """

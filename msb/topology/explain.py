@@ -38,7 +38,7 @@ class Explanation:
     special : str
         Values for empty, degenerate or damaged meshes; empty if there is nothing to add.
     peers : mapping of str to str
-        Library -> "agrees", or the exact difference.
+        For each library, "agrees" or the exact difference.
     aliases : tuple of str
         Further names that `explain` accepts.
     """

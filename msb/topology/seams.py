@@ -52,7 +52,8 @@ class Seams:
         "format" for a triangle list. "normal" if only attributes that are not read differ, such as normals.
         Else "texture" if the mesh has UVs, and "color" if not.
     unexplained : bool
-        Whether some of the vertices are needless after the attributes that are not read are lost.
+        Whether some vertices are duplicated only for attributes that are not read. Without these attributes
+        the copies are not needed.
     """
 
     first: NDArray[Any]

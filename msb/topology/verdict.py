@@ -43,7 +43,7 @@ class Verdict:
     renders : bool
         Whether the mesh can be displayed. If not, the sentence mentions nothing else.
     plan : str
-        The plan of `msb repair` that improves the mesh, or "bake" if only a new surface does. Empty if
+        The plan of `msb repair` that improves the mesh, or "bake" if only a new surface helps. Empty if
         nothing is known to help, and for "ok".
     """
 

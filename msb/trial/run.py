@@ -51,7 +51,7 @@ class Trial:
     numbers : dict
         The measurements, as JSON data.
     libraries : dict of str to str
-        Library -> version, for libraries that returned a result.
+        Versions of the libraries that returned a result.
     says : str
         A short text with the most important numbers.
     files, picture : tuple of str, str or None
@@ -120,7 +120,7 @@ def trial(
     repair : sequence of str, or str, optional
         Repair the mesh with this plan first, after the weld; see `msb.repair`.
     cameras : sequence of Camera, optional
-        The views for judging results, at least one. Default: the training views, if they are stored with the
+        The views for judging results, at least one. Default: the training views if they are stored beside the
         path, else eight views around or inside the mesh (docs/cameras.md).
     limits : Limits, optional
         Time and memory limits of each library for each task. Default: 60 s and 4 GiB.

@@ -96,9 +96,9 @@ class Task:
         The libraries to try, and the libraries to try if all of these fail. Each attempt returns at most one
         mesh.
     judge : callable
-        A function of the mesh, the outputs by library, and the renderings. It is only called with at least
-        one output; without any, the task fails. If there are several outputs, its number "best" names the
-        library that counts.
+        A function of the mesh, the outputs by library, and the renderings. It is called only if there is an
+        output; otherwise the task fails. If there are several outputs, its number "best" names the library
+        that counts.
     summarize : callable
         A function that turns the numbers into a short text for a table.
     powers : mapping of str to int

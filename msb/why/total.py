@@ -35,7 +35,7 @@ class Total:
         The native rendering of the model without view-dependent colours, transparency and soft edges, which
         no opaque mesh can show. A bake can avoid this loss; settings cannot.
     bakes : tuple of str
-        Names of those causes of the loss `baked` that are visible, the largest loss first.
+        Names of the visible causes of the loss `baked`, the largest loss first.
     """
 
     db: float | None

@@ -56,8 +56,8 @@ class CauseViews:
     chosen : msb.views.ChosenViews
         The cameras that see the asset.
     samples : dict
-        Setting of the native renderer -> its samples per pixel along each axis; empty if the renderer takes
-        one sample per pixel.
+        The samples per pixel along each axis, by the setting of the native renderer. Empty if the renderer
+        takes one sample per pixel.
     """
 
     def __init__(

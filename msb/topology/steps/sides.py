@@ -19,7 +19,7 @@ class Sides:
     label : (n,) integers
         The connected component of each node.
     other : (n,) bool
-        Whether the node is on the other side than the first node of its component.
+        Whether the node and the first node of its component are on different sides.
     one_sided : (n,) bool
         Whether no assignment satisfies all pairs of its component.
     """
