@@ -131,7 +131,10 @@ def trimesh(vertices: NDArray[Any], faces: NDArray[Any]) -> Callable[[], Answers
 
 
 def meshlib(vertices: NDArray[Any], faces: NDArray[Any]) -> Callable[[], Answers]:
-    """Prepare MeshLib. Most of its time builds the mesh object. The object then gives the counts."""
+    """Prepare MeshLib.
+
+    It spends most of its time on building the mesh object, which then gives the counts.
+    """
     from meshlib import mrmeshnumpy, mrmeshpy
 
     points = vertices.astype(np.float64)

@@ -162,7 +162,7 @@ class Stages:
         self._stage, self._began = "views", (time.perf_counter(), processor_seconds())
 
     def __call__(self, stage: str, _done: int = 0, _total: int = 0) -> None:
-        """Add the time since the last call to the stage that the last call named.
+        """Add the time since the previous call to the stage that the previous call named.
 
         Every stage also reports its start.
         """

@@ -6,10 +6,10 @@ Both take turns in one run.
     python -m benchmarks.before HEAD~1 --faces 100000 --rounds 5 --row audit --row dedicated/diffsoup
 
 Each row is a command. It runs first with the package of the other commit, and then with this working tree.
-Both read the same checkpoint. If the command needs an asset, each package reads an asset that it has exported
-from this checkpoint itself. The columns are wall time, CPU time of all threads (seconds) and peak memory
-(GB). Rows of `msb bench` show the median time of a frame of 1237 x 822 pixels, in milliseconds. The last
-column is the ratio of the times: now divided by before. Both use the same environment and libraries.
+Both read the same checkpoint. If the command needs an asset, each package first exports the asset from this
+checkpoint. The columns are wall time, CPU time of all threads (seconds) and peak memory (GB). Rows of `msb
+bench` show the median time of a frame of 1237 x 822 pixels, in milliseconds. The last column is the ratio of
+the times: now divided by before. Both use the same environment and libraries.
 """
 
 from __future__ import annotations

@@ -39,7 +39,7 @@ def camera(width: int, height: int) -> Any:
 def soup(faces: int, seed: int = 0) -> dict[str, Any]:
     """Return positions (F, 3, 3), opacities and SH coefficients of free triangles."""
     random = np.random.default_rng(seed)
-    # The model is 1.5 times as wide as the image. Much of the model is therefore out of view, as in a
+    # The model is 1.5 times as wide as the image. Much of the model is therefore outside the image, as in a
     # capture.
     x = random.uniform(-0.8, 0.8, faces)
     y = random.uniform(-0.55, 0.55, faces)

@@ -114,7 +114,7 @@ class ChosenViews:
         """Return the views that see the model, with their coverage.
 
         `covered` has the share of covered pixels of each camera that sees the model, by the number of the
-        camera. It is None if unknown.
+        camera. `covered` is None if the shares are unknown.
         """
         if not covered:
             return self if covered is None else replace(self, cameras=[])

@@ -123,7 +123,7 @@ def undo(device: Any) -> None:
 def _write(device: Any, old: bytes, new: bytes) -> None:
     """Overwrite the name `old` with the name `new` of the same length.
 
-    A name other than `old` is not changed.
+    If the device has another name than `old`, nothing is changed.
     """
     import ctypes
 

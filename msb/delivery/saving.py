@@ -135,7 +135,7 @@ def check_choice(name: str, value: Any, known: Sequence[str]) -> None:
         raise UsageError("USAGE", text)
 
 
-# The commands that write outputs other than models, and the suffixes of these outputs.
+# The commands that write pages, images, films and other outputs, with the suffixes of these outputs.
 _OTHER_OUTPUTS = {
     "a page": ("msb web", (".html", ".htm")),
     "images": ("msb render", (".png", ".npy", ".exr")),

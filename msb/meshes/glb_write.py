@@ -180,7 +180,7 @@ def _describe_array(rows: NDArray[Any], view: int) -> dict[str, Any]:
 def _add_material(builder: GlbBuilder, texture: int | None, mesh: Mesh, style: Style) -> None:
     """Add the unlit, two-sided material of a primitive.
 
-    It is rough, in case a viewer lights it nevertheless.
+    The material is rough, in case a viewer lights it although it is unlit.
     """
     surface: dict[str, Any] = {"metallicFactor": 0, "roughnessFactor": 1}
     material: dict[str, Any] = {"pbrMetallicRoughness": surface}

@@ -48,7 +48,7 @@ MAX_NODES = 1 << 20
 MAX_BYTES_PER_BYTE = 64
 MAX_EXTRA_BYTES = 1 << 28
 
-# Byte -> change of the nesting depth.
+# The change of the nesting depth for each byte.
 _NESTING = np.zeros(256, dtype=np.int8)
 _NESTING[list(b"[{")] = 1
 _NESTING[list(b"]}")] = -1
@@ -105,7 +105,10 @@ class Document:
     def integer(
         self, owner: dict[str, Any], key: str, pointer: str, *, default: int | None = None, below: int = 2**63
     ) -> int:
-        """Return the integer `owner[key]`, from 0 to `below` - 1. Without a default it is required."""
+        """Return the integer `owner[key]`, from 0 to `below` - 1.
+
+        The value is required unless `default` is given.
+        """
         value = owner.get(key, default)
         if type(value) is not int or not 0 <= value < below:
             text = f"'{key}' is {shorten(str(value))}; it must be an integer from 0 to {below - 1}"

@@ -64,7 +64,10 @@ class _Material:
 
     @property
     def is_masked(self) -> bool:
-        """Whether the alpha channel of the image cuts holes, because the opacity map is the same file."""
+        """Whether the alpha channel of the image cuts holes.
+
+        This is so if the opacity map is the same file.
+        """
         return self.image is not None and self.mask == self.image
 
     @property

@@ -1,7 +1,7 @@
 """Split a textured mesh into groups of faces that one UsdPreviewSurface material can show.
 
-Such a material shows an image times one colour, or one colour, or the primvar `displayColor`. It cannot
-multiply an image with colours that vary over it.
+Such a material shows an image times one colour, or one colour, or the primvar `displayColor`. Such a material
+cannot multiply an image with colours that vary from vertex to vertex.
 """
 
 from dataclasses import dataclass

@@ -43,7 +43,7 @@ class ImageUse:
 
 @dataclass(frozen=True)
 class Material:
-    """The colour of a material. The first that is set counts: the image, the uniform colour, the primvar.
+    """The colour of a material. It is the image if there is one, else the uniform colour, else the primvar.
 
     Attributes
     ----------
@@ -69,7 +69,7 @@ class Material:
     primvar: str | None = None
 
 
-# The material of meshes without one.
+# The material of meshes that have no material.
 UNBOUND = Material(primvar="displayColor")
 
 

@@ -29,7 +29,7 @@ def carry(
 ) -> dict[str, NDArray[Any]]:
     """Return the buffers of the changed mesh.
 
-    Values of existing rows are copied unchanged. A new vertex gets the average over its rim, the vertices
+    Rows that the change keeps are copied unchanged. A new vertex gets the average over its rim, the vertices
     around it (`Rims`). An added face gets the values of an adjacent face. It shares two corners with that
     face, and they get the same values. The third corner gets their average.
 

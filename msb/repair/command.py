@@ -177,7 +177,7 @@ class _Repair:
                 arrays = {"vertex": done.vertex_map, "face": done.face_map, "turned": done.turned}
                 write_npz(file, arrays)
                 file.flush()  # a full disk is detected here
-                if is_stream(maps):  # closing a stream writes it; if that fails, OUT must not exist yet
+                if is_stream(maps):  # closing writes the stream, which may fail: do it before OUT is written
                     stack.close()
             yield
 

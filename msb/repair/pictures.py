@@ -39,7 +39,7 @@ def save_picture(
 def draw_picture(
     original: Asset, done: Repaired, camera: Camera, device: str | None = None
 ) -> NDArray[np.float32]:
-    """Return an image (H, W, 3) with kept faces in grey, removed ones in red, added ones in green."""
+    """Return an image (H, W, 3) with kept faces in grey, removed faces in red, and added faces in green."""
     with Renderer(_color_faces(original, done), tier="standard", device=device) as renderer:
         frame = renderer.render(camera, background=(1.0, 1.0, 1.0))
     image = frame.image.copy()
@@ -50,7 +50,10 @@ def draw_picture(
 
 
 def _color_faces(original: Asset, done: Repaired) -> Asset:
-    """Return an asset with all faces before and after the repair, coloured as kept, removed or added."""
+    """Return an asset with all faces before and after the repair.
+
+    Colours mark kept, removed and added faces.
+    """
     faces, points = original.buffers["indices"], original.buffers["positions"]
     # The original faces (F, 3), red if no face of the result comes from them.
     is_removed = np.ones(len(faces), bool)

@@ -227,7 +227,7 @@ class Audit:
     def variants(self) -> dict[str, dict[str, int]]:
         """Return the counts under each definition of the two ambiguous terms.
 
-        The audit prints the first of each.
+        The audit prints the count of the first definition of each term.
         """
         c = self.counts
         return {

@@ -123,8 +123,9 @@ def find_boundary(mesh: HalfEdgeMesh, fans: Fans) -> Boundary:
     """Return the boundary loops and chains of `mesh`.
 
     An open fan has two outer edges. If both are boundary edges, they follow each other along the boundary.
-    Every boundary edge has at most one follower at each end. Connected edges therefore form paths or cycles;
-    a cycle has as many links as edges. At a vertex with several fans, loops touch but stay separate.
+    Every boundary edge has at most one follower at each end. Connected edges therefore form paths or cycles.
+    A cycle has the same number of links and edges. At a vertex with several fans, loops touch but stay
+    separate.
     """
     edges = np.flatnonzero(mesh.multiplicity == 1)
     halfedge = mesh.edge_halfedges[mesh.edge_offsets[edges]]

@@ -272,7 +272,8 @@ class _Run:
             self.chunks, 1, self._share(self.points, "points"), self.on_device,
             areas, self.parents, sizes, rims, strange, *_to_uints(count, self.chunk),
         )  # fmt: skip
-        # Unite faces that follow each other along the boundary. One pair of each loop does not join two sets.
+        # Unite faces that follow each other along the boundary. In each loop, one pair connects faces that
+        # are already in one set.
         joined = self._unite_pairs(RIM, rims)
         counts = self._allocate(2, np.uint32, "largest component")
         area_sums = self._allocate(2, np.float64, "area of the largest component and of all")

@@ -23,14 +23,15 @@ from msb.topology.weld import find_coincident_vertices, weld_vertices
 # Attributes that make a file duplicate vertices. By vertex: "uv" (V, 2), "color" (V, n) and "seam_key" (V,).
 # By corner: "corner_uv" (3F, 2), "corner_color" (3F, n) and "corner_seam_key" (3F,). By face: "face_texture"
 # (F,). A "seam_key" is a hash of all attributes that are not read, such as normals and tangents. The entry
-# TRIANGLE_LIST means that a soup may be a surface without shared vertices. Its value does not matter.
+# TRIANGLE_LIST means that a soup may be a surface without shared vertices. The value of this entry does not
+# matter.
 Attributes = Mapping[str, NDArray[Any]]
 SeamKind = Literal["texture", "color", "normal", "format"]
 # A soup is a surface without shared vertices if more than this share of its edges coincide with another edge.
 # The corners of trained soups coincide by chance only.
 _COINCIDING = 0.5
-# Two faces that fold onto each other at an edge are two sides of a sheet, and not a seam. This is the largest
-# cosine of the angle between their normals (0.08 degrees away from opposite).
+# Two faces that fold onto each other at an edge are two sides of a sheet, and not a seam. They fold if the
+# cosine of the angle between their normals is below this limit (0.08 degrees away from opposite).
 _FOLDED = -0.999999
 
 # Up to this number of faces, the audit tests an exact weld even if --weld is not given. The test takes about
@@ -268,7 +269,7 @@ def _find_folds(
     """Return the mask (E,) of the edges in a pair whose faces fold onto each other, such as the sides of a
     sheet.
 
-    Each row of `face` (E, 2) holds the face of an edge twice. `other` (E,) is the edge that it is compared
+    Both columns of `face` (E, 2) hold the face of each edge. `other` (E,) is the edge that it is compared
     with.
     """
     with np.errstate(over="ignore", invalid="ignore"):

@@ -169,7 +169,7 @@ def _choose_plan(audit: Audit, gravest: _Fault) -> str:
 def _describe_invisible(audit: Audit) -> str:
     """Return why the mesh cannot be displayed, or "".
 
-    A mesh with only some zero-area faces can be displayed.
+    Zero-area faces prevent this only if all faces have zero area.
     """
     counts = audit.counts
     if counts.faces == counts.repeated_index_faces:

@@ -1,4 +1,7 @@
-"""Merge coincident vertices: the optional weld of the audit, which reports its result separately."""
+"""Merge coincident vertices.
+
+This is the optional weld of the audit, which reports the result of the weld separately.
+"""
 
 import math
 from typing import Any, Literal

@@ -75,7 +75,7 @@ class TrialMesh:
 
     @classmethod
     def of(cls, name: str, arrays: Mapping[str, NDArray[Any]]) -> TrialMesh:
-        """Return the mesh of these arrays from a library, after a check of their types and shapes.
+        """Check the types and shapes of arrays that a library returned, and return them as a mesh.
 
         Raise ValueError if they are invalid. `name` is the name of the mesh in the message.
         """

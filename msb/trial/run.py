@@ -178,8 +178,8 @@ def try_asset(
 
     `view_kind` is the `kind` of generated views for `msb.views.choose_views`.
 
-    `keep` is a folder. An image of each task is written there, and with `meshes` also the results as GLB
-    files. `watch` is called with each result.
+    `keep` is a folder. It gets an image of each task, and with `meshes` also the results as GLB files.
+    `watch` is called with each result.
     """
     selected = select_tasks(tasks)
     limits = Limits() if limits is None else limits
@@ -298,8 +298,8 @@ class _TaskRun:
             ended = any(reply.ended_by is not None for reply in failed.values())
             return Judgement("not_run" if ended else "fails", why, numbers)
         judgement = self.task.judge(self.mesh, outputs, self.renderings)
-        # If the main libraries crashed or exceeded their limits, a failure of the fallback does not count
-        # either.
+        # If all main libraries crashed or exceeded their limits, the mesh is not to blame, even if the
+        # fallback fails.
         ended = all(
             replies[attempt.library].ended_by is not None
             for attempt in self.task.attempts

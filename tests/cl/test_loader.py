@@ -98,7 +98,7 @@ def test_device_list_is_empty_without_platforms(monkeypatch: pytest.MonkeyPatch)
 def test_driver_without_icd_file_is_registered(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(loader, "_SYSTEM_VENDORS", (tmp_path,))
     monkeypatch.setattr(loader, "_find_intel_library", lambda: None)
-    monkeypatch.setattr(loader.ctypes, "CDLL", Mock())  # as if the library of the driver existed
+    monkeypatch.setattr(loader.ctypes, "CDLL", Mock())  # simulates an existing driver library
     monkeypatch.delenv(loader.VENDOR_VARIABLE, raising=False)
     assert loader._find_missing_entries() == {"nvidia": loader.NVIDIA_LIBRARY}
     (tmp_path / "nvidia.icd").write_text(f"{loader.NVIDIA_LIBRARY}\n")

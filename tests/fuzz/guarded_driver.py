@@ -32,7 +32,7 @@ the machine."""
 MOST_MIB = 350
 """Limit of resident memory while all corpora are read, in MiB.
 
-The largest need is that of a checkpoint of 330,000 tensors with 32 axes.
+A checkpoint of 330,000 tensors with 32 axes needs the most memory.
 """
 
 

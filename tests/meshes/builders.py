@@ -220,7 +220,7 @@ SMALL = {
 }
 """A small valid file for each reader.
 
-A suffix in capitals is a variant: a text file, or a file with a texture.
+A suffix in capitals marks a variant of the file: text instead of binary, or with a texture.
 """
 SUFFIXES = [suffix for suffix in MESH_SUFFIXES if not suffix.startswith(".usd")]
 """The formats with a reader in Python. USD formats are tested in `test_usd.py`."""

@@ -194,7 +194,7 @@ NOT_COMPARED = {
 @pytest.mark.oracle
 @pytest.mark.parametrize(
     ("more", "off"),
-    # With repeated-index rows, definitions differ by a few, which could hide a mistake of the same size.
+    # With repeated-index rows, correct answers differ by a few, which could hide a mistake of the same size.
     [([], 1), ([], -1), ([[0, 1, 1], [5, 5, 5]], 100)],
     ids=["one too many", "one too few", "definitions differ too"],
 )

@@ -30,7 +30,7 @@ def corner_numbers(faces: np.ndarray, change: Change) -> dict[tuple[int, int], i
 def twins_numbers(points: np.ndarray, faces: np.ndarray, number: dict[Any, int]) -> dict[Any, int]:
     """Return the vertex numbers of a twin.
 
-    They are shifted, because the twin does not count unreferenced vertices.
+    The numbers are shifted, because the twin does not count unreferenced vertices.
     """
     used = 1 + int(faces.max(initial=-1))
     return {corner: new if new < used else new + len(points) - used for corner, new in number.items()}

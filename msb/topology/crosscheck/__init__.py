@@ -116,7 +116,7 @@ def compare(peer: str, answers: Answers, facts: Facts) -> tuple[list[Comparison]
 
 
 def _judge(expected: Expected, theirs: Answer) -> tuple[Verdict, str]:
-    """Return the verdict on a peer's number and the reason."""
+    """Return whether a peer's number agrees with ours, and the reason for a difference."""
     if _are_close(theirs, expected.ours, 0 if expected.why else expected.slack):
         return "agrees", ""
     if expected.why and _are_close(theirs, expected.theirs, expected.slack):

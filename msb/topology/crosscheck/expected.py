@@ -55,7 +55,7 @@ class Expected:
 
 
 class Facts:
-    """The properties of a mesh that the definitions of the peers and ours treat differently."""
+    """The properties of a mesh for which the definitions of peers differ from ours."""
 
     def __init__(self, report: Audit, analysis: Analysis) -> None:
         self.report = report
@@ -124,7 +124,7 @@ class Facts:
         return replace(flag, ours=True, why=f"it treats the {rows} duplicated at seams as a border")
 
     def euler(self, call: str, vertices: int, which: str, edges: str) -> Expected:
-        """Expect the Euler characteristic of a peer that counts other vertices and edges than we do.
+        """Expect the Euler characteristic of a peer whose counts of vertices and edges differ from ours.
 
         The peer counts `vertices` vertices, described by `which`. Its edges include the pairs of
         repeated-index rows.

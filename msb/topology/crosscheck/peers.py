@@ -27,8 +27,7 @@ Answers = dict[str, Answer]
 
 @dataclass(frozen=True)
 class Peer:
-    """A library with the function that asks it about a mesh of (V, 3) float64 vertices and (F, 3) int64
-    faces.
+    """A library, and the function that asks it about a mesh: (V, 3) float64 vertices and (F, 3) int64 faces.
 
     Meshes with more than `max_faces` faces would take too much time or memory.
     """

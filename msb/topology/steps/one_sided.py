@@ -1,8 +1,8 @@
 """Cut one-sided surfaces, such as Moebius strips, along short loops of edges until they have two sides.
 
 Walking along edges carries a sense of rotation from vertex to vertex. A loop that returns with the opposite
-sense is one-sided, and a cut along it removes that loop. The whole rim of a hole counts as one vertex, so a
-cut from rim to rim is a loop too: a strip is cut across, not lengthwise.
+sense is one-sided, and a cut along it removes that loop. The whole rim of a hole counts as one vertex.
+Therefore a cut from rim to rim is a loop, too, and a strip is cut across, not lengthwise.
 
 Turning faces never makes a one-sided loop consistent: it always passes an edge whose two faces have opposite
 windings. The search for short loops therefore starts at the ends of these edges. The search finds many loops
@@ -120,7 +120,8 @@ class _Level:
     """The sorted places (n,) that a breadth-first search reaches after the same number of steps.
 
     A place is one number for three values: a start, a node, and the parity of the odd steps between them.
-    `before` is the row of the previous level from which the search came. `step` is the step that it took.
+    `before` is the row of the previous level from which the search came. `step` is the step from there to
+    this place.
     """
 
     place: NDArray[np.int64]

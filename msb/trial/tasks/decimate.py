@@ -1,4 +1,4 @@
-"""Decimation to 50, 25 and 10 % of the faces by two libraries; the better result counts."""
+"""Decimation to 50, 25 and 10 % of the faces by two libraries. The better result counts."""
 
 from functools import partial
 from typing import Any
