@@ -88,7 +88,7 @@ def _check_names(folder: Path, present: set[str], expected: set[str]) -> None:
 
 
 def _check_sums(path: Path, hashes: dict[str, str]) -> None:
-    """Raise RENDERS_CHANGED if the file `path` exists and does not list these (name -> SHA-256)."""
+    """Raise RENDERS_CHANGED if the file `path` exists and differs from `hashes` (SHA-256 by name)."""
     if not path.is_file():
         return
     try:
