@@ -84,7 +84,7 @@ def why_unsteady(result: Result) -> str | None:
 
 
 def _get_memory(result: Result) -> float | None:
-    """Return the bytes of our renderer's buffers, or those that the user measured for the method's renderer."""
+    """Return the bytes of our renderer's buffers, or what the user measured for the method's renderer."""
     if result.memory is not None:
         return result.memory.total
     return None if result.renderer_timing is None else result.renderer_timing.peak_gpu_memory_bytes

@@ -165,7 +165,7 @@ class _CameraCycle:
         any_of: bool = False,
         step: Callable[[], None] = lambda: None,
     ) -> list[DrawTime]:
-        """Draw the cameras in turn until `frames` and `seconds` are reached, or either of them if `any_of`."""
+        """Draw the cameras in turn until `frames` and `seconds` are reached, or one of them if `any_of`."""
         drawn: list[DrawTime] = []
         start = time.perf_counter()
         while True:
