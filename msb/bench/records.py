@@ -247,7 +247,7 @@ class Timing(Record):
             for name, percent in (("p50_ms", 50), ("p95_ms", 95)):
                 recorded, value = getattr(self, name), float(np.percentile(self.frame_ms, percent))
                 if not math.isclose(recorded, value, rel_tol=1e-6, abs_tol=1e-3):
-                    raise ValueError(f"{name} is {recorded:g}, but that of frame_ms is {value:g}")
+                    raise ValueError(f"{name} is {recorded:g}, but frame_ms gives {value:g}")
         return self
 
 

@@ -70,7 +70,9 @@ def measure_size(path: Path) -> tuple[int, int]:
 def check_size(path: Path, size: tuple[int, int], camera: Camera) -> None:
     """Raise METRIC_SIZES_DIFFER if a rendering does not have the size of its photograph."""
     if size != (camera.width, camera.height):
-        text = f"the image has {size[0]} x {size[1]} pixels, the photograph {camera.width} x {camera.height}"
+        text = (
+            f"the image has {size[0]} x {size[1]} pixels, but the photograph {camera.width} x {camera.height}"
+        )
         raise MetricError("METRIC_SIZES_DIFFER", text, file=path)
 
 

@@ -401,7 +401,7 @@ def _read_views(name: str, submission: Submission) -> Iterator[ComparedView]:
             if picture.method is not None:
                 heading = str(picture.condition)
                 if (dataset, scene, picture.method, heading, view, picture.psnr) not in recorded:
-                    text = f"the PSNR of {picture.file} is not that of any record of its view"
+                    text = f"no record of the view has the PSNR of {picture.file}"
                     raise InputError("RECORD_INVALID", text, file=submission.path)
                 rendering = Rendering(plain_text(heading), picture.psnr, images[picture.file])
                 renderings.setdefault(picture.method, []).append(rendering)
