@@ -107,7 +107,7 @@ class Tensors:
         return SH_COEFFICIENTS[coefficients]
 
     def axis(self, key: str, number: int) -> int:
-        """Return the length of an axis of the tensor `key`, or 0 without this axis, without checks."""
+        """Return the unchecked length of an axis of the tensor `key`, or 0 if it has no such axis."""
         shape = self._tensor(key, "float32", "fiu").shape
         return int(shape[number]) if number < len(shape) else 0
 

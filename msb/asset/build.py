@@ -159,7 +159,7 @@ def _finite_chunks(positions: NDArray[np.float32]) -> Iterator[NDArray[np.float3
     for start in range(0, len(positions), CHUNK_ROWS):
         rows = positions[start : start + CHUNK_ROWS]
         finite = np.isfinite(rows)
-        if not finite.all():  # rare, so rows are tested only here: it takes ten times as long
+        if not finite.all():  # rows are tested only in this rare case, because that takes ten times as long
             rows = rows[finite.all(axis=1)]
         if len(rows):
             yield rows

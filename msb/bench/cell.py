@@ -43,7 +43,7 @@ _KEYS: dict[PartName, tuple[str, ...]] = {
     "quality": ("quality", "setup", "renders", "renderer", "device"),
     "timing": ("timing", "memory", "floor", "device"),
 }
-# Those inputs of parts with images that are not rendering options.
+# Names of inputs that are not rendering options.
 _NOT_RENDERING = frozenset(
     ("cameras", "photographs", "metrics", "device", "clock", "flight", "definition", "film")
 )

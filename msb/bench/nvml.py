@@ -119,7 +119,7 @@ class Gpus:
         return (sum(sizes), None) if sizes else (None, self._reason or unlisted)
 
     def _list_processes(self, handle: Any) -> dict[int, int]:
-        """Return the bytes of each process on a GPU by its number; unknown processes are omitted."""
+        """Return the bytes of each process on a GPU by process number; unknown values are omitted."""
         sizes: dict[int, int] = {}
         for processes in (
             self._nvml.nvmlDeviceGetComputeRunningProcesses(handle),

@@ -148,7 +148,7 @@ def _scene_count(parts: Mapping[str, Any]) -> str:
 
 
 def mark_best(cells: Sequence[TableCell], groups: Sequence[Hashable], *, single: bool) -> list[TableCell]:
-    """Return `cells` with the best value of each group and metric in bold, and all values printed equally.
+    """Return `cells`; in each group and metric, the best value and values that print the same are bold.
 
     Parameters
     ----------

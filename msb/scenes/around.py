@@ -138,8 +138,8 @@ def is_surrounded(bulk: Bulk) -> bool:
     sides = bulk.corners[kept, 1:] - bulk.corners[kept, :1]
     area = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
     away = np.linalg.norm(middles[kept] - bulk.middle, axis=1)
-    # Compare two distances from the middle: within one lies half of the area, within the other half of the
-    # faces.
+    # Compare the distance from the middle within which half of the area lies with the distance for half of
+    # the faces.
     order = np.argsort(away)
     total = np.cumsum(area[order])
     if not total.size or not np.isfinite(total[-1]):

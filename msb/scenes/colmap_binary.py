@@ -42,7 +42,7 @@ class _Cursor:
         return f"byte {self.at}"
 
     def count(self, what: str, least: int) -> int:
-        """Return the declared number of records; it is an error if `least` bytes each exceed the file."""
+        """Return the declared number of records; if the file is too short for them, raise an error."""
         (count,) = self.take(_COUNT, "the number of records")
         if count * least > self.size - self.at:
             left = self.size - self.at

@@ -36,7 +36,7 @@ class ScenesOptions:
     rules: Annotated[
         str,
         Option(
-            "Read the scene as the official code of this method does. ours: the rules of msb run.",
+            "Read the scene by the rules of this method's official code, or of msb run (ours).",
             metavar="NAME",
         ),
     ] = "ours"

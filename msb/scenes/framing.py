@@ -1,6 +1,7 @@
 """The part of an asset that generated views frame: all of it, except for far outliers.
 
-Without this, a few stray faces could move all cameras so far away that the mesh covers hardly a pixel.
+Without this exception, a few stray faces could move all cameras so far away that the mesh covers hardly a
+pixel.
 """
 
 from dataclasses import dataclass
@@ -62,7 +63,7 @@ class Framing:
 
 
 def find_framing(asset: Asset) -> Framing:
-    """Return the sphere around the faces of an asset, without far outliers that carry little of it."""
+    """Return the sphere around an asset; far outliers are left out if they are few and have little area."""
     sphere = asset.manifest.bounding_sphere
     everything = Framing(sphere.center, sphere.radius)
     positions, faces = asset.buffers["positions"], asset.buffers["indices"]
@@ -113,7 +114,7 @@ def _find_middle(positions: NDArray[np.float32], faces: NDArray[np.uint32]) -> N
 def _drop_isolated(
     near: NDArray[np.float64], far: NDArray[np.float64], area: NDArray[np.float64]
 ) -> NDArray[np.bool_]:
-    """Return a mask (n,) of the faces that remain without isolated faces of few faces and little area.
+    """Return a mask (n,) of all faces except isolated ones that are few and have little area.
 
     `near` and `far` (n,) are the distances of the nearest and the farthest corner of each face.
     """

@@ -39,7 +39,7 @@ _DEFECTS = (
     ("nonfinite_faces", "face", "faces", "faces without a finite area"),
     ("unreferenced_vertices", "vertex", "vertices", "unused vertices"),
 )
-# The colour of the word for each verdict level. Without colours, the word still says everything.
+# The colour of the word for each verdict level. If colours are off, the word alone is sufficient.
 _STYLES: dict[Level, str] = {"ok": "green", "limited": "yellow", "bad": "red"}
 _VERDICTS = {"agrees": "agrees", "differs_by_definition": "by definition", "disagrees": "DISAGREES"}
 

@@ -357,7 +357,7 @@ def _describe_stage(stage: Stage) -> str:
 
 
 def _name_current(stage: Stage) -> list[str]:
-    """Return one text with the first current task and the number of the others, or nothing without a task."""
+    """Return the first current task and the number of other tasks as one text; empty without a task."""
     names = stage.current
     more = f" and {len(names) - 1} more" if len(names) > 1 else ""
     return [f"{names[0]}{more}"] if names else []

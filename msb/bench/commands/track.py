@@ -37,11 +37,10 @@ def track(
 ) -> int:
     """Run a training and record its time, peak GPU memory and peak RAM, including child processes.
 
-    The exit status is that of the command, or 128 + n if signal n ended the command. A protocol names this
-    record with its key training. With --frames, the command is a method's own renderer, and a protocol names
-    the record with its key non_engine_timing. The record states that its time includes loading and writing.
-    GPU memory is measured by NVML (NVIDIA only, extra gpu). If it cannot be measured, the record gives the
-    reason.
+    The exit status is that of the command, or 128 + n if signal n ended the command. In a protocol, the key
+    training names this record. With --frames, the command is a method's own renderer. In a protocol, the key
+    non_engine_timing names this record, which states that its time includes loading and writing. GPU memory
+    is measured by NVML (NVIDIA only, extra gpu). If it cannot be measured, the record gives the reason.
     """
     from msb.base.atomic import new_file
     from msb.bench.track import make_renderer_timing

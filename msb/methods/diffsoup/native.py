@@ -180,7 +180,7 @@ class Pipeline(OnDevice):
 
     @in_turn
     def draw(self, camera: Camera, background: tuple[float, float, float]) -> DrawTime:
-        """Draw as `render` does and wait for the end, without reading anything back."""
+        """Draw as `render` does, without reading anything back, and wait until the frame is finished."""
         with self._device.timing() as timing:
             self._queue(camera, background)
         return DrawTime(timing.milliseconds(), timing.span(), timing.since_queued())

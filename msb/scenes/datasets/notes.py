@@ -1,4 +1,4 @@
-"""Notes about a scene: cameras larger than photographs, and models trained in another way than evaluated."""
+"""Notes about a scene: image sizes that differ from photographs, training that differs from evaluation."""
 
 import contextlib
 import os

@@ -93,8 +93,8 @@ def photograph_sizes(root: Path, views: Sequence[Camera], warnings: list[Finding
                 f"{known[0]} x {known[1]}; photographs of one camera must have one size"
             )
             raise SceneError("SCENE_IMAGE", text, file=view.image_path)
-    # A missing photograph is an error for a test view, and if no camera of the same recorded size has a
-    # photograph. Otherwise it is a warning.
+    # A missing photograph is an error if the view is a test view, or if no camera of the same recorded size
+    # has a photograph. Otherwise it is a warning.
     if missing:
         needed = [view for view in missing if view.split == "test" or (view.width, view.height) not in sizes]
         reported = needed or missing
