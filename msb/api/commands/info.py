@@ -23,7 +23,7 @@ def info(path: Source, output: JsonOutput) -> None:
     """Show the contents of an asset, checkpoint or mesh file: method, counts, bounds, settings and buffers.
 
     For a .triasset the command reads the manifest and checks paths and sizes. msb validate also checks the
-    values. For a mesh file or checkpoint it shows the asset that msb convert would write.
+    values. For a mesh file or checkpoint, msb info shows the asset that msb convert would write.
     """
     from msb.api.command_files import open_asset
 
