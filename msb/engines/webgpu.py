@@ -48,7 +48,7 @@ struct Between { @builtin(position) place: vec4<f32>, @location(0) color: vec3<f
 
 
 class WgpuRenderer(Engine):
-    """Draws through wgpu-py. With `device` "cpu" a software adapter draws, with "gpu" any other one.
+    """Draws through wgpu-py. With `device` "cpu" a software adapter draws, with "gpu" any other adapter.
 
     Frames have a `face_id` if the adapter supports primitive indices. If the adapter supports timestamps, the
     device measures times. Otherwise times are wall-clock times, in the stage `WALL_CLOCK`.
@@ -88,7 +88,7 @@ class WgpuRenderer(Engine):
 
     @classmethod
     def of_tier(cls, tier: str) -> Any:
-        """Return the renderer class of `tier`; that of the dedicated tier draws the native rendering."""
+        """Return the renderer class of `tier`. The class of the dedicated tier draws the native rendering."""
         if tier == "standard":
             return cls
         from msb.engines.hardware.renderer import HardwareRenderer

@@ -20,11 +20,11 @@ from msb.engines.dedicated_page.storage import CHUNK, LEVELS, find_exponents
 GRID = 65000
 # Buffers that are rounded to 256 values per column.
 _ROUNDED = ("f_dc", "f_rest", "opacity", "sigma")
-# Lattices with values from 0 to 1. They are rounded to bytes, as in the official web export.
+# Lattices with values from 0 to 1. The lattices are rounded to bytes, as in the official web export.
 _BYTES = ("features.lattice", "features.opacity")
 # Number of histogram bins for choosing the 256 values.
 _BINS = 4096
-# A column with at most this many rows may have at most 256 distinct values already. This is tested first.
+# Only a column with at most this many rows is tested for having at most 256 distinct values already.
 _FEW = 4 * LEVELS
 
 
@@ -119,7 +119,9 @@ def _morton_keys(points: NDArray[np.float32]) -> NDArray[np.uint64]:
 
 
 def select_faces(asset: Asset, faces: NDArray[np.integer[Any]]) -> Asset:
-    """Return `asset` with only the faces of these numbers, in this order, and the vertices that they use."""
+    """Return `asset` with only the faces numbered `faces`, in this order, and with the vertices that they
+    use.
+    """
     buffers = dict(asset.buffers)
     indices = buffers["indices"][faces].astype(np.int64)
     vertices, number = np.unique(indices, return_inverse=True)
