@@ -43,7 +43,7 @@ Cell = str | tuple[str, str]
 
 
 def file_option(text: str, *flags: str, endings: tuple[str, ...] = ()) -> Option:
-    """Return the `Option` of an output file. The file name must have one of the `endings`, if any are given."""
+    """Return the `Option` of an output file. If `endings` are given, the file name must have one of them."""
     return Option(text, flags, "FILE", output="file", endings=endings)
 
 

@@ -36,7 +36,7 @@ _IMAGE_ENDINGS = (".png", ".npy")
 
 @dataclass(frozen=True)
 class WebOptions:
-    """Options of a page: its tier, and on the dedicated tier the reductions of the model and the measurement."""
+    """Options of a page: its tier, and on the dedicated tier reductions of the model and the measurement."""
 
     out: Annotated[
         Path | None,
@@ -130,8 +130,8 @@ def web(
     """Write a page that shows a model in any browser, offline.
 
     On the standard tier the page shows the mesh as any engine draws it. Without an ASSET, the page shows a
-    .glb file that the user drops on it. On the dedicated tier it shows the native rendering, drawn with
-    WebGPU, next to that mesh. It also shows the PSNR of these images against the OpenCL renderer.
+    .glb file that the user drops on it. On the dedicated tier the page shows the native rendering, drawn with
+    WebGPU, next to the mesh. The page also shows the PSNR of its images against the OpenCL renderer.
     """
 
     _check_options(path, options, views, typed)

@@ -91,7 +91,8 @@ class SplatModel:
 
 
 def rim(opacity: NDArray[np.float32], sigma: NDArray[np.float32] | np.float32) -> NDArray[np.float32]:
-    """Return the phi below which alpha is less than 1/255, or 2 if it is less in the whole face.
+    """Return the phi below which alpha is less than 1/255, or 2 if alpha is less than 1/255 in the whole
+    face.
 
     A face with opacity o has alpha = o phi^sigma, where phi is 0 on its edges and 1 at its incentre. Samples
     with a smaller phi are skipped, so the result is slightly reduced to allow for rounding.
