@@ -99,7 +99,7 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
 
 
 def list_skips(reasons: Iterable[str]) -> None:
-    """Append reasons to the file that MSB_TEST_SKIPS names. This file collects the skips of several sessions."""
+    """Append reasons to the file that MSB_TEST_SKIPS names. The file collects skips of several sessions."""
     if file := os.environ.get("MSB_TEST_SKIPS"):
         with Path(file).open("a", encoding="utf-8") as stream:
             stream.writelines(f"{reason}\n" for reason in reasons)

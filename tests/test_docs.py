@@ -68,9 +68,7 @@ def test_images_are_used_and_have_descriptions() -> None:
             assert len(text) > 10, f"{path.name}: {target}"
             used.add((path.parent / target).resolve())
     images = {path.resolve() for path in (ROOT / "docs" / "images").iterdir()}
-    assert images - used == {
-        (ROOT / "docs" / "images" / "icon.svg").resolve()
-    }  # the documentation site uses the icon
+    assert images - used == {(ROOT / "docs" / "images" / "icon.svg").resolve()}  # the site uses the icon
 
 
 def public_names() -> set[str]:

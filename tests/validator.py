@@ -16,10 +16,7 @@ from uuid import uuid4
 from msb.meshes.formats import OURS
 
 WRITTEN = "MSB_TEST_GLBS"
-"""Environment variable.
-
-This variable names the folder to which tests and their processes copy all GLB files that they write.
-"""
+"""Environment variable with the folder to which tests and their processes copy the GLB files they write."""
 PACKAGE = Path(__file__).parent.parent / ".engines" / "node_modules" / "gltf-validator"
 
 

@@ -84,9 +84,7 @@ def install(requirements: list[str], folder: Path) -> str | None:
                 return errors[-1] if errors else f"pip ended with {done.returncode}"
             target.rename(folder)
     except (OSError, subprocess.TimeoutExpired) as error:
-        return (
-            None if folder.is_dir() else str(error)
-        )  # another session may have installed the packages in the meantime
+        return None if folder.is_dir() else str(error)  # another session may have installed the packages
     return None
 
 

@@ -81,7 +81,7 @@ class TrialDocument(Document):
 class Psnr(Document):
     """PSNR in dB between renderings and photographs.
 
-    It is measured before the bake, after it, and after it with 16 samples per pixel.
+    The PSNR is measured before the bake, after the bake, and after the bake with 16 samples per pixel.
     """
 
     before: Decibels | None

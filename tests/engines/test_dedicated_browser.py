@@ -270,9 +270,7 @@ def test_pages_are_measured_when_written_and_again(msb: Msb, tmp_path: Path) -> 
     checkpoint = golden_views("triangle_splatting")[-1].folder / "checkpoint"
     page = tmp_path / "page.html"
     first = msb("web", "-o", page, "--tier", "dedicated", "--quantise", "--json", "-", checkpoint, status=0)
-    assert (
-        first.json["measured"]["worst"] > 40
-    )  # the loss by rounding is largest at the near training cameras
+    assert first.json["measured"]["worst"] > 40  # the near training cameras lose most by rounding
     assert [cost["psnr"] > 40 for cost in first.json["costs"]] == [True]
     assert "--quantise" in first.err
     # tests/test_docs_commands.py tests a page that passes.

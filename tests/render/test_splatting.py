@@ -127,7 +127,7 @@ def test_optimisations_change_no_pixel(
 @pytest.mark.slow
 @pytest.mark.parametrize("style", ["cpu", "gpu"])
 def test_depth_keys_and_sample_positions_are_the_official_bits(style: Any) -> None:
-    """Depth keys decide the order of faces. Official sample positions are doubles, ours are pairs of floats."""
+    """Depth keys decide the order of faces. Official sample positions are doubles, ours pairs of floats."""
     asset, camera = model("mesh_splatting", 8), front_camera(731, 533)
     with open_styled(style) as device:
         pipeline = SplattingPipeline(asset, device=device, settings={"supersample": 3})
