@@ -178,7 +178,7 @@ class Method:
     reads_meshes: bool = False
     """Whether the method's adapter accepts any mesh file if the user names the method.
 
-    This is for exporters whose files do not show which method wrote them.
+    Methods need this if their exported files do not show which method wrote them.
     """
     rules: Rules | None = None
     """The rules of the official code for reading datasets; None if the method is not trained on datasets."""

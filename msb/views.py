@@ -37,13 +37,12 @@ from msb.scenes.sets import check_cameras
 MAX_TRAINING_VIEWS = 12
 # If generated views see less than this share of the area, views from the other side are tried as well.
 MIN_SEEN_SHARE = 0.8
-# Number of views of each kind that measure the share of the area. They are spread evenly over all views of
-# the kind.
+# Number of views of each kind that measure the share of the area, spread evenly over all views of the kind.
 _MEASURED_VIEWS = 12
 # Width and height in pixels of the depth maps that distinguish an interior from an object. Small maps
 # suffice, because only the shares of visible faces are compared.
 _DEPTH_SIZE = (320, 240)
-# Number of faces whose visibility is tested in the depth maps. They are spread evenly over all faces.
+# Number of faces whose visibility is tested in the depth maps, spread evenly over all faces.
 _TESTED_FACES = 4000
 # Share of visible faces that outside cameras see from behind. Above this share the winding counts as
 # consistent, with front sides pointing inwards. Below 1/3 the winding counts as consistent, with front sides

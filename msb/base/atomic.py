@@ -227,8 +227,8 @@ def _reject_folder(target: Path) -> None:
 def is_stream(path: str | os.PathLike[str]) -> bool:
     """Return whether `path` can only be written directly, because it cannot be replaced by another file.
 
-    This holds for devices, pipes and sockets, for links to them, and for names of an open file of this
-    process, such as ``/dev/stdout``, ``/dev/fd/63`` and ``/proc/self/fd/3``.
+    The result is true for devices, pipes and sockets, for links to them, and for names of an open file of
+    this process, such as ``/dev/stdout``, ``/dev/fd/63`` and ``/proc/self/fd/3``.
     """
     try:
         mode = Path(path).stat().st_mode
@@ -251,7 +251,10 @@ def is_leftover(name: str) -> bool:
 
 
 def remove_leftovers(folder: str | os.PathLike[str]) -> None:
-    """Delete temporary files that killed processes left below `folder`. No process may be writing there."""
+    """Delete temporary files that killed processes left below `folder`.
+
+    No other process may write there during the call.
+    """
     for root, folders, files in os.walk(folder):
         for name in [name for name in (*folders, *files) if is_leftover(name)]:
             _remove(Path(root, name))

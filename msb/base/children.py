@@ -247,8 +247,8 @@ def _end_with_parent() -> None:
 def _limit_memory(gib: float) -> None:
     """Limit the memory of this process to `gib` GiB.
 
-    RLIMIT_DATA counts writable memory. RLIMIT_AS would be too strict. It also counts address space that
-    libraries only reserve, such as the arenas of threads.
+    RLIMIT_DATA counts writable memory. RLIMIT_AS would be too strict, because it also counts address space
+    that libraries only reserve, such as the arenas of threads.
     """
     import resource
 

@@ -115,8 +115,7 @@ class Output:
     def console(self) -> Console:
         """Return the console for results. Rich applies FORCE_COLOR and TERM=dumb; NO_COLOR gives plain text.
 
-        The console has at least 80 columns. A narrower terminal therefore wraps the lines of a table between
-        characters, and no number is shortened.
+        The console has at least 80 columns. With fewer columns, rich would break the numbers of a table.
         """
         from rich.console import Console
 

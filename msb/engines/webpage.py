@@ -1,7 +1,7 @@
-"""The three.js page: one HTML file, with or without an asset. It works offline in any browser with WebGL 2.
+"""The three.js page: one HTML file, with or without an asset.
 
-The page contains the modules of three.js, compressed, and their licence. The folder `web/three` has the
-modules as published.
+The page works offline in any browser with WebGL 2. The page contains the modules of three.js, compressed, and
+their licence. The folder `web/three` has the modules as published.
 """
 
 import base64

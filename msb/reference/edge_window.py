@@ -54,8 +54,8 @@ class Windows:
     dropped: NDArray[np.bool_]
     # (F,) camera z of the centroid: the sort key.
     depth: Reals
-    # (F, 3) normals in camera space, towards the camera. Their length is 1, or less for faces with an area
-    # below 5e-5 square scene units.
+    # (F, 3) normals in camera space, towards the camera. Normals have length 1, or less for faces with an
+    # area below 5e-5 square scene units.
     normal: Reals
     # (F, 3, 2)
     corners: Reals

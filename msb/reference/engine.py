@@ -4,10 +4,10 @@ Fragments exist only at pixel centres inside the projected triangle. Geometry ne
 clipped. Attributes are interpolated with perspective correction. Tiles do not exist, and nothing is culled by
 size or distance. Coverage window, colours and blending follow the method.
 
-Barycentric coordinates divided by depth are affine on the screen, and so is 1 / depth. They are called
-homogeneous edge functions (Olano and Greer, "Triangle scan conversion using 2D homogeneous coordinates",
-1997). With these functions no polygon has to be clipped, because all three functions are negative where a
-line of sight meets the triangle behind the camera.
+Barycentric coordinates divided by depth are affine on the screen, and so is 1 / depth. These quotients are
+called homogeneous edge functions (Olano and Greer, "Triangle scan conversion using 2D homogeneous
+coordinates", 1997). With these functions no polygon has to be clipped, because all three functions are
+negative where a line of sight meets the triangle behind the camera.
 """
 
 from dataclasses import dataclass
@@ -107,7 +107,7 @@ def _affine(factors: Reals, x: Reals, y: Reals) -> Reals:
 
 
 def project_engine(triangles: Reals, view: SplattingCamera, *, incentre: bool) -> EngineTriangles:
-    """Return triangles (F, 3 corners, 3) in the form in which graphics hardware samples them.
+    """Prepare triangles (F, 3 corners, 3) for sampling by the rules of graphics hardware.
 
     Parameters
     ----------

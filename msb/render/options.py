@@ -207,7 +207,7 @@ class RendererOptions:
     def modes(self) -> dict[str, str]:
         """The modes that the user gave.
 
-        Others are left out, because some renderers reject even official modes.
+        Default modes are left out, because some renderers reject even official modes.
         """
         modes = {"order": self.order, "sampling": self.sampling}
         return {name: value for name, value in modes.items() if value is not None}

@@ -104,7 +104,7 @@ def make_table(
     notes : tuple of str
         Further notes.
     """
-    # Each row with the keys of its cells.
+    # The rows of the table, each with the keys of its cells.
     grid = [(spec, [Key(**{**of, **column.of, **spec.of}) for column in columns]) for spec in row_specs]
     rows = _make_rows(numbers, grid, best_of)
     if paper is not None:

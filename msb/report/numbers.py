@@ -21,8 +21,8 @@ from msb.report.table import NOT_AVAILABLE
 
 # Values of `Key.scene` that stand for averages over the scenes of a dataset.
 MEAN = "mean"
-# The cost of a single triangle, averaged over the scenes. This part of a renderer's cost does not depend on
-# the mesh.
+# The cost of a single triangle, averaged over the scenes. The cost of a single triangle is the part of a
+# renderer's cost that does not depend on the mesh.
 FLOOR = "floor_mean"
 # The heading of each row of averages, by the value of `Key.scene`.
 MEANS = {"indoor_mean": "Indoor mean", "outdoor_mean": "Outdoor mean", MEAN: "Mean", FLOOR: "Floor"}

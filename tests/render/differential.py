@@ -30,8 +30,8 @@ from tests.render.random_cases import STANDARD, Case
 OFF = 2e-3
 """The tolerance of differences.
 
-It is relative to the largest value of a plane if that is above 1, and otherwise absolute. Rounding explains a
-difference if it moves the reference by a quarter of the tolerance.
+If the largest value of a plane is above 1, the tolerance is relative to this value, otherwise absolute.
+Rounding explains a difference if it moves the reference by a quarter of the tolerance.
 """
 MOVES = 16
 """Largest number of reference frames with moved corners."""

@@ -11,7 +11,7 @@ from msb_viewers.model import ViewModel
 
 # Vertical field of view in radians.
 FOV_Y = math.radians(30)
-# Angles of the first view in radians. It shows three sides of an object, none of them edge-on.
+# Angles of the first view in radians. The first view shows three sides of an object, none of them edge-on.
 AZIMUTH, ELEVATION = math.radians(35), math.radians(20)
 # Distance of the first view, as a multiple of the smallest distance at which the whole mesh is visible.
 _MARGIN = 1.04

@@ -205,7 +205,7 @@ class TopologyControls:
 
 
 def _listen(target: Any, event: str, handler: Callable[[], bool]) -> None:
-    """Call `handler` for an event of VTK. If it returns True, no other handler is called."""
+    """Call `handler` for an event of VTK. If the handler returns True, no other handler is called."""
     tag: list[int] = []
 
     def handle(caller: Any, _name: str) -> None:

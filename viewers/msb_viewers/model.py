@@ -245,7 +245,7 @@ def frame_vertices(
 
     Only `vertices` (V, 3) with a true value in `use` (V,) count. Usually the sphere is centred in the
     bounding box of these vertices and contains all of them. A few distant vertices, such as an outdoor
-    background, can make it very large. Then a sphere of 95 % of the vertices is used.
+    background, can make the sphere very large. In this case the sphere contains only 95 % of the vertices.
     """
     # The sphere of all vertices.
     rows = np.flatnonzero(use)

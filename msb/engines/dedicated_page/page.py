@@ -38,8 +38,8 @@ _GUARANTEED = Limits(binding=1 << 27, buffer=1 << 28, side=8192)
 # Limits of most desktop graphics cards. The page requests the limits it needs, and reports an error if the
 # device has lower limits.
 _LARGER = Limits(binding=1 << 30, buffer=1 << 31, side=8192)
-# Number of chunks of faces for blending (see `program.STOPS`). It is lower than in the renderer, because a
-# pass before each chunk reads all samples, which is slow in browsers.
+# Number of chunks of faces for blending (see `program.STOPS`). The page has fewer chunks than the renderer,
+# because a pass before each chunk reads all samples, which is slow in browsers.
 STOPS = 8
 # The combinations of order and sampling that a page offers.
 MODES: tuple[tuple[Order, Sampling], ...] = (

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from msb.asset import Asset
 from msb.engines.dedicated_page.storage import CHUNK, LEVELS, find_exponents
 
-# Maximum extent of a chunk of positions in grid steps. It is below 65,535 because rounding may add a step.
+# Maximum extent of a chunk of positions in grid steps. The extent is below 65,535 because rounding may add a
+# step.
 GRID = 65000
 # Buffers that are rounded to 256 values per column.
 _ROUNDED = ("f_dc", "f_rest", "opacity", "sigma")
@@ -56,8 +57,8 @@ def quantise(asset: Asset) -> Asset:
 def _round_to_levels(values: NDArray[np.float32]) -> NDArray[np.float32]:
     """Return values (N,) rounded to 256 levels.
 
-    The density of the levels is the cube root of the density of the values. This minimises the squared error
-    (Panter and Dite, 1951). The minimum and the maximum are kept.
+    The density of the levels is the cube root of the density of the values. Such a density minimises the
+    squared error (Panter and Dite, 1951). The minimum and the maximum are kept.
     """
     finite = values[np.isfinite(values)]
     if not len(finite):

@@ -70,7 +70,7 @@ def store(array: NDArray[Any]) -> Stored:
 
 
 def restore(head: Mapping[str, Any], data: bytes) -> NDArray[Any]:
-    """Return the array of a head and a stream.
+    """Return the array that a head and a stream encode.
 
     Raises
     ------

@@ -84,8 +84,8 @@ class SplatModel:
     def pixel_samples(self) -> tuple[int, int]:
         """The first and the last sample along each axis that are averaged into a pixel.
 
-        With `box_mean` these are all samples of the pixel. Otherwise they are the one or two samples in its
-        middle, which gives bilinear interpolation at the pixel's centre.
+        With `box_mean` these are all samples of the pixel. Without `box_mean` these are the one or two
+        samples in the pixel's middle, which gives bilinear interpolation at its centre.
         """
         return (0, self.scale - 1) if self.box_mean else ((self.scale - 1) // 2, self.scale // 2)
 

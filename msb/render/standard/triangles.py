@@ -15,7 +15,7 @@ from msb.render.standard.texels import Texels, put_texels
 
 # Bits of the grid that corners are snapped to: steps of 1/4096 pixel.
 SUBPIXEL_BITS = 12
-# Floats of a triangle's record.
+# Number of floats in a triangle's record.
 WORDS = 16
 # Kinds of colours: RGBA8 per corner (in the record), RGB per face (in the record), RGB floats per corner (in
 # a separate buffer), textures.

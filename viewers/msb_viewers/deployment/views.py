@@ -68,7 +68,7 @@ def dataset_views(
 
 
 def scene_views(scene: Scene, cameras: Sequence[Camera], scale: float | None = None) -> list[View]:
-    """Return views of some cameras of a scene. Their size is multiplied by `scale`, if it is given."""
+    """Return views of some cameras of a scene. If `scale` is given, it multiplies the size of the views."""
     return [
         View(
             camera.name or f"camera {index}",
