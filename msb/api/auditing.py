@@ -99,7 +99,7 @@ def audit(vertices: Any, faces: ArrayLike | None = None, *, weld: Weld | None = 
 
 
 def audit_stored(mesh: StoredMesh, *, weld: Weld | None = None) -> tuple[Audit, Analysis]:
-    """Return the audit of a stored mesh with its path and method, and the analysis for viewers."""
+    """Return the audit of a stored mesh, with its path and method, and also the analysis for viewers."""
     with about(mesh.path):
         report, analysis = audit_arrays(mesh.vertices, mesh.faces, weld=weld, attributes=mesh.attributes)
     path = None if mesh.path is None else str(mesh.path)

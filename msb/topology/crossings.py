@@ -1,10 +1,10 @@
 """Find pairs of faces that cross each other, decided exactly for float64 corners.
 
-Two faces cross if an edge of one passes from one side of the other face to its other side, through the face
-or its border. Signs of determinants decide (Guigue and Devillers, "Fast and Robust Triangle-Triangle Overlap
-Test Using Orientation Predicates", 2003); a determinant within its rounding error counts as 0. Faces that
-only touch do not cross, and neither do neighbours at their shared corner or edge, or coplanar faces that
-overlap.
+Two faces cross if an edge of one face passes through the other face or its border, from one side to the
+other. The test uses signs of determinants (Guigue and Devillers, "Fast and Robust Triangle-Triangle Overlap
+Test Using Orientation Predicates", 2003). A determinant within its rounding error counts as 0. Faces that
+only touch do not cross. Neighbours do not cross at their shared corner or edge. Coplanar faces do not cross,
+even if they overlap.
 """
 
 from collections.abc import Iterator
@@ -13,8 +13,8 @@ from typing import Any, overload
 import numpy as np
 from numpy.typing import NDArray
 
-# Error bound of a 3 x 3 determinant of differences, relative to its permanent: (7 + 56 eps) eps with eps =
-# 2^-53 (Shewchuk, "Adaptive Precision Floating-Point Arithmetic", 1997, for orient3d).
+# Error bound of a 3 x 3 determinant of differences, relative to its permanent. It is (7 + 56 eps) eps with
+# eps = 2^-53 (Shewchuk, "Adaptive Precision Floating-Point Arithmetic", 1997, for orient3d).
 _ROUNDING = 7.8e-16
 # Pairs of nodes per batch. Their children's arrays fit into the cache of the processor, which is twice as
 # fast as batches of millions.
@@ -141,22 +141,22 @@ def _number_along_curve(points: NDArray[np.float64]) -> NDArray[np.uint64]:
 
 
 def _test_pairs(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return which pairs of triangles, each (n, 3, 3), cross, as (n,)."""
+    """Return a mask (n,) of the pairs that cross; `first` and `second` are triangles (n, 3, 3)."""
     first, second = (np.ascontiguousarray(corners.transpose(1, 2, 0)) for corners in (first, second))
     result = np.zeros(first.shape[2], bool)
-    # signs_1 (3, n): sides of the corners of `first` relative to the planes of `second`. This excludes most
-    # pairs, because all three corners are on one side.
+    # signs_1 (3, n): sides of the corners of `first` relative to the planes of `second`. Most pairs end here,
+    # because all three corners are on one side.
     signs_1 = np.stack([_find_sides(second[0], second[1], second[2], first[k]) for k in range(3)])
     rows = np.flatnonzero(np.abs(signs_1.sum(axis=0)) < 3)
     first, second, signs_1 = first[..., rows], second[..., rows], signs_1[:, rows]
     signs_2 = np.stack([_find_sides(first[0], first[1], first[2], second[k]) for k in range(3)])
-    # Remove pairs if all corners of `second` are on one side, or if no edge changes sides.
+    # Remove pairs in which all corners of `second` are on one side, or in which no edge changes sides.
     apart = (np.abs(signs_2.sum(axis=0)) == 3) | (_are_on_one_side(signs_1) & _are_on_one_side(signs_2))
     rest = np.flatnonzero(~apart)
     rows, first, second = rows[rest], first[..., rest], second[..., rest]
     crossed = np.zeros(len(rows), bool)
-    # An edge crosses a face if its ends are on different sides of the plane, and if it passes the three edges
-    # of the face in the same sense of rotation.
+    # An edge crosses a face if its ends are on different sides of the plane, and if it also passes all three
+    # edges of the face with the same sense of rotation.
     for edges, face, signs in ((first, second, signs_1[:, rest]), (second, first, signs_2[:, rest])):
         for k in range(3):
             start, stop = edges[k], edges[(k + 1) % 3]

@@ -1,4 +1,4 @@
-"""Check the bodies of a closed mesh: whether they are wound outwards, touch each other, or cross."""
+"""Check whether the bodies of a closed mesh are wound inside out, touch each other, or cross each other."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -21,7 +21,7 @@ _FLAT = 1e-9
 
 @dataclass(frozen=True)
 class Bodies:
-    """What the counts of a closed, manifold and consistently wound mesh do not tell.
+    """Faults of a closed, manifold and consistently wound mesh that its counts do not show.
 
     Attributes
     ----------
