@@ -107,10 +107,10 @@ def audit_stored(mesh: StoredMesh, *, weld: Weld | None = None) -> tuple[Audit, 
 
 
 def next_command(audit: Audit, source: str, output: str | None = None, plan: str | None = None) -> str | None:
-    """Return the command that improves a mesh, or None if it is OK or nothing is known to help.
+    """Return the command that improves a mesh, or None if the mesh is OK or no command is known to help.
 
-    `source` is the path of the mesh, and `output` that of the file to write, both as words of a shell.
-    Default: a file in the current folder. `plan` replaces the plan of the verdict.
+    `source` is the path of the mesh, and `output` is the path of the file to write. Both are quoted for a
+    shell. Default: a file in the current folder. `plan` replaces the plan of the verdict.
     """
     plan = judge(audit).plan if plan is None else plan
     if not plan:

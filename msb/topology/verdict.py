@@ -26,7 +26,7 @@ _WORTH_MERGING = 0.5
 _DROPPING = "orient,pair,close"
 # The step that removes single triangles, which cannot be parts of a solid; the share of a cap of any size.
 _NO_STRAYS, _ANY_CAP = "debris:2", 99
-# The sentence calls pieces too small if a mesh has more than FEW_PIECES pieces with fewer than SMALL_PIECE
+# The sentence calls pieces too small if there are more than FEW_PIECES of them, with fewer than SMALL_PIECE
 # faces on average. The level does not depend on this.
 SMALL_PIECE, FEW_PIECES = 10, 10
 

@@ -29,11 +29,10 @@ def close(
     A rim of three edges gets one face. A rim of four edges gets two faces that share a diagonal: the shorter
     one, unless it is already an edge. A longer rim gets a vertex in its middle. Rims stay open if
 
-    - their cap exceeds the share `most_share` of the area of their component, because they are the outline of
-      a piece (the cap of a flat piece has the share 1, the cap of a hemisphere 1/2);
+    - the area of their cap exceeds the share `most_share` of the area of their component. Such a rim is the
+      outline of a piece. The cap of a flat piece has the share 1, the cap of a hemisphere 1/2;
     - they are the outline of a single triangle;
-    - they pass through a vertex twice, the winding flips along them, or they end at an edge with more than
-      two faces.
+    - they pass through a vertex twice, change their winding, or end at an edge with more than two faces.
 
     Edges keep at most two faces, and vertices keep their number of fans. Takes O(F log F) time.
     """
