@@ -22,7 +22,7 @@ YELLOW: Color = (240, 228, 66)
 BLUE: Color = (0, 114, 178)
 VERMILLION: Color = (213, 94, 0)
 PURPLE: Color = (204, 121, 167)
-SEAM: Color = (120, 70, 20)
+SEAM: Color = (150, 230, 30)
 
 BACKGROUND: Color = (246, 246, 244)
 # The colour of a mesh without colours, and of the largest component.
