@@ -1,6 +1,7 @@
 """Our builders reproduce all cells of the paper's tables, and the registry agrees with its feature tables."""
 
 import json
+import re
 from functools import cache
 from pathlib import Path
 from typing import Any, get_args
@@ -25,6 +26,7 @@ from msb.report.paper import (
 )
 from msb.report.table import Table, TableCell
 from msb.report.tables.reproducibility import SOURCES
+from msb.report.writers import to_latex
 from tests.cli.conftest import Here
 from tests.conftest import ROOT
 
@@ -111,6 +113,26 @@ def test_every_cell_is_printed_as_in_the_paper(label: str) -> None:
             assert ours.value == pytest.approx(
                 cell["value"] * float((cell["unit"] == "1e6" and 1e6) or 1), rel=1e-12
             )
+
+
+def numbers_in(latex: str) -> list[str]:
+    """Return all numbers between the first and the last rule of a LaTeX table, without layout and names."""
+    body = latex.partition(r"\midrule")[2].partition(r"\bottomrule")[0]
+    layout = (
+        r"\\(?:multirow|multicolumn)\{\d+\}|\\cmidrule\S*|\\addlinespace\[.*?\]|\\ding\{\d+\}"
+        r"|\\textsuperscript\{.*?\}|\\citep\{.*?\}|Mip-NeRF[~ ]360|2DTS"
+    )
+    return re.findall(r"\d+(?:\.\d+)?", re.sub(layout, "", body))
+
+
+@pytest.mark.parametrize("label", PAPER_TABLES)
+def test_numbers_stand_in_the_papers_order(shared: Path, label: str) -> None:
+    source = (shared / "paper" / "meshsplatbench.tex").read_text()
+    floats = re.findall(r"\\begin\{table\*?\}.*?\\end\{table\*?\}", source, re.DOTALL)
+    (published,) = [table for table in floats if rf"\label{{tab:{label}}}" in table]
+    ours = numbers_in(to_latex(paper_tables()[label]))
+    assert len(ours) >= 50
+    assert ours == numbers_in(published)
 
 
 @pytest.mark.parametrize("label", ["method_attributes", "feature_mapping"])

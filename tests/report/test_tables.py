@@ -14,12 +14,12 @@ from msb.bench.documents import AuditDocument
 from msb.bench.records import Reason, Training
 from msb.errors import UsageError
 from msb.report.build import EQUIVALENTS, build_report
-from msb.report.collect import SOUP
+from msb.report.collect import OUR_TRAINER, SOUP
 from msb.report.findings import Finding, derive_findings
 from msb.report.layout import mark_best
 from msb.report.method_comparison import adjust_by_holm
 from msb.report.metric_format import format_change, format_value
-from msb.report.numbers import MEAN, Key, Number, Numbers
+from msb.report.numbers import MEAN, ON_CPU, Key, Number, Numbers
 from msb.report.paper import contradictions, paper_numbers
 from msb.report.report import Report
 from msb.report.results import Place as ResultPlace
@@ -124,6 +124,34 @@ def test_unsteady_frame_rates_are_not_printed_ranked_or_compared(tmp_path: Path)
     assert (cells["two_dts"].text, cells["two_dts"].value, cells["two_dts"].bold) == ("unsteady", None, False)
     assert cells["mesh_splatting"].value == 100
     assert not any("2DTS" in f.sentence for f in report.findings if f.kind in ("slowdown", "leaders"))
+
+
+def test_ratios_of_a_cpu_name_it_in_the_table_and_in_the_sentence(tmp_path: Path) -> None:
+    for condition, fps in (("dedicated", 10.0), ("standard", 40.0)):
+        record = make_result("mipnerf360", "garden", "two_dts", condition, timing=timing(fps))
+        write(tmp_path, record)
+    report = build_report(read_results(tmp_path), with_paper=False, pictures=False)
+    table = report.tables["slowdown"]
+    assert row_of(table, "Mip-NeRF 360", "2DTS").cells[0].value == 4
+    assert any(note.startswith(ON_CPU) for note in table.notes)
+    (sentence,) = [finding.sentence for finding in report.findings if finding.kind == "slowdown"]
+    assert "CPU" in sentence
+
+
+@pytest.mark.parametrize("trainer", ["official", "ours"])
+def test_training_memory_that_was_not_measured_has_the_reason_of_its_record(
+    tmp_path: Path, trainer: str
+) -> None:
+    why = "nvidia-ml-py is not installed"
+    trained = Training(
+        seconds=90.0, peak_memory_bytes=None, source="t.json", memory_reason=why, trainer=trainer
+    )
+    write(tmp_path, make_result("capture", "desk", "two_dts", "non_engine", training=trained))
+    numbers = numbers_of(tmp_path)
+    key = Key("capture", MEAN, "two_dts", "non_engine", "train_memory")
+    assert why in str(numbers.number(key).reason)
+    minutes = numbers.number(key._replace(metric="train_seconds"))
+    assert (minutes.value, OUR_TRAINER in minutes.notes) == (90.0, trainer == "ours")
 
 
 def test_comprehensive_native_results_have_every_scene_and_the_means(whole: Report) -> None:
