@@ -55,6 +55,7 @@ def test_the_paper_in_an_empty_folder_lists_each_dataset_and_method_once(tmp_pat
     assert (scan.cells, scan.blocks) == (60, False)
 
 
+@pytest.mark.slow
 def test_a_run_of_the_paper_goes_on_without_trainings_and_timings(tmp_path: Path) -> None:
     garden, model = tmp_path / "data" / "360_v2" / "garden", tmp_path / "output/two_dts/mipnerf360/garden"
     shutil.copytree(STUBS / "scenes" / "mipnerf360" / "pebble", garden)
