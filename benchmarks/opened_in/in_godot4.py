@@ -1,8 +1,8 @@
 """Godot 4 with the add-on of integrations/godot: `python -m benchmarks.opened_in.in_godot4 [--json FILE]`.
 
-Godot is an official web build in a headless browser. It comes from npm, in a package that previews shaders,
-and our project takes the place of the package's. The dB between its images and ours are measured on the demo's
-models of Triangle-Splatting, in all test views.
+Godot is an official web build in a headless browser. It comes from npm, in a package that previews shaders;
+our project takes its place. The dB between its images and ours are measured in all test views of the demo's
+models of Triangle-Splatting.
 """
 
 from __future__ import annotations

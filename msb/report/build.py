@@ -124,11 +124,11 @@ def build_report(
     numbers = collect(results)
     comparisons = [] if against is None else compare_methods(results, numbers, against)
     paper = paper_numbers() if with_paper else Numbers({}, of_paper=True)
-    if published:
-        paper = replace(paper, values={**paper.values, **published})
     # The paper's numbers are not comparable with those of other scenes under the name of its datasets.
     others = [dataset for dataset in numbers.datasets() if numbers.has_other_scenes(dataset)]
     paper = _drop_datasets(paper, others)
+    if published:
+        paper = replace(paper, values={**paper.values, **published})
     findings = tuple(derive_findings(numbers, first=comparison_findings(comparisons, against or "")))
     charts = make_figures(numbers, paper) if pictures else []
     places = list_places(results, numbers) if pictures else []
