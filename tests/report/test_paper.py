@@ -11,7 +11,7 @@ import pytest
 from msb.bench.aggregate import METRICS, SCENES, mean_over, scene_groups
 from msb.errors import InputError
 from msb.registry import METHODS, PASSES, TIERS, Method
-from msb.report.build import paper_report
+from msb.report.build import EQUIVALENTS, paper_report
 from msb.report.layout import number_cell
 from msb.report.metric_format import metric_title
 from msb.report.numbers import MEAN, GapKey, Key, condition_title, dataset_title, scene_title
@@ -147,6 +147,17 @@ def test_feature_matrices_are_the_papers(label: str) -> None:
         attribute = words.get(cell["attribute"], cell["attribute"].replace("_", " ").capitalize())
         tier = [tiers[cell["condition"]]] if "condition" in cell else []
         assert lookup.find(title_of(cell), attribute, *tier).text == cell["raw"], cell
+
+
+def test_the_documentation_maps_every_table_and_figure_of_the_paper(shared: Path) -> None:
+    page = (ROOT / "docs" / "paper.md").read_text()
+    source = (shared / "paper" / "meshsplatbench.tex").read_text()
+    labels = {label: kind for kind, label in re.findall(r"\\label\{(tab|fig):(\w+)\}", source)}
+    assert len(labels) == 17
+    rows = [line for line in page.splitlines() if line.startswith("| `")]
+    assert {label for row in rows for label in re.findall(r"`(\w+)`", row.split("|")[1])} == set(labels)
+    for label, kind in labels.items():  # a label of a table selects it
+        assert kind == "fig" or label in EQUIVALENTS or label in paper_tables()
 
 
 @pytest.mark.parametrize("label", PAPER_TABLES)
