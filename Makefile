@@ -57,7 +57,7 @@ demo: $(FOR_DEMO)
 	@$(BIN)/msb run --jobs 2 -o out/demo/results data_stubs/protocol.toml
 	@echo
 	@echo "== What that says: msb report"
-	@$(BIN)/msb report -o out/demo/report out/demo/results
+	@$(BIN)/msb report --published data_stubs/published.json -o out/demo/report out/demo/results
 	@if [ -t 1 ] && [ -n "$$DISPLAY$$WAYLAND_DISPLAY$$(command -v open)" ]; then \
 	  $(BIN)/python -m webbrowser "file://$(CURDIR)/out/demo/report/index.html" >/dev/null; \
 	else echo "open it in a browser: file://$(CURDIR)/out/demo/report/index.html"; fi

@@ -27,6 +27,7 @@ from msb.report.results import read_results
 from msb.report.table import Table, TableCell, TableColumn, TableRow
 from msb.report.tables import measurements
 from msb.report.tables.asset import asset_tables
+from msb.report.tables.gaps import PAPER_NOTE
 from msb.report.tables.measurements import DRIVER_NOTE
 from msb.report.tables.reproducibility import reproducibility_statistics
 from tests.report.factory import (
@@ -152,6 +153,32 @@ def test_training_memory_that_was_not_measured_has_the_reason_of_its_record(
     assert why in str(numbers.number(key).reason)
     minutes = numbers.number(key._replace(metric="train_seconds"))
     assert (minutes.value, OUR_TRAINER in minutes.notes) == (90.0, trainer == "ours")
+
+
+def test_gaps_beside_the_papers_say_that_these_could_not_be_reproduced(whole: Report) -> None:
+    assert PAPER_NOTE in whole.tables["gaps-mipnerf360"].notes
+    assert not any(row.paper for row in whole.tables["gaps-dtu"].rows)
+    assert PAPER_NOTE not in whole.tables["gaps-dtu"].notes
+
+
+def test_published_numbers_of_other_scenes_are_shown_with_their_note(tmp_path: Path) -> None:
+    measure(tmp_path, "non_engine", 30.0, dataset="mipnerf360", scene="pebble")
+    key = Key("mipnerf360", "pebble", "two_dts", "non_engine", "psnr", "paper")
+    published = {
+        key: Number(29.0, notes=("invented",)),
+        key._replace(scene=MEAN): Number(29.0, notes=("invented",)),
+    }
+    report = build_report(read_results(tmp_path), published=published)
+    row = row_of(report.tables["reproducibility"], "Mip-NeRF 360", "2DTS")
+    assert [cell.text for cell in row.cells if cell.metric == "psnr"] == ["29.00", "30.00"]
+    assert "invented" in report.tables["reproducibility_statistics"].notes
+    (figure,) = [
+        figure
+        for section in report.sections
+        for figure in section.figures
+        if "reproducibility" in figure.name
+    ]
+    assert "invented" in figure.caption
 
 
 def test_comprehensive_native_results_have_every_scene_and_the_means(whole: Report) -> None:

@@ -50,7 +50,7 @@ def reproducibility(numbers: Numbers, paper: Numbers | None = None) -> Table:
     published = {} if paper is None else {key: number for key, number in paper.values.items() if key.source}
     both = numbers if paper is None else Numbers({**numbers.values, **published})
     known = {(key.dataset, key.method) for key in both.values if key.source}
-    sources = {key.source for key in both.values}
+    sources = {key.source for key in both.values if key.dataset in numbers.datasets()}
     return make_table(
         both,
         None,
