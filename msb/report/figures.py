@@ -387,7 +387,8 @@ def _make_figure(
 
 def make_sheet(view: ComparedView) -> Figure:
     """Return a sheet for LaTeX: a row per method, with the photograph and all renderings of a test view."""
-    name = "-".join(("qualitative", slug(view.dataset), slug(view.scene), slug(view.view)))
+    stem = view.view.rpartition(".")[0] or view.view
+    name = "-".join(("qualitative", slug(view.dataset), slug(view.scene), slug(stem)))
     return Figure(name, view.title, partial(_write_sheet, view))
 
 
@@ -416,6 +417,7 @@ def _write_sheet(view: ComparedView, form: Literal["svg", "pdf"]) -> bytes:
                     tier = heading.partition(",")[0].lower()
                     known = METHODS[method].unsupported if method in METHODS else {}
                     axes.text(0.5, 0.5, "N/A" if tier in known else "--", ha="center", va="center")
+                    axes.set_box_aspect(ratio)
                 axes.set_xticks([])
                 axes.set_yticks([])
                 axes.set_xlabel("" if psnr is None else f"{psnr:.2f} dB", fontsize=7, labelpad=1)
