@@ -36,7 +36,7 @@ _SAMPLES = 200_000
 
 @dataclass(frozen=True, eq=False)
 class Framing:
-    """The sphere that generated views frame, and the faces that are left out of it.
+    """The sphere that generated views frame, relative to the asset's origin, and the faces outside it.
 
     Attributes
     ----------

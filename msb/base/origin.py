@@ -1,0 +1,75 @@
+"""The origin of a mesh far from zero, such as a survey in map coordinates.
+
+float32 has 24 bits. A coordinate of 5,000,000 m is rounded to half a metre, which destroys a mesh of a few
+metres. Positions of such a mesh are therefore stored as float32 relative to an origin in float64, and every
+comparison for equality uses these relative positions. This module holds the rule.
+"""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Origin = tuple[float, float, float]
+NO_ORIGIN: Origin = (0.0, 0.0, 0.0)
+
+# A mesh needs an origin if its middle is at least this many sizes away from zero. Closer to zero, float32 moves
+# vertices by at most 2e-6 of the size, and files stay as they are. A survey of 150 km in UTM coordinates is 36
+# sizes away.
+_FAR = 32.0
+# Number of vertices from which size and middle are computed, evenly spread over all.
+_SAMPLES = 200_000
+# Share of the vertices on each side of an axis that do not count, such as a stray vertex at zero, and the
+# number of vertices from which on it applies.
+_OUTLIERS, _MANY = 0.01, 16
+
+
+def find_origin(vertices: NDArray[Any]) -> Origin:
+    """Return the origin of positions `vertices` (V, 3); zero if they do not need one.
+
+    float32 positions never need one: they are exact. The origin is near the median. It is a multiple of a
+    power of two, so that the difference to most coordinates is exact, and its decimals are short.
+    """
+    if (vertices.dtype.kind, vertices.dtype.itemsize) != ("f", 8):
+        return NO_ORIGIN
+    rows = vertices[:: max(1, len(vertices) // _SAMPLES)]
+    rows = rows[np.isfinite(rows).all(axis=1)]
+    if not len(rows):
+        return NO_ORIGIN
+    # Size and middle (3,), without outliers.
+    ordered = np.sort(rows, axis=0)
+    cut = int(np.ceil(_OUTLIERS * len(rows))) if len(rows) >= _MANY else 0
+    middle = ordered[len(rows) // 2]
+    with np.errstate(over="ignore"):
+        size = float((ordered[len(rows) - 1 - cut] - ordered[cut]).max())
+    if not (size > 0 and np.abs(middle).max() >= _FAR * size):
+        return NO_ORIGIN
+    step = 2.0 ** np.ceil(np.log2(size))
+    x, y, z = (float(value) + 0.0 for value in np.rint(middle / step) * step)  # -0.0 becomes 0.0
+    return x, y, z
+
+
+def to_local(vertices: NDArray[Any], origin: ArrayLike) -> NDArray[np.float32]:
+    """Return `vertices` (V, 3) as float32 relative to `origin`. A value beyond float32 becomes infinite."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        moved = vertices - np.asarray(origin, np.float64) if np.any(origin) else vertices
+        return moved.astype(np.float32, copy=False)
+
+
+def to_world(positions: NDArray[Any], origin: ArrayLike) -> NDArray[Any]:
+    """Return float32 `positions` (V, 3) relative to `origin` as float64; unchanged if the origin is zero."""
+    return positions + np.asarray(origin, np.float64) if np.any(origin) else positions
+
+
+def round_coordinates(vertices: NDArray[Any], origin: ArrayLike | None = None) -> NDArray[Any]:
+    """Return `vertices` (V, 3) with the values that float32 relative to the origin holds.
+
+    Default: their own origin. The result is float32, or float64 with an origin.
+    """
+    origin = find_origin(vertices) if origin is None else origin
+    return to_world(to_local(vertices, origin), origin)
+
+
+def describe_origin(origin: Origin) -> str:
+    """Return an origin as text, such as "(500000, 4649776, 100)"."""
+    return f"({', '.join(f'{value:.15g}' for value in origin)})"
