@@ -76,8 +76,8 @@ class Asset:
     def vertices(self) -> NDArray[np.float64]:
         """The coordinates (V, 3) in the scene, a new array: the buffer `positions` plus the `origin`.
 
-        The buffer is float32. The origin in the manifest is (0, 0, 0), unless the mesh is far away from zero for its size
-        (docs/triasset.md).
+        The buffer is float32. The origin in the manifest is (0, 0, 0), unless the mesh is far away from zero
+        for its size (docs/triasset.md).
         """
         return to_world(self.buffers["positions"].astype(np.float64), self.manifest.origin)
 

@@ -15,7 +15,6 @@ from msb.asset.drawable import check_indices, first_bad
 from msb.asset.manifest import (
     DTYPES,
     PLAIN_VERSION,
-    TEXTURE_VERSION,
     VERSION,
     BoundingSphere,
     Bounds,
@@ -126,7 +125,7 @@ def build_asset(
         bounds=bounds,
         bounding_sphere=sphere,
         required_passes={tier: passes[tier] for tier in TIERS if tier in passes},
-        version=VERSION if any(description.origin) else TEXTURE_VERSION if textured else PLAIN_VERSION,
+        version=VERSION if textured or any(description.origin) else PLAIN_VERSION,
         buffers={name: _spec(name, array, all_domains.get(name), meter) for name, array in arrays.items()},
     )
     raise_first_error(check_manifest(manifest.to_dict()), None)

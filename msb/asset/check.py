@@ -7,7 +7,7 @@ import math
 from collections.abc import Iterator
 from typing import Any
 
-from msb.asset.manifest import ALIGNMENT, DTYPES, FORMAT, MAJOR, MINOR, TEXTURE_VERSION, VERSION
+from msb.asset.manifest import ALIGNMENT, DTYPES, FORMAT, MAJOR, MINOR, VERSION
 from msb.asset.schema import check_schema, describe, escape, manifest_schema
 from msb.asset.texture import CHOICES, KIND, MAX_SIDE, NAME, PASS, Sampler
 from msb.errors import Finding, finding, shorten
@@ -50,8 +50,6 @@ def check_manifest(data: Any) -> list[Finding]:
         return _newer_minor(data) + findings
     findings += _check_counts(data)
     findings += _check_bounds(data)
-    if any(data.get("origin", ())):
-        findings += _check_minor(data, "positions relative to an origin", VERSION)
     findings += _check_method(data)
     findings += _check_settings(data)
     for name, spec in data["buffers"].items():
@@ -96,13 +94,6 @@ def _newer_minor(data: Json) -> list[Finding]:
 def _version(data: Json) -> tuple[int, int]:
     major, minor = data["version"].split(".")
     return int(major), int(minor)
-
-
-def _check_minor(data: Json, what: str, needed: str) -> Iterator[Finding]:
-    """Yield a finding if the version of a manifest with `what` is older than the `needed` one."""
-    if _version(data) < _version({"version": needed}):
-        text = f"version is {data['version']}; {what} need {needed}"
-        yield finding("TRIASSET_FIELD", text, pointer="/version", value=data["version"], limit=needed)
 
 
 def _check_counts(data: Json) -> Iterator[Finding]:
@@ -248,7 +239,9 @@ def _check_textures(data: Json) -> Iterator[Finding]:
             text = f"the pass {PASS} requires appearance.kind {KIND}"
             yield finding("TRIASSET_FIELD", text, pointer="/required_passes/standard")
         return
-    yield from _check_minor(data, "textures", TEXTURE_VERSION)
+    if _version(data)[1] < MINOR:
+        text = f"version is {data['version']}; textures need {VERSION}"
+        yield finding("TRIASSET_FIELD", text, pointer="/version", value=data["version"], limit=VERSION)
     if PASS not in passes:
         text = f"/required_passes/standard is {describe(passes)}; textures need {PASS}"
         yield finding("TRIASSET_FIELD", text, pointer="/required_passes/standard")

@@ -13,13 +13,11 @@ from msb.base.origin import NO_ORIGIN, Origin
 from msb.registry import TIERS, SettingSource, SettingValue
 
 FORMAT = "triasset"
-# The newest supported version is the one with an origin. Assets without an origin are written as the oldest
-# version that has what they need.
-VERSION = "1.2"
-TEXTURE_VERSION = "1.1"
+# The newest supported version. Assets without textures and origin are written as `PLAIN_VERSION`.
+VERSION = "1.1"
 PLAIN_VERSION = "1.0"
 MAJOR = 1
-MINOR = 2
+MINOR = 1
 ASSET_SUFFIX = ".triasset"
 MANIFEST_NAME = "manifest.json"
 # Alignment of buffers in bytes: a cache line, and the strictest requirement of GPUs for host pointers.

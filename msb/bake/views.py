@@ -10,6 +10,7 @@ import os
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from msb.asset import Asset
 from msb.asset.look import up_axis
@@ -89,7 +90,9 @@ class BakeViews:
     def relative_to(self, origin: Origin) -> BakeViews:
         """Return the views in coordinates relative to the origin of a model. `scene` stays as it is."""
         kinds = ("training", "validation", "test", "interpolated")
-        moved = {kind: tuple(camera.relative_to(origin) for camera in getattr(self, kind)) for kind in kinds}
+        moved: dict[str, Any] = {
+            kind: tuple(camera.relative_to(origin) for camera in getattr(self, kind)) for kind in kinds
+        }
         return replace(self, **moved)
 
     @property

@@ -13,10 +13,11 @@ from numpy.typing import ArrayLike, NDArray
 Origin = tuple[float, float, float]
 NO_ORIGIN: Origin = (0.0, 0.0, 0.0)
 
-# A mesh needs an origin if its middle is at least this many sizes away from zero. Closer to zero, float32 moves
-# vertices by at most 2e-6 of the size, and files stay as they are. A survey of 150 km in UTM coordinates is 36
-# sizes away.
+# A mesh needs an origin if its middle is at least this many sizes away from zero. At this distance, float32
+# moves vertices by at most 2e-6 of the size. A survey of 150 km in UTM coordinates is 36 sizes away.
 _FAR = 32.0
+# Largest coordinate of an origin. Cameras reach 1e18.
+_FARTHEST = 1e15
 # Number of vertices from which size and middle are computed, evenly spread over all.
 _SAMPLES = 200_000
 # Share of the vertices on each side of an axis that do not count, such as a stray vertex at zero, and the
@@ -41,8 +42,10 @@ def find_origin(vertices: NDArray[Any]) -> Origin:
     cut = int(np.ceil(_OUTLIERS * len(rows))) if len(rows) >= _MANY else 0
     middle = ordered[len(rows) // 2]
     with np.errstate(over="ignore"):
-        size = float((ordered[len(rows) - 1 - cut] - ordered[cut]).max())
-    if not (size > 0 and np.abs(middle).max() >= _FAR * size):
+        sizes = ordered[len(rows) - 1 - cut] - ordered[cut]
+    size = float(sizes.max())
+    # Points on a line along an axis are no surface.
+    if np.count_nonzero(sizes) < 2 or not _FAR * size <= np.abs(middle).max() <= _FARTHEST:
         return NO_ORIGIN
     step = 2.0 ** np.ceil(np.log2(size))
     x, y, z = (float(value) + 0.0 for value in np.rint(middle / step) * step)  # -0.0 becomes 0.0

@@ -37,9 +37,9 @@ def weld_vertices(
     """Return vertices (W, 3) and faces (F, 3) after merging coincident vertices; all face rows are kept.
 
     "exact" merges vertices with equal stored coordinates: float32, relative to the origin that an asset of
-    the mesh has (`msb.base.origin`). -0 equals +0, NaN equals nothing. A length merges vertices that a chain of
-    steps of at most this length connects, so the result does not depend on their order. The first vertex of
-    each merged set is kept, in the old order. Faces that collapse become repeated-index rows.
+    the mesh has (`msb.base.origin`). -0 equals +0, NaN equals nothing. A length merges vertices that a chain
+    of steps of at most this length connects, so the result does not depend on their order. The first vertex
+    of each merged set is kept, in the old order. Faces that collapse become repeated-index rows.
     """
     first, number = merge_coincident(vertices, weld)
     return vertices[first], number.astype(faces.dtype)[faces]
