@@ -114,7 +114,7 @@ def test_a_bake_is_in_the_scene(tmp_path: Path) -> None:
     baked.save(tmp_path / "ball.glb", tmp_path / "ball.triasset")
     for name in ("ball.glb", "ball.triasset", "ball_collision.glb", "ball_collision.triasset"):
         asset = msb.open(tmp_path / name)
-        assert np.abs(asset.vertices - UTM).max() < 1.1
+        assert np.abs(asset.vertices - UTM).max() < 2
     # The bake draws like its model.
     image, expected = (msb.render(asset, cameras[0]).image for asset in (baked.asset, model))
     assert np.abs(image - expected).mean() < 0.01

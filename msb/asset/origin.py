@@ -1,14 +1,13 @@
 """Move an asset to another origin. `msb.base.origin` says which meshes need one."""
 
 from dataclasses import replace
-from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
 
 from msb.asset.asset import Asset
 from msb.asset.manifest import VERSION
-from msb.base.origin import NO_ORIGIN, Origin, to_local, to_world
+from msb.base.origin import NO_ORIGIN, Origin, to_world
 
 
 def world_positions(asset: Asset) -> NDArray[np.floating]:
@@ -30,17 +29,3 @@ def with_origin(asset: Asset, origin: Origin) -> Asset:
 def without_origin(asset: Asset) -> Asset:
     """Return `asset` with its positions as coordinates, for code that computes with them."""
     return with_origin(asset, NO_ORIGIN)
-
-
-def share_origin(asset: Asset, other: Asset) -> Asset:
-    """Return `asset` in the same place, with positions relative to the origin of `other`.
-
-    It is for programs that need both at once. Hashes and bounds in the manifest stay those of `asset`.
-    """
-    origin = other.manifest.origin
-    if origin == asset.manifest.origin:
-        return asset
-    positions = to_local(asset.vertices, origin)
-    positions.flags.writeable = False
-    moved = with_origin(asset, origin)
-    return replace(moved, buffers=MappingProxyType({**asset.buffers, "positions": positions}))

@@ -81,8 +81,7 @@ def _describe_coordinates(mesh: Mesh, suffix: str) -> Iterator[str]:
     if any(origin):
         yield f"coordinates are float32 relative to {describe_origin(origin)}, the translation of the mesh"
     if (loss := describe_rounding(mesh, round_coordinates(mesh.vertices, origin))) is not None:
-        hint = "parts are too far apart" if any(origin) else f"{suffix} stores nothing finer"
-        yield f"{loss}, because {hint}; use {_list_exact_formats()} to keep coordinates"
+        yield f"{loss}; use {_list_exact_formats()} to keep coordinates"
 
 
 def _list_exact_formats() -> str:

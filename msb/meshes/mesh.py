@@ -137,7 +137,7 @@ def report_origin(mesh: Mesh) -> tuple[Finding, ...]:
         )
         findings.append(finding("MESH_ORIGIN", text, severity="info", value=list(origin)))
     if (loss := describe_rounding(mesh, round_coordinates(mesh.vertices, origin))) is not None:
-        text = f"{loss}, because parts are far apart for their size. Open them one by one"
+        text = f"{loss}. Split the mesh into parts that are closer together, or move it closer to zero"
         findings.append(finding("MESH_ROUNDED", text, severity="warning"))
     return tuple(findings)
 
