@@ -16,6 +16,10 @@ NO_ORIGIN: Origin = (0.0, 0.0, 0.0)
 # A mesh needs an origin if its middle is at least this many sizes away from zero. At this distance, float32
 # moves vertices by at most 2e-6 of the size. A survey of 150 km in UTM coordinates is 36 sizes away.
 _FAR = 32.0
+# Number of steps across the mesh on which an origin can lie. With more steps, its decimals get longer.
+_STEPS = 16
+# Size below which positions relative to an origin are too small for float32.
+_TINY = 1e-30
 # Largest coordinate of an origin. Cameras reach 1e18.
 _FARTHEST = 1e15
 # Number of vertices from which size and middle are computed, evenly spread over all.
@@ -28,8 +32,8 @@ _OUTLIERS, _MANY = 0.01, 16
 def find_origin(vertices: NDArray[Any]) -> Origin:
     """Return the origin of positions `vertices` (V, 3); zero if they do not need one.
 
-    float32 positions never need one: they are exact. The origin is near the median. It is a multiple of a
-    power of two, so that the difference to most coordinates is exact, and its decimals are short.
+    float32 positions never need one: they are exact. The origin is near the middle of the mesh. It is a
+    multiple of a power of two, so that the differences to most coordinates are exact.
     """
     if (vertices.dtype.kind, vertices.dtype.itemsize) != ("f", 8):
         return NO_ORIGIN
@@ -37,17 +41,17 @@ def find_origin(vertices: NDArray[Any]) -> Origin:
     rows = rows[np.isfinite(rows).all(axis=1)]
     if not len(rows):
         return NO_ORIGIN
-    # Size and middle (3,), without outliers.
+    # Sizes and middle (3,) of the bounding box, without outliers.
     ordered = np.sort(rows, axis=0)
     cut = int(np.ceil(_OUTLIERS * len(rows))) if len(rows) >= _MANY else 0
-    middle = ordered[len(rows) // 2]
+    low, high = ordered[cut], ordered[len(rows) - 1 - cut]
     with np.errstate(over="ignore"):
-        sizes = ordered[len(rows) - 1 - cut] - ordered[cut]
+        sizes, middle = high - low, low + (high - low) / 2
     size = float(sizes.max())
     # Points on a line along an axis are no surface.
-    if np.count_nonzero(sizes) < 2 or not _FAR * size <= np.abs(middle).max() <= _FARTHEST:
+    if np.count_nonzero(sizes > _TINY) < 2 or not _FAR * size <= np.abs(middle).max() <= _FARTHEST:
         return NO_ORIGIN
-    step = 2.0 ** np.ceil(np.log2(size))
+    step = 2.0 ** np.ceil(np.log2(size / _STEPS))
     x, y, z = (float(value) + 0.0 for value in np.rint(middle / step) * step)  # -0.0 becomes 0.0
     return x, y, z
 

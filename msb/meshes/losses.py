@@ -62,7 +62,7 @@ def list_losses(
     if suffix == ".obj" and mesh.textures and mesh.sampler != Sampler(alpha_cutoff=mesh.sampler.alpha_cutoff):
         yield f"{suffix} cannot store texture filtering and wrapping"
     if form.is_single:
-        yield from _describe_coordinates(mesh, suffix)
+        yield from _describe_coordinates(mesh, written, suffix)
     # `left_out` lists UVs without a texture. A GLB stores them nevertheless.
     lost = [part for part in left_out if part != "UVs" or not _has_uvs(written)]
     lost += form.list_lost(written) if form.list_lost else []
@@ -75,11 +75,11 @@ def list_losses(
         yield f"not written: {', '.join(lost)}"
 
 
-def _describe_coordinates(mesh: Mesh, suffix: str) -> Iterator[str]:
+def _describe_coordinates(mesh: Mesh, written: Mesh, suffix: str) -> Iterator[str]:
     """Yield notes on the coordinates in a file of `suffix`, which stores them as float32."""
+    if any(stored := find_origin(written.vertices)):
+        yield f"coordinates are float32 relative to {describe_origin(stored)}, the translation of the mesh"
     origin = find_origin(mesh.vertices) if FORMATS[suffix].has_origin else NO_ORIGIN
-    if any(origin):
-        yield f"coordinates are float32 relative to {describe_origin(origin)}, the translation of the mesh"
     if (loss := describe_rounding(mesh, round_coordinates(mesh.vertices, origin))) is not None:
         yield f"{loss}; use {_list_exact_formats()} to keep coordinates"
 
