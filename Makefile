@@ -5,6 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 FOR_DEMO := $(VENV)/.installed-demo
 FOR_TEST := $(VENV)/.installed-test
+FOR_CARD := $(VENV)/.installed-card
 
 # Commands and tests start many interpreters; without bytecode each of them would compile all of msb anew.
 unexport PYTHONDONTWRITEBYTECODE
@@ -15,7 +16,7 @@ ENGINES := .engines
 # What is imported is compiled then; compiling all that is installed takes half as long again.
 PIP_OPTIONS := -qq --disable-pip-version-check --no-compile
 
-.PHONY: blender-extension demo test test-all test-slow test-elsewhere docs engines system-packages lint bench clean
+.PHONY: blender-extension card demo test test-all test-slow test-elsewhere docs engines system-packages lint bench clean
 
 $(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
@@ -27,10 +28,13 @@ $(FOR_DEMO): EXTRAS := bench,crosscheck,view
 # What the tests try: a cluster, films and trials as well, and their own tools.
 $(FOR_TEST): EXTRAS := crosscheck,distributed,test,trial,view
 
+# What is measured on a graphics card: NVML for the driver's memory, and wgpu.
+$(FOR_CARD): EXTRAS := bench,gpu,wgpu
+
 # What builds the site.
 $(FOR_DOCS): EXTRAS := docs
 
-$(FOR_DEMO) $(FOR_TEST) $(FOR_DOCS): pyproject.toml | $(BIN)/python
+$(FOR_DEMO) $(FOR_TEST) $(FOR_CARD) $(FOR_DOCS): pyproject.toml | $(BIN)/python
 	@echo "installing $(EXTRAS) into $(VENV): minutes, once"
 	@$(BIN)/python -m pip install $(PIP_OPTIONS) --editable '.[$(EXTRAS)]'
 	@touch $@
@@ -53,7 +57,7 @@ demo: $(FOR_DEMO)
 	@$(BIN)/msb run --jobs 2 -o out/demo/results data_stubs/protocol.toml
 	@echo
 	@echo "== What that says: msb report"
-	@$(BIN)/msb report -o out/demo/report out/demo/results
+	@$(BIN)/msb report --published data_stubs/published.json -o out/demo/report out/demo/results
 	@if [ -t 1 ] && [ -n "$$DISPLAY$$WAYLAND_DISPLAY$$(command -v open)" ]; then \
 	  $(BIN)/python -m webbrowser "file://$(CURDIR)/out/demo/report/index.html" >/dev/null; \
 	else echo "open it in a browser: file://$(CURDIR)/out/demo/report/index.html"; fi
@@ -131,6 +135,11 @@ docs: $(FOR_DOCS)
 # The extension for Blender, with PYTHON of its Python's version: 3.11 to Blender 5.0, 3.13 from 5.1 on.
 blender-extension:
 	$(PYTHON) integrations/blender/build.py
+
+# The paper's quantities on a graphics card, at most 12 minutes: make card CARD="--scene 360_v2/garden --root . --json
+# benchmarks/results/card-NAME.json" with the models of the recipes; docs/official.md. Without CARD it measures the demo's models.
+card: $(FOR_CARD)
+	$(BIN)/python -m benchmarks.card $(CARD)
 
 bench: $(FOR_TEST)
 	$(BIN)/python -m benchmarks.audit
