@@ -66,7 +66,7 @@ class CompareOptions:
     "msb compare --layout wipe --screenshot out/w.png data_stubs/checkpoint",
     "msb compare --tiers dedicated,standard --html out/c.html \\\n"
     "      --cameras data_stubs/views.json --scale 0.25 data_stubs/checkpoint",
-    "msb compare --scene data_stubs/scenes/nerf_synthetic/pebble --tiers dedicated,truth \\\n"
+    "msb compare --scene data_stubs/scenes/nerf_synthetic/pebble \\\n"
     "      --html out/s.html data_stubs/models/pebble/two_dts",
 )
 def compare(
