@@ -24,7 +24,7 @@ PAGES = {
 """File beside docs/ -> its page on the site."""
 TAGS = re.compile(r"(<[^>]*>)")
 OPTION = re.compile(r"(?<![\w-])--?[a-z][\w-]*")
-BREAKABLE = re.compile(r"(?<=\w\w)[/_.,=|](?=\w\w)")
+BREAKABLE = re.compile(r"(?<=\w\w)(?:[/_|](?=\w\w)|[.,=](?=[a-zA-Z]\w))")
 BEFORE_A_UNIT = re.compile(r"(?<=\d) (?=(?:%|dB|[kKMGT]i?B|ms|s)(?!\w))")
 
 
