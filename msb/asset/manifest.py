@@ -3,29 +3,32 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
 import numpy as np
 
+from msb.base.origin import NO_ORIGIN, Origin
 from msb.registry import TIERS, SettingSource, SettingValue
 
 FORMAT = "triasset"
-# The newest supported version. Assets without textures are written as `PLAIN_VERSION`.
+# The newest supported version. Assets without textures and origin are written as `PLAIN_VERSION`.
 VERSION = "1.1"
 PLAIN_VERSION = "1.0"
 MAJOR = 1
 MINOR = 1
 ASSET_SUFFIX = ".triasset"
 MANIFEST_NAME = "manifest.json"
-# Alignment of buffers in bytes: a cache line, and the strictest requirement of GPUs for host pointers.
+# Alignment of buffers in bytes. 64 bytes are a cache line, and the strictest alignment that GPUs require of
+# host pointers.
 ALIGNMENT = 64
 
 Topology = Literal["triangle_soup", "indexed_mesh"]
 Domain = Literal["vertex", "face", "corner", "global"]
 Parameters = dict[str, Any]
 
-# Manifest dtype -> NumPy dtype, always little-endian.
+# The NumPy dtype of each dtype in a manifest, always little-endian.
 DTYPES: dict[str, np.dtype[Any]] = {
     "float32": np.dtype("<f4"),
     "uint32": np.dtype("<u4"),
@@ -35,7 +38,7 @@ DTYPES: dict[str, np.dtype[Any]] = {
 
 @dataclass(frozen=True)
 class Bounds:
-    """The axis-aligned bounding box of all finite vertices, in scene units."""
+    """The axis-aligned bounding box of all finite positions, relative to the origin, in scene units."""
 
     min: tuple[float, float, float]
     max: tuple[float, float, float]
@@ -43,7 +46,7 @@ class Bounds:
 
 @dataclass(frozen=True)
 class BoundingSphere:
-    """A bounding sphere of all finite vertices, in scene units (paper: R_bound)."""
+    """A bounding sphere of all finite positions, relative to the origin, in scene units (paper: R_bound)."""
 
     center: tuple[float, float, float]
     radius: float
@@ -91,8 +94,8 @@ class CoordinateFrame:
 class BufferSpec:
     """The declaration of a buffer: its place in a file, type, shape and domain.
 
-    `shape` begins with the size of the domain (V, F or 3F; any number for "global"). `offset` and
-    `byte_length` are bytes in `file`.
+    The first length of `shape` is the size of the domain: V, F or 3F, or any number for "global". `offset`
+    and `byte_length` are bytes in `file`.
     """
 
     file: str
@@ -127,7 +130,9 @@ class Manifest:
     source: Source
     buffers: dict[str, BufferSpec]
     training: Parameters = field(default_factory=dict)
-    """Properties of the training from its config files. An empty dict is not written."""
+    """Properties of the training, read from its config files. An empty dict is not written."""
+    origin: Origin = NO_ORIGIN
+    """The point of the scene that the positions are relative to. The origin (0, 0, 0) is not written."""
     format: str = FORMAT
     version: str = PLAIN_VERSION
     extra: Parameters = field(default_factory=dict, repr=False)
@@ -139,6 +144,8 @@ class Manifest:
         extra = data.pop("extra")
         if not data["training"]:
             del data["training"]
+        if not any(self.origin):
+            del data["origin"]
         ordered = {"format": data.pop("format"), "version": data.pop("version")}
         buffers = data.pop("buffers")
         return {**ordered, **data, **extra, "buffers": buffers}
@@ -166,12 +173,13 @@ class Manifest:
                 tuple(SourceFile(f["path"], f["sha256"], f["byte_length"]) for f in data["source"]["files"])
             ),
             buffers={name: _buffer_spec(spec) for name, spec in data["buffers"].items()},
+            origin=_vector(data.get("origin", NO_ORIGIN)),
             extra={key: value for key, value in data.items() if key not in keys},
         )
         return cls(**known)
 
 
-def _vector(values: list[float]) -> tuple[float, float, float]:
+def _vector(values: Sequence[float]) -> tuple[float, float, float]:
     x, y, z = map(float, values)
     return x, y, z
 
