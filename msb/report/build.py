@@ -27,11 +27,11 @@ from msb.report.tables.reproducibility import SOURCES, reproducibility, reproduc
 
 OTHER_SCENES = (
     "{}: none of the scenes belongs to the published dataset. Means are over the scenes of this run, and the "
-    "paper's numbers are not shown"
+    "paper's numbers are not shown."
 )
 ONE_SCENE = (
-    "significance tests on one scene apply to that scene only, and overstate certainty when neighbouring "
-    "views are similar"
+    "Significance tests on one scene apply to that scene only. They overstate certainty when neighbouring "
+    "views are similar."
 )
 NO_COMPARISON = "--against {}: no other method was measured under the same condition on the same scene"
 # Datasets with few scenes. The paper's tables show these scenes side by side. The scenes of other datasets
