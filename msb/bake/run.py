@@ -13,6 +13,7 @@ from typing import Unpack
 from msb.api.auditing import audit
 from msb.api.opening import as_asset
 from msb.asset import Asset
+from msb.asset.origin import with_origin, without_origin
 from msb.bake.folder import is_folder_output, write_folder
 from msb.bake.image_cache import SUFFIX
 from msb.bake.image_source import ImageSource
@@ -30,6 +31,7 @@ from msb.bake.report import (
 from msb.bake.requirements import check_model
 from msb.bake.views import choose_bake_views
 from msb.base.atomic import check_place, room_for_temporaries
+from msb.base.origin import NO_ORIGIN
 from msb.base.paths import given_path
 from msb.cl.devices import choose_device
 from msb.errors import about
@@ -147,19 +149,10 @@ def bake(
     collision : str, optional
         A collision shape: "mesh:N", "hulls:N" or "box" (`msb.bake.collision`).
     seconds : float, default 60
-        Approximate time to move fitted triangles:
-
-        ========================  ==================
-        candidates                time
-        ========================  ==================
-        fitted                    `seconds`
-        surface                   1.5 times as long
-        fitted and surface        2 times as long
-        each level of detail      `seconds` more
-        ========================  ==================
-
-        If `seconds` is 0, triangles move by a single step, and the face selection still runs. The time for
-        `collision` is not included.
+        Approximate time to move fitted triangles. A surface takes 1.5 times as long, fitted triangles and a
+        surface together 2 times as long. Each level of detail takes `seconds` more. If `seconds` is 0,
+        triangles move by a single step, and the face selection still runs. The time for `collision` is not
+        included.
     seed : int, default 0
         Seed of the search. If the time suffices for all steps, bakes with one seed on one device have the
         same result.
@@ -220,6 +213,9 @@ def bake(
             kind=settings.views,
         )
         report_progress("views", 1, 1)
+        # All stages compute in float32, so they use coordinates relative to the origin of the model.
+        origin = model.manifest.origin
+        model, views = without_origin(model), views.relative_to(origin)
         with ImageSource(model, views, settings.supervision, device, cache) as source:
             with closing(BakePipeline(model, views, source, settings, device, report_progress)) as pipeline:
                 mesh, choice = pipeline.make_mesh(stopped)
@@ -228,7 +224,7 @@ def bake(
                 levels, level_notes = pipeline.make_levels(choice.geometry, mesh, settings.lod_shares)
                 kind = settings.collision
                 collision = None if kind is None else pipeline.make_collision(mesh, kind)
-            baked = asset_from_mesh(mesh)
+            baked = asset_from_mesh(mesh, origin=NO_ORIGIN)
             report_progress("preview", 0, 1)
             preview = make_preview(model, baked, views, source, device)
             cache_notes = [] if source.cache is None else source.cache.notes()
@@ -263,9 +259,12 @@ def bake(
         collision=None if collision is None else CollisionReport.of(collision),
         path=None if model.opened_from is None else str(model.opened_from),
     )
-    lods = tuple(asset_from_mesh(lod) for _, lod in levels)
-    shape = None if collision is None else asset_from_mesh(collision.mesh)
-    return Baked(baked, report, preview, lods, shape)
+    # Move the results back into the scene.
+    lods = tuple(with_origin(asset_from_mesh(lod, origin=NO_ORIGIN), origin) for _, lod in levels)
+    shape = None
+    if collision is not None:
+        shape = with_origin(asset_from_mesh(collision.mesh, origin=NO_ORIGIN), origin)
+    return Baked(with_origin(baked, origin), report, preview.moved_back(origin), lods, shape)
 
 
 @contextmanager
