@@ -97,6 +97,7 @@ KIT = {"cli", "api", "render", "command_files"}
 """Packages that every command may import in addition: they parse arguments, open files, choose renderers."""
 COMMANDS: dict[str, set[str]] = {
     "repair": {"trial", "views", "delivery", "adapters"},
+    "scenes": {"metrics"},
     "api": {"report", "viewers", "delivery"},
     "engines": {"views"},
     "viewers": {"delivery"},
@@ -131,10 +132,12 @@ LAZY = {
     "DracoPy",
     "pxr",
     "usd_validation_nvidia",
+    "cv2",
+    "pycolmap",
 }
 """Packages that are imported inside functions only, never when a module loads."""
 FOREIGN: dict[str, set[str]] = {
-    "scenes": {"numpy", "PIL"},
+    "scenes": {"numpy", "PIL", "cv2", "pycolmap"},
     "topology": {"numpy", "scipy", "igl", "pymeshlab", "manifold3d", "networkx", "trimesh"}
     | {"pxr", "usd_validation_nvidia"},
     "meshes": {"numpy", "PIL", "meshopt", "DracoPy", "pxr"},
@@ -170,6 +173,7 @@ DISTRIBUTIONS = {
     "pynvml": "nvidia-ml-py",
     "mathutils": "bpy",
     "gpu": "bpy",
+    "cv2": "opencv-python-headless",
 }
 """Module -> name of its pip package, if they differ."""
 When = Literal["loaded", "called", "never"]

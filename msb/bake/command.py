@@ -11,7 +11,15 @@ from msb.base.option import Option
 from msb.cli.command import Typed, command, require
 from msb.cli.output import JsonOutput, Output, echo, is_stdout
 from msb.errors import one_line
-from msb.render.options import NO_CAMERAS, ImageFolder, RendererOptions, Source, ViewOptions
+from msb.render.options import (
+    NO_CAMERAS,
+    NO_SCENE,
+    SCENE_OPTIONS,
+    RendererOptions,
+    SceneOptions,
+    Source,
+    ViewOptions,
+)
 
 if TYPE_CHECKING:
     from msb.bake import Baked
@@ -49,7 +57,6 @@ class BakeFiles:
             metavar="DIR",
         ),
     ] = None
-    image_folder: ImageFolder = None
 
 
 @command(
@@ -64,6 +71,7 @@ class BakeFiles:
 def bake(
     path: Source,
     files: BakeFiles,
+    reading: SceneOptions,
     options: BakeOptions,
     views: Annotated[ViewOptions, ("cameras", "size", "background")],
     drawing: Annotated[RendererOptions, ("device",)],
@@ -100,8 +108,8 @@ def bake(
     asset = open_asset(path, output)
     cameras = None if views.cameras is None else views.read(output.note)
     scene: Scene | Path | None = files.scene
-    if files.scene is not None and files.image_folder is not None:
-        scene = scene_of(asset.manifest, files.scene, image_folder=files.image_folder)
+    if files.scene is not None:
+        scene = scene_of(asset.manifest, files.scene, **reading.given)
     with output.bars("steps") as progress:
         baked = run_bake(
             asset,
@@ -127,7 +135,7 @@ def _check_files(files: BakeFiles, views: ViewOptions, typed: Typed) -> None:
     if files.scene is not None:
         typed.reject(["cameras"], "cannot be combined with --scene, which has its own cameras")
     else:
-        typed.reject(["image_folder"], "needs --scene DIR")
+        typed.reject(SCENE_OPTIONS, NO_SCENE)
     if views.cameras is None:
         typed.reject(["size"], NO_CAMERAS)
     if files.scene is not None or views.cameras is not None:
