@@ -1,4 +1,4 @@
-"""Write a capture as a COLMAP scene: pinhole cameras as text, undistorted photographs, masks, points and split."""
+"""Write a capture as a COLMAP scene: pinhole cameras as text, undistorted photographs, masks and points."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from msb.scenes.datasets.scene import Scene
 from msb.scenes.poses import quaternion_from_rotation
 
 if TYPE_CHECKING:
-    from msb.scenes.datasets.photographs import Size
+    from msb.scenes.datasets.rules import Size
 
-# Reads the photograph of a view, or its mask for an image of the given height and width, as the view's pinhole
-# camera takes it: (H, W, 3) or (H, W, 4), and (H, W, 1), uint8.
+# Reads the photograph of a view, or its mask for an image of the given (height, width), as the pinhole
+# camera of the view takes it: (H, W, 3) or (H, W, 4), and (H, W, 1), uint8.
 ReadPhotograph = Callable[[Scene, Camera], NDArray[np.uint8]]
 ReadMask = Callable[[Scene, Camera, "Size"], NDArray[np.uint8]]
 
