@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from msb.base.atomic import new_folder
+from msb.base.own_folder import own_folder
 from msb.errors import SceneError
 from msb.scenes.camera import Camera
-from msb.scenes.colmap import find_model, read_points
 from msb.scenes.datasets.scene import Scene
 from msb.scenes.poses import quaternion_from_rotation
 
@@ -22,12 +21,15 @@ if TYPE_CHECKING:
 # Reads the photograph of a view, or its mask for an image of the given (height, width), as the pinhole
 # camera of the view takes it: (H, W, 3) or (H, W, 4), and (H, W, 1), uint8.
 ReadPhotograph = Callable[[Scene, Camera], NDArray[np.uint8]]
+# Positions (N, 3) and colours (N, 3) of points.
+Points = tuple[NDArray[np.float64], NDArray[np.uint8]]
 ReadMask = Callable[[Scene, Camera, "Size"], NDArray[np.uint8]]
 
 
 def write_capture(
     scene: Scene,
     folder: Path,
+    points: Points | None,
     read_photograph: ReadPhotograph,
     read_mask: ReadMask,
     step: Callable[[], None],
@@ -36,14 +38,14 @@ def write_capture(
 ) -> None:
     """Write a scene whose views have the size of their photographs to a new folder.
 
-    The folder holds `images` with the names of the photographs, `sparse/0` with PINHOLE cameras as COLMAP
-    text, `masks` if the scene has mask files, and `train_list.txt` and `test_list.txt` if it records its
-    split. Pixels are stored without loss, as PNG, whatever suffix a name has; programs recognise an image by
-    its content. `step` is called after each photograph. A failure leaves no partial folder.
+    The folder holds `images` with the names of the photographs, `sparse/0` with PINHOLE cameras and `points`
+    as COLMAP text, `masks` if the scene has mask files, and `train_list.txt` and `test_list.txt` if it
+    records its split. Pixels are stored without loss, as PNG, whatever suffix a name has; programs recognise
+    an image by its content. `step` is called after each photograph. A failure leaves no partial folder.
     """
     views = sorted((*scene.train, *scene.test), key=lambda view: str(view.name))
     names = _names_below_images([str(view.name) for view in views])
-    with new_folder(folder, overwrite=overwrite) as root:
+    with own_folder(folder, overwrite=overwrite) as root:
         for view, name in zip(views, names, strict=True):
             pixels = read_photograph(scene, view)
             if pixels.shape[:2] != (view.height, view.width):
@@ -54,8 +56,7 @@ def write_capture(
                 mask = read_mask(scene, view, pixels.shape[:2])
                 _write_png(root / "masks" / f"{name}.png", mask[..., 0])
             step()
-        model = find_model(scene.root) if scene.layout == "colmap" else None
-        write_model(root / "sparse" / "0", views, names, None if model is None else read_points(model))
+        write_model(root / "sparse" / "0", views, names, points)
         if scene.split == "recorded":
             for part, of_part in (("train", scene.train), ("test", scene.test)):
                 chosen = {str(view.name) for view in of_part}
@@ -74,7 +75,7 @@ def write_model(
     folder: Path,
     views: Sequence[Camera],
     names: Sequence[str],
-    points: tuple[NDArray[np.float64], NDArray[np.uint8]] | None = None,
+    points: Points | None = None,
 ) -> None:
     """Write pinhole cameras, and points (N, 3) with colours (N, 3), as a COLMAP model in text format.
 

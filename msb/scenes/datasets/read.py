@@ -166,6 +166,32 @@ def _locate_views(root: Path, layout: Layout, by: Rules, folder: str, *, is_requ
     return locate_photographs(root, layout, views, folder, is_requested=is_requested)
 
 
+def scene_of_cameras(folder: Path, cameras: Sequence[Camera]) -> Scene:
+    """Return a capture whose photographs lie in `folder`; all views are training views at their full size."""
+    warnings: list[Finding] = []
+    located = locate_photographs(folder, "colmap", cameras, ".", is_requested=False)
+    views = [replace(view, split="train") for view in located]
+    stored = inspect_photographs(folder, views, warnings, converts=True)
+    sized = [view.resized(*size) for view, size in zip(stored.views, stored.sizes, strict=True)]
+    return Scene(
+        dataset=CUSTOM,
+        name=root_name(folder),
+        root=folder,
+        layout="colmap",
+        rules=OURS,
+        image_folder=".",
+        resolution=1,
+        train=tuple(sized),
+        test=(),
+        background=evaluation_background(CUSTOM),
+        camera_convention="full_K",
+        compositing="none",
+        readings=stored.readings,
+        lens=views[0],
+        warnings=tuple(warnings),
+    )
+
+
 def missing_photographs(
     path: str | os.PathLike[str],
     *,

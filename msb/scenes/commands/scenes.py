@@ -1,5 +1,6 @@
 """`msb scenes`: the scenes found in folders, and how they would be evaluated."""
 
+import contextlib
 import math
 from dataclasses import dataclass
 from pathlib import Path
@@ -79,7 +80,11 @@ def scenes(
         output.add_inputs(places)
         with output.counted(f"reading {path.name}", len(places)) as step:
             for place in places:
-                reports.append(describe_scene(place, rules=options.rules, **reading.given))
+                reports.append(
+                    describe_scene(
+                        place, rules=options.rules, converts=options.undistort is not None, **reading.given
+                    )
+                )
                 step()
                 if output.fail_fast and reports[-1].error is not None:
                     break
@@ -95,10 +100,11 @@ def scenes(
 def _undistort(path: Path, folder: Path, reading: SceneOptions, output: Output) -> None:
     """Write an undistorted copy of a scene to a new folder."""
     from msb.metrics.ground_truth import read_photograph, read_photograph_mask
-    from msb.scenes import read_scene
+    from msb.scenes import read_points, read_scene
+    from msb.scenes.colmap import find_model
     from msb.scenes.write_capture import write_capture
 
-    check_new_folder(folder, output)
+    output.check_folder(folder)
     options = {"resolution": 1, **reading.given}
     scene = read_scene(path, converts=True, **options)
     if scene.gt_resized:
@@ -106,23 +112,16 @@ def _undistort(path: Path, folder: Path, reading: SceneOptions, output: Output) 
         raise UsageError("USAGE", f"--undistort {text}")
     for warning in scene.warnings:
         output.note(warning.to_line(warning.file or path))
+    model = find_model(path) if scene.layout == "colmap" else None
+    points = None
+    with contextlib.suppress(MsbError):  # the description of the scene reports points that cannot be read
+        points = None if model is None else read_points(model)
     with output.counted("undistorting", len(scene.train) + len(scene.test)) as step:
-        write_capture(scene, folder, read_photograph, read_photograph_mask, step, overwrite=output.force)
+        write_capture(
+            scene, folder, points, read_photograph, read_photograph_mask, step, overwrite=output.force
+        )
     if output.prints_text:
         echo(f"{folder}: {len(scene.train) + len(scene.test)} undistorted images and their cameras")
-
-
-def check_new_folder(folder: Path, output: Output) -> None:
-    """Check that a folder of a capture can be written: it is new or empty, or --force replaces a capture."""
-    is_taken = folder.exists() and (not folder.is_dir() or any(folder.iterdir()))
-    if not is_taken:
-        return
-    if not output.force:
-        raise UsageError("OUTPUT_EXISTS", "it exists; use --force to replace it", file=folder)
-    output.check_free(folder)
-    if not (folder / "sparse").is_dir():
-        text = "it is not a folder that this command wrote; choose another one"
-        raise UsageError("OUTPUT_EXISTS", text, file=folder)
 
 
 def _print(reports: list[SceneReport], output: Output) -> None:
