@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -49,6 +49,13 @@ class BakeFiles:
             output="own",
         ),
     ] = ()
+    size: Annotated[
+        str | None,
+        Option(
+            "Size of the images of --cameras in pixels, or a factor of the cameras' size.",
+            metavar="WxH|FACTOR",
+        ),
+    ] = None
     scene: Annotated[
         Path | None,
         Option(
@@ -73,7 +80,7 @@ def bake(
     files: BakeFiles,
     reading: SceneOptions,
     options: BakeOptions,
-    views: Annotated[ViewOptions, ("cameras", "size", "background")],
+    views: Annotated[ViewOptions, ("cameras", "background")],
     drawing: Annotated[RendererOptions, ("device",)],
     output: JsonOutput,
     typed: Typed,
@@ -90,6 +97,7 @@ def bake(
     """
     require(files.outputs, "Missing output. Pass -o with the file to write, for example -o model.glb")
     _check_files(files, views, typed)
+    views = replace(views, size=files.size)
     from msb.api.command_files import open_asset
     from msb.bake import bake as run_bake
     from msb.bake.folder import PAGE, is_folder_output
@@ -139,20 +147,22 @@ def _check_files(files: BakeFiles, views: ViewOptions, typed: Typed) -> None:
     if views.cameras is None:
         typed.reject(["size"], NO_CAMERAS)
     if files.scene is not None or views.cameras is not None:
-        typed.reject(["up", "views"], "only applies to generated views, without --scene and --cameras")
+        typed.reject(["views"], "only applies to generated views, without --scene and --cameras")
 
 
 def _note_losses(baked: Baked, paths: tuple[Path, ...], output: Output) -> None:
     """Print a note for each property of the mesh that a format cannot store."""
     from msb.asset import ASSET_SUFFIX
     from msb.meshes.assets import fit_to_format, mesh_from_asset
-    from msb.meshes.losses import list_losses
+    from msb.meshes.losses import describe_placement, list_losses
 
     mesh = mesh_from_asset(baked.asset)
     for path in paths:
         suffix = path.suffix.lower()
         if suffix != ASSET_SUFFIX:
             for text in list_losses(mesh, fit_to_format(mesh, suffix), suffix, ()):
+                output.note(f"{path}: {text}")
+            for text in describe_placement(fit_to_format(mesh, suffix), suffix):
                 output.note(f"{path}: {text}")
 
 

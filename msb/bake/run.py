@@ -13,12 +13,14 @@ from typing import Unpack
 from msb.api.auditing import audit
 from msb.api.opening import as_asset
 from msb.asset import Asset
+from msb.asset.frame import with_frame
 from msb.bake.folder import is_folder_output, write_folder
 from msb.bake.image_cache import SUFFIX
 from msb.bake.image_source import ImageSource
 from msb.bake.options import BakeKeywords, BakeOptions, need_libraries
 from msb.bake.output_files import OutputAsset, list_endings, write_assets
 from msb.bake.pipeline import BakePipeline
+from msb.bake.placing import choose_frame
 from msb.bake.preview import Preview, make_preview
 from msb.bake.report import (
     CollisionReport,
@@ -164,7 +166,14 @@ def bake(
         Seed of the search. If the time suffices for all steps, bakes with one seed on one device have the
         same result.
     up : str, optional
-        The up axis, such as "+z", for generated views.
+        The direction that is up, an axis such as "+z" or "X,Y,Z", for generated views and in mesh files.
+        Default: that of the asset, else the one that the cameras of the scene suggest.
+    scale : float, optional
+        The length of the scene's unit in metres. Mesh files are then written in metres.
+    known_distance : (str, str, str), optional
+        In place of `scale`: two points "X,Y,Z" of the scene and their distance, such as "1.2m".
+    floor : bool, default False
+        Put the lowest visible point at height 0 in mesh files.
     views : {"outside", "inside", "both"}, optional
         Generate views around the asset, inside it, or both, even if training cameras lie beside it. Default:
         training cameras, else the views that see more of the area.
@@ -228,7 +237,8 @@ def bake(
                 levels, level_notes = pipeline.make_levels(choice.geometry, mesh, settings.lod_shares)
                 kind = settings.collision
                 collision = None if kind is None else pipeline.make_collision(mesh, kind)
-            baked = asset_from_mesh(mesh)
+            frame = choose_frame(model, asset_from_mesh(mesh), views, settings, device)
+            baked = with_frame(asset_from_mesh(mesh), frame)
             report_progress("preview", 0, 1)
             preview = make_preview(model, baked, views, source, device)
             cache_notes = [] if source.cache is None else source.cache.notes()
@@ -263,8 +273,8 @@ def bake(
         collision=None if collision is None else CollisionReport.of(collision),
         path=None if model.opened_from is None else str(model.opened_from),
     )
-    lods = tuple(asset_from_mesh(lod) for _, lod in levels)
-    shape = None if collision is None else asset_from_mesh(collision.mesh)
+    lods = tuple(with_frame(asset_from_mesh(lod), frame) for _, lod in levels)
+    shape = None if collision is None else with_frame(asset_from_mesh(collision.mesh), frame)
     return Baked(baked, report, preview, lods, shape)
 
 

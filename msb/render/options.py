@@ -19,6 +19,22 @@ if TYPE_CHECKING:
 
 Source = Annotated[Path, Argument("A .triasset, checkpoint or mesh file.", metavar="ASSET")]
 Up = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
+# An axis such as "+z", or a direction "X,Y,Z".
+UpDirection = str
+# How mesh files are placed, for commands that write them.
+Scale = Annotated[
+    float | None,
+    Option("Length of the scene's unit in metres. Mesh files are then written in metres.", metavar="X"),
+]
+KnownDistance = Annotated[
+    tuple[str, str, str] | None,
+    Option(
+        "Two points of the scene and the distance between them, such as 0,0,0 0,0,1 1.2m, in place of "
+        "--scale.",
+        metavar="X,Y,Z X,Y,Z LENGTH",
+    ),
+]
+Floor = Annotated[bool, Option("Put the lowest visible point of the mesh at height 0 in mesh files.")]
 # Where generated views are placed.
 ViewKind = Literal["outside", "inside", "both"]
 NO_CAMERAS = "needs --cameras PATH"

@@ -27,9 +27,8 @@ def read(place: Place, content: Content, options: Options) -> Model:
     mesh = read_mesh(place.file)
     with about(place.file):
         buffers, domains, appearance = make_mesh_buffers(mesh)
-    description = Description(
-        appearance=appearance, coordinate_frame=CoordinateFrame(up=mesh.up or "unknown")
-    )
+    frame = CoordinateFrame(up=mesh.up or "unknown")
+    description = Description(appearance=appearance, coordinate_frame=frame, frame=mesh.frame)
     return Model(buffers, domains, description, place.root, (place.file,), report_left_out(mesh))
 
 
