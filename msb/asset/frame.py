@@ -52,14 +52,14 @@ def parse_up(text: str) -> Vector:
         sign = -1.0 if text[0] == "-" else 1.0
         x, y, z = (sign if axis == text[1] else 0.0 for axis in "xyz")
         return x, y, z
-    return unit_vector(parse_numbers(text, 3, "the up direction", "an axis such as +z, or X,Y,Z"))
+    return unit_vector(parse_numbers(text, 3, "--up", "an axis such as +z, or X,Y,Z"))
 
 
 def unit_vector(vector: Sequence[float]) -> Vector:
     """Return a vector at length 1; USAGE reports one without a direction."""
     length = math.hypot(*vector)
     if not 0 < length < math.inf:
-        raise UsageError("USAGE", "the up direction is zero; it must be a vector with a direction")
+        raise UsageError("USAGE", "--up is zero; it must be a vector with a direction")
     x, y, z = (value / length for value in vector)
     return x, y, z
 

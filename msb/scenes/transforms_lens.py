@@ -26,8 +26,10 @@ def read_distortion(find: Callable[[str], Node | None]) -> Distortion | None:
     name = "" if model is None else model.text().upper()
     is_fisheye = name in _FISHEYE or any(_is_set(find(key)) for key in ("is_fisheye", "fisheye"))
     if model is not None and name not in _PERSPECTIVE | _FISHEYE | {_FULL, _ARIA}:
-        known = ", ".join(sorted((_PERSPECTIVE - {""}) | _FISHEYE | {_FULL, _ARIA}))
-        text = f"the camera model {model.abbreviated()} is not supported; supported are {known}"
+        text = (
+            f"the camera model {model.abbreviated()} is not a known lens (pinhole, radial, OPENCV, fisheye or "
+            "FISHEYE624); cut panoramas into perspective images"
+        )
         raise model.error("CAMERA_DISTORTED", text)
     values = {key: node.number() for key in _KEYS if (node := find(key)) is not None}
     k1, k2, k3, k4, k5, k6, p1, p2 = (values.get(key, 0.0) for key in _KEYS)
