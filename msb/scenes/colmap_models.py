@@ -51,8 +51,8 @@ def model_parameters(name: str | None, given: str) -> int:
     """Return the number of parameters of model `name`; `given` is its spelling in the file."""
     if name not in MODELS:
         text = (
-            f"the camera model {shorten(given, 40)} is not a known lens (pinhole, radial, OpenCV, fisheye, FOV, "
-            "division or EUCM); cut panoramas into perspective images"
+            f"the camera model {shorten(given, 40)} is not a known lens (pinhole, radial, OpenCV, fisheye, "
+            "FOV, division or EUCM); cut panoramas into perspective images"
         )
         raise SceneError("CAMERA_DISTORTED", text)
     return MODELS[name].parameters

@@ -27,8 +27,8 @@ def read_distortion(find: Callable[[str], Node | None]) -> Distortion | None:
     is_fisheye = name in _FISHEYE or any(_is_set(find(key)) for key in ("is_fisheye", "fisheye"))
     if model is not None and name not in _PERSPECTIVE | _FISHEYE | {_FULL, _ARIA}:
         text = (
-            f"the camera model {model.abbreviated()} is not a known lens (pinhole, radial, OPENCV, fisheye or "
-            "FISHEYE624); cut panoramas into perspective images"
+            f"the camera model {model.abbreviated()} is not a known lens (pinhole, radial, OPENCV, fisheye "
+            "or FISHEYE624); cut panoramas into perspective images"
         )
         raise model.error("CAMERA_DISTORTED", text)
     values = {key: node.number() for key in _KEYS if (node := find(key)) is not None}
