@@ -1,7 +1,7 @@
 """The official glTF-Validator, which checks every GLB that a test writes for errors and warnings.
 
-`make engines` installs it in .engines. Without it the files are not checked, and the test of the validator is
-skipped.
+`make engines` installs it in .engines. Without the validator the files are not checked, and the test of the
+validator is skipped.
 """
 
 import io
@@ -16,19 +16,19 @@ from uuid import uuid4
 from msb.meshes.formats import OURS
 
 WRITTEN = "MSB_TEST_GLBS"
-"""Environment variable: the folder to which tests and their processes copy all GLB files that they write."""
+"""Environment variable with the folder to which tests and their processes copy the GLB files they write."""
 PACKAGE = Path(__file__).parent.parent / ".engines" / "node_modules" / "gltf-validator"
 
 
 def missing() -> str | None:
-    """Return why the validator cannot be used, or None."""
+    """Return the reason why the validator cannot be used, or None."""
     if shutil.which("node") is None:
         return "Node.js is not installed"
     return None if PACKAGE.is_dir() else "glTF-Validator is not installed; run make engines"
 
 
 class Validator:
-    """A process that validates files; `written` is the folder of files to check."""
+    """A process that validates files. `written` is the folder of files to check."""
 
     def __init__(self, written: Path) -> None:
         self.written = written
@@ -47,7 +47,7 @@ class Validator:
         return problems
 
     def judge_written(self) -> dict[str, list[str]]:
-        """Return file name -> problems of the invalid files in `written`, and delete all files in it."""
+        """Return the problems of the invalid files in `written` by file name, and delete all files in it."""
         by_name = {}
         for path in self.written.glob("*.glb"):
             if problems := self.problems(path.read_bytes()):

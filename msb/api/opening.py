@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from msb.asset import Asset, is_asset, load
 from msb.asset.arguments import AN_ASSET, check_type
+from msb.asset.origin import world_positions
 from msb.asset.texture import Sampler, is_textured
 from msb.base.paths import PATH_TYPES, given_path
 from msb.base.seam_keys import SEAM_KEY
@@ -40,8 +41,9 @@ def open(path: str | os.PathLike[str], *, method: str | None = None) -> Asset:
     Returns
     -------
     Asset
-        The result of `load` or `export`. Coordinates are float32, even if a mesh file has float64. Faces of
-        mesh files and checkpoints with values that are not finite are left out, with a warning.
+        The result of `load` or `export`. Positions are float32, even if a mesh file has float64, and relative
+        to an origin if the mesh is far away from zero for its size. Faces of mesh files and checkpoints with
+        values that are not finite are left out, with a warning.
 
     Raises
     ------
@@ -127,7 +129,7 @@ class StoredMesh:
         """The attributes whose seams can duplicate vertices."""
         from msb.topology.seams import seam_attributes
 
-        # Soups of methods are trained, and their corners coincide by chance.
+        # In a trained triangle soup, corners coincide only by chance.
         is_mesh = self.method in (None, "mesh")
         return seam_attributes(self.buffers, self.domains, triangle_list=is_mesh)
 
@@ -135,8 +137,8 @@ class StoredMesh:
 def read_stored(path: str | os.PathLike[str], *, images: bool = False) -> StoredMesh:
     """Read the mesh of any file that `open` accepts, exactly as it is stored.
 
-    This includes faces that an STE threshold hides, and coordinates that are NaN. With `images` the textures
-    of a mesh file are read, too; the textures of an asset are always read.
+    This includes faces that an STE threshold hides, and coordinates that are NaN. With `images`, the textures
+    of a mesh file are read as well. The textures of an asset are always read.
     """
     from msb.adapters.exporter import read_model
     from msb.adapters.locate import is_mesh_file
@@ -188,8 +190,9 @@ def _store(mesh: Mesh, path: Path | None) -> StoredMesh:
 def stored_object(given: object) -> StoredMesh:
     """Return the mesh of an object with arrays: a `Mesh`, a pair, or an object of another library.
 
-    A pair is a tuple or list (vertices, faces). Objects of other libraries have the attributes `vertices` and
-    `faces` (trimesh), or are a PolyData of pyvista, whose polygons its own `triangulate` splits.
+    A pair is a tuple or list (vertices, faces). An object of another library must have the attributes
+    `vertices` and `faces` (trimesh), or be a PolyData of pyvista. The polygons of a PolyData are split by its
+    method `triangulate`.
 
     Raises
     ------
@@ -217,9 +220,10 @@ def stored_object(given: object) -> StoredMesh:
 
 
 def stored_mesh(asset: Asset) -> StoredMesh:
-    """Return the stored mesh of an asset."""
+    """Return the stored mesh of an asset, with coordinates in the scene (`world_positions`)."""
     manifest = asset.manifest
     domains = {name: spec.domain for name, spec in manifest.buffers.items()}
     up = manifest.coordinate_frame.up
     sampler = Sampler.of(manifest.appearance) if is_textured(asset) else None
-    return StoredMesh(asset.path, asset.buffers, domains, manifest.method, up, asset.warnings, sampler)
+    buffers = {**asset.buffers, "positions": world_positions(asset)}
+    return StoredMesh(asset.path, buffers, domains, manifest.method, up, asset.warnings, sampler)

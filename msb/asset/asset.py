@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msb.asset.manifest import Manifest
+from msb.base.origin import to_world
 from msb.errors import Finding, one_line
 from msb.registry import Tier, lookup
 
@@ -69,14 +70,16 @@ class Asset:
     warnings: tuple[Finding, ...] = ()
     opened_from: Path | None = None
     _known: dict[str, str] = field(default_factory=dict, init=False)
-    """Results that `repr` adds: the verdict of an audit."""
+    """Results that `repr` shows, such as the verdict of an audit."""
 
     @property
     def vertices(self) -> NDArray[np.float64]:
-        """The coordinates (V, 3), a new array: `positions`, plus any `origin` of the manifest."""
-        positions = self.buffers["positions"].astype(np.float64)
-        origin = getattr(self.manifest, "origin", None)
-        return positions if origin is None else positions + np.asarray(origin, np.float64)
+        """The coordinates (V, 3) in the scene, a new array: the buffer `positions` plus the `origin`.
+
+        The buffer is float32. The origin in the manifest is (0, 0, 0), unless the mesh is far away from zero
+        for its size (docs/triasset.md).
+        """
+        return to_world(self.buffers["positions"].astype(np.float64), self.manifest.origin)
 
     @property
     def faces(self) -> NDArray[np.int64]:
@@ -87,11 +90,11 @@ class Asset:
     def colors(self) -> NDArray[np.float32] | None:
         """The static colours of the standard tier, a new array in [0, 1], sRGB; None without such colours.
 
-        Shape (V, 3) or (V, 4) if the model stores colours by vertex, (F, 3) or (F, 4) by face, (3F, 3) or
-        (3F, 4) by face corner; ``asset.manifest.buffers["color"].domain`` says which (``"f_dc"`` for a model
-        with spherical harmonics, whose degree 0 gives the colour). A fourth channel is alpha, which is not
-        drawn. Textures are not included: they are the buffers ``texture.0``, ``texture.1`` and so on, which
-        renderers multiply with these colours.
+        The shape is (V, 3) or (V, 4) if the model stores colours by vertex, (F, 3) or (F, 4) by face, and
+        (3F, 3) or (3F, 4) by face corner. ``asset.manifest.buffers["color"].domain`` states the domain. For a
+        model with spherical harmonics, the coefficients of degree 0 give the colour, and their buffer is
+        ``"f_dc"``. A fourth channel is alpha, which is not drawn. Textures are not included. They are the
+        buffers ``texture.0``, ``texture.1`` and so on. Renderers multiply them with these colours.
         """
         from msb.asset.look import tint_of
 

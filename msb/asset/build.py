@@ -32,11 +32,12 @@ from msb.asset.manifest import (
 )
 from msb.asset.progress import Meter, Progress
 from msb.asset.texture import KIND, PASS
+from msb.base.origin import NO_ORIGIN, Origin
 from msb.base.version import __version__
 from msb.errors import AssetError
 from msb.registry import TIERS, lookup
 
-# Number of rows of a buffer that are processed at a time. This bounds the memory and is not slower.
+# Number of rows of a buffer that are processed at a time. Chunks bound the memory and cost no time.
 CHUNK_ROWS = 1 << 20
 
 # Number of bytes that are hashed or written at a time.
@@ -65,6 +66,7 @@ class Description:
     coordinate_frame: CoordinateFrame = field(default_factory=CoordinateFrame)
     source: Source = field(default_factory=Source)
     training: Parameters = field(default_factory=dict)
+    origin: Origin = NO_ORIGIN
     frame: Frame | None = None
 
     @classmethod
@@ -86,8 +88,8 @@ def build_asset(
     Parameters
     ----------
     buffers : mapping of str to ndarray
-        `positions` (V, 3) float32, `indices` (F, 3) uint32; others are float32, uint32 or uint8. Contiguous
-        little-endian arrays are not copied.
+        `positions` (V, 3) float32 relative to the origin of `description`, `indices` (F, 3) uint32; others
+        are float32, uint32 or uint8. Contiguous little-endian arrays are not copied.
     domains : mapping of str to str
         The domains of all buffers except `positions` and `indices`.
     description : Description, optional
@@ -133,7 +135,7 @@ def build_asset(
         bounds=bounds,
         bounding_sphere=sphere,
         required_passes={tier: passes[tier] for tier in TIERS if tier in passes},
-        version=VERSION if textured else PLAIN_VERSION,
+        version=VERSION if textured or any(description.origin) else PLAIN_VERSION,
         buffers={name: _spec(name, array, all_domains.get(name), meter) for name, array in arrays.items()},
     )
     raise_first_error(check_manifest(manifest.to_dict()), None)
@@ -169,7 +171,7 @@ def _finite_chunks(positions: NDArray[np.float32]) -> Iterator[NDArray[np.float3
     for start in range(0, len(positions), CHUNK_ROWS):
         rows = positions[start : start + CHUNK_ROWS]
         finite = np.isfinite(rows)
-        if not finite.all():  # rare; testing each row takes ten times as long
+        if not finite.all():  # rows are tested only in this rare case, because that takes ten times as long
             rows = rows[finite.all(axis=1)]
         if len(rows):
             yield rows
@@ -207,7 +209,7 @@ def _topology(positions: NDArray[np.float32], indices: NDArray[np.uint32]) -> To
 
 
 def first_shared(indices: NDArray[np.uint32]) -> int | None:
-    """Return the number i of the first corner (0 to 3 F - 1) whose vertex index is not i; None for a soup."""
+    """Return the first corner i (0 to 3 F - 1) whose vertex index is not i, or None for a soup."""
     for start in range(0, len(indices), CHUNK_ROWS):
         rows = indices[start : start + CHUNK_ROWS].ravel()
         wrong = rows != np.arange(3 * start, 3 * start + rows.size, dtype=np.uint64)

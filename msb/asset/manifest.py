@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
 import numpy as np
 
+from msb.base.origin import NO_ORIGIN, Origin
 from msb.registry import TIERS, SettingSource, SettingValue
 
 FORMAT = "triasset"
-# The newest supported version. Assets without textures are written as `PLAIN_VERSION`.
+# The newest supported version. Assets without textures and origin are written as `PLAIN_VERSION`.
 VERSION = "1.1"
 PLAIN_VERSION = "1.0"
 # Assets that record up direction, unit or floor of a capture.
@@ -20,14 +22,15 @@ MAJOR = 1
 MINOR = 2
 ASSET_SUFFIX = ".triasset"
 MANIFEST_NAME = "manifest.json"
-# Alignment of buffers in bytes: a cache line, and the strictest requirement of GPUs for host pointers.
+# Alignment of buffers in bytes. 64 bytes are a cache line, and the strictest alignment that GPUs require of
+# host pointers.
 ALIGNMENT = 64
 
 Topology = Literal["triangle_soup", "indexed_mesh"]
 Domain = Literal["vertex", "face", "corner", "global"]
 Parameters = dict[str, Any]
 
-# Manifest dtype -> NumPy dtype, always little-endian.
+# The NumPy dtype of each dtype in a manifest, always little-endian.
 DTYPES: dict[str, np.dtype[Any]] = {
     "float32": np.dtype("<f4"),
     "uint32": np.dtype("<u4"),
@@ -37,7 +40,7 @@ DTYPES: dict[str, np.dtype[Any]] = {
 
 @dataclass(frozen=True)
 class Bounds:
-    """The axis-aligned bounding box of all finite vertices, in scene units."""
+    """The axis-aligned bounding box of all finite positions, relative to the origin, in scene units."""
 
     min: tuple[float, float, float]
     max: tuple[float, float, float]
@@ -45,7 +48,7 @@ class Bounds:
 
 @dataclass(frozen=True)
 class BoundingSphere:
-    """A bounding sphere of all finite vertices, in scene units (paper: R_bound)."""
+    """A bounding sphere of all finite positions, relative to the origin, in scene units (paper: R_bound)."""
 
     center: tuple[float, float, float]
     radius: float
@@ -93,8 +96,8 @@ class CoordinateFrame:
 class BufferSpec:
     """The declaration of a buffer: its place in a file, type, shape and domain.
 
-    `shape` begins with the size of the domain (V, F or 3F; any number for "global"). `offset` and
-    `byte_length` are bytes in `file`.
+    The first length of `shape` is the size of the domain: V, F or 3F, or any number for "global". `offset`
+    and `byte_length` are bytes in `file`.
     """
 
     file: str
@@ -129,13 +132,15 @@ class Manifest:
     source: Source
     buffers: dict[str, BufferSpec]
     training: Parameters = field(default_factory=dict)
-    """Properties of the training from its config files. An empty dict is not written."""
+    """Properties of the training, read from its config files. An empty dict is not written."""
     up: str | None = None
     """The precise up direction: an axis, or three numbers "X,Y,Z". None is not written."""
     unit: Parameters | None = None
     """The length of the unit: "meters_per_unit", which may be None, and its "source". None is not written."""
     floor: float | None = None
     """The height along up, in scene units, that files put at zero. None is not written."""
+    origin: Origin = NO_ORIGIN
+    """The point of the scene that the positions are relative to. The origin (0, 0, 0) is not written."""
     format: str = FORMAT
     version: str = PLAIN_VERSION
     extra: Parameters = field(default_factory=dict, repr=False)
@@ -150,6 +155,8 @@ class Manifest:
         for key in ("up", "unit", "floor"):
             if data[key] is None:
                 del data[key]
+        if not any(self.origin):
+            del data["origin"]
         ordered = {"format": data.pop("format"), "version": data.pop("version")}
         buffers = data.pop("buffers")
         return {**ordered, **data, **extra, "buffers": buffers}
@@ -177,12 +184,13 @@ class Manifest:
                 tuple(SourceFile(f["path"], f["sha256"], f["byte_length"]) for f in data["source"]["files"])
             ),
             buffers={name: _buffer_spec(spec) for name, spec in data["buffers"].items()},
+            origin=_vector(data.get("origin", NO_ORIGIN)),
             extra={key: value for key, value in data.items() if key not in keys},
         )
         return cls(**known)
 
 
-def _vector(values: list[float]) -> tuple[float, float, float]:
+def _vector(values: Sequence[float]) -> tuple[float, float, float]:
     x, y, z = map(float, values)
     return x, y, z
 

@@ -9,6 +9,7 @@ from msb.asset.frame import Frame, parse_up, unit_vector
 from msb.asset.look import up_axis
 from msb.bake.options import BakeOptions
 from msb.bake.views import BakeViews
+from msb.base.origin import Origin
 from msb.render import Renderer
 
 # Longer side in pixels of the images in which the lowest visible point is searched.
@@ -29,6 +30,13 @@ def choose_frame(
         up = frame.up or parse_up(up_axis(model))
         frame = replace(frame, up=up, floor=_find_floor(baked, views, up, device))
     return None if frame == Frame() else frame
+
+
+def move_frame(frame: Frame | None, origin: Origin) -> Frame | None:
+    """Return the frame of a scene in which positions are relative to `origin`, without that origin."""
+    if frame is None or frame.up is None or frame.floor is None:
+        return frame
+    return replace(frame, floor=frame.floor + float(np.dot(frame.up, origin)))
 
 
 def _find_floor(

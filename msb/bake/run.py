@@ -14,13 +14,14 @@ from msb.api.auditing import audit
 from msb.api.opening import as_asset
 from msb.asset import Asset
 from msb.asset.frame import with_frame
+from msb.asset.origin import with_origin, without_origin
 from msb.bake.folder import is_folder_output, write_folder
 from msb.bake.image_cache import SUFFIX
 from msb.bake.image_source import ImageSource
 from msb.bake.options import BakeKeywords, BakeOptions, need_libraries
 from msb.bake.output_files import OutputAsset, list_endings, write_assets
 from msb.bake.pipeline import BakePipeline
-from msb.bake.placing import choose_frame
+from msb.bake.placing import choose_frame, move_frame
 from msb.bake.preview import Preview, make_preview
 from msb.bake.report import (
     CollisionReport,
@@ -32,6 +33,7 @@ from msb.bake.report import (
 from msb.bake.requirements import check_model
 from msb.bake.views import choose_bake_views
 from msb.base.atomic import check_place, room_for_temporaries
+from msb.base.origin import NO_ORIGIN
 from msb.base.paths import given_path
 from msb.cl.devices import choose_device
 from msb.errors import about
@@ -229,6 +231,9 @@ def bake(
             kind=settings.views,
         )
         report_progress("views", 1, 1)
+        # All stages compute in float32, so they use coordinates relative to the origin of the model.
+        origin = model.manifest.origin
+        model, views = without_origin(model), views.relative_to(origin)
         with ImageSource(model, views, settings.supervision, device, cache) as source:
             with closing(BakePipeline(model, views, source, settings, device, report_progress)) as pipeline:
                 mesh, choice = pipeline.make_mesh(stopped)
@@ -237,8 +242,8 @@ def bake(
                 levels, level_notes = pipeline.make_levels(choice.geometry, mesh, settings.lod_shares)
                 kind = settings.collision
                 collision = None if kind is None else pipeline.make_collision(mesh, kind)
-            frame = choose_frame(model, asset_from_mesh(mesh), views, settings, device)
-            baked = with_frame(asset_from_mesh(mesh), frame)
+            baked = asset_from_mesh(mesh, origin=NO_ORIGIN)
+            frame = choose_frame(model, baked, views, settings, device)
             report_progress("preview", 0, 1)
             preview = make_preview(model, baked, views, source, device)
             cache_notes = [] if source.cache is None else source.cache.notes()
@@ -273,9 +278,15 @@ def bake(
         collision=None if collision is None else CollisionReport.of(collision),
         path=None if model.opened_from is None else str(model.opened_from),
     )
-    lods = tuple(with_frame(asset_from_mesh(lod), frame) for _, lod in levels)
-    shape = None if collision is None else with_frame(asset_from_mesh(collision.mesh), frame)
-    return Baked(baked, report, preview, lods, shape)
+    # Move the results back into the scene, with what is known about its frame.
+    frame = move_frame(frame, origin)
+
+    def in_scene(asset: Asset) -> Asset:
+        return with_frame(with_origin(asset, origin), frame)
+
+    lods = tuple(in_scene(asset_from_mesh(lod, origin=NO_ORIGIN)) for _, lod in levels)
+    shape = None if collision is None else in_scene(asset_from_mesh(collision.mesh, origin=NO_ORIGIN))
+    return Baked(in_scene(baked), report, preview.moved_back(origin), lods, shape)
 
 
 @contextmanager

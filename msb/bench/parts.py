@@ -8,6 +8,7 @@ from typing import Any, get_args
 from numpy.typing import NDArray
 
 from msb.asset import Asset
+from msb.asset.origin import world_positions
 from msb.base.atomic import new_folder
 from msb.base.limits import Limits
 from msb.bench.documents import AuditDocument, ChamferDocument, RepairDocument, TrialDocument
@@ -51,8 +52,8 @@ def group_memory(
 ) -> Memory:
     """Return the memory record of a renderer.
 
-    `uses` is name of a buffer -> bytes, and `groups` is name of a buffer -> group; a buffer without a group
-    counts as scratch. `driver` is the result of `read_driver_memory`.
+    `uses` holds the bytes of each buffer by name, and `groups` its group. A buffer without a group counts as
+    scratch. `driver` is the result of `read_driver_memory`.
     """
     sums = dict.fromkeys(get_args(Group), 0)
     for use, size in uses.items():
@@ -70,7 +71,7 @@ def measure_audit(job: Job) -> dict[str, Any]:
 
 
 def _prepare_trial(job: Job) -> tuple[Asset, tuple[Camera, ...], TrialTable, Limits]:
-    """Return the asset of a cell, its test cameras, the protocol's table and the limits of each library."""
+    """Return a cell's asset and test cameras, the protocol's table of trials, and each library's limits."""
     assert job.model is not None
     assert job.trial is not None
     limits = Limits(job.trial.seconds, job.trial.memory)
@@ -154,8 +155,8 @@ def _read_mesh(job: Job) -> tuple[NDArray[Any], NDArray[Any], str]:
         mesh = read_mesh(job.mesh)
         return mesh.vertices, mesh.faces, str(job.mesh)
     assert job.model is not None
-    buffers = job.model.open().buffers
-    return buffers["positions"], buffers["indices"], job.model.asset.path
+    asset = job.model.open()
+    return world_positions(asset), asset.buffers["indices"], job.model.asset.path
 
 
 def parse_scan_number(scene: str) -> int:
@@ -186,7 +187,7 @@ def read_native_timing(job: Job) -> dict[str, Any]:
 
 
 def read_training(job: Job) -> dict[str, Any]:
-    """Return time and memory of a training from a record of `msb track`, or the time from our trainer's."""
+    """Return time and memory from a record of `msb track`, or only the time from a record of our trainer."""
     from msb.bench.track import TrainingLog, read_training_record
 
     assert job.training is not None

@@ -1,7 +1,7 @@
 """Convert meshes to assets, and assets to standard-tier meshes."""
 
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,8 +12,10 @@ from msb.asset.finite import select_vertices
 from msb.asset.frame import frame_of
 from msb.asset.look import stored_threshold, tint_of, visible_faces, written_up
 from msb.asset.manifest import CoordinateFrame, Domain, Parameters
+from msb.asset.origin import world_positions
 from msb.asset.texture import Sampler, is_textured, texture_images
 from msb.asset.tiers import refusal
+from msb.base.origin import Origin, find_origin, to_local, to_world
 from msb.base.seam_keys import SEAM_KEY, hash_attributes
 from msb.errors import AssetError, Unsupported
 from msb.meshes.charts import with_sampled_colors, with_vertex_uvs, without_textures
@@ -21,25 +23,39 @@ from msb.meshes.formats import FORMATS
 from msb.meshes.mesh import Mesh
 from msb.meshes.placement import place
 from msb.meshes.transform import rotate_axis
-from msb.meshes.writing import as_float32, check_indices, check_writable
+from msb.meshes.writing import as_float32, as_local, check_indices, check_writable
 
 
-def asset_from_mesh(mesh: Mesh) -> Asset:
-    """Return `mesh` as an asset of method "mesh", with float32 positions and the colours as stored."""
-    buffers, domains, appearance = make_mesh_buffers(mesh)
+class MeshBuffers(NamedTuple):
+    """The asset buffers of a mesh, their domains, the appearance for the manifest, and the origin."""
+
+    buffers: dict[str, NDArray[Any]]
+    domains: dict[str, Domain]
+    appearance: Parameters
+    origin: Origin
+
+
+def asset_from_mesh(mesh: Mesh, *, origin: Origin | None = None) -> Asset:
+    """Return `mesh` as an asset of method "mesh", with float32 positions and the colours as stored.
+
+    The positions are relative to `origin`. Default: zero, unless the mesh needs an origin (`find_origin`).
+    """
+    made = make_mesh_buffers(mesh, origin)
     frame = CoordinateFrame(up=mesh.up or "unknown")
-    description = Description(appearance=appearance, coordinate_frame=frame, frame=mesh.frame)
-    return build_asset(buffers, domains, description)
+    description = Description(
+        appearance=made.appearance, coordinate_frame=frame, origin=made.origin, frame=mesh.frame
+    )
+    return build_asset(made.buffers, made.domains, description)
 
 
-def make_mesh_buffers(mesh: Mesh) -> tuple[dict[str, NDArray[Any]], dict[str, Domain], Parameters]:
-    """Return the asset buffers of `mesh`, their domains, and the appearance for the manifest.
+def make_mesh_buffers(mesh: Mesh, origin: Origin | None = None) -> MeshBuffers:
+    """Return the asset buffers of `mesh`; see `asset_from_mesh`.
 
     Vertex colours take precedence over face colours. Textures are kept with their coordinates.
     """
     check_indices(mesh)
-    with np.errstate(over="ignore"):
-        positions = mesh.vertices.astype(np.float32)
+    origin = find_origin(mesh.vertices) if origin is None else origin
+    positions = to_local(mesh.vertices, origin)
     overflow = np.isinf(positions) & np.isfinite(mesh.vertices)
     if overflow.any():
         row = int(np.argmax(overflow.any(axis=1)))
@@ -66,7 +82,7 @@ def make_mesh_buffers(mesh: Mesh) -> tuple[dict[str, NDArray[Any]], dict[str, Do
     for keys, domain in ((mesh.vertex_keys, "vertex"), (mesh.corner_keys, "corner")):
         if keys is not None and SEAM_KEY not in buffers and _needs_keys(positions, buffers, domains):
             buffers[SEAM_KEY], domains[SEAM_KEY] = keys, domain  # type: ignore[assignment]
-    return buffers, domains, appearance
+    return MeshBuffers(buffers, domains, appearance, origin)
 
 
 def _needs_keys(
@@ -89,9 +105,10 @@ def _check_uvs(mesh: Mesh) -> None:
 def mesh_from_asset(asset: Asset) -> Mesh:
     """Return the standard-tier mesh of `asset`: opaque, with static colours.
 
-    The colours are those of `msb.asset.look`; an asset without colours gives a mesh without colours. Corner
+    `msb.asset.look` computes the colours. An asset without colours gives a mesh without colours. Corner
     colours, and the face colours of a triangle soup, become vertex colours. A vertex is split if its corners
-    have different colours. Textures are kept. Faces below the asset's STE threshold are removed.
+    have different colours. Textures are kept. Faces below the asset's STE threshold are removed. Coordinates
+    are float32, or float64 if the asset has an origin.
 
     Raises
     ------
@@ -101,7 +118,7 @@ def mesh_from_asset(asset: Asset) -> Mesh:
     text = refusal(asset.manifest, "standard")
     if text is not None:
         raise Unsupported("UNSUPPORTED_TIER", text, file=asset.opened_from)
-    vertices, up = asset.buffers["positions"], written_up(asset)
+    vertices, up = world_positions(asset), written_up(asset)
     faces = asset.buffers["indices"].astype(np.int64)
     mesh, colors = Mesh(vertices, faces, up=up, frame=frame_of(asset.manifest)), tint_of(asset)
     if is_textured(asset):
@@ -119,7 +136,7 @@ def mesh_from_asset(asset: Asset) -> Mesh:
 
 
 def _with_textures(mesh: Mesh, asset: Asset) -> Mesh:
-    """Return `mesh`, which has the vertices and faces of `asset`, with the textures of `asset`."""
+    """Return `mesh` with the textures of `asset`. Both have the same vertices and faces."""
     uv, manifest = asset.buffers["uv"], asset.manifest
     by_vertex = manifest.buffers["uv"].domain == "vertex"
     return replace(
@@ -133,13 +150,14 @@ def _with_textures(mesh: Mesh, asset: Asset) -> Mesh:
 
 
 def align_baked(baked: Asset, asset: Asset) -> Asset:
-    """Return a mesh that was baked from `asset`, in the coordinates of `asset`.
+    """Return a mesh that was baked from `asset`, in the coordinates and with the origin of `asset`.
 
-    Files of baked meshes are rotated upright, as their formats require. Their vertices are rotated back.
+    Files of baked meshes are rotated upright, because their formats require it. This function rotates the
+    vertices back.
     """
     mesh, up = mesh_from_asset(baked), written_up(asset)
     vertices = rotate_axis(mesh.vertices, mesh.up or "unknown", up or "unknown")
-    return asset_from_mesh(replace(mesh, vertices=vertices, up=up))
+    return asset_from_mesh(replace(mesh, vertices=vertices, up=up), origin=asset.manifest.origin)
 
 
 def with_vertex_colors(mesh: Mesh) -> Mesh:
@@ -155,10 +173,11 @@ def with_vertex_colors(mesh: Mesh) -> Mesh:
 def fit_to_format(mesh: Mesh, suffix: str, *, is_upright: bool = False) -> Mesh:
     """Return `mesh` reduced to the data that files of `suffix` can store. The audit of a file sees this mesh.
 
-    Colours and UVs are moved to where the format stores them, usually to vertices. Textures become vertex
-    colours if the format has no textures. The mesh is in metres if its unit is known. It is rotated upright
-    if the up axis is known, and the format defines an up axis or `is_upright` requests it. If the format
-    cannot share vertices between faces, every face gets three separate vertices.
+    Colours and UVs are moved to the elements for which the format stores them, usually vertices. Textures
+    become vertex colours if the format has no textures. The mesh is in metres if its unit is known. It is
+    rotated upright if its up axis is known, and if the format defines an up axis or `is_upright` requests it.
+    If the format cannot share vertices between faces, every face gets three separate vertices. Coordinates
+    are rounded as the format rounds them.
     """
     mesh = replace(mesh, vertex_keys=None, corner_keys=None)  # files are written without these attributes
     form = FORMATS[suffix]
@@ -174,7 +193,11 @@ def fit_to_format(mesh: Mesh, suffix: str, *, is_upright: bool = False) -> Mesh:
     mesh = place(mesh, is_upright=is_upright or form.up is not None)
     if form.is_soup and len(mesh.vertices) != 3 * len(mesh.faces):
         mesh = _separate_faces(mesh)
-    return replace(mesh, vertices=as_float32(mesh.vertices, form.title)) if form.is_single else mesh
+    if not form.is_single:
+        return mesh
+    if form.has_origin:
+        return replace(mesh, vertices=to_world(*as_local(mesh.vertices, form.title)))
+    return replace(mesh, vertices=as_float32(mesh.vertices, form.title))
 
 
 def with_faces(mesh: Mesh, keep: NDArray[np.bool_]) -> Mesh:
@@ -187,10 +210,10 @@ def with_faces(mesh: Mesh, keep: NDArray[np.bool_]) -> Mesh:
 
 
 def without_bad_faces(mesh: Mesh) -> tuple[Mesh, int]:
-    """Return `mesh` without the faces that have a coordinate which is not finite, and their number.
+    """Return `mesh` without the faces that have a non-finite coordinate, and the number of these faces.
 
-    Vertices that are not finite are removed, too. A mesh without any other face stays as it is, and so does
-    one with invalid indices: writers reject them.
+    Non-finite vertices are removed, too. A mesh without any finite face, or with invalid indices, is returned
+    unchanged, because writers reject it.
     """
     is_bad = ~np.isfinite(mesh.vertices).all(axis=1)
     is_invalid = ((mesh.faces < 0) | (mesh.faces >= len(mesh.vertices))).any()
@@ -206,7 +229,7 @@ def without_bad_faces(mesh: Mesh) -> tuple[Mesh, int]:
 def with_corner_colors(mesh: Mesh, colors: NDArray[Any]) -> Mesh:
     """Return `mesh` with the corner colours `colors` (3F, 3 | 4) as vertex colours.
 
-    A vertex is split if its corners have different colours. The order of vertices stays; unused ones are
+    A vertex is split if its corners have different colours. Vertices keep their order; unused vertices are
     removed.
     """
     # Sort the 3F corners by vertex and by the bits of their colour. A new vertex begins at every corner that

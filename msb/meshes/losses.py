@@ -7,8 +7,9 @@ import numpy as np
 from msb.asset import Asset
 from msb.asset.look import select_faces, stored_threshold
 from msb.asset.texture import Sampler
+from msb.base.origin import NO_ORIGIN, describe_origin, find_origin, round_coordinates
 from msb.meshes.formats import FORMATS
-from msb.meshes.mesh import Mesh
+from msb.meshes.mesh import Mesh, describe_rounding
 
 # Asset buffer that no mesh format can store -> its description.
 _UNWRITTEN = {"opacity": "opacity", "sigma": "soft edges (sigma)"}
@@ -31,7 +32,7 @@ def list_dropped_features(asset: Asset) -> list[str]:
 
 
 def explain_split(suffix: str) -> str:
-    """Return why files of `suffix` split merged vertices, and which formats do not."""
+    """Return why files of `suffix` split merged vertices, and the formats that do not split them."""
     soup = FORMATS[suffix].is_soup
     reason = "stores separate vertices for every face" if soup else "cannot store face colours"
     return f"{suffix} {reason}; use {_list_face_color_formats()} to keep vertices merged"
@@ -48,8 +49,8 @@ def list_losses(
 ) -> Iterator[str]:
     """Yield a note for each loss between `mesh` and `written`, the mesh that a file of `suffix` stores.
 
-    `left_out` lists parts of the source that were already missing in `mesh`. `image_loss` is the end of the
-    sentence about textures that became vertex colours.
+    `left_out` lists parts of the source that were already missing in `mesh`. `image_loss` ends the sentence
+    about textures that became vertex colours.
     """
     form = FORMATS[suffix]
     is_split = not np.array_equal(written.faces, mesh.faces)
@@ -64,7 +65,9 @@ def list_losses(
         yield f"{suffix} has no textures; they were converted to vertex colours{image_loss}"
     if suffix == ".obj" and mesh.textures and mesh.sampler != Sampler(alpha_cutoff=mesh.sampler.alpha_cutoff):
         yield f"{suffix} cannot store texture filtering and wrapping"
-    # UVs without a texture are listed in `left_out`, but a GLB stores them anyway.
+    if form.is_single:
+        yield from _describe_coordinates(mesh, written, suffix)
+    # `left_out` lists UVs without a texture. A GLB stores them nevertheless.
     lost = [part for part in left_out if part != "UVs" or not _has_uvs(written)]
     lost += form.list_lost(written) if form.list_lost else []
     lost += _list_lost_parts(mesh, written, suffix)
@@ -76,8 +79,25 @@ def list_losses(
         yield f"not written: {', '.join(lost)}"
 
 
+def _describe_coordinates(mesh: Mesh, written: Mesh, suffix: str) -> Iterator[str]:
+    """Yield notes on the coordinates in a file of `suffix`, which stores them as float32."""
+    if any(stored := find_origin(written.vertices)):
+        yield f"coordinates are float32 relative to {describe_origin(stored)}, the translation of the mesh"
+    origin = find_origin(mesh.vertices) if FORMATS[suffix].has_origin else NO_ORIGIN
+    if (loss := describe_rounding(mesh, round_coordinates(mesh.vertices, origin))) is not None:
+        yield f"{loss}; use {_list_exact_formats()} to keep coordinates"
+
+
+def _list_exact_formats() -> str:
+    """Return the suffixes of formats that store the coordinates of any mesh, as a list in words."""
+    names = [name for name, form in FORMATS.items() if form.write and not form.is_single]
+    return " or ".join(filter(None, (", ".join(names[:-1]), *names[-1:])))
+
+
 def _list_lost_parts(mesh: Mesh, written: Mesh, suffix: str) -> Iterator[str]:
-    """Yield the names of cut-outs, colours and UVs of `mesh` that a file of `suffix` with `written` lacks."""
+    """Yield the names of the cut-outs, colours and UVs of `mesh` that are lost in `written`, a file of
+    `suffix`.
+    """
     has_cut_outs = mesh.textures and mesh.sampler.alpha_cutoff is not None
     if has_cut_outs and FORMATS[suffix].keeps and not written.textures:
         yield f"cut-outs ({suffix} cannot store them)"
@@ -109,7 +129,7 @@ def describe_placement(written: Mesh, suffix: str) -> Iterator[str]:
 
 
 def describe_up_axis(mesh: Mesh, suffix: str, *, known: bool) -> Iterator[str]:
-    """Yield a note if the up axis is a guess (not `known`), or if the format of `suffix` cannot store it."""
+    """Yield a note if the up axis is a guess (not `known`), or if a file of `suffix` cannot store it."""
     if FORMATS[suffix].up is None:
         if known and mesh.up not in (None, "+y"):
             yield f"{mesh.up} is up, which {suffix} cannot store; msb convert --up={mesh.up} rotates it to +y"

@@ -10,11 +10,17 @@ from numpy.typing import NDArray
 
 from msb.asset.frame import Frame
 from msb.asset.texture import Sampler
+from msb.base.origin import describe_origin, find_origin, round_coordinates
 from msb.base.seam_keys import SEAM_KEY, TRIANGLE_LIST
 from msb.errors import Finding, MeshError, finding
 
 if TYPE_CHECKING:
     from msb.meshes.placement import Placement
+
+# Number of faces whose rounded corners are compared, evenly spread over all.
+_SAMPLED_FACES = 200_000
+# Rounding is reported above this share of the size of a typical face. It turns normals by 0.1 degrees.
+_SEEN = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,7 +35,7 @@ class Mesh:
     faces : (F, 3) int64
         Vertex indices as stored. They may be out of range (negative, or V and more); the audit reports that.
     vertex_colors : (V, 3) or (V, 4) uint8 or float32 in [0, 1], optional
-        None where the file has none.
+        None if the file has no vertex colours.
     face_colors : (F, 3) or (F, 4) uint8 or float32 in [0, 1], optional
         One row per triangle.
     vertex_uvs : (V, 2) float32, optional
@@ -116,7 +122,7 @@ class Mesh:
 
     @property
     def attributes(self) -> dict[str, NDArray[Any]]:
-        """The arrays whose differences split vertices at seams, by the names of `msb.topology.seams`."""
+        """The arrays for which vertices are split at seams, under the names of `msb.topology.seams`."""
         stored = {"uv": self.vertex_uvs, "corner_uv": self.corner_uvs, "color": self.vertex_colors}
         stored |= {SEAM_KEY: self.vertex_keys, f"corner_{SEAM_KEY}": self.corner_keys}
         stored["face_texture"] = self.face_textures
@@ -132,12 +138,47 @@ def report_left_out(mesh: Mesh) -> tuple[Finding, ...]:
     return (finding("MESH_FILE_LEFT_OUT", text, severity="info", value=list(mesh.left_out)),)
 
 
+def report_origin(mesh: Mesh) -> tuple[Finding, ...]:
+    """Return the findings about coordinates with more digits than float32 has: an origin, and the rest."""
+    origin = find_origin(mesh.vertices)
+    findings = []
+    if any(origin):
+        text = (
+            f"Coordinates are far from zero: they are kept as float32 relative to {describe_origin(origin)}"
+        )
+        findings.append(finding("MESH_ORIGIN", text, severity="info", value=list(origin)))
+    if (loss := describe_rounding(mesh, round_coordinates(mesh.vertices, origin))) is not None:
+        text = f"{loss}. Split the mesh into parts that are closer together, or move it closer to zero"
+        findings.append(finding("MESH_ROUNDED", text, severity="warning"))
+    return tuple(findings)
+
+
+def describe_rounding(mesh: Mesh, rounded: NDArray[Any]) -> str | None:
+    """Return how far `rounded` (V, 3) moves the vertices of `mesh`, as text; None if no image shows it."""
+    if rounded is mesh.vertices:
+        return None
+    faces = mesh.faces[:: max(1, len(mesh.faces) // _SAMPLED_FACES)]
+    inside = ((faces >= 0) & (faces < len(mesh.vertices))).all(axis=1)
+    with np.errstate(over="ignore", invalid="ignore"):
+        corners = mesh.vertices[faces[inside]].astype(np.float64)
+        moved = np.abs(corners - rounded[faces[inside]])
+        edges = np.ptp(corners, axis=1).max(axis=1)
+    # Compare the distances with the typical size of a face.
+    known = np.isfinite(moved).all(axis=(1, 2)) & (edges > 0)
+    if not known.any():
+        return None
+    largest, size = float(moved[known].max()), float(np.median(edges[known]))
+    if largest <= _SEEN * size:
+        return None
+    return f"float32 moves vertices by up to {largest:.2g}, {100 * largest / size:.2g} % of a typical face"
+
+
 def _check(
     name: str, array: NDArray[Any] | None, rows: int | None, widths: tuple[int, ...], types: tuple[type, ...]
 ) -> None:
     """Raise MESH_ARRAY unless `array` has shape (rows, one of `widths`) and one of `types`.
 
-    If `rows` is None, any number of rows is valid, and the array is required; otherwise it may be None.
+    If `rows` is None, the array is required and may have any number of rows. Otherwise the array may be None.
     """
     if array is None and rows is not None:
         return

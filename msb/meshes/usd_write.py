@@ -17,7 +17,7 @@ from msb.meshes.image_files import name_images
 from msb.meshes.mesh import Mesh
 from msb.meshes.placement import KEY
 from msb.meshes.usd_looks import WHITE, FaceGroup, corner_light, encode_used_images, group_faces
-from msb.meshes.writing import as_float32
+from msb.meshes.writing import as_local
 
 Kind = Literal["usda", "usdc", "usdz"]
 
@@ -77,14 +77,18 @@ def _build_stage(mesh: Mesh, images: list[str], style: Style) -> Any:
 
 def _add_mesh(stage: Any, path: str, mesh: Mesh) -> Any:
     """Define a mesh prim with the triangles of `mesh` at `path`, and return it."""
-    from pxr import UsdGeom, Vt
+    from pxr import Gf, UsdGeom, Vt
 
     prim = UsdGeom.Mesh.Define(stage, path)
-    prim.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(np.ascontiguousarray(as_float32(mesh.vertices, "USD"))))
+    points, origin = as_local(mesh.vertices, "USD")
+    if any(origin):
+        prim.AddTranslateOp().Set(Gf.Vec3d(*origin))
+    prim.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(np.ascontiguousarray(points)))
     prim.CreateFaceVertexCountsAttr(Vt.IntArray.FromNumpy(np.full(len(mesh.faces), 3, np.int32)))
     prim.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(mesh.faces.astype(np.int32).reshape(-1)))
     prim.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
-    # Readers expect normals for surfaces without subdivision. Face normals do not smooth the surface.
+    # Readers expect normals for surfaces without subdivision. With face normals, the surface looks
+    # flat-shaded.
     prim.CreateNormalsAttr(Vt.Vec3fArray.FromNumpy(_compute_normals(mesh)))
     prim.SetNormalsInterpolation(UsdGeom.Tokens.uniform)
     prim.CreateDoubleSidedAttr(True)
@@ -130,7 +134,7 @@ def _add_colors(prim: Any, mesh: Mesh, images: list[str]) -> None:
 
 
 def _add_display_colors(prim: Any, light: NDArray[np.float32], domain: str) -> None:
-    """Set `displayColor` to `light` (n, 3) of a domain, and define the material that shows it."""
+    """Set `displayColor` to the colours `light` (n, 3) of a domain, and define the material to show them."""
     from pxr import Sdf, Vt
 
     stage = prim.GetPrim().GetStage()
@@ -156,7 +160,7 @@ def _name_groups(groups: list[FaceGroup]) -> list[str]:
 
 
 def _add_group(prim: Any, path: str, group: FaceGroup, images: list[str], mesh: Mesh) -> None:
-    """Define the material of a group: its image times its colour, or its colour."""
+    """Define the material of a group. It shows an image times a colour, or only a colour."""
     stage = prim.GetPrim().GetStage()
     assert group.color is not None
     if group.image is None:
@@ -166,7 +170,7 @@ def _add_group(prim: Any, path: str, group: FaceGroup, images: list[str], mesh: 
 
 
 def _add_subset(prim: Any, name: str, group: FaceGroup) -> Any:
-    """Define the subset of a mesh prim's faces that has the material of a group."""
+    """Define the faces of a group as a subset of a mesh prim, and give it the material of the group."""
     from pxr import UsdGeom, UsdShade, Vt
 
     return UsdGeom.Subset.CreateGeomSubset(
@@ -180,7 +184,7 @@ def _add_subset(prim: Any, name: str, group: FaceGroup) -> Any:
 
 
 def _set_primvar(primvar: Any, values: NDArray[np.float32], kind: Any) -> None:
-    """Set the values of a primvar; repeated values are stored once, with indices."""
+    """Set the values of a primvar. Repeated values are stored once, and indices refer to them."""
     from pxr import Vt
 
     bits = np.ascontiguousarray(values).view(np.uint32)
@@ -192,7 +196,7 @@ def _set_primvar(primvar: Any, values: NDArray[np.float32], kind: Any) -> None:
 
 
 def _add_texture(stage: Any, path: str, image: str, mesh: Mesh, color: tuple[float, ...]) -> None:
-    """Define the unlit material of the texture file `image`, times `color` (linear light), at `path`."""
+    """Define an unlit material at `path`. It shows the texture file `image` times `color` (linear light)."""
     from pxr import Sdf
 
     surface = _add_material(stage, path)

@@ -150,7 +150,9 @@ class ViewOptions:
         return factor
 
     def color(self, asset: Asset | None) -> tuple[float, float, float]:
-        """Return the requested background; the default is the asset's, its method's, or black."""
+        """Return the requested background; the default is the asset's background, the method's background, or
+        black.
+        """
         from msb.scenes.colors import BLACK
         from msb.scenes.datasets import default_background
 
@@ -259,7 +261,10 @@ class RendererOptions:
 
     @property
     def modes(self) -> dict[str, str]:
-        """The given modes only, because some renderers reject modes, even the official ones."""
+        """The modes that the user gave.
+
+        Default modes are left out, because some renderers reject even official modes.
+        """
         modes = {"order": self.order, "sampling": self.sampling}
         return {name: value for name, value in modes.items() if value is not None}
 

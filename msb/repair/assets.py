@@ -15,7 +15,9 @@ from msb.asset import Asset, Description, build_asset
 from msb.asset.frame import frame_of
 from msb.asset.look import colors_of, stored_threshold, visible_faces
 from msb.asset.manifest import Domain
+from msb.asset.origin import world_positions
 from msb.asset.tiers import refusal
+from msb.base.origin import to_local
 from msb.base.seam_keys import SEAM_KEY
 from msb.errors import Unsupported, about
 from msb.meshes import Mesh
@@ -71,8 +73,8 @@ def repair(
 ) -> Repaired:
     """Return a repaired copy of an asset that keeps the data of its vertices and faces.
 
-    The default plan, "orient,pair", changes nothing visible: faces are turned to a consistent winding, and
-    edges of more than two faces are cut so that the flattest pairs of faces stay connected.
+    The default plan, "orient,pair", changes nothing visible. It turns faces to a consistent winding, and cuts
+    edges of more than two faces. At a cut edge, the pairs of faces that are closest to flat stay connected.
     docs/repair.md explains each step and its guarantees.
 
     Parameters
@@ -128,7 +130,7 @@ def repair_asset(asset: Asset, options: Options, weights: NDArray[Any] | None = 
         level = manifest.appearance.get("level")
         level = level if isinstance(level, int) and 0 <= level <= 8 else None
         done = run_plan(
-            base.buffers,
+            {**base.buffers, "positions": world_positions(base)},
             domains,
             options,
             level=level,
@@ -139,7 +141,8 @@ def repair_asset(asset: Asset, options: Options, weights: NDArray[Any] | None = 
         if done.unchanged:
             repaired = asset
         else:
-            repaired = build_asset(done.buffers, done.domains, Description.of(manifest))
+            buffers = {**done.buffers, "positions": _find_positions(base, done)}
+            repaired = build_asset(buffers, done.domains, Description.of(manifest))
             repaired = replace(
                 repaired,
                 manifest=replace(repaired.manifest, extra=manifest.extra),
@@ -156,10 +159,21 @@ def repair_asset(asset: Asset, options: Options, weights: NDArray[Any] | None = 
     return Repaired(**outcome | audits | {"buffers": repaired.buffers}, asset=repaired, plan=plan)
 
 
+def _find_positions(asset: Asset, done: Outcome) -> NDArray[np.float32]:
+    """Return the positions of a repaired asset relative to its origin; vertices that stay keep their bits."""
+    positions = to_local(done.buffers["positions"], asset.manifest.origin)
+    if not any(asset.manifest.origin):
+        return positions
+    stays = done.vertex_map >= 0
+    positions[stays] = asset.buffers["positions"][done.vertex_map[stays]]
+    return positions
+
+
 def repair_mesh(mesh: Mesh, options: Options) -> tuple[Mesh, Outcome]:
     """Return the repaired mesh, in the precision of `mesh`, and the outcome of the repair."""
     check_indices(mesh)
-    # `carry` treats buffers by name. Face colours use the name "f_dc", because vertex colours use "color".
+    # `carry` decides by the name of a buffer how it is changed. Face colours get the name "f_dc", because
+    # vertex colours have the name "color".
     by_corner = mesh.corner_uvs is not None
     arrays: tuple[tuple[str, NDArray[Any] | None, Domain], ...] = (
         ("color", mesh.vertex_colors, "vertex"),
@@ -192,14 +206,15 @@ def repair_mesh(mesh: Mesh, options: Options) -> tuple[Mesh, Outcome]:
 
 
 def _welds_soup(asset: Asset, plan: tuple[str, ...]) -> bool:
-    """Return whether the plan welds a soup whose method can only render soups."""
+    """Return whether the plan welds a triangle soup of a method that can only render soups."""
     return "weld" in plan and asset.manifest.topology == "triangle_soup" and asset.manifest.method != "mesh"
 
 
 def _convert_to_mesh(asset: Asset) -> tuple[Asset, Change | None]:
     """Return a soup as an asset of method "mesh" with its standard-tier colours.
 
-    The second value is the change that removes the faces below its STE threshold, or None.
+    The second value is the change that removes the faces below the STE threshold, or None if there is no
+    threshold.
     """
     if why := refusal(asset.manifest, "standard"):
         raise Unsupported("UNSUPPORTED_TIER", f"weld needs static colours to merge a triangle soup; {why}")
@@ -214,6 +229,7 @@ def _convert_to_mesh(asset: Asset) -> tuple[Asset, Change | None]:
         coordinate_frame=manifest.coordinate_frame,
         source=manifest.source,
         frame=frame_of(manifest),
+        origin=manifest.origin,
     )
     visible = visible_faces(asset, stored_threshold(asset))
     if visible is None:

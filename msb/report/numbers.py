@@ -1,7 +1,7 @@
 """The numbers of tables, charts and findings, by dataset, scene, method, condition and metric.
 
 Measured numbers come from result records (`msb.report.collect`), the paper's numbers from its published
-tables (`msb.report.paper`). All later code treats both alike.
+tables (`msb.report.paper`). All later code treats measured and published numbers alike.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -21,9 +21,10 @@ from msb.report.table import NOT_AVAILABLE
 
 # Values of `Key.scene` that stand for averages over the scenes of a dataset.
 MEAN = "mean"
-# The average cost of a single triangle over the scenes: the cost of a renderer independent of the mesh.
+# The cost of a single triangle, averaged over the scenes. The cost of a single triangle is the part of a
+# renderer's cost that does not depend on the mesh.
 FLOOR = "floor_mean"
-# Value of `Key.scene` for an average -> heading of its row.
+# The heading of each row of averages, by the value of `Key.scene`.
 MEANS = {"indoor_mean": "Indoor mean", "outdoor_mean": "Outdoor mean", MEAN: "Mean", FLOOR: "Floor"}
 
 # Conditions with images in the order of falling quality: Non-Engine, Dedicated, Standard.
@@ -31,10 +32,11 @@ DRAWN_CONDITIONS = tuple(TIER_OF)
 
 # Image quality metrics. The mapping is filled on first access, because other packages can add metrics.
 QUALITY = IMAGE_METRICS
-# Metrics of the trained model, independent of the renderer. Tables show them with the Non-Engine results.
+# Metrics of the trained model, independent of the renderer. Tables show these metrics with the Non-Engine
+# results.
 ASSET_METRICS = ("train_memory", "train_seconds", "chamfer")
-# First words of the note on frame rates of a CPU. These frame rates depend on other work of the machine, so
-# they are never marked as the best.
+# First words of the note on frame rates of a CPU. Such frame rates depend on the other programs of the
+# machine, so they are never marked as the best.
 ON_CPU = "measured on a CPU device"
 
 
@@ -64,7 +66,10 @@ class Key(NamedTuple):
 
     @property
     def is_of_asset(self) -> bool:
-        """Whether the number describes the trained model: it does not imply images of the condition."""
+        """Whether the number describes the trained model.
+
+        The condition of a number about the trained model may have no images.
+        """
         return self.metric in ASSET_METRICS
 
 
@@ -100,7 +105,7 @@ class Number:
 class GapKey(NamedTuple):
     """Identifies the three quality gaps of a method.
 
-    `scene` is a scene or "mean". `standard` and `dedicated` name the conditions in place of the two tiers. By
+    `scene` is a scene or "mean". `standard` and `dedicated` name the two conditions that are compared. By
     default these are the tiers themselves. `standard` can also be another engine or a bake, and `dedicated` a
     variant.
     """
@@ -128,7 +133,7 @@ class SplitKey(NamedTuple):
 
 
 class RatioKey(NamedTuple):
-    """Identifies the ratio of the average frame rates of two conditions on a dataset."""
+    """Identifies a ratio of frame rates: the averages of two conditions on a dataset."""
 
     dataset: str
     method: str
@@ -200,7 +205,7 @@ class Numbers:
         return list(dict.fromkeys(key.method for key in keys))
 
     def has_other_scenes(self, dataset: str) -> bool:
-        """Return whether a dataset has the name of a published one, but none of its scenes."""
+        """Return whether a dataset has the name of a published dataset, but none of its scenes."""
         published, scenes = SCENES.get(dataset, ()), self.scenes(dataset)
         return bool(published and scenes) and not any(scene in published for scene in scenes)
 
@@ -231,7 +236,7 @@ class Numbers:
 
     @cached_property
     def _keys(self) -> dict[str, list[Key]]:
-        """Dataset -> the keys of its numbers."""
+        """The keys of all numbers of each dataset."""
         keys: dict[str, list[Key]] = {}
         for key in self.values:
             keys.setdefault(key.dataset, []).append(key)
@@ -261,8 +266,8 @@ def select_variants(conditions: Iterable[str], condition: str) -> list[str]:
 def list_gap_pairs(conditions: Sequence[str], drawn_by: Mapping[str, str]) -> list[tuple[str, str]]:
     """Return the pairs (standard, dedicated) of conditions between which gaps are computed.
 
-    These are the two tiers, Standard with each variant of Dedicated, each engine and each bake with
-    Dedicated, and the two tiers of each engine that draws both.
+    The two tiers are a pair, and also Standard with each variant of Dedicated. Each engine and each bake is
+    paired with Dedicated. If an engine draws both tiers, its two conditions are also a pair.
     """
     variants = select_variants(conditions, "dedicated")
     pairs = [
@@ -277,8 +282,9 @@ def list_gap_pairs(conditions: Sequence[str], drawn_by: Mapping[str, str]) -> li
 def list_ratio_pairs(conditions: Sequence[str], drawn_by: Mapping[str, str]) -> list[tuple[str, str]]:
     """Return the pairs (standard, dedicated) of conditions whose frame rates are compared.
 
-    Dedicated and each of its variants are paired with Standard in the same engine, or else with the standard
-    tier. Frame rates of two engines are not compared, because they are measured on different devices.
+    Dedicated and each of its variants are paired with Standard in the same engine. If no engine draws both
+    tiers, Dedicated and its variants are paired with the standard tier. Frame rates of two engines are not
+    compared, because they may be measured on different devices.
     """
     engines = {drawn_by.get(name): name for name in select_variants(conditions, "standard")}
     dedicated = ("dedicated", *select_variants(conditions, "dedicated"))

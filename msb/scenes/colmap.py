@@ -22,11 +22,11 @@ from msb.scenes.poses import rotation_from_quaternion
 from msb.scenes.source import Source
 
 _Record = TypeVar("_Record", "Lens", "Shot")
-# Suffix -> reader of the format. The binary format is preferred, like in the 3DGS family.
+# The reader of each format by its suffix. The binary format is preferred, like in the 3DGS family.
 _FORMS: dict[str, ModuleType] = {".bin": colmap_binary, ".txt": colmap_text}
 
-# Largest number of cameras of a model. A camera takes about 0.5 kB and 60 microseconds, its record in a
-# malicious file only 73 bytes.
+# Largest number of cameras of a model. A camera takes about 0.5 kB of memory and 60 microseconds, but its
+# record in a malicious file only 73 bytes.
 MAX_CAMERAS = 1 << 20
 # Least length of a quaternion. COLMAP writes unit quaternions; shorter ones have no precise direction.
 MIN_QUATERNION = 1e-9

@@ -1,4 +1,7 @@
-"""Merge coincident vertices: the optional weld of the audit, which reports its result separately."""
+"""Merge coincident vertices.
+
+This is the optional weld of the audit, which reports the result of the weld separately.
+"""
 
 import math
 from typing import Any, Literal
@@ -6,6 +9,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from msb.base.origin import find_origin, to_local
 from msb.errors import MeshError
 from msb.topology.components import label_components
 
@@ -35,10 +39,11 @@ def weld_vertices(
 ) -> tuple[NDArray[Any], NDArray[Any]]:
     """Return vertices (W, 3) and faces (F, 3) after merging coincident vertices; all face rows are kept.
 
-    "exact" merges vertices with equal float32 coordinates (-0 equals +0, NaN equals nothing). A length merges
-    vertices that a chain of steps of at most this length connects, so the result does not depend on their
-    order. The first vertex of each merged set is kept, in the old order. Faces that collapse become
-    repeated-index rows.
+    "exact" merges vertices with equal stored coordinates: float32, relative to the origin that an asset of
+    the mesh has (`msb.base.origin`). -0 equals +0, NaN equals nothing. A length merges vertices that are
+    connected by a chain of steps of at most this length. The result therefore does not depend on the order of
+    the vertices. The first vertex of each merged set is kept. The order of the vertices does not change.
+    Faces that collapse become repeated-index rows.
     """
     first, number = merge_coincident(vertices, weld)
     return vertices[first], number.astype(faces.dtype)[faces]
@@ -51,7 +56,7 @@ def merge_coincident(vertices: NDArray[Any], weld: Weld) -> tuple[NDArray[Any], 
     """
     if len(vertices) == 0:
         return np.zeros(0, np.int64), np.zeros(0, np.int64)
-    labels = _label_exact(vertices) if weld == "exact" else _label_near(vertices, float(weld))
+    labels = _label_exact(_to_stored(vertices)) if weld == "exact" else _label_near(vertices, float(weld))
     _, first, number = np.unique(labels, return_index=True, return_inverse=True)
     return first, number.reshape(-1)
 
@@ -81,14 +86,15 @@ def corners_coincide(vertices: NDArray[Any], faces: NDArray[Any]) -> bool:
 def find_coincident_vertices(vertices: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
     """Return the vertices (n,), ascending, that share their coordinates with others, and their groups (n,).
 
-    The group is the position, within the first array, of the lowest vertex with the same coordinates.
+    A group is numbered by the position of its lowest vertex in the first array.
     """
-    hashes, repeated = _hash_rows(_to_stored(vertices).view(np.uint32))
-    bucket = np.zeros(1 << 20, bool)  # rejects most rows of typical meshes
+    points = _to_stored(vertices)
+    hashes, repeated = _hash_rows(points.view(np.uint32))
+    bucket = np.zeros(1 << 20, bool)  # this filter rejects most rows of typical meshes
     bucket[repeated >> 12] = True
     rows = np.flatnonzero(bucket[hashes >> 12])
     rows = rows[np.isin(hashes[rows], repeated)]
-    labels = _label_exact(vertices[rows])
+    labels = _label_exact(points[rows])
     several = np.bincount(labels, minlength=len(rows))[labels] > 1
     return rows[several], (np.cumsum(several) - 1)[labels[several]]
 
@@ -96,8 +102,9 @@ def find_coincident_vertices(vertices: NDArray[Any]) -> tuple[NDArray[Any], NDAr
 def _hash_rows(
     bits: NDArray[np.uint32], order: NDArray[Any] | None = None
 ) -> tuple[NDArray[np.uint32], NDArray[np.uint32]]:
-    """Return a hash of each row of `bits` (V, 3), or of the rows `order`, and the hashes that occur
-    repeatedly.
+    """Return a hash of each row of `bits` (V, 3), and the hashes that occur repeatedly.
+
+    `order` selects rows.
     """
     hashes = np.zeros(len(bits), np.uint32)
     for axis in range(3):
@@ -109,13 +116,8 @@ def _hash_rows(
     return hashes, ordered[1:][ordered[1:] == ordered[:-1]]
 
 
-def _label_exact(vertices: NDArray[Any]) -> NDArray[Any]:
-    """Return for each vertex (V,) the lowest vertex with the same float32 coordinates.
-
-    Double-precision coordinates are rounded to float32 first, so that a mesh gives the same result as its
-    asset, which stores float32.
-    """
-    points = _to_stored(vertices)
+def _label_exact(points: NDArray[np.float32]) -> NDArray[Any]:
+    """Return for each of the `_to_stored` points (V, 3) the lowest vertex with the same coordinates."""
     bits = points.view(np.uint32)
     order = np.lexsort(bits.T[::-1])
     rows = bits[order]
@@ -129,15 +131,15 @@ def _label_exact(vertices: NDArray[Any]) -> NDArray[Any]:
 
 
 def _to_stored(vertices: NDArray[Any]) -> NDArray[np.float32]:
-    """Return the vertices (V, 3) as float32, like an asset, with +0 for -0, so that equal values have equal
-    bits.
+    """Return the vertices (V, 3) as an asset stores them, so that a mesh gives the same result as its asset.
+
+    They are float32 relative to their origin, with +0 for -0, so that equal values have equal bits.
     """
-    with np.errstate(over="ignore"):
-        return np.ascontiguousarray(vertices.astype(np.float32) + np.float32(0.0))  # -0 becomes +0
+    return np.ascontiguousarray(to_local(vertices, find_origin(vertices)) + np.float32(0.0))
 
 
 def _label_near(vertices: NDArray[Any], distance: float) -> NDArray[Any]:
-    """Return for each vertex (V,) the lowest vertex that steps of at most `distance` connect it to."""
+    """Return for each vertex (V,) the lowest vertex that a chain of steps up to `distance` connects to it."""
     from scipy.spatial import cKDTree
 
     with np.errstate(over="ignore"):
@@ -146,11 +148,12 @@ def _label_near(vertices: NDArray[Any], distance: float) -> NDArray[Any]:
     labels = np.arange(len(vertices))
     if len(finite) == 0:
         return labels
-    # Merge coincident vertices first, because n of them would add n^2 / 2 pairs.
+    # Merge coincident vertices first, because n coincident vertices would add n^2 / 2 pairs.
     points, group = np.unique(places[finite], axis=0, return_inverse=True)
-    # The tree squares distances. Scale coordinates to at most 2, by a power of two, which causes no rounding.
+    # The tree squares distances. Scale coordinates to at most 2. The factor is a power of two, which causes
+    # no rounding.
     scale = 2.0 ** (math.frexp(float(np.abs(points).max()))[1] - 1)
-    reach = min(distance / scale, 8.0)  # more than any scaled distance
+    reach = min(distance / scale, 8.0)  # longer than any scaled distance
     tree = cKDTree(points / scale)
     pairs = (int(tree.count_neighbors(tree, reach)) - len(points)) // 2
     if pairs > MAX_PAIRS:

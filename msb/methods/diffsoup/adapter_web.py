@@ -3,6 +3,7 @@
 Layout: kenji-tojo/diffsoup at c74e35d (examples/06_export_web.py).
 """
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,8 +22,8 @@ from msb.methods.diffsoup.adapter import DECODER, describe, direction, domains
 
 # Largest width of a look-up texture, in texels.
 MAX_WIDTH = 4096
-# Key in mlp_weights.json -> key of the state dict. In the JSON file, weights are flat lists in the order
-# [out][in].
+# The key of the state dict for each key in mlp_weights.json. In the JSON file, weights are flat lists in the
+# order [out][in].
 WEIGHTS = dict(zip(("W1", "b1", "W2", "b2", "W3", "b3"), DECODER, strict=True))
 
 
@@ -36,7 +37,7 @@ def read(place: Place, content: Content, options: Options) -> Model:
         if not (folder / name).is_file():
             text = f"{name} is missing; the web export of DiffSoup contains it beside mesh.ply"
             raise CheckpointError("CHECKPOINT_FILE_MISSING", text, file=folder, pointer=name)
-    buffers, _, _ = make_mesh_buffers(read_mesh(place.file))
+    buffers, _, _, origin = make_mesh_buffers(read_mesh(place.file))
     buffers.pop("color", None)
     faces = len(buffers["indices"])
     if not faces:
@@ -49,7 +50,7 @@ def read(place: Place, content: Content, options: Options) -> Model:
     settings = Settings("diffsoup", options.settings)
     white = meta.get("background") == [1, 1, 1]
     settings.add("layout", "synthetic" if white else "colmap", "config" if meta else "default")
-    description = describe(settings, level, direction(meta.get("up")), "lut")
+    description = replace(describe(settings, level, direction(meta.get("up")), "lut"), origin=origin)
     files = tuple(folder / name for name in (*METHOD.bundle, *(["meta.json"] if meta else [])))
     return Model(buffers, domains(buffers), description, place.root, files, tuple(warnings))
 
@@ -66,7 +67,7 @@ def _read_textures(folder: Path, faces: int) -> tuple[list[NDArray[np.uint8]], i
     sizes = {texture_size(faces * samples(level)): level for level in range(MAX_LEVEL, -1, -1)}
     height, width = images[0].shape[:2]
     if images[1].shape != images[0].shape:
-        text = f"lut1.png is {images[1].shape[1]} x {images[1].shape[0]}, but lut0.png {width} x {height}"
+        text = f"lut1.png is {images[1].shape[1]} x {images[1].shape[0]}, but lut0.png is {width} x {height}"
         raise CheckpointError("CHECKPOINT_DAMAGED", text, file=folder, pointer="lut1.png")
     level = sizes[width, height]
     used = faces * samples(level)
@@ -83,7 +84,8 @@ def _read_png(path: Path, faces: int) -> NDArray[np.uint8]:
         text = f"{path.name} {why}"
         return CheckpointError("CHECKPOINT_DAMAGED", text, file=path.parent, pointer=path.name)
 
-    limit, Image.MAX_IMAGE_PIXELS = Image.MAX_IMAGE_PIXELS, None  # the size is checked below instead
+    # the size is checked below instead of by Pillow
+    limit, Image.MAX_IMAGE_PIXELS = Image.MAX_IMAGE_PIXELS, None
     try:
         with Image.open(path, formats=("PNG",)) as image:
             if image.mode != "RGBA":
@@ -91,8 +93,8 @@ def _read_png(path: Path, faces: int) -> NDArray[np.uint8]:
             if image.size not in sizes:
                 valid = ", ".join(f"{w} x {h}" for w, h in sorted(sizes))
                 width, height = image.size
-                raise error(f"is {width} x {height}; {faces} faces need one of the sizes {valid}")
-            image.verify()  # checks all checksums; then the file must be opened again
+                raise error(f"is {width} x {height}; {faces} faces need one of these sizes: {valid}")
+            image.verify()  # this checks all checksums; afterwards the file must be opened again
         with Image.open(path, formats=("PNG",)) as image:
             return np.asarray(image)
     except CheckpointError:

@@ -10,7 +10,7 @@ from msb.asset.manifest import CoordinateFrame
 from msb.errors import about
 from msb.meshes.assets import make_mesh_buffers
 from msb.meshes.files import read_mesh
-from msb.meshes.mesh import report_left_out
+from msb.meshes.mesh import report_left_out, report_origin
 from msb.registry import METHODS
 
 
@@ -26,15 +26,21 @@ def read(place: Place, content: Content, options: Options) -> Model:
     Settings("mesh", options.settings)  # a mesh has no settings, so any name is an error
     mesh = read_mesh(place.file)
     with about(place.file):
-        buffers, domains, appearance = make_mesh_buffers(mesh)
+        made = make_mesh_buffers(mesh)
     frame = CoordinateFrame(up=mesh.up or "unknown")
-    description = Description(appearance=appearance, coordinate_frame=frame, frame=mesh.frame)
-    return Model(buffers, domains, description, place.root, (place.file,), report_left_out(mesh))
+    description = Description(
+        appearance=made.appearance, coordinate_frame=frame, origin=made.origin, frame=mesh.frame
+    )
+    notes = (*report_left_out(mesh), *report_origin(mesh))
+    return Model(made.buffers, made.domains, description, place.root, (place.file,), notes)
 
 
 @dataclass(frozen=True)
 class ByName:
-    """The adapter of a method without an adapter module. It reads mesh files with the method's names."""
+    """The adapter of a method that has no module `adapter`.
+
+    It reads mesh files with the file names of the method.
+    """
 
     method: str
 

@@ -1,12 +1,13 @@
 """Read MeshSplatting: ``point_cloud/iteration_N/point_cloud_state_dict.pt`` or a mesh PLY.
 
 Layout: meshsplatting/mesh-splatting at 608e5d0 (scene/triangle_model.py, create_ply.py). All parameters are
-per vertex; sigma is global. Files of Triangle Splatting+ differ only in the missing `pixel_count` and are
-read here, too.
+per vertex; sigma is global. Files of Triangle Splatting+ are also read here. They differ only in the missing
+`pixel_count`.
 """
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,7 @@ from msb.asset.sh import SH_C0
 from msb.errors import CheckpointError, about
 from msb.meshes.assets import make_mesh_buffers
 from msb.meshes.files import read_mesh
+from msb.meshes.mesh import report_origin
 
 KEYS = ("triangles_points", "_triangle_indices", "vertex_weight", "features_dc", "sigma")
 # The opacity floor that the official code sets when it imports a PLY.
@@ -41,8 +43,8 @@ def shares_vertices(content: Content) -> bool:
 def read(place: Place, content: Content, options: Options, method: str = "mesh_splatting") -> Model:
     """Return the model at `place` as a model of `method`, which has this layout.
 
-    The opacity of a vertex is floor + (1 - floor) sigmoid(logit). Files do not store the floor; it is the
-    value that the method's official loader sets.
+    The opacity of a vertex is floor + (1 - floor) sigmoid(logit). Files do not store the floor. It is the
+    value that the official loader of the method sets.
     """
     if place.kind in ("ply", "mesh"):
         return _read_mesh(method, place, options)
@@ -51,7 +53,7 @@ def read(place: Place, content: Content, options: Options, method: str = "mesh_s
     positions = tensors.floats("triangles_points", "V", 3)
     count = len(positions)
     degree = 0
-    if "features_rest" in tensors:  # optional, like in the official exporter
+    if "features_rest" in tensors:  # the buffer is optional, as in the official exporter
         degree = tensors.degree("features_rest", tensors.axis("features_rest", 1))
     buffers: dict[str, Any] = {
         "positions": positions,
@@ -77,24 +79,26 @@ def read(place: Place, content: Content, options: Options, method: str = "mesh_s
 def _read_mesh(method: str, place: Place, options: Options) -> Model:
     """Return the model that the official code builds from an exported mesh: opaque, with SH degree 0.
 
-    f_dc = clip((rgb - 0.5) / C0, -4, 4), with infinite opacity logits.
+    f_dc is clip((rgb - 0.5) / C0, -4, 4), and opacity logits are infinite.
     """
     settings = Settings(method, options.settings)
     mesh = read_mesh(place.file)
     with about(place.file):
-        buffers, _, _ = make_mesh_buffers(mesh)
+        made = make_mesh_buffers(mesh)
     if mesh.vertex_colors is None:
         text = "vertex colours are missing; the PLY of the official exporter has red, green, blue, alpha"
         raise CheckpointError("CHECKPOINT_LAYOUT", text, file=place.file, pointer="red")
     colors = mesh.vertex_colors[:, :3].astype(np.float32)
     if mesh.vertex_colors.dtype == np.uint8:
         colors /= np.float32(255)
-    del buffers["color"]
+    buffers = {name: values for name, values in made.buffers.items() if name != "color"}
     buffers["f_dc"] = np.clip((colors - np.float32(0.5)) / np.float32(SH_C0), -4, 4)
     buffers["opacity"] = np.full(len(colors), np.inf, np.float32)
     settings.add("opacity_floor", _FLOOR_OF_MESHES, "default")
     description = _description(method, settings, 0, {}, mesh.up or "unknown")
-    return Model(buffers, domains_of(buffers, "vertex"), description, place.root, (place.file,))
+    description = replace(description, origin=made.origin)
+    notes = report_origin(mesh)
+    return Model(buffers, domains_of(buffers, "vertex"), description, place.root, (place.file,), notes)
 
 
 def _description(

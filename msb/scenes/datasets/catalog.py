@@ -7,7 +7,7 @@ from typing import Literal
 
 from msb.scenes.colors import WHITE, Color
 
-# Name of a capture that belongs to none of `DATASETS` and was given no name.
+# Name of the dataset of a capture that is not in `DATASETS` and for which no name was passed.
 CUSTOM = "custom"
 
 # Layout of a scene's folder. "colmap" has sparse/, "blender" has transforms_train.json and
@@ -58,7 +58,7 @@ _INDOOR, _OUTDOOR = (
 _OBJECTS = ("chair", "drums", "ficus", "hotdog", "lego", "materials", "mic", "ship")
 _SCANS = (24, 37, 40, 55, 63, 65, 69, 83, 97, 105, 106, 110, 114, 118, 122)
 
-# Id -> dataset, in the order of the paper's tables.
+# The datasets by id, in the order of the paper's tables.
 DATASETS: dict[str, Dataset] = {
     "mipnerf360": Dataset(
         "Mip-NeRF 360",

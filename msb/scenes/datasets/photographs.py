@@ -43,10 +43,11 @@ def choose_photographs(
 ) -> tuple[Photographs, Rounding]:
     """Return which photographs of the scene at `root` are used, and how their size is rounded.
 
-    The rules decide, then the caller's arguments and the existing folders. Notes for the user are appended to
-    `warnings`.
+    The rules give the defaults, and the caller's arguments replace them. Another folder can take the place of
+    a missing one. Notes for the user are appended to `warnings`.
     """
-    # Rule of the dataset and, for Mip-NeRF 360, of the group of scenes. Unknown scenes use the first group.
+    # Rule of the dataset and, for Mip-NeRF 360, of the group of scenes. Unknown scenes use the rule of the
+    # first group.
     group = ""
     if dataset in DATASETS:
         scenes = DATASETS[dataset].scenes
@@ -264,7 +265,7 @@ def count_missing(views: Sequence[Camera]) -> dict[str, int]:
 
 
 def _count_by_split(missing: Sequence[Camera], views: Sequence[Camera]) -> str:
-    """Return "1 of 9 test and 16 of 58 training photographs", without a split that lacks none."""
+    """Return "1 of 9 test and 16 of 58 training photographs"; a complete split is left out."""
     parts = []
     for split, title in (("test", "test"), ("train", "training")):
         count, total = (sum(view.split == split for view in some) for some in (missing, views))
@@ -359,7 +360,7 @@ def _check_mask(mask: Path, size: Size) -> None:
 
 
 def _pair_masks(root: Path, photographs: Mapping[str, Path], masks: Sequence[Path]) -> dict[str, Path]:
-    """Return name -> mask: the file with the photograph's position in the sorted folder."""
+    """Return the mask of each camera by name; photographs and masks have the same order when sorted."""
     folder = next(iter(photographs.values())).parent
     number = {image: index for index, image in enumerate(images_in(folder))}
     if len(number) != len(masks) or not number.keys() >= set(photographs.values()):
@@ -369,6 +370,6 @@ def _pair_masks(root: Path, photographs: Mapping[str, Path], masks: Sequence[Pat
     for name, mask in paired.items():
         size, wanted = image_size(mask), image_size(photographs[name])
         if size != wanted:
-            text = f"it has {size[0]} x {size[1]} pixels, but its photograph {wanted[0]} x {wanted[1]}"
+            text = f"it has {size[0]} x {size[1]} pixels, but its photograph has {wanted[0]} x {wanted[1]}"
             raise SceneError("SCENE_IMAGE", text, file=mask)
     return paired

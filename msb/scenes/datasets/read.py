@@ -1,4 +1,4 @@
-"""From a scene's folder to a `Scene`: combines layout, rules, photographs and cameras."""
+"""Read a `Scene` from its folder: combine layout, rules, photographs and cameras."""
 
 import contextlib
 import os
@@ -201,9 +201,9 @@ def missing_photographs(
     rules: str = OURS,
     **_others: Any,
 ) -> dict[str, int]:
-    """Return how many photographs of a scene's training and test views are missing, also if it is rejected.
+    """Return how many training and test photographs are missing, also for a scene that is rejected.
 
-    The parameters are those of `read_scene`, whose errors about cameras and folders are raised.
+    Parameters are those of `read_scene`. Errors of `read_scene` about cameras and folders are raised, too.
     """
     root = given_path(path)
     layout, by = _require_layout(root), rules_of(rules)
@@ -386,7 +386,7 @@ def scene_of(
     resolution: int | None = None,
     camera_convention: Convention | None = None,
 ) -> Scene:
-    """Return the scene in a folder as the method of a model is evaluated on it; raises like `read_scene`."""
+    """Return the scene in a folder as it is used to evaluate a model's method; raises like `read_scene`."""
     place = given_path(path)
     notes: list[Finding] = []
     at = scene_at(

@@ -1,11 +1,11 @@
 """Rules of loaders: their choice of photographs, image sizes, cameras and backgrounds.
 
-"ours" is the benchmark's rule for all methods. The others describe the methods' official code, as each method
-declares it (`msb.registry`). They serve to list deviations and to reproduce official numbers.
+"ours" is the benchmark's rule for all methods. All other rules describe the official code of a method, which
+declares them (`msb.registry`). These rules serve to list deviations and to reproduce official numbers.
 docs/datasets.md prints the rules as a table.
 
-A `resolution` has the meaning of ``-r`` in the 3DGS family: 1, 2, 4 or 8 divide the size, -1 keeps all but
-very large photographs, any other number is a width in pixels.
+A `resolution` has the meaning of ``-r`` in the 3DGS family: 1, 2, 4 or 8 divides the size, -1 reduces only
+very large photographs, and any other number is a width in pixels.
 """
 
 import math
@@ -137,7 +137,8 @@ def check_resolution(resolution: int) -> int:
 def half_even(size: Size, resolution: int) -> Size:
     """Return the size after resizing in the 3DGS family, Triangle-Splatting, MeshSplatting and 2DGS.
 
-    Divided sides are rounded half to even, others truncated. At -1 only widths above `LARGEST` are reduced.
+    A divided side is rounded half to even. If a width is requested, sides are truncated. At -1 only widths
+    above `LARGEST` are reduced.
 
     Source: `graphdeco-inria/gaussian-splatting`: utils/camera_utils.py (`loadCam`).
     """
@@ -151,10 +152,12 @@ def half_even(size: Size, resolution: int) -> Size:
 
 
 def floor(size: Size, resolution: int) -> Size:
-    """Return the size after resizing in 2DTS. Sides are truncated; at -1 the longer one is at most `LARGEST`.
+    """Return the size after resizing in 2DTS.
 
-    Source: `GaodeRender/triangle-splatting`: the datasets' `target_res`. It does not support widths, for
-    which the rule of the 3DGS family is used.
+    Sides are truncated. At -1 the longer side is at most `LARGEST`.
+
+    Source: `GaodeRender/triangle-splatting`: the datasets' `target_res`. This method's code does not support
+    widths, so widths follow the rule of the 3DGS family.
     """
     width, height = size
     if resolution in _DIVISORS:
