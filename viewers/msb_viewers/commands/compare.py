@@ -77,7 +77,8 @@ class CompareOptions:
     "msb compare --tiers dedicated,standard --html out/c.html \\\n"
     "      --cameras data_stubs/views.json --scale 0.25 data_stubs/checkpoint",
     "msb compare --scene data_stubs/scenes/nerf_synthetic/pebble \\\n"
-    "      --tiers dedicated,truth --html out/s.html data_stubs/models/pebble/two_dts",
+    "      --tiers dedicated,truth --html out/s.html \\\n"
+    "      data_stubs/models/pebble/two_dts",
 )
 def compare(
     path: Source,
