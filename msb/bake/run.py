@@ -151,19 +151,10 @@ def bake(
     collision : str, optional
         A collision shape: "mesh:N", "hulls:N" or "box" (`msb.bake.collision`).
     seconds : float, default 60
-        Approximate time to move fitted triangles:
-
-        ========================  ==================
-        candidates                time
-        ========================  ==================
-        fitted                    `seconds`
-        surface                   1.5 times as long
-        fitted and surface        2 times as long
-        each level of detail      `seconds` more
-        ========================  ==================
-
-        If `seconds` is 0, triangles move by a single step, and the face selection still runs. The time for
-        `collision` is not included.
+        Approximate time to move fitted triangles. A surface takes 1.5 times as long, fitted triangles and a
+        surface together 2 times as long. Each level of detail takes `seconds` more. If `seconds` is 0,
+        triangles move by a single step, and the face selection still runs. The time for `collision` is not
+        included.
     seed : int, default 0
         Seed of the search. If the time suffices for all steps, bakes with one seed on one device have the
         same result.
