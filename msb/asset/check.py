@@ -13,6 +13,9 @@ from msb.asset.texture import CHOICES, KIND, MAX_SIDE, NAME, PASS, Sampler
 from msb.errors import Finding, finding, shorten
 from msb.registry import METHODS
 
+# Minor version of the format that added textures.
+_TEXTURES = 1
+
 Json = dict[str, Any]
 
 # Names of devices on Windows, with any suffix.
@@ -86,7 +89,7 @@ def _check_version(data: Json) -> list[Finding]:
 def _newer_minor(data: Json) -> list[Finding]:
     if _version(data)[1] <= MINOR:
         return []
-    text = f"version {data['version']} is newer than {VERSION}: its additions are ignored"
+    text = f"version {data['version']} is newer than {MAJOR}.{MINOR}: its additions are ignored"
     return [
         finding("TRIASSET_VERSION_NEWER", text, severity="warning", pointer="/version", value=data["version"])
     ]
@@ -240,7 +243,7 @@ def _check_textures(data: Json) -> Iterator[Finding]:
             text = f"the pass {PASS} requires appearance.kind {KIND}"
             yield finding("TRIASSET_FIELD", text, pointer="/required_passes/standard")
         return
-    if _version(data)[1] < MINOR:
+    if _version(data)[1] < _TEXTURES:
         text = f"version is {data['version']}; textures need {VERSION}"
         yield finding("TRIASSET_FIELD", text, pointer="/version", value=data["version"], limit=VERSION)
     if PASS not in passes:

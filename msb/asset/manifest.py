@@ -16,8 +16,10 @@ FORMAT = "triasset"
 # The newest supported version. Assets without textures and origin are written as `PLAIN_VERSION`.
 VERSION = "1.1"
 PLAIN_VERSION = "1.0"
+# Assets that record up direction, unit or floor of a capture.
+FRAME_VERSION = "1.2"
 MAJOR = 1
-MINOR = 1
+MINOR = 2
 ASSET_SUFFIX = ".triasset"
 MANIFEST_NAME = "manifest.json"
 # Alignment of buffers in bytes. 64 bytes are a cache line, and the strictest alignment that GPUs require of
@@ -131,6 +133,12 @@ class Manifest:
     buffers: dict[str, BufferSpec]
     training: Parameters = field(default_factory=dict)
     """Properties of the training, read from its config files. An empty dict is not written."""
+    up: str | None = None
+    """The precise up direction: an axis, or three numbers "X,Y,Z". None is not written."""
+    unit: Parameters | None = None
+    """The length of the unit: "meters_per_unit", which may be None, and its "source". None is not written."""
+    floor: float | None = None
+    """The height along up, in scene units, that files put at zero. None is not written."""
     origin: Origin = NO_ORIGIN
     """The point of the scene that the positions are relative to. The origin (0, 0, 0) is not written."""
     format: str = FORMAT
@@ -144,6 +152,9 @@ class Manifest:
         extra = data.pop("extra")
         if not data["training"]:
             del data["training"]
+        for key in ("up", "unit", "floor"):
+            if data[key] is None:
+                del data[key]
         if not any(self.origin):
             del data["origin"]
         ordered = {"format": data.pop("format"), "version": data.pop("version")}

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msb.asset.asset import Asset
-from msb.asset.manifest import VERSION
+from msb.asset.manifest import PLAIN_VERSION, VERSION
 from msb.base.origin import NO_ORIGIN, Origin, to_world
 
 
@@ -22,7 +22,8 @@ def with_origin(asset: Asset, origin: Origin) -> Asset:
     """
     if origin == asset.manifest.origin:
         return asset
-    version = VERSION if any(origin) else asset.manifest.version
+    version = asset.manifest.version
+    version = VERSION if any(origin) and version == PLAIN_VERSION else version
     return replace(asset, manifest=replace(asset.manifest, origin=origin, version=version))
 
 
