@@ -20,6 +20,7 @@ from msb.bake.candidate_fitted import PIXELS_TO_MOVE
 from msb.bake.context import BestState, SearchContext
 from msb.bake.depth_fusion import REACH, DepthRenderer, Grid, complete_votes, pull_in
 from msb.bake.descent import StepSchedule
+from msb.bake.fairing import fair
 from msb.bake.options import MIN_CLOSED_FACES
 from msb.bake.soup import Soup
 from msb.bake.space import Space
@@ -291,7 +292,9 @@ def _reduce(surface: ClosedSurface, budget: int, context: SearchContext) -> Redu
 def _reduce_uncrossed(surface: ClosedSurface, count: int, context: SearchContext) -> ClosedSurface:
     """Reduce a surface to about `count` faces by quadric error, and remove crossing faces and specks."""
     points, faces, space = surface
-    reduced = closed_mesh.remove_crossings(*closed_mesh.reduce_faces(points, faces, count, space), space)
+    points, faces = closed_mesh.reduce_faces(points, faces, count, space)
+    points = space.clamp(space.from_world(fair(space.to_world(points), faces)))
+    reduced = closed_mesh.remove_crossings(points, faces, space)
     # Thin parts fall apart with fewer faces and leave specks.
     return _drop_specks(ClosedSurface(*reduced, space), context.training.cameras, context.device)
 
