@@ -160,6 +160,8 @@ def _print_report(report: Report, paths: tuple[Path, ...], output: Output) -> No
         views = f"{views} plus {report.interpolated} interpolated ones"
     images = "native renderings" if report.supervision == "native" else "photographs"
     echo(f"Baked from {images} of {views}. Source of the views: {one_line(report.views)}")
+    if report.shape is not None:
+        echo(report.shape.sentence)
     for lod in report.lods:
         echo(f"{one_line(str(lod.output))}: {lod.sentence}")
     if (shape := report.collision) is not None:

@@ -80,7 +80,8 @@ def filter_normals(points: Floats, faces: Ints, neighbours: Neighbours, rounds: 
         sums = np.add.reduceat(weights[:, None] * normals[others], starts[:-1])
         size = np.linalg.norm(sums, axis=1, keepdims=True)
         normals = np.where(size > 0, sums / np.maximum(size, 1e-300), normals)
-    return normals
+    result: Floats = normals
+    return result
 
 
 def follow_normals(points: Floats, faces: Ints, normals: Floats, share: float = 1.0) -> Floats:

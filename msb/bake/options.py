@@ -19,6 +19,10 @@ GeometryChoice = Literal["auto", "kept", "fitted", "surface"]
 ColorTarget = Literal["texture", "vertex"]
 Supervision = Literal["native", "photographs"]
 CollisionKind = Literal["mesh", "hulls", "box"]
+Effort = Literal["draft", "normal", "fine"]
+
+# Effort -> number of steps of each search, relative to the normal number.
+_STEPS: dict[str, float] = {"draft": 0.25, "normal": 1.0, "fine": 2.5}
 
 # Faces of the smallest closed mesh, a tetrahedron.
 MIN_CLOSED_FACES = 4
@@ -90,10 +94,29 @@ class BakeOptions:
             metavar="mesh:N|hulls:N|box",
         ),
     ] = None
+    effort: Annotated[
+        Effort,
+        Option(
+            "Set the number of steps of the search. draft: a quarter of the normal number. fine: 2.5 times "
+            "the normal number."
+        ),
+    ] = "normal"
     seconds: Annotated[
-        float,
-        Option("Move fitted triangles for about X seconds; a surface takes 1.5 times as long.", least=0),
-    ] = 60.0
+        float | None,
+        Option(
+            "Stop moving triangles after about X seconds (1.5 times as long for a surface), even if steps "
+            "are left. Default: no limit.",
+            least=0,
+        ),
+    ] = None
+    truth: Annotated[
+        Path | str | os.PathLike[str] | None,
+        Option(
+            "Compare the normals and depths of the result with this mesh of the true surface, for the report "
+            "only.",
+            metavar="MESH",
+        ),
+    ] = None
     seed: Annotated[int, Option("Set the seed of the random search.", least=0)] = 0
     up: Annotated[
         Up | None,
@@ -131,6 +154,11 @@ class BakeOptions:
         return () if self.lods is None else parse_lods(self.lods)
 
     @property
+    def step_factor(self) -> float:
+        """The number of steps of each search, relative to the normal number."""
+        return _STEPS[self.effort]
+
+    @property
     def makes_surface(self) -> bool:
         """Whether a closed surface is among the candidates."""
         return self.for_solid or self.geometry == "surface"
@@ -147,7 +175,9 @@ class BakeKeywords(TypedDict, total=False):
     texture: int | None
     lods: str | Sequence[float] | None
     collision: str | None
-    seconds: float
+    effort: Effort
+    seconds: float | None
+    truth: str | os.PathLike[str] | None
     seed: int
     up: Up | None
     views: ViewKind | None

@@ -23,17 +23,21 @@ from msb.bake.preview import Preview, make_preview
 from msb.bake.report import (
     CollisionReport,
     Report,
+    ShapeReport,
     Verdict,
     list_coverage_notes,
     list_quality_notes,
 )
 from msb.bake.requirements import check_model
-from msb.bake.views import choose_bake_views
+from msb.bake.shape import compare_with_truth, measure_visible_bending
+from msb.bake.views import BakeViews, choose_bake_views
 from msb.base.atomic import check_place, room_for_temporaries
 from msb.base.paths import given_path
+from msb.base.soup import is_soup
 from msb.cl.devices import choose_device
 from msb.errors import about
-from msb.meshes.assets import asset_from_mesh
+from msb.meshes.assets import asset_from_mesh, mesh_from_asset
+from msb.meshes.mesh import Mesh
 from msb.scenes import Camera
 from msb.scenes.datasets import Scene
 
@@ -146,8 +150,12 @@ def bake(
         Levels of detail: falling shares of the faces, such as (0.5, 0.25, 0.1) or "0.5,0.25,0.1".
     collision : str, optional
         A collision shape: "mesh:N", "hulls:N" or "box" (`msb.bake.collision`).
-    seconds : float, default 60
-        Approximate time to move fitted triangles:
+    effort : {"draft", "normal", "fine"}, default "normal"
+        The number of steps of each search: a quarter of the normal number, the normal number, or 2.5 times
+        as many. The result does not depend on the speed or the load of the machine.
+    seconds : float, optional
+        Upper limit of the time to move fitted triangles; a note reports the steps that were left out. By
+        default there is no limit. The limit applies to each search:
 
         ========================  ==================
         candidates                time
@@ -158,11 +166,14 @@ def bake(
         each level of detail      `seconds` more
         ========================  ==================
 
-        If `seconds` is 0, triangles move by a single step, and the face selection still runs. The time for
-        `collision` is not included.
+        With a limit the result depends on the speed of the machine. If `seconds` is 0, triangles move by a
+        single step, and the face selection still runs. The time for `collision` is not included.
     seed : int, default 0
-        Seed of the search. If the time suffices for all steps, bakes with one seed on one device have the
-        same result.
+        Seed of the search. Without a limit of `seconds`, bakes with one seed on one device have the same
+        result.
+    truth : path-like, optional
+        A mesh of the true surface, in the coordinates of the model. The report then has the differences of
+        the normals and depths (`msb.bake.shape`).
     up : str, optional
         The up axis, such as "+z", for generated views.
     views : {"outside", "inside", "both"}, optional
@@ -225,6 +236,7 @@ def bake(
                 mesh, choice = pipeline.make_mesh(stopped)
                 report_progress("measuring", 0, 1)
                 native, photographs = pipeline.measure(mesh)
+                shape_report = _measure_shape(mesh, views, settings, device)
                 levels, level_notes = pipeline.make_levels(choice.geometry, mesh, settings.lod_shares)
                 kind = settings.collision
                 collision = None if kind is None else pipeline.make_collision(mesh, kind)
@@ -251,6 +263,7 @@ def bake(
         unseen_area=choice.unseen_area,
         native=native,
         photographs=photographs,
+        shape=shape_report,
         before=Verdict.of(audit(model)),
         after=Verdict.of(audit(baked)),
         model_faces=model.manifest.face_count,
@@ -266,6 +279,20 @@ def bake(
     lods = tuple(asset_from_mesh(lod) for _, lod in levels)
     shape = None if collision is None else asset_from_mesh(collision.mesh)
     return Baked(baked, report, preview, lods, shape)
+
+
+def _measure_shape(
+    mesh: Mesh, views: BakeViews, settings: BakeOptions, device: str | None
+) -> ShapeReport | None:
+    """Return the shape of a connected mesh in the test views, or in all views if there are none."""
+    if is_soup(mesh.faces):
+        return None
+    cameras = views.test or views.all_but_test
+    bending = measure_visible_bending(mesh, cameras, device)
+    if settings.truth is None:
+        return ShapeReport(bending)
+    truth = mesh_from_asset(as_asset(settings.truth))
+    return ShapeReport(bending, compare_with_truth(mesh, truth, cameras, device))
 
 
 @contextmanager

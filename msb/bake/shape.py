@@ -7,13 +7,12 @@ the average angle to the true normals had a rank correlation of 0.95 with the be
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from msb.bake.arrays import Floats, Ints, Mask
-from msb.bake.blending_weights import count_pixels_by_view
 from msb.cl import Device
 from msb.meshes.assets import asset_from_mesh
 from msb.meshes.mesh import Mesh
@@ -45,20 +44,18 @@ class Bending:
     bending: float
     creases: float
 
-    def to_dict(self) -> dict[str, float]:
-        """Return the measures as JSON data."""
-        return asdict(self)
-
 
 @dataclass(frozen=True)
 class TrueShape:
     """A surface compared with a true surface, over the pixels of some views that show both.
 
+    All numbers but the last two are NaN if no pixel shows both.
+
     Attributes
     ----------
     mean, median : float
         The angle in degrees between the normals of the visible faces.
-    share_above_30 : float
+    above_30 : float
         The share of the pixels with an angle above 30 degrees.
     smooth_mean : float
         The average angle in degrees between interpolated vertex normals.
@@ -73,15 +70,11 @@ class TrueShape:
 
     mean: float
     median: float
-    share_above_30: float
+    above_30: float
     smooth_mean: float
     depth: float
     excluded: float
     outline: float
-
-    def to_dict(self) -> dict[str, float]:
-        """Return the comparison as JSON data."""
-        return asdict(self)
 
 
 def measure_bending(points: Floats, faces: Ints, visible: Mask, size: float = 1.0) -> Bending:
@@ -117,14 +110,6 @@ def measure_bending(points: Floats, faces: Ints, visible: Mask, size: float = 1.
     return Bending(
         float(size * (lengths * angles).sum() / area), float(size * lengths[is_sharp].sum() / area)
     )
-
-
-def find_visible_faces(mesh: Mesh, cameras: Sequence[Camera], device: str | Device | None) -> Mask:
-    """Return a mask (F,) of the faces that at least one pixel of the cameras shows."""
-    visible = np.zeros(len(mesh.faces), bool)
-    for count in count_pixels_by_view(mesh, cameras, device):
-        visible |= count > 0
-    return visible
 
 
 def measure_visible_bending(
@@ -169,15 +154,16 @@ def compare_with_truth(
         smooth_angles.append(_angles(*(_turn_to(normals, rays) for normals in round_)))
     angle, smooth_angle, depth = map(np.concatenate, (angles, smooth_angles, depths))
     if not compared:
-        return TrueShape(*([float("nan")] * 5), 1.0, both / max(either, 1))
+        nan = float("nan")
+        return TrueShape(nan, nan, nan, nan, nan, 1.0, both / max(either, 1))
     return TrueShape(
         mean=float(angle.mean()),
         median=float(np.median(angle)),
-        share_above_30=float((angle > SHARP).mean()),
+        above_30=float((angle > SHARP).mean()),
         smooth_mean=float(smooth_angle.mean()),
         depth=float(depth.mean() / size),
-        excluded=1 - compared / both,
-        outline=both / either,
+        excluded=1 - compared / max(both, 1),
+        outline=both / max(either, 1),
     )
 
 
@@ -247,7 +233,9 @@ def _vertex_normals(mesh: Mesh) -> Floats:
     vectors = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     rows = np.repeat(vectors, 3, axis=0)
     count = int(index.max(initial=-1)) + 1
-    sums = np.stack([np.bincount(index.reshape(-1), rows[:, axis], count) for axis in range(3)], axis=1)
+    sums: Floats = np.stack(
+        [np.bincount(index.reshape(-1), rows[:, axis], count) for axis in range(3)], axis=1
+    ).astype(np.float64)
     return _unit(sums)[place.reshape(-1)]
 
 
