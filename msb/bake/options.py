@@ -18,6 +18,7 @@ Geometry = Literal["kept", "fitted", "surface"]
 GeometryChoice = Literal["auto", "kept", "fitted", "surface"]
 ColorTarget = Literal["texture", "vertex"]
 Supervision = Literal["native", "photographs"]
+Material = Literal["unlit", "lit"]
 CollisionKind = Literal["mesh", "hulls", "box"]
 Effort = Literal["draft", "normal", "fine"]
 
@@ -78,6 +79,13 @@ class BakeOptions:
             most=16384,
         ),
     ] = None
+    material: Annotated[
+        Material,
+        Option(
+            "Show the colours as stored (unlit), or let programs light them (lit). Lit colours contain the "
+            "light of the photographs as well."
+        ),
+    ] = "unlit"
     lods: Annotated[
         str | Sequence[float] | None,
         Option(
@@ -173,6 +181,7 @@ class BakeKeywords(TypedDict, total=False):
     supervision: Supervision
     faces: int | None
     texture: int | None
+    material: Material
     lods: str | Sequence[float] | None
     collision: str | None
     effort: Effort

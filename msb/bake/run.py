@@ -16,7 +16,7 @@ from msb.asset import Asset
 from msb.bake.folder import is_folder_output, write_folder
 from msb.bake.image_cache import SUFFIX
 from msb.bake.image_source import ImageSource
-from msb.bake.options import BakeKeywords, BakeOptions, need_libraries
+from msb.bake.options import BakeKeywords, BakeOptions, Material, need_libraries
 from msb.bake.output_files import OutputAsset, list_endings, write_assets
 from msb.bake.pipeline import BakePipeline
 from msb.bake.preview import Preview, make_preview
@@ -60,6 +60,8 @@ class Baked:
         The levels of detail, the finest first.
     collision : Asset or None
         The collision shape, without colours.
+    material : {"unlit", "lit"}
+        Whether programs that open a written GLB, OBJ or USD file light its materials.
     """
 
     asset: Asset
@@ -67,6 +69,7 @@ class Baked:
     preview: Preview
     lods: tuple[Asset, ...] = ()
     collision: Asset | None = None
+    material: Material = "unlit"
 
     def save(self, *paths: str | os.PathLike[str], overwrite: bool = False) -> Report:
         """Write the asset to all paths, all or none; return the report with the files of the first path.
@@ -82,8 +85,11 @@ class Baked:
         is_convex = self.report.collision is not None and self.report.collision.kind != "mesh"
         companions = self.lods if self.collision is None else (*self.lods, self.collision)
         main, *endings = list_endings(len(self.lods), has_collision=self.collision is not None)
-        assets = [OutputAsset(main, self.asset, self.report.extras(), self.collision, is_convex)]
-        assets += [OutputAsset(end, asset, {}) for end, asset in zip(endings, companions, strict=True)]
+        is_lit = self.material == "lit"
+        assets = [OutputAsset(main, self.asset, self.report.extras(), self.collision, is_convex, is_lit)]
+        assets += [
+            OutputAsset(end, asset, {}, is_lit=is_lit) for end, asset in zip(endings, companions, strict=True)
+        ]
         places = [Path(path) for path in paths]
         if is_folder_output(places):
             return write_folder(self, assets, places[0], overwrite)
@@ -146,6 +152,9 @@ def bake(
     texture : int, optional
         Texels along a side of the texture, 16 to 16384. Default: about as many texels as pixels of the images
         show the mesh.
+    material : {"unlit", "lit"}, default "unlit"
+        Whether programs show the colours as stored, or light them. The colours contain the light of the
+        photographs in either case.
     lods : sequence of float, or str, optional
         Levels of detail: falling shares of the faces, such as (0.5, 0.25, 0.1) or "0.5,0.25,0.1".
     collision : str, optional
@@ -278,7 +287,7 @@ def bake(
     )
     lods = tuple(asset_from_mesh(lod) for _, lod in levels)
     shape = None if collision is None else asset_from_mesh(collision.mesh)
-    return Baked(baked, report, preview, lods, shape)
+    return Baked(baked, report, preview, lods, shape, settings.material)
 
 
 def _measure_shape(
