@@ -102,6 +102,15 @@ class BakeOptions:
             metavar="mesh:N|hulls:N|box",
         ),
     ] = None
+    thickness: Annotated[
+        float,
+        Option(
+            "Set the thickness of the walls that make an interior a solid, as a share of the distance from "
+            "its middle.",
+            least=1e-3,
+            most=1,
+        ),
+    ] = 0.05
     effort: Annotated[
         Effort,
         Option(
@@ -184,6 +193,7 @@ class BakeKeywords(TypedDict, total=False):
     material: Material
     lods: str | Sequence[float] | None
     collision: str | None
+    thickness: float
     effort: Effort
     seconds: float | None
     truth: str | os.PathLike[str] | None

@@ -17,6 +17,7 @@ from msb.bake.folder import is_folder_output, write_folder
 from msb.bake.image_cache import SUFFIX
 from msb.bake.image_source import ImageSource
 from msb.bake.options import BakeKeywords, BakeOptions, Material, need_libraries
+from msb.bake.outer_skin import add_outer_skin, is_interior
 from msb.bake.output_files import OutputAsset, list_endings, write_assets
 from msb.bake.pipeline import BakePipeline
 from msb.bake.preview import Preview, make_preview
@@ -159,6 +160,9 @@ def bake(
         Levels of detail: falling shares of the faces, such as (0.5, 0.25, 0.1) or "0.5,0.25,0.1".
     collision : str, optional
         A collision shape: "mesh:N", "hulls:N" or "box" (`msb.bake.collision`).
+    thickness : float, default 0.05
+        The surface of an interior gets an outer skin, which makes it a solid of positive volume. In each
+        direction the walls are this share of the distance from the middle thick.
     effort : {"draft", "normal", "fine"}, default "normal"
         The number of steps of each search: a quarter of the normal number, the normal number, or 2.5 times
         as many. The result does not depend on the speed or the load of the machine.
@@ -249,6 +253,9 @@ def bake(
                 levels, level_notes = pipeline.make_levels(choice.geometry, mesh, settings.lod_shares)
                 kind = settings.collision
                 collision = None if kind is None else pipeline.make_collision(mesh, kind)
+                if choice.geometry == "surface" and is_interior(mesh):
+                    mesh = add_outer_skin(mesh, settings.thickness)
+                    levels = [(level, add_outer_skin(lod, settings.thickness)) for level, lod in levels]
             baked = asset_from_mesh(mesh)
             report_progress("preview", 0, 1)
             preview = make_preview(model, baked, views, source, device)
