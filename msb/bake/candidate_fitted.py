@@ -15,7 +15,7 @@ from msb.bake.color_fit import count_pixels
 from msb.bake.context import BestState, SearchContext
 from msb.bake.descent import StepSchedule, move_faces
 from msb.bake.face_selection import hide_cheapest_faces, toggle_faces
-from msb.bake.opaque_model import prune_faces, to_opaque_mesh
+from msb.bake.opaque_model import hide_stray_faces, prune_faces, to_opaque_mesh
 from msb.bake.soup import Soup
 from msb.meshes.mesh import Mesh
 
@@ -118,6 +118,7 @@ def make_fitted(
         soup = move_faces(
             soup, renderer, validation, random, step_lengths=lengths, most=budget, schedule=schedule
         )
+        soup = hide_stray_faces(soup, renderer, BestState(validation))
     return soup.to_mesh(), schedule.notes("moving the triangles")
 
 

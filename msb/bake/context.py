@@ -48,6 +48,11 @@ class BestState:
         assert self._soup is not None, "evaluate was not called"
         return self._soup.copy()
 
+    def restart(self, soup: Soup) -> None:
+        """Forget all states before `soup`, and keep a copy of it."""
+        self._error = np.inf
+        self.evaluate(soup)
+
     def evaluate(self, soup: Soup) -> None:
         """Keep a copy of `soup` if it is better than all states before."""
         error = self._weigh(soup) * soup.measure_error(self._validation)

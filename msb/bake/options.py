@@ -64,9 +64,12 @@ class BakeOptions:
         ),
     ] = None
     supervision: Annotated[
-        Supervision,
-        Option("Fit to native renderings of the model, or to the photographs of --scene."),
-    ] = "native"
+        Supervision | None,
+        Option(
+            "Fit to native renderings of the model, or to the photographs of --scene. Default: native "
+            "renderings; if --scene has photographs, both, and photographs are chosen if they gain 0.5 dB."
+        ),
+    ] = None
     faces: Annotated[
         int | None,
         Option("Use at most N fitted triangles, or about N triangles for a surface.", least=1),
@@ -187,7 +190,7 @@ class BakeKeywords(TypedDict, total=False):
     geometry: GeometryChoice
     for_solid: bool
     color: ColorTarget | None
-    supervision: Supervision
+    supervision: Supervision | None
     faces: int | None
     texture: int | None
     material: Material

@@ -116,7 +116,7 @@ class BakePipeline:
         first = range(len(views.all_but_test) - len(views.validation))
         self._training = self._images.select(first)
         self._validation = self._images.select(range(len(first), len(views.all_but_test)) or first)
-        is_mesh = why_not(asset.manifest, "dedicated") is not None and options.supervision == "native"
+        is_mesh = why_not(asset.manifest, "dedicated") is not None and source.supervision == "native"
         self._context = SearchContext(
             self._training,
             self._validation,

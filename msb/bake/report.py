@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -201,6 +201,9 @@ class Report:
     seed : int
     device : str
         The OpenCL device.
+    supervisions : dict of str to float
+        PSNR in dB to the photographs of the validation views after supervision by "native" renderings and by
+        "photographs", with 16 samples per pixel, if both were tried.
     tried : dict of str to float
         PSNR in dB of each candidate geometry on the validation views, with 16 samples per pixel, if several
         were made.
@@ -235,6 +238,7 @@ class Report:
     seed: int
     device: str
     tried: dict[str, float]
+    supervisions: dict[str, float] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     lods: tuple[LodReport, ...] = ()
     collision: CollisionReport | None = None
@@ -301,7 +305,7 @@ class Report:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the report as JSON data (schema msb.bake/1)."""
-        data = {field.name: getattr(self, field.name) for field in fields(self)}
+        data = {entry.name: getattr(self, entry.name) for entry in fields(self)}
         views = {name: data.pop(name) for name in ("training", "validation", "test", "interpolated")}
         native, photographs = data.pop("native"), data.pop("photographs")
         before, after = data.pop("before"), data.pop("after")

@@ -5,7 +5,7 @@ import signal
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import closing, contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Unpack
@@ -15,11 +15,9 @@ from msb.api.opening import as_asset
 from msb.asset import Asset
 from msb.bake.folder import is_folder_output, write_folder
 from msb.bake.image_cache import SUFFIX
-from msb.bake.image_source import ImageSource
 from msb.bake.options import BakeKeywords, BakeOptions, Material, need_libraries
 from msb.bake.outer_skin import add_outer_skin, is_interior
 from msb.bake.output_files import OutputAsset, list_endings, write_assets
-from msb.bake.pipeline import BakePipeline
 from msb.bake.preview import Preview, make_preview
 from msb.bake.report import (
     CollisionReport,
@@ -31,7 +29,8 @@ from msb.bake.report import (
 )
 from msb.bake.requirements import check_model
 from msb.bake.shape import compare_with_truth, measure_visible_bending
-from msb.bake.views import BakeViews, choose_bake_views
+from msb.bake.supervision import BakeInputs, make_best_attempt
+from msb.bake.views import BakeViews
 from msb.base.atomic import check_place, room_for_temporaries
 from msb.base.paths import given_path
 from msb.base.soup import is_soup
@@ -146,8 +145,10 @@ def bake(
         mesh file with the verdict OK keeps its triangles, unless `faces` is given.
     color : {"texture", "vertex"}, optional
         Default: vertex colours for kept triangles of a model with static vertex colours, else a texture.
-    supervision : {"native", "photographs"}, default "native"
-        The training images: the method's native renderings, or the photographs of the scene.
+    supervision : {"native", "photographs"}, optional
+        The training images: the method's native renderings, or the photographs of the scene. By default both
+        are tried if `scene` has photographs. Photographs are chosen if they gain 0.5 dB on the photographs of
+        the validation views. The result then no longer shows the look of the method.
     faces : int, optional
         The largest number of fitted triangles, or the approximate number of a surface.
     texture : int, optional
@@ -231,37 +232,26 @@ def bake(
                 progress(stage, done, total)
             return stopped()
 
-        report_progress("views", 0, 1)
-        is_photographs = settings.supervision == "photographs"
-        views = choose_bake_views(
-            model,
-            scene,
-            cameras,
-            up=settings.up,
-            background=background,
-            photographs=is_photographs,
-            device=device,
-            kind=settings.views,
-        )
-        report_progress("views", 1, 1)
-        with ImageSource(model, views, settings.supervision, device, cache) as source:
-            with closing(BakePipeline(model, views, source, settings, device, report_progress)) as pipeline:
-                mesh, choice = pipeline.make_mesh(stopped)
-                report_progress("measuring", 0, 1)
-                native, photographs = pipeline.measure(mesh)
-                shape_report = _measure_shape(mesh, views, settings, device)
-                levels, level_notes = pipeline.make_levels(choice.geometry, mesh, settings.lod_shares)
-                kind = settings.collision
-                collision = None if kind is None else pipeline.make_collision(mesh, kind)
-                if choice.geometry == "surface" and is_interior(mesh):
-                    mesh = add_outer_skin(mesh, settings.thickness)
-                    levels = [(level, add_outer_skin(lod, settings.thickness)) for level, lod in levels]
+        with ExitStack() as stack:
+            inputs = BakeInputs(model, scene, cameras, background, device, cache, report_progress)
+            attempt, supervisions, supervision_notes = make_best_attempt(inputs, settings, stack, stopped)
+            views, source, pipeline = attempt.views, attempt.source, attempt.pipeline
+            mesh, choice = attempt.mesh, attempt.choice
+            report_progress("measuring", 0, 1)
+            native, photographs = pipeline.measure(mesh)
+            shape_report = _measure_shape(mesh, views, settings, device)
+            levels, level_notes = pipeline.make_levels(choice.geometry, mesh, settings.lod_shares)
+            kind = settings.collision
+            collision = None if kind is None else pipeline.make_collision(mesh, kind)
+            if choice.geometry == "surface" and is_interior(mesh):
+                mesh = add_outer_skin(mesh, settings.thickness)
+                levels = [(level, add_outer_skin(lod, settings.thickness)) for level, lod in levels]
             baked = asset_from_mesh(mesh)
             report_progress("preview", 0, 1)
             preview = make_preview(model, baked, views, source, device)
             cache_notes = [] if source.cache is None else source.cache.notes()
         report_progress("audit", 0, 1)
-    quality_notes = list_quality_notes(settings.supervision, native, photographs)
+    quality_notes = list_quality_notes(source.supervision, native, photographs)
     quality_notes += list_coverage_notes(views, choice.unseen_area)
     report = Report(
         geometry=choice.geometry,
@@ -275,7 +265,8 @@ def bake(
         test=len(views.test),
         interpolated=len(views.interpolated),
         views=views.description,
-        supervision=settings.supervision,
+        supervision=source.supervision,
+        supervisions=supervisions,
         unseen_area=choice.unseen_area,
         native=native,
         photographs=photographs,
@@ -287,7 +278,7 @@ def bake(
         seed=settings.seed,
         device=choose_device(device).record.name,
         tried=choice.tried,
-        notes=(*views.notes, *cache_notes, *choice.notes, *quality_notes, *level_notes),
+        notes=(*views.notes, *cache_notes, *supervision_notes, *choice.notes, *quality_notes, *level_notes),
         lods=tuple(level for level, _ in levels),
         collision=None if collision is None else CollisionReport.of(collision),
         path=None if model.opened_from is None else str(model.opened_from),
