@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 
 # Geometry -> the treatment of surface that no training view shows.
 _UNSEEN = {
-    "kept": "it keeps its old colours",
-    "fitted": "it keeps its old colours, as far as the face budget allows",
+    "kept": "a triangle soup loses it, a connected mesh keeps its old colours there",
+    "fitted": "triangles there are dropped",
     "surface": "the surface is closed there",
 }
 

@@ -47,7 +47,8 @@ def hide_stray_faces(soup: Soup, renderer: SoupRenderer, best: BestState) -> Sou
         views += shown
         nearest[shown] = np.minimum(nearest[shown], distance)
         depths.append(distance)
-    soup.selected &= views > 0
+    if views.any():
+        soup.selected &= views > 0
     soup.refit_colors(renderer)
     best.restart(soup)
     near = _NEAR_SHARE * np.median(np.concatenate(depths)) if any(map(len, depths)) else 0.0

@@ -33,7 +33,7 @@ from msb.bake.requirements import choose_color_target
 from msb.bake.texture import fit_texture, select_first_pass
 from msb.bake.vertex_colors import fit_vertex_colors
 from msb.bake.views import BakeViews
-from msb.errors import AssetError
+from msb.errors import AssetError, UsageError
 from msb.meshes.assets import asset_from_mesh
 from msb.meshes.mesh import Mesh
 from msb.topology.faces import face_areas
@@ -46,6 +46,12 @@ _FITTED_SHARE = 2 / 3
 _SURFACE_SHARE = 0.4
 # Smallest time limit of a search in seconds. It allows a single step.
 _MIN_SECONDS = 1e-3
+# A texture of half the size is used if it costs at most this number of dB, on average over images with one
+# sample per pixel and with 16.
+_MAX_TEXTURE_LOSS = 0.02
+_SAMPLES = (1, SAMPLES_PER_SIDE)
+# Smallest number of texels along a side of a texture whose size is chosen.
+_MIN_TEXTURE_SIDE = 256
 # Smallest number of texels per face in the texture of a level of detail. A face of a soup with margins needs
 # about 4.
 _TEXELS_PER_FACE = 8
@@ -203,7 +209,10 @@ class BakePipeline:
             notes.append("interrupted; this is the best result until then")
         # The final colours are fitted to all images.
         target = self._choose_color_target(chosen, candidates[chosen])
-        mesh = self._fit_colors(chosen, candidates[chosen], target, self._images)
+        size = None
+        if target == "texture" and not stopped():
+            size = self._options.texture or self._choose_texture_size(chosen, candidates[chosen])
+        mesh = self._fit_colors(chosen, candidates[chosen], target, self._images, size)
         if why:
             notes.append(f"{why}. {describe_choice(tried)}")
         if dropped := self._asset.manifest.face_count - len(mesh.faces):
@@ -211,6 +220,30 @@ class BakePipeline:
             more_or_fewer = "fewer" if dropped > 0 else "more"
             notes.append(f"the mesh has {abs(dropped):,} {more_or_fewer} triangle{plural} than the model")
         return mesh, Choice(chosen, unseen, tried, tuple(notes))
+
+    def _choose_texture_size(self, name: Geometry, mesh: Mesh) -> int:
+        """Return the number of texels along a side: the default, or less if the validation images allow it.
+
+        Too many texels cost bytes, and single samples of an engine then miss some of them.
+        """
+        targets = [self._validation.limited_to(self._pixels)]
+
+        def measure(size: int | None) -> tuple[int, float]:
+            fitted = self._fit_colors(name, mesh, "texture", self._training, size)
+            asset = asset_from_mesh(fitted)
+            values = [measure_psnr(asset, targets, samples, self._device)[0] for samples in _SAMPLES]
+            return fitted.textures[0].shape[0], sum(values) / len(values)
+
+        size, psnr = measure(None)
+        while size > _MIN_TEXTURE_SIDE:
+            try:
+                half, half_psnr = measure(size // 2)
+            except UsageError:  # the faces do not fit into half the texture
+                break
+            if half_psnr < psnr - _MAX_TEXTURE_LOSS:
+                break
+            size, psnr = half, half_psnr
+        return size
 
     def _choose_candidate(
         self, candidates: dict[Geometry, Mesh], tried: dict[str, float]
