@@ -1,4 +1,4 @@
-"""Read PLY files with one table of numbers, which splatting methods use to store primitives."""
+"""Read PLY files with a single table of numbers. Splatting methods store their primitives in such files."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -46,7 +46,7 @@ def read_ply_names(path: Path) -> tuple[tuple[str, ...], bool]:
 def read_ply_table(path: Path) -> PlyTable:
     """Read a PLY file whose element "vertex" has only scalars, and whose other elements are empty.
 
-    A binary file is memory-mapped; its columns are views of the mapping.
+    A binary file is memory-mapped, and its columns are views of the mapping.
     """
     data, header, source = _open(path)
     rows = [element for element in header.elements if element.count]

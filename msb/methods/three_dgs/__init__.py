@@ -1,4 +1,4 @@
-"""3DGS: files are recognised and rejected with the reason."""
+"""3DGS: its files are recognised and rejected, and the error gives the reason."""
 
 from msb.registry import OTHER_LPIPS, TIERS, Method
 from msb.scenes.datasets.rules import FAMILY, Rules

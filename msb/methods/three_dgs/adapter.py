@@ -1,4 +1,4 @@
-"""3DGS: files are recognised and rejected, because the primitives are Gaussians."""
+"""3DGS: its files are recognised and rejected, because its primitives are Gaussians."""
 
 from typing import NoReturn
 

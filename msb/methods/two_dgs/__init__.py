@@ -1,4 +1,4 @@
-"""2DGS: drawn as the mesh that its TSDF fusion extracts."""
+"""2DGS: we draw the mesh that its TSDF fusion extracts."""
 
 from dataclasses import replace
 
