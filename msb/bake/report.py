@@ -230,7 +230,6 @@ class Report:
     unseen_area: float
     native: Psnr | None
     photographs: Psnr | None
-    shape: ShapeReport | None
     before: Verdict
     after: Verdict
     model_faces: int
@@ -238,6 +237,7 @@ class Report:
     seed: int
     device: str
     tried: dict[str, float]
+    shape: ShapeReport | None = None
     supervisions: dict[str, float] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     lods: tuple[LodReport, ...] = ()
