@@ -173,7 +173,7 @@ def write(mesh: Mesh, stream: BinaryIO, style: Style) -> None:
         write_rows(stream, "vn %.6g %.6g %.6g", normals)
         indices.append(numbers.reshape(-1, 3) + 1)
         corner += "/%d" if len(indices) == 3 else "//%d"
-    faces, form = np.stack(indices, axis=2).reshape(len(mesh.faces), -1), " ".join(["f", *[corner] * 3])
+    faces, form = np.stack(indices, axis=2).reshape(-1, 3 * len(indices)), " ".join(["f", *[corner] * 3])
     if not has_materials:
         write_rows(stream, form, faces)
         return
