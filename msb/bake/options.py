@@ -67,7 +67,7 @@ class BakeOptions:
         Supervision | None,
         Option(
             "Fit to native renderings of the model, or to the photographs of --scene. Default: native "
-            "renderings; if --scene has photographs, both, and photographs are chosen if they gain 0.5 dB."
+            "renderings. With --geometry auto both are tried, and photographs are chosen if they gain 0.5 dB."
         ),
     ] = None
     faces: Annotated[

@@ -146,9 +146,10 @@ def bake(
     color : {"texture", "vertex"}, optional
         Default: vertex colours for kept triangles of a model with static vertex colours, else a texture.
     supervision : {"native", "photographs"}, optional
-        The training images: the method's native renderings, or the photographs of the scene. By default both
-        are tried if `scene` has photographs. Photographs are chosen if they gain 0.5 dB on the photographs of
-        the validation views. The result then no longer shows the look of the method.
+        The training images: the method's native renderings, or the photographs of the scene. The default is
+        "native". With the geometry "auto" both are tried if `scene` has photographs. Photographs are chosen
+        if they gain 0.5 dB on the photographs of the validation views. The result then no longer shows the
+        look of the method.
     faces : int, optional
         The largest number of fitted triangles, or the approximate number of a surface.
     texture : int, optional

@@ -61,7 +61,8 @@ def make_best_attempt(
     if inputs.scene is not None and not isinstance(inputs.scene, Scene):
         inputs = replace(inputs, scene=scene_of(inputs.model.manifest, inputs.scene))
     native = _make_attempt(inputs, options, options.supervision or "native", stack, stopped)
-    if options.supervision is not None or not _can_compare(inputs, native.views) or stopped():
+    is_free = options.supervision is None and options.geometry == "auto"
+    if not is_free or not _can_compare(inputs, native.views) or stopped():
         return native, {}, []
     attempts = {
         "native": native,
