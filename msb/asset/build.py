@@ -29,6 +29,7 @@ from msb.asset.manifest import (
 )
 from msb.asset.progress import Meter, Progress
 from msb.asset.texture import KIND, PASS
+from msb.base.origin import NO_ORIGIN, Origin
 from msb.base.version import __version__
 from msb.errors import AssetError
 from msb.registry import TIERS, lookup
@@ -62,6 +63,7 @@ class Description:
     coordinate_frame: CoordinateFrame = field(default_factory=CoordinateFrame)
     source: Source = field(default_factory=Source)
     training: Parameters = field(default_factory=dict)
+    origin: Origin = NO_ORIGIN
 
 
 def build_asset(
@@ -76,8 +78,8 @@ def build_asset(
     Parameters
     ----------
     buffers : mapping of str to ndarray
-        `positions` (V, 3) float32, `indices` (F, 3) uint32; others are float32, uint32 or uint8. Contiguous
-        little-endian arrays are not copied.
+        `positions` (V, 3) float32 relative to the origin of `description`, `indices` (F, 3) uint32; others
+        are float32, uint32 or uint8. Contiguous little-endian arrays are not copied.
     domains : mapping of str to str
         The domains of all buffers except `positions` and `indices`.
     description : Description, optional
@@ -123,7 +125,7 @@ def build_asset(
         bounds=bounds,
         bounding_sphere=sphere,
         required_passes={tier: passes[tier] for tier in TIERS if tier in passes},
-        version=VERSION if textured else PLAIN_VERSION,
+        version=VERSION if textured or any(description.origin) else PLAIN_VERSION,
         buffers={name: _spec(name, array, all_domains.get(name), meter) for name, array in arrays.items()},
     )
     raise_first_error(check_manifest(manifest.to_dict()), None)

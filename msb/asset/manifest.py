@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
 import numpy as np
 
+from msb.base.origin import NO_ORIGIN, Origin
 from msb.registry import TIERS, SettingSource, SettingValue
 
 FORMAT = "triasset"
-# The newest supported version. Assets without textures are written as `PLAIN_VERSION`.
+# The newest supported version. Assets without textures and origin are written as `PLAIN_VERSION`.
 VERSION = "1.1"
 PLAIN_VERSION = "1.0"
 MAJOR = 1
@@ -36,7 +38,7 @@ DTYPES: dict[str, np.dtype[Any]] = {
 
 @dataclass(frozen=True)
 class Bounds:
-    """The axis-aligned bounding box of all finite vertices, in scene units."""
+    """The axis-aligned bounding box of all finite positions, relative to the origin, in scene units."""
 
     min: tuple[float, float, float]
     max: tuple[float, float, float]
@@ -44,7 +46,7 @@ class Bounds:
 
 @dataclass(frozen=True)
 class BoundingSphere:
-    """A bounding sphere of all finite vertices, in scene units (paper: R_bound)."""
+    """A bounding sphere of all finite positions, relative to the origin, in scene units (paper: R_bound)."""
 
     center: tuple[float, float, float]
     radius: float
@@ -129,6 +131,8 @@ class Manifest:
     buffers: dict[str, BufferSpec]
     training: Parameters = field(default_factory=dict)
     """Properties of the training, read from its config files. An empty dict is not written."""
+    origin: Origin = NO_ORIGIN
+    """The point of the scene that the positions are relative to. The origin (0, 0, 0) is not written."""
     format: str = FORMAT
     version: str = PLAIN_VERSION
     extra: Parameters = field(default_factory=dict, repr=False)
@@ -140,6 +144,8 @@ class Manifest:
         extra = data.pop("extra")
         if not data["training"]:
             del data["training"]
+        if not any(self.origin):
+            del data["origin"]
         ordered = {"format": data.pop("format"), "version": data.pop("version")}
         buffers = data.pop("buffers")
         return {**ordered, **data, **extra, "buffers": buffers}
@@ -167,12 +173,13 @@ class Manifest:
                 tuple(SourceFile(f["path"], f["sha256"], f["byte_length"]) for f in data["source"]["files"])
             ),
             buffers={name: _buffer_spec(spec) for name, spec in data["buffers"].items()},
+            origin=_vector(data.get("origin", NO_ORIGIN)),
             extra={key: value for key, value in data.items() if key not in keys},
         )
         return cls(**known)
 
 
-def _vector(values: list[float]) -> tuple[float, float, float]:
+def _vector(values: Sequence[float]) -> tuple[float, float, float]:
     x, y, z = map(float, values)
     return x, y, z
 

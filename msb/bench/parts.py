@@ -8,6 +8,7 @@ from typing import Any, get_args
 from numpy.typing import NDArray
 
 from msb.asset import Asset
+from msb.asset.origin import world_positions
 from msb.base.atomic import new_folder
 from msb.base.limits import Limits
 from msb.bench.documents import AuditDocument, ChamferDocument, RepairDocument, TrialDocument
@@ -154,8 +155,8 @@ def _read_mesh(job: Job) -> tuple[NDArray[Any], NDArray[Any], str]:
         mesh = read_mesh(job.mesh)
         return mesh.vertices, mesh.faces, str(job.mesh)
     assert job.model is not None
-    buffers = job.model.open().buffers
-    return buffers["positions"], buffers["indices"], job.model.asset.path
+    asset = job.model.open()
+    return world_positions(asset), asset.buffers["indices"], job.model.asset.path
 
 
 def parse_scan_number(scene: str) -> int:
