@@ -173,20 +173,11 @@ def bake(
         The number of steps of each search: a quarter of the normal number, the normal number, or 2.5 times
         as many. The result does not depend on the speed or the load of the machine.
     seconds : float, optional
-        Upper limit of the time to move fitted triangles; a note reports the steps that were left out. By
-        default there is no limit. The limit applies to each search:
-
-        ========================  ==================
-        candidates                time
-        ========================  ==================
-        fitted                    `seconds`
-        surface                   1.5 times as long
-        fitted and surface        2 times as long
-        each level of detail      `seconds` more
-        ========================  ==================
-
-        With a limit the result depends on the speed of the machine. If `seconds` is 0, triangles move by a
-        single step, and the face selection still runs. The time for `collision` is not included.
+        Upper limit of the time to move fitted triangles, no limit by default. A surface takes 1.5 times as
+        long, fitted triangles and a surface together 2 times as long. Each level of detail takes `seconds`
+        more. A note gives the number of steps that were left out, and the result then depends on the speed of
+        the machine. If `seconds` is 0, triangles move by a single step, and the face selection still runs.
+        The time for `collision` is not included.
     seed : int, default 0
         Seed of the search. Without a limit of `seconds`, bakes with one seed on one device have the same
         result.

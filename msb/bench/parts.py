@@ -193,14 +193,25 @@ def read_training(job: Job) -> dict[str, Any]:
     assert job.training is not None
     track = read_training_record(job.training)
     if isinstance(track, TrainingLog):
-        training = Training(seconds=track.seconds, peak_memory_bytes=None, source=str(job.training))
-        return {"training": training}
+        why = "our trainer runs on a CPU and records no memory"
+        return {
+            "training": Training(
+                seconds=track.seconds,
+                peak_memory_bytes=None,
+                source=str(job.training),
+                memory_reason=why,
+                trainer="ours",
+            )
+        }
     if track.exit_status:
         text = (
             f"the training failed with exit status {track.exit_status}, so its time and memory are not used"
         )
         raise InputError("TRAINING_FAILED", text, file=job.training)
     training = Training(
-        seconds=track.seconds, peak_memory_bytes=track.peak_gpu_memory_bytes, source=str(job.training)
+        seconds=track.seconds,
+        peak_memory_bytes=track.peak_gpu_memory_bytes,
+        source=str(job.training),
+        memory_reason=track.gpu_reason,
     )
     return {"training": training}
