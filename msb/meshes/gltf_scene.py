@@ -393,7 +393,7 @@ FORMATS = (
         _read_glb,
         write,
         begins=re.compile(rb"glTF"),
-        keeps=("vertex_colors", "vertex_uvs", "textures"),
+        keeps=("vertex_colors", "vertex_uvs", "normals", "textures"),
         is_single=True,
         has_origin=True,
         is_linear=True,
