@@ -27,6 +27,10 @@ _TURNS = 10
 # the normals around it, weighted by area. At the rim of a thin sheet, the sum includes both sides, and the
 # cosine is near 0.
 _FOLDED = -0.3
+# Smallest length of that sum, relative to the sum of the lengths.
+_AGREEMENT = 0.5
+# Number of faces of the surface per turn, up to all turns.
+_FACES_PER_TURN = 50
 # Rounds of the filter, and rounds of moving the vertices, in a turn of `fair`.
 _FILTER_ROUNDS, _MOVE_ROUNDS = 3, 3
 
@@ -54,11 +58,14 @@ def find_neighbours(faces: Ints, count: int) -> Neighbours:
     return Neighbours(np.repeat(np.arange(len(faces)), np.diff(starts)), pairs.indices, starts)
 
 
-def fair(points: Floats, faces: Ints, turns: int = _TURNS) -> Floats:
-    """Return the points (V, 3) of a surface after `turns` turns of filtering normals and moving vertices."""
+def fair(points: Floats, faces: Ints) -> Floats:
+    """Return the points (V, 3) of a surface after some turns of filtering normals and moving vertices.
+
+    A surface of few faces has no dents that are small next to the whole, so it is faired less or not at all.
+    """
     neighbours = find_neighbours(faces, len(points))
     average = make_neighbour_average(faces, len(points))
-    for _ in range(turns):
+    for _ in range(min(_TURNS, len(faces) // _FACES_PER_TURN)):
         points = _unfold(points, faces, neighbours, average)
         normals = filter_normals(points, faces, neighbours, _FILTER_ROUNDS)
         for _ in range(_MOVE_ROUNDS):
@@ -74,11 +81,15 @@ def _unfold(points: Floats, faces: Ints, neighbours: Neighbours, average: csr_ma
     """
     corners = points[faces]
     vectors = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    length = np.linalg.norm(vectors, axis=1)
     sums = np.add.reduceat(vectors[neighbours.faces], neighbours.starts[:-1]) - vectors
-    products = np.einsum("fk,fk->f", vectors, sums)
-    lengths = np.linalg.norm(vectors, axis=1) * np.linalg.norm(sums, axis=1)
+    total = np.add.reduceat(length[neighbours.faces], neighbours.starts[:-1]) - length
+    sum_length = np.linalg.norm(sums, axis=1)
+    # The normals around a folded face agree with each other. Those around a face of a tetrahedron do not.
+    is_folded = np.einsum("fk,fk->f", vectors, sums) < _FOLDED * length * sum_length
+    is_folded &= sum_length > _AGREEMENT * total
     moved = np.zeros(len(points), bool)
-    moved[faces[products < _FOLDED * lengths]] = True
+    moved[faces[is_folded]] = True
     result = points.copy()
     result[moved] = ((points + average @ points) / 2)[moved]
     return result

@@ -30,6 +30,7 @@ from msb.bake.options import BakeOptions, ColorTarget, Geometry
 from msb.bake.quality import measure_psnr, measure_quality
 from msb.bake.report import LodReport, Psnr, Verdict, describe_choice
 from msb.bake.requirements import choose_color_target
+from msb.bake.simplification import is_closed_surface
 from msb.bake.texture import fit_texture, select_first_pass
 from msb.bake.vertex_colors import fit_vertex_colors
 from msb.bake.views import BakeViews
@@ -167,7 +168,11 @@ class BakePipeline:
         unseen, weights = self._measure_visibility()
         candidates, notes = self._list_candidates()
         mesh, choice = self._choose_mesh(candidates, notes, unseen, weights, stopped)
-        if self._options.for_solid and choice.geometry == "kept" and not _is_solid(asset_from_mesh(mesh)):
+        if (
+            self._options.for_solid
+            and choice.geometry == "kept"
+            and not is_closed_surface(mesh.vertices, mesh.faces)
+        ):
             return self._choose_mesh(_SOLID_CANDIDATES, [], unseen, weights, stopped)
         return mesh, choice
 

@@ -71,7 +71,8 @@ def move_vertices(
         seen = renderer.sum_faces(sample_views(renderer, random))
         gradients = _sum_at_vertices(seen.gradients.astype(np.float64), faces, count)
         gradients = smooth(space.pull_back(points, gradients))
-        square = float(np.square(gradients[gradients.any(axis=1)]).sum(axis=1).mean())
+        moving = gradients[gradients.any(axis=1)]
+        square = float(np.square(moving).sum(axis=1).mean()) if len(moving) else 0.0
         move = adam.compute_move(gradients, square)
         # A step of the variables, and the points that follow from them.
         first, last = STEP_LENGTHS

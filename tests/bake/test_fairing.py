@@ -90,3 +90,9 @@ def test_the_edges_of_a_box_stay_sharp() -> None:
     assert shape.bending == pytest.approx(np.pi, rel=0.15)
     assert shape.creases == pytest.approx(2, rel=0.1)
     np.testing.assert_allclose(np.abs(smooth - 0.5).max(axis=1), 0.5, atol=0.03)
+
+
+@pytest.mark.parametrize("parts", [1, 2, 4])
+def test_coarse_boxes_keep_their_volume(parts: int) -> None:
+    points, faces = box(parts)
+    assert signed_volume(fair(points, faces), faces) == pytest.approx(1, rel=0.02)
