@@ -11,17 +11,19 @@ import numpy as np
 from msb.registry import TIERS, SettingSource, SettingValue
 
 FORMAT = "triasset"
-# The newest supported version. Assets without textures are written as `PLAIN_VERSION`.
-VERSION = "1.1"
+# The newest supported version. An asset is written as the oldest version that has what it needs.
+VERSION = "1.2"
+TEXTURE_VERSION = "1.1"
 PLAIN_VERSION = "1.0"
 MAJOR = 1
-MINOR = 1
+MINOR = 2
 ASSET_SUFFIX = ".triasset"
 MANIFEST_NAME = "manifest.json"
 # Alignment of buffers in bytes: a cache line, and the strictest requirement of GPUs for host pointers.
 ALIGNMENT = 64
 
 Topology = Literal["triangle_soup", "indexed_mesh"]
+Primitive = Literal["triangle", "gaussian"]
 Domain = Literal["vertex", "face", "corner", "global"]
 Parameters = dict[str, Any]
 
@@ -128,10 +130,19 @@ class Manifest:
     buffers: dict[str, BufferSpec]
     training: Parameters = field(default_factory=dict)
     """Properties of the training from its config files. An empty dict is not written."""
+    primitive: Primitive = "triangle"
+    """What a face is: a triangle, which is not written, or the stand-in of a Gaussian."""
     format: str = FORMAT
     version: str = PLAIN_VERSION
     extra: Parameters = field(default_factory=dict, repr=False)
     """Unknown keys of a newer minor version. They are kept when the asset is saved."""
+
+    @property
+    def counts(self) -> tuple[str, ...]:
+        """The numbers of primitives as texts, for people."""
+        if self.primitive == "gaussian":
+            return (f"{self.face_count:,} Gaussians",)
+        return f"{self.vertex_count:,} vertices", f"{self.face_count:,} faces"
 
     def to_dict(self) -> dict[str, Any]:
         """Return the manifest as JSON data, with keys in the order of the file."""
@@ -139,6 +150,8 @@ class Manifest:
         extra = data.pop("extra")
         if not data["training"]:
             del data["training"]
+        if self.primitive == "triangle":
+            del data["primitive"]
         ordered = {"format": data.pop("format"), "version": data.pop("version")}
         buffers = data.pop("buffers")
         return {**ordered, **data, **extra, "buffers": buffers}

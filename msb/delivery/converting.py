@@ -185,9 +185,7 @@ class Conversion:
         asset = self._open(source)
         with self.stage(f"writing {target.name}"):
             write_asset(asset, target, self.form or "packed", overwrite=self.overwrite)
-        manifest = asset.manifest
-        contents = (f"{manifest.vertex_count:,} vertices", f"{manifest.face_count:,} faces")
-        return Converted(target, contents, ())
+        return Converted(target, asset.manifest.counts, ())
 
     def _write_official(self, source: Path, target: Path) -> Converted:
         asset = self._open(source)

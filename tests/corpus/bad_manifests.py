@@ -108,7 +108,7 @@ _FIELDS: list[tuple[str, str, str, Any, Callable[[], Any]]] = [
     ("texture_of_which_face", "BUFFER", "/buffers/face_texture", REMOVE, textured),
 ]
 _WARNED: list[tuple[str, str, str, Any]] = [
-    ("version_1_2", "VERSION_NEWER", "/version", "1.2"),
+    ("version_1_3", "VERSION_NEWER", "/version", "1.3"),
     ("unknown_key", "FIELD_UNKNOWN", "/lod", 3),
     ("unknown_escape", "FIELD_UNKNOWN", "/\x1b[2J\r", 0),
     ("method_elsewhere", "METHOD_NOT_INSTALLED", "/method", "nerf"),
