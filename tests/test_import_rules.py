@@ -43,6 +43,8 @@ ALLOWED: dict[str, set[str]] = {
     "asset.asset": GROUND | {"msb"},
     "scenes": GROUND,
     "meshes": GROUND,
+    # Decodes bytes and arrays of splat files, and the Gaussians of an asset; opens no files.
+    "splats": GROUND,
     "adapters": GROUND | {"meshes"},
     "cl": {"errors", "base"},
     "topology": {"errors", "base", "cl"},
@@ -52,10 +54,10 @@ ALLOWED: dict[str, set[str]] = {
     "reference": GROUND,
     "engines": GROUND | {"render", "meshes", "metrics"},
     # The folder of a method, by role: renderers know no checkpoints, and the reference no renderers.
-    "methods.adapter": GROUND | {"adapters", "meshes"},
-    "methods.official": GROUND | {"adapters", "meshes", "methods.adapter"},
-    "methods.reference": GROUND | {"reference"},
-    "methods.native": GROUND | {"render", "cl"},
+    "methods.adapter": GROUND | {"adapters", "meshes", "splats"},
+    "methods.official": GROUND | {"adapters", "meshes", "splats", "methods.adapter"},
+    "methods.reference": GROUND | {"reference", "splats"},
+    "methods.native": GROUND | {"render", "cl", "splats"},
     # report uses records and derived numbers of bench, and number formats of metrics and topology.
     "report": {"errors", "base", "registry", "bench", "metrics", "topology"},
     "bench": GROUND
@@ -131,6 +133,7 @@ LAZY = {
     "DracoPy",
     "pxr",
     "usd_validation_nvidia",
+    "zstandard",
 }
 """Packages that are imported inside functions only, never when a module loads."""
 FOREIGN: dict[str, set[str]] = {
@@ -138,6 +141,7 @@ FOREIGN: dict[str, set[str]] = {
     "topology": {"numpy", "scipy", "igl", "pymeshlab", "manifold3d", "networkx", "trimesh"}
     | {"pxr", "usd_validation_nvidia"},
     "meshes": {"numpy", "PIL", "meshopt", "DracoPy", "pxr"},
+    "splats": {"numpy", "zstandard"},
     "cl": {"numpy", "pyopencl"},
     "adapters": {"numpy", "yaml", "PIL"},
     "methods.adapter": {"numpy", "yaml", "PIL"},
