@@ -6,10 +6,10 @@
                                                       about 0.1 million faces, first table only
 
 Each measurement is a fresh process that loads the arrays, warms up on a mesh of 0.1 million faces, and runs
-once. Tools take turns within a round, so changes of the machine's speed affect all alike. The table shows
-medians. It also shows the time of a peer divided by our time in the same round. Slow tools run in the first
-round only. They skip the largest sizes unless --all is given. Memory is the growth of the process's peak
-above the loaded arrays and libraries. Peers that are not installed are skipped.
+once. Tools take turns within a round, so that changes of the machine's speed affect all tools equally. The
+table shows medians. It also shows the ratio of a peer's time to our time in the same round. Slow tools run in
+the first round only. Without --all, slow tools skip the largest sizes. Memory is the growth of the peak
+memory of the process, after arrays and libraries were loaded. Peers that are not installed are skipped.
 """
 
 from __future__ import annotations
@@ -90,7 +90,7 @@ def stored(root: Path, name: str, mesh: tuple[NDArray[Any], NDArray[Any]]) -> It
 
 
 def middle(results: list[Result], key: str = "seconds") -> float:
-    """Return the median over the results with this key; NaN if there are none."""
+    """Return the median over the results with this key, or NaN without such results."""
     values = [result[key] for result in results if key in result]
     return statistics.median(values) if values else math.nan
 
@@ -99,7 +99,7 @@ def middle(results: list[Result], key: str = "seconds") -> float:
 
 
 def peers(folder: Path, faces: int, tools: list[str], rounds: int, everything: bool) -> list[Result]:
-    """Return a row per tool: medians over rounds, ratios within rounds, and answers unlike ours."""
+    """Return a row per tool: medians over rounds, ratios within rounds, and answers that differ from ours."""
     found: dict[str, list[Result]] = {tool: [] for tool in tools}
     for number in range(rounds):
         for tool in tools:
@@ -148,7 +148,7 @@ def print_peers(faces: int, rounds: int, rows: list[Result]) -> None:
 
 
 def growth(sizes: list[Result]) -> dict[str, float]:
-    """Return for each tool the exponent e of the best fit seconds ~ faces^e."""
+    """Return for each tool the exponent e of the best fit of seconds ~ faces^e."""
     times: dict[str, list[tuple[float, float]]] = {}
     for size in sizes:
         for row in size["rows"]:
@@ -175,7 +175,7 @@ def threads(folder: Path, rounds: int) -> Result:
 def first_calls(folder: Path, rounds: int) -> Result:
     """Return the seconds of three calls.
 
-    They are a second call, the first call of a process, and a first call with an empty cache.
+    These are a second call, the first call of a process, and a first call with an empty cache.
     """
     second, first, ever = [], [], []
     for _ in range(rounds):
@@ -187,7 +187,7 @@ def first_calls(folder: Path, rounds: int) -> Result:
 
 
 def processes(folder: Path, rounds: int) -> Result:
-    """Return the seconds from the start of msb-audit on a file until it has printed its table."""
+    """Return the seconds that msb-audit needs for a file, from its start until its table is printed."""
     from msb.asset import write_asset
     from msb.meshes import Mesh, write_mesh
     from msb.meshes.assets import asset_from_mesh
@@ -213,7 +213,7 @@ def processes(folder: Path, rounds: int) -> Result:
 def hostiles(root: Path, counts: tuple[int, ...]) -> list[Result]:
     """Return a row for each hostile mesh.
 
-    It has seconds and memory at each number of faces, and the growth of both.
+    A row has seconds and memory at each number of faces, and the growth of both.
     """
     rows = []
     for name in HOSTILE:

@@ -48,7 +48,10 @@ def strip(count: int) -> Mesh:
 
 
 def shuffled_strip(count: int) -> Mesh:
-    """One strip with faces and vertices in random order: joining neighbours must follow long paths."""
+    """One strip with faces and vertices in random order.
+
+    Algorithms that join neighbours must follow long paths.
+    """
     random = np.random.default_rng(0)
     return count + 2, random.permutation(count + 2)[strip(count)[1][random.permutation(count)]]
 

@@ -1,8 +1,8 @@
-"""Tools that `benchmarks.audit` times on the same two arrays: our audit, a lower bound, and the peers.
+"""The tools of `benchmarks.audit`: our audit, a lower bound, and the peers.
 
-A tool is a function of vertices (V, 3) float32 and faces (F, 3) int32 that returns the timed work.
-Preparation (a mesh object, wider integers) is not timed. The work returns its answers. If tools define an
-answer alike, it has the same name.
+All are timed on the same two arrays. A tool is a function of vertices (V, 3) float32 and faces (F, 3) int32
+that returns the timed work. Preparation (a mesh object, wider integers) is not timed. The work returns its
+answers. Answers with the same definition have the same name.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ def by_numpy(vertices: NDArray[Any], faces: NDArray[Any]) -> Callable[[], Answer
 
 
 def pymeshlab(vertices: NDArray[Any], faces: NDArray[Any], *, add: bool = False) -> Callable[[], Answers]:
-    """Prepare PyMeshLab; `add` includes the copy of the mesh in the time."""
+    """Prepare PyMeshLab. `add` includes the copy of the mesh in the time."""
     import pymeshlab as library
 
     def mesh_set() -> Any:
@@ -131,7 +131,10 @@ def trimesh(vertices: NDArray[Any], faces: NDArray[Any]) -> Callable[[], Answers
 
 
 def meshlib(vertices: NDArray[Any], faces: NDArray[Any]) -> Callable[[], Answers]:
-    """Prepare MeshLib. Most of its work is to build the mesh, and it counts in the built mesh."""
+    """Prepare MeshLib.
+
+    It spends most of its time on building the mesh object, which then gives the counts.
+    """
     from meshlib import mrmeshnumpy, mrmeshpy
 
     points = vertices.astype(np.float64)
@@ -186,7 +189,7 @@ TOOLS: dict[str, Tool] = {
     "open3d": open3d,
 }
 ONCE_FROM = {"igl": 500_000, "open3d": 0, "meshlib": 500_000, "msb, NumPy": 500_000, "trimesh": 5_000_000}
-"""Number of faces from which a slow tool runs in the first round only."""
+"""From this number of faces on, a slow tool runs in the first round only."""
 AT_MOST = {
     "igl": 5e6,
     "open3d": 2e6,

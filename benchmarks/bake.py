@@ -2,13 +2,13 @@
 
     python -m benchmarks.bake [MODEL SCENE ...]
 
-The table has a row for each model and geometry: triangles, bytes, seconds and peak memory. It also has the
-PSNR of the native rendering, of the standard-tier mesh and of the bake (with 1 and 16 samples per pixel),
-compared with held-out photographs. Each bake runs in a separate process. `--twice` repeats it and compares
-the bytes. `--folder` keeps the files, for example `walled-two_dts-kept.glb`. The default models are those of
+The table has a row for each model and geometry: triangles, bytes, seconds and peak memory. It also has three
+PSNRs against held-out photographs: of the native rendering, of the standard-tier mesh, and of the bake (with
+1 and 16 samples per pixel). Each bake runs in a separate process. `--twice` repeats it and compares the
+bytes. `--folder` keeps the files, for example `walled-two_dts-kept.glb`. The default models are the models of
 `msb demo-data`. `--image-folder` and `--resolution` select the photographs. `--lods` and `--collision` add a
-second table. It shows how much each level of detail loses relative to the full bake, and how far the
-collision shape is from the visible surface. `--picture` writes an image with one row per model: held-out
+second table. It shows the loss of each level of detail relative to the full bake, and the distance of the
+collision shape from the visible surface. `--picture` writes an image with one row per model: held-out
 photograph, native rendering, standard-tier mesh, bakes.
 """
 
@@ -78,7 +78,7 @@ print(json.dumps({**report.to_dict(), "seconds": seconds, "peak_mb": peak}))
 
 
 def baked(model: Path, scene: Path, options: dict[str, Any], place: Path) -> tuple[dict[str, Any], Image]:
-    """Run one bake; return its image and its report, with peak memory and the SHA-256 of its GLB.
+    """Run one bake. Return its image, and its report with peak memory and the SHA-256 of its GLB.
 
     The files are written to `place` plus a suffix.
     """
@@ -100,14 +100,16 @@ def read(model: str | Path, scene: str | Path, options: dict[str, Any]) -> Scene
 
 
 def _view(asset: msb.Asset, scene: Scene, tier: Tier = "standard") -> Image:
-    """Return the first test view; `fine` renders it with 16 samples per pixel."""
+    """Return the first test view. `fine` renders it with 16 samples per pixel."""
     more: dict[str, Any] = {"supersample": 4} if tier == "standard" else {}
     return msb.render(asset, scene.test[0], tier, scene.background, **more).image
 
 
 def looks(model: Path, scene: Scene) -> list[Image]:
-    """Return images of the first test view: photograph, native rendering, standard-tier mesh (grey if
-    missing)."""
+    """Return images of the first test view: photograph, native rendering and standard-tier mesh.
+
+    A missing image is grey.
+    """
     asset = msb.open(model)
     shown = [ground_truth(scene, scene.test[0]), _view(asset, scene, "dedicated")]
     has_mesh = why_not(asset.manifest, "standard") is None
@@ -129,7 +131,7 @@ def row(name: str, report: dict[str, Any]) -> str:
 def beside(name: str, report: dict[str, Any]) -> str:
     """Return the Markdown row of a bake's levels of detail and collision shape.
 
-    For levels it has the PSNR in dB that they lose relative to the full bake. PSNR is compared with native
+    For levels it has the loss of PSNR in dB relative to the full bake. PSNR is compared with native
     rendering, with 16 samples per pixel.
     """
     whole = report["psnr"]["native"]["after_16"]
@@ -144,7 +146,9 @@ def beside(name: str, report: dict[str, Any]) -> str:
 
 
 def as_wide(picture: Image, wide: int) -> Image:
-    """Return an image enlarged by an integer factor, padded with white on the right to a width of `wide`."""
+    """Return an image that is enlarged by an integer factor, and padded with white on the right to the width
+    `wide`.
+    """
     times = wide // picture.shape[1]
     larger = picture.repeat(times, axis=0).repeat(times, axis=1)
     return np.pad(larger, ((0, 0), (0, wide - larger.shape[1]), (0, 0)), constant_values=1)

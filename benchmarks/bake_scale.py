@@ -1,12 +1,12 @@
-"""Measure bakes at real size: millions of triangles in a garden with 50 views.
+"""Measure bakes of realistic size: millions of triangles in a garden with 50 views.
 
     python -m benchmarks.bake_scale --faces 1000000 3000000 --geometry kept fitted
 
 The table has a row for each bake: triangles, seconds, CPU seconds and peak memory. It also has the PSNR of
-the standard-tier mesh and of the bake on held-out views, compared with native rendering. Each stage has a row
-with its time and memory. The garden is synthetic: a lawn with slabs, a table with a vase, bushes and a sky.
-It is covered with soft triangles of `--method`. They have spherical harmonics of degree 3 and colours in a
-fine pattern. Each bake runs in a separate process. `--options` passes further options of `msb.bake` as JSON.
+the standard-tier mesh and of the bake against native rendering, on held-out views. Each stage has a row with
+its time and memory. The garden is synthetic: a lawn with slabs, a table with a vase, bushes and a sky. It is
+covered with soft triangles of `--method`. They have spherical harmonics of degree 3 and colours in a fine
+pattern. Each bake runs in a separate process. `--options` passes further options of `msb.bake` as JSON.
 """
 
 from __future__ import annotations
@@ -32,16 +32,16 @@ Reals = NDArray[np.float64]
 
 SOUPS = tuple(name for name in BLENDED if not is_connected(name))
 PARTS = {"lawn": 0.25, "table": 0.12, "legs": 0.03, "vase": 0.1, "bushes": 0.35, "sky": 0.15}
-"""Part of the garden -> share of the faces.
+"""The share of the faces of each part of the garden.
 
-As in trained models, most faces are near the centre of the camera path.
+Most faces are near the centre of the camera path, as in trained models.
 """
 _COVER = 6.0
 """Area of all faces, divided by the area that they cover. It is above 1, because soft edges cover less."""
 _SOFT = -1.0
 """Softness of the edges of faces.
 
-As at the end of a training, edges are between a linear fall-off and a hard edge.
+The edges are between a linear fall-off and a hard edge, as at the end of a training.
 """
 _LAWN, _SKY = 10.0, 14.0
 RINGS = ((2.6, 1.3), (3.2, 2.0), (2.2, 2.6))
@@ -57,7 +57,7 @@ HEADER = f"| {' | '.join(_COLUMNS)} |\n{'|---' * len(_COLUMNS)}|"
 
 
 def garden(faces: int, seed: int = 0) -> dict[str, Any]:
-    """Return the garden in the format of `benchmarks.dedicated_scenes.soup`; +z is up."""
+    """Return the garden in the format of `benchmarks.dedicated_scenes.soup`. +z is up."""
     random = np.random.default_rng(seed)
     made = [_part(name, round(share * faces), random) for name, share in PARTS.items()]
     places, normals, areas, colors = (np.concatenate(each) for each in zip(*made, strict=True))
@@ -130,7 +130,7 @@ def _part(name: str, count: int, random: np.random.Generator) -> tuple[Reals, Re
 
 
 def _grain(places: Reals, frequency: float) -> Reals:
-    """Return a pattern (n, 1) of two scales; the finer one matches the face size of a million faces."""
+    """Return a pattern (n, 1) of two scales. The finer scale matches the face size of a million faces."""
     x, y, z = frequency * places.T
     coarse, fine = np.sin(x + 1) * np.sin(y) + np.sin(z + y), np.sin(5 * x) * np.sin(5 * y + 5 * z)
     pattern: Reals = 0.06 * coarse[:, None] + 0.04 * fine[:, None]
@@ -162,7 +162,10 @@ class Stages:
         self._stage, self._began = "views", (time.perf_counter(), processor_seconds())
 
     def __call__(self, stage: str, _done: int = 0, _total: int = 0) -> None:
-        """Add the time since the last call to the stage of that call. Every stage also reports its start."""
+        """Add the time since the previous call to the stage that the previous call named.
+
+        Every stage also reports its start.
+        """
         now = time.perf_counter(), processor_seconds()
         row = self.found.setdefault(self._stage, [0.0, 0.0, 0.0])
         for k in range(2):
@@ -178,7 +181,7 @@ def _stage_row(stage: str, took: list[float]) -> str:
 
 
 def bake(model: Path, views: int, size: list[int], options: dict[str, Any]) -> dict[str, Any]:
-    """Bake in this process; return the report, and the time and memory of each stage."""
+    """Bake in this process. Return the report, and the time and memory of each stage."""
     stages = Stages()
     began = time.perf_counter(), processor_seconds()
     baked = msb.bake(model, cameras=cameras(views, *size), progress=stages, **options)

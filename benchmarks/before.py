@@ -1,13 +1,15 @@
-"""Compare the time and memory of commands between this working tree and another commit, by turns in one run.
+"""Compare the time and memory of commands between this working tree and another commit.
+
+Both take turns in one run.
 
     python -m benchmarks.before 7cad086                         a million faces, medians of three rounds
     python -m benchmarks.before HEAD~1 --faces 100000 --rounds 5 --row audit --row dedicated/diffsoup
 
-Each row is a command, run first with the package of the other commit and then with this working tree. Both
-read the same checkpoint. If the command needs an asset, each reads one that its own package exported from it.
-The columns are wall time, CPU time of all threads (seconds) and peak memory (GB). Rows of `msb bench` show
-the median time of a frame of 1237 x 822 pixels, in milliseconds. The last column is the ratio of the times,
-now / before. Both use the same environment and libraries.
+Each row is a command. It runs first with the package of the other commit, and then with this working tree.
+Both read the same checkpoint. If the command needs an asset, each package first exports the asset from this
+checkpoint. The columns are wall time, CPU time of all threads (seconds) and peak memory (GB). Rows of `msb
+bench` show the median time of a frame of 1237 x 822 pixels, in milliseconds. The last column is the ratio of
+the times: now divided by before. Both use the same environment and libraries.
 """
 
 from __future__ import annotations
@@ -49,10 +51,10 @@ ROWS: dict[str, tuple[str, list[str]]] = {
         f"{tier}/{method}": (method, ["bench", "model.triasset", "--tier", tier, *_FRAMES])
         for tier in ("standard", "dedicated")
         for method in METHODS
-        if (tier, method) != ("standard", "diffsoup")  # DiffSoup has no colours without a view
+        if (tier, method) != ("standard", "diffsoup")  # DiffSoup has no static colours
     },
 }
-"""For each row, the method of the model, and a command that both commits have.
+"""The rows: the method of the model, and a command that both commits have.
 
 The command runs in the folder of the model.
 """
@@ -60,7 +62,7 @@ The command runs in the folder of the model.
 
 @dataclass(frozen=True)
 class Round:
-    """Time and memory of one run of a command; `frame` is in milliseconds, for `msb bench` only."""
+    """Time and memory of one run of a command. `frame` is in milliseconds and only set for `msb bench`."""
 
     seconds: float
     processor: float
@@ -94,7 +96,7 @@ def make_model(folder: Path, method: str, faces: int, packages: list[Path]) -> l
     for number, package in enumerate(packages):
         folders.append(folder / f"{method}-{number}")
         folders[-1].mkdir()
-        # Use another process, because the peak memory of a child starts with that of its parent.
+        # Use another process, because the peak memory of a child starts with the peak of its parent.
         writing = [sys.executable, "-c", _WRITE, str(folders[-1]), method, str(faces)]
         subprocess.run(writing, cwd=_ROOT, check=True)
         (folders[-1] / "views.json").write_text(json.dumps({"schema": "msb.views/1", "cameras": views}))
@@ -103,7 +105,7 @@ def make_model(folder: Path, method: str, faces: int, packages: list[Path]) -> l
 
 
 def compare(rows: list[str], faces: int, rounds: int, packages: list[Path]) -> dict[str, list[list[Round]]]:
-    """Measure all rows, and print a line for each; return the rounds by row and package."""
+    """Measure all rows, and print a line for each. Return the rounds by row and package."""
     found = {}
     with tempfile.TemporaryDirectory() as name:
         models: dict[str, list[Path]] = {}

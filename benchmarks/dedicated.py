@@ -6,14 +6,14 @@
 
 Parts:
 
-- `stages`: every stage of every method, and the share of a frame before blending. The projection is
-  compared with plain C that moves the same bytes, the frame with a textbook pipeline (official tile
-  rectangles, no early stop).
-- `blend`: the blend stage of 2DTS against a hand-written loop in C and a kernel with work-groups.
-- `threads`: one thread against all threads.
+- `stages`: the time of every stage of every method, and the share of a frame before blending. The projection
+  is compared with plain C that moves the same bytes. The frame is compared with a textbook pipeline (official
+  tile rectangles, no early stop).
+- `blend`: the blend stage of 2DTS, compared with a hand-written loop in C and a kernel with work-groups.
+- `threads`: one thread compared with all threads.
 
-The models are described in dedicated_scenes.py. Competitors take turns within a round, so changes of the
-machine's speed affect all alike. The tables show medians over rounds, and medians of the ratios within a
+The models are described in dedicated_scenes.py. Competitors take turns within a round, so that changes of the
+machine's speed affect all equally. The tables show medians over rounds, and medians of the ratios within a
 round.
 """
 
@@ -65,7 +65,7 @@ class Peer:
             raise RuntimeError("this processor has no AVX2 or no FMA")
 
     def milliseconds(self, name: str, *arguments: Any) -> float:
-        """Call the C function `name`; arrays are passed by address."""
+        """Call the C function `name`. Arrays are passed by address."""
         values = [
             ctypes.c_void_p(value.ctypes.data) if isinstance(value, np.ndarray) else value
             for value in arguments
@@ -76,7 +76,7 @@ class Peer:
 
 
 def peer(device: Device) -> Peer | None:
-    """Return the C peer, or None on a GPU or without a compiler."""
+    """Return the C peer. Return None on a GPU or without a compiler."""
     if device.record.kind != "cpu":
         return None
     try:
@@ -87,7 +87,7 @@ def peer(device: Device) -> Peer | None:
 
 
 def traffic(peer: Peer, asset: Asset, visible: np.ndarray, written: np.ndarray) -> Callable[[], float]:
-    """Return a function that measures how long C takes to move the bytes of a projection, in milliseconds.
+    """Return a function that measures the milliseconds that C needs to move the bytes of a projection.
 
     For a soup, the projection reads the bounding spheres of all faces. It also reads positions, opacities and
     colours of the kept faces, and writes a record per kept face. For a mesh, it reads positions and colours
@@ -123,7 +123,7 @@ def stages(
     selected: tuple[str | None, Any],
     alone: bool,
 ) -> list[dict[str, Any]]:
-    """Return a row for each image size; if `alone` is true, the competitors are skipped."""
+    """Return a row for each image size. If `alone` is true, the competitors are skipped."""
     from msb.cl import open_device
     from msb.render.splat.pipeline import SplattingPipeline
 
@@ -182,7 +182,7 @@ def _ratio(values: Sequence[float], others: Sequence[float]) -> float:
 
 
 def blends(faces: int, sizes: Sequence[Sequence[int]], rounds: int) -> list[dict[str, Any]]:
-    """Return the milliseconds of the blend stage of 2DTS and of its competitors, a row per image size."""
+    """Return a row per image size: the milliseconds of the blend stage of 2DTS and of its competitors."""
     from msb.cl import open_device
     from msb.render.splat.pipeline import SplattingPipeline
 
@@ -209,7 +209,7 @@ def blends(faces: int, sizes: Sequence[Sequence[int]], rounds: int) -> list[dict
                 records = cpu.scratch("splat faces", (faces, ours.record_words), np.uint32).read()
             assert starts[-1] == pairs, "C would read elsewhere"
             assert lists.max() < faces, "C would read elsewhere"
-            # C stores vectors to it, so it is aligned to 32 bytes.
+            # The array is aligned to 32 bytes, because C stores vectors to it.
             memory = np.zeros(5 * rows * columns * 256 + 8, np.float32)
             planes = memory[-memory.ctypes.data % 32 // 4 :][: memory.size - 8]
             took: dict[str, list[float]] = {name: [] for name in (*ways, *(["C"] if by_hand else []))}
@@ -272,7 +272,8 @@ def print_blends(rows: list[dict[str, Any]], *, head: bool) -> None:
 def print_paper(rows: list[dict[str, Any]]) -> None:
     """Print frames per second.
 
-    The paper's Unity players are shown beside them: on an RTX 4090, averaged over the scenes.
+    The frame rates of the paper's Unity players are shown beside them. These were measured on an RTX 4090 and
+    averaged over the scenes.
     """
     from msb.report.paper import paper_row
 
@@ -290,7 +291,7 @@ def print_paper(rows: list[dict[str, Any]]) -> None:
 
 
 def moderate(faces: Sequence[int]) -> int:
-    """Return the largest entry of `faces` up to a million; a comparison of this size takes seconds."""
+    """Return the largest entry of `faces` up to a million. A comparison of this size takes seconds."""
     return max((count for count in faces if count <= 1_000_000), default=min(faces))
 
 

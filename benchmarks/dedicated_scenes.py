@@ -1,9 +1,9 @@
 """Models as large as those of real captures, for the benchmark of the dedicated tier.
 
 Faces are scattered around three surfaces at the depths 3, 6 and 12. Their sizes have a log-normal
-distribution. The median size falls with the square root of the number of faces: it is about 3 pixels for a
-million faces and 1237 x 822 pixels. Opacities have a U-shaped beta distribution, and most faces are nearly
-opaque. The degree of spherical harmonics is 3.
+distribution. The median size falls with the square root of the number of faces. It is about 3 pixels for a
+million faces in an image of 1237 x 822 pixels. Opacities have a U-shaped beta distribution; most faces are
+nearly opaque. The degree of spherical harmonics is 3.
 """
 
 from __future__ import annotations
@@ -32,14 +32,15 @@ def is_connected(method: str) -> bool:
 
 
 def camera(width: int, height: int) -> Any:
-    """Return the camera that all models are made for. It stands at the origin and looks along z."""
+    """Return the camera of all models. It stands at the origin and looks along z."""
     return msb.Camera(width, height, _FOCAL * width, _FOCAL * width, width / 2, height / 2, np.eye(4))
 
 
 def soup(faces: int, seed: int = 0) -> dict[str, Any]:
     """Return positions (F, 3, 3), opacities and SH coefficients of free triangles."""
     random = np.random.default_rng(seed)
-    # The model is 1.5 times as wide as the image. As in a capture, much of it is out of view.
+    # The model is 1.5 times as wide as the image. Much of the model is therefore outside the image, as in a
+    # capture.
     x = random.uniform(-0.8, 0.8, faces)
     y = random.uniform(-0.55, 0.55, faces)
     layer = random.choice([3.0, 6.0, 12.0], faces, p=[0.35, 0.35, 0.3])
@@ -92,7 +93,7 @@ def model(method: str, faces: int) -> msb.Asset:
 def asset_of(method: str, buffers: dict[str, Any], soft: float = 0.15) -> msb.Asset:
     """Return an asset of `method` with the data that `soup` or `grid_mesh` returns.
 
-    `soft` is the mean logarithm of the exponents of edges in Triangle-Splatting; with 0, edges fall off
+    `soft` is the mean logarithm of the exponents of edges in Triangle-Splatting. With 0, edges fall off
     linearly.
     """
     from msb.asset.build import Description, build_asset
@@ -128,7 +129,7 @@ def capture(method: str, faces: int) -> msb.Asset:
 def psnr(
     image: NDArray[np.float32], official: NDArray[np.float32], stable: Any = None, *, quantize: bool = True
 ) -> float:
-    """Return the PSNR in dB of two images, which are clamped to [0, 1] as on a screen."""
+    """Return the PSNR in dB of two images. They are clamped to [0, 1] as on a screen."""
     first, second = np.clip(image, 0, 1), np.clip(official, 0, 1)
     if stable is not None:
         first, second = first[stable][None], second[stable][None]

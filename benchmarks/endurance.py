@@ -3,11 +3,11 @@
     python -m benchmarks.endurance                    all kinds of work in TIMES python -m
     benchmarks.endurance renders trials     these kinds only; --share 0.1 for a tenth of the repetitions
 
-Each kind of work runs in a fresh process. After a tenth, half and all of its repetitions it prints a line.
-The line shows the private memory of the process and of its children, as the median since the previous line.
-It also shows the numbers of open files, threads, children and temporary files. The first tenth includes
-everything that is created once: compiled programs, imported libraries, memory pools. Growth between half and
-the end indicates a leak.
+Each kind of work runs in a fresh process. It prints a line after a tenth, after half, and after all of its
+repetitions. The line shows the private memory of the process and of its children. The value is the median
+since the previous line. It also shows the numbers of open files, threads, children and temporary files. The
+first tenth includes everything that is created once: compiled programs, imported libraries, memory pools.
+Growth between half and the end indicates a leak.
 """
 
 from __future__ import annotations
@@ -40,12 +40,12 @@ if TYPE_CHECKING:
     from msb.bench.progress import Stage
 
 TIMES = {"renders": 500, "threads": 4000, "cells": 532, "trials": 50, "bakes": 500}
-"""Kind of work -> repetitions. "threads" counts the images that one renderer draws for eight threads.
+"""The number of repetitions of each kind of work.
 
-Bakes also use eight threads.
+"threads" counts the images that one renderer draws for eight threads. Bakes also use eight threads.
 """
 _CELLS = 76
-"""Number of cells in the protocol of the tests' tiny scenes that have a result."""
+"""Number of cells with a result in the protocol of the tests' tiny scenes."""
 _VIEW = 320, 240
 _TASKS = "uv", "decimate_50", "subdivide", "boolean", "self_intersections"
 
@@ -79,7 +79,7 @@ class Looks:
         own, theirs = held([process]), median(self.theirs)
         temporary = (
             len(list(Path(tempfile.gettempdir()).iterdir())) - 1
-        )  # without the folder of the work itself
+        )  # the folder of the work itself does not count
         memory = {"own_mb": round(own, 1), "children_mb": round(theirs, 1)}
         counts = {"files": process.num_fds(), "threads": process.num_threads(), "children": len(children)}
         head = {"kind": self.kind, "times": self.done, "seconds": round(seconds, 1)}
@@ -115,7 +115,7 @@ def assets(folder: Path) -> list[Path]:
 
 
 def renders(folder: Path, looks: Looks, times: int) -> None:
-    """Create a renderer, draw two frames and close it, for every method and tier in turn."""
+    """For every method and tier in turn, create a renderer, draw two frames and close it."""
     jobs: list[tuple[Path, Any]] = []
     for path in assets(folder):
         jobs += [(path, tier) for tier in METHODS[path.stem].retained]
@@ -128,7 +128,10 @@ def renders(folder: Path, looks: Looks, times: int) -> None:
 
 
 def threads(folder: Path, looks: Looks, times: int) -> None:
-    """Draw with one renderer from eight threads, and compare each image with a single-threaded one."""
+    """Draw with one renderer from eight threads.
+
+    Compare each image with an image drawn by a single thread.
+    """
     path = next(path for path in assets(folder) if path.stem == "triangle_splatting")
     cameras = list(make_turntable(msb.load(path), 8, *_VIEW))
     with msb.Renderer(path, tier="dedicated") as renderer, ThreadPoolExecutor(8) as pool:
@@ -224,7 +227,7 @@ KINDS: dict[str, Callable[[Path, Looks, int], None]] = {
 
 
 def main() -> int:
-    """Run each kind of work in a fresh process; return 1 if one fails or leaves a file behind."""
+    """Run each kind of work in a fresh process. Return 1 if any of them fails or leaves a file behind."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("kinds", nargs="*", metavar="KIND", help=f"of {', '.join(TIMES)}; default: all")
     parser.add_argument("--share", type=float, default=1.0, help="share of the repetitions; default: 1")

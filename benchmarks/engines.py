@@ -1,14 +1,14 @@
 """Compare images of other engines with the standard tier.
 
-One comparison uses the engines' default colour settings.
+One of the comparisons uses the default colour settings of the engines.
 
     python -m benchmarks.engines                               all scenes, all installed engines
     python -m benchmarks.engines --scenes goldens --engines wgpu
     python -m benchmarks.engines --tier dedicated             stages, memory and dB of the dedicated tier
     python -m benchmarks.engines --pictures docs/images        images for docs/engines.md
 
-Prints the tables of benchmarks/pages/engines.md; `--json` writes the figures. engines_dedicated.py explains
-`--tier dedicated`.
+The program prints the tables of benchmarks/pages/engines.md. `--json` writes the figures.
+engines_dedicated.py explains `--tier dedicated`.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class Task(NamedTuple):
 
 
 def goldens() -> Iterator[Task]:
-    """Yield the golden scenes: the meshes of their checkpoints with the cameras of the scenes."""
+    """Yield the golden scenes: the meshes of their checkpoints, and the cameras of the scenes."""
     for method in (name for name in OFFICIAL if METHODS[name].supports("standard")):
         for view in golden_views(method):
             chosen = {key: view.settings[key] for key in ("ste_threshold",) if key in view.settings}
@@ -75,7 +75,7 @@ def million() -> Iterator[Task]:
 
 
 def soup() -> Iterator[Task]:
-    """Yield the worst case: a million crossing faces of about a pixel, with random colours of corners."""
+    """Yield the worst case: a million crossing faces of about a pixel, with random vertex colours."""
     scene = shell(1_000_000)
     buffers = {"positions": scene.positions, "indices": scene.indices, "color": scene.colors}
     asset = build_asset(buffers, {"color": "vertex"}, Description(appearance={"kind": "static_color"}))
@@ -92,7 +92,7 @@ SCENES: dict[str, tuple[str, Callable[[], Iterator[Task]]]] = {
 
 
 def oblong(width: int, height: int) -> Camera:
-    """Return a camera in front of a splat-like mesh, off-centre and with fx = 1.1 fy."""
+    """Return a camera in front of a splat-like mesh. Its principal point is off-centre, and fx = 1.1 fy."""
     camera = Camera.look_at(
         (0.9, 0.2, 1.7), (0.5, 0.5, 0.5), up=(0, 1, 0), width=width, height=height, fov_y=0.6
     )

@@ -1,12 +1,13 @@
-"""Compare the dedicated tier by a graphics pipeline with ours in OpenCL, and with a plain mesh in three.js.
+"""Compare three renderers: the dedicated tier as a graphics pipeline, the dedicated tier in OpenCL, and a
+plain mesh in three.js.
 
-All renderers of a scene take turns within a round, so changes of the machine's speed affect all alike. Times
-are medians over the rounds. If a device has timestamps, it measures the times itself; otherwise they are
-wall-clock times. Every image is compared with the image of our OpenCL kernels, which agrees with the official
-image to 136 dB or more.
+All renderers of a scene take turns within a round, so that changes of the machine's speed affect all equally.
+Times are medians over the rounds. If a device has timestamps, it measures the times itself. Otherwise they
+are wall-clock times. Every image is compared with the image of our OpenCL kernels. This image agrees with the
+official image to 136 dB or more.
 
 A software adapter computes on the same processor as our kernels. Its images, its memory and the shares of its
-stages are valid, but its times say nothing about a graphics card.
+stages are valid. Its times say nothing about a graphics card.
 """
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ RENDERERS: dict[str, tuple[str, dict[str, Any]]] = {
     "wgpu, `engine` and `none`": ("dedicated", {"name": "wgpu", "sampling": "engine", "order": "none"}),
     "three.js, the plain mesh": ("standard", {"name": "threejs"}),
 }
-"""Row of the table -> tier and options of the renderer."""
+"""Tier and options of the renderer in each row of the table."""
 STAGES = ("project", "sort", "records", "bin", "blend", "resolve")
 BLACK = (0.0, 0.0, 0.0)
 
@@ -52,7 +53,7 @@ def synthetic(faces: int) -> Iterator[tuple[str, Asset, list[Camera]]]:
 
 
 def captured(garden: Path) -> Iterator[tuple[str, Asset, list[Camera]]]:
-    """Yield models with a triangle at every point of a capture, and four cameras of the capture."""
+    """Yield models with a triangle at every SfM point of a capture, and four cameras of the capture."""
     if not garden.exists():
         return
     cameras = [seen.resized(648, 420) for seen in msb.read_cameras(garden / "sparse" / "0")[::8]]
@@ -63,7 +64,10 @@ def captured(garden: Path) -> Iterator[tuple[str, Asset, list[Camera]]]:
 
 
 def compare(asset: Asset, cameras: list[Camera], rounds: int) -> list[dict[str, Any]]:
-    """Return a row for each renderer, ours first. The row of a renderer that cannot draw has the reason."""
+    """Return a row for each renderer.
+
+    Our OpenCL renderer comes first. The row of a renderer that cannot draw has the reason.
+    """
     rows: list[dict[str, Any]] = []
     running: dict[str, msb.Renderer] = {}
     official: list[Any] = []

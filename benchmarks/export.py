@@ -5,10 +5,10 @@
 
 Every measurement is a fresh process. The copy reads and writes the checkpoint piece by piece. The export
 consists of `msb.export` and `msb.save`. Both write a new file and flush it to the disk. Before its time
-starts, each writes and removes a file of the same size, because memory that a virtual machine has given back
-to its host is three times as slow to write to. Both take turns, so changes of the machine's speed affect both
-alike. The hashes of the source and of every buffer are timed separately. Memory is the peak of the process,
-including the mapped checkpoint.
+starts, each writes and removes a file of the same size. Without this, memory that a virtual machine has given
+back to its host would make writing three times as slow. Both take turns, so that changes of the machine's
+speed affect both equally. The hashes of the source and of every buffer are timed separately. Memory is the
+peak of the process, including the mapped checkpoint.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ _PIECE = 1 << 24
 
 
 def write_checkpoint(path: Path, triangles: int) -> None:
-    """Write a Triangle-Splatting checkpoint of random triangles; the values do not matter here."""
+    """Write a Triangle-Splatting checkpoint of random triangles. The values do not matter here."""
     from data_stubs.torch_file import write_torch
 
     random = np.random.default_rng(0)
@@ -45,7 +45,7 @@ def write_checkpoint(path: Path, triangles: int) -> None:
 
 
 def prepare(target: Path, size: int) -> None:
-    """Remove `target`, and get the memory from the system that writing `size` bytes takes."""
+    """Remove `target`, and request the memory for writing `size` bytes from the system."""
     target.unlink(missing_ok=True)
     with target.with_name("prepare.bin").open("wb") as file:
         for _ in range(-(-size // _PIECE)):

@@ -6,8 +6,9 @@ The models are also drawn as engines would draw them (`VARIANTS`, `ENGINES`). Th
 models and on their repairs.
 
 Without `--models`, a model of each method is created from the capture's SfM points: a small triangle at each
-point, oriented by its neighbours, in the colour of the photographs. Its images are sparse and spotty. This
-shows export, rendering, comparison, timing and audit on a capture in the official layout, and what they cost.
+point, oriented by its neighbours, in the colour of the photographs. The images of such a model are sparse and
+spotty. They still show export, rendering, comparison, timing and audit of a capture in the official layout,
+with their time and memory.
 """
 
 from __future__ import annotations
@@ -34,16 +35,16 @@ SIZE = 1.6
 GAP = 4
 """Gap between the images of the picture in pixels."""
 COLORS = 256
-"""Number of colours in the picture's palette. With a palette the file has a third of the size."""
+"""Number of colours in the picture's palette. The palette reduces the file to a third of its size."""
 LARGEST = 0.98
-"""Sizes are limited to this quantile; otherwise triangles at distant points would cover the sky."""
+"""Sizes are limited to this quantile. Otherwise triangles at distant points would cover the sky."""
 
 VARIANTS = {
     "engine": {"order": "global", "sampling": "engine"},
     "unsorted": {"order": "none", "sampling": "engine"},
     "hardware": {"renderer": "wgpu"},
 }
-"""Label -> the setting that deviates from the dedicated tier."""
+"""The setting of each label that differs from the dedicated tier."""
 ENGINES = ["wgpu", "threejs"]
 """Other renderers of the standard tier."""
 PICTURED = ("dedicated", "standard")
@@ -85,7 +86,7 @@ def protocol_text(
     reference: bool,
     all_of_it: bool,
 ) -> str:
-    """Return the protocol that evaluates the models in a folder on the scene."""
+    """Return the protocol for evaluating the models in a folder on the scene."""
     lines = [f"engines = {json.dumps(ENGINES)}", "[trial]", "compare = true"] if all_of_it else []
     for label, options in VARIANTS.items() if all_of_it else ():
         lines += [
@@ -108,7 +109,8 @@ def protocol_text(
 
 
 def montage(results: Path, scene: str) -> Image.Image:
-    """Return images of the first test view: a column per method, and a row per entry of `PICTURED`.
+    """Return a grid of images of the first test view, with a column per method and a row per entry of
+    `PICTURED`.
 
     A missing image is white.
     """

@@ -52,8 +52,8 @@ def keep(record: dict[str, Any], path: Path | None) -> None:
 def c_library(source: Path, *flags: str) -> ctypes.CDLL:
     """Compile C source with OpenMP, -O3 and `flags`, and return the library.
 
-    Idle OpenMP threads sleep. By default its threads would spin for milliseconds and slow the next
-    measurement.
+    Idle OpenMP threads sleep. By default its threads would stay busy for milliseconds after their work, and
+    slow the next measurement.
 
     Raises
     ------
@@ -86,7 +86,7 @@ def c_library(source: Path, *flags: str) -> ctypes.CDLL:
 
 
 def reset_peak() -> int:
-    """If the system can, reset the peak memory of the process to its current use.
+    """Reset the peak memory of the process to its current use, if the system allows this.
 
     Return the peak memory in bytes.
     """
@@ -98,13 +98,13 @@ def reset_peak() -> int:
 def peak() -> int:
     """Return the peak memory of the process in bytes.
 
-    /proc is preferred to getrusage. In getrusage a child starts with the peak of its parent.
+    /proc is preferred to getrusage. With getrusage, a child starts with the peak of its parent.
     """
     return _peak("self") or resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
 
 
 def peak_with_children() -> int:
-    """Return the sum of the peaks of this process and its children; shared pages count several times."""
+    """Return the sum of the peaks of this process and its children. Shared pages count several times."""
     found = peak()
     for child in psutil.Process().children(recursive=True):
         with contextlib.suppress(OSError):

@@ -1,14 +1,14 @@
-"""Measure an official checkpoint on your machine: one command writes one file that can be shared.
+"""Measure an official checkpoint on your machine. One command writes one file that can be shared.
 
     python -m benchmarks.official CHECKPOINT --scene DIR --device gpu -o garden.json
     python -m benchmarks.official --table garden.json truck.json
 
-The first command takes the output folder of a method's training and the capture. It measures export, audit,
-both tiers, the loss by cause, and a bake. Tiers are measured in OpenCL and, if wgpu is installed, in WebGPU.
-With the capture it also measures PSNR, compared with the photographs and with the official renderings in the
-checkpoint's folder test/ours_N/renders. It takes minutes on a graphics card and uses no network. Finished
-stages are stored in the file, so the same command continues after an interruption and repeats failed stages.
-The second command prints such files as Markdown tables, as in docs/official.md.
+The first command takes the output folder of a training, and the capture. It measures export, audit, both
+tiers, the loss by cause, and a bake. Tiers are measured in OpenCL and, if wgpu is installed, in WebGPU. With
+the capture it also measures the PSNR against the photographs, and against the official renderings in the
+folder test/ours_N/renders of the checkpoint. It takes minutes on a graphics card and uses no network.
+Finished stages are stored in the file. After an interruption, the same command continues, and repeats failed
+stages. The second command prints such files as Markdown tables, as in docs/official.md.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from msb.registry import lookup
 SCHEMA = "msb.official/1"
 _MAX_BYTES = 1 << 20
 _SEEN = 40.0
-"""PSNR (dB) below which a loss is visible and listed."""
+"""A loss is visible, and is listed, if the PSNR (dB) is below this value."""
 _WIDEST = 160
 """Largest number of characters of a table cell. It is limited because the files may come from strangers."""
 _LIMITS = Limits(seconds=1800, memory=None)
@@ -43,7 +43,7 @@ _LIMITS = Limits(seconds=1800, memory=None)
 OF_CAPTURE = "capture", "official"
 """Stages that need a capture."""
 FIRST = "machine", "export", "capture"
-"""Stages that identify the model and the machine; the measurement stops if one fails."""
+"""Stages that identify the model and the machine. If one of them fails, the measurement stops."""
 _STEPS = (
     "model",
     "capture",
@@ -81,7 +81,7 @@ it is not sent anywhere."""
 
 
 def measured(given: Given, place: Path) -> dict[str, Any]:
-    """Run all stages of a checkpoint and return the record; it is saved to `place` after each stage."""
+    """Run all stages of a checkpoint and return the record. It is saved to `place` after each stage."""
     stages = [name for name in STAGES if given.scene is not None or name not in OF_CAPTURE]
     found = {name: _stage(name, given) for name in stages if name in FIRST}
     for name, path in (("export", given.checkpoint), ("capture", given.scene)):
@@ -118,7 +118,7 @@ def _stage(name: str, given: Given) -> dict[str, Any]:
 
 
 def _done(place: Path, head: dict[str, Any]) -> dict[str, Any]:
-    """Return the finished stages in a file, if its model, capture, machine and versions are the same."""
+    """Return the finished stages in a file, unless its model, capture, machine or versions differ."""
     if not place.exists():
         return {}
     there = read(place)
@@ -144,7 +144,7 @@ def tables(records: Sequence[dict[str, Any]]) -> str:
         drawn = [row for record in records for row in _drawn(record)]
         blocks = (_DRAWN, drawn), (_STEPS, map(_steps, records)), (_COSTS, map(_costs, records))
         return "\n\n".join("\n".join(_table(heads, rows)) for heads, rows in blocks)
-    except (AttributeError, KeyError, TypeError, ValueError) as error:  # a file that was changed by hand
+    except (AttributeError, KeyError, TypeError, ValueError) as error:  # the file was changed by hand
         text = f"the record (schema {SCHEMA}) was changed by hand and is invalid: {error!r}"
         raise InputError("FILE_NOT_RECOGNISED", text) from error
 
@@ -193,7 +193,7 @@ def _drawn(record: dict[str, Any]) -> Iterator[list[str]]:
             yield [*head, found["failed"], *["--"] * 7]
             continue
         near, card = found.get("psnr", {}), found["gpu_memory"]["bytes"]
-        # Rusticl's events report 0 ms; treat that as unknown.
+        # Events of Rusticl report 0 ms. Treat this as unknown.
         times = {name: value or None for name, value in found["device_ms"].items()}
         yield [
             *head,
@@ -213,7 +213,7 @@ def _number(value: float | None, digits: int) -> str:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Measure and write, or print tables; return the exit status."""
+    """Measure and write the file, or print tables. Return the exit status."""
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks.official",
         description=__doc__,

@@ -1,8 +1,8 @@
-"""The measurements of `benchmarks.official`: one function per stage, each called in a separate process.
+"""The measurements of `benchmarks.official`. There is a function per stage, called in a separate process.
 
 Each stage opens the checkpoint again. Its peak memory is therefore independent of other stages, and a
-crashing driver ends one stage only. A stage returns numbers and names of methods, devices and metrics. If an
-error occurs, it returns only the error code, because messages contain file names.
+crashing driver ends one stage only. A stage returns only numbers, and names of methods, devices and metrics.
+If an error occurs, it returns only the error code, because messages contain file names.
 """
 
 from __future__ import annotations
@@ -78,7 +78,7 @@ _OF_DEVICE = "platform", "name", "vendor", "driver", "version", "kind", "compute
 class Given:
     """The user's input.
 
-    It consists of absolute paths, a device selector, and the folder and resolution of the photographs.
+    The request has absolute paths, a device selector, and the folder and resolution of the photographs.
     """
 
     checkpoint: str
@@ -149,7 +149,7 @@ def stage_export(given: Given) -> dict[str, Any]:
 
 
 def stage_capture(given: Given) -> dict[str, Any]:
-    """Return the scene's name if it is known, its views, and deviations from the official training."""
+    """Return the scene's name if it is known, its views, and differences from the official training."""
     asset = msb.open(given.checkpoint)
     scene = given.capture(asset)
     assert scene is not None
@@ -198,7 +198,7 @@ def stage_draw(given: Given, tier: Tier, renderer: str | None = None) -> dict[st
         cameras, background = scene.test, scene.background
     gpus, start = Gpus(), time.perf_counter()
     options = minimal_options(tier, renderer)
-    # Engines accept a kind of device ("cpu", "gpu"), not the name of an OpenCL platform.
+    # Engines accept only a kind of device ("cpu", "gpu"), not the name of an OpenCL platform.
     selector = given.device if renderer is None or given.device in KINDS else None
     with Renderer(asset, tier, selector, name=renderer, **options) as drawing:
         device = _device(given, drawing.device_info)
@@ -225,7 +225,9 @@ def stage_draw(given: Given, tier: Tier, renderer: str | None = None) -> dict[st
 
 
 def gpu_memory(gpus: Gpus, kind: str) -> dict[str, Any]:
-    """Return the GPU memory of this process since `gpus` was created, by NVML, or why it is unknown."""
+    """Return the GPU memory that this process has allocated since `gpus` was created, or the reason why it is
+    unknown. NVML measures it.
+    """
     if kind != "gpu":
         return {"bytes": None, "source": None, "reason": "the device is not a GPU"}
     gpus.look({os.getpid()})
@@ -300,7 +302,7 @@ def stage_why(given: Given) -> dict[str, Any]:
 
 
 def stage_bake(given: Given) -> dict[str, Any]:
-    """Bake with `geometry="kept"`, which needs no optimisation; return the PSNR before and after."""
+    """Bake with `geometry="kept"`, which needs no optimisation. Return the PSNR before and after."""
     asset = msb.open(given.checkpoint)
     baked = msb.bake(asset, scene=given.capture(asset), geometry="kept", device=given.device)
     with tempfile.TemporaryDirectory() as folder:
@@ -331,9 +333,9 @@ STAGES: dict[str, Callable[[Given], dict[str, Any]]] = {
 
 
 def work(word: str, _: Any) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Run the stage named in the JSON text `word`; child processes call this.
+    """Run the stage named in the JSON text `word`. Child processes call this function.
 
-    A failed stage returns the error code. The full message is in `said`; it is shown but not stored.
+    A failed stage returns the error code. `said` has the full message, which is printed but not stored.
     """
     stage, about = json.loads(word)
     try:

@@ -1,4 +1,4 @@
-"""Print the tables of benchmarks/pages from the JSON in benchmarks/results: `python -m benchmarks.pages`.
+"""Write benchmarks/pages from the JSON files in benchmarks/results: `python -m benchmarks.pages`.
 
 A page holds the results of one benchmark. The name of the page is the first word in the file names of the
 results.
@@ -45,7 +45,7 @@ TITLES = {
     "weigh": "Weighing faces",
     "why": "Causes of a worse look",
 }
-"""First word in the file name of a result -> title of its page. Other words are titles themselves."""
+"""Titles of the pages, by the first word in the file name of a result. Other words are titles themselves."""
 ABOUT = ("what", "measured", "machine", "notes")
 """Keys of a record that are printed above its tables."""
 
@@ -67,7 +67,7 @@ def section(name: str, record: Record) -> str:
 
 
 def pages() -> dict[str, str]:
-    """Return file name -> text of every page."""
+    """Return the text of every page by file name."""
     found: dict[str, list[str]] = {}
     official = []
     for path in sorted(RESULTS.glob("*.json")):
@@ -92,7 +92,7 @@ def pages() -> dict[str, str]:
 
 
 def readme(made: Iterable[str]) -> str:
-    """Return the README. At its end it has links to these pages."""
+    """Return the README. It ends with links to these pages."""
     head, mark, _ = README.read_text(encoding="utf-8").partition("## Pages\n")
     titles = {name: TITLES.get(word := Path(name).stem, word.capitalize()) for name in sorted(made)}
     return (

@@ -3,13 +3,13 @@
     python -m benchmarks.primitives                      0.1, 1 and 16 million elements, on the default device
     python -m benchmarks.primitives --device gpu         on another device
 
-Needs mako, with which pyopencl generates its scan and sort. Elements and keys have 32 bits. Our code and
-pyopencl take turns, and the order changes from round to round. The table shows medians, and the median of the
-ratios within a round. A time begins with the call and ends when the queue is empty. If the results differ,
-the benchmark fails. pyopencl's scan and sort use its `MemoryPool`. Its sort uses the number of bits per pass
-that is fastest on this device. "buffers" allocates the memory of a frame: eight scratch arrays that are each
-filled once. Their sizes change by up to a quarter between frames. "held" is the memory that the pools keep at
-the end.
+The program needs mako, because pyopencl generates its scan and sort with it. Elements and keys have 32 bits.
+Our code and pyopencl take turns, and the order changes from round to round. The table shows median times, and
+the median of the ratios within a round. A time begins with the call and ends when the queue is empty. If the
+results differ, the benchmark fails. pyopencl's scan and sort use its `MemoryPool`. Its sort uses the fastest
+number of bits per pass on this device. "buffers" allocates the memory of a frame: eight scratch arrays that
+are each filled once. Their sizes change by up to a quarter between frames. "held" is the memory that the
+pools keep at the end.
 """
 
 from __future__ import annotations
@@ -68,14 +68,14 @@ class Peer:
         }
 
     def array(self, values: np.ndarray) -> Any:
-        """Return a pyopencl array with `values`, on the pool."""
+        """Return a pyopencl array with `values`, allocated from the pool."""
         from pyopencl.array import to_device
 
         return to_device(self.queue, values, allocator=self.pool)
 
 
 class Pair(NamedTuple):
-    """The same work by us and by pyopencl; both return comparable results."""
+    """The same work in our code and in pyopencl. Both return comparable results."""
 
     name: str
     ours: Work
@@ -85,7 +85,7 @@ class Pair(NamedTuple):
 
 
 def scan_pair(device: Device, peer: Peer, count: int, dtype: type[np.unsignedinteger[Any]]) -> Pair:
-    """Return the exclusive prefix sum of `count` numbers (uint32); its results have the type `dtype`."""
+    """Return the exclusive prefix sum of `count` numbers (uint32). The sums have the type `dtype`."""
     from pyopencl.array import empty
 
     values = np.random.default_rng(0).integers(0, 16, count, np.uint32)
@@ -105,7 +105,8 @@ def scan_pair(device: Device, peer: Peer, count: int, dtype: type[np.unsignedint
 
 
 def sort_pair(device: Device, peer: Peer, count: int, bits: int) -> Pair | None:
-    """Return the stable sort of `count` keys of `bits` bits with a payload, or None if pyopencl's fails.
+    """Return the stable sort of `count` keys of `bits` bits with a payload, or None if the sort of pyopencl
+    fails.
 
     On devices with many compute units, pyopencl's scan ends with a failed assertion for some sizes.
     """
@@ -142,7 +143,7 @@ def sort_pair(device: Device, peer: Peer, count: int, bits: int) -> Pair | None:
 
 
 def buffers_pair(device: Device, peer: Peer, count: int) -> Pair:
-    """Return the scratch arrays of a frame, of about `count` uint32 each, filled."""
+    """Return the work of filling the scratch arrays of a frame, of about `count` uint32 each."""
     import pyopencl as cl
 
     memory = device.new_memory()
@@ -202,7 +203,7 @@ def compare(device: Device, peer: Peer, pair: Pair, rounds: int) -> dict[str, An
 
 
 def pairs(device: Device, peer: Peer, count: int) -> list[Callable[[], Pair | None]]:
-    """Return a constructor for each pair, so that only one pair is in memory at a time."""
+    """Return a constructor for each pair. Thus only one pair is in memory at a time."""
     return [
         lambda: scan_pair(device, peer, count, np.uint32),
         lambda: scan_pair(device, peer, count, np.uint64),

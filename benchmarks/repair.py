@@ -4,10 +4,10 @@
     python -m benchmarks.repair --sizes 614           about 10 million faces
 
 Each measurement is a fresh process that loads the arrays and runs once. Loading libigl and PyMeshLab is not
-timed. Times are CPU seconds, because a step uses one core and the machine may be shared. The ratio compares
-with the time of the twin. The twin audits the same mesh with NumPy and SciPy. Tools take turns within a
-round. The table shows medians. Memory is the growth of the process's peak above the loaded arrays and
-libraries.
+timed. Times are CPU seconds, because a step uses one core and the machine may be shared. The ratio is to the
+time of the twin. The twin audits the same mesh with NumPy and SciPy. Tools take turns within a round. The
+table shows medians. Memory is the growth of the peak memory of the process, after arrays and libraries were
+loaded.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The tables of benchmarks/results/repair-figures.json: trials and repairs of single meshes."""
+"""Tables of trials and repairs of single meshes, from benchmarks/results/repair-figures.json."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ TITLES = {
     "splat_like": "`splat_like`",
     "vase": "a vase trained by a user of leonhardrobin/triangle-splatting2",
 }
-"""Name -> title, in the order of the tables.
+"""Titles of the meshes by name, in the order of the tables.
 
-Each new model needs a line here, also a model in data_stubs/models.
+Each new model needs a line here. This includes models in data_stubs/models.
 """
 MARKS = {"works": "+", "care": "~", "fails": "-", "not_run": "not run"}
 
@@ -53,11 +53,11 @@ SHORT: dict[str, Callable[[dict[str, Any]], str]] = {
     "solid": lambda _: "",
     "self_intersections": _crossing,
 }
-"""Task -> a function that summarises its numbers in a few words."""
+"""For each task, a function that summarises its numbers in a few words."""
 
 
 def trial_table(figures: dict[str, Any]) -> str:
-    """Return a row for each mesh, a column for each task."""
+    """Return a table with a row for each mesh and a column for each task."""
     heads = ("mesh", "faces", "verdict", *(name.replace("_", " ") for name in SHORT))
     lines = [f"| {' | '.join(heads)} |", "|---" * len(heads) + "|"]
     for name, title in TITLES.items():
@@ -78,7 +78,7 @@ def _trial_cell(one: dict[str, Any]) -> str:
 
 
 def repair_tables(figures: dict[str, Any]) -> str:
-    """Return a table for each mesh whose repairs are compared, a row for each strategy."""
+    """Return a table for each mesh whose repairs are compared. A table has a row for each strategy."""
     heads = ("strategy", "faces kept", "added", "edges cut", "components", "boundary", "verdict", "tasks")
     heads += ("standard", "dedicated", "MB", "seconds")
     parts = []

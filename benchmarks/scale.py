@@ -1,4 +1,4 @@
-"""Measure each step with ten million triangles of each method: seconds, memory, bytes per face.
+"""Measure the seconds, memory and bytes per face of each step with ten million triangles of each method.
 
     python -m benchmarks.scale                   10 million triangles of SH degree 3, every method
     python -m benchmarks.scale --faces 1000000 --method diffsoup --folder /path/with/room
@@ -7,8 +7,9 @@ Each step runs in a fresh process, like a command. The steps are the export of t
 first frame of each tier at 1237 x 822 pixels (with start-up), and the repairs orient and pair. Two further
 steps compute the face weights of the page over 8 views of 640 x 480 pixels, by OpenCL and by the NumPy
 reference. The last step writes the page of the dedicated tier with the 100,000 faces that contribute most,
-and compares 4 views of it with the full model. Memory is the peak of the process, including mapped files and,
-on a CPU, the device's buffers. `private` leaves out memory backed by files, which the system can drop.
+and compares 4 views of it with the full model. Memory is the peak of the process. It includes mapped files,
+and on a CPU the buffers of the device. `private` excludes memory backed by files, because the system can drop
+it.
 """
 
 from __future__ import annotations
@@ -35,13 +36,13 @@ from data_stubs.torch_file import write_torch
 _ASSET = "scale.triasset"
 _PAGE_FACES = 100_000
 _HOLES = 1.287
-"""Number of faces of the full grid per remaining face. The other faces are left out as holes."""
+"""Ratio of the faces of the full grid to the remaining faces. The other faces are omitted and leave holes."""
 _INTERVAL = 0.005
 """Sampling interval of a process's private memory, in seconds."""
 
 
 def write_checkpoint(folder: Path, method: str, faces: int) -> None:
-    """Write a checkpoint of `method`, as a training would, with a scene of `benchmarks.dedicated_scenes`."""
+    """Write a checkpoint of `method` like a training. It holds a scene of `benchmarks.dedicated_scenes`."""
     is_mesh = method == "diffsoup" or is_connected(method)
     buffers = grid_mesh(round(_HOLES * faces)) if is_mesh else soup(faces)
     if method == "diffsoup":
@@ -132,7 +133,7 @@ def repair(folder: Path) -> int:
 
 
 def weigh(folder: Path) -> int:
-    """Sum the contribution of each face to the views of a page, by OpenCL."""
+    """Add up the contribution of each face to the views of a page, with OpenCL."""
     import msb
     from msb.render.shares import shares_by_view
 
@@ -144,7 +145,7 @@ def weigh(folder: Path) -> int:
 
 
 def weigh_by_reference(folder: Path) -> int:
-    """Sum the same by the NumPy reference."""
+    """Add up the same contributions with the NumPy reference."""
     import msb
     from msb.reference import render_reference
 
@@ -205,7 +206,7 @@ class PrivateMemory(threading.Thread):
 
 
 def measure(step: str, folder: Path) -> dict[str, Any]:
-    """Run one step in this process; return its time and memory."""
+    """Run one step in this process. Return its time and memory."""
     import msb
 
     before = peak()
@@ -271,7 +272,7 @@ def run(step: str, *arguments: str) -> str:
 
 
 def show(method: str, steps: dict[str, dict[str, Any]]) -> None:
-    """Print the rows of one method. Bytes per face measure how much the process grows during the step."""
+    """Print the rows of one method. Bytes per face are the growth of the process during the step."""
     first = steps["export"]
     asset = first["asset"] / first["faces"]
     print(f"{method:<24}{first['faces']:,} faces, asset {asset:.0f} bytes a face")

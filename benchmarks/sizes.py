@@ -1,13 +1,13 @@
-"""Measure commands at real model sizes: seconds, peak memory, and where the time goes.
+"""Measure commands at real model sizes: seconds, peak memory, and the share of the time of each kind of work.
 
     python -m benchmarks.sizes                       1 and 4 million faces of MeshSplatting
     python -m benchmarks.sizes --faces 100000 --command why --command info --folder /path/with/room
 
 Each command runs in a separate process, on a mesh with shared vertices and SH degree 3. `export` writes the
-asset that the other commands read. `import` only imports the package, which every command does. Seconds are
-wall time; `processor` is the CPU time of all threads and children, which depends less on other load. Memory
-is the peak of the process or of its largest child, whichever is higher. It includes mapped files. The shares
-of time come from a profile of the main thread, which slows the run by a few per cent.
+asset that the other commands read. `import` only imports the package, like every command. Seconds are wall
+time. `processor` is the CPU time of all threads and children; it depends less on other load. Memory is the
+peak of the process, or of its largest child if that is higher. It includes mapped files. The shares of time
+come from a profile of the main thread. The profile slows the run by a few per cent.
 """
 
 from __future__ import annotations
@@ -40,9 +40,9 @@ _BOUNDS = (
     ("files", ("_io.", "io.open", "posix.", "mmap", "npz", "zipfile", "zlib")),
     ("NumPy", ("numpy", "/msb/")),
 )
-"""Part of a function's name or file -> kind of work.
+"""Kinds of work, by a part of the name or file of a function.
 
-The first match counts. Work without a match is called Python. Slow lines of our own code are array
+The first match counts. Work without a match is counted as "Python". Slow lines of our code are array
 arithmetic.
 """
 _SHOWN = 0.1
@@ -61,7 +61,7 @@ COMMANDS: dict[str, Callable[[Path], list[str]]] = {
     "trial intersections": lambda folder: ["trial", "-q", "--task", "intersections", f"{folder / _ASSET}"],
     "why": lambda folder: ["why", "-q", "--size", "640x480", f"{folder / _ASSET}"],
 }
-"""Command -> a function that takes the folder with the asset and returns the arguments."""
+"""For each command, a function that takes the folder with the asset and returns the arguments."""
 
 
 def measure(arguments: list[str]) -> dict[str, Any]:

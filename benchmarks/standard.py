@@ -5,9 +5,9 @@
 
 A frame clears the buffers, draws, and reads the image back to the host. Nothing is uploaded, and the camera
 does not move. Each tool runs in its own process, prepares once, and draws on request. Tools take turns within
-a round, so changes of the machine's speed affect all alike. The table shows medians over rounds, and the
-median of the ratios to our time within a round. Images are compared with ours. CPU time and peak memory
-include child processes (a browser, Blender); shared pages count several times.
+a round, so that changes of the machine's speed affect all tools equally. The table shows medians over rounds,
+and the median of the ratios to our time within a round. Images are compared with ours. CPU time and peak
+memory include child processes (a browser, Blender). Shared pages count several times.
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ class Tool:
 
 
 def work(name: str, folder: Path) -> None:
-    """Prepare, then draw a frame for every line of standard input and print its time."""
+    """Prepare the renderer. Then draw a frame for every line of standard input, and print its time."""
     arrays = (np.load(folder / f"{part}.npy") for part in ("positions", "indices", "colors"))
     scene = Scene(*arrays, shared=(folder / "shared").exists())
     start = time.perf_counter()

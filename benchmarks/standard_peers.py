@@ -68,7 +68,7 @@ def _camera() -> Camera:
 
 
 def msb(scene: Scene) -> Frame:
-    """Prepare our renderer, image only."""
+    """Prepare our renderer for images only."""
     from msb.render.standard.renderer import StandardRenderer
 
     renderer, camera = StandardRenderer(_asset(scene)), _camera()
@@ -77,7 +77,10 @@ def msb(scene: Scene) -> Frame:
 
 
 def msb_textured(scene: Scene) -> Frame:
-    """Prepare our renderer with a texture instead of vertex colours, image only. No peer does the same."""
+    """Prepare our renderer for images only, with a texture instead of vertex colours.
+
+    No peer is comparable.
+    """
     from msb.render.standard.renderer import StandardRenderer
 
     renderer, camera = StandardRenderer(_textured_asset(scene)), _camera()
@@ -133,7 +136,7 @@ def c_direct(scene: Scene) -> Frame:
 
 
 def c_bands(scene: Scene) -> Frame:
-    """Prepare plain C that first lists triangles by bands of rows."""
+    """Prepare plain C that first sorts triangles into bands of rows."""
     return _plain_c(scene, bands=True, ordered=False)
 
 
@@ -263,7 +266,10 @@ def _rays() -> NDArray[np.float32]:
 
 
 def embree_open3d(scene: Scene) -> Frame:
-    """Prepare Embree through Open3D. It finds the hit face and the distance of each ray, without colours."""
+    """Prepare Embree through Open3D.
+
+    It finds the hit face and the distance of each ray. It computes no colours.
+    """
     import open3d
 
     caster = open3d.t.geometry.RaycastingScene()
@@ -278,7 +284,10 @@ def embree_open3d(scene: Scene) -> Frame:
 
 
 def embree(scene: Scene) -> Frame:
-    """Prepare Embree through embreex. It finds the hit face of each ray in one thread, without colours."""
+    """Prepare Embree through embreex.
+
+    It finds the hit face of each ray, in one thread. It computes no colours.
+    """
     from embreex.mesh_construction import TriangleMesh
     from embreex.rtcore_scene import EmbreeScene
 
@@ -313,4 +322,4 @@ PEERS: dict[str, tuple[str, Callable[[Scene], Frame]]] = {
     "embree open3d": ("Embree by Open3D, rays alone, no colours", embree_open3d),
     "embree": ("Embree by embreex, rays alone, one thread, no colours", embree),
 }
-"""Name -> description and peer."""
+"""Descriptions and peers by name."""

@@ -15,7 +15,7 @@ PIXEL = DISTANCE / FOCAL
 
 
 class Scene(NamedTuple):
-    """A mesh with RGBA8 vertex colours; `shared`: faces share vertices."""
+    """A mesh with RGBA8 vertex colours. `shared` is true if faces share vertices."""
 
     positions: NDArray[np.float32]
     indices: NDArray[np.uint32]
@@ -24,7 +24,10 @@ class Scene(NamedTuple):
 
 
 def pose() -> NDArray[np.float64]:
-    """Return world_to_camera of a camera that looks along no axis, at `DISTANCE` from the scene."""
+    """Return world_to_camera of a camera at `DISTANCE` from the scene.
+
+    Its view direction is along no axis.
+    """
     a, b = 0.3, 0.2
     about_y = [[np.cos(a), 0, np.sin(a)], [0, 1, 0], [-np.sin(a), 0, np.cos(a)]]
     about_x = [[1, 0, 0], [0, np.cos(b), -np.sin(b)], [0, np.sin(b), np.cos(b)]]
@@ -35,10 +38,11 @@ def pose() -> NDArray[np.float64]:
 
 
 def shell(count: int) -> Scene:
-    """Return a soup in a thick spherical shell. With any count, the shell covers half of the image.
+    """Return a soup in a thick spherical shell.
 
-    Corners are scattered around the centre of a triangle. The standard deviation is 3.5 pixels for 100
-    thousand triangles, 1.1 for a million and 0.55 for 4 million. Triangles are in random order.
+    The shell covers half of the image, whatever the number of triangles is. Corners are scattered around the
+    centre of a triangle. The standard deviation is 3.5 pixels for 100 thousand triangles, 1.1 for a million
+    and 0.55 for 4 million. Triangles are in random order.
     """
     random = np.random.default_rng(0)
     center = random.normal(size=(count, 3))
@@ -100,4 +104,4 @@ SCENES: dict[str, tuple[str, Callable[[], Scene]]] = {
     ),
     "spheres-4M": ("the same of 4,000,000 faces", lambda: spheres(4_000_000)),
 }
-"""Name of a scene -> its description, and the function that makes it."""
+"""For each scene name, the description and the function that creates the scene."""

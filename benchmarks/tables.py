@@ -1,7 +1,7 @@
 """Markdown tables of benchmark results.
 
-`TABLES` formats records that need computed figures, such as medians, ratios or megabytes. `generic` prints
-all other records as stored.
+`TABLES` has the functions for records that need computed figures, such as medians, ratios or megabytes.
+`generic` prints all other records as stored.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ def label(key: str) -> str:
 
 
 def number(value: float | None, digits: int) -> str | None:
-    """Return a value rounded to this number of decimals; None stays None."""
+    """Return a value rounded to this number of decimals. None stays None."""
     return None if value is None else f"{value:,.{digits}f}"
 
 
@@ -55,7 +55,9 @@ def percent(share: float, digits: int) -> str:
 
 
 def generic(record: Any) -> Iterator[str]:
-    """Yield the tables of a record: first the plain values, then each list of rows and each part."""
+    """Yield the tables of a record: a table of the plain values, then a table for each list of rows and each
+    part.
+    """
     plain = {key: value for key, value in record.items() if not _is_part(value)}
     if "what" in plain:
         yield f"{plain.pop('what')}."
@@ -130,7 +132,7 @@ def audit(record: Record) -> Iterator[str]:
 
 
 def bake(record: Record) -> Iterator[str]:
-    """Yield a table of bakes with PSNR against held-out photographs."""
+    """Yield a table of bakes with their PSNR against held-out photographs."""
     yield table(
         [
             *("model", "geometry", "native, dB", "before, 1 sample", "baked, 1", "baked, 16", "triangles"),
@@ -157,7 +159,9 @@ def bake(record: Record) -> Iterator[str]:
 
 
 def bake_scale(record: Record) -> Iterator[str]:
-    """Yield a table of the garden's bakes with PSNR against native rendering, and one of their stages."""
+    """Yield a table of the bakes of the garden with their PSNR against native rendering, and a table of their
+    stages.
+    """
     yield table(
         [
             *("faces", "views", "geometry", "variant", "before, 1 sample", "baked, 1", "baked, 16"),
@@ -428,7 +432,7 @@ def repair(record: Record) -> Iterator[str]:
 
 
 def scale(record: Record) -> Iterator[str]:
-    """Yield a table by method and step; bytes per face are the growth of the process during the step."""
+    """Yield a table by method and step. Bytes per face are the growth of the process during the step."""
     rows = []
     for steps in record.get("runs") or [record["steps"]]:
         for method, found in steps.items():
@@ -523,4 +527,4 @@ TABLES: dict[str, Callable[[Record], Iterator[str]]] = {
     "standard-textured-2-cores": standard,
     "weigh-2-cores": scale,
 }
-"""Name of a result -> function that yields its tables."""
+"""For each result name, the function that yields its tables."""

@@ -1,8 +1,9 @@
-"""Time an iteration of the trainer by pixels and triangles: `python -m benchmarks.training`.
+"""Time an iteration of the trainer for several numbers of pixels and triangles: `python -m
+benchmarks.training`.
 
 One scene is trained at several image sizes and triangle counts. The time is the minimum over several
-iterations, because other load only adds time. The CPU time of all threads is shown beside it. Needs the extra
-train.
+iterations, because other load only adds time. The next column shows the CPU time of all threads. Needs the
+extra train.
 """
 
 from __future__ import annotations

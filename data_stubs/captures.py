@@ -1,4 +1,4 @@
-"""Scenes of one world in the layout of every dataset: the shipped ones, and tiny ones for tests."""
+"""Scenes of one world in the layout of every dataset: the shipped scenes, and tiny scenes for tests."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ FOV_Y = 0.7
 FRONT = np.array([0.0, -0.92, 0.39])
 """Direction from the centre of the world to the cameras of forward-facing scenes; z is up."""
 Y_DOWN = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
-"""The rotation from z up, as in NeRF-Synthetic, to y down, as in most COLMAP models."""
+"""The rotation from a world with z up (NeRF-Synthetic) to a world with y down (most COLMAP models)."""
 
 MILLIMETRES = 12.0
 """Millimetres of DTU's world per unit of the normalised frame."""
@@ -126,7 +126,7 @@ def mipnerf360_cameras(world: World) -> list[Camera]:
 
 
 def write_tanksandtemples(world: World, folder: Path) -> None:
-    """Write Tanks and Temples as 3DGS packages it: photographs half as large as the recorded cameras."""
+    """Write Tanks and Temples as 3DGS packages it: the photographs have half the recorded camera size."""
     surface = world.inside().turned(Y_DOWN)
     cameras = tanksandtemples_cameras(world)
     for camera in cameras:
@@ -143,7 +143,7 @@ def tanksandtemples_cameras(world: World) -> list[Camera]:
 
 
 def write_nerf_synthetic(world: World, folder: Path) -> None:
-    """Write NeRF-Synthetic: RGBA PNG, two JSON files, and depths and normals among the test images."""
+    """Write NeRF-Synthetic: RGBA PNG files, two JSON files, and depths and normals among the test images."""
     surface = world.alone()
     for split, cameras in nerf_synthetic_cameras(world).items():
         frames = []
@@ -162,7 +162,7 @@ def write_nerf_synthetic(world: World, folder: Path) -> None:
 
 
 def nerf_synthetic_cameras(world: World) -> dict[str, list[Camera]]:
-    """Return the cameras of the NeRF-Synthetic stub: all around, above the horizon; a circle for testing."""
+    """Return the cameras of the NeRF-Synthetic stub: all above the horizon; test cameras form a circle."""
     random = np.random.default_rng(3)
     train, test = world.around["train"], world.around["test"]
     turns = {"train": random.uniform(0, 2 * np.pi, train), "test": np.arange(test) * 2 * np.pi / test + 0.3}
@@ -182,7 +182,7 @@ def nerf_synthetic_cameras(world: World) -> dict[str, list[Camera]]:
 
 
 def write_dtu(world: World, folder: Path) -> None:
-    """Write DTU as 2DGS packages it: RGBA, masks, cameras.npz, a COLMAP model, and the laser scan."""
+    """Write DTU as 2DGS packages it: RGBA images, masks, cameras.npz, a COLMAP model, and the laser scan."""
     surface, cameras = world.alone(), dtu_cameras(world)
     scan = folder / "scan1"
     scale = np.diag([MILLIMETRES, MILLIMETRES, MILLIMETRES, 1.0])
@@ -190,7 +190,8 @@ def write_dtu(world: World, folder: Path) -> None:
     matrices: dict[str, Any] = {}
     for index, camera in enumerate(cameras):
         image = world.photograph(surface, camera)
-        image[..., :3] += 0.35 * (image[..., 3:] == 0)  # a grey table behind the mask
+        # outside of the mask the photograph shows a grey table
+        image[..., :3] += 0.35 * (image[..., 3:] == 0)
         write_photograph(scan / "images" / str(camera.name), coarse(image, world.levels))
         mask = np.repeat(255 * (image[..., 3:] >= 0.5), 3, axis=2).astype(np.uint8)
         write_photograph(scan / "mask" / f"{index:03d}.png", mask)
@@ -239,7 +240,7 @@ def _write_mat(path: Path, values: dict[str, NDArray[Any]]) -> None:
 def on_surface(
     surface: Shown, count: int, seed: int, density: NDArray[np.float64] | float = 1.0
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return points (count, 3) on the surface and their colours without sheen.
+    """Return points (count, 3) on the surface, and their colours without sheen.
 
     The points are distributed evenly, or by a density per face (F,).
     """
@@ -257,7 +258,7 @@ def on_surface(
 def sfm_points(
     surface: Shown, cameras: list[Camera], count: int
 ) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
-    """Return points and colours like a reconstruction, denser at parts that are large in the images."""
+    """Return points and colours as in a reconstruction: denser where the surface is large in the images."""
     middle = surface.vertices[surface.faces].mean(axis=1)
     density = np.mean([((middle - camera.center) ** 2).sum(axis=1) ** -1.0 for camera in cameras], axis=0)
     places, colors = on_surface(surface, count, 6, density)
@@ -296,4 +297,4 @@ WRITERS: dict[str, Callable[[World, Path], None]] = {
     "nerf_synthetic": write_nerf_synthetic,
     "dtu": write_dtu,
 }
-"""Dataset -> the function that writes it."""
+"""The function that writes each dataset."""

@@ -24,7 +24,8 @@ _PINHOLE = 1
 def rounded(values: ArrayLike) -> Any:
     """Return the numbers as lists, rounded to 12 decimals.
 
-    The last bits of sines, products and eigenvectors depend on the machine; the bytes of a stub shall not.
+    The last bits of sines, products and eigenvectors depend on the machine. Rounding keeps the bytes of a
+    stub equal.
     """
     return (np.round(values, 12) + 0.0).tolist()
 
@@ -35,7 +36,7 @@ def write_colmap(
     xyz: NDArray[Any],
     rgb: NDArray[Any],
 ) -> None:
-    """Write a model of one PINHOLE camera that took all images, and points (N, 3) without tracks.
+    """Write a model with a single PINHOLE camera for all images, and points (N, 3) without tracks.
 
     The cameras have names and equal intrinsics; `folder` is the scene's sparse/0.
     """

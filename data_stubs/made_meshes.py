@@ -1,6 +1,7 @@
 """Meshes of a known surface in the official file layouts of methods that output a mesh.
 
-The meshes are not trained: each is the surface itself, with colours in the storage of the method.
+The meshes are not trained. Each mesh is the surface itself, and its colours are stored as the method stores
+them.
 """
 
 from __future__ import annotations
@@ -26,9 +27,12 @@ PLACES = {
     "sugar": f"sugarfine_{_FINE}_normalconsistency01_gaussperface6.obj",
     "frosting": f"frostingfine_{_FINE}_depth10_quantile01_gauss2000000_frostlevel001_proposal30.obj",
 }
-"""Method -> path of its mesh below the output folder of a scene."""
+"""The path of each method's mesh below the output folder of a scene."""
 SQUARE = 10
-"""Texels along each side of the square that two faces share, as SuGaR and Frosting lay them out."""
+"""Number of texels along each side of the square that two faces share.
+
+SuGaR and Frosting have this layout.
+"""
 
 
 def write_meshes(folder: Path, surface: Surface, *, white: bool) -> None:
@@ -49,7 +53,7 @@ def write_meshes(folder: Path, surface: Surface, *, white: bool) -> None:
 
 
 def _write_textured(file: Path, surface: Surface) -> None:
-    """Write an OBJ with its material and texture: a square of texels for each two faces, cut diagonally."""
+    """Write an OBJ with material and texture: two faces share a square of texels, cut along its diagonal."""
     count = len(surface.faces)
     side = int(np.ceil(np.sqrt((count + 1) // 2)))
     row, column = np.divmod(np.arange(count) // 2, side)
@@ -58,7 +62,7 @@ def _write_textured(file: Path, surface: Surface) -> None:
     corners = np.zeros((count, 3, 2))
     for face in range(count):
         upper = face % 2 == 1
-        # Weights of corners 1 and 2 in the square, whose diagonal is where they add up to 1.
+        # Weights of corners 1 and 2 in the square. On its diagonal, the two weights add up to 1.
         b1, b2 = (1 - x, 1 - y) if upper else (x, y)
         first, second, third = surface.color[surface.faces[face]]
         color = first + b1[..., None] * (second - first) + b2[..., None] * (third - first)

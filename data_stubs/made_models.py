@@ -1,8 +1,8 @@
 """Models of a known surface in the official file layouts of each method.
 
-The models are not trained: their appearance is computed from the surface, with the coverage and noise of the
-method. Triangles of soups overlap and have noisy colours, which blending averages and a depth buffer does
-not.
+The models are not trained. Their appearance is computed from the surface, with the coverage and the noise of
+the method. Triangles of soups overlap and have noisy colours. Blending averages these colours, but a depth
+buffer does not.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ TRAINED = tuple(name for name in BUILT_IN if METHODS[name].native is not None)
 """Methods with their own representation; this module creates a model of each."""
 SH_C1 = 0.4886025119029199
 NOISE = 0.06
-"""Standard deviation of a triangle's colour; blending averages over about a dozen."""
+"""Standard deviation of a triangle's colour; blending averages the colours of about twelve triangles."""
 SPREAD = 0.03
 """Standard deviation of a triangle's offset along its normal, in units of its longest edge."""
 
@@ -98,9 +98,9 @@ def _connected(surface: Surface) -> dict[str, Any]:
 def _diffsoup(folder: Path, surface: Surface, white: bool, layout: str) -> None:
     """A lattice of level 0: one sample at each corner, in the order of corners 2, 0, 1.
 
-    Features 0 to 2 are the colour f. At sheen, feature 3 blends in y = sigmoid(slope d . light), computed by
-    the decoder, where d points to the camera. Colours are adapted to it, so that (1 - f3) f + f3 y equals
-    color + gloss (-d . light) near d . light = 0.
+    Features 0 to 2 are the base colour f. At places with sheen, feature 3 (f3) blends f with y =
+    sigmoid(slope d . light). The decoder computes y, and d points to the camera. f is chosen so that (1 - f3)
+    f + f3 y equals color + gloss (-d . light) near d . light = 0.
     """
     random, corners = np.random.default_rng(3), surface.faces[:, [2, 0, 1]]
     blend = 0.3 * (surface.gloss > 0)
@@ -201,7 +201,7 @@ _WRITERS: dict[str, Callable[[Path, Surface, bool, str], None]] = {
 def _soup(
     surface: Surface, scale: float, seed: int
 ) -> tuple[Array, NDArray[np.float64], NDArray[np.float64]]:
-    """Return corners (F, 3, 3), colours (F, 3) and gloss (F,) of free triangles, `scale` times as large."""
+    """Return corners (F, 3, 3), colours (F, 3) and gloss (F,) of free triangles, enlarged by `scale`."""
     random = np.random.default_rng(seed)
     corners = surface.vertices[surface.faces]
     middle = corners.mean(axis=1, keepdims=True)
@@ -219,7 +219,7 @@ def _f_dc(color: NDArray[np.float64]) -> Array:
 
 
 def _f_rest(gloss: NDArray[np.float64], light: NDArray[np.float64]) -> Array:
-    """Return the coefficients (n, 3, 3) of gloss d . light, d pointing from the camera."""
+    """Return the SH coefficients (n, 3, 3) of gloss d . light, where d points away from the camera."""
     x, y, z = light / SH_C1
     per_unit = np.repeat(np.array([-y, z, -x])[:, None], 3, axis=1)
     return (gloss[:, None, None] * per_unit).astype(np.float32)

@@ -1,9 +1,9 @@
 """Create the data in this folder: `python -m data_stubs.make`. The same scripts give the same bytes.
 
-An asset and a checkpoint with the structure of trained ones; a small scene in the layout of each dataset
-(`data_stubs.captures`). Models of the scenes are trained by `data_stubs.trainings`. Photographs are
-compressed by Pillow, so their bytes depend on its version; pixels of PNG files do not, and those in JPEG by
-one level.
+The data are an asset and a checkpoint with the structure of trained models, and a small scene in the layout
+of each dataset (`data_stubs.captures`). Models of the scenes are trained by `data_stubs.trainings`.
+Photographs are compressed by Pillow, so their bytes depend on the version of Pillow. The pixels of PNG files
+do not, and the pixels of JPEG files differ by at most one level.
 """
 
 from __future__ import annotations
@@ -26,14 +26,15 @@ from msb.scenes import Camera, turntable, write_cameras
 
 HERE = Path(__file__).parent
 SIZE = 36
-"""Side of the demo mesh's lattice; gives about 35 thousand faces, a hundredth of a real export."""
+"""Side of the demo mesh's lattice: about 35 thousand faces, 1 % of a real export."""
 
 CHECKPOINT_SIZE = 14
 """Side of the demo checkpoint's lattice."""
 
 
 def splat_like_asset(n: int = SIZE) -> Asset:
-    """Return a MeshSplatting-like asset: structure from the generator, colours by direction.
+    """Return an asset like a MeshSplatting export. Colours depend on the direction from the centre.
+
 
     Vertex opacities are logits as in a trained model: most are opaque.
     """
@@ -66,7 +67,7 @@ def splat_like_asset(n: int = SIZE) -> Asset:
 
 
 def write_checkpoint(folder: Path, n: int = CHECKPOINT_SIZE) -> None:
-    """Write a MeshSplatting checkpoint of the same kind of mesh, SH degree 1, like a training."""
+    """Write a MeshSplatting checkpoint of the same kind of mesh, with SH degree 1."""
     vertices, faces = splat_like(n)
     count, random = len(vertices), np.random.default_rng(1)
     direction = vertices - np.float32(0.5)

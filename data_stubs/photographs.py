@@ -1,4 +1,4 @@
-"""Photographs of a surface: our standard tier, sampled finely and averaged."""
+"""Photographs of a surface: renderings of our standard tier with many samples per pixel, averaged."""
 
 from __future__ import annotations
 

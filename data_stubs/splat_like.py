@@ -1,10 +1,11 @@
 """Generate meshes with the structure of trained MeshSplatting exports, at any size.
 
-MeshSplatting keeps faces of a 3D Delaunay tetrahedralisation near a surface. The model here replaces it by
-the integer lattice cut into Kuhn tetrahedra (each cube into six along its main diagonal), labels each one
-inside or outside of a sphere with noise, keeps most faces between different labels and some stray faces
-close to it. Labels and decisions come from a hash of the element, so nothing is stored and any size is made
-in one pass over the cubes near the surface. n^3 cubes give about 26.6 n^2 faces.
+MeshSplatting keeps faces of a 3D Delaunay tetrahedralisation near a surface. This generator uses the integer
+lattice instead, with each cube cut into six Kuhn tetrahedra along its main diagonal. It labels each
+tetrahedron as inside or outside of a sphere, with noise. It keeps most faces between different labels, and
+some stray faces close to the sphere. Labels and decisions come from a hash of the element. Therefore nothing
+is stored, and one pass over the cubes near the surface is enough for any size. n^3 cubes give about 26.6 n^2
+faces.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ JITTER = 0.1
 """The greatest displacement of a lattice point, in lattice steps."""
 
 ORDERINGS = list(permutations(range(3)))
-"""The six tetrahedra of a cube: b, then one step along each axis in this order."""
+"""The six tetrahedra of a cube. Their corners are b and the points after each step along these axes."""
 
 
 @dataclass(frozen=True)
@@ -51,8 +52,9 @@ def splat_like(
 ) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
     """Return vertices (V, 3) in the unit cube and faces (F, 3) of a mesh on a lattice of n^3 cubes.
 
-    36 cubes along each side give about 35 thousand faces, 194 one million, 388 four million. Vertices and
-    faces are permuted and rows rotated at random, as training leaves them, unless `shuffle` is false.
+    36 cubes along each side give about 35 thousand faces, 194 cubes one million, and 388 cubes four million.
+    As after a training, vertices and faces are in random order, and the corners of each face are rotated at
+    random, unless `shuffle` is false.
     """
     shape = shape or Shape()
     cubes = _cubes_near_surface(n, shape)
@@ -88,7 +90,7 @@ def _cubes_near_surface(n: int, shape: Shape) -> NDArray[np.int64]:
 
 
 def _chains() -> list[tuple[tuple[int, ...], tuple[int, ...]]]:
-    """Return the twelve pairs (A, B) of disjoint non-empty sets of axes: a face is b, b + A, b + A + B."""
+    """Return the twelve pairs (A, B) of disjoint non-empty sets of axes; faces are (b, b + A, b + A + B)."""
     sets = [(0,), (1,), (2,), (0, 1), (0, 2), (1, 2)]
     return [(a, b) for a in sets for b in sets if not set(a) & set(b)]
 
@@ -101,7 +103,7 @@ def _faces_of_chains(
     a: tuple[int, ...],
     b: tuple[int, ...],
 ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-    """Return the faces of one chain at every base, and which of them are kept."""
+    """Return the faces of one pair of axis sets at every base b, and which of these faces are kept."""
     step_a, step_b = _step(a), _step(b)
     points = [base, base + step_a, base + step_a + step_b]
     faces = np.stack([_vertex_id(p, n) for p in points], axis=1)
@@ -119,7 +121,7 @@ def _faces_of_chains(
 def _neighbours(
     base: NDArray[np.int64], a: tuple[int, ...], b: tuple[int, ...]
 ) -> tuple[tuple[NDArray[np.int64], int], tuple[NDArray[np.int64], int]]:
-    """Return cube and ordering of the two tetrahedra at the face b, b + A, b + A + B."""
+    """Return cube and ordering of the two tetrahedra at the face (b, b + A, b + A + B)."""
     if len(a) + len(b) == 3:
         pair = a if len(a) == 2 else b
         other = (pair[1], pair[0])
@@ -159,7 +161,7 @@ def _vertex_id(points: NDArray[np.int64], n: int) -> NDArray[np.int64]:
 
 
 def _uniform(key: NDArray[np.int64], seed: int) -> NDArray[np.float64]:
-    """Return numbers in [0, 1) that depend on `key` and `seed` only (the finaliser of SplitMix64)."""
+    """Return numbers in [0, 1) that depend only on `key` and `seed`, by the finaliser of SplitMix64."""
     with np.errstate(over="ignore"):
         z = key.astype(np.uint64) + np.uint64(seed + 1) * np.uint64(0x9E3779B97F4A7C15)
         z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)

@@ -1,7 +1,7 @@
 """Content of the stub scenes: painted pebbles on a mosaic, alone and in front of a wall.
 
-Shapes are signed distance functions, z up. They give the surface (marching cubes), normals, ambient occlusion
-and soft shadows. Vertices are closer together than pixels, so vertex colours serve as a texture.
+Shapes are signed distance functions, z up. They give the surface (by marching cubes), normals, ambient
+occlusion and soft shadows. Vertices are closer together than pixels, so vertex colours serve as a texture.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     Paint = Callable[[Reals], tuple[Reals, Reals]]
 
 STEP = 0.016
-"""Side of a marching cube, about a pixel of the stub photographs."""
+"""Side of a marching cube, about as large as a pixel of the stub photographs."""
 BOX = np.array([[-1.1, -1.05, -0.76], [1.1, 0.85, 0.95]])
 """Bounding box of the pebbles."""
 GROUND = -0.72
@@ -123,7 +123,10 @@ class Stone:
         return np.asarray((points - self.center) @ axes)
 
     def distance(self, points: Reals) -> Reals:
-        """Return signed distances (n,), negative inside; accurate to a few per cent near the stone."""
+        """Return signed distances (n,), negative inside.
+
+        Near the stone they are accurate to a few per cent.
+        """
         local = self.local(points)
         if self.hole:
             around = np.hypot(local[:, 0], local[:, 1]) - self.radii[0]
@@ -134,7 +137,7 @@ class Stone:
     def painted(self, points: Reals) -> tuple[Reals, Reals]:
         """Return the colours (n, 3) and the sheen (n,) of points on the stone.
 
-        A wave goes around the middle, dots above and below it.
+        A wave goes around the middle, with dots above and below the wave.
         """
         base, pattern = self.paint
         local = self.local(points) / self.radii
@@ -156,7 +159,7 @@ PEBBLES = (
     Stone((0.66, -0.66, GROUND + 0.15), (0.27, 0.19, 0.16), 0.7, 0.0, (OCHRE, RUST), 5),
     Stone((-0.62, -0.68, GROUND + 0.19), (0.19, 0.19, 0.085), -0.5, 0.75, (MOSS, CREAM), 6, hole=True),
 )
-"""A pile of three, a small one, and one with a hole, which leans against the pile."""
+"""A pile of three pebbles, a small pebble, and a pebble with a hole that leans against the pile."""
 
 
 @lru_cache(maxsize=1)
@@ -167,7 +170,7 @@ def pebbles() -> LitSurface:
 
 @lru_cache(maxsize=1)
 def pebbles_before_a_wall() -> LitSurface:
-    """Return the pebbles on a floor with a round wall, which fill every pixel of cameras in front.
+    """Return the pebbles on a floor with a round wall. Floor and wall fill every pixel of cameras in front.
 
     Parts that those cameras cannot see are left out.
     """
@@ -201,7 +204,7 @@ def surface_of(shape: Callable[[Reals], Reals]) -> tuple[Reals, NDArray[np.int64
 
 
 def _stones(points: Reals) -> tuple[Reals, Reals]:
-    """Return the colours of the mosaic: rings of stones, every other ring turned by half a stone."""
+    """Return the colours of the mosaic: rings of stones, where every other ring is turned by half a stone."""
     x, y, _ = points.T
     radius, turn = np.hypot(x, y), np.arctan2(y, x)
     ring = np.floor(radius / STONE)
@@ -218,7 +221,7 @@ def _stones(points: Reals) -> tuple[Reals, Reals]:
 
 
 def _step(value: Reals, width: float = 0.012) -> Reals:
-    """Return 0 below and 1 above 0, smoothly within `width`."""
+    """Return a smooth step: 0 for negative and 1 for positive values, with a transition of `width`."""
     t = np.clip(value / width + 0.5, 0, 1)
     return t * t * (3 - 2 * t)
 
@@ -266,7 +269,7 @@ def _in_front(surface: LitSurface) -> LitSurface:
 
 
 def _rings(radii: Reals, heights: Reals) -> tuple[Reals, NDArray[np.int64]]:
-    """Return a mesh of rings around the z axis, wound upwards where the radius grows."""
+    """Return a mesh of rings around the z axis; where the radius grows, faces are wound upwards."""
     count = 720
     turn = np.arange(count) * 2 * np.pi / count
     places = [
@@ -280,7 +283,7 @@ def _rings(radii: Reals, heights: Reals) -> tuple[Reals, NDArray[np.int64]]:
 
 
 def _shaded(vertices: Reals, faces: NDArray[np.int64], paint: Paint) -> LitSurface:
-    """Light a part: ambient light and sun at each vertex, with occlusion and shadows."""
+    """Light a part of the scene: ambient light and sun at each vertex, with occlusion and shadows."""
     albedo, sheen = paint(vertices)
     normal = _normals(vertices)
     facing = np.clip(normal @ SUN, 0, 1)
@@ -298,7 +301,7 @@ def _normals(vertices: Reals) -> Reals:
 
 
 def _sunlight(points: Reals) -> Reals:
-    """Return the visible share (n,) of the sun, by the narrowest gap along the ray to it."""
+    """Return the visible share (n,) of the sun, computed from the narrowest gap along the ray to the sun."""
     along, share = np.full(len(points), 0.01), np.ones(len(points))
     for _ in range(60):
         gap = distance(points + along[:, None] * SUN)

@@ -18,10 +18,13 @@ FREQUENCY = 5
 WALL_FREQUENCY = 4
 WALL_RADIUS = 9.0
 WALL_REACH = 0.2
-"""Cosine of the wall's angular extent. It covers the view of every camera and ends there, because
-Triangle-Splatting mirrors geometry behind a camera into the image."""
+"""Cosine of the wall's angular extent.
+
+The wall covers the view of every camera and does not extend further, because Triangle-Splatting mirrors
+geometry behind a camera into the image.
+"""
 LIGHT = np.array([0.6, -0.5, 0.62])
-"""Direction of the sheen, a unit vector up to rounding; colours increase by `gloss` along it."""
+"""Direction of the sheen, approximately a unit vector. Colours increase by `gloss` along this direction."""
 GLOSS = 0.16
 
 
@@ -68,7 +71,7 @@ def pebble() -> Surface:
 
 
 def walled() -> Surface:
-    """Return the pebble in front of part of a large sphere, which has no sheen and fills every pixel."""
+    """Return the pebble in front of part of a large sphere. The sphere has no sheen and fills every pixel."""
     stone = pebble()
     directions, faces = icosphere(WALL_FREQUENCY)
     faces = faces[directions[faces].mean(axis=1) @ -FRONT > WALL_REACH]

@@ -1,8 +1,8 @@
 """Write a dictionary of tensors in the format of `torch.save` without torch, for stubs, tests and benchmarks.
 
-The file is a ZIP of stored members, `data.pkl` (protocol 2) beside one raw storage per tensor, each on a
-64-byte boundary (pytorch/pytorch: torch/serialization.py, caffe2/serialize). Tensors are written in
-pieces, so one may be a memory map.
+The file is a ZIP of stored members on 64-byte boundaries: `data.pkl` (protocol 2), and one raw storage per
+tensor (pytorch/pytorch: torch/serialization.py, caffe2/serialize). Tensors are written in pieces, so a tensor
+may be a memory map.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _ORDERED_DICT = b"ccollections\nOrderedDict\n)R"
 
 
 def write_torch(file: Path | BinaryIO, value: Any, root: str = "archive") -> None:
-    """Write `value`, dictionaries, tuples and lists of tensors, numbers, text and None, as a torch file."""
+    """Write a torch file; `value` is made of dictionaries, tuples, lists, tensors, numbers, text, None."""
     storages: list[NDArray[Any]] = []
     pickle = b"\x80\x02" + _value(value, storages) + b"."
     with zipfile.ZipFile(file, "w", zipfile.ZIP_STORED) as archive:

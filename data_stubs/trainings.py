@@ -1,4 +1,4 @@
-"""Train the models in `data_stubs/models`: `python -m data_stubs.trainings`, an hour on two cores.
+"""Train the models in `data_stubs/models`: `python -m data_stubs.trainings` takes an hour on two cores.
 
 `--garden SCENE` trains the four models of docs/trained.md instead, on Mip-NeRF 360's garden at 1/16 of its
 size. `--jobs` trainings run in parallel, each on one core; `--only` selects some. Results are in `--output`;
@@ -23,13 +23,13 @@ from msb.registry import METHODS
 
 HERE = Path(__file__).parent
 _LEFT_OUT = "training.npz"
-"""File of the training state, many times larger than the model."""
+"""The file of the training state, which is many times larger than the model."""
 
 _STUBS = {
     "walled": ("mipnerf360/pebble", "--image-folder", "images_4"),
     "pebble": ("nerf_synthetic/pebble", "--points", "data_stubs/scenes/dtu/scan1"),
 }
-"""Kind of scene -> its arguments: pebbles in front of a wall, and a single pebble, also in DTU's scene."""
+"""The arguments of each kind of scene: pebbles in front of a wall, or one pebble (also for DTU)."""
 _STUB_OPTIONS = {
     "walled/two_dts": "--faces 2500 --sh-degree 1 --iterations 3500",
     "walled/triangle_splatting": "--faces 2500 --sh-degree 1 --iterations 4000",
@@ -50,7 +50,7 @@ _GARDEN = ("--image-folder", "images_8", "--resolution", "2")
 
 
 def trainings(garden: Path | None) -> dict[str, list[str]]:
-    """Return name -> arguments of `data_stubs.training`."""
+    """Return the arguments of `data_stubs.training` for each training, by name."""
     found = {}
     if garden is not None:
         for method, options in _GARDEN_OPTIONS.items():
@@ -64,7 +64,7 @@ def trainings(garden: Path | None) -> dict[str, list[str]]:
 
 
 def train(output: Path, name: str, arguments: list[str]) -> int:
-    """Train one model, its progress in `output`/`name`.log, and return the exit status."""
+    """Train one model, write its progress to `output`/`name`.log, and return the exit status."""
     folder = output / name
     folder.mkdir(parents=True, exist_ok=True)
     again = ["--resume"] if (folder / _LEFT_OUT).exists() else []
@@ -77,16 +77,16 @@ def train(output: Path, name: str, arguments: list[str]) -> int:
 
 
 def ship(output: Path, name: str) -> None:
-    """Put the official files of a finished training, and its log, into `data_stubs/models`."""
+    """Copy the official files and the log of a finished training to `data_stubs/models`."""
     target = HERE / "models" / name
     shutil.rmtree(target, ignore_errors=True)
     shutil.copytree(output / name, target, ignore=shutil.ignore_patterns(_LEFT_OUT))
 
 
 def table(folders: dict[str, Path]) -> str:
-    """Return a Markdown table of trainings: name -> folder with `training.json`.
+    """Return a Markdown table of trainings; `folders` holds the folder with `training.json` of each, by name.
 
-    The last columns are the PSNR (dB) of test views after these shares of the iterations.
+    The last columns are the PSNR (dB) of the test views after 10 % to 100 % of the iterations.
     """
     shares = (0.1, 0.25, 0.5, 0.75, 1.0)
     titles = ["method", "scene", "triangles", "iterations", "minutes"]

@@ -18,15 +18,20 @@ from fuzz.targets import TARGETS
 from msb.base.extras import install, is_installed
 
 ROUND = 60
-"""Seconds of one worker. Code instrumented by atheris 3.0 leaks some KB per execution, so workers are
-replaced."""
+"""Seconds of one worker.
+
+Code instrumented by atheris 3.0 leaks a few KB per execution. Workers are therefore replaced after a while.
+"""
 SLACK = 300
 """Extra seconds of a worker for imports, seeds, and the last input."""
 
 
 @dataclass
 class Outcome:
-    """Outcome of one target. `coverage` counts edges of instrumented code, ours and of libraries."""
+    """Outcome of one target.
+
+    `coverage` counts the edges of all instrumented code, ours and that of libraries.
+    """
 
     target: str
     executions: int = 0

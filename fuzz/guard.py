@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 MEMORY = 1 << 30
-"""Allowed growth of the address space in bytes, beyond the interpreter and its libraries."""
+"""Allowed growth of the address space in bytes, in addition to the interpreter and its libraries."""
 FORBIDDEN_STATUS = 99
 _FORBIDDEN = (
     "subprocess.",
@@ -70,9 +70,9 @@ def peak_mib(status: Iterable[str]) -> int:
 class Guard:
     """Forbid all actions that a reader must never take, while the ``with`` block runs.
 
-    The process may write below `scratch` only, and run installed code only; modules may still be imported.
-    Before the process ends, `report` receives the action and its place. (An exception could be caught by the
-    reader.)
+    The process may write only below `scratch`, and run only installed code. It may still import modules.
+    Before the process ends, `report` receives the action and its place. No exception is raised, because the
+    reader could catch it.
     """
 
     def __init__(self, scratch: Path, report: Callable[[str], None]) -> None:
@@ -93,7 +93,7 @@ class Guard:
         if not self._active:
             return
         if event == "exec":
-            # Source from the input does not belong to an installed file.
+            # Code from the input does not belong to an installed file.
             name = getattr(arguments[0], "co_filename", "")
             if not name.startswith(self._code):
                 self._end(f"exec of code from {name!r}")
@@ -120,9 +120,10 @@ class Guard:
 
 
 class ClosedGuard(Guard):
-    """Also forbid all imports and code, and all files except `inside` and files below it.
+    """A guard that also forbids imports, the execution of new code, and all files except `inside` and files
+    below it.
 
-    Modules that are imported on first use must be imported before.
+    Modules that readers import on first use must be imported in advance.
     """
 
     inside = ""
@@ -134,7 +135,8 @@ class ClosedGuard(Guard):
             name, mode, flags = arguments
             if isinstance(name, int):
                 return  # an already open descriptor
-            # Relative to the folder that is read; the descriptor of an opened folder is not passed on.
+            # The path is relative to the folder that is read. The hook does not get the descriptor of an
+            # opened folder.
             path = os.path.normpath(os.path.join(self.inside, os.fsdecode(name)))  # noqa: PTH118
             writes = isinstance(flags, int) and flags & _WRITES
             if writes or not (path + os.sep).startswith(self.inside + os.sep):

@@ -31,7 +31,7 @@ def asset(path: Path) -> None:
 
 
 def checkpoint(path: Path) -> None:
-    """Read, and visit every value like a careless user: shared values several times."""
+    """Read, and visit every value like a careless user, who visits shared values several times."""
     from msb.adapters.checkpoint import read_checkpoint as read
 
     _touch(read(path), path.stat().st_size)
@@ -82,7 +82,7 @@ def cfg_args(path: Path) -> None:
 
 
 def mesh(path: Path) -> None:
-    """Read a mesh; arrays are decoded in this process, because the guard forbids child processes."""
+    """Read a mesh. Arrays are decoded in this process, because the guard forbids child processes."""
     from unittest.mock import patch
 
     from msb.meshes import read_mesh as read
@@ -234,7 +234,7 @@ def page(path: Path) -> None:
 
 
 def training(path: Path) -> None:
-    """Read the state of a training; its arrays may not exceed its file size."""
+    """Read the state of a training. Its arrays must not be larger than its file."""
     from data_stubs.training.state import read_state as read
 
     arrays, _ = read(path)

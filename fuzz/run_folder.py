@@ -1,4 +1,4 @@
-"""Targets that read the files in which a run records finished work."""
+"""Targets for the files in which a run records finished work."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ PHOTOGRAPH = b"no image is read to know its hash"
 
 
 def model_task(root: Path) -> ModelTask:
-    """Return the task to prepare a model that does not exist."""
+    """Return a task that prepares a model that does not exist."""
     return ModelTask(root, "run", "capture", "desk", "two_dts", Path("model.triasset"))
 
 
 def read_model(path: Path) -> None:
-    """Read the record of a model; if it is accepted, every file must be unchanged."""
+    """Read the record of a model. If it is accepted, every file must be unchanged."""
     from msb.bench.digest import stamp
     from msb.bench.models import find_known_model
 
@@ -32,7 +32,7 @@ def read_model(path: Path) -> None:
 
 
 def models() -> list[bytes]:
-    """Return records of a model whose files exist, are missing, and are impossible."""
+    """Return records of models whose files exist, are missing, or have impossible names."""
     from msb.bench.digest import stamp
     from msb.bench.models import ModelAsset
     from msb.bench.records import File
@@ -80,7 +80,7 @@ def read_run(path: Path) -> None:
 
 
 def runs() -> list[bytes]:
-    """Return the lock of this run, and of another one."""
+    """Return the lock of this run, and the lock of another run."""
     about = {"host": "a", "process": 1, "since": "Mon Nov 23 12:00:00 2026"}
     return [json.dumps({"run": run, **about}).encode() for run in ("run", "another")]
 

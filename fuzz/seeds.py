@@ -60,14 +60,14 @@ def checkpoints() -> Iterator[bytes]:
 
 
 def pickles() -> Iterator[bytes]:
-    """Return programs of the pickle machine: valid ones, and the corpus."""
+    """Return programs of the pickle machine: valid programs, and the corpus."""
     yield assemble.GOOD
     for case in BAD_PICKLES:
         try:
             with zipfile.ZipFile(io.BytesIO(case.make())) as archive:
                 yield from (archive.read(name) for name in archive.namelist() if name.endswith("data.pkl"))
         except (OSError, ValueError, RuntimeError, zipfile.BadZipFile):
-            continue  # not a case of a program
+            continue  # this case is not a program
 
 
 @cache
@@ -104,7 +104,10 @@ def web_export() -> dict[str, bytes]:
 
 
 def meshes(suffix: str) -> Iterator[bytes]:
-    """Return small meshes of a format, valid and broken; one written by us, if we write the format."""
+    """Return small meshes of a format, valid and broken.
+
+    If we write the format, one of them is written by us.
+    """
     if suffix in list_written_suffixes():
         stream = io.BytesIO()
         write_mesh(Mesh(np.array(SQUARE), np.array(SQUARE_FACES)), stream, suffix=suffix)
@@ -271,7 +274,7 @@ def submissions() -> list[bytes]:
 
 
 def around_record(record: bytes) -> bytes:
-    """Return a submission of one record whose hash is right."""
+    """Return a submission of one record with the right hash."""
     from msb.bench.submission import ABOUT, About, make_archive
 
     name = "records/00000.json"
@@ -292,7 +295,9 @@ def renderer_timings() -> list[bytes]:
 
 @cache
 def pages() -> list[bytes]:
-    """Return the parts of a page that are read again: scene and test views, for each storage of arrays."""
+    """Return the parts of a page that are read again, its scene and its test views, for each storage of
+    arrays.
+    """
     from msb.engines.dedicated_page.storage import store
 
     view = {"width": 5, "height": 3}

@@ -11,7 +11,7 @@ from typing import Any
 from msb.errors import MsbError
 
 LONGEST = 1 << 14
-"""Most bytes of a seed; longer ones slow the search down and rarely reach other code."""
+"""Maximum size of a seed in bytes. Longer seeds slow the search down and rarely reach other code."""
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class Target:
     wrap : callable, optional
         Transforms the bytes before they are written, for example into an archive with correct checksums.
     beside : mapping
-        Other valid files that the reader needs: path below the folder -> content.
+        The contents of other valid files that the reader needs, by their paths below the folder.
     """
 
     read: Callable[[Path], Any]
@@ -45,8 +45,8 @@ class Target:
     def at(self, folder: Path) -> Callable[[bytes], MsbError | None]:
         """Return the function to fuzz, which writes its files below the empty folder `folder`.
 
-        It returns the reader's error if the file is rejected with one clear line, and None if it is read.
-        Anything else is a finding, and raised.
+        It returns the reader's error if the file is rejected with a clear line, and None if the file is read.
+        Anything else is a finding and is raised.
         """
         path = folder / self.file
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -70,7 +70,7 @@ class Target:
 
 
 def check_line(error: MsbError) -> None:
-    """Check an error: a registered code, and one printable line of limited length."""
+    """Check that an error has a registered code, and a message of one printable line of limited length."""
     line = str(error)
     assert error.code in error.codes, error.code
     assert line.isprintable(), f"{error.code}: not printable"

@@ -34,7 +34,7 @@ def model_target(method: str) -> Target:
 
 
 def web_target(name: str) -> Target:
-    """Return the target of one file of a DiffSoup web export; the other files are valid."""
+    """Return the target of one file of a DiffSoup web export. The other files are valid."""
     beside = {other: content for other, content in seeds.web_export().items() if other != name}
     return Target(
         lambda path: readers.export(path.parent), lambda: [seeds.web_export()[name]], name, beside=beside
@@ -52,14 +52,14 @@ def mesh_target(suffix: str) -> Target:
 
 
 def camera_target(kind: str, file: str, read: Callable[[Path], None] = readers.camera_folder) -> Target:
-    """Return the target of one file of a camera source; the other files of the `kind` are valid."""
+    """Return the target of one file of a camera source. The other files of this `kind` are valid."""
 
     beside = {name: data for name, data in CAMERAS[kind].items() if name != file}
     return Target(read, lambda: seeds.cameras(kind, file), file, beside=beside)
 
 
 def dtu_target(file: str) -> Target:
-    """Return the target of one file of DTU's evaluation data; the other files are valid."""
+    """Return the target of one file of DTU's evaluation data. The other files are valid."""
     files = seeds.dtu_files()
     return Target(
         readers.dtu, lambda: [files[file]], file, beside={n: data for n, data in files.items() if n != file}
@@ -126,7 +126,7 @@ TARGETS: dict[str, Target] = {
     "page": Target(readers.page, seeds.pages, "page.html"),
     "training": Target(readers.training, seeds.trainings, "training.npz"),
 }
-"""Name -> target of every reader: assets, checkpoints, meshes, cameras, images, TOML, results."""
+"""The targets of all readers by name: assets, checkpoints, meshes, cameras, images, TOML, results."""
 if find_spec("msb.bench") is not None:  # msb.bench can be removed
     from fuzz import bench_targets
 

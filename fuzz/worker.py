@@ -15,13 +15,15 @@ from pathlib import Path
 import atheris
 
 INPUT_SECONDS = 5
-"""Wall time limit of one input, on a busy machine with instrumented code."""
+"""Limit of the wall time of an input. It allows for a busy machine and instrumented code."""
 INSTRUMENTED = ["msb", "tomllib", "yaml", "zipfile"]
-"""Instrumented packages, which guide the search: ours, and Python parsers that leak their errors."""
+"""Instrumented packages, which guide the search: our packages, and Python parsers whose errors may reach the
+user.
+"""
 
 
 class Findings:
-    """Failing inputs of a target, each with its failure, one per place in the code."""
+    """Failing inputs of a target with their failures. There is one input per place in the code."""
 
     def __init__(self, folder: Path, target: str) -> None:
         self.folder = folder / target
@@ -29,7 +31,7 @@ class Findings:
         self.seen: set[str] = set()
 
     def keep(self, place: str, text: str) -> None:
-        """Write the current input and `text`, unless this `place` already has a finding."""
+        """Write the current input and `text`, unless there is already a finding at this `place`."""
         if place in self.seen:
             return
         self.seen.add(place)
@@ -39,7 +41,7 @@ class Findings:
         (self.folder / f"{name}.txt").write_text(text)
 
     def raised(self, error: BaseException) -> None:
-        """Record an exception; exceptions of one type from one line are one finding."""
+        """Record an exception. Exceptions of the same type from the same line are one finding."""
         frames = traceback.extract_tb(error.__traceback__)
         last = next(
             (frame for frame in reversed(frames) if f"{os.sep}msb{os.sep}" in frame.filename), frames[-1]
@@ -55,7 +57,7 @@ class Findings:
 
 
 def main(name: str, seconds: int, corpus: Path, findings: Path) -> None:
-    """Fuzz the target `name`; new inputs go to the folder `corpus`, failing ones to `findings`."""
+    """Fuzz the target `name`. New inputs go to the folder `corpus`, failing inputs to `findings`."""
     with atheris.instrument_imports(include=INSTRUMENTED):
         from fuzz.guard import Guard, limit_memory
         from fuzz.targets import TARGETS
@@ -82,7 +84,7 @@ def main(name: str, seconds: int, corpus: Path, findings: Path) -> None:
         for seed in target.small_seeds():
             one(seed, contextlib.nullcontext())
             (corpus / hashlib.sha256(seed).hexdigest()[:16]).write_bytes(seed)
-    warnings.simplefilter("error")  # a user would see them instead of our one line
+    warnings.simplefilter("error")  # a user would see the warning instead of our error line
     limit_memory()
     artifacts = findings / name / "libfuzzer-"
     artifacts.parent.mkdir(parents=True, exist_ok=True)

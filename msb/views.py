@@ -1,7 +1,7 @@
 """Default views for judging a model, and the PSNR of its renderings in these views.
 
-The views are the training cameras of the model, if they lie beside it. Else they are generated around the
-model, or inside it if it is an interior.
+The views are the training cameras of the model, if they are stored beside it. Otherwise they are generated
+around the model, or inside it if it is an interior.
 """
 
 from __future__ import annotations
@@ -35,24 +35,24 @@ from msb.scenes.sets import check_cameras
 
 # Largest number of training cameras that are used, evenly spread over all of them. It bounds the time.
 MAX_TRAINING_VIEWS = 12
-# Share of the area that generated views must see; below it, views from the other side are tried as well.
+# If generated views see less than this share of the area, views from the other side are tried as well.
 MIN_SEEN_SHARE = 0.8
-# Number of views of each kind that measure this share, evenly spread over all of them.
+# Number of views of each kind that measure this share. They are spread evenly over all views of the kind.
 _MEASURED_VIEWS = 12
-# Width and height in pixels of the depth maps that tell an interior from an object. Small maps suffice, as
-# only the shares of visible faces are compared.
+# Width and height in pixels of the depth maps that distinguish an interior from an object. Small maps
+# suffice, because only the shares of visible faces are compared.
 _DEPTH_SIZE = (320, 240)
-# Number of faces whose visibility is tested there, evenly spread over all of them.
+# Number of faces whose visibility is tested in these maps. They are spread evenly over all faces.
 _TESTED_FACES = 4000
-# Share of visible faces that outside cameras see from behind. Above it the winding is taken as consistent and
-# pointing inwards; below 1/3, as consistent and pointing outwards. Faces that are wound at random have a
-# share of 1/2.
+# Share of visible faces that outside cameras see from behind. Above this share the winding counts as
+# consistent, with front sides pointing inwards. Below 1/3 it counts as consistent, with front sides pointing
+# outwards. Faces that are wound at random have a share of 1/2.
 _BEHIND_SHARE = 2 / 3
-# The same limits for the comparison of two kinds of views, which needs less certainty: 0.3 for a diorama,
-# 0.66 for a room, 0.49 to 0.55 for captures with random winding.
+# The same limits for the comparison of two kinds of views. It needs less certainty. Measured shares: 0.3 for
+# a diorama, 0.66 for a room, 0.49 to 0.55 for captures with random winding.
 _OUTWARD_SHARE, _INWARD_SHARE = 0.4, 0.6
 # A face is visible if the depth of its centre is at most this factor times the depth in the depth map. The
-# tolerance allows for the distance between the centres of face and pixel.
+# tolerance is needed because the centres of face and pixel differ.
 _DEPTH_TOLERANCE = 1.01
 
 
@@ -66,7 +66,7 @@ class ChosenViews:
     origin : {"given", "training", "turntable", "inside", "both"}
         The last three are generated: around the model, inside it, or half of them each.
     description : str
-        The same in words.
+        The origin in words.
     place : Path, optional
         The file or folder of training cameras.
     coverage : float, optional
@@ -81,12 +81,15 @@ class ChosenViews:
 
     @property
     def is_generated(self) -> bool:
-        """Whether the views were neither given nor found beside the model."""
+        """Whether the views were generated, neither given nor found beside the model."""
         return self.origin not in ("given", "training")
 
     @property
     def why_not(self) -> str | None:
-        """Why nothing can be judged in these views; None if it can, or if `coverage` is unknown."""
+        """The reason why nothing can be judged in these views.
+
+        None without a reason, or if `coverage` is unknown.
+        """
         if not self.cameras:
             return self.blind_message
         if self.coverage is None or self.coverage >= MIN_COVERAGE:
@@ -110,8 +113,8 @@ class ChosenViews:
     def with_covered(self, covered: Mapping[int, float] | None) -> ChosenViews:
         """Return the views that see the model, with their coverage.
 
-        `covered` is the share of covered pixels of each camera that sees the model, by the camera's number;
-        None if it is unknown.
+        `covered` has the share of covered pixels of each camera that sees the model, by the number of the
+        camera. `covered` is None if the shares are unknown.
         """
         if not covered:
             return self if covered is None else replace(self, cameras=[])
@@ -174,7 +177,7 @@ def choose_views(
     size : (int, int)
         Width and height of generated views in pixels; training cameras are scaled to the longer side.
     kind : {"outside", "inside", "both"}, optional
-        Generate these views, instead of training cameras or the kind that suits the asset.
+        Generate views of this kind. Default: the training cameras, else the kind that suits the asset.
     """
     if isinstance(given, ChosenViews):
         return given
@@ -208,10 +211,10 @@ def check_given_views(cameras: Iterable[Camera]) -> ChosenViews:
 def find_training_views(
     asset: Asset, device: str | None = None, *, most: int | None = None, longest: int | None = None
 ) -> ChosenViews | None:
-    """Return the training cameras found beside the file an asset was opened from, if one of them sees it.
+    """Return the training cameras beside the file of an asset, or None if no camera there sees the asset.
 
-    At most `most` cameras are returned, evenly spread over all of them. They are scaled down so that no side
-    of an image is longer than `longest` pixels.
+    At most `most` cameras are returned. They are spread evenly over all cameras. They are scaled down so that
+    no side of an image is longer than `longest` pixels.
     """
     from msb.adapters.training_cameras import training_cameras
 
@@ -235,11 +238,11 @@ def generate_views(
     up: str | None = None,
     kind: ViewKind | None = None,
 ) -> ChosenViews:
-    """Return the views `outside`, or the same number of views from inside, or both.
+    """Return the views `outside`, the same number of views from inside, or both.
 
     Without `kind`, views from inside are chosen for interiors. If the chosen views see little of the area,
-    and views of the other kind see more, these are returned. `framing` is the part that the views `outside`
-    show. The up axis of views from inside is `up`, by default the asset's up axis.
+    and views of the other kind see more, the other kind is returned. `framing` is the part of the model that
+    the views `outside` show. The up axis of views from inside is `up`. The default is the asset's up axis.
 
     Raises
     ------
@@ -266,7 +269,7 @@ def generate_views(
         why = "large faces surround most of it"
     elif _is_interior(asset, outside, within, device):
         why = "most of its faces are hidden from outside or seen from behind"
-    # Take the other kind of views if these see little of the area and the others see more.
+    # Take the other kind of views if the chosen views see little of the area and the others see more.
     from_inside = bool(why)
     seen_outside, seen_within, behind = _measure_seen_areas(asset, outside, within, device)
     seen, other = (seen_within, seen_outside) if from_inside else (seen_outside, seen_within)
@@ -299,8 +302,8 @@ def _measure_seen_areas(
 ) -> tuple[float, float, float]:
     """Return the shares of the area seen from outside and from inside, and the winding.
 
-    The winding is the share of visible faces that outside cameras see from behind. Front sides count alone if
-    it is consistent. Both shares are 1 if they cannot be measured.
+    The winding is the share of visible faces that outside cameras see from behind. If the winding is
+    consistent, only front sides count. Both shares are 1 if they cannot be measured.
     """
     if why_not(asset.manifest, "standard") is not None:
         return 1.0, 1.0, 0.5
@@ -316,14 +319,14 @@ def _measure_seen_areas(
 
 
 def spread_evenly(cameras: Sequence[Camera], count: int) -> list[Camera]:
-    """Return `count` of the cameras, or all of them, evenly spread from the first one on."""
+    """Return `count` cameras, spread evenly over all of them from the first one on, or all cameras."""
     if len(cameras) <= count:
         return list(cameras)
     return [cameras[k * len(cameras) // count] for k in range(count)]
 
 
 def _is_interior(asset: Asset, outside: list[Camera], within: list[Camera], device: str | None) -> bool:
-    """Return whether from outside most faces are hidden or seen from behind, and more are seen from within.
+    """Return whether outside cameras see less than half of the faces, and inside cameras see more of them.
 
     Visibility is tested at the face centre only, so that the size of a face has no influence.
     """
@@ -331,7 +334,7 @@ def _is_interior(asset: Asset, outside: list[Camera], within: list[Camera], devi
         return False
     with Renderer(asset, "standard", device) as renderer:
         front, back, behind, _ = _test_visibility(asset, renderer, outside)
-        # Front sides count alone if the winding is consistent, else both sides.
+        # If the winding is consistent, only front sides count, else both sides.
         is_sided = behind >= _BEHIND_SHARE or behind <= 1 - _BEHIND_SHARE
         visible = (front if is_sided else front | back).mean()
         if visible >= 0.5:
@@ -345,8 +348,8 @@ def _test_visibility(
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_], float, NDArray[np.float64]]:
     """Test a sample of n faces.
 
-    Return masks (n,) of the faces seen from the front and from behind, the share seen from behind, and
-    weights (n,) that are proportional to the area.
+    Return two masks (n,) of the faces seen from the front and from behind, the share of visible faces seen
+    from behind, and weights (n,) proportional to the area.
     """
     # Centres (n, 3) and normals (n, 3) of an evenly spread sample of the faces.
     faces = asset.buffers["indices"]
@@ -390,13 +393,13 @@ def render_standard(
 def squared_errors(images: Sequence[Any], references: Sequence[Any]) -> NDArray[np.float64]:
     """Return for each view (n, 2) the sum of squared differences and the number of values.
 
-    Views are images or frames; differences are in levels of 8 bits.
+    Views are images or frames. Differences are in levels of 8 bits.
     """
     sums = []
     for pair in zip(images, references, strict=True):
         levels = [to_bytes(np.asarray(getattr(view, "image", view))) for view in pair]
         change = np.subtract(*levels, dtype=np.int32)
-        # A matrix product would start threads, which would then spin beside the kernels.
+        # A matrix product is avoided here. It would start threads that stay busy and slow down the kernels.
         sums.append((np.square(change, out=change).sum(dtype=np.int64), change.size))
     return np.array(sums, np.float64)
 

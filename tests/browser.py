@@ -1,6 +1,6 @@
 """A headless browser that many tests share, because its start takes four seconds of processor time.
 
-It is controlled over a pipe with the debugging protocol of Chromium
+A pipe and the debugging protocol of Chromium control it
 (https://chromedevtools.github.io/devtools-protocol/). Each page has a separate context, so that pages share
 no storage.
 """
@@ -48,8 +48,8 @@ class Browser:
         self._number, self._unread, self._folder = 0, b"", folder
         browser_in, self._to = os.pipe()
         self._from, browser_out = os.pipe()
-        # The browser reads from file descriptor 3 and writes to 4. Duplicate ours to numbers from 10, so that
-        # dup2 below cannot overwrite them.
+        # The browser reads from file descriptor 3 and writes to 4. Duplicate our descriptors to numbers from
+        # 10, so that dup2 below cannot overwrite them.
         pair = [fcntl.fcntl(end, fcntl.F_DUPFD, 10) for end in (browser_in, browser_out)]
         self._log: IO[bytes] = (folder / "log").open("w+b")
         root = ["--no-sandbox"] if os.geteuid() == 0 else []
@@ -88,7 +88,7 @@ class Browser:
         return answer["result"].get("value")
 
     def show(self, page: bytes, script: str, query: str = "", size: tuple[int, int] = (800, 600)) -> Any:
-        """Like `run`, for a page that is given as bytes."""
+        """Do the same as `run` for a page that is given as bytes."""
         path = self._folder / "page.html"
         path.write_bytes(page)
         return self.run(path, script, query, size)
@@ -119,7 +119,7 @@ class Browser:
                 return answer["result"]
 
     def _message(self, until: float) -> bytes:
-        """Return the next message of the browser, which ends with a NUL."""
+        """Return the next message of the browser. Messages end with a NUL."""
         pieces = [self._unread]
         while b"\0" not in pieces[-1]:
             ready, _, _ = select.select([self._from], [], [], max(0.0, until - time.monotonic()))

@@ -20,18 +20,18 @@ from tests.validator import WRITTEN, Validator, keep_written, missing
 ROOT = Path(__file__).parent.parent
 SHARED = ROOT.parent / "shared"
 UNKNOWN_CPU = ROOT / "tests" / "cl" / "unknown_cpu"
-"""A folder for PYTHONPATH with which the PoCL wheel behaves as on an unknown processor."""
+"""A folder for PYTHONPATH. With it, the PoCL wheel behaves as on an unknown processor."""
 SHORT = {
     "bake": {"--seconds": "0"},
     "bench": {"--repeat": "2", "--seconds": "0"},
     "report": {"--topology": "none"},
     "view": {"--size": "320x240"},
 }
-"""Command -> options that make it faster, for tests that only check its exit status."""
+"""Options that make commands faster, for tests that only check the exit status."""
 
 
 def shorten(words: Sequence[str]) -> list[str]:
-    """Return a command line (with its program), extended by those options of `SHORT` that it lacks."""
+    """Return a command line (with its program). Options of `SHORT` that it lacks are added."""
     typed = {word.partition("=")[0] for word in words}
     options = SHORT.get(words[1], {}) if words[0] == "msb" and len(words) > 1 else {}
     added = [word for flag, value in options.items() if flag not in typed for word in (flag, value)]
@@ -46,7 +46,7 @@ CAPABILITIES = {
     "engines": ("msb/engines", "tests/engines"),
     "viewers": ("viewers", "tests/viewers"),
 }
-"""Capability -> folders that can be deleted together (tests/test_deletable.py)."""
+"""The folders of each capability, which can be deleted together (tests/test_deletable.py)."""
 WHOLE = all((ROOT / folder).is_dir() for folders in CAPABILITIES.values() for folder in folders[:1])
 of_the_whole = pytest.mark.skipif(not WHOLE, reason="a capability was removed")
 """Mark of tests that need all capabilities."""
@@ -59,9 +59,10 @@ KERNELS = pytest.StashKey[tuple[Path, int]]()
 def pytest_configure(config: pytest.Config) -> None:
     """Isolate this session and its child processes from the OpenCL set-up of the system.
 
-    They get a separate kernel cache, and PoCL's wheel as the only platform. Damaged caches, other versions of
-    the kernels and other platforms of the system then do not affect tests. Environment variables that are
-    already set, for example by `tests.machines`, are not changed. Hypothesis gets no time limit.
+    They get a separate kernel cache, and PoCL's wheel as the only platform. Tests are then independent of
+    damaged caches, other versions of the kernels and other platforms of the system. Environment variables
+    that are already set, for example by `tests.machines`, are not changed. Hypothesis runs without a time
+    limit.
     """
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # shells do this for background processes
         signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -98,7 +99,7 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
 
 
 def list_skips(reasons: Iterable[str]) -> None:
-    """Append reasons to the file that MSB_TEST_SKIPS names, which collects the skips of several sessions."""
+    """Append reasons to the file that MSB_TEST_SKIPS names. It collects the skips of several sessions."""
     if file := os.environ.get("MSB_TEST_SKIPS"):
         with Path(file).open("a", encoding="utf-8") as stream:
             stream.writelines(f"{reason}\n" for reason in reasons)
@@ -140,7 +141,7 @@ def demo_asset() -> Path:
 
 @pytest.fixture(scope="session")
 def shared() -> Path:
-    """Return the folder of external data, which is never committed; skip without it."""
+    """Return the folder of external data, which is never committed. Skip the test if it is missing."""
     if not (SHARED / "golden").is_dir():
         pytest.skip(f"the shared data folder is absent ({SHARED.name} beside the repository)")
     return SHARED
@@ -148,7 +149,7 @@ def shared() -> Path:
 
 @pytest.fixture(scope="session")
 def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
-    """Return a browser for the whole session; skip without Chromium."""
+    """Return a browser for the whole session. Skip the test without Chromium."""
     from msb.engines.browser import find_browser
 
     if (program := find_browser()) is None or os.name == "nt":
@@ -160,7 +161,7 @@ def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
 
 @pytest.fixture
 def in_browser(browser: Browser) -> Callable[..., Any]:
-    """Return `Browser.show`, which opens a page, runs a script in it and returns its result."""
+    """Return `Browser.show`. It opens a page, runs a script in it and returns the result."""
     return browser.show
 
 

@@ -1,8 +1,8 @@
-"""Cache of compiled kernels between test sessions: compilation takes a third of the time of `make test`.
+"""Cache of compiled kernels between test sessions.
 
-Each session works on a copy of the cache. The copy replaces the cache only if all tests passed, so that
-incomplete files of a killed compiler do not affect later sessions. The files of PoCL are already separate for
-each program, its options and the processor.
+Without it, compilation takes a third of the time of `make test`. Each session works on a copy of the cache.
+The copy replaces the cache only if all tests passed. Incomplete files of a killed compiler then do not affect
+later sessions. PoCL itself stores separate files for each program, its options and the processor.
 """
 
 import hashlib
@@ -32,14 +32,14 @@ def cache_folder() -> Path:
 
 
 def copy_to(folder: Path) -> int:
-    """Copy the cache, if it exists, to `folder`; return the number of files in it."""
+    """Copy the cache, if it exists, to `folder`. Return the number of files in it."""
     with suppress(OSError, metadata.PackageNotFoundError):  # tests also work without the cache, but slower
         shutil.copytree(cache_folder(), folder, dirs_exist_ok=True)
     return _count(folder)
 
 
 def keep(folder: Path, before: int) -> None:
-    """Replace the cache by `folder` if it has more files than `before`; delete caches of other kernels."""
+    """Replace the cache by `folder` if this has more files than `before`. Delete caches of other kernels."""
     if _count(folder) == before:
         return
     with suppress(OSError, metadata.PackageNotFoundError):

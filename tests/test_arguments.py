@@ -1,4 +1,4 @@
-"""Invalid arguments of public functions raise our errors; numbers of NumPy are accepted."""
+"""Invalid arguments of public functions raise our errors. Numbers of NumPy are accepted."""
 
 from collections.abc import Callable
 from pathlib import Path

@@ -16,7 +16,7 @@ PLACES = {"FORMAT =": "msb/meshes/tri.py", "check_format(": "tests/meshes/test_t
 
 
 def examples() -> dict[str, str]:
-    """Return the place in the repository -> the example that CONTRIBUTING.md prints for it."""
+    """Return the examples that CONTRIBUTING.md prints, by their place in the repository."""
     texts = blocks("CONTRIBUTING.md", "python")
     return {place: next(text for text in texts if sign in text) for sign, place in PLACES.items()}
 
@@ -24,7 +24,7 @@ def examples() -> dict[str, str]:
 def test_the_examples_pass_ruff(tmp_path: Path) -> None:
     assert len(blocks("CONTRIBUTING.md", "python")) == len(PLACES)
     shutil.copy(ROOT / "pyproject.toml", tmp_path)
-    for folder in ("msb", "tests"):  # ruff looks for the imported modules
+    for folder in ("msb", "tests"):  # ruff searches for the imported modules
         for path in (ROOT / folder).rglob("*.py"):
             place = tmp_path / path.relative_to(ROOT)
             place.parent.mkdir(parents=True, exist_ok=True)

@@ -1,8 +1,9 @@
-"""Each capability can be deleted: all other modules load, the remaining commands are listed, and tests pass.
+"""Each capability can be deleted.
 
-Each test works on a copy of the tree. If a single capability is deleted, every module is imported and the
-tests of the commands' help run. If all are deleted, all remaining tests are collected and those of `QUICK`
-run. ``python -m tests.test_deletable bake`` runs all quick tests that remain without the capability `bake`.
+All other modules then load, the remaining commands are listed, and tests pass. Each test works on a copy of
+the tree. If a single capability is deleted, every module is imported and the tests of the commands' help run.
+If all capabilities are deleted, all remaining tests are collected, and the tests of `QUICK` run. ``python -m
+tests.test_deletable bake`` runs all quick tests that remain without the capability `bake`.
 """
 
 import os
@@ -33,7 +34,7 @@ for name in names:
         importlib.import_module(name)
 print(len(names), *(package.__path__[0] for package in packages))
 """
-# Removes the viewers of another checkout from the search path, to which an editable installation adds them.
+# An editable installation adds the viewers of another checkout to the search path. Remove them.
 SITE = """
 import os, sys
 others = [place for place in sys.path if place not in {places!r} and os.path.isdir(place + "/msb_viewers")]
@@ -41,7 +42,10 @@ sys.path[:] = [place for place in sys.path if place not in others]
 """
 
 QUICK = "api or cli or delivery or snapshots or docs"
-"""Value of pytest's -k: tests of the Python interface, the command kit, help texts and documentation."""
+"""Value of pytest's -k.
+
+It selects tests of the Python interface, the command kit, help texts and documentation.
+"""
 
 
 def copy_without(capabilities: Iterable[str], copy: Path) -> None:
@@ -70,7 +74,7 @@ def run(copy: Path, *words: str) -> subprocess.CompletedProcess[str]:
 
 
 def commands_of(capability: str) -> set[str]:
-    """Return the commands of a capability, whose modules are deleted with it."""
+    """Return the commands of a capability. Their modules are deleted with it."""
     folders = [folder.replace("/", ".") for folder in CAPABILITIES[capability] if folder.startswith("msb/")]
     modules = tuple(f"{folder}." for folder in folders or ["msb_viewers"])
     entries = {name: place.module for places in BUILT_IN.values() for name, place in places.items()}

@@ -1,4 +1,7 @@
-"""The documentation is correct and complete: docstring examples, links, images, names, shipped data."""
+"""The documentation is correct and complete.
+
+Tested are docstring examples, links, images, names and shipped data.
+"""
 
 import doctest
 import importlib
@@ -65,7 +68,7 @@ def test_images_are_used_and_have_descriptions() -> None:
             assert len(text) > 10, f"{path.name}: {target}"
             used.add((path.parent / target).resolve())
     images = {path.resolve() for path in (ROOT / "docs" / "images").iterdir()}
-    assert images - used == {(ROOT / "docs" / "images" / "icon.svg").resolve()}  # used by the site itself
+    assert images - used == {(ROOT / "docs" / "images" / "icon.svg").resolve()}  # the site itself uses it
 
 
 def public_names() -> set[str]:
@@ -85,7 +88,7 @@ def test_the_reference_lists_all_public_names() -> None:
         module_name, _, member = name.rpartition(".")
         module = importlib.import_module(module_name)
         value = getattr(module, member) if hasattr(module, member) else importlib.import_module(name)
-        # Some packages, such as msb.render, are callable: they stand for the function of the same name.
+        # Some packages, such as msb.render, are callable. They stand for the function of the same name.
         function = getattr(value, "__name__", "").rpartition(".")[2]
         return getattr(value, function, value) if isinstance(value, ModuleType) else value
 
@@ -93,7 +96,7 @@ def test_the_reference_lists_all_public_names() -> None:
     assert not [name for name in sorted(public_names()) if resolve(name) not in documented]
 
 
-# Command -> the pages of docs/ that describe its options.
+# The pages of docs/ that describe the options of each command.
 COMMAND_PAGES = {
     "audit": ("definitions", "cli"),
     "view": ("viewer",),
@@ -129,10 +132,10 @@ def options_on(*pages: str) -> set[str]:
 
 
 def find_undocumented(commands: Mapping[str, Any]) -> set[str]:
-    """Return the options that the page of their command does not mention.
+    """Return the options of commands that the documentation page of the command does not mention.
 
-    An option that several commands share, with the same names and the same help, may be on the page of the
-    command line or of rendering instead.
+    Several commands may share an option with the same names and the same help. Such an option may be on the
+    page of the command line or of rendering instead.
     """
     options = [
         (name, (*param.opts, param.help), param.opts)
@@ -172,7 +175,7 @@ def test_docs_define_every_metric() -> None:
 
 @of_the_whole
 def test_every_error_code_is_in_a_test() -> None:
-    """Error codes of bad files are excluded here; tests with such files check them."""
+    """Error codes of bad files are excluded here, because tests with such files check them."""
     words: set[str] = set()
     for path in (ROOT / "tests").rglob("*.py"):
         words.update(re.findall(r"[A-Z][A-Z0-9_]+", path.read_text(encoding="utf-8")))

@@ -1,10 +1,9 @@
 """Run all commands and Python code of the pages in docs/, with shipped data in place of the reader's files.
 
-README and guides name no files of the reader; tests/test_guides.py runs them.
-
-A ``console`` block has one command per line. If some of its lines start with $, only these are commands, and
-the others are their output. The commands of a document run one after the other, in the same process and
-folder. Commands that need an extra run separately, together with those of other documents with the same need.
+README and guides do not name files of the reader. tests/test_guides.py runs them. A ``console`` block has one
+command per line. If some of its lines start with $, only these are commands, and the others are their output.
+The commands of a document run one after the other, in the same process and folder. Commands that need an
+extra run separately, together with those of other documents with the same need.
 """
 
 import importlib.util
@@ -44,7 +43,7 @@ NOT_RUN = {
     r"msb bake --(for-solid|scene) ": "takes minutes; it is an example of --help, which is run",
     r"msb run --scheduler ": "needs a cluster; tests/bench/test_interruption.py starts one",
 }
-"""Pattern of commands that are not run -> reason. Options of our commands are at least parsed."""
+"""Patterns of commands that are not run, with the reason. Options of our commands are at least parsed."""
 NEEDS = {
     r"msb view .*--(screenshot|figure)": "view",
     r"msb-audit .*--cross-check": "crosscheck",
@@ -53,10 +52,12 @@ NEEDS = {
     r"msb bench .*--renderer threejs": "threejs",
     r"msb web .*--(tier dedicated|verify)": "threejs",
 }
-"""Pattern of commands that need more than the core -> the extra or renderer (see `msb devices`) they need."""
+"""Patterns of commands that need more than the core, with the extra or renderer (see `msb devices`) that they
+need.
+"""
 PYTHON_NOT_RUN = {"docs/metrics.md": "it needs images, weights and scans of the reader"}
 PEERS = {"view": "pyvista", "crosscheck": "pymeshlab", "trial": "xatlas"}
-"""Extra -> a module that it installs."""
+"""A module that each extra installs."""
 
 DRIVER = """
 import json, sys
@@ -104,7 +105,10 @@ def look_up(table: dict[str, str], command: str) -> str | None:
 
 
 def cases() -> dict[str, list[str]]:
-    """Return document, or extra or renderer -> its commands. Repeated commands run once."""
+    """Return the commands of each document, and the commands that need each extra or renderer.
+
+    Repeated commands run once.
+    """
     seen: set[str] = set()
     by_document: dict[str, list[str]] = {}
     for document in DOCUMENTS:
@@ -166,7 +170,7 @@ def test_every_command_runs(document: str, lines: list[str], stand_ins: Path, tm
         (tmp_path / "garden.triasset").unlink()
         msb.save(msb.export(TWO_DTS), tmp_path / "garden.triasset")
     for line in lines:
-        if line.startswith("msb export "):  # it writes this file itself
+        if line.startswith("msb export "):  # the command writes this file itself
             (tmp_path / shlex.split(line)[-1]).unlink(missing_ok=True)
     paths = [str(ROOT), str(ROOT / "viewers")]
     if document == "docs/extending.md":
@@ -205,7 +209,7 @@ def test_python_runs(document: str, stand_ins: Path, tmp_path: Path, monkeypatch
 
 
 def install_example(document: str, site: Path) -> Path:
-    """Install the packages shown in `document` into the folder `site`, like pip would; return the folder.
+    """Install the packages shown in `document` into the folder `site`, like pip. Return the folder.
 
     The line before a code block names its file. The pyproject.toml is the last file of each package.
     """

@@ -1,4 +1,7 @@
-"""Rules for imports between our packages, and of third-party packages. The tables below define the rules."""
+"""Rules for imports between our packages, and for imports of third-party packages.
+
+The tables below define the rules.
+"""
 
 import ast
 import os
@@ -19,10 +22,10 @@ from tests.conftest import ROOT, of_the_whole
 pytestmark = pytest.mark.slow  # `make lint` runs them
 
 GROUND = {"errors", "base", "registry", "asset", "scenes"}
-"""Packages that need NumPy and the standard library only; scenes also reads image headers with Pillow."""
+"""Packages that need only NumPy and the standard library. scenes also reads image headers with Pillow."""
 ALLOWED: dict[str, set[str]] = {
     "__main__": {"cli"},
-    # The command kit knows no capability; it finds commands through a table of names.
+    # The command kit imports no capability. It finds commands through a table of names.
     "cli": GROUND,
     "command_files": GROUND | {"cli", "api", "meshes"},
     "__init__": GROUND
@@ -30,7 +33,7 @@ ALLOWED: dict[str, set[str]] = {
     "why": GROUND | {"adapters", "meshes", "metrics", "api", "render", "views"},
     # Opening files, auditing assets, and writing files.
     "api": GROUND | {"meshes", "adapters", "topology"},
-    # Writing files for the web, whose precision depends on renderings.
+    # Writing files for the web. Their precision depends on renderings.
     "delivery": GROUND | {"adapters", "api", "meshes", "render", "views"},
     "views": GROUND | {"adapters", "meshes", "metrics", "render"},
     "errors": set(),
@@ -53,7 +56,8 @@ ALLOWED: dict[str, set[str]] = {
     "render": GROUND | {"cl", "api"},
     "reference": GROUND,
     "engines": GROUND | {"render", "meshes", "metrics"},
-    # The folder of a method, by role: renderers know no checkpoints, and the reference no renderers.
+    # The folder of a method, by role. Renderers do not import checkpoints, and the reference does not import
+    # renderers.
     "methods.adapter": GROUND | {"adapters", "meshes", "splats"},
     "methods.official": GROUND | {"adapters", "meshes", "splats", "methods.adapter"},
     "methods.reference": GROUND | {"reference", "splats"},
@@ -92,11 +96,12 @@ ALLOWED: dict[str, set[str]] = {
         "topology",
         "views",
     },
-    # Commands that open viewers are above the viewers.
+    # Commands that open viewers may import the viewers.
     "viewers": GROUND | {"api", "meshes", "topology", "metrics", "render", "cl", "views"},
 }
 KIT = {"cli", "api", "render", "command_files"}
-"""Packages that every command may import in addition: they parse arguments, open files, choose renderers."""
+"""Packages that every command may import in addition. They parse arguments, open files and choose renderers.
+"""
 COMMANDS: dict[str, set[str]] = {
     "repair": {"trial", "views", "delivery", "adapters"},
     "api": {"report", "viewers", "delivery"},
@@ -104,7 +109,7 @@ COMMANDS: dict[str, set[str]] = {
     "viewers": {"delivery"},
     "report": {"viewers"},
 }
-"""Package -> further packages that its commands may import when they are called."""
+"""Further packages that the commands of a package may import when they are called."""
 LAZY = {
     "torch",
     "PIL",
@@ -158,7 +163,7 @@ FOREIGN: dict[str, set[str]] = {
     | {"fast_simplification"},
     "report": {"pydantic", "PIL", "jinja2", "matplotlib"},
 }
-"""Part -> allowed third-party packages. Parts that are not listed may only use numpy."""
+"""The allowed third-party packages of each part. Parts that are not listed may only use numpy."""
 DISTRIBUTIONS = {
     "PIL": "pillow",
     "DracoPy": "dracopy",
@@ -175,7 +180,7 @@ DISTRIBUTIONS = {
     "mathutils": "bpy",
     "gpu": "bpy",
 }
-"""Module -> name of its pip package, if they differ."""
+"""Names of the pip packages of modules, if they differ."""
 When = Literal["loaded", "called", "never"]
 """When an import runs: when its module is loaded, when a function is called, or never (for type checks)."""
 OURS = {"msb", "msb_viewers"}
@@ -193,7 +198,10 @@ def part_of(path: Path) -> str:
 
 
 def part_named(names: Sequence[str]) -> str:
-    """Return the part of the module msb.NAMES. The part of a method's module is its role, as in its name."""
+    """Return the part of the module msb.NAMES.
+
+    The part of a module of a method is its role, which its file name gives.
+    """
     in_folder = names[0] == "methods" and len(names) > 2 and (ROOT / "msb" / "methods" / names[1]).is_dir()
     if in_folder and names[2].islower() and names[2] != "__init__":
         return f"methods.{names[2].partition('_')[0]}"
@@ -223,7 +231,7 @@ def imports_of(path: Path) -> list[tuple[str, When]]:
             assert node.level == 0, f"{path}: relative imports hide which part is meant"
             module = node.module or ""
             folder = ROOT / module.replace(".", "/")
-            # For modules of a method the role counts; the package itself declares data.
+            # For modules of a method the role counts. The package itself only declares data.
             if module.startswith("msb.methods."):
                 roles = {path.stem for path in folder.glob("*.py")} if folder.is_dir() else None
                 names = [
@@ -237,7 +245,7 @@ def imports_of(path: Path) -> list[tuple[str, When]]:
 
 
 def allowed_packages(part: str) -> set[str]:
-    """Return our packages that a part may import; commands may import more than their package."""
+    """Return our packages that a part may import. Commands may import more than their package."""
     package = part.removesuffix(".command")
     if package == part:
         return ALLOWED[part]
@@ -279,7 +287,7 @@ EXTRAS = {name: distribution_names(lines) for name, lines in PROJECT["optional-d
 
 
 def pip_packages(path: Path) -> set[tuple[str, When]]:
-    """Return the pip packages that a module needs, and when it needs them."""
+    """Return the pip packages that a module needs, and the time at which it imports them."""
     return {
         (DISTRIBUTIONS.get(top, top), when)
         for name, when in imports_of(path)
@@ -301,7 +309,7 @@ def test_imported_packages_belong_to_the_core_or_to_an_extra() -> None:
 def test_the_core_installs_no_packages_of_runs_reports_and_viewers() -> None:
     parts = [path for path in MODULES if part_of(path) not in ("bench", "report", "viewers")]
     used = {name for path in parts for name, _ in pip_packages(path)}
-    # The wheel of PoCL has no module, and typer depends on pydantic anyway.
+    # The wheel of PoCL has no module. typer depends on pydantic, so it is always installed.
     assert CORE - used == {"pocl-binary-distribution", "pydantic"}
 
 
@@ -312,11 +320,11 @@ def test_errors_about_missing_modules_name_the_extra_that_installs_them() -> Non
         for node in ast.walk(ast.parse(path.read_text())):
             if isinstance(node, ast.Call) and getattr(node.func, "id", "") in ("need_extra", "install"):
                 words = [str(a.value) for a in node.args if isinstance(a, ast.Constant)]
-                for extra in words[:1]:  # empty for calls whose arguments are not constants
+                for extra in words[:1]:  # empty if the arguments of a call are not constants
                     named_extras.add(extra)
                     installed = EXTRAS[extra] | OURS
                     assert {DISTRIBUTIONS.get(word, word) for word in words[1:]} <= installed, path
-    # No error names the extras that are only useful in a checkout.
+    # Extras that are only useful in a checkout are not named in errors.
     assert named_extras == set(EXTRAS) - {"all", "test", "fuzz", "train", "docs"}
 
 
@@ -349,7 +357,7 @@ PACKAGES = {path.stem for path in (ROOT / "msb").iterdir()} - {"__init__"}
 def top_package(names: Sequence[str]) -> str | None:
     """Return the top-level unit of a module: a package or module of msb/, the viewers, or a folder."""
     if "cli" not in names and {"command", "commands", "command_files"} & set(names):
-        return "commands"  # commands are above all packages
+        return "commands"  # commands may import all packages
     if names[0] == "msb":
         return names[1] if len(names) > 1 and names[1] in PACKAGES else None  # msb/__init__.py is no unit
     return "viewers" if names[0] == "msb_viewers" else names[0] if names[0] in FOLDERS else None
@@ -368,7 +376,7 @@ def unit_imports() -> set[tuple[str, str, When]]:
 
 
 def test_imports_have_no_cycles() -> None:
-    """Units can be ordered so that each unit only imports units before it."""
+    """Units have an order in which each unit imports only earlier units."""
     below: dict[str, set[str]] = {}
     for importer, imported, when in unit_imports():
         if when != "never":

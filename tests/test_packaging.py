@@ -47,7 +47,7 @@ def wheel(built: Path) -> Path:
 
 
 def inside(wheel: Path) -> set[str]:
-    """Return the paths of the files in `wheel`, without those of its metadata."""
+    """Return the paths of the files in `wheel`, without its metadata."""
     with zipfile.ZipFile(wheel) as archive:
         return {name for name in archive.namelist() if ".dist-info/" not in name}
 

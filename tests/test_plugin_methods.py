@@ -37,7 +37,10 @@ def clear_caches() -> None:
 
 @pytest.fixture
 def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    """Return the folder of the installed package, and make a model of its method in the current folder."""
+    """Make a model of the package's method in the current folder.
+
+    Return the folder of the installed package.
+    """
     folder = install_example("docs/extending.md", tmp_path / "site")
     monkeypatch.syspath_prepend(folder)
     monkeypatch.chdir(tmp_path)

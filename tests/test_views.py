@@ -1,4 +1,4 @@
-"""Default views for judging a model, and the results if views do not see the model."""
+"""Default views for judging a model, and the results of views that do not see the model."""
 
 import shutil
 from dataclasses import replace
@@ -28,7 +28,10 @@ CAPTURE = MODELS / "walled" / "mesh_splatting"
 
 
 def asset_of(*meshes: Mesh, turned: bool = False) -> msb.Asset:
-    """Return all meshes as one asset; `turned` reverses every second face and so destroys the winding."""
+    """Return all meshes as one asset.
+
+    `turned` reverses every second face, so that the winding is inconsistent.
+    """
     starts = np.cumsum([0, *(len(points) for points, _ in meshes)])
     faces = np.concatenate([faces + start for (_, faces), start in zip(meshes, starts, strict=False)])
     if turned:
@@ -43,7 +46,7 @@ def ball(scale: float = 1.0, at: float = 0.0) -> Mesh:
 
 
 def room(height: float, *, inward: bool, lid: bool = False) -> Mesh:
-    """Return a finely divided room of width 2: its walls, its floor, and with `lid` its ceiling."""
+    """Return a finely divided room of width 2. It has walls and a floor, and with `lid` a ceiling."""
     steps = np.linspace(-1, 1, 9)
     u, v = (part.ravel() for part in np.meshgrid(steps, steps))
     first = np.flatnonzero((u < 1) & (v < 1))
@@ -140,7 +143,7 @@ def test_what_carries_area_or_faces_is_framed(meshes: list[Mesh]) -> None:
 
 
 def diorama() -> msb.Asset:
-    """Return small balls on a large disc, all wound outwards: large faces surround most of it."""
+    """Return small balls on a large disc, all wound outwards. Large faces surround most of the scene."""
     angles = np.linspace(0, 2 * np.pi, 24, endpoint=False)
     rim = np.stack([4 * np.cos(angles), np.zeros(24), 4 * np.sin(angles)], axis=1)
     corners = np.arange(24)

@@ -16,19 +16,22 @@ from uuid import uuid4
 from msb.meshes.formats import OURS
 
 WRITTEN = "MSB_TEST_GLBS"
-"""Environment variable: the folder to which tests and their processes copy all GLB files that they write."""
+"""Environment variable.
+
+It names the folder to which tests and their processes copy all GLB files that they write.
+"""
 PACKAGE = Path(__file__).parent.parent / ".engines" / "node_modules" / "gltf-validator"
 
 
 def missing() -> str | None:
-    """Return why the validator cannot be used, or None."""
+    """Return the reason why the validator cannot be used, or None."""
     if shutil.which("node") is None:
         return "Node.js is not installed"
     return None if PACKAGE.is_dir() else "glTF-Validator is not installed; run make engines"
 
 
 class Validator:
-    """A process that validates files; `written` is the folder of files to check."""
+    """A process that validates files. `written` is the folder of files to check."""
 
     def __init__(self, written: Path) -> None:
         self.written = written
@@ -47,7 +50,7 @@ class Validator:
         return problems
 
     def judge_written(self) -> dict[str, list[str]]:
-        """Return file name -> problems of the invalid files in `written`, and delete all files in it."""
+        """Return the problems of the invalid files in `written` by file name, and delete all files in it."""
         by_name = {}
         for path in self.written.glob("*.glb"):
             if problems := self.problems(path.read_bytes()):

@@ -1,8 +1,8 @@
 """Run the tests that need torch in a separate session: `python -m tests.with_torch`.
 
 On Linux pip installs torch with gigabytes of CUDA libraries. The packages are therefore installed only once,
-in the user's cache folder. Only this session uses them, because others would become slow: hypothesis, for
-example, imports torch if it is installed.
+in the user's cache folder. Only this session uses them, because other sessions would become slow. For
+example, hypothesis imports torch if it is installed.
 """
 
 import hashlib
@@ -31,7 +31,7 @@ def main() -> int:
             Path(site, "sitecustomize.py").write_text(f"import sys\nsys.path.append({str(folder)!r})\n")
         current = os.environ.get("PYTHONPATH")
         path = os.pathsep.join([site, *([current] if current else [])])
-        # One thread per process: there is already one process per core.
+        # Use one thread per process, because there is already one process per core.
         variables = {"PYTHONPATH": path, "OMP_NUM_THREADS": "1"}
         return subprocess.run(line, cwd=ROOT, env={**os.environ, **variables}, check=False).returncode
 
@@ -39,7 +39,7 @@ def main() -> int:
 def packages() -> Path | None:
     """Return the folder of torch and lpips, after installing them if necessary, and print its size.
 
-    Returns None if the environment has both packages, or if they cannot be installed; the reason is printed.
+    Return None if the environment has both packages, or if they cannot be installed. The reason is printed.
     """
     if find_spec("torch") and find_spec("lpips"):
         return None
@@ -64,13 +64,16 @@ def packages() -> Path | None:
 
 
 def install(requirements: list[str], folder: Path) -> str | None:
-    """Install packages into `folder` with pip, completely or not at all; return the reason of a failure."""
+    """Install packages into `folder` with pip, either completely or not at all.
+
+    Return the reason of a failure.
+    """
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(prefix="lpips-", dir=folder.parent) as temporary:
             target = Path(temporary) / "packages"
             pip = [sys.executable, "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
-            # Temporary files beside the target: /tmp may be too small, and on another file system.
+            # Temporary files are beside the target. /tmp may be too small, and on another file system.
             environment = {**os.environ, "TMPDIR": temporary}
             done = subprocess.run(
                 [*pip, "--target", str(target), *requirements],

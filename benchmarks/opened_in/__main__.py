@@ -1,11 +1,11 @@
-"""Compare with the standard tier how engines show our GLB files under default settings.
+"""Compare images of our GLB files in engines, under default settings, with the standard tier.
 
     python -m benchmarks.opened_in                              all scenes, all installed engines
     python -m benchmarks.opened_in --engines three.js Godot\\ 3  these engines only
     python -m benchmarks.opened_in --pictures out/opened_in     also keep every image
 
-`make engines` installs all engines except Blender. Prints the tables of benchmarks/pages/opened.md; `--json`
-writes the figures.
+`make engines` installs all engines except Blender. The program prints the tables of
+benchmarks/pages/opened.md. `--json` writes the figures.
 """
 
 from __future__ import annotations
@@ -39,11 +39,13 @@ if TYPE_CHECKING:
 
 BLACK = (0.0, 0.0, 0.0)
 FILES = {"portable": Style(), "web": Style(texture="webp", web=Web())}
-"""Files to open: the GLB for every program, and the one compressed for the web."""
+"""Files to open: the GLB for all programs, and the compressed GLB for the web."""
 
 
 def compare(theirs: NDArray[np.uint8], ours: Frame) -> dict[str, float]:
-    """Return how an image differs from ours: in levels for pixels in the interior of faces, and as PSNR."""
+    """Return the difference between an image and ours: in levels for pixels in the interior of faces, and as
+    PSNR.
+    """
     assert ours.face_id is not None
     picture = np.clip(ours.image.astype(np.float64), 0, 1)
     levels = np.abs(theirs - np.round(255 * picture)).max(axis=2)[interior(ours.face_id)]
@@ -84,7 +86,7 @@ def cells(row: dict[str, Any], kind: str) -> str:
 
 
 def print_scene(title: str, rows: list[dict[str, Any]], interior_pixels: int) -> None:
-    """Print the rows of a scene in Markdown. Then print which engines were skipped, and why."""
+    """Print the rows of a scene in Markdown. Then print the skipped engines with the reasons."""
     print(f"\n**{title}** ({interior_pixels:,} interior pixels)\n")
     print("| engine | median | within 1 | 99.9 % | dB | corrected: median | within 1 | 99.9 % | dB |")
     print("|---|---|---|---|---|---|---|---|---|")

@@ -1,4 +1,4 @@
-"""The engines, why each differs from our rendering, and which user settings correct it."""
+"""The engines, the reasons why they differ from our rendering, and the user settings that correct this."""
 
 from __future__ import annotations
 
@@ -15,7 +15,9 @@ _POWER = "encodes with a power of 1/2.2 instead of the sRGB curve: up to nine le
 
 
 class Entry(NamedTuple):
-    """An engine, why its image differs from ours, and the setting that corrects it ("" if none is needed)."""
+    """An engine, the reason why its image differs from ours, and the setting that corrects it ("" if not
+    needed).
+    """
 
     engine: Engine
     why: str = ""

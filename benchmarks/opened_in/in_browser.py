@@ -67,6 +67,6 @@ class WebEngine:
 
 
 def _decoder() -> bytes:
-    """Return meshopt's decoder as a plain script; some engines would download it."""
+    """Return meshopt's decoder as a plain script. Without it, some engines would download the decoder."""
     module = MODULES / "three/examples/jsm/libs/meshopt_decoder.module.js"
     return module.read_bytes().replace(b"export { MeshoptDecoder };", b"") if module.exists() else b""

@@ -1,4 +1,4 @@
-"""Scenes to compare: a texture seen close and far away, and vertex colours like a trained mesh."""
+"""Scenes to compare: a texture seen close and far away, and vertex colours like those of a trained mesh."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ NEAR, FAR = 0.1, 100.0
 
 
 class Scene(NamedTuple):
-    """An asset and its view: eye, target and vertical field of view in degrees; +y is up."""
+    """An asset and its view: eye, target and vertical field of view in degrees. +y is up."""
 
     asset: Asset
     eye: tuple[float, float, float]
@@ -45,7 +45,7 @@ class Scene(NamedTuple):
 
 
 def painting() -> NDArray[np.uint8]:
-    """Return the texture. It has discs, and coarse and fine waves with all tones from black to white."""
+    """Return the texture. It has discs, and coarse and fine waves, with all tones from black to white."""
     y, x = (np.mgrid[0:SIDE, 0:SIDE] + 0.5) / SIDE
     turn = 2 * np.pi
     long = [np.sin(turn * (x + np.sin(turn * y) / 4)), np.sin(turn * (y - x)), np.cos(turn * 2 * y)]
@@ -68,7 +68,7 @@ def ball() -> Asset:
 
 
 def floor() -> Asset:
-    """Return a floor with repeated texture; in the distance a pixel covers many texels."""
+    """Return a floor with a repeated texture. In the distance a pixel covers many texels."""
     u, v, faces = _grid(16, 16)
     points = [20 * u - 10, np.zeros(len(u)), 20 * v - 16]
     return _textured(np.stack(points, axis=1), faces, 12 * np.stack([u, v], axis=1))

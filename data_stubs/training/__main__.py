@@ -20,7 +20,8 @@ def main() -> int:
             raise
         print("error: training needs torch: pip install 'meshsplatbench[train]'", file=sys.stderr)
         return 2
-    except KeyboardInterrupt:  # the second Ctrl-C; the first one stops after the iteration
+    # this is the second Ctrl-C; the first one stops the training after the current iteration
+    except KeyboardInterrupt:
         return 130
     except MsbError as error:
         print(f"error: {error}", file=sys.stderr)
@@ -36,7 +37,7 @@ def _arguments() -> argparse.Namespace:
     add(
         "--iterations",
         type=int,
-        help="number of iterations instead of a time; the result does not depend on the machine",
+        help="number of iterations instead of a time; the result then does not depend on the machine",
     )
     add("--faces", type=int, default=8000, help="most triangles (8000)")
     add(
@@ -47,7 +48,11 @@ def _arguments() -> argparse.Namespace:
         type=Path,
         help="folder of another scene with SfM points to start from, for a scene without points",
     )
-    add("--resolution", type=int, help="1, 2, 4 or 8 divide the photographs' size; any other is a width")
+    add(
+        "--resolution",
+        type=int,
+        help="1, 2, 4 or 8 divides the photographs' size; any other number is a width in pixels",
+    )
     add("--sh-degree", type=int, default=2, choices=range(4), help="degree of the spherical harmonics (2)")
     add("--rasterizer", default="3D", choices=("2D", "3D"), help="2DTS' rasterizer (3D)")
     add("--gamma", type=float, default=50, help="2DTS' final sharpness; 1 disables sharpening (50)")

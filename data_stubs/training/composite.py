@@ -1,8 +1,8 @@
 """Front-to-back blending of pairs, with its derivative worked out by hand.
 
-For weights w_i = a_i T_i with T_i = (1 - a_0) ... (1 - a_(i-1)) of a pixel's pairs and the derivative g of
-the loss by the colour, dL/da_i = T_i (g . c_i) - (sum of w_j (g . c_j) over j > i) / (1 - a_i).
-Transmittances are never divided by each other, so small ones keep their precision.
+The pairs of a pixel have weights w_i = a_i T_i with T_i = (1 - a_0) ... (1 - a_(i-1)). If g is the derivative
+of the loss by the colour, then dL/da_i = T_i (g . c_i) - (sum of w_j (g . c_j) over j > i) / (1 - a_i).
+Transmittances are never divided by each other, so small transmittances keep their precision.
 """
 
 from __future__ import annotations

@@ -1,12 +1,13 @@
 """DiffSoup's image formation, differentiable; see `msb.methods.diffsoup.reference`.
 
 In evaluation a pixel shows the nearest fragment with an opacity of at least 0.5. The image is differentiable
-by the features, the decoder, and the position of the fragment in its triangle. In training a fragment of
-opacity a exists with probability a (the official code draws a random threshold for each), and edges are soft
-by one pixel, as if the sample were anywhere in the pixel. We render the *expectation* over these draws in
-closed form: alpha blending of the fragments by depth, with a as alpha. The expected L1 loss has the same
-form, with the colour of a fragment replaced by its distance from the photograph. It is minimal when every
-opacity is 0 or 1. Its derivatives by opacity and by edge positions are exact and without noise.
+by the features, the decoder, and the position of the fragment in its triangle. In training, a fragment of
+opacity a exists with probability a. (The official code draws a random threshold for each fragment.) Edges are
+soft over one pixel, as if the sample were at a random position in the pixel. We render the *expected* image
+over these random choices in closed form: it is alpha blending of the fragments by depth, with a as alpha. The
+expected L1 loss has the same form; the colour of a fragment is replaced by its distance from the photograph.
+The loss is minimal when every opacity is 0 or 1. The derivatives by opacity and by edge positions are exact
+and without noise.
 """
 
 from __future__ import annotations
@@ -42,7 +43,7 @@ if TYPE_CHECKING:
     from msb.scenes import Camera
 
 LEAST = 1 / 255
-"""Fragments with a smaller weight are left out of the expectation."""
+"""Fragments with a smaller weight are left out of the expected image."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +108,7 @@ def decode(parameters: Parameters, features: torch.Tensor, encoding: torch.Tenso
 
 @dataclass(frozen=True, eq=False)
 class _Fragments:
-    """The pairs that are blended or shown, their opacity (P,) and barycentric coordinates (3, P)."""
+    """The pairs that are blended or shown, with their opacity (P,) and barycentric coordinates (3, P)."""
 
     pairs: Pairs
     opacity: torch.Tensor
@@ -158,9 +159,9 @@ def _fragments(
 
 
 def _rows(clip: torch.Tensor, width: int, height: int) -> torch.Tensor:
-    """Return the rows of the numerators of barycentric coordinates, for corners (G, 3, 4).
+    """Return rows (a, b, c): numerators a x + b y + c of barycentric coordinates, for corners (G, 3, 4).
 
-    Their sum is positive inside; a sample's x and y are columns and rows, not NDC.
+    The sum of the numerators is positive inside. x and y are the column and row of a sample, not NDC.
     """
     x, y, _, w = clip.unbind(-1)
     screen = torch.stack([x, y, w], -1)
@@ -177,7 +178,7 @@ def _rows(clip: torch.Tensor, width: int, height: int) -> torch.Tensor:
 def _opacity(
     parameters: Parameters, pairs: Pairs, rows: torch.Tensor, barycentrics: torch.Tensor, level: int
 ) -> torch.Tensor:
-    """Return the probability that a fragment exists: its opacity, reduced across the pixel of an edge."""
+    """Return the probability that a fragment exists: its opacity, which decreases to 0 at edges."""
     inside = _inside(barycentrics)
     number = np.repeat(pairs.faces, pairs.counts)
     table = parameters["alpha_acc"]
@@ -187,7 +188,7 @@ def _opacity(
 
 
 def _inside(barycentrics: torch.Tensor) -> torch.Tensor:
-    """Return barycentric coordinates with points up to half a pixel outside moved to the edge."""
+    """Return barycentric coordinates; points up to half a pixel outside are moved to the edge."""
     positive = barycentrics.clamp(min=0)
     return positive / positive.sum(0)
 

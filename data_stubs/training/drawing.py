@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from data_stubs.training.pairs import Pairs
 
     Parameters = Mapping[str, torch.Tensor]
-    """Parameter name -> value, both as in the official files."""
+    """The parameters by name. Names and values are those of the official files."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +57,7 @@ def picture(
 
 
 def per_pair_dtype(parameters: Parameters) -> Any:
-    """Return NumPy's name of the parameters' dtype, which all per-pair arithmetic uses."""
+    """Return the NumPy dtype of the parameters; all per-pair arithmetic uses this dtype."""
     one = next(iter(parameters.values()))
     return np.dtype(np.float64 if one.dtype == torch.float64 else np.float32)
 

@@ -1,6 +1,7 @@
 """Differentiable screen geometry of triangles: torch versions of the per-triangle code of the references.
 
-Everything is float64 and in the references' order of operations, so pixels on edges get the same side.
+All values are float64, and the order of operations is that of the references. Therefore pixels on edges are
+on the same side.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ def rotate(matrix: NDArray[np.float64], vectors: torch.Tensor) -> torch.Tensor:
 
 
 def norm(vectors: torch.Tensor) -> torch.Tensor:
-    """Return the length along the last axis, summed from the first component on."""
+    """Return the length along the last axis; squares are summed from the first component to the last."""
     first, *others = vectors.unbind(-1)
     total = first * first
     for other in others:
@@ -68,8 +69,9 @@ def to_samples(points: torch.Tensor, view: SplattingCamera) -> torch.Tensor:
 def edge_distances(corners: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
     """Return rows (n_x, n_y, t) of the edges of corners (G, 3, 2), and inradii; both are negative inside.
 
-    As `msb.reference.edge_window.project_windows` has it: distances (G, 3, 3) from the edge k to k + 1, and
-    the distance of the incentre to the last edge, (G,).
+    The conventions are those of `msb.reference.edge_window.project_windows`. Row k (G, 3, 3) gives the
+    distance from the edge between corners k and k + 1. The inradius (G,) is the distance of the incentre from
+    the last edge.
     """
     first, second, third = corners.unbind(1)
     a, b, c = norm(second - third), norm(first - third), norm(first - second)
@@ -86,7 +88,7 @@ def edge_distances(corners: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
 
 
 def barycentric_rows(corners: torch.Tensor) -> torch.Tensor:
-    """Return rows (a, b, c) of the weights of corners (G, 3, 2), affine on the screen: (G, 3, 3)."""
+    """Return rows (a, b, c), (G, 3, 3): the weights a x + b y + c of corners (G, 3, 2) on the screen."""
     first, second, third = corners.unbind(1)
     (e1x, e1y), (e2x, e2y) = (second - first).unbind(-1), (third - first).unbind(-1)
     inverse = 1 / (e1x * e2y - e1y * e2x)
@@ -100,7 +102,7 @@ def barycentric_rows(corners: torch.Tensor) -> torch.Tensor:
 def colors_from_sh(
     coefficients: torch.Tensor, points: torch.Tensor, center: NDArray[Any], degree: int
 ) -> torch.Tensor:
-    """Return max(0.5 + sum_k B_k(d) k_k, 0), (n, 3), with d from the camera to `points` (n, 3)."""
+    """Return colours max(0.5 + sum_k B_k(d) c_k, 0), (n, 3); d is from the camera to `points` (n, 3)."""
     offsets = points - torch.from_numpy(center)
     directions: Any = offsets / norm(offsets)[:, None]
     color = SH_C0 * coefficients[:, 0]

@@ -18,9 +18,10 @@ def node_count(level: int) -> int:
 
 
 class Interpolate(torch.autograd.Function):
-    """Values (F, S, C) and barycentric coordinates b0, b1 (P,) in triangles -> values at the pairs, (P, C).
+    """Compute values at pairs (P, C) from lattices (F, S, C) and barycentric coordinates b0, b1 (P,).
 
-    Linear between three nodes, as `msb.methods.diffsoup.reference.interpolate`.
+
+    Values are linear between three nodes, as in `msb.methods.diffsoup.reference.interpolate`.
     """
 
     @staticmethod
@@ -58,7 +59,7 @@ class Interpolate(torch.autograd.Function):
 def _nodes(
     b0: NDArray[Any], b1: NDArray[Any], level: int
 ) -> tuple[NDArray[np.int64], NDArray[Any], NDArray[np.bool_]]:
-    """Return the three nodes and weights, both (P, 3), and whether a point is in an upside-down triangle."""
+    """Return three nodes and weights, (P, 3) each, and whether a point is in an upside-down triangle."""
     side = 2**level
     u, v = b0 * side, b1 * side
     x = np.clip(np.floor(u), 0, side - 1).astype(np.int64)

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 _START, _GROWN, _LAST_CHANGE = 0.5, 0.4, 0.5
 _BINARY = 0.75
-"""Share of the training after which images are drawn as in evaluation, with opacity cut at 0.5."""
+"""After this share of the training, images are drawn as in evaluation, with opacity cut at 0.5."""
 MIN_PEAK = 0.05
 MIN_EDGE = 4.0
 _NEAR_FAR = {"colmap": (0.5, 100.0), "synthetic": (0.1, 10.0)}
@@ -32,8 +32,8 @@ _NEAR_FAR = {"colmap": (0.5, 100.0), "synthetic": (0.1, 10.0)}
 class DiffSoup(Model):
     """Positions, lattices of eight logits, and the decoder.
 
-    Each lattice is the sum of a coarse and a fine one; official lattices have several levels. Simplified from
-    the official training: random thresholds are replaced by their expectation (`diffsoup.draw`), and
+    Each lattice is the sum of a coarse and a fine one; official lattices have several levels. The training is
+    simpler than the official one. Random thresholds are replaced by the expected image (`diffsoup.draw`), and
     triangles with the largest errors are split at their longest edge. After three quarters of the training
     opacity is cut at 0.5, and only features and decoder are optimised.
     """
@@ -181,7 +181,8 @@ def halved(
         chosen_ones = torch.from_numpy(np.flatnonzero(longest == edge))
         following = (edge + 1) % 3
         for half, moved in enumerate((following, edge)):
-            # Corners of the half in barycentric coordinates of the whole: one end becomes the middle.
+            # Corners of a half in barycentric coordinates of the whole triangle: one end of the edge becomes
+            # its middle.
             weights = torch.eye(3)
             weights[moved] = 0
             weights[moved, [edge, following]] = 0.5

@@ -29,13 +29,16 @@ _NOTE = "optimised by our trainer with the method's image formation, not by its 
 
 @dataclass(frozen=True)
 class Length:
-    """Length of a training: `minutes`, or `iterations`, whose result does not depend on the machine."""
+    """Length of a training: `minutes` or `iterations`.
+
+    With `iterations`, the result does not depend on the machine.
+    """
 
     minutes: float
     iterations: int | None
 
     def progress(self, iteration: int, seconds: float) -> float:
-        """Return the share that is done."""
+        """Return the share of the training that is done."""
         if self.iterations:
             return min(iteration / self.iterations, 1.0)
         return min(seconds / (60 * self.minutes), 1.0)
@@ -74,7 +77,7 @@ class Training:
 
     @property
     def progress(self) -> float:
-        """The share that is done, from 0 to 1."""
+        """The share of the training that is done, from 0 to 1."""
         return self.length.progress(self.iteration, self.seconds)
 
     def run(self, stopped: Callable[[], bool]) -> None:
@@ -95,7 +98,7 @@ class Training:
             if now - saved > _STATE_SECONDS:
                 saved = now
                 self.save()
-        if self.progress >= 1 and self.losses:  # empty if a finished training is resumed
+        if self.progress >= 1 and self.losses:  # the list is empty if a finished training is resumed
             self._evaluate(self.model.settings(1.0))
         self.save()
         self.write()
@@ -112,7 +115,7 @@ class Training:
         model.adam.step(model.rates(progress))
         self.losses.append(loss.item())
         self.iteration += 1
-        # Only after every view has been used.
+        # The structure changes only after every view has been used.
         if self.iteration % max(EVERY, len(self._views)) == 0:
             model.restructure(progress, self._seen)
             self._seen = Statistics(model.faces)

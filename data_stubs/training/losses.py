@@ -54,7 +54,7 @@ def photometric(image: torch.Tensor, photograph: Photograph) -> torch.Tensor:
 
 
 class _Blurred(torch.autograd.Function):
-    """Planes (C, H, W) blurred by the window; it is symmetric, so the derivative is the same blur."""
+    """Blur planes (C, H, W) with the window. The window is symmetric, so the derivative is the same blur."""
 
     @staticmethod
     def forward(ctx: Any, planes: torch.Tensor) -> torch.Tensor:

@@ -30,9 +30,11 @@ _LONGEST = 4.0
 """Longest edge of an initial triangle, relative to the mean edge length around it."""
 _GROWN, _LAST_CHANGE = 0.6, 0.75
 _AT_REST, _OPAQUE = 0.35, 0.7
-"""Shares of the training after which positions are frozen, and faces are opaque with hard edges.
+"""After these shares of the training, positions are frozen, and faces are opaque with hard edges.
 
-Derivatives by position ignore the background that an edge uncovers. With hard edges they increase the loss.
+
+Derivatives by position ignore the background that appears when an edge moves. With hard edges, steps along
+them increase the loss.
 """
 _NEIGHBOURS = 14
 MIN_PEAK = 0.1
@@ -45,9 +47,9 @@ FINEST = 4
 class MeshSplatting(Model):
     """Positions, opacity and SH of shared vertices.
 
-    Simplified from the official training: it starts from a surface through the points, drops faces that
-    contribute little, and splits the longest edges of faces with large errors. All faces at an edge are split
-    together, so connected faces stay connected.
+    The training is simpler than the official one. It starts from a surface through the points, drops faces
+    that contribute little, and splits the longest edges of faces with large errors. All faces at an edge are
+    split together, so connected faces stay connected.
     """
 
     method = "mesh_splatting"
@@ -105,7 +107,7 @@ class MeshSplatting(Model):
         places = self.parameters["triangles_points"].detach().numpy()
         edges = np.linalg.norm(places[self.indices] - places[np.roll(self.indices, -1, axis=1)], axis=2)
         wide = edges.max(axis=1) > MIN_EDGE * self._pixel[self.indices].mean(axis=1)
-        # A small triangle between samples still belongs to the surface.
+        # A small triangle that lies between samples is kept, because it belongs to the surface.
         kept = (seen.peak > MIN_PEAK) | ~wide
         faces, error, edges, wide = self.indices[kept], seen.error[kept], edges[kept], wide[kept]
         grown = between(progress, 0, _GROWN)
@@ -153,8 +155,9 @@ class MeshSplatting(Model):
 def surface_like(points: NDArray[np.float64], count: int) -> NDArray[np.int64]:
     """Return at most `count` triangles that connect points (N, 3) to a surface.
 
-    The neighbourhood of each point is triangulated in its tangent plane (Delaunay). Triangles found from at
-    least two of their corners come first, then those with the shortest edges relative to the local spacing.
+    The neighbourhood of each point is triangulated in its tangent plane (Delaunay). A triangle that is found
+    from at least two of its corners is preferred. Next, triangles with shorter edges relative to the local
+    spacing are preferred.
     """
     distances, near = cKDTree(points).query(points, min(_NEIGHBOURS + 1, len(points)))
     around = points[near] - points[:, None]
@@ -176,7 +179,7 @@ def surface_like(points: NDArray[np.float64], count: int) -> NDArray[np.int64]:
 def split_edges(
     faces: NDArray[np.int64], longest: NDArray[np.int64], first: NDArray[np.int64], vertices: int
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Split the longest edges of the faces `first`, with all faces at an edge; no face is split twice.
+    """Split the longest edges of the faces `first`, and all faces at these edges; no face is split twice.
 
     Returns
     -------
@@ -189,7 +192,7 @@ def split_edges(
     _, edge = np.unique(ends[:, 0] * vertices + ends[:, 1], return_inverse=True)
     at = np.argsort(edge, kind="stable")
     starts = np.searchsorted(edge[at], np.arange(edge.max(initial=-1) + 2))
-    taken = np.full(len(faces), -1)  # the number of the new vertex
+    taken = np.full(len(faces), -1)  # the number of the new vertex on each split face, and -1 for other faces
     side = np.zeros(len(faces), np.int64)
     middles = []
     for face in first.tolist():

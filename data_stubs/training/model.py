@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Options:
-    """Options of a training: most `faces`, `sh_degree`, and the `seed` of random numbers.
+    """Options of a training: the largest number of `faces`, `sh_degree`, and the `seed` of random numbers.
 
     `rasterizer` and `gamma` are 2DTS' rasterizer and final sharpness; `level` is the level of DiffSoup's
     lattices.
@@ -41,8 +41,8 @@ class Options:
 class Statistics:
     """Statistics of each triangle since the last change of structure.
 
-    `peak` (F,) is its largest weight at any sample. `error` (F,) is the sum of its weights times the absolute
-    errors of the images.
+    `peak` (F,) is the largest weight of the triangle at any sample. `error` (F,) is the sum of the triangle's
+    weights times the absolute errors of the images.
     """
 
     def __init__(self, faces: int) -> None:
@@ -87,7 +87,7 @@ class Model(ABC):
 
     @abstractmethod
     def settings(self, progress: float) -> dict[str, Any]:
-        """Return the settings of the image formation at time 0 to 1; at 1 they equal the file's."""
+        """Return the settings of the image formation at a time from 0 to 1; the file has those at 1."""
 
     @abstractmethod
     def draw(self, camera: Camera, settings: Mapping[str, Any]) -> Drawn:
@@ -134,7 +134,8 @@ def geometric(first: float, last: float, share: float) -> float:
 def worst(scores: NDArray[Any], allowed: NDArray[np.bool_], count: int, random: np.random.Generator) -> Any:
     """Draw `count` allowed indices without replacement, with probabilities proportional to the scores."""
     with np.errstate(divide="ignore"):
-        # Gumbel top-k: the largest log score + noise are a draw without replacement.
+        # Gumbel top-k: the indices with the largest sum of log score and noise are a draw without
+        # replacement.
         keys = np.log(np.where(allowed, scores, 0)) + random.gumbel(size=len(scores))
     count = min(count, int(np.isfinite(keys).sum()))
     return np.sort(np.argpartition(-keys, max(count - 1, 0))[:count]) if count else np.zeros(0, np.int64)

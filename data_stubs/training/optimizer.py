@@ -13,7 +13,7 @@ _BETAS, _EPS = (0.9, 0.99), 1e-15
 
 
 class Adam:
-    """Adam without bias towards the start (Kingma and Ba 2015), over named parameters.
+    """The optimiser Adam with bias correction (Kingma and Ba 2015), for named parameters.
 
     The second decay is 0.99 instead of 0.999, because a run has thousands of steps, not tens of thousands.
     """
@@ -25,7 +25,7 @@ class Adam:
 
     @torch.no_grad()
     def step(self, rates: Mapping[str, float | torch.Tensor]) -> None:
-        """Update every parameter with a derivative and a rate, and clear the derivatives."""
+        """Update every parameter that has a derivative and a learning rate, and clear the derivatives."""
         self.steps += 1
         corrections = [1 - beta**self.steps for beta in _BETAS]
         for name, parameter in self.parameters.items():
@@ -40,7 +40,10 @@ class Adam:
             parameter.grad = None
 
     def rebuild(self, name: str, value: torch.Tensor, kept: NDArray[np.int64]) -> None:
-        """Replace a parameter: its first rows are the rows `kept` of the old one, the others are new."""
+        """Replace a parameter.
+
+        Its first rows are the rows `kept` of the old parameter, and the others are new.
+        """
         first, second = (torch.zeros_like(value) for _ in range(2))
         for moment, old in zip((first, second), self.moments[name], strict=True):
             moment[: len(kept)] = old[torch.from_numpy(kept)]

@@ -1,8 +1,8 @@
 """Functions per pair of a triangle and a pixel, with hand-derived derivatives.
 
-Arrays are flat with one number per pair, in the order of `Pairs`; values of triangles have one row per entry
-of `Pairs.faces`. Most of it uses NumPy, which is as fast as torch for memory-bound arrays and many times
-faster at sums over runs.
+Arrays of pairs are flat, with one number per pair in the order of `Pairs`. Arrays of triangles have one row
+per entry of `Pairs.faces`. Most functions use NumPy. It is as fast as torch for memory-bound arrays, and many
+times faster at sums over runs.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 class Affine(torch.autograd.Function):
-    """Rows (a, b, c) of triangles, (G, K, 3) -> a x + b y + c at every pair, (K, P)."""
+    """Compute a x + b y + c at every pair, (K, P), from rows (a, b, c) of triangles, (G, K, 3)."""
 
     @staticmethod
     def forward(ctx: Any, rows: torch.Tensor, pairs: Pairs) -> torch.Tensor:
@@ -42,7 +42,7 @@ class Affine(torch.autograd.Function):
 
 
 class Spread(torch.autograd.Function):
-    """Values of triangles, (G,) -> the same at every pair, (P,)."""
+    """Copy values of triangles, (G,), to every pair, (P,)."""
 
     @staticmethod
     def forward(ctx: Any, values: torch.Tensor, pairs: Pairs) -> torch.Tensor:
@@ -55,7 +55,7 @@ class Spread(torch.autograd.Function):
 
 
 class Highest(torch.autograd.Function):
-    """(3, P) -> the maximum of each column, (P,); the first of equal values gets the derivative."""
+    """Return the maximum (P,) of each column of (3, P); the first of equal values gets the derivative."""
 
     @staticmethod
     def forward(ctx: Any, values: torch.Tensor) -> torch.Tensor:
@@ -73,9 +73,9 @@ class Highest(torch.autograd.Function):
 
 
 class Quotient(torch.autograd.Function):
-    """Numerators l (3, P) -> l_k / (l_0 + l_1 + l_2), barycentric coordinates in perspective, (3, P).
+    """Barycentric coordinates in perspective, l_k / (l_0 + l_1 + l_2), (3, P), from numerators l (3, P).
 
-    NaN, which gives an alpha of 0, where the sum is less than `least` in absolute value.
+    If the absolute value of the sum is less than `least`, the result is NaN, which gives an alpha of 0.
     """
 
     @staticmethod
@@ -95,7 +95,7 @@ class Quotient(torch.autograd.Function):
 
 
 class WindowAlpha(torch.autograd.Function):
-    """Distances phi (P,), opacity o and sigma (P,) -> min(cap, o phi^sigma); 0 where phi is below 0."""
+    """Alpha min(cap, o phi^sigma) from distances phi, opacity o and sigma, (P,) each; 0 where phi < 0."""
 
     @staticmethod
     def forward(
@@ -127,7 +127,7 @@ class WindowAlpha(torch.autograd.Function):
 
 
 class GaussianAlpha(torch.autograd.Function):
-    """Eccentricity e (P,) and opacity o (P,) -> min(cap, o exp(-e^(2 gamma) / 2)); 0 unless 0 <= e <= 10."""
+    """Alpha min(cap, o exp(-e^(2 gamma) / 2)) from eccentricity e and opacity o; 0 unless 0 <= e <= 10."""
 
     @staticmethod
     def forward(

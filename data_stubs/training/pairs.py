@@ -1,9 +1,9 @@
 """Pairs of a triangle and a pixel that it may colour, in front-to-back order per pixel.
 
-The pixels of a triangle are inside three half-planes and inside its tiles. Pairs are listed by triangle,
-nearest triangle first, so a sum over a triangle is a sum over a run of the list. Blending needs the order per
-pixel: `Ranks` lists the same pairs by rank, first the front pair of every pixel, then the second, and so on.
-Pixels with the longest lists come first, so each rank is a slice.
+The pixels of a triangle are inside three half-planes and inside its tiles. Pairs are listed by triangle, the
+nearest triangle first. Therefore a sum over a triangle is a sum over a run of the list. Blending needs the
+order within each pixel. `Ranks` lists the same pairs by rank: first the front pair of every pixel, then the
+second pair of every pixel, and so on. Pixels with the longest lists come first, so each rank is a slice.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 TILE = 16
 _MARGIN = 1e-3
-"""Margin of a row in pixels; pairs outside the triangle get weight 0 later."""
+"""Margin of a row in pixels. Pairs outside of the triangle get weight 0 later."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,8 +29,8 @@ class Pairs:
     """P pairs of G triangles and a raster of `width` x `height` samples.
 
     `faces` (G,) are the triangles with pairs, in drawing order; `starts` and `counts` (G,) delimit their
-    pairs. `x`, `y` (P,) are columns and rows of samples, and `pixel` is y width + x. The pairs of a pixel are
-    ordered by `key` (1 to 4) if it is given, and by index if keys are equal.
+    pairs. `x`, `y` (P,) are columns and rows of samples, and `pixel` is y width + x. If `key` is given
+    (values from 1 to 4), it orders the pairs of a pixel; pairs with equal keys are ordered by index.
     """
 
     width: int
@@ -84,8 +84,9 @@ class Pairs:
 
 @dataclass(frozen=True, eq=False)
 class Ranks:
-    """All P pairs, sorted by rank: index of each pair in `Pairs`, the pixels (Q,), and the number of pairs
-    per rank.
+    """All P pairs, sorted by rank.
+
+    Fields are the index of each pair in `Pairs`, the pixels (Q,), and the number of pairs of each rank.
 
     Pixels with the longest lists come first.
     """
@@ -106,7 +107,7 @@ class Ranks:
         by_pixel.sort()
         by_pixel &= (1 << bits) - 1
         lengths = np.bincount(pixel)
-        # 16-bit numbers are radix-sorted, several times as fast.
+        # NumPy sorts 16-bit numbers by radix sort, which is several times as fast.
         short = -lengths.astype(np.int16) if lengths.max(initial=0) < 1 << 15 else -lengths
         pixels = np.argsort(short, kind="stable")[: np.count_nonzero(lengths)]
         starts = (np.cumsum(lengths) - lengths)[pixels]
@@ -175,7 +176,7 @@ def make_pairs(
     first, last = box[0][faces], box[1][faces]
     with np.errstate(all="ignore"):
         rows = _heights(planes)
-    # NaN if two edges are parallel; then use all rows of the box.
+    # If two edges are parallel, the result is NaN, and all rows of the box are used.
     low = np.fmax(first[:, 1], np.floor(rows[0]) - 1)
     high = np.fmin(last[:, 1], np.ceil(rows[1]) + 1)
     rows_of = np.maximum(high - low + 1, 0).astype(np.int64)
@@ -219,6 +220,6 @@ def _heights(planes: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[
 
 
 def front_to_back(depth: NDArray[Any], kept: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """Return the indices of kept triangles in the official order: by float32 depth, then index."""
+    """Return the indices of kept triangles in the official order: by float32 depth, then by index."""
     faces = np.flatnonzero(kept)
     return faces[np.argsort(depth[faces].astype(np.float32), kind="stable")]

@@ -24,8 +24,8 @@ _RANDOM_POINTS = 4000
 class Capture:
     """A scene's views with their photographs (H, W, 3) over the background, in [0, 1], and its points.
 
-    `about` is the text about the data in official files. DiffSoup has a separate script for `synthetic`
-    scenes.
+    `about` is the text that describes the data in official files. DiffSoup has a separate script for
+    `synthetic` scenes.
     """
 
     train: list[tuple[Camera, NDArray[np.float32]]]

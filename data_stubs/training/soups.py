@@ -27,14 +27,15 @@ _GROWN = 0.5
 """Share of the training after which all triangles exist."""
 _LAST_CHANGE = 0.8
 MIN_PEAK = 0.02
-"""Triangles whose weight never exceeds this are removed (Triangle-Splatting: threshold 0.022)."""
+"""A triangle is removed if its weight never exceeds this value (Triangle-Splatting: threshold 0.022)."""
 
 
 class Soup(Model):
-    """N triangles whose corners are the parameter `corners`, (N, 3, 3).
+    """A soup of N triangles. Their corners are the parameter named `corners`, (N, 3, 3).
 
-    Simplified from Triangle-Splatting's training: triangles that contribute little are removed, and triangles
-    drawn with probabilities proportional to their errors are split into four at their edge midpoints.
+    The training is simpler than that of Triangle-Splatting. Triangles that contribute little are removed.
+    Other triangles are drawn with probabilities proportional to their errors, and split into four at their
+    edge midpoints.
     """
 
     corners: str
@@ -44,7 +45,7 @@ class Soup(Model):
     opacity_start: float
     size_start: float
     min_edge: float
-    """Shortest longest edge of a triangle that is split, in pixels."""
+    """Only triangles whose longest edge has at least this length in pixels are split."""
 
     @property
     def faces(self) -> int:
@@ -72,7 +73,7 @@ class Soup(Model):
         }
 
     def _measure(self, triangles: NDArray[np.float32]) -> None:
-        """Store the size of a pixel at each triangle; position steps are relative to it."""
+        """Store the size of a pixel at each triangle; steps of positions are relative to this size."""
         self._pixel = pixel_sizes(triangles.mean(axis=1).astype(np.float64), self.cameras)
 
     def rates(self, progress: float) -> dict[str, Any]:
@@ -155,7 +156,7 @@ class TriangleSplatting(Soup):
 
 
 class TwoDTS(Soup):
-    """Positions, opacity and SH of each triangle; one gamma, annealed from 1 to hard edges."""
+    """Positions, opacity and SH of each triangle, and one gamma that is annealed from 1 to hard edges."""
 
     method = "two_dts"
     corners, opacity, color, rest = "_vertex", "_opacity", "_f_dc", "_f_rest"

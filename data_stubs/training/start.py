@@ -31,7 +31,7 @@ def chosen(
 def spread_out(
     points: NDArray[np.float64], spacing: NDArray[np.float32], count: int, random: np.random.Generator
 ) -> NDArray[np.int64]:
-    """Return the indices of at most `count` points (N, 3), spread out in units of `spacing` (N,).
+    """Return the indices of at most `count` points (N, 3), evenly spread relative to `spacing` (N,).
 
     Farthest-point sampling: each point is the farthest from all previous ones.
     """
@@ -62,12 +62,12 @@ def triangles_at(
 
 
 def color_coefficients(colors: NDArray[np.float64]) -> NDArray[np.float32]:
-    """Return SH coefficients 0, (N, 1, 3), of colours (N, 3)."""
+    """Return the SH coefficients of degree 0, (N, 1, 3), for colours (N, 3)."""
     return ((colors - 0.5) / SH_C0).astype(np.float32)[:, None]
 
 
 def pixel_sizes(points: NDArray[np.float64], cameras: Sequence[Camera]) -> NDArray[np.float32]:
-    """Return the size of a pixel at points (N, 3), in scene units, for the camera that sees it finest."""
+    """Return the smallest pixel size of any camera at points (N, 3), in scene units."""
     best = np.full(len(points), np.inf)
     for camera in cameras:
         seen = points @ camera.world_to_camera[:3, :3].T + camera.world_to_camera[:3, 3]

@@ -60,7 +60,7 @@ def draw(
         official = AffineRasterizer if settings["rasterizer"] == "2D" else PlanarRasterizer
         raster = official(vertices, view, settings["back_culling"])
         rows = _ROWS[settings["rasterizer"]](torch.from_numpy(vertices), view).numpy()
-        # Inside is where a_k >= (1 - reach) / 3 for the coordinates a_k = l_k / (l_0 + l_1 + l_2).
+        # A sample is inside if a_k >= (1 - reach) / 3 for all coordinates a_k = l_k / (l_0 + l_1 + l_2).
         least = (1 - reach(as_float64(opacity), gamma)) / 3 - 1e-6
         planes = rows - least[:, None, None] * rows.sum(axis=1, keepdims=True)
     order = front_to_back(raster.depth, ~raster.dropped)
@@ -84,7 +84,7 @@ def draw(
 
 
 def _opacity(logit: torch.Tensor, threshold: float | None) -> torch.Tensor:
-    """Return opacity, or 0 and 1 with the derivative of opacity: the straight-through estimator."""
+    """Return the opacity, or, as a straight-through estimator, 0 or 1 with the derivative of the opacity."""
     opacity = logit.sigmoid()
     if threshold is None:
         return opacity
@@ -98,7 +98,7 @@ def _shrinking(gamma: float) -> float:
 
 
 def _affine_rows(vertices: torch.Tensor, view: SplattingCamera) -> torch.Tensor:
-    """Return the barycentric coordinates on the screen of triangles (G, 3, 3) of the "2D" rasterizer."""
+    """Return the "2D" rasterizer's barycentric coordinates of triangles (G, 3, 3) on the screen."""
     center = centroid(vertices)
     h = transform(view.full_projection, center)
     ndc = h[:, :2] * (1 / (h[:, 3:].abs() + EPS))
@@ -116,10 +116,11 @@ def _affine_rows(vertices: torch.Tensor, view: SplattingCamera) -> torch.Tensor:
 
 
 def _planar_rows(vertices: torch.Tensor, view: SplattingCamera) -> torch.Tensor:
-    """Return rows whose quotients by their sum are the barycentric coordinates where rays meet triangles.
+    """Return rows; divided by their sum, they are the barycentric coordinates where rays meet triangles.
 
-    A sample's ray g meets the plane of V_0, V_1, V_2 at the coordinates g . (V_1 x V_2) and so on, divided by
-    their sum. Signs are such that the sum is positive where the plane is in front.
+    A sample's ray g meets the plane of V_0, V_1 and V_2 at barycentric coordinates g . (V_1 x V_2), g . (V_2
+    x V_0) and g . (V_0 x V_1), divided by their sum. Signs are chosen so that the sum is positive where the
+    plane is in front of the camera.
     """
     first, second, third = transform(view.world_to_camera[:3], vertices).unbind(1)
     normals = torch.stack(

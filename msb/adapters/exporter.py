@@ -48,7 +48,7 @@ def adapters() -> dict[str, Adapter]:
 
 
 def _by_name(method: str) -> Adapter | None:
-    """Return the adapter of a method whose files are only recognised by their names; None for other methods.
+    """Return the adapter of a method whose files are recognised by name only, or None for other methods.
 
     These are the methods without native rendering.
     """
@@ -121,9 +121,10 @@ def read_model(
 ) -> Model:
     """Return the trained model at `path`, or at a place that `locate` returned. Errors are as in `export`.
 
-    `settings` can also be texts such as "gamma=20". Faces with a value that is NaN or infinite are left out,
-    with a warning, unless all of them have one. `reject` says which values are errors instead: coordinates,
-    or all. Without `check_values` such faces are kept, which an audit counts.
+    `settings` can also be texts such as "gamma=20". Faces with a NaN or infinite value are left out with a
+    warning. It is an error if all faces have such a value. `reject` names the values for which this is an
+    error instead of a warning: coordinates, or all. Without `check_values`, such faces are kept, so that an
+    audit can count them.
     """
     if method is not None and method not in tuple(METHODS):
         text = f'the method "{shorten(str(method), 40)}" is unknown; use one of {", ".join(METHODS)}'
@@ -142,8 +143,8 @@ def read_model(
         raise InputError("FILE_NOT_FOUND", "it does not exist", file=config_file)
     is_strict = check_values and reject == "everything"
     model = _adapter(method).read(place, content, Options(values, config_file, is_strict))
-    if config_file is not None and config_file not in model.files:  # the adapter did not read it
-        text = f"--config is not used by {METHODS[method].title}, the method of this model, only by 2DTS"
+    if config_file is not None and config_file not in model.files:  # the adapter has not read this config
+        text = f"the method of this model, {METHODS[method].title}, does not use --config; only 2DTS does"
         raise UsageError("USAGE", text, file=config_file)
     if check_values:
         model = _without_bad_faces(model, reject)
@@ -153,8 +154,8 @@ def read_model(
 def _without_bad_faces(model: Model, reject: str) -> Model:
     """Return `model` without the faces whose values are not finite, and with a warning about them.
 
-    Raise CHECKPOINT_NONFINITE if `reject` or the buffer does not allow it. Invalid coordinates of mesh files
-    are reported by `build_asset`.
+    Raise CHECKPOINT_NONFINITE if `reject` forbids this, or if a value belongs to all faces. Invalid
+    coordinates of mesh files are reported by `build_asset`.
     """
     is_mesh = model.description.method == "mesh"
     code, file = "MESH_NONFINITE" if is_mesh else "CHECKPOINT_NONFINITE", model.files[0]
@@ -164,7 +165,7 @@ def _without_bad_faces(model: Model, reject: str) -> Model:
             raise CheckpointError("CHECKPOINT_NONFINITE", text, file=file, pointer=name)
     check_indices(model.buffers["indices"], len(model.buffers["positions"]), file)
     bad, names = find_bad_faces(model.buffers, model.domains)
-    # A vertex that no face uses is rejected or dropped, too.
+    # An unused vertex with such a value is also rejected or dropped.
     is_odd = find_bad_rows(model.buffers["positions"]) is not None
     if not (bad.any() or is_odd) or reject == "everything":
         return model
@@ -230,7 +231,10 @@ def _describe_nearest(value: object, adapters_by_name: Mapping[str, Adapter]) ->
 
 
 def _recognise(content: Content, by_name: Mapping[str, Adapter]) -> str | None:
-    """Return the first method whose adapter recognises `content`. Plug-ins that fail are skipped."""
+    """Return the first method whose adapter recognises `content`.
+
+    Plug-ins that raise an exception are skipped.
+    """
     for name, adapter in by_name.items():
         try:
             if adapter.recognises(content):
@@ -255,7 +259,7 @@ def _reject_other_method(content: Content, method: str) -> None:
 
 
 def _source_files(model: Model, progress: Progress | None) -> list[SourceFile]:
-    """Return path, hash and size of each file of a model."""
+    """Return the path, the hash and the size of each file of a model."""
     sizes = [path.stat().st_size for path in model.files]
     meter = Meter("hashing the source", sum(sizes), progress)
     files = []

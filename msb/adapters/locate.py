@@ -26,7 +26,7 @@ STATE_DICT = "point_cloud_state_dict.pt"
 SPLATS = "point_cloud.ply"
 # Vertex properties of a PLY with primitives: of 2DTS, of Gaussians, and of SuperSplat's compressed Gaussians.
 PRIMITIVE_PROPERTIES = {"x1", "rot_0", "packed_position"}
-# File names of the meshes of 2DGS, cleaned ones first (hbb1/2d-gaussian-splatting: render.py).
+# File names of the meshes of 2DGS; cleaned meshes come first (hbb1/2d-gaussian-splatting: render.py).
 FUSED = ("fuse_post.ply", "fuse_unbounded_post.ply", "fuse.ply", "fuse_unbounded.ply")
 
 
@@ -34,15 +34,15 @@ FUSED = ("fuse_post.ply", "fuse_unbounded_post.ply", "fuse.ply", "fuse_unbounded
 class Place:
     """The place of a model: its file and the output folder of its training."""
 
-    # The file of the model, or the main one of several.
+    # The file of the model, or the main file if there are several.
     file: Path
     # The output folder, which is searched for configs and logs.
     root: Path
-    # The kind of the file. A "bundle" has more files in the same folder. Only the adapter of its method can
-    # read a file of kind "other".
+    # The kind of the file. A "bundle" has more files in the same folder. A file of kind "other" can be read
+    # only by the adapter of its method.
     kind: Kind
     # The path that the user gave: the file, its folder or a folder above. If exactly one subfolder of the
-    # given folder is a checkpoint, this subfolder.
+    # given folder is a checkpoint, this subfolder is stored.
     given: Path
 
     @property
@@ -61,7 +61,7 @@ def is_checkpoint(path: Path) -> bool:
 
 
 def locate(path: str | os.PathLike[str]) -> Place:
-    """Return the place of the model in `path`, which is the last one if there are several iterations."""
+    """Return the place of the model in `path`; with several iterations, it is the last one."""
     given = given_path(path)
     if given.suffix.lower() == ASSET_SUFFIX and os.path.lexists(given):
         text = "it is already a .triasset; use msb convert to write another format"
@@ -132,7 +132,7 @@ def is_named(method: Method, file: Path) -> bool:
 
 
 def _is_declared(file: Path) -> bool:
-    """Return whether a method declares this name, and it is not a mesh file."""
+    """Return whether a method declares this file name, and the file is not a mesh file."""
     suffix = file.suffix.lower()
     return suffix not in MESH_SUFFIXES and any(is_named(method, file) for method in METHODS.values())
 
@@ -170,7 +170,7 @@ def _pick(folder: Path) -> Path | None:
 
 
 def _find_declared(folder: Path) -> Path | None:
-    """Return the file that a method declares, below the output folder or in `folder` itself."""
+    """Return the file whose name a method declares, below the output folder or directly in `folder`."""
     for method in METHODS.values():
         if any((folder / name).exists() for name in method.bundle[1:]):
             return folder / method.bundle[0]
@@ -198,7 +198,7 @@ def _to_expression(name: str) -> str:
 
 
 def _find_iteration(folder: Path) -> Path | None:
-    """Return the last file that the 3DGS family wrote: a state dict, a mesh of 2DGS, or Gaussians."""
+    """Return the last file written by code of the 3DGS family: a state dict, a mesh of 2DGS, or Gaussians."""
     if re.match(r"iteration_\d+\Z", folder.name):
         latest: Path | None = folder
     else:
@@ -248,7 +248,7 @@ def _list_names(folder: Path) -> list[str]:
 
 
 def is_mesh_file(path: Path) -> bool:
-    """Return whether `path` can only be a mesh file, because it is neither an asset nor a model."""
+    """Return whether `path` is treated as a mesh file, because it is neither an asset nor a model."""
     return not (is_asset(path) or is_folder(path) or is_checkpoint(path) or _is_primitive_table(path))
 
 

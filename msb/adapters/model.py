@@ -1,4 +1,4 @@
-"""Arguments and results of adapters: the content of a file, settings, and the model."""
+"""The arguments and results of adapters: the content of a file, settings, and the model."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -25,8 +25,8 @@ from msb.registry import METHODS, SettingSource
 class Options:
     """Arguments of the caller besides the path: settings by name, and the config file of the training.
 
-    Without `check_values` parameters can be NaN, because an audit counts such faces, and other commands leave
-    them out.
+    Without `check_values`, parameters can be NaN. An audit counts such faces, and other commands leave them
+    out.
     """
 
     settings: Mapping[str, Any] = field(default_factory=dict)
@@ -36,7 +36,7 @@ class Options:
 
 @dataclass(frozen=True)
 class Content:
-    """The content of the file of a `Place`. It is read when an adapter needs it."""
+    """The content of the file of a `Place`. The content is read when an adapter needs it."""
 
     place: Place
 
@@ -51,7 +51,8 @@ class Content:
         except CheckpointError as error:
             if error.message != STRANGE or file.suffix.lower() in TORCH_SUFFIXES:
                 raise
-        raise make_suffix_error(str(file), file.suffix)  # neither its name nor its content is known
+        # neither the name nor the content of the file is known
+        raise make_suffix_error(str(file), file.suffix)
 
     @cached_property
     def ply_names(self) -> tuple[str, ...]:
@@ -165,7 +166,7 @@ def soup_buffers(
 
 
 def domains_of(buffers: Mapping[str, NDArray[Any]], domain: Domain) -> dict[str, Domain]:
-    """Return the same domain for all buffers except positions and indices, whose domains are fixed."""
+    """Return one domain for all buffers except positions and indices, which have fixed domains."""
     return dict.fromkeys(buffers.keys() - {"positions", "indices"}, domain)
 
 

@@ -1,4 +1,4 @@
-"""Write an asset as the same mesh file that the official exporter of its method writes.
+"""Write an asset as the mesh file that the official exporter of its method would write.
 
 These files differ from the standard-tier mesh: some exporters keep alpha, evaluate SH in a fixed direction,
 merge vertices or write every face twice. Tests compare with files of the official code.
@@ -17,7 +17,7 @@ from msb.registry import lookup, role, with_role
 
 
 class Official(Protocol):
-    """The members of the module `official` of a method."""
+    """What the module `official` of a method must contain."""
 
     # Suffixes of the files of the exporter; "" stands for a folder.
     SUFFIXES: tuple[str, ...]

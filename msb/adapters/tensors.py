@@ -14,7 +14,7 @@ from msb.errors import CheckpointError, Finding, finding, shorten
 # The length of an axis, or a letter. All axes with the same letter must have the same length.
 Axis = int | str
 
-# The degree L of SH by the number K of coefficients per channel, not counting the first: K = (L + 1)^2 - 1.
+# The SH degree L by the number K of coefficients per channel. Degree 0 is not counted: K = (L + 1)^2 - 1.
 SH_COEFFICIENTS = {0: 0, 3: 1, 8: 2, 15: 3}
 
 
@@ -52,8 +52,8 @@ class Tensors:
         """Return the tensor `key` of this `shape` as float32.
 
         float16 and bfloat16 are converted exactly; float64 is rounded, with a warning. `infinite` allows
-        infinite values, which are logits of opacities 0 and 1. A letter in `shape` is the same length in all
-        tensors.
+        infinite values, which are logits of opacities 0 and 1. A letter in `shape` stands for the same length
+        in all tensors.
         """
         array = self._tensor(key, "float32", "f")
         self._check_shape(key, array.shape, shape)
@@ -85,7 +85,8 @@ class Tensors:
             value = value.item()
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise self._wrong_type(key, value, "a number")
-        if not abs(value) < 1e300:  # also rejects NaN, and integers that a float cannot hold
+        # this also rejects NaN, and integers that a float cannot represent exactly
+        if not abs(value) < 1e300:
             text = f"{key} is {shorten(repr(value), 40)}; it must be a finite number"
             raise self.error("CHECKPOINT_NONFINITE", text, key)
         return float(value)
@@ -99,14 +100,14 @@ class Tensors:
         return int(number)
 
     def degree(self, key: str, coefficients: int) -> int:
-        """Return the SH degree of a tensor `key` with `coefficients` per channel, not counting the first."""
+        """Return the SH degree of a tensor `key` with `coefficients` per channel; degree 0 is not counted."""
         if coefficients not in SH_COEFFICIENTS:
             text = f"{key} has {coefficients} SH coefficients per channel; degrees 0 to 3 have 0, 3, 8 or 15"
             raise self.error("CHECKPOINT_LAYOUT", text, key)
         return SH_COEFFICIENTS[coefficients]
 
     def axis(self, key: str, number: int) -> int:
-        """Return the length of an axis of the tensor `key`, or 0, without checking its shape."""
+        """Return the unchecked length of an axis of the tensor `key`, or 0 if it has no such axis."""
         shape = self._tensor(key, "float32", "fiu").shape
         return int(shape[number]) if number < len(shape) else 0
 
@@ -137,7 +138,7 @@ class Tensors:
         return self.error("CHECKPOINT_LAYOUT", f"{key} is {what}; it must be {wanted}", key)
 
     def _check_shape(self, key: str, shape: tuple[int, ...], wanted: tuple[Axis, ...]) -> None:
-        """Check a shape; the first tensor with a letter sets its length."""
+        """Check a shape; the first tensor with a letter sets the length of this letter."""
         ok = len(shape) == len(wanted)
         for axis, length in zip(wanted, shape, strict=False):
             if isinstance(axis, int):

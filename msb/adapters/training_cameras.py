@@ -14,7 +14,7 @@ from msb.scenes import Camera, read_cameras
 # File of the 3DGS family in the output folder (graphdeco-inria/gaussian-splatting: scene/__init__.py).
 # `msb run` writes it next to its assets.
 CAMERAS = "cameras.json"
-# At most this many of the last components of a scene's path are looked for in other folders.
+# At most this many of the last components of the scene's path are searched for in other folders.
 _DEEPEST = 40
 # Number of folders above a model that are searched for the scene, if the path in the config does not exist.
 _LEVELS = 6
@@ -37,7 +37,7 @@ def training_cameras(path: Path, method: str) -> Iterator[tuple[list[Camera], Pa
 
 
 def _scene(root: Path, method: str) -> Path | None:
-    """Return the scene that the config in `root` names, even if it was moved together with the model."""
+    """Return the scene that the config in `root` names, even if scene and model were moved together."""
     adapter: Any = role(method, "adapter")
     if hasattr(adapter, "training_scene"):
         named = adapter.training_scene(root)

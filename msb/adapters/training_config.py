@@ -53,7 +53,7 @@ def read_cfg_args(root: Path) -> tuple[dict[str, Any], tuple[Path, ...], list[Fi
 def _parse_arguments(text: str) -> tuple[dict[str, Any], list[str]]:
     """Return the values of ``name=value, ...``, and the names whose value is not a literal.
 
-    A name that is given twice is not read.
+    A name that occurs twice is not read.
     """
     values: dict[str, Any] = {}
     unread: list[str] = []
@@ -62,7 +62,7 @@ def _parse_arguments(text: str) -> tuple[dict[str, Any], list[str]]:
         name = name.strip()
         try:
             with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # Python would warn about escapes in literals
+                warnings.simplefilter("ignore")  # hides Python's warnings about escapes in literals
                 read = ast.literal_eval(value.strip())
             if not name.isidentifier() or name in values or name in unread:
                 raise ValueError
@@ -75,7 +75,7 @@ def _parse_arguments(text: str) -> tuple[dict[str, Any], list[str]]:
 
 
 def _split_arguments(text: str) -> list[str]:
-    """Return the parts of `text` between commas that stand in no quotes and brackets."""
+    """Split `text` at commas outside of quotes and brackets."""
     parts, start, depth = [], 0, 0
     for token in _TOKEN.finditer(text):
         if token[0] in "([{":
@@ -90,7 +90,10 @@ def _split_arguments(text: str) -> list[str]:
 
 
 def training_of(arguments: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the values for the key `training` of the manifest. They must not contain paths of a machine."""
+    """Return the values for the key `training` of the manifest.
+
+    The values must not contain paths of the training machine.
+    """
     training: dict[str, Any] = {}
     if isinstance(held_out := arguments.get("eval"), bool):
         training["eval"] = held_out

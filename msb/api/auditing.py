@@ -99,7 +99,7 @@ def audit(vertices: Any, faces: ArrayLike | None = None, *, weld: Weld | None = 
 
 
 def audit_stored(mesh: StoredMesh, *, weld: Weld | None = None) -> tuple[Audit, Analysis]:
-    """Return the audit of a stored mesh with its path and method, and the analysis for viewers."""
+    """Return the audit of a stored mesh, with its path and method, and also the analysis for viewers."""
     with about(mesh.path):
         report, analysis = audit_arrays(mesh.vertices, mesh.faces, weld=weld, attributes=mesh.attributes)
     path = None if mesh.path is None else str(mesh.path)
@@ -107,10 +107,10 @@ def audit_stored(mesh: StoredMesh, *, weld: Weld | None = None) -> tuple[Audit, 
 
 
 def next_command(audit: Audit, source: str, output: str | None = None) -> str | None:
-    """Return the command that improves a mesh, or None if it is OK or nothing is known to help.
+    """Return the command that improves a mesh, or None if the mesh is OK or no command is known to help.
 
-    `source` is the path of the mesh, and `output` that of the file to write, both as words of a shell.
-    Default: a file in the current folder.
+    `source` is the path of the mesh, and `output` is the path of the file to write. Both are quoted for a
+    shell. Default: a file in the current folder.
     """
     plan = judge(audit).plan
     if not plan:

@@ -47,7 +47,8 @@ def for_each(
 ) -> tuple[int, list[dict[str, Any]]]:
     """Process all inputs in turn, and write a JSON document for each.
 
-    If an input fails, its error is printed. With several inputs it also gets a document with the error.
+    If an input fails, its error is printed. With several inputs, a JSON document with the error is also
+    written.
 
     Parameters
     ----------
@@ -104,7 +105,7 @@ def for_each(
             continue
         documents.append(document)
         status = max(status, its_status)
-    # A single input that failed has no document, only its line on standard error.
+    # If the only input failed, no document is written, only the line on standard error.
     if len(documents) > 1 or (documents and "error" not in documents[0]):
         output.write_documents(documents)
     return status, documents
@@ -125,7 +126,7 @@ def note_warnings(warnings: Iterable[Finding], path: Path, output: Output) -> No
 
 
 def write_mesh_files(mesh: Mesh, target: Path, output: Output, style: Style | None = None) -> None:
-    """Write a mesh and its other files, such as textures. Without --force none of them may exist."""
+    """Write a mesh and its other files, such as textures. Without --force, none of these files may exist."""
     from msb.meshes.files import write_whole
 
     write_whole(mesh, target, style, overwrite=output.force, check_companion=output.check_free)

@@ -6,7 +6,8 @@ from pathlib import Path
 
 from msb.base.own_folder import own_folder
 
-# The data in `data_stubs`, without the scripts that create it. pyproject.toml includes the same in a wheel.
+# The data in `data_stubs`, without the scripts that create it. pyproject.toml lists the same files for a
+# wheel.
 CONTENTS = (
     "checkpoint",
     "models",
@@ -39,5 +40,6 @@ def write_demo(folder: str | os.PathLike[str], *, overwrite: bool = True) -> int
             if path.is_dir():
                 place.mkdir()
             else:
-                shutil.copyfile(path, place)  # without its mode, because an installation can be read-only
+                # the file mode is not copied, because an installation can be read-only
+                shutil.copyfile(path, place)
     return sum(path.stat().st_size for path in paths if path.is_file())

@@ -18,9 +18,10 @@ def write_elements(elements: Elements, path: Path, *, overwrite: bool = True) ->
     """Write `elements` to `path`, in the format of its suffix. Kinds have the same names as in JSON.
 
     ``.vtp`` has points, edges and faces as cells with the arrays ``kind``, ``element`` and ``component``.
-    ``kind`` is 0 for ordinary faces, otherwise the position (from 1) in the field array ``kinds`` of names.
-    ``.csv`` has one row per element. ``.npz`` has one array per kind (vertex pairs of edges, otherwise
-    indices) and ``face_component``. Without `overwrite` an existing file is an error.
+    ``kind`` is 0 for ordinary faces. Otherwise it is the position, counted from 1, in the field array
+    ``kinds``, which holds the names. ``.csv`` has one row per element. ``.npz`` has one array per kind, and
+    ``face_component``. Edges are stored as vertex pairs, other elements as indices. Without `overwrite` an
+    existing file is an error.
     """
     with new_file(path, overwrite=overwrite) as file:
         _WRITERS[path.suffix.lower()](elements, file)

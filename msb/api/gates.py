@@ -31,11 +31,12 @@ _PATTERN = re.compile(r"\s*(?:(?:counts|metrics)\.)?([a-z_]+)\s*(>=|<=|==|!=|>|<
 FailingLevel = Literal["limited", "bad"]
 _FAILING: dict[FailingLevel, tuple[Level, ...]] = {"limited": ("limited", "bad"), "bad": ("bad",)}
 Profile = Literal["game", "print", "research"]
-# Purpose of a mesh -> conditions that make it unfit. The limits of `game` and `print` are our choice.
+# The conditions that make a mesh unfit, for each purpose. The limits of `game` and `print` are our choice.
 PROFILES: dict[Profile, tuple[str, ...]] = {
     # For engines. Simplification, subdivision and UV unwrapping need connected faces: V/F is 0.5 for a closed
     # mesh and 3 for a triangle soup. Props may consist of pieces. Engines duplicate vertices at
-    # non-manifold elements. Up to 1 % of these can be repaired by a tool or by hand. Open edges are harmless.
+    # non-manifold elements. Up to 1 % of non-manifold elements can be repaired by a tool or by hand. Open
+    # edges are harmless.
     "game": (
         "nonfinite_faces>0",
         "vf_ratio>2.5",
@@ -53,7 +54,8 @@ PROFILES: dict[Profile, tuple[str, ...]] = {
         "duplicate_faces>0",
         "repeated_index_faces>0",
     ),
-    # At least as well connected as MeshSplatting, averaged over the paper's scenes (Table mesh_connectivity).
+    # The mesh must be connected at least as well as the average of MeshSplatting over the paper's scenes
+    # (Table mesh_connectivity).
     "research": (
         "nonfinite_faces>0",
         "boundary_edge_ratio>0.45",
@@ -99,8 +101,8 @@ class Gate:
     def check(self, audit: Audit, path: Path) -> GateFailed | None:
         """Return the error if the condition is true for `audit`.
 
-        The gates of a profile check the requested weld, or else the mesh without its seams.
-        A ratio whose denominator is 0 fails, too, because an empty mesh must not pass.
+        The gates of a profile check the requested weld; if none is requested, they check the mesh with its
+        seams merged. A ratio with the denominator 0 also fails, because an empty mesh must not pass.
         """
         judged = audit if self.profile is None else audit.welded or audit.judged
         value = {**asdict(judged.counts), **asdict(judged.metrics)}[self.key]

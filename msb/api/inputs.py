@@ -13,7 +13,7 @@ from msb.meshes import MESH_SUFFIXES
 
 
 def expand(path: Path) -> list[Path]:
-    """Return the inputs of a path or pattern without repeats: `matches`, expanded by `inputs_at`."""
+    """Return the inputs of a path or pattern without repeats; folders in `matches` are expanded."""
     return list(dict.fromkeys(each for match in matches(path) for each in inputs_at(match)))
 
 
@@ -43,7 +43,7 @@ def inputs_at(path: Path) -> list[Path]:
     inputs = sorted(_find_below(path))
     # A folder whose name fits no method can still hold a single model file.
     if not inputs and bare_models(path):
-        locate(path)  # raises an error if there are several
+        locate(path)  # raises an error if the folder holds several
         return [path]
     if not inputs:
         wanted = ", ".join((ASSET_SUFFIX, *MESH_SUFFIXES))

@@ -128,7 +128,7 @@ class StoredMesh:
         """The attributes whose seams can duplicate vertices."""
         from msb.topology.seams import seam_attributes
 
-        # Soups of methods are trained, and their corners coincide by chance.
+        # In a trained triangle soup, corners coincide only by chance.
         is_mesh = self.method in (None, "mesh")
         return seam_attributes(self.buffers, self.domains, triangle_list=is_mesh)
 
@@ -136,8 +136,8 @@ class StoredMesh:
 def read_stored(path: str | os.PathLike[str], *, images: bool = False) -> StoredMesh:
     """Read the mesh of any file that `open` accepts, exactly as it is stored.
 
-    This includes faces that an STE threshold hides, and coordinates that are NaN. With `images` the textures
-    of a mesh file are read, too; the textures of an asset are always read.
+    This includes faces that an STE threshold hides, and coordinates that are NaN. With `images`, the textures
+    of a mesh file are read as well. The textures of an asset are always read.
     """
     from msb.adapters.exporter import read_model
     from msb.adapters.locate import is_mesh_file
@@ -190,8 +190,9 @@ def _store(mesh: Mesh, path: Path | None) -> StoredMesh:
 def stored_object(given: object) -> StoredMesh:
     """Return the mesh of an object with arrays: a `Mesh`, a pair, or an object of another library.
 
-    A pair is a tuple or list (vertices, faces). Objects of other libraries have the attributes `vertices` and
-    `faces` (trimesh), or are a PolyData of pyvista, whose polygons its own `triangulate` splits.
+    A pair is a tuple or list (vertices, faces). An object of another library must have the attributes
+    `vertices` and `faces` (trimesh), or be a PolyData of pyvista. The polygons of a PolyData are split by its
+    method `triangulate`.
 
     Raises
     ------

@@ -10,10 +10,10 @@ from msb.asset.asset import Asset
 
 
 def sigmoid(logits: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return 1 / (1 + exp(-x)) with each step rounded to float32, as torch computes it.
+    """Return 1 / (1 + exp(-x)); each step is rounded to float32, as in torch.
 
-    For some logits, computing in float64 and rounding once gives a different float32. An STE threshold
-    between the two values would then hide different faces. Infinite logits give 0 and 1.
+    For some logits, computing in float64 and rounding once gives a different float32. If an STE threshold lay
+    between the two values, different faces would be hidden. Infinite logits give 0 and 1.
     """
     with np.errstate(over="ignore"):
         return np.asarray(1 / (1 + exponential(-np.asarray(logits, np.float32))))

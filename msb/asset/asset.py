@@ -69,7 +69,7 @@ class Asset:
     warnings: tuple[Finding, ...] = ()
     opened_from: Path | None = None
     _known: dict[str, str] = field(default_factory=dict, init=False)
-    """Results that `repr` adds: the verdict of an audit."""
+    """Results that `repr` shows, such as the verdict of an audit."""
 
     @property
     def vertices(self) -> NDArray[np.float64]:
@@ -87,11 +87,11 @@ class Asset:
     def colors(self) -> NDArray[np.float32] | None:
         """The static colours of the standard tier, a new array in [0, 1], sRGB; None without such colours.
 
-        Shape (V, 3) or (V, 4) if the model stores colours by vertex, (F, 3) or (F, 4) by face, (3F, 3) or
-        (3F, 4) by face corner; ``asset.manifest.buffers["color"].domain`` says which (``"f_dc"`` for a model
-        with spherical harmonics, whose degree 0 gives the colour). A fourth channel is alpha, which is not
-        drawn. Textures are not included: they are the buffers ``texture.0``, ``texture.1`` and so on, which
-        renderers multiply with these colours.
+        The shape is (V, 3) or (V, 4) if the model stores colours by vertex, (F, 3) or (F, 4) by face, and
+        (3F, 3) or (3F, 4) by face corner. ``asset.manifest.buffers["color"].domain`` states the domain. For a
+        model with spherical harmonics, the coefficients of degree 0 give the colour, and their buffer is
+        ``"f_dc"``. A fourth channel is alpha, which is not drawn. Textures are not included. They are the
+        buffers ``texture.0``, ``texture.1`` and so on. Renderers multiply them with these colours.
         """
         from msb.asset.look import tint_of
 

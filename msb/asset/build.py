@@ -36,7 +36,7 @@ from msb.base.version import __version__
 from msb.errors import AssetError
 from msb.registry import TIERS
 
-# Number of rows of a buffer that are processed at a time. This bounds the memory and is not slower.
+# Number of rows of a buffer that are processed at a time. Chunks bound the memory and cost no time.
 CHUNK_ROWS = 1 << 20
 
 # Number of bytes that are hashed or written at a time.
@@ -164,7 +164,7 @@ def _finite_chunks(positions: NDArray[np.float32]) -> Iterator[NDArray[np.float3
     for start in range(0, len(positions), CHUNK_ROWS):
         rows = positions[start : start + CHUNK_ROWS]
         finite = np.isfinite(rows)
-        if not finite.all():  # rare; testing each row takes ten times as long
+        if not finite.all():  # rows are tested only in this rare case, because that takes ten times as long
             rows = rows[finite.all(axis=1)]
         if len(rows):
             yield rows
@@ -202,7 +202,7 @@ def _topology(positions: NDArray[np.float32], indices: NDArray[np.uint32]) -> To
 
 
 def first_shared(indices: NDArray[np.uint32]) -> int | None:
-    """Return the number i of the first corner (0 to 3 F - 1) whose vertex index is not i; None for a soup."""
+    """Return the first corner i (0 to 3 F - 1) whose vertex index is not i, or None for a soup."""
     for start in range(0, len(indices), CHUNK_ROWS):
         rows = indices[start : start + CHUNK_ROWS].ravel()
         wrong = rows != np.arange(3 * start, 3 * start + rows.size, dtype=np.uint64)

@@ -20,10 +20,11 @@ _RESERVED = {"con", "prn", "aux", "nul", *(f"{port}{i}" for port in ("com", "lpt
 
 # Highest SH degree of triangles. Gaussians can have 4.
 MAX_TRIANGLE_DEGREE = 3
-# Orders of the columns of f_rest. Coefficient k = 1..K of channel c = 0..2 is in column 3 (k - 1) + c in the
-# first order, and in column c K + k - 1 in the second.
+# Orders of the columns of f_rest. In the first order, coefficient k = 1..K of channel c = 0..2 is in column 3
+# (k - 1) + c. In the second order, it is in column c K + k - 1.
 F_REST_ORDERS = ("coefficient_major", "channel_major")
-# For each standard buffer: its possible dtypes, lengths of the second axis (None without one), and domains.
+# For each standard buffer: its possible dtypes, lengths of the second axis (None if it has one axis), and
+# domains.
 _STANDARD: dict[str, tuple[tuple[str, ...], tuple[int, ...] | None, tuple[str, ...]]] = {
     "positions": (("float32",), (3,), ("vertex",)),
     "indices": (("uint32",), (3,), ("face",)),

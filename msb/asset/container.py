@@ -1,7 +1,7 @@
 """The two forms of an asset, packed and folder, with a common interface: names, sizes and mapped bytes.
 
-The packed form is a ZIP of stored members, each starting on a 64-byte boundary, which is mapped as a whole.
-It is the strict subset of ZIP that docs/triasset.md describes and `msb.asset.strict_zip` reads.
+The packed form is a ZIP of stored members that is mapped as a whole. Each member starts on a 64-byte
+boundary. It is the strict subset of ZIP that docs/triasset.md describes and `msb.asset.strict_zip` reads.
 """
 
 import itertools
@@ -34,15 +34,15 @@ from msb.errors import AssetError, Finding, InputError, finding, shorten
 _CRC_CHUNK = 1 << 24
 # Maximum number of entries of a folder that are listed.
 _MAX_LISTED = 1000
-# Maximum length of an extra field in bytes. Padding to 64 bytes and a ZIP64 record are shorter; a longer
-# field could hide data.
+# Maximum length of an extra field in bytes. Padding to 64 bytes and a ZIP64 record need less. A longer field
+# could hide data.
 _MAX_EXTRA = 128
 _DOS_FOLDER = 0x10
 _BUFFER_FILE = re.compile(r"buffers/[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}\.bin\Z")
 
 
 class _Packed(Policy):
-    """The content that a packed asset may have. Errors name `file`."""
+    """The rules for the archive of a packed asset. Errors name `file`."""
 
     # manifest.json, and the 64 buffers that a manifest can declare.
     max_members = 65
@@ -164,7 +164,10 @@ class FolderContainer:
         return self._maps[file], 0
 
     def undeclared(self, declared: set[str]) -> list[Finding]:
-        """Return a warning for each undeclared file. File managers add files, so this is not an error."""
+        """Return a warning for each undeclared file.
+
+        This is not an error, because file managers add files of their own.
+        """
         names: list[str] = []
         findings: list[Finding] = []
         for folder, prefix in ((self.path, ""), (self.path / "buffers", "buffers/")):
@@ -203,7 +206,9 @@ class FolderContainer:
 
 
 def _map_member(path: Path, member: str, *, asset: object) -> tuple[mmap.mmap | bytes, os.stat_result]:
-    """Map `path`, the file `member` of `asset`, read-only. Return the mapping and the file's status.
+    """Map the file at `path` read-only; it is the member `member` of `asset`.
+
+    Return the mapping and the file's status.
 
     Links, pipes, devices and folders are rejected before they are opened, and again after opening.
     """
@@ -228,7 +233,10 @@ def _map_member(path: Path, member: str, *, asset: object) -> tuple[mmap.mmap | 
 
 
 def _open_member(path: Path, member: str) -> int:
-    """Return a descriptor of `path`. Links are not followed, even if another program just created them."""
+    """Return a descriptor of `path`.
+
+    Links are never followed, not even a link that another program creates at this moment.
+    """
     flags = READ_ONLY | getattr(os, "O_NOFOLLOW", 0)
     if "/" not in member or os.open not in os.supports_dir_fd:
         return os.open(path, flags)

@@ -42,8 +42,8 @@ def first_bad(array: NDArray[Any], *, infinite: bool = False) -> tuple[int, ...]
     for start in range(0, len(array) if array.size else 0, rows):
         part = array[start : start + rows]
         with np.errstate(over="ignore", invalid="ignore"):
-            # A fast test: the minimum is NaN if any value is, and a finite sum has only finite terms. A sum
-            # that is not finite can also be an overflow, so look at the values then.
+            # A fast test: the minimum is NaN if any value is NaN, and the terms of a finite sum are finite.
+            # The sum can also overflow. If it is not finite, the values are tested.
             total = part.min() if infinite else part.sum(dtype=np.float64)
         if np.isnan(total) if infinite else not np.isfinite(total):
             bad = np.isnan(part) if infinite else ~np.isfinite(part)

@@ -10,7 +10,7 @@ from msb.asset.drawable import first_bad
 
 
 def find_bad_rows(array: NDArray[Any], *, infinite: bool = False) -> NDArray[np.bool_] | None:
-    """Return a mask (N,) of the rows of `array` (N, ...) that are NaN or infinite; None without any.
+    """Return a mask (N,) of the rows of `array` (N, ...) with NaN or infinity; None if there are none.
 
     `infinite` allows infinite values.
     """
@@ -26,7 +26,7 @@ def find_bad_faces(
 ) -> tuple[NDArray[np.bool_], list[str]]:
     """Return a mask (F,) of the faces with a value that is not finite, and the names of their buffers.
 
-    Infinite opacities are valid: they are the logits of 0 and 1. Values that belong to no face do not count.
+    Infinite opacities are valid: they are the logits of 0 and 1. Values that belong to no face are ignored.
     """
     faces = buffers["indices"]
     bad, names = np.zeros(len(faces), bool), []
@@ -35,7 +35,7 @@ def find_bad_faces(
         domain = "vertex" if name == "positions" else domains.get(name)
         if rows is None or domain not in ("vertex", "face", "corner"):
             continue
-        # of_face (F, k): the marks of a face, of its vertices or of its corners.
+        # of_face (F, k) holds the marks of each face itself, of its vertices, or of its corners.
         of_face = rows[faces] if domain == "vertex" else rows.reshape(len(faces), -1)
         bad |= of_face.any(axis=1)
         names += [name] if of_face.any() else []
@@ -45,9 +45,9 @@ def find_bad_faces(
 def select_vertices(
     positions: NDArray[Any], faces: NDArray[Any], keep: NDArray[np.bool_]
 ) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
-    """Return a mask (V,) of the vertices of a mesh with the faces `keep` (F,), and their new numbers (V,).
+    """Return a mask (V,) of the vertices that remain with the faces `keep` (F,), and their new numbers (V,).
 
-    Vertices that are not finite are dropped, and vertices that only the other faces use.
+    Vertices that are not finite are dropped. Vertices that only dropped faces use are dropped as well.
     """
     is_kept = np.isfinite(positions).all(axis=1)
     orphan = np.zeros(len(positions), bool)

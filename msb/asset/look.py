@@ -20,8 +20,8 @@ from msb.asset.texture import Textured, linear_to_srgb, sample, srgb_to_linear, 
 GREY = 0.8
 # Fraction of the light that comes from all directions.
 AMBIENT = 0.35
-# Direction (right, up, front) from which the rest of the light comes: from above, a little from the front and
-# right.
+# Direction (right, up, front) of the rest of the light. It comes from above, and a little from the front and
+# the right.
 _LIGHT = (0.36, 0.8, 0.48)
 # For each up axis, the indices of the front and right axes in a right-handed frame.
 _AXES = {"x": (1, 2), "y": (2, 0), "z": (0, 1)}
@@ -41,7 +41,7 @@ class StaticColors:
 
 
 def static_colors(buffers: Mapping[str, NDArray[Any]], domains: Mapping[str, str]) -> StaticColors | None:
-    """Return the colours of the buffer `color`, or else clamp(C0 f_dc + 0.5, 0, 1); None if both are missing.
+    """Return the buffer `color` or, without it, clamp(C0 f_dc + 0.5, 0, 1); None if both are missing.
 
     Colours are clamped before they are interpolated (paper, "Standard deployment"). `domains` maps buffers to
     their domains.
@@ -69,7 +69,7 @@ def tint_of(asset: Asset) -> StaticColors | None:
 def corner_colors(textured: Textured, tint: StaticColors | None, indices: NDArray[Any]) -> StaticColors:
     """Return the sRGB colours (3F, 3) float32 of textures at the corners of the faces, times `tint`.
 
-    The result is for programs that cannot draw textures. `indices` are the faces (F, 3).
+    Programs that cannot draw textures use the result. `indices` are the faces (F, 3).
     """
     # Sample each texture at the corners of its faces, in linear light (3F, 4).
     light = np.zeros((textured.uvs.size // 2, 4), np.float32)
@@ -112,9 +112,9 @@ def lit_grey(vertices: NDArray[Any], faces: NDArray[Any], axis: str) -> NDArray[
 def daylight(vertices: NDArray[Any], faces: NDArray[Any], axis: str) -> NDArray[np.float64]:
     """Return the brightness (F,) of faces: a + (1 - a) |n . l|.
 
-    n is the normal of a face, l the direction of the light and a the ambient part. Both sides have the same
-    brightness, because the winding can be inconsistent. A face without a normal has the brightness a. `axis`,
-    such as "+y", points up.
+    Here n is the normal of a face, l is the direction of the light, and a is the ambient part. Both sides
+    have the same brightness, because the winding can be inconsistent. A face without a normal has the
+    brightness a. `axis`, such as "+y", points up.
     """
     facing, light = np.zeros(len(faces)), light_toward(axis)
     for here, _, normals in normals_of(vertices, faces):
@@ -160,7 +160,7 @@ def written_up(asset: Asset) -> str | None:
 
 
 def known_up(stored: str, method: str | None) -> str:
-    """Return the up axis: `stored`, or a default if that is "unknown".
+    """Return the up axis `stored`, or a default if `stored` is "unknown".
 
     The default is +y for a mesh file (method None or "mesh"), as in glTF, and -y for a trained scene, as in
     COLMAP.

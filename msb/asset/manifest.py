@@ -19,7 +19,8 @@ MAJOR = 1
 MINOR = 2
 ASSET_SUFFIX = ".triasset"
 MANIFEST_NAME = "manifest.json"
-# Alignment of buffers in bytes: a cache line, and the strictest requirement of GPUs for host pointers.
+# Alignment of buffers in bytes. 64 bytes are a cache line, and the strictest alignment that GPUs require of
+# host pointers.
 ALIGNMENT = 64
 
 Topology = Literal["triangle_soup", "indexed_mesh"]
@@ -27,7 +28,7 @@ Primitive = Literal["triangle", "gaussian"]
 Domain = Literal["vertex", "face", "corner", "global"]
 Parameters = dict[str, Any]
 
-# Manifest dtype -> NumPy dtype, always little-endian.
+# The NumPy dtype of each dtype in a manifest, always little-endian.
 DTYPES: dict[str, np.dtype[Any]] = {
     "float32": np.dtype("<f4"),
     "uint32": np.dtype("<u4"),
@@ -93,8 +94,8 @@ class CoordinateFrame:
 class BufferSpec:
     """The declaration of a buffer: its place in a file, type, shape and domain.
 
-    `shape` begins with the size of the domain (V, F or 3F; any number for "global"). `offset` and
-    `byte_length` are bytes in `file`.
+    The first length of `shape` is the size of the domain: V, F or 3F, or any number for "global". `offset`
+    and `byte_length` are bytes in `file`.
     """
 
     file: str
@@ -129,7 +130,7 @@ class Manifest:
     source: Source
     buffers: dict[str, BufferSpec]
     training: Parameters = field(default_factory=dict)
-    """Properties of the training from its config files. An empty dict is not written."""
+    """Properties of the training, read from its config files. An empty dict is not written."""
     primitive: Primitive = "triangle"
     """What a face is: a triangle, which is not written, or the stand-in of a Gaussian."""
     format: str = FORMAT

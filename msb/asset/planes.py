@@ -13,7 +13,7 @@ def invert_projection(mvp: NDArray[Any], near: float, far: float) -> NDArray[Any
     """Return the inverse of the model-view-projection matrix (4, 4), computed in float64 and rounded.
 
     The view direction of a pixel is the line between its points on the near and the far plane, at NDC depth
-    -1 and 1. The inverse must give w > 0 for both points at all pixels. A far plane that rounds to infinity
+    -1 and 1. For both points of every pixel, the inverse must give w > 0. A far plane that rounds to infinity
     has w = 0.
 
     Raises

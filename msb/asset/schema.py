@@ -1,8 +1,8 @@
 """Check a parsed manifest against the JSON Schema triasset.schema.json.
 
-The schema file defines all keys and their values. This module interprets the few keywords that the file uses.
-It does not use the `jsonschema` library, because reading an asset must only need NumPy and the standard
-library. A test compares the results of both.
+The schema file defines all keys and their values. This module interprets the few keywords of JSON Schema that
+the file uses. It does not use the `jsonschema` library, because reading an asset must only need NumPy and the
+standard library. A test compares the results of this module and of `jsonschema`.
 
 There are two additional keywords: `x-code` is the code of a violation, if it is not TRIASSET_FIELD, and
 `x-closed` marks objects whose unknown keys cause a warning. Unlike in JSON Schema, ``4.0`` is not an
@@ -104,7 +104,7 @@ def _scalar_problems(value: Any, schema: Schema) -> Iterator[str]:
     if "enum" in schema and value not in schema["enum"]:
         yield f"be one of {', '.join(schema['enum'])}"
     if isinstance(value, str):
-        if has_lone_surrogate(value):  # possible in a manifest that was built in memory
+        if has_lone_surrogate(value):  # such a value is possible in a manifest that was built in memory
             yield "not contain half of a surrogate pair"
         elif len(value) > schema.get("maxLength", len(value)):
             yield f"have at most {schema['maxLength']} characters"
@@ -116,7 +116,8 @@ def _scalar_problems(value: Any, schema: Schema) -> Iterator[str]:
         if not least <= len(value) <= most:
             yield f"have {least} items" if least == most else f"have {least} to {most} items"
     elif isinstance(value, int | float) and not isinstance(value, bool):
-        if isinstance(value, float) and not math.isfinite(value):  # possible in a manifest built in memory
+        # such a value is possible in a manifest that was built in memory
+        if isinstance(value, float) and not math.isfinite(value):
             yield "be finite"
         if value < schema.get("minimum", value):
             yield f"be at least {schema['minimum']}"
@@ -130,7 +131,7 @@ def _type_names(wanted: str | list[str]) -> str:
 
 
 def describe(value: Any) -> str:
-    """Return `value` as text for an error message: its JSON if that is short, else its type."""
+    """Return `value` as text for an error message: its JSON if the JSON is short, otherwise its type."""
     if isinstance(value, dict):
         return "an object"
     if isinstance(value, list):

@@ -14,7 +14,7 @@ from msb.errors import AssetError, MsbError, shorten
 
 # Maximum size of a document in bytes. A manifest with 64 buffers has about 20 kB.
 MAX_BYTES = 1 << 20
-# Maximum nesting. The format has 4 levels; extensions may have more.
+# Maximum nesting. The format has 4 levels, and extensions may have more.
 MAX_DEPTH = 16
 # Maximum number of digits of an integer. 2^64 has 20 digits, and no key of the format needs more.
 MAX_DIGITS = 20
@@ -40,7 +40,7 @@ def parse_strict_json(
 ) -> Any:
     """Return the value of a JSON document: UTF-8 without byte-order mark.
 
-    Errors have the class `error` and the code `code`. They name `file`, and the document `name` in it.
+    Errors have the class `error` and the code `code`. They name the file `file` and the document `name`.
     """
     try:
         text = _decode(data, max_bytes)

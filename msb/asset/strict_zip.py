@@ -13,7 +13,7 @@ from typing import Any, NoReturn
 
 from msb.errors import shorten
 
-# Layouts of the records. Each begins with a signature of four bytes.
+# Layouts of the records. Each record begins with a signature of four bytes.
 LOCAL = struct.Struct("<4s5H3I2H")
 CENTRAL = struct.Struct("<4s6H3I5H2I")
 END = struct.Struct("<4s4H2IH")
@@ -67,7 +67,7 @@ class Policy:
         raise NotImplementedError
 
     def same_name(self, name: str) -> str:
-        """Return the normal form of a name, which must differ between members."""
+        """Return the normal form of a name; no two members may have the same normal form."""
         return name
 
     def compressed(self, name: str, method: int, at: int) -> NoReturn:
@@ -143,7 +143,7 @@ class _Parser:
         )
         if comment:
             self.refuse("HOSTILE", f"the end record declares {comment} more bytes", at)
-        # A ZIP64 end record, if there is one, precedes it and has the large values.
+        # If there is a ZIP64 end record, it precedes the end record and holds the large values.
         end = at
         locator = at - LOCATOR.size
         if locator >= 0 and self.part(locator, locator + 4) == b"PK\x06\x07":
@@ -160,7 +160,7 @@ class _Parser:
         return count, start, end
 
     def end64(self, locator: int, plain: tuple[int, int, int, int]) -> tuple[int, int, int, int, int]:
-        """Return the values of the ZIP64 end record, and its start.
+        """Return the values of the ZIP64 end record, and its position.
 
         The values must agree with the `plain` end record.
         """
@@ -244,11 +244,11 @@ class _Parser:
         flags: int,
         label: str,
     ) -> tuple[int, int]:
-        """Return the size and the packed size in a local header that torch wrote.
+        """Return the size and the packed size from a local header that torch wrote.
 
-        Beyond 4 GiB both sizes in the header are 0. Its ZIP64 record then repeats the record in the central
-        directory: the size, a packed size of 0, and an offset, although a local header has no offset. All
-        values must be right.
+        Beyond 4 GiB both sizes in the header are 0. The ZIP64 record of the local header then repeats the
+        record of the central directory. It holds the size, a packed size of 0, and even an offset. All values
+        must be right.
         """
         _, size, header = central
         wide = self.zip64(at, length, label)

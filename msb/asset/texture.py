@@ -21,8 +21,8 @@ Wrap = Literal["repeat", "clamp", "mirror"]
 KIND = "texture"
 # The pass of the standard tier that draws textures.
 PASS = "opaque_unlit_texture"
-# Tolerance of the alpha cutoff. A sample is also drawn if its alpha is less than the cutoff by this much,
-# because rounding during interpolation can reduce alpha.
+# Tolerance of the alpha cutoff. A sample is drawn even if its alpha is lower than the cutoff by up to this
+# value. Rounding during interpolation can reduce alpha.
 ROUNDING = 1e-6
 NAME = re.compile(r"texture\.(0|[1-9][0-9]?)")
 # Maximum number of texels along a side of a texture.
@@ -67,7 +67,7 @@ class Sampler:
         return cls(**{key: appearance[key] for key in cls.__dataclass_fields__})
 
 
-# Key of a sampler -> its choices.
+# The choices for each key of a sampler.
 CHOICES: dict[str, tuple[str, ...]] = {
     "filter": get_args(Filter),
     "wrap_u": get_args(Wrap),
@@ -180,7 +180,7 @@ def mip_levels(image: NDArray[np.uint8]) -> list[NDArray[np.uint8]]:
     """Return `image` and its mip levels, each half as large as the one before, down to one texel.
 
     A texel is the average, in linear light, of 2 x 2 texels of the level before. Along odd sides it is the
-    average of 3 texels instead of 2. The average is rounded to bytes, like in the memory of a GPU.
+    average of 3 texels instead of 2. The average is rounded to bytes, as a GPU stores it.
     """
     levels = [image]
     for size in level_sizes(*image.shape[:2])[1:]:
@@ -225,10 +225,10 @@ def _halve(image: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np.uint8]
 def _find_covered(
     size: int, half: int, rows: NDArray[np.intp]
 ) -> list[tuple[NDArray[np.intp], NDArray[np.float32]]]:
-    """Return which texels along an axis are averaged for the texels `rows` (n,) of the next mip level.
+    """Return the texels along an axis whose average gives the texels `rows` (n,) of the next mip level.
 
-    The axis has `size` texels, and `half` in the next level. The result has 1, 2 or 3 pairs of texel indices
-    (n,) and their weights (n,).
+    The axis has `size` texels in this level, and `half` texels in the next level. The result has 1, 2 or 3
+    pairs of texel indices (n,) and their weights (n,).
     """
     if size == half:
         return [(rows, np.ones(len(rows), np.float32))]
@@ -282,7 +282,7 @@ def _sample_level(image: NDArray[np.uint8], uvs: NDArray[Any], sampler: Sampler)
 
 
 def wrap_texels(texels: NDArray[Any], wrap: Wrap, size: int) -> NDArray[np.intp]:
-    """Return indices of texels, which can be outside 0 to `size` - 1, wrapped into this range."""
+    """Return indices of texels wrapped into the range 0 to `size` - 1."""
     if wrap == "clamp":
         inside = np.clip(texels, 0, size - 1)
     elif wrap == "repeat":

@@ -20,10 +20,10 @@ def passes_of(method: str, primitive: Primitive) -> dict[Tier, tuple[str, ...]]:
 
 
 def why_not(manifest: Manifest, tier: Tier) -> str | None:
-    """Return the reason why `tier` cannot draw an asset, None if it can.
+    """Return the reason why `tier` cannot draw an asset, or None if it can draw the asset.
 
-    If the method is not installed, only the standard tier is supported. If the manifest lists passes for
-    other tiers only, the asset has no static colours, and the standard tier is not supported either.
+    If the method is not installed, only the standard tier is supported. If the manifest lists no passes for
+    the standard tier, the asset has no static colours. Then the standard tier is not supported either.
     """
     name, passes = manifest.method, manifest.required_passes
     if tier == "standard" and manifest.primitive == "gaussian":

@@ -65,7 +65,7 @@ class Validation:
 def validate(path: str | os.PathLike[str]) -> Validation:
     """Check the asset at `path` completely, including values and hashes.
 
-    The time is linear in the size of the asset. Buffers are read in chunks, so that memory is constant.
+    The time is proportional to the size of the asset. Buffers are read in chunks, so that memory is constant.
     """
     try:
         container = open_container(path)
@@ -112,7 +112,8 @@ def check_values(asset: Asset) -> list[Finding]:
 def _check_finite(name: str, array: NDArray[np.float32]) -> Iterator[Finding]:
     # Infinite logits are opacities of exactly 0 or 1, which official code writes (mesh_splatting: 1.2).
     bad = np.isnan if name == "opacity" else lambda values: ~np.isfinite(values)
-    count, first = _count(array.reshape(-1), bad)  # flattened, because a row can be as long as the file
+    # the array is flattened, because a single row can be as long as the file
+    count, first = _count(array.reshape(-1), bad)
     if count:
         text = f"buffer {name} contains {count} values that are not finite, "
         text += f"the first at element {first}: {array.reshape(-1)[first]}"

@@ -106,7 +106,7 @@ def _check_readable(asset: Asset, path: object) -> None:
 
 
 def _members(asset: Asset) -> Iterator[tuple[str, list[Any]]]:
-    """Yield the name of each file and its bytes in chunks.
+    """Yield the name of each file, and its bytes in chunks.
 
     The manifest is first. The files of the buffers follow in the order of the manifest.
     """

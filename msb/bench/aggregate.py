@@ -18,8 +18,8 @@ from msb.topology.metric_text import DECIMALS
 
 Better = Literal["higher", "lower"]
 _MIB = float(1 << 20)
-# Largest difference between the rounds of a timing, relative to the frame rate. The rounds of an idle machine
-# differ by a few percent; beyond this limit other work decided the rate.
+# Largest difference between the rounds of a timing, relative to the frame rate. On an idle machine the rounds
+# differ by a few percent. A larger difference shows that other programs slowed the renderer.
 MAX_RATE_RANGE = 0.25
 
 
@@ -32,7 +32,7 @@ class Metric(NamedTuple):
     # None if neither direction is better.
     better: Better | None
     get: Callable[[Result], float | None]
-    # The printed unit in the unit of the records: 60 if seconds are printed as minutes.
+    # The size of the printed unit in units of the records: 60 if seconds are printed as minutes.
     scale: float = 1.0
 
     @property
@@ -75,7 +75,7 @@ def _compute_rate_range(timing: Timing) -> float | None:
 
 
 def why_unsteady(result: Result) -> str | None:
-    """Return why the frame rate of a record is not used, or None: its rounds differ by more than 25 %."""
+    """Return why a frame rate is not used, or None; it is not used if its rounds differ by more than 25 %."""
     if result.timing is None or (_compute_rate_range(result.timing) or 0.0) <= MAX_RATE_RANGE:
         return None
     slow, fast = min(result.timing.round_fps), max(result.timing.round_fps)
@@ -84,7 +84,7 @@ def why_unsteady(result: Result) -> str | None:
 
 
 def _get_memory(result: Result) -> float | None:
-    """Return the bytes of our renderer's buffers, or the user's measurement of the method's own renderer."""
+    """Return the bytes of our renderer's buffers, or what the user measured for the method's renderer."""
     if result.memory is not None:
         return result.memory.total
     return None if result.renderer_timing is None else result.renderer_timing.peak_gpu_memory_bytes
@@ -167,11 +167,11 @@ def _list_metrics() -> Mapping[str, Metric]:
 # the walk, and `chamfer` is DTU's "overall".
 METRICS: Mapping[str, Metric] = Lazy(_list_metrics)
 
-# Dataset -> the scenes of its average.
+# The scenes over which each dataset is averaged.
 SCENES: dict[str, tuple[str, ...]] = {name: tuple(dataset.scenes) for name, dataset in DATASETS.items()}
-# Dataset -> its name in tables, in their order.
+# The printed name of each dataset, in the order of the tables.
 TITLES: dict[str, str] = {name: dataset.title for name, dataset in DATASETS.items()}
-# Condition -> its heading, in the order of tables.
+# The heading of each condition, in the order of the tables.
 CONDITION_TITLES: dict[str, str] = {
     "non_engine": "Non-Engine",
     "dedicated": "Dedicated",
@@ -183,7 +183,7 @@ CONDITION_TITLES: dict[str, str] = {
 
 @dataclass(frozen=True)
 class Mean:
-    """An unweighted average over scenes; `present` of `expected` scenes have a value."""
+    """An unweighted average over scenes; `present` scenes out of `expected` have a value."""
 
     value: float | None
     present: int
@@ -196,7 +196,7 @@ class Mean:
 
 
 def expected_scenes(dataset: str, present: Iterable[str]) -> tuple[str, ...]:
-    """Return the scenes of the average of `dataset`.
+    """Return the scenes over which the values of `dataset` are averaged.
 
     These are the published scenes if any of them is in `present`, otherwise the scenes in `present`.
     """
@@ -206,7 +206,7 @@ def expected_scenes(dataset: str, present: Iterable[str]) -> tuple[str, ...]:
 
 
 def scene_groups(dataset: str) -> dict[str, tuple[str, ...]]:
-    """Return the averages over a part of `dataset`: name ("indoor_mean", "outdoor_mean") -> scenes."""
+    """Return the scenes of each average over a part of `dataset`, by its name, such as "indoor_mean"."""
     groups: dict[str, list[str]] = {}
     for scene, group in DATASETS[dataset].scenes.items() if dataset in DATASETS else ():
         if group:

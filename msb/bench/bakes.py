@@ -109,7 +109,7 @@ def find_known_bake(task: BakeTask, run: str | None = None) -> ModelAsset | None
         )
         if description.key != task.key or run not in (None, description.run):
             return None
-        # Copying the results changes the time of the file, so its content is compared if the stamp differs.
+        # Copying the results changes the modification time. If it differs, the content is compared.
         same = stamp(task.path) == description.stamp or file_sha256(task.path) == description.asset.sha256
     except (MsbError, OSError, ValueError):  # ValueError: a path contains a NUL character
         return None
@@ -119,8 +119,8 @@ def find_known_bake(task: BakeTask, run: str | None = None) -> ModelAsset | None
 def make_bake(task: BakeTask) -> ModelAsset:
     """Bake the model of a task from the training views of the scene, and write the file that describes it.
 
-    If this run has already finished the bake, it is returned. This happens on a cluster, which may repeat the
-    tasks of a lost worker.
+    If this run has already finished the bake, it is returned. A task can arrive twice because a cluster may
+    repeat the tasks of a lost worker.
     """
     from msb.bake import bake
 

@@ -26,7 +26,7 @@ from msb.errors import MsbError, shorten
 
 # The error code of an unexpected exception.
 INTERNAL = "INTERNAL"
-# Part -> the function that computes it and returns keys of `Result` with their values.
+# The function that computes each part. It returns keys of `Result` with their values.
 MEASURES: dict[PartName, Callable[[Job], dict[str, Any]]] = {
     "quality": measure_quality,
     "audit": measure_audit,
@@ -38,12 +38,12 @@ MEASURES: dict[PartName, Callable[[Job], dict[str, Any]]] = {
     "renderer_timing": read_native_timing,
     "timing": measure_timing,
 }
-# Part -> the keys of `Result` that it fills. Any other part fills the key of its own name.
+# The keys of `Result` that each part fills. A part that is not listed fills the key of its own name.
 _KEYS: dict[PartName, tuple[str, ...]] = {
     "quality": ("quality", "setup", "renders", "renderer", "device"),
     "timing": ("timing", "memory", "floor", "device"),
 }
-# Inputs of image parts that do not affect rendering.
+# Names of inputs that are not rendering options.
 _NOT_RENDERING = frozenset(
     ("cameras", "photographs", "metrics", "device", "clock", "flight", "definition", "film")
 )
@@ -58,14 +58,14 @@ def compute(job: Job) -> JobOutcome:
     start = time.perf_counter()
     record = _keep_valid_parts(job, _read_old(job))
     if any(part in MAIN for part in job.parts):
-        # Images are replaced from here on, so the old record is deleted until the new one is complete.
+        # From here on, images are replaced. The old record no longer describes them, so it is deleted first.
         with contextlib.suppress(FileNotFoundError):
             (job.folder / RESULT).unlink()
     for part, inputs in job.parts.items():
         try:
             filled = MEASURES[part](job)
             if part == "quality" and "timing" in record["inputs"]:
-                del filled["device"]  # the record keeps the device of the timing
+                del filled["device"]  # if there is a timing, the record names the device of the timing
             record |= filled
             record["inputs"][part] = dict(inputs)
         except Exception as error:  # even an unexpected error must not stop the other parts
@@ -139,9 +139,9 @@ def _is_valid(part: PartName, job: Job, old: Result) -> bool:
     recorded, requested = old.inputs[part], job.requested.get(part)
     if requested is not None:
         return recorded == requested
-    # The protocol no longer requests the part, so its current inputs are unknown. It is valid if the
-    # inputs that it shares with images or audit are unchanged. For timing and walk, moreover, no rendering
-    # option of the images may have been added or removed.
+    # The protocol no longer requests the part, so its current inputs are unknown. The part is valid if the
+    # inputs that it shares with images or audit have not changed. Timing and walk must also have the same set
+    # of rendering options as the images.
     present = {name: value for main in MAIN for name, value in job.requested.get(main, {}).items()}
     images = job.requested.get("quality", {}).keys()
     same_options = (
@@ -164,7 +164,7 @@ def write_result(folder: Path, result: Result) -> None:
 
 
 def make_reason(error: Exception) -> Reason:
-    """Return an error as a reason; if it is unexpected (INTERNAL), the message names its source line."""
+    """Return an error as a reason; the message of an unexpected error (INTERNAL) names its source line."""
     if isinstance(error, MsbError):
         return Reason(code=error.code, message=shorten(str(error).removeprefix(f"{error.code}: "), 500))
     frames = traceback.extract_tb(error.__traceback__)

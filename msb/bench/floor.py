@@ -18,7 +18,7 @@ from msb.scenes.datasets import Scene
 
 # Maximum number of timed frames. The time for a single triangle hardly varies, so 20 frames are enough.
 _FRAMES = 20
-# Hash of the inputs of a floor -> the floor, measured once per process.
+# Floors by the hash of their inputs. Each floor is measured once per process.
 _known: dict[str, Floor | None] = {}
 
 
@@ -55,9 +55,9 @@ def measure_floor(job: Job, scene: Scene, kind: Literal["gpu", "cpu", "other"]) 
 
 
 def take_one_triangle(asset: Asset) -> Asset:
-    """Return an asset of the first triangle of `asset`, with all attributes of its face and vertices."""
+    """Return an asset with only the first triangle of `asset` and all attributes of its face and vertices."""
     manifest = asset.manifest
-    # Domain of a buffer -> its rows that belong to the triangle.
+    # The rows of the triangle in a buffer, by the domain of the buffer.
     rows: dict[str, Any] = {
         "vertex": asset.buffers["indices"][0],
         "face": [0],

@@ -20,7 +20,7 @@ from msb.errors import InputError, MsbError, OutputError, UsageError
 RESULT = "result.json"
 # Folders beside a record with the images of its trials and repairs.
 TRIAL_FOLDER, REPAIRS_FOLDER = "trial", "repairs"
-# The film beside a record: the second of its walk with the most flicker.
+# The film beside a record. It shows the one second of the walk with the most flicker.
 WALK_FILM = "walk.mp4"
 _LOCK = ".lock"
 # The file that names the current run, and its maximum size in bytes.
@@ -147,7 +147,7 @@ def _holder(root: Path) -> str:
 
 
 def _read_run(root: Path) -> dict[str, object]:
-    """Return the content of the file of the current run; empty if no run is active."""
+    """Return the content of the file that names the current run; empty if no run is active."""
     try:
         about = read_json(root / _RUN, _MAX_RUN)
     except MsbError:

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     Conditions = Mapping[str, Result]
 
 GapName = Literal["adapt", "port", "deploy"]
-# Gap -> its first and its second condition.
+# The first and the second condition of each gap.
 PAIRS: dict[GapName, tuple[str, str]] = {
     "adapt": ("non_engine", "dedicated"),
     "port": ("dedicated", "standard"),
@@ -41,7 +41,7 @@ _DEVICE_METRICS = frozenset({"fps", "p50_ms", "p95_ms", "memory", "driver_memory
 
 @dataclass(frozen=True)
 class Gap:
-    """A gap in the unit of its metric: an average over `scenes` of the `expected` scenes."""
+    """A gap in the unit of its metric, averaged over `scenes` scenes out of `expected`."""
 
     # The absolute gap; None if there is a `reason`.
     value: float | None
@@ -49,7 +49,8 @@ class Gap:
     signed: float | None = None
     # The reason of `incomparable`.
     reason: str | None = None
-    # The average of the absolute gaps of single scenes. It is at least `value`, in which gains cancel losses.
+    # The average of the absolute gaps of single scenes. It is never smaller than `value`, because gains
+    # cancel losses in `value`.
     mean_abs_scene_gap: float | None = None
     scenes: int = 1
     expected: int = 1
@@ -74,8 +75,8 @@ class Gaps:
     adapt: Gap
     port: Gap
     deploy: Gap
-    # Whether Dedicated lies between the other two conditions or equals one of them, at the printed precision.
-    # None if a gap is missing, or if the gaps cover different scenes.
+    # Whether the value of Dedicated, rounded as in tables, lies between the other two values or equals one of
+    # them. None if a gap is missing, or if the gaps cover different scenes.
     monotone: bool | None
     # adapt + port - deploy: 0 if monotone, otherwise 2 min(adapt, port).
     triangle_excess: float | None
@@ -87,7 +88,7 @@ class Gaps:
 
 @dataclass(frozen=True)
 class Ratio:
-    """The ratio of the frame rates of two conditions, averaged over scenes and in each scene."""
+    """The ratio of the frame rates of two conditions: averaged over scenes, and for each scene."""
 
     # The ratio of the averages over the same scenes; None if there is a `reason`, as in `Gap`.
     value: float | None
@@ -112,15 +113,15 @@ def value_gaps(
 
 
 def scene_gaps(metric: str, results: Conditions) -> Gaps:
-    """Return the gaps of one method on one scene; `results` is condition -> record."""
+    """Return the gaps of one method on one scene; `results` holds the record of each condition."""
     return dataset_gaps(metric, {"": results}, [""])
 
 
 def dataset_gaps(metric: str, results: Mapping[str, Conditions], scenes: Iterable[str]) -> Gaps:
     """Return the gaps of one method on a dataset: gaps between averages over scenes, as in the paper.
 
-    `results` is scene -> condition -> record, and `scenes` are the expected scenes. Each gap covers all
-    scenes with comparable records of its two conditions.
+    `results` holds the records by scene, then by condition. `scenes` are the expected scenes. Each gap covers
+    all scenes with comparable records of its two conditions.
     """
     expected = tuple(scenes)
     covered: dict[GapName, tuple[str, ...]] = {}
@@ -237,7 +238,7 @@ def _select_comparable(
     *,
     one_asset: bool = True,
 ) -> tuple[dict[str, tuple[float, float]], list[str]]:
-    """Return scene -> the values of both conditions, and the reasons why other scenes are not comparable."""
+    """Return the values of both conditions in each scene, and why other scenes are not comparable."""
     get = METRICS[metric].get
     values: dict[str, tuple[float, float]] = {}
     reasons = []
@@ -307,7 +308,7 @@ def _compare_devices(first: Result, second: Result) -> str | None:
     native = [record.renderer_timing for record in (first, second) if record.renderer_timing is not None]
     if any(timing.whole_command for timing in native):
         return "whole_command"
-    # A timing by the user states only the name of its device, so only names are compared.
+    # A timing that the user measured states only the name of its device. Therefore only names are compared.
     if native:
         return None if _get_device_name(first) == _get_device_name(second) else "device_mismatch"
     devices = [

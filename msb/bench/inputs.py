@@ -1,7 +1,8 @@
 """The inputs of each part of a cell, as hashes and versions; a part with a changed input is computed again.
 
 Versions of libraries are recorded but are not inputs, so an update of NumPy renders nothing again. The device
-is an input of timings only, because images agree between devices; records name the device of the images.
+is an input of timings only, because images agree between devices. A record nevertheless names the device that
+rendered its images.
 """
 
 import contextlib
@@ -27,7 +28,7 @@ from msb.metrics.identity import defined
 from msb.metrics.steadiness import BLUR, REACH, SAME
 from msb.scenes.datasets import Scene, SceneAt, compare_training, note_scaled_cameras
 
-# Hexadecimal digits of a hash in a record: 64 bits, enough to detect a changed input.
+# Hexadecimal digits of a hash in a record. 16 digits are 64 bits, enough to detect a changed input.
 _SHORT_DIGITS = 16
 # Paths in the folder of DTU's official evaluation data: point cloud, observation mask and ground plane of a
 # scan.
@@ -40,7 +41,7 @@ class InputReader:
     def __init__(self, device: Mapping[str, Any] | None = None) -> None:
         # The record of the OpenCL device, if any.
         self.device = device
-        # The keys are warnings about scenes and invalid records, in order and without repetition.
+        # The keys are the warnings about scenes and invalid records, in order and without repetition.
         self.warnings: dict[str, None] = {}
         self._scenes: dict[Path, Scene] = {}
         self.describe_views = cache(self._views)
@@ -88,7 +89,7 @@ def _hash(path: Path) -> str:
 
 
 def find_inputs(job: Job, reader: InputReader) -> dict[PartName, PartInputs]:
-    """Return the parts that the protocol requests for the cell of a job: part -> its current inputs."""
+    """Return the current inputs of each part that the protocol requests for the cell of a job."""
     parts: dict[PartName, PartInputs] = {}
     condition = job.cell.condition
     views = {"cameras": job.views.cameras, "photographs": job.views.photographs}
@@ -136,7 +137,7 @@ def _hash_walk(at: SceneAt, table: WalkTable) -> str:
     scene = at.read()
     try:
         return digest([[describe_camera(camera) for camera in plan_walk(scene, table)], scene.background])
-    except MsbError as error:  # reported when the part is computed
+    except MsbError as error:  # the error is reported when the part is computed
         return error.code
 
 
@@ -184,7 +185,7 @@ def _find_image_inputs(job: Job, reader: InputReader) -> PartInputs:
     if job.renders is not None:
         try:
             return {"renders": str(reader.find_renders(job.renders, job.scene).folder.sha256)[:_SHORT_DIGITS]}
-        except MsbError as error:  # reported when the part is computed
+        except MsbError as error:  # the error is reported when the part is computed
             return {"renders": error.code}
     renderer = reader.describe_renderer(job.cell.renderer or job.tier)
     inputs = {"asset": _get_asset_hash(job), "settings": digest(dict(job.settings)), "renderer": renderer}

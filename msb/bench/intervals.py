@@ -18,8 +18,9 @@ from msb.metrics.registry import IMAGE_METRICS
 
 # Significance level of the tests.
 LEVEL = 0.05
-# Maximum ratio of the numbers of views of two scenes at which a difference is tested. Larger ratios make the
-# test too strict: instead of 5 % of pure noise, 4.2 % is significant at a ratio of 3, and 1 % at 100.
+# A difference is tested only if no scene has more than this many times as many views as another. Of
+# differences that are pure noise, the test should call 5 % significant. It calls 4.2 % significant at a ratio
+# of 3, and only 1 % at a ratio of 100.
 MOST_UNEQUAL = 3
 NO_VIEWS = "no values of single views"
 # Maximum relative difference of values that are equal except for rounding.
@@ -46,7 +47,7 @@ class Interval:
 
 
 def view_values(result: Result, metric: str) -> dict[str, float]:
-    """Return view -> value of an image metric in a record; empty if the metric is missing in a view.
+    """Return the value of an image metric in each view of a record; empty if a view has no value.
 
     An infinite PSNR counts as 100 dB, as in averages.
     """
@@ -62,10 +63,10 @@ def view_values(result: Result, metric: str) -> dict[str, float]:
 
 
 def interval(scenes: Sequence[Sequence[float]]) -> Interval:
-    """Return the 95 % interval of the average over scenes of the averages over views.
+    """Return the 95 % interval of an average over scenes; each scene counts as the average over its views.
 
-    `scenes` holds a value for each view of each scene, or the difference of two conditions in each view. A
-    single scene gives an interval over its views.
+    `scenes` holds a value for each view of each scene, or the difference of two conditions in each view. With
+    a single scene, the interval is over its views.
     """
     counts = [len(values) for values in scenes]
     if not counts or not all(counts):
@@ -78,7 +79,7 @@ def interval(scenes: Sequence[Sequence[float]]) -> Interval:
         return Interval(None, over, reason="a value is not finite")
     if len(values) < 2:
         return Interval(None, over, reason="a single view has no spread")
-    # Sums are relative to the first value, so that equal values have no rounding error.
+    # The first value is subtracted before summing, so that equal values cause no rounding error.
     mean = float(values[0] + (values - values[0]).mean())
     error = float(np.std(values - values[0], ddof=1)) / len(values) ** 0.5
     if error <= _SAME * abs(mean):

@@ -16,7 +16,7 @@ from msb.scenes.datasets import SceneAt
 PartName = Literal[
     "quality", "audit", "trial", "repairs", "timing", "walk", "chamfer", "training", "renderer_timing"
 ]
-# A cell fails if one of these parts fails. Any other part that fails leaves a reason in the record.
+# A cell fails if one of these parts fails. If any other part fails, the record states the reason.
 MAIN: tuple[PartName, ...] = ("quality", "audit")
 # Name of an input of a part -> hash or version.
 PartInputs = dict[str, str]
@@ -32,11 +32,11 @@ class Job:
     scene: SceneAt
     # The state of the scene when the run was planned.
     views: ViewState
-    # Part to compute -> the inputs to record. Other parts of the record are kept while they are valid.
+    # The inputs to record for each part to compute. Other parts of the record are kept while they are valid.
     parts: Mapping[PartName, PartInputs]
-    # Every part that the protocol requests for the cell -> its current inputs.
+    # The current inputs of every part that the protocol requests for the cell.
     requested: Mapping[PartName, PartInputs] = field(default_factory=dict)
-    # None if the protocol has only official renderings.
+    # None if the protocol has only official renderings of the method.
     model: ModelAsset | None = None
     # Values that replace settings of the asset.
     settings: Mapping[str, Any] = field(default_factory=dict)
@@ -50,7 +50,7 @@ class Job:
     device: str | None = None
     vgg_weights: Path | None = None
     timing: TimingTable = field(default_factory=TimingTable)
-    # Its path of the evaluation data is absolute.
+    # The table of the protocol, with an absolute path of the evaluation data.
     chamfer: ChamferTable | None = None
     trial: TrialTable | None = None
     walk: WalkTable | None = None

@@ -37,7 +37,8 @@ class Missing:
     message: str
     # The number of cells that need the input; 0 if it is unknown.
     cells: int
-    # Whether these cells cannot be computed without it. If false, they only lack a part.
+    # Whether these cells cannot be computed without it. If false, only a part of their records will be
+    # missing.
     blocks: bool
 
 
@@ -62,7 +63,7 @@ def find_missing(
     every cell.
     """
     search = _Search(planner, errors)
-    # Missing input -> scene -> number of cells.
+    # The number of cells that lack an input, by input and then by scene.
     scenes: dict[_Need, Counter[str]] = defaultdict(Counter)
     checked: list[Planned] = []
     for planned in cells:
@@ -82,7 +83,7 @@ def find_missing(
 def find_unknown_cells(folder_errors: Mapping[str, MsbError], pairs: Sequence[Pair]) -> list[Missing]:
     """Return the missing inputs that determine which cells exist: folders of scenes, and models.
 
-    `folder_errors` is name of a dataset -> the error about its folder of scenes.
+    `folder_errors` holds the error about the folder of scenes of a dataset, by the name of the dataset.
     """
     errors = [(error, f"the scenes of {name}") for name, error in folder_errors.items()]
     for pair in pairs:
@@ -98,7 +99,7 @@ def find_unknown_cells(folder_errors: Mapping[str, MsbError], pairs: Sequence[Pa
 
 
 def find_start_errors(file: ProtocolFile, note: Callable[[str], None]) -> Iterator[MsbError]:
-    """Yield the errors that prevent a run from starting: missing extras, or missing or invalid weights.
+    """Yield the errors that prevent a run from starting: missing extras, and missing or invalid weights.
 
     `note` is called with each warning about the weights.
     """
@@ -116,7 +117,7 @@ def find_start_errors(file: ProtocolFile, note: Callable[[str], None]) -> Iterat
         checks.append(lambda: need_extra("video", "av", what="[videos]"))
     if (
         place is not None
-    ):  # a missing extra ends `load` before it opens the file, so the file is also checked separately
+    ):  # without the extra, `load` stops before it opens the file, so the file is checked separately
         checks += [load, lambda: regular_file(place)]
     yield from filter(None, map(_catch_error, checks))
 
@@ -151,7 +152,7 @@ class _Search:
         return needs
 
     def check_inputs(self, planned: Planned) -> Iterator[tuple[MsbError | None, str, bool]]:
-        """Yield (error or None, use, whether the cell cannot do without it) for each input of a cell."""
+        """Yield the error or None, the use, and whether the cell needs the input, for each input."""
         cell, chamfer = planned.cell, self.file.protocol.chamfer
         pair = self.planner.pairs[cell.names]
         method, model = pair.method, cell.model_name
@@ -161,7 +162,7 @@ class _Search:
         def check_template(template: str | None) -> MsbError | None:
             return None if template is None else _catch_error(_check_template, self.file, template, names)
 
-        # Scene and model, or official renderings instead of a model.
+        # A cell needs its scene, and a model or official renderings.
         scene_error = _catch_error(_check_exists, pair.path, self.file.resolve(pair.dataset.path))
         scene_error = scene_error or self.catch_error(self.planner.reader.read_scene, at)
         yield scene_error, f"photographs and cameras of {cell.dataset}", True
@@ -183,7 +184,7 @@ class _Search:
             table = next(table for table in self.file.protocol.bakes if table.label == cell.bake)
             options = BakeOptions(**table.options)
             yield self.catch_error(need_libraries, options), f"bakes {cell.bake}", True
-        # Optional files: without them, a cell only lacks a part.
+        # Optional files: without them, only a part of the record will be missing.
         if cell.condition == "non_engine":
             yield check_template(method.non_engine_timing), f"timing of the renderer of {model}", False
         if cell.condition_key == cell.condition:
@@ -203,7 +204,7 @@ class _Search:
 
 
 def _describe(need: _Need, scenes: Mapping[str, int]) -> Missing:
-    """Return a missing input with its message; `scenes` is scene -> number of cells that need it."""
+    """Return a missing input with its message; `scenes` holds the number of cells that need it, by scene."""
     cells = sum(scenes.values())
     where = next(iter(scenes)) if len(scenes) == 1 else f"{len(scenes)} scenes"
     count = "1 cell" if cells == 1 else f"{cells} cells"
@@ -228,7 +229,7 @@ def _check_template(file: ProtocolFile, template: str, names: Mapping[str, str])
 
 
 def _check_exists(path: Path, above: Path) -> None:
-    """Raise FILE_NOT_FOUND if `path` does not exist, with its outermost missing folder within `above`."""
+    """Raise FILE_NOT_FOUND if `path` does not exist; the error names its outermost missing folder."""
     if not path.exists():
         below = [place for place in path.parents if place.is_relative_to(above)]
         first = next((place for place in reversed(below) if not place.exists()), path)

@@ -28,7 +28,8 @@ class ModelAsset(Record):
     """An asset of a run, and the model that it was exported from."""
 
     method: str
-    # The file of the checkpoint. A checkpoint of several files has the hash of the list of their hashes.
+    # The file of the checkpoint. If the checkpoint has several files, the hash is that of the list of their
+    # hashes.
     checkpoint: File | None
     # Its `bytes` is the sum of the sizes of the files in the container.
     asset: File

@@ -10,7 +10,7 @@ from msb.bench.validation import Count, Record
 
 
 class Gpu(Record):
-    """One GPU of the machine, and the peak memory of the command on it; None if it is unknown."""
+    """One GPU of the machine and the command's peak memory on it, which is None if unknown."""
 
     index: Count
     name: str
@@ -27,16 +27,16 @@ class Gpus:
     """
 
     def __init__(self) -> None:
-        # Why no GPU can be measured; None if one can.
+        # Why no GPU can be measured; None if at least one GPU can be measured.
         self._reason: str | None = None
         self._handles: list[Any] = []
-        # Index of a GPU -> peak bytes of the processes, and peak growth of the device.
+        # By index of the GPU: peak bytes of the processes, and peak growth of the memory in use, in bytes.
         self._process_peaks: dict[int, int] = {}
         self._device_peaks: dict[int, int] = {}
         # Peaks of the sums over all GPUs.
         self._process_peak = self._device_peak = 0
-        # Whether NVML has listed a process by its number on this system. In a container it may use other
-        # numbers.
+        # Whether NVML has listed a process under its process number on this system. In a container NVML may
+        # use other numbers.
         self._lists_processes = False
         # The latest error of NVML.
         self._error: str | None = None
@@ -119,7 +119,7 @@ class Gpus:
         return (sum(sizes), None) if sizes else (None, self._reason or unlisted)
 
     def _list_processes(self, handle: Any) -> dict[int, int]:
-        """Return process number -> bytes of the processes on a GPU whose memory is known."""
+        """Return the bytes of each process on a GPU by process number; unknown values are omitted."""
         sizes: dict[int, int] = {}
         for processes in (
             self._nvml.nvmlDeviceGetComputeRunningProcesses(handle),

@@ -51,8 +51,8 @@ def group_memory(
 ) -> Memory:
     """Return the memory record of a renderer.
 
-    `uses` is name of a buffer -> bytes, and `groups` is name of a buffer -> group; a buffer without a group
-    counts as scratch. `driver` is the result of `read_driver_memory`.
+    `uses` holds the bytes of each buffer by name, and `groups` its group. A buffer without a group counts as
+    scratch. `driver` is the result of `read_driver_memory`.
     """
     sums = dict.fromkeys(get_args(Group), 0)
     for use, size in uses.items():
@@ -70,7 +70,7 @@ def measure_audit(job: Job) -> dict[str, Any]:
 
 
 def _prepare_trial(job: Job) -> tuple[Asset, tuple[Camera, ...], TrialTable, Limits]:
-    """Return the asset of a cell, its test cameras, the protocol's table and the limits of each library."""
+    """Return a cell's asset and test cameras, the protocol's table of trials, and each library's limits."""
     assert job.model is not None
     assert job.trial is not None
     limits = Limits(job.trial.seconds, job.trial.memory)
@@ -186,7 +186,7 @@ def read_native_timing(job: Job) -> dict[str, Any]:
 
 
 def read_training(job: Job) -> dict[str, Any]:
-    """Return time and memory of a training from a record of `msb track`, or the time from our trainer's."""
+    """Return time and memory from a record of `msb track`, or only the time from a record of our trainer."""
     from msb.bench.track import TrainingLog, read_training_record
 
     assert job.training is not None

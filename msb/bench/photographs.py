@@ -1,4 +1,4 @@
-"""The state of a scene's test views, and its ground truth: the photographs in the form that is compared.
+"""The state of a scene's test views, and its ground truth: the photographs prepared for comparison.
 
 The ground truth is written once per scene, resized, masked and rounded to bytes, with a list of hashes. Every
 run verifies it against that list, because a damaged image would falsify all later results.
@@ -22,7 +22,7 @@ from msb.render.images import image_names, write_image
 from msb.scenes import Camera
 from msb.scenes.datasets import Scene, SceneAt
 
-# The file in every folder of ground truth with the hash of its sources and the SHA-256 of each image.
+# A file in every folder of ground truth. It holds the hash of the sources and the SHA-256 of each image.
 HASHES = "hashes.json"
 SCHEMA = "msb.ground_truth/1"
 # Maximum size of that file in bytes.
@@ -147,7 +147,7 @@ def _find_fault(folder: Path, views: ViewState) -> str | None:
 
 
 def _hash_files_below(folder: Path) -> dict[str, str]:
-    """Return name -> SHA-256 of all files below a folder except the list of hashes.
+    """Return the SHA-256 of each file below a folder, by name; the list of hashes itself is left out.
 
     A folder in the place of a file has the hash "".
     """

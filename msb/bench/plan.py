@@ -57,8 +57,8 @@ class Planned:
     cell: Cell
     # The job of the cell, or None if it cannot be computed.
     job: Job | None
-    # Part to compute, or "bake" -> the reason: "new", "failed before", "requested", the inputs that changed,
-    # or the fault of its record or of a rendering.
+    # The reason for each part to compute, or for "bake". It is "new", "failed before", "requested", the
+    # inputs that changed, or the fault of a record or rendering.
     why: Mapping[str, str] = field(default_factory=dict)
     # "done": all parts are recorded and valid. "failed" and "unsupported" have a `reason`.
     status: Literal["done", "pending", "failed", "unsupported"] = "pending"
@@ -70,7 +70,7 @@ class Planned:
 def find_pairs(
     file: ProtocolFile, only: Sequence[str] = (), folder_errors: dict[str, MsbError] | None = None
 ) -> list[Pair]:
-    """Return the pairs of method and scene with a cell that `only` selects (`is_selected`).
+    """Return the pairs of method and scene that have at least one cell selected by `only` (`is_selected`).
 
     If the protocol lists no scenes of a dataset and its folder cannot be read, an error is raised. With
     `folder_errors`, the error is stored there under the name of the dataset, and the dataset is skipped.
@@ -132,7 +132,8 @@ class Planner:
     def plan(self, pairs: Sequence[Pair], models: Mapping[Pair, ModelAsset | Exception]) -> list[Planned]:
         """Return all selected cells in the order of the protocol.
 
-        `models` is pair -> model or error. In a dry run, models that were not exported yet are missing.
+        `models` holds the model of each pair, or the error about it. In a dry run, models that were not
+        exported yet are missing.
         """
         cells = []
         for pair in pairs:
@@ -223,7 +224,8 @@ class Planner:
 
     def _plan_cell(self, pair: Pair, model: ModelAsset | Exception | None, cell: Cell) -> Planned:
         """Return the plan of a cell: unsupported, failed, done, or with a job for the parts to compute."""
-        if not is_selected(cell, self.only):  # `plan` removes this cell, so its files are not read
+        # `plan` will drop this cell, so reading its files would be wasted time
+        if not is_selected(cell, self.only):
             return Planned(cell, None)
         why = self._find_unsupported(pair, model, cell)
         if why is not None:
@@ -260,7 +262,8 @@ class Planner:
         if cell.bake is not None:  # every model with at least one tier can be baked
             return None
         reasons = lookup(cell.method).unsupported
-        if tier is None:  # exported mesh: unsupported only if the method has no tier, and thus no triangles
+        # an exported mesh is unsupported only if the method has no tier and therefore no triangles
+        if tier is None:
             tier = "standard" if len(reasons) == len(TIER_OF) else None
         variant = self._find_variant(cell)
         if variant is not None and (why := _find_variant_fault(variant, cell.method)):
@@ -316,7 +319,7 @@ class Planner:
         )
 
     def scene_at(self, pair: Pair, model: ModelAsset | None, method: str) -> SceneAt:
-        """Return the scene of a pair with the options of the method, or else of its dataset."""
+        """Return the scene of a pair; options of the method take precedence over options of the dataset."""
 
         def option(name: str) -> Any:
             value = getattr(pair.method, name)
@@ -332,7 +335,7 @@ class Planner:
         )
 
     def _find_work(self, job: Job, requested: Mapping[PartName, PartInputs]) -> dict[PartName, str]:
-        """Return each part to compute -> the reason."""
+        """Return the parts to compute, each with the reason."""
         invalid: str | None = None
         old: Result | None = None
         try:

@@ -51,15 +51,15 @@ class Workers(ABC):
 def run_all(
     workers: Workers, function: Callable[[Task], Answer], tasks: Sequence[Task], *, alone: bool = False
 ) -> Iterator[tuple[Task, Answer | Exception]]:
-    """Compute ``function(task)`` for all tasks, and yield each task with its result or exception as it ends.
+    """Compute ``function(task)`` for all tasks, and yield each finished task with its result or exception.
 
-    Workers must be able to import the function. With `alone` tasks run one after the other, so that timings
-    are not disturbed by other tasks of the run.
+    Workers must be able to import the function. With `alone`, tasks run one after the other, so that other
+    tasks of the run do not disturb timings.
 
-    When a process dies, the pool does not know which task killed it, only that it is one of the first
-    unfinished tasks, at most one per worker. These tasks are computed again, one at a time. If a process dies
-    again, its task gets the error RUN_WORKER_DIED, and the other tasks continue. A Dask scheduler repeats the
-    tasks of a dead worker itself.
+    When a process dies, the pool does not know which task killed it. It was one of the tasks in progress: the
+    first unfinished tasks, at most one per worker. These tasks are computed again, one at a time. If a
+    process dies again, its task gets the error RUN_WORKER_DIED, and the other tasks continue. A Dask
+    scheduler repeats the tasks of a dead worker itself.
     """
     waiting = list(tasks)
     while waiting:
@@ -150,10 +150,10 @@ class _Context(SpawnContext):
 
 
 class LocalWorkers(Workers):
-    """Processes of this machine, which are spawned so that they inherit no OpenCL context.
+    """Processes of this machine; they are spawned, not forked, so that they inherit no OpenCL context.
 
-    Each process waits for the end of a pipe from this process, so all of them end with it, even if it is
-    killed.
+    Each process listens to a pipe from this process and ends when the pipe closes. The pipe closes even if
+    this process is killed.
     """
 
     def __init__(self, jobs: int) -> None:
@@ -190,7 +190,7 @@ def _initialize_worker(pipe: Connection) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if sys.platform != "win32":
         signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
-    warnings.simplefilter("ignore", PackageWarning)  # the parent prints it once
+    warnings.simplefilter("ignore", PackageWarning)  # the parent process prints this warning once
 
     def wait() -> None:
         with contextlib.suppress(EOFError, OSError):

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 # The default warm-up ends after this many frames or seconds, whichever comes first.
 WARM_UP_FRAMES = 10
 WARM_UP_SECONDS = 1.0
-# Number of rounds with a frame rate each; their spread shows whether other programs used the machine.
+# A timing is divided into this many rounds. Their frame rates differ if other programs use the machine.
 ROUNDS = 5
 
 
@@ -35,10 +35,10 @@ class Profile:
     """The result of timing a renderer."""
 
     timing: Timing
-    # Name of a buffer -> bytes on the device after all cameras were drawn. Buffers only grow, so each has
-    # the size that the most demanding camera needs.
+    # Bytes of each buffer on the device after all cameras were drawn, by the name of the buffer. Buffers only
+    # grow, so each has the size that the most demanding camera needs.
     memory: Mapping[str, int]
-    # Name of a buffer -> its group (`Renderer.memory_groups`).
+    # The group of each buffer (`Renderer.memory_groups`), by the name of the buffer.
     memory_groups: Mapping[str, str]
 
     def to_dict(self) -> dict[str, Any]:
@@ -88,7 +88,7 @@ def profile(
             cycle.repeat(SETTLED_AT - cycle.frames, 0)
     elif warm_up:
         cycle.repeat(warm_up, 0)
-    # Only these frames are timed. The remaining cameras are drawn afterwards for their memory.
+    # Only these frames are timed. The remaining cameras are drawn afterwards, only to measure memory.
     start = time.perf_counter()
     cycle.ends.clear()
     drawn = cycle.repeat(frames, seconds, step=step)
@@ -136,7 +136,7 @@ def _compute_round_rates(ends: Sequence[float]) -> tuple[float, ...]:
 
 
 def _select_frame_times(spans: Sequence[float]) -> tuple[float, ...]:
-    """Return the times of all frames in ms, or of evenly spread ones if a record cannot hold all."""
+    """Return the times of all frames in ms, or of evenly spread frames if a record cannot hold all."""
     count = min(len(spans), MOST_FRAME_TIMES)
     return tuple(round(spans[number * len(spans) // count], 4) for number in range(count))
 
@@ -165,7 +165,7 @@ class _CameraCycle:
         any_of: bool = False,
         step: Callable[[], None] = lambda: None,
     ) -> list[DrawTime]:
-        """Draw the cameras in turn until `frames` and `seconds` are reached; with `any_of`, one of them."""
+        """Draw the cameras in turn until `frames` and `seconds` are reached, or one of them if `any_of`."""
         drawn: list[DrawTime] = []
         start = time.perf_counter()
         while True:

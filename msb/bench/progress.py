@@ -10,8 +10,8 @@ class RemainingTime(NamedTuple):
     """An estimate of the remaining time."""
 
     seconds: float
-    # Whether the estimate is a lower bound. It is one if a remaining kind has no finished task yet, or if a
-    # task has already taken longer than the average of its kind.
+    # Whether the estimate is a lower bound. It is a lower bound if a remaining kind has no finished task yet,
+    # or if a task has already taken longer than the average of its kind.
     at_least: bool
 
 
@@ -19,8 +19,8 @@ class Stage:
     """One stage of a run; `end` is called after each task.
 
     Workers take tasks in order, `at_once` at a time, so the current tasks are the first ones that have not
-    ended. Each task has a kind, and the remaining time is estimated from finished tasks of the same kind. The
-    estimate does not include the following stages, whose names are `then`.
+    ended. Each task has a kind, and the remaining time is estimated from finished tasks of the same kind.
+    `then` names the following stages, which the estimate does not include.
     """
 
     def __init__(
@@ -53,7 +53,7 @@ class Stage:
     def end(self, number: int, seconds: float | None = None, *, failed: bool = False) -> None:
         """Record the end of the task with index `number`.
 
-        `seconds` is the duration of the task; by default, it is the time since the task became a current one.
+        `seconds` is the duration of the task; by default, it is the time since the task became current.
         Durations of failed tasks are not used for estimates.
         """
         duration = self._clock() - self._starts.get(number, self._clock()) if seconds is None else seconds
@@ -80,6 +80,6 @@ class Stage:
         return RemainingTime(max(sum(known) / self._at_once, *known), len(known) < len(self._waiting))
 
     def _record_starts(self) -> None:
-        """Record the start of tasks that have become current ones."""
+        """Record the start of tasks that have just become current."""
         for number in self._waiting[: self._at_once]:
             self._starts.setdefault(number, self._clock())

@@ -42,7 +42,7 @@ class ProtocolFile:
     # The content of the file, which is copied to the results.
     text: bytes
     protocol: Protocol
-    # If given, used in place of the protocol's results folder.
+    # If given, it replaces the protocol's results folder.
     results_instead: Path | None = None
 
     @property
@@ -133,7 +133,7 @@ def _quote(text: str) -> str:
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007F")
 
 
-# (JSON pointer, text) of each error that the types of the tables cannot detect.
+# The JSON pointer and the text of each error that the types of the tables cannot detect.
 _Faults = Iterator[tuple[str, str]]
 
 
@@ -213,7 +213,7 @@ def _check_labels(protocol: Protocol) -> _Faults:
         other = methods.setdefault(method.label.casefold(), method.name)
         if other != method.name:
             yield place, f'"{shorten(method.label)}" is already the label of {other}; use another label'
-    # Conditions, engines, variants and bakes are folders and columns of one model.
+    # Conditions, engines, variants and bakes of one model become names of folders and columns.
     taken = {name.casefold(): "a condition" for name in CONDITIONS}
     taken |= {name.casefold(): "an engine" for name in protocol.engines}
     variants = [
@@ -236,7 +236,8 @@ def _check_variant(variant: VariantTable, protocol: Protocol, place: str) -> _Fa
     if variant.renderer is not None and variant.renderer not in renderers():
         text = f'unknown renderer "{shorten(variant.renderer)}"; available: {", ".join(renderers())}'
         yield f"{place}/renderer", text
-    # Each setting is checked for the methods that have it. If none has it, the check reports this.
+    # Each setting is checked for the methods that have it. If no method has the setting, the check reports an
+    # error.
     names = [method.name for method in protocol.methods]
     known = METHODS if AUTO in names else names
     for name, value in get_overrides(variant).items():

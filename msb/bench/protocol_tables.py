@@ -34,7 +34,7 @@ class SceneOptions(Record):
 
     # Folder of the photographs below the scene, such as "images_4". Default: the dataset's folder.
     image_folder: Annotated[str, Field(min_length=1)] | None = None
-    # Downsampling factor or width in pixels, with the meaning of ``-r`` in code derived from 3DGS.
+    # Downsampling factor or width in pixels, as the option ``-r`` of code derived from 3DGS.
     resolution: int | None = None
     background: Color | None = None
     # Principal point during training. Default: "full_K" for DiffSoup, and "gs_fov" otherwise.
@@ -80,7 +80,7 @@ class MethodTable(SceneOptions):
 class VariantTable(Record):
     """``[[variants]]``: an additional condition of the dedicated tier, rendered with other options."""
 
-    # The name of the condition, which no other condition, engine or variant may have.
+    # The name of the condition. No other condition, engine or variant may have it.
     label: FolderName
     # As ``--order`` of `msb render`. Default: the order of the official renderer.
     order: Order | None = None
@@ -92,7 +92,7 @@ class VariantTable(Record):
 
     @property
     def options(self) -> dict[str, str]:
-        """The order and sampling that are set, as options of a renderer."""
+        """The order and the sampling of this table as options of a renderer, without None values."""
         given = {"order": self.order, "sampling": self.sampling}
         return {name: value for name, value in given.items() if value is not None}
 
@@ -103,7 +103,7 @@ class BakeTable(Record):
     Its other keys are `BAKE_KEYS`, the options of `msb bake`. Bakes are supervised by training views only.
     """
 
-    # The name of the condition, which no other condition, engine, variant or bake may have.
+    # The name of the condition. No other condition, engine, variant or bake may have it.
     label: FolderName
     # The datasets whose models are baked. Default: all.
     datasets: tuple[FolderName, ...] = ()
@@ -154,7 +154,7 @@ class VideosTable(Record):
 class WalkTable(Record):
     """``[walk]``: flicker and holes on a camera path away from the captured views."""
 
-    # Names of conditions, engines, variants and bakes. Default: all that we or an engine render.
+    # Names of conditions, engines, variants and bakes. Default: all conditions that we or an engine render.
     conditions: tuple[FolderName, ...] = ()
 
     # 24 frames lead from one stop to the next. 240 frames go round a capture with ten or more test views.

@@ -98,7 +98,7 @@ class _OfficialImages:
         for path, camera in zip(self.renders.files, self.scene.test, strict=True):
             image = metrics.read_image(path, background=self.scene.background)
             check_size(path, (image.shape[1], image.shape[0]), camera)
-            try:  # before the conversion to bytes hides NaN and values out of range
+            try:  # checked before the conversion to bytes, which hides NaN and values out of range
                 check_image(image, "the rendering")
             except MetricError as error:
                 raise error.at(path) from None
@@ -162,7 +162,7 @@ def open_renderer(job: Job, asset: Asset | None = None) -> Renderer:
 
 
 def describe_renderer(job: Job, name: str) -> RendererInfo:
-    """Return the record of a renderer from its name "TITLE VERSION" and the settings of a job."""
+    """Return the record of a renderer; `name` is its "TITLE VERSION", and the job has its settings."""
     from msb.asset.settings import effective_settings
 
     assert job.model is not None

@@ -42,7 +42,7 @@ _MAX_TIMING = 1 << 16
 Condition = Literal["non_engine", "dedicated", "standard", "exported_mesh"]
 # The method's own renderer, our two tiers, and the exported mesh, which is audited and not rendered.
 CONDITIONS: tuple[Condition, ...] = ("non_engine", "dedicated", "standard", "exported_mesh")
-# Condition with images -> the tier that renders them, in the order of decreasing quality.
+# The tier that renders each condition with images, in the order of decreasing quality.
 TIER_OF: Mapping[str, Tier] = MappingProxyType(
     {"non_engine": "reference", "dedicated": "dedicated", "standard": "standard"}
 )
@@ -90,12 +90,12 @@ class Cell(Record):
 
     @property
     def model_name(self) -> str:
-        """The name of the model in tables and folders: its label, or its method without a label."""
+        """The name of the model in tables and folders: its label, or the method if it has no label."""
         return self.label or self.method
 
     @property
     def condition_name(self) -> str:
-        """The name of the condition's folder: the bake, variant or renderer, or else the condition."""
+        """The name of the condition's folder: its bake, variant or renderer, otherwise the condition."""
         return self.bake or self.variant or self.renderer or self.condition
 
     @property
@@ -149,7 +149,7 @@ class _MetricValues(Record):
 
     @property
     def values(self) -> dict[str, float | None]:
-        """Key of a metric -> its value, or None."""
+        """The value of each metric by its key, or None."""
         return {key: self.__pydantic_extra__.get(key) for key in IMAGE_METRICS}
 
 
@@ -178,7 +178,7 @@ class Quality(_MetricValues):
     images: tuple[ImageQuality, ...]
     # The identity of every metric with version and parameters (`msb.metrics.identity`).
     metrics: tuple[dict[str, Any], ...]
-    # Metric of another package -> why it has no value.
+    # Why metrics of other packages have no value, by the name of the metric.
     missing: dict[Name, str] = Field(default_factory=dict)
 
     @property
@@ -200,7 +200,7 @@ class Quality(_MetricValues):
 
 
 class Timing(Record):
-    """Times of the frames of a renderer, without writing or reading back images.
+    """Times of a renderer's frames; images are neither written nor read back.
 
     Percentiles are over all timed frames.
     """
@@ -222,10 +222,10 @@ class Timing(Record):
     queued_p95_ms: Amount | None
     # Frame rates of up to five consecutive rounds; they differ if other programs use the machine.
     round_fps: tuple[Amount, ...]
-    # Device time of each frame in units of 0.1 microseconds; of long timings, of evenly spread frames. Empty
-    # in older records.
+    # Device time of each frame in units of 0.1 microseconds. Long timings keep only evenly spread frames.
+    # Empty in older records.
     frame_ms: Annotated[tuple[Amount, ...], Field(max_length=MOST_FRAME_TIMES)] = ()
-    # Stage of the renderer -> median milliseconds.
+    # Median milliseconds of each stage of the renderer.
     stages_ms: dict[str, Amount]
     device_kind: Literal["gpu", "cpu", "other"]
 
@@ -247,7 +247,7 @@ class Timing(Record):
             for name, percent in (("p50_ms", 50), ("p95_ms", 95)):
                 recorded, value = getattr(self, name), float(np.percentile(self.frame_ms, percent))
                 if not math.isclose(recorded, value, rel_tol=1e-6, abs_tol=1e-3):
-                    raise ValueError(f"{name} is {recorded:g}, but that of frame_ms is {value:g}")
+                    raise ValueError(f"{name} is {recorded:g}, but frame_ms gives {value:g}")
         return self
 
 
@@ -263,7 +263,7 @@ class Memory(Record):
     scratch: Count
     # Colour and depth images.
     targets: Count
-    # The renderer's name for each buffer -> bytes.
+    # Bytes of each buffer, by the renderer's name for it.
     uses: dict[str, Count]
     # Bytes of the process on NVIDIA GPUs, measured by NVML; `driver_reason` explains a missing number.
     driver_bytes: Count | None = None
@@ -314,7 +314,7 @@ class WalkDocument(Record):
     height: Count
     # Root mean square of `msb.metrics.steadiness.unexplained_change` over all frames, in levels of 255.
     flicker: Amount
-    # The same over the second with the most flicker.
+    # The same over the one second of the walk with the most flicker.
     flicker_worst: Amount
     # Index of the first frame of that second.
     worst_frame: Count
@@ -389,9 +389,10 @@ class Result(Record):
     trained: tuple[Name, ...] = ()
     # Timing of the method's own renderer by the user; only for the condition non_engine.
     renderer_timing: RendererTiming | None = None
-    # Part ("timing", "walk", "trial", "repairs", "chamfer", "training") -> why it is missing.
+    # Why a part ("timing", "walk", "trial", "repairs", "chamfer", "training") is missing.
     reasons: dict[Name, Reason] = Field(default_factory=dict)
-    # Part -> name of an input -> hash or version. A part with a changed input is computed again.
+    # The hash or version of each input, by part and name of the input. If an input changes, its part is
+    # computed again.
     inputs: dict[Name, dict[Name, str]] = Field(default_factory=dict)
 
     @property
@@ -440,7 +441,7 @@ def _find_huge_numbers(data: Any, place: str = "") -> Iterator[tuple[str, str]]:
 
 
 def _get_bounds(image: ImageQuality) -> dict[str, tuple[float, float]]:
-    """Return metric -> (minimum, maximum) of its finite values for an image of this size."""
+    """Return the minimum and maximum finite value of each metric for an image of this size."""
     # Colour values are between 0 and 1, so the mean squared error is at most 1.
     return {
         "psnr": (0.0, find_max_psnr(image.width * image.height)),
@@ -487,7 +488,7 @@ def _find_quality_errors(quality: Quality) -> Iterator[tuple[str, str]]:
 
 
 def average_images(images: Sequence[ImageQuality]) -> dict[str, float | None]:
-    """Return metric -> its average over the images, or None if an image has no value."""
+    """Return the average of each metric over the images, or None if an image has no value."""
     return {
         key: mean_of(
             math.inf if key == "psnr" and image.psnr_infinite else image.values[key] for image in images

@@ -70,7 +70,9 @@ def measure_size(path: Path) -> tuple[int, int]:
 def check_size(path: Path, size: tuple[int, int], camera: Camera) -> None:
     """Raise METRIC_SIZES_DIFFER if a rendering does not have the size of its photograph."""
     if size != (camera.width, camera.height):
-        text = f"the image has {size[0]} x {size[1]} pixels, the photograph {camera.width} x {camera.height}"
+        text = (
+            f"the image has {size[0]} x {size[1]} pixels, but the photograph {camera.width} x {camera.height}"
+        )
         raise MetricError("METRIC_SIZES_DIFFER", text, file=path)
 
 
@@ -88,7 +90,7 @@ def _check_names(folder: Path, present: set[str], expected: set[str]) -> None:
 
 
 def _check_sums(path: Path, hashes: dict[str, str]) -> None:
-    """Raise RENDERS_CHANGED if the file `path` exists and does not list these (name -> SHA-256)."""
+    """Raise RENDERS_CHANGED if the file `path` exists and differs from `hashes` (SHA-256 by name)."""
     if not path.is_file():
         return
     try:

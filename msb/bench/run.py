@@ -62,7 +62,7 @@ class CellOutcome:
     result: Result | None
     # Time that the run spent on the cell.
     seconds: float
-    # "cell" or the name of a part -> why it is missing.
+    # Why the cell ("cell") or one of its parts is missing.
     reasons: Mapping[str, Reason]
 
 
@@ -71,7 +71,7 @@ class Report:
     """The outcome of a run."""
 
     rows: tuple[CellOutcome, ...]
-    # Path of an unreadable model with an unknown method -> the error.
+    # The errors about unreadable models of unknown method, by the path of the model.
     models: Mapping[str, Reason]
     seconds: float
     # The missing inputs of a dry run.
@@ -156,7 +156,7 @@ def _run_dry(
     except MsbError as error:
         errors.append(error)
     results = Results(file.results)
-    # Only models of an earlier run are known, because a dry run exports none.
+    # A dry run exports no models, so it knows only the models of an earlier run.
     folder_errors: dict[str, MsbError] = {}
     pairs = find_pairs(file, only, folder_errors)
     models: dict[Pair, ModelAsset | Exception] = {}
@@ -180,7 +180,7 @@ class _Run:
     def __init__(self, file: ProtocolFile, run: str, workers: Workers, watch: Watch) -> None:
         self.file, self.run, self.workers, self.watch = file, run, workers, watch
         self.results = Results(file.results)
-        # Cell -> seconds that this run spent on it.
+        # Seconds that this run spent on each cell.
         self.spent: dict[Cell, float] = {}
 
     def execute(self, only: Sequence[str], redo: bool, start: float) -> Report:
@@ -223,7 +223,7 @@ class _Run:
         return Report(rows, unknown, time.perf_counter() - start)
 
     def prepare_models(self, pairs: Sequence[Pair]) -> dict[Pair, ModelAsset | Exception]:
-        """Export all models; return pair -> model or error."""
+        """Export all models, and return the model of each pair or the error about it."""
         tasks = {pair: pair.task(self.file.results, self.run) for pair in pairs}
         unique = list(dict.fromkeys(task for task in tasks.values() if task is not None))
         models = dict(self.run_tasks("models", prepare_model, unique))
@@ -254,7 +254,7 @@ class _Run:
                 write_cameras([*scene.train, *scene.test], folder / CAMERAS)
 
     def write_ground_truth(self, cells: list[Planned]) -> list[Planned]:
-        """Write missing or damaged ground truth, and return the plan with cells that failed because of it."""
+        """Write missing or damaged ground truth, and return the plan with failed cells marked."""
         jobs = [
             planned.job
             for planned in cells
@@ -350,7 +350,7 @@ def _find_kind(task: Any) -> str:
 
 
 def _split_timing(job: Job, *, timing: bool) -> Job:
-    """Return a job with only its timing, or with everything else."""
+    """Return a job with only its timing, or with all parts except the timing."""
     parts = {part: inputs for part, inputs in job.parts.items() if (part == "timing") is timing}
     return replace(job, parts=parts)
 

@@ -1,8 +1,8 @@
-"""The loss from Dedicated to Standard, split into the parts of colours, faces and blending.
+"""The loss from Dedicated to Standard, split into three parts: colours, faces and blending.
 
 Two bakes of the same model separate the parts. Both are rendered on the standard tier with one sample per
-pixel. The first, the ceiling, keeps the triangles and has the best static colours, so no exporter that keeps
-the triangles can be better. The second has new triangles.
+pixel. The first, the ceiling, keeps the triangles and has the best static colours. No exporter that keeps the
+triangles can have a smaller loss. The second has new triangles.
 """
 
 from __future__ import annotations
@@ -51,8 +51,9 @@ class Split:
 def loss_split(metric: str, results: Mapping[str, Conditions], scenes: Iterable[str]) -> Split | None:
     """Return the parts of the loss in `metric` of one method on a dataset, or None if it has no bake.
 
-    `results` is scene -> condition -> record, and `scenes` are the expected scenes. The ceiling is the bake
-    with the best PSNR among all bakes with unchanged triangles, and the other bake is the best of the rest.
+    `results` holds the records by scene, then by condition. `scenes` are the expected scenes. The ceiling is
+    the bake with the best PSNR among the bakes that keep all triangles. The second bake is the best of the
+    bakes with new triangles.
     """
     expected = tuple(scenes)
     ceiling = _find_best_bake(results, expected, kept=True)
@@ -65,7 +66,7 @@ def loss_split(metric: str, results: Mapping[str, Conditions], scenes: Iterable[
         for name, record in conditions.items()
         if record.status == "done"
     }
-    # The four conditions from the largest loss to the smallest; each part lies between two of them.
+    # The four conditions from the largest loss to the smallest. Each part is the loss between two neighbours.
     ends = ["standard", ceiling, baked, "dedicated"]
     known = [place for place, name in enumerate(ends) if name in finished]
     pairs = {places: (ends[places[1]], ends[places[0]]) for places in pairwise(known)}
@@ -76,12 +77,12 @@ def loss_split(metric: str, results: Mapping[str, Conditions], scenes: Iterable[
         assert worse is not None
         covered = gap_between(metric, results, expected, better, worse)[1]
         common = tuple(scene for scene in common if scene in covered)
-    over = common or expected  # without a common scene, each gap states its reason
+    over = common or expected  # without a common scene, each gap states why it is missing
 
     def gap(better: str, worse: str) -> Gap:
         return replace(gap_between(metric, results, over, better, worse)[0], expected=len(expected))
 
-    # A gap that skips a missing bake includes all parts that it spans.
+    # If a bake is missing, one gap stands for both parts beside it.
     steps: dict[StepName, Gap] = {}
     within: dict[StepName, StepName] = {}
     for (low, high), (better, worse) in pairs.items():
@@ -95,9 +96,9 @@ def loss_split(metric: str, results: Mapping[str, Conditions], scenes: Iterable[
 
 
 def _find_best_bake(results: Mapping[str, Conditions], scenes: tuple[str, ...], *, kept: bool) -> str | None:
-    """Return the bake with the most scenes and then the best average PSNR.
+    """Return the bake that covers the most scenes; among equals, the one with the best average PSNR.
 
-    With `kept`, only bakes that keep all triangles are compared, otherwise only bakes with new triangles.
+    With `kept`, only bakes that keep all triangles are compared; otherwise only bakes with new triangles.
     """
     values: dict[str, dict[str, float | None]] = {}
     changed: set[str] = set()

@@ -1,4 +1,4 @@
-"""Submissions: results packaged into a single file for publication, which its receiver can verify.
+"""Submissions: results packaged for publication into a single file that its receiver can verify.
 
 A submission contains the published fields of the records, the commands that repeat the evaluation, and a few
 small images. Published fields are numbers, hashes, versions, and names of scenes, methods and devices.
@@ -68,7 +68,7 @@ _LOOK = _keep("psnr", "same") | {"why": WITHHELD}
 
 
 def _list_published_fields() -> dict[str, Any]:
-    """Return the published fields of a record: name -> nested fields, `_KEEP`, or a constant.
+    """Return the published fields of a record by name: nested fields, `_KEEP`, or a constant.
 
     A constant replaces any value except None.
     """
@@ -183,7 +183,7 @@ class Submission:
     sha256: str
     about: About
     records: tuple[Result, ...]
-    # Name of a member -> content of the JPEG.
+    # Content of each JPEG by the name of its member.
     pictures: Mapping[str, bytes]
 
 
@@ -233,8 +233,8 @@ def code_sha256() -> str:
 
 
 def _make_commands(records: Sequence[Result]) -> Iterator[str]:
-    """Yield the command that evaluates each model again."""
-    # Dataset, scene and model -> the records of its conditions.
+    """Yield a command for each model that evaluates the model again."""
+    # The records of all conditions, by dataset, scene and model.
     models: dict[tuple[str, ...], list[Result]] = {}
     for record in records:
         models.setdefault(record.cell.names[:3], []).append(record)
@@ -283,7 +283,7 @@ class _Members(Policy):
 
 
 def is_submission(path: Path) -> bool:
-    """Return whether a path has the file extension of a submission."""
+    """Return whether the file extension of a path is that of a submission."""
     return path.suffix.lower() == ".zip"
 
 

@@ -60,7 +60,7 @@ class Track(Record):
 
 
 class TrainingLog(Record):
-    """The file `training.json` of our trainer (docs/training.md), of which only these keys are read."""
+    """The file `training.json` of our trainer (docs/training.md); only these keys are read."""
 
     model_config = ConfigDict(extra="ignore")
 
@@ -71,7 +71,7 @@ class TrainingLog(Record):
 
 
 def read_training_record(path: Path) -> Track | TrainingLog:
-    """Return the record of a training in the file `path`: of `msb track`, or of our trainer."""
+    """Return the record of a training in the file `path`, written by `msb track` or by our trainer."""
     data = read_json(path, _MAX_BYTES)
     if isinstance(data, dict) and "schema" not in data and data.keys() >= {"method", "iterations"}:
         return validate(TrainingLog, data, file=path, code="RECORD_INVALID")
@@ -178,10 +178,10 @@ class _MemoryMonitor(threading.Thread):
 
 @contextlib.contextmanager
 def _forward_signals() -> Iterator[Callable[[subprocess.Popen[bytes]], None]]:
-    """Forward signals to a child process, which is passed to the yielded function; main thread only.
+    """Forward signals to the child process that is passed to the yielded function; main thread only.
 
-    A signal that arrives before the child is known is forwarded later. Signals that this
-    process ignores, as under nohup, get no handler: the child then inherits that they are ignored.
+    A signal that arrives before the child is known is forwarded later. A signal that this process ignores,
+    for example under nohup, gets no handler, so the child ignores it too.
     """
     children: list[subprocess.Popen[bytes]] = []
     early: list[int] = []
@@ -193,7 +193,7 @@ def _forward_signals() -> Iterator[Callable[[subprocess.Popen[bytes]], None]]:
     def forward(number: int, _frame: object) -> None:
         if not children:
             early.append(number)
-        # The terminal sends Ctrl-C to all processes of the foreground group, so also to the child.
+        # The terminal sends Ctrl-C to all processes of the foreground group, including the child.
         elif number != signal.SIGINT or not _is_in_foreground():
             send(number)
 

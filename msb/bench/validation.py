@@ -56,7 +56,7 @@ def parse_json(data: bytes, max_bytes: int, *, file: object) -> Any:
 
 
 def validate(model: type[ModelType], data: Any, *, file: object, code: str) -> ModelType:
-    """Return parsed JSON or TOML as a `model`, or raise an InputError with `code` about `file`.
+    """Return parsed JSON or TOML as a `model`; if it is invalid, raise an InputError with `code` for `file`.
 
     The error names the place of the first mistake as a JSON pointer, and the number of further mistakes.
     """
@@ -82,7 +82,7 @@ def validate(model: type[ModelType], data: Any, *, file: object, code: str) -> M
 
 
 def _find_place(data: Any, place: tuple[str | int, ...]) -> tuple[str | int, ...]:
-    """Return the place of a pydantic error without the names of union members, which are not in the data."""
+    """Return the place of a pydantic error as keys of the data, without pydantic's names of union members."""
     parts: list[str | int] = []
     for number, part in enumerate(place):
         if isinstance(data, dict) and (part in data or number == len(place) - 1):
@@ -101,7 +101,7 @@ def _describe_unknown_key(model: type[BaseModel], place: tuple[str | int, ...]) 
 
 
 def _list_keys(model: type[BaseModel], place: tuple[str | int, ...]) -> list[str]:
-    """Return the keys of the table at `place` in a file of `model`; [] if its model cannot be determined."""
+    """Return the keys that `model` allows at `place`; [] if the model of that table cannot be determined."""
     current: Any = model
     for name in place:
         if isinstance(name, str):

@@ -1,4 +1,4 @@
-"""Films of the conditions of a method side by side, and grids of the films of all methods of a scene."""
+"""Films with the conditions of a method side by side, and grids of such films for all methods of a scene."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def plan_videos(options: VideosTable, jobs: Sequence[Job]) -> list[FilmTask]:
     A flight shows only conditions that we can render. Official renderings and photographs exist at the test
     views only.
     """
-    # Dataset, scene and model -> the jobs of the conditions in the film.
+    # The jobs of the conditions in each film, by dataset, scene and model.
     groups: dict[tuple[str, ...], list[Job]] = {}
     for job in jobs:
         is_rendered = job.cell.condition in ("dedicated", "standard")
@@ -99,7 +99,7 @@ def plan_videos(options: VideosTable, jobs: Sequence[Job]) -> list[FilmTask]:
 
 def plan_grids(options: VideosTable, jobs: Sequence[Job]) -> list[FilmTask]:
     """Return the grids to write: one for each scene with the films of at least two methods."""
-    # Dataset and scene -> model -> the first job of the model.
+    # The first job of each model, by dataset and scene, then by model.
     scenes: dict[tuple[str, str], dict[str, Job]] = {}
     for job in jobs:
         dataset, scene, model, _ = job.cell.names
@@ -147,7 +147,7 @@ def write_video(task: FilmTask) -> None:
 
 
 def write_grid(task: FilmTask) -> None:
-    """Write a film with the films of all methods of a scene below each other, and its description.
+    """Write a film that stacks the films of all methods of a scene, and its description.
 
     Methods are rows and conditions are columns.
     """
@@ -166,7 +166,7 @@ def write_grid(task: FilmTask) -> None:
 
 
 def _read_panels(film: Path, titles: Sequence[str]) -> Iterator[dict[str, NDArray[np.uint8]]]:
-    """Yield title of a condition -> image for each frame of the film of a method."""
+    """Yield the images of each frame of a method's film, by the title of the condition."""
     for pixels in read_film(film):
         width = pixels.shape[1] // len(titles)
         yield {title: pixels[:, n * width : (n + 1) * width] for n, title in enumerate(titles)}
@@ -177,8 +177,8 @@ def _draw_grid(
 ) -> NDArray[np.float32]:
     """Return one frame of a grid, (H, W, 3) with values from 0 to 1.
 
-    `rows` holds title of a condition -> image for each method. `columns` are the titles of all conditions,
-    and `titles` the titles of the methods.
+    `rows` holds the images of each method, by the title of the condition. `columns` are the titles of all
+    conditions, and `titles` the titles of the methods.
     """
     from PIL import Image
 
@@ -240,7 +240,7 @@ def label_images(images: Sequence[NDArray[Any]], titles: Sequence[str]) -> NDArr
 
 
 def _draw_title(picture: Image, title: str, corner: tuple[int, int], height: int) -> None:
-    """Draw a title below and to the right of a corner, in the size for a panel of `height` pixels."""
+    """Draw a title with its top left at a corner; the font size suits a panel of `height` pixels."""
     from PIL import ImageDraw, ImageFont
 
     size = round(height * _TITLE_HEIGHT)

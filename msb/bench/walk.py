@@ -36,15 +36,15 @@ if TYPE_CHECKING:
     from msb.scenes import Camera
     from msb.scenes.datasets import Scene
 
-# Number of frames, evenly spread over the walk, that supply surface points. In all frames, background at the
-# place of such a point is a hole.
+# Number of frames, evenly spread over the walk, that supply surface points. Background at the position of
+# such a point is a hole, in any frame.
 _SURFACE_FRAMES = 8
-# Brightness factor of the changes in the film, which would be invisible otherwise.
+# Brightness factor for the changes shown in the film; without it they would be invisible.
 _CHANGE_GAIN = 16
 
 
 class _FrameChange(NamedTuple):
-    """The measurements of one frame between its neighbours."""
+    """The measurements of one frame, compared with the frames before and after it."""
 
     # Sum of the squared changes in squared levels, and the number of compared pixels.
     squares: float
@@ -73,7 +73,7 @@ def measure_walk(job: Job) -> dict[str, Any]:
     cameras = plan_walk(scene, job.walk)
     squares, counted, missing, visible = 0.0, 0, 0, 0
     worst, worst_frame, film = 0.0, 0, list[_FrameChange]()
-    # A window over the latest second of frames; the film shows the window with the most flicker.
+    # The frames of the latest second. The film shows the second with the most flicker.
     recent: deque[_FrameChange] = deque(maxlen=min(PACE, len(cameras) - 2))
     with open_renderer(job) as renderer:
         for number, change in enumerate(_measure_frames(renderer, cameras, scene)):

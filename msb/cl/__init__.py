@@ -1,6 +1,6 @@
 """OpenCL devices, programs, buffers, timing, scan and sort. This package does not depend on assets.
 
-Importing it loads neither pyopencl nor a platform; opening the first device does.
+An import of it loads neither pyopencl nor a platform. Both are loaded when the first device is opened.
 """
 
 from msb.cl.buffers import Buffer

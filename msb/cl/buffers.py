@@ -1,4 +1,4 @@
-"""Device memory: allocation, accounting by use, reuse and release."""
+"""Device memory: allocation, counts of bytes for each use, reuse and release."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _SAFE_ALIGNMENT = 64
 
 
 class Allocation:
-    """A block of device memory with its use; buffers are views of it."""
+    """A block of device memory with the name of its use. Buffers are views of it."""
 
     def __init__(self, handle: Any, use: str, group: str) -> None:
         self.handle = handle
@@ -72,7 +72,7 @@ class Buffer:
 
     @property
     def nbytes(self) -> int:
-        """Size of the array in bytes; its allocation may be larger."""
+        """Size of the array in bytes. The allocated memory may be larger."""
         return self.size * self.dtype.itemsize
 
     @property
@@ -136,7 +136,7 @@ class Buffer:
             )
 
     def fill(self, value: complex = 0) -> None:
-        """Queue a command that sets all elements to `value`, without waiting for it."""
+        """Queue a command that sets all elements to `value`. The function does not wait for it."""
         if self.size:
             pattern, queue = np.asarray(value, self.dtype), self._memory.queue
             queue.submit(
@@ -148,7 +148,7 @@ class Buffer:
     def mapped(self) -> Iterator[NDArray[Any]]:
         """Yield the content as a read-only host array that is valid only within the block.
 
-        No copy is made if host and device share memory; otherwise this is a `read`.
+        No copy is made if host and device share memory. Otherwise the content is read.
         """
         queue = self._memory.queue
         if not queue.record.host_unified or not self.size:
@@ -173,7 +173,7 @@ class Buffer:
             mapped[0].base.release()
 
     def release(self) -> None:
-        """Release the memory now; neither this buffer nor any view of it can be used afterwards."""
+        """Release the memory now. Afterwards neither this buffer nor any view of it can be used."""
         self.allocation.release()
 
     def _check_host(self, array: NDArray[Any], start: int) -> None:
@@ -189,7 +189,7 @@ class Buffer:
 class Memory:
     """The buffers of one user of a device.
 
-    It checks limits, counts bytes by use, and reuses scratch buffers.
+    The account checks limits, counts the bytes of each use, and reuses scratch buffers.
     """
 
     def __init__(self, queue: Queue) -> None:
@@ -202,7 +202,7 @@ class Memory:
         return bytes_by_use(self._allocations)
 
     def groups(self) -> dict[str, str]:
-        """Return the group of each use that `by_use` returns."""
+        """Return the group of each use, for the same uses as `by_use`."""
         return {block.use: block.group for block in list(self._allocations) if block.handle is not None}
 
     def allocate(self, shape: Shape, dtype: DTypeLike, use: str, group: str = SCRATCH) -> Buffer:
@@ -244,7 +244,7 @@ class Memory:
         pooled = self._pool.get(name)
         if pooled is None or pooled.nbytes < nbytes:
             if pooled is not None:
-                self._pool.pop(name).release()  # the old one first, so that both need not fit
+                self._pool.pop(name).release()  # first, so that both need not fit
             size = _round_up(nbytes)
             size = size if size <= self._limit() else nbytes
             pooled = self._pool[name] = self.allocate(size, np.uint8, name, group)
@@ -342,7 +342,7 @@ def _format_mib(nbytes: int) -> str:
 
 
 def _round_up(nbytes: int) -> int:
-    """Return `nbytes` rounded up to an eighth of a power of two, so that growth reallocates rarely.
+    """Return `nbytes` rounded up to an eighth of a power of two. A growing buffer is then rarely reallocated.
 
     >>> _round_up(1000), _round_up(1025)
     (1024, 1152)

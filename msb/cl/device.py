@@ -18,11 +18,12 @@ from msb.cl.timing import Timing
 
 
 class Device:
-    """An OpenCL device with one in-order queue; opened by `open_device`, closed by `close` or ``with``.
+    """An OpenCL device with one in-order queue.
 
-    Threads may share a device. Each command is thread-safe; commands that belong together go into a `using`
-    or `timing` block, during which other threads wait. `style` selects the kernels: `record.style` unless the
-    caller chose another one.
+    `open_device` opens it; `close` or the end of a ``with`` block closes it. Threads may share a device. Each
+    command is thread-safe. Put commands that belong together into a `using` or `timing` block. Other threads
+    wait during the block. `style` selects the kernels. It is `record.style` unless the caller chose another
+    style.
     """
 
     def __init__(self, cl: Any, handle: Any, record: DeviceRecord, style: Style | None = None) -> None:
@@ -56,8 +57,8 @@ class Device:
         """Return a buffer on the memory of `array` if PoCL runs on a CPU, otherwise a buffer with a copy.
 
         Kernels may write to the buffer if the array is writable. Read results from the buffer, because only
-        PoCL writes them to the array. Keep the array alive and unchanged until `finish` was called and the
-        buffer released. Kernels must not assume more alignment than the dtype has. If the system has huge
+        PoCL writes them to the array. Keep the array alive and unchanged until you have called `finish` and
+        released the buffer. Kernels must not assume more alignment than the dtype has. On systems with huge
         pages, the first access to a large NumPy array takes a fifth of the time that `allocate` needs.
         """
         return self._memory.share(array, use, group)
@@ -77,7 +78,9 @@ class Device:
         return self._memory.scratch(name, shape, dtype, group)
 
     def release_scratch(self, prefix: str) -> None:
-        """Release the pool buffers with a name that starts with `prefix`, for example after a preparation."""
+        """Release the pool buffers with a name that starts with `prefix`, for example when a preparation is
+        finished.
+        """
         self._memory.release_scratch(prefix)
 
     def memory(self) -> dict[str, int]:
@@ -90,7 +93,7 @@ class Device:
 
     @contextlib.contextmanager
     def using(self, memory: Memory | None = None) -> Iterator[None]:
-        """Reserve the device for a block; other threads wait.
+        """Reserve the device for a block. Other threads wait.
 
         Buffers allocated in the block belong to the account `memory`, which `new_memory` returned. Without
         `memory` they belong to the device.
@@ -104,12 +107,12 @@ class Device:
 
     @property
     def failed(self) -> bool:
-        """Whether the device was closed or failed a command, so that it must be opened again."""
+        """Whether the device must be opened again, because it was closed or a command failed."""
         return self._queue.closed or self._queue.failed
 
     @contextlib.contextmanager
     def timing(self) -> Iterator[Timing]:
-        """Collect the events of the block by stage in the yielded `Timing`; other threads wait."""
+        """Collect the events of the block by stage in the yielded `Timing`. Other threads wait."""
         with self._lock:
             if self._queue.timing is not None:
                 raise RuntimeError("timing blocks cannot be nested")
@@ -121,7 +124,7 @@ class Device:
                 self._queue.timing = None
 
     def stage(self, name: str) -> AbstractContextManager[None]:
-        """Assign the commands of a block to the stage `name`; does nothing outside `timing`."""
+        """Assign the commands of a block to the stage `name`. Outside of `timing` this has no effect."""
         timing = self._queue.timing
         return contextlib.nullcontext() if timing is None else timing.as_stage(name)
 

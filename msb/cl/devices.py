@@ -20,7 +20,7 @@ KINDS = ("cpu", "gpu")
 
 
 class Choice(NamedTuple):
-    """The chosen device and the origin of the selector."""
+    """The chosen device, and where its selector came from."""
 
     record: DeviceRecord
     selector: str | None
@@ -57,7 +57,7 @@ def choose_device(selector: str | None = None) -> Choice:
 
 
 def open_device(selector: str | None = None, *, style: Style | None = None) -> Device:
-    """Open the device named by `selector`; by default MSB_DEVICE, then PYOPENCL_CTX, then PoCL.
+    """Open the device named by `selector`. The default is MSB_DEVICE, then PYOPENCL_CTX, then PoCL.
 
     If several devices match, the first that builds kernels is opened (`msb.cl.trial`). PoCL keeps about 1 MB
     for each program even after the device is closed. Use `shared_device` to avoid opening several devices.
@@ -206,7 +206,7 @@ def _rank(record: DeviceRecord) -> tuple[bool, int, bool]:
 
 
 def _is_old_wheel(record: DeviceRecord) -> bool:
-    """Return whether the device belongs to the PoCL wheel, which is older than the system's PoCL."""
+    """Return whether the device belongs to the PoCL wheel. The wheel is older than the PoCL of the system."""
     return record.driver == pocl_fix.DRIVER
 
 

@@ -22,8 +22,8 @@ def write_defines(defines: Mapping[str, Define]) -> str:
     """Return ``#define`` lines for `defines`, sorted by name.
 
     Booleans become 1 and 0. Floats become the nearest single-precision number, written exactly as a
-    hexadecimal constant. Strings are inserted unchanged. Defines are part of the source, not build options,
-    so no command line needs quoting.
+    hexadecimal constant. Strings are inserted unchanged. Defines are part of the source. As build options
+    they would need quoting.
 
     >>> print(write_defines({"WIDTH": 8, "FAST": True, "SCALE": 0.1}), end="")
     #define FAST 1
@@ -63,16 +63,16 @@ def kernels_hash(packages: tuple[str, ...]) -> str:
 
 @functools.cache
 def resolve(package: str, name: str) -> str:
-    """Return the text of file `name` of `package`, with every ``#include "other.cl"`` replaced by that file.
+    """Return the text of file `name` of `package`. Every ``#include "other.cl"`` is replaced by that file.
 
-    Files are searched in `package`, then in `OWN`. As in C, a file that is included twice appears twice.
-    ``#line`` directives make compilers report our files and lines.
+    Files are searched in `package`, then in `OWN`. As in C, the text of a file that is included twice appears
+    twice. ``#line`` directives make compilers report our files and lines.
     """
     return _resolve(package, name, ())
 
 
 def place_of(text: str, number: int) -> tuple[str, int] | None:
-    """Return the file and line that line `number` of a resolved text comes from; lines count from 1."""
+    """Return the original file and line of line `number` in a resolved text. Lines count from 1."""
     source = None
     for line in text.splitlines()[:number]:
         directive = _LINE.match(line)

@@ -1,11 +1,11 @@
-"""Make the OpenCL loader find every installed platform without settings by the user.
+"""Make the OpenCL loader find every installed platform, without any settings.
 
 A loader finds platforms through ``*.icd`` files, each with the name of a library (cl_khr_icd). The loader of
-the pyopencl wheel reads the files of the system and the files in its own folder, where the PoCL wheel
-installs a file (`inducer/pyopencl`: scripts/build-wheels.sh). Two installations lack a valid file: NVIDIA
-drivers in containers, and the Intel CPU runtime from PyPI, because its files name a missing folder. If one of
-these is installed, this module creates a temporary folder with files for it and for the platforms of the
-system. While the loader starts, OCL_ICD_VENDORS names that folder.
+the pyopencl wheel reads the files of the system, and the files in its own folder. The PoCL wheel installs a
+file in this folder (`inducer/pyopencl`: scripts/build-wheels.sh). Two installations lack a valid file. NVIDIA
+drivers in containers have none. The files of the Intel CPU runtime from PyPI name a missing folder. For such
+an installation, this module creates a temporary folder. It has files for the installation and for the
+platforms of the system. While the loader starts, OCL_ICD_VENDORS names that folder.
 """
 
 import contextlib
@@ -25,11 +25,12 @@ from typing import Any
 from msb.base.extras import install
 from msb.errors import DeviceError, shorten
 
-# Environment variable that names the folder of entries; a value set by the user is respected.
+# Environment variable that names the folder of entries. A value set by the user is kept.
 VENDOR_VARIABLE = "OCL_ICD_VENDORS"
 INTEL_PACKAGE = "intel-opencl-rt"
 INTEL_LIBRARY = "libintelocl.so"
-# Libraries that the Intel library links to, in dependency order; intel-cmplr-lib-rt brings all except TBB.
+# Libraries that the Intel library links to, in dependency order. The package intel-cmplr-lib-rt has all
+# except TBB.
 _INTEL_NEEDS = ("libtbb.so.12", "libintlc.so.5", "libimf.so", "libirng.so", "libsvml.so")
 NVIDIA_LIBRARY = "libnvidia-opencl.so.1"
 _POCL_CACHE = "POCL_CACHE_DIR"
@@ -62,12 +63,12 @@ def opencl() -> Any:
 
 
 def notes() -> list[str]:
-    """Return sentences for the user about the search for platforms."""
+    """Return sentences that tell the user about the search for platforms."""
     return list(_notes)
 
 
 def describe_search() -> str:
-    """Return in a few words where platforms were searched and which were found."""
+    """Return a short text about the places that were searched, and the platforms found there."""
     user = os.environ.get(VENDOR_VARIABLE)
     place = f"{VENDOR_VARIABLE}={shorten(user)}" if user else "the system's entries and Python packages"
     names = ", ".join(map(shorten, _platforms))
@@ -76,7 +77,7 @@ def describe_search() -> str:
 
 
 def how_to_get_a_device() -> str:
-    """Return in one sentence how to get a device: unset the variable that hides it, or install PoCL."""
+    """Return a sentence with advice to get a device: unset the variable that hides it, or install PoCL."""
     if any("Portable" in name for name in _platforms):
         cache = os.environ.get(_POCL_CACHE)
         if cache and not _is_writable(Path(cache)):
@@ -90,7 +91,7 @@ def how_to_get_a_device() -> str:
 
 
 def how_to_get_pocl() -> str:
-    """Return in one sentence how to get a CPU device on this machine."""
+    """Return a sentence with advice to get a CPU device on this machine."""
     if sys.platform == "linux" and platform.machine() == "x86_64":
         return "install PoCL, which runs on any x86-64 processor: pip install pocl-binary-distribution"
     return (
@@ -100,7 +101,7 @@ def how_to_get_pocl() -> str:
 
 
 def how_to_get_another() -> str:
-    """Return in one sentence how to get a CPU device other than the PoCL wheel."""
+    """Return a sentence with advice to get a CPU device without the PoCL wheel."""
     if sys.platform == "linux" and platform.machine() == "x86_64":
         return (
             "Install a newer PoCL: apt-get install pocl-opencl-icd (Debian, Ubuntu), dnf install pocl "
@@ -132,7 +133,10 @@ def _start(cl: Any, early: bool) -> None:
 
 
 def _find_missing_entries() -> dict[str, str]:
-    """Load the dependencies of installed platforms that have no entry; return the libraries by name."""
+    """Return the libraries, by name, of installed platforms without an entry.
+
+    Their dependencies are loaded first.
+    """
     user = os.environ.get(VENDOR_VARIABLE)
     known = " ".join(_read_system_entries().values())
     entries: dict[str, str] = {}
@@ -174,7 +178,10 @@ def _find_intel_library() -> Path | None:
 
 
 def _preload(folder: Path) -> str | None:
-    """Load what the Intel library links to, so that it needs no LD_LIBRARY_PATH; return a missing library."""
+    """Load the dependencies of the Intel library, so that LD_LIBRARY_PATH is not needed.
+
+    Return a missing library.
+    """
     for name in _INTEL_NEEDS:
         try:
             ctypes.CDLL(str(folder / name), mode=ctypes.RTLD_GLOBAL)
@@ -185,7 +192,7 @@ def _preload(folder: Path) -> str | None:
 
 @contextlib.contextmanager
 def _visible(entries: dict[str, str]) -> Iterator[None]:
-    """Make the loader read these entries, and those in its folder, during the block."""
+    """During the block, make the loader read these entries and the entries in its folder."""
     with tempfile.TemporaryDirectory(prefix="msb-opencl-") as folder:
         for name, library in entries.items():
             Path(folder, f"{name}.icd").write_text(f"{library}\n", "utf-8")
@@ -195,7 +202,10 @@ def _visible(entries: dict[str, str]) -> Iterator[None]:
 
 @contextlib.contextmanager
 def _writable_cache() -> Iterator[None]:
-    """Give PoCL and pyopencl a writable cache: without one PoCL has no device and pyopencl no kernels."""
+    """Give PoCL and pyopencl a writable cache.
+
+    Without a cache, PoCL has no device and pyopencl cannot build kernels.
+    """
     cache = user_cache()
     if cache and _is_writable(cache):
         yield

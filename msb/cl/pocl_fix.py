@@ -1,19 +1,19 @@
 """Let the PoCL wheel build kernels on processors that it does not know.
 
-Purpose: `pip install meshsplatbench` must be able to render without a driver, and the only PoCL wheel for
+Purpose: after `pip install meshsplatbench`, rendering must work without a driver. The only PoCL wheel for
 x86-64 is 3.0-rc2 of 2022 with LLVM 14. The wheel asks LLVM for the name of the processor and passes it to
-clang. LLVM calls every newer processor "generic", and clang then rejects each build with "unknown target CPU
+clang. LLVM calls every newer processor "generic". clang then rejects each build with "unknown target CPU
 'generic'". No environment variable and no build option changes that name. Without this module, x86-64
 processors that are newer than the wheel have no OpenCL device unless a driver is installed.
 
 Method: PoCL keeps a pointer to the name in its device structure, at byte 640 in this build of the library.
-The characters there are overwritten by the name of a compatible processor with the same length.
+The characters of this name are overwritten by the name of a compatible processor with the same length.
 
-Safety: nothing is written unless all of these are known: the versions of the wheel and of the driver, the
-file name of the library (which has a hash of its content), the offset of the pointer, and the name that it
-points to. Memory is read through /proc/self/mem, so a wrong address cannot crash the process. `msb.cl.trial`
-first builds and runs kernels with the new name in a separate process. Delete this module as soon as a wheel
-knows current processors.
+Safety: nothing is written unless all of the following have known values. These are the versions of the wheel
+and of the driver, the file name of the library (it has a hash of the content), the offset of the pointer, and
+the name that it points to. Memory is read through /proc/self/mem, so a wrong address cannot crash the
+process. `msb.cl.trial` first builds and runs kernels with the new name in a separate process. Delete this
+module as soon as a wheel knows current processors.
 """
 
 import contextlib
@@ -27,8 +27,8 @@ from typing import Any
 
 # Environment variable; the value 0 disables this module.
 FIX_VARIABLE = "MSB_MEND_POCL"
-# The replacement name: a processor with AVX2 and FMA. A name with AVX-512 would change the speed by less than
-# 10 %.
+# The replacement name: a processor with AVX2 and FMA. A processor name with AVX-512 would change the speed by
+# less than 10 %.
 NAME = b"haswell"
 UNKNOWN = b"generic"
 _WHEEL = "pocl-binary-distribution"
@@ -37,9 +37,10 @@ _WHEEL_VERSION = "3.0"
 DRIVER = "3.0-rc2"
 # The file name contains a hash of the content, added by `auditwheel`.
 _LIBRARY = "libpocl-21062cec.so"
-# Byte offset in the device structure at which this build of the library keeps the pointer to the name.
+# Byte offset of the pointer to the name in the device structure of this build of the library.
 _SLOT = 640
-# Number of bytes of the device structure to check. The pointer at _SLOT must be the only one to that name.
+# Number of bytes of the device structure to check. The pointer at _SLOT must be the only pointer to that
+# name.
 _STRUCTURE = 1024
 _NEEDS = frozenset(("avx2", "fma", "bmi1", "bmi2", "f16c", "movbe"))
 _LZCNT = frozenset(("abm", "lzcnt"))  # Linux calls it abm
@@ -74,7 +75,7 @@ def is_wheel(device: Any) -> bool:
 
 
 def compiler_cpu(device: Any) -> str | None:
-    """Return the processor name that the wheel passes to its compiler; None for other platforms."""
+    """Return the processor name that the wheel passes to its compiler, or None for other platforms."""
     if not is_wheel(device):
         return None
     place = _read_pointer(device)
@@ -86,7 +87,9 @@ def compiler_cpu(device: Any) -> str | None:
 
 
 def can_apply(device: Any) -> bool:
-    """Return whether the compiler of the wheel gets an unknown name and `NAME` suits this processor."""
+    """Return whether the compiler of the wheel gets an unknown name, and `NAME` is compatible with this
+    processor.
+    """
     if obstacle() or compiler_cpu(device) != UNKNOWN.decode():
         return False
     words = _read(device.int_ptr, _STRUCTURE)
@@ -98,7 +101,7 @@ def can_apply(device: Any) -> bool:
 
 
 def apply(device: Any) -> bool:
-    """Replace the name if `can_apply`; return whether the name is now `NAME`."""
+    """Replace the name if `can_apply` allows it. Return whether the name is now `NAME`."""
     if can_apply(device):
         _write(device, UNKNOWN, NAME)
         _fixed.add(device.int_ptr)
@@ -118,7 +121,10 @@ def undo(device: Any) -> None:
 
 
 def _write(device: Any, old: bytes, new: bytes) -> None:
-    """Replace the characters of the name by a name of the same length, if it is still the expected one."""
+    """Overwrite the name `old` with the name `new` of the same length.
+
+    If the device has another name than `old`, nothing is changed.
+    """
     import ctypes
 
     place = _read_pointer(device)

@@ -1,4 +1,4 @@
-"""Kernels: build a kernel file into functions that check their arguments and return an event."""
+"""Build a kernel file into functions. They check their arguments and return an event."""
 
 from __future__ import annotations
 
@@ -38,17 +38,17 @@ _ERROR_LINE = re.compile(
     r"^\s*(?:error: )?(?P<file>[^:\n]+):(?P<line>\d+):\d+: "
     r"(?!warning: |note: |remark: )(?:(?:fatal )?error: )?(?P<text>.+)$"
 )
-# A compiler error without a position, and text that the platform adds around it.
+# A compiler error without a position, and the text that the platform adds around it.
 _COMPLAINT = re.compile(r"^\s*(?:fatal )?error:\s*(?P<text>.+)$", re.IGNORECASE)
 _WRAPPING = re.compile(r"clBuildProgram failed|BUILD_PROGRAM_FAILURE|^Build on |^\(options:")
-# Name of the source in messages of the NVIDIA compiler, which ignores ``#line``.
+# Name of the source in messages of the NVIDIA compiler. This compiler ignores ``#line``.
 _NAMELESS = "<kernel>"
 # Message of clang if the LLVM of PoCL is older than the processor.
 UNKNOWN_CPU = "unknown target CPU"
 
 # Maximum number of attempts. A build is repeated only if it fails without an error in the source. PoCL
-# processes that build the same program at the same time on an empty cache disturb each other: 1 of 200 builds
-# fails with 8 processes.
+# processes disturb each other if they build the same program at the same time on an empty cache. With 8
+# processes, 1 of 200 builds fails.
 _ATTEMPTS = 5
 _PAUSE = 0.2  # seconds
 
@@ -61,7 +61,7 @@ class LocalMemory:
 
 
 class Program:
-    """The kernels of a file PACKAGE/FILE, built for a device; each kernel is an attribute."""
+    """The kernels of a file PACKAGE/FILE, built for a device. Each kernel is an attribute."""
 
     def __init__(self, name: str, kernels: dict[str, Kernel]) -> None:
         self.name = name
@@ -83,16 +83,16 @@ class Program:
 
 
 class Kernel:
-    """A kernel; ``kernel(global_size, local_size, *arguments)`` queues a launch and returns its event.
+    """A kernel. ``kernel(global_size, local_size, *arguments)`` queues a launch and returns its event.
 
     The event is None if a size is 0. Sizes are an integer or a tuple of up to three integers. `global_size`
-    is rounded up to a multiple of `local_size`, so a kernel must compare its global id with a count. The
-    local size is required, because PoCL compiles a kernel again for each new local size.
+    is rounded up to a multiple of `local_size`. A kernel must therefore compare its global id with a count.
+    The local size is required, because PoCL compiles a kernel again for each new local size.
 
     Arguments are `Buffer`, `LocalMemory`, or NumPy scalars of exactly the type in the kernel
     (``np.uint32(n)``). For a vector type, pass a NumPy array with as many elements. Anything else raises a
-    TypeError. A work-group that exceeds the limit of the device raises a DeviceError `DEVICE_COMMAND`. If it
-    exceeds only the limit of the kernel, the error is raised when the platform rejects the launch.
+    TypeError. A work-group that exceeds the limit of the device raises a DeviceError `DEVICE_COMMAND`. If a
+    work-group exceeds only the limit of the kernel, the error is raised when the platform rejects the launch.
 
     Attributes
     ----------
@@ -131,7 +131,7 @@ class Kernel:
         rounded = tuple(-(-size // group) * group for size, group in zip(sizes, local, strict=True))
 
         def launch(queue: Any) -> Any:
-            with self._lock:  # arguments belong to the kernel, not to the launch
+            with self._lock:  # threads take turns: arguments are stored in the kernel
                 for number, (value, argument) in enumerate(zip(values, arguments, strict=True)):
                     self._set(number, value, _identify(argument))
                 return self._queue.cl.enqueue_nd_range_kernel(queue, self._handle, rounded, local)
@@ -144,7 +144,10 @@ class Kernel:
             raise
 
     def _set(self, number: int, value: Any, mark: Any) -> None:
-        """Set an argument unless it is already set. On a GPU, setting ten takes longer than a launch."""
+        """Set an argument unless it already has this value.
+
+        On a GPU, setting ten arguments takes longer than a launch.
+        """
         if mark is None or self._marks[number] != mark:
             self._marks[number] = None
             self._handle.set_arg(number, value)
@@ -204,11 +207,11 @@ def build(queue: Queue, package: str, name: str, defines: Mapping[str, Define]) 
 
 def _compile(queue: Queue, source: str, options: tuple[str, ...]) -> list[Any]:
     cl = queue.cl
-    # cl.Program(context, source) is avoided: its disk cache waits a minute for the lock of a killed process,
-    # and it is not needed, because PoCL and NVIDIA have caches.
+    # cl.Program(context, source) is avoided, because its disk cache waits a minute for the lock of a killed
+    # process. PoCL and NVIDIA have caches of their own.
     program = cl.Program(cl._cl._Program(queue.context, source))
     with warnings.catch_warnings():
-        # Compiler warnings are not meant for the user; errors arrive as exceptions.
+        # Compiler warnings are not meant for the user. Errors are raised as exceptions.
         warnings.simplefilter("ignore", cl.CompilerWarning)
         return list(program.build(list(options)).all_kernels())
 
@@ -216,7 +219,7 @@ def _compile(queue: Queue, source: str, options: tuple[str, ...]) -> list[Any]:
 def _build_error(
     file: str, source: str, record: DeviceRecord, log: str, complaint: re.Match[str] | None
 ) -> DeviceError:
-    """Return an error with file, line and text of the first complaint in the log."""
+    """Return an error with file, line and text of the first error in the log."""
     line, text = None, shorten(complaint["text"] if complaint else _find_first_complaint(log), 200)
     if complaint:
         file, number = complaint["file"], int(complaint["line"])

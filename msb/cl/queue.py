@@ -1,4 +1,4 @@
-"""Context and in-order queue of an open device, through which every command passes."""
+"""Context and in-order queue of an open device. Every command passes through this queue."""
 
 from __future__ import annotations
 
@@ -27,7 +27,8 @@ class Queue:
         self.record = record
         self.timing: Timing | None = None
         self.allocations: weakref.WeakSet[Allocation] = weakref.WeakSet()
-        # Whether a command failed for another reason than memory. Some platforms then reject later commands.
+        # Whether a command failed for a reason other than a lack of memory. Some platforms then reject later
+        # commands.
         self.failed = False
         self._queue: Any = None
         try:
@@ -54,7 +55,7 @@ class Queue:
             raise DeviceError("DEVICE_CLOSED", f"{self.record} was closed")
 
     def submit(self, doing: str, command: Callable[[Any], Any]) -> Any:
-        """Queue a command by calling `command` with the pyopencl queue; return its event."""
+        """Queue a command by calling `command` with the pyopencl queue, and return its event."""
         self.check_open()
         try:
             event = command(self._queue)
@@ -73,7 +74,7 @@ class Queue:
             raise self._failed("waiting for it", error) from error
 
     def close(self) -> None:
-        """Finish, then release queue and context."""
+        """Wait for all commands, and then release queue and context."""
         if self._queue is not None:
             with contextlib.suppress(self.cl.Error):
                 self._queue.finish()

@@ -71,11 +71,11 @@ class DeviceRecord:
 
     @property
     def style(self) -> Style:
-        """The style of kernels that suits the device; no other code decides it.
+        """The style of kernels that suits the device. No other code makes this decision.
 
         Kernels of style "cpu" have few work-items with long private loops and no local memory. Kernels of
         style "gpu" have work-groups that share local memory. Any OpenCL compiler accepts the style "gpu". The
-        style "cpu" uses extensions of clang, so only tested compilers get it.
+        style "cpu" uses extensions of clang, so it is used only with tested compilers.
         """
         known = self.kind == "cpu" and short_name(self.platform) in _CPU_STYLE_PLATFORMS
         return "cpu" if known else "gpu"

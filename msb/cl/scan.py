@@ -9,11 +9,11 @@ from msb.cl.device import Device
 from msb.cl.kernel_text import Define
 from msb.cl.programs import Program
 
-# Maximum number of elements of a scan or sort: positions are 32-bit numbers.
+# Maximum number of elements of a scan or sort, because positions are 32-bit numbers.
 MOST = 2**31
-# Minimum number of elements per work-item: with fewer, a second work-item costs more than it saves.
+# Minimum number of elements per work-item. With fewer elements, a second work-item costs more than it saves.
 _SMALLEST_CHUNK = 4096
-# Chunks per compute unit. With several chunks, other units take over the work of a delayed unit.
+# Chunks per compute unit. With several chunks, other units can take over work of a delayed unit.
 _CHUNKS_PER_UNIT = 4
 # Consecutive elements per work-item on a GPU.
 _ITEMS = 8
@@ -26,7 +26,7 @@ _OPENCL_NAMES = {np.dtype(np.uint32): "uint", np.dtype(np.uint64): "ulong"}
 
 
 def exclusive_scan(device: Device, values: Buffer, offsets: Buffer, count: int | None = None) -> None:
-    """Queue ``offsets[i] = sum(values[:i])`` for i = 0 .. count; the last offset is the total.
+    """Queue ``offsets[i] = sum(values[:i])`` for i = 0 .. count. The last offset is the total.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ def exclusive_scan(device: Device, values: Buffer, offsets: Buffer, count: int |
 
 
 def _scan_cpu(device: Device, values: Buffer, offsets: Buffer, count: int) -> None:
-    # Sum each chunk, scan the sums, then scan each chunk from its start.
+    # Sum each chunk and scan the sums. Then scan each chunk, starting from its offset.
     program = device.program("scan_cpu", {"SUM": _OPENCL_NAMES[offsets.dtype]})
     chunk, chunks = chunks_of(device, count)
     starts = device.scratch("scan starts", chunks, offsets.dtype)
@@ -72,7 +72,7 @@ def _scan_gpu(device: Device, values: Buffer, offsets: Buffer, count: int, level
         "scan_gpu",
         {"VALUE": _OPENCL_NAMES[values.dtype], "SUM": _OPENCL_NAMES[offsets.dtype], "ITEMS": _ITEMS},
     )
-    # Sum each tile; scan the sums recursively if they are too many; then scan each tile.
+    # Sum each tile. If there are too many sums, scan them recursively. Then scan each tile.
     tiles = -(-count // (group * _ITEMS))
     sums = device.scratch(f"scan sums {level}", tiles + 1, offsets.dtype)
     if tiles > 1:
@@ -84,7 +84,7 @@ def _scan_gpu(device: Device, values: Buffer, offsets: Buffer, count: int, level
 
 
 def check_count(count: int | None, array: Buffer) -> int:
-    """Return the number of elements after checking it; by default all of `array`."""
+    """Check and return the number of elements; the default is all of `array`."""
     count = array.size if count is None else count
     if not 0 <= count <= min(array.size, MOST):
         raise ValueError(f"{count} elements requested from an array of {array.size}; the limit is {MOST}")
@@ -92,7 +92,7 @@ def check_count(count: int | None, array: Buffer) -> int:
 
 
 def chunks_of(device: Device, count: int) -> tuple[int, int]:
-    """Return length and number of the contiguous chunks into which a CPU divides `count` elements."""
+    """Return the length and the number of the contiguous chunks into which a CPU divides `count` elements."""
     limit = min(-(-count // _SMALLEST_CHUNK), _CHUNKS_PER_UNIT * device.record.compute_units)
     chunk = -(-count // max(limit, 1))
     return chunk, -(-count // max(chunk, 1))

@@ -13,15 +13,17 @@ from msb.cl.scan import build_grouped_program, check_count, chunks_of, exclusive
 
 # Consecutive elements per work-item on a GPU.
 _ITEMS = 8
-# Maximum number of bits per pass. The first-level cache of a CPU supports 256 write streams, so passes of up
-# to 8 bits cost the same and passes of 9 bits twice as much. On a GPU, a pass reads the data once, and each
-# work-group sorts its tile by 4 bits at a time in local memory.
+# Maximum number of bits per pass. The first-level cache of a CPU supports 256 write streams. Passes of up to
+# 8 bits therefore cost the same, and passes of 9 bits cost twice as much. On a GPU, a pass reads the data
+# once, and each work-group sorts its tile by 4 bits at a time in local memory.
 _DIGIT_BITS = 8
 _KEYS = {np.dtype(np.uint32): "uint", np.dtype(np.uint64): "ulong"}
 
 
 class _Pass(NamedTuple):
-    """The launch of a pass: program, sizes, arguments between count and shift, and number of parts."""
+    """The launch of a pass: the program, its sizes, the arguments between count and shift, and the number of
+    parts.
+    """
 
     program: Program
     global_size: int
@@ -39,7 +41,7 @@ def sort_pairs(
     bits: int | None = None,
     name: str = "sort",
 ) -> tuple[Buffer, Buffer]:
-    """Queue a stable sort of keys with one value each, in ascending order; return sorted keys and values.
+    """Queue a stable sort of keys with one value each, in ascending order. Return sorted keys and values.
 
     Parameters
     ----------

@@ -22,7 +22,7 @@ class Timing:
 
     @contextlib.contextmanager
     def as_stage(self, name: str) -> Iterator[None]:
-        """Assign the commands of the block to stage `name`, also within another stage."""
+        """Assign the commands of the block to the stage `name`. Stages may be nested."""
         outer, self._stage = self._stage, name
         try:
             yield
@@ -34,9 +34,10 @@ class Timing:
         self._events.append((self._stage, event))
 
     def milliseconds(self) -> dict[str, float]:
-        """Return for how many milliseconds the commands of each stage ran, in order of first appearance.
+        """Return the milliseconds that the commands of each stage ran.
 
-        Time between commands is excluded; `span` includes it.
+        Stages are in order of first appearance. Time between commands does not count here, but it counts for
+        `span`.
         """
         total: dict[str, float] = {}
         for (stage, _), (start, end) in zip(self._events, self._intervals, strict=True):
@@ -56,7 +57,7 @@ class Timing:
 
     @cached_property
     def _intervals(self) -> list[tuple[int, int]]:
-        """Start and end of each command in nanoseconds; the platform is asked once."""
+        """Start and end of each command in nanoseconds. They are read from the platform once."""
         return [(event.profile.start, event.profile.end) for _, event in self._events]
 
     def _measure_until_end(self, start: int) -> float:

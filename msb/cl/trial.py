@@ -1,8 +1,8 @@
 """Test in a child process whether a device builds and runs kernels, and cache the result.
 
-A listed platform may not work: its compiler may not know the processor, or may crash. The trial builds and
-runs trial.cl in a child process. Its result is stored in the user's cache. The key of the cache covers
-everything that can change the result: platform, driver, processor, program version and trial.cl.
+A listed platform does not always work. Its compiler may not know the processor, or may crash. The trial
+builds and runs trial.cl in a child process. Its result is stored in the user's cache. The key of the cache
+includes everything that can change the result: platform, driver, processor, program version and trial.cl.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ from msb.cl.loader import opencl, user_cache
 from msb.cl.records import DeviceRecord
 from msb.errors import DeviceError, OutputError, one_line, shorten
 
-# Time limit of a trial in seconds, including the start of the compiler. It allows for a busy machine; a
-# typical trial takes 12 seconds.
+# Time limit of a trial in seconds, including the start of the compiler. A typical trial takes 12 seconds; on
+# a busy machine it takes longer.
 _SECONDS = 120.0
 # Number of work-items in the trial.
 _COUNT = 64
@@ -61,7 +61,7 @@ class Trial:
 
 
 def try_device(handle: Any, record: DeviceRecord, *, again: bool = False) -> Trial:
-    """Return whether the device builds kernels; fix the PoCL wheel first if necessary and possible.
+    """Return whether the device builds kernels. If necessary and possible, fix the PoCL wheel first.
 
     Parameters
     ----------
@@ -103,7 +103,7 @@ def _try(handle: Any, record: DeviceRecord) -> tuple[Trial, bool]:
 
 
 def _find_failure(record: DeviceRecord, *, mended: bool) -> tuple[str | None, bool]:
-    """Run the trial in a child process; return its failure or None, and whether the result is permanent."""
+    """Run the trial in a child process. Return its failure or None, and whether the result is permanent."""
     request = f"{record.selector} {'mended' if mended else 'as it is'}"
     try:
         reply = run_in_child(run_trial, request, {}, Limits(_SECONDS, None))
@@ -115,9 +115,10 @@ def _find_failure(record: DeviceRecord, *, mended: bool) -> tuple[str | None, bo
 
 
 def run_trial(word: str, arrays: Arrays) -> tuple[str | None, Arrays]:
-    """Build and run trial.cl in this child process; return why the device does not work, or None.
+    """Build and run trial.cl in this child process. Return the reason why the device does not work, or None.
 
-    `word` has the selector of the device, and whether its compiler must be fixed first. `arrays` is empty.
+    `word` has the selector of the device, and tells whether its compiler must be fixed first. `arrays` is
+    empty.
     """
     os.environ["POCL_KERNEL_CACHE"] = "0"  # a cached kernel would not test the compiler
     from msb.cl.devices import find_devices

@@ -81,13 +81,13 @@ def convert(
     output: PlainOutput,
     typed: Typed,
 ) -> None:
-    """Convert between .triasset and mesh files, keeping all vertices and faces, their order and colours.
+    """Convert between .triasset and mesh files. All vertices and faces, their order and colours are kept.
 
     Mesh formats are .glb, .obj, .off, .ply, .stl, .usd, .usda, .usdc, .usdz and .gltf (read only). Notes list
     data that OUT cannot store, and data of IN that is ignored (normals, lights, bones).
 
     An asset is converted to its standard-tier mesh: opaque and unlit, with textures or static colours. With
-    --official the method's official exporter writes the file, which may have alpha, duplicated faces or
+    --official the method's official exporter writes the file. Such a file may have alpha, duplicated faces or
     merged vertices.
     """
     if options.official:
@@ -139,7 +139,10 @@ def convert(
 
 
 def _choose_outputs(source: Path, inputs: list[Path], target: Path, to: str) -> dict[Path, Path]:
-    """Return input -> output; the outputs have the same layout in `target` as the inputs in `source`."""
+    """Return the output path of each input path.
+
+    The outputs have the same folder layout in `target` as the inputs in `source`.
+    """
     from msb.asset import is_asset
     from msb.delivery.saving import output_suffix
 

@@ -64,7 +64,8 @@ def convert(
     """Convert a model or mesh to the format of the suffix of `target`, as `msb convert` does.
 
     Vertices and faces, their order and colours are kept as far as the format allows. A mesh file keeps the
-    precision of its coordinates, unless a format has only float32. If an error occurs, no file is written.
+    precision of its coordinates, unless the format of the output has only float32. If an error occurs, no
+    file is written.
 
     Parameters
     ----------
@@ -118,7 +119,7 @@ def convert(
     conversion.check_target(output_path)
     if real_place(place) == real_place(output_path):
         raise UsageError("USAGE", "it is an input; write the output to another file", file=output_path)
-    if official and not overwrite:  # all other writers check this themselves
+    if official and not overwrite:  # all other writers do this check themselves
         check_new(output_path)
     warnings: list[str] = []
     done = replace(conversion, note=warnings.append).run(place, output_path)
@@ -148,7 +149,10 @@ class Conversion:
     note: Callable[[str], None] = lambda text: None
 
     def check_target(self, target: Path) -> None:
-        """Check the suffix of an output, and that its format stores the data that the options affect."""
+        """Check the suffix of an output.
+
+        Also check that its format stores the data that the options affect.
+        """
         suffix = target.suffix.lower()
         keeps = FORMATS[suffix].keeps if suffix in FORMATS else ("textures",)
         if self.texture is not None and "textures" not in keeps:
@@ -211,7 +215,7 @@ class Conversion:
             style, quality = choose_style(
                 mesh, target, asset, color=self.color, texture=self.texture, engine=self.engine
             )
-        # Errors of coordinates and indices are reported for the source.
+        # Errors about coordinates and indices name the source, not the target.
         with self.stage(f"writing {target.name}"), about(source):
             storable = fit_to_format(mesh, suffix)
             write_whole(storable, target, style, overwrite=self.overwrite, check_companion=self.check_free)

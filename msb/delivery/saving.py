@@ -99,9 +99,10 @@ def choose_style(
     texture: Picture | None = None,
     engine: Engine | None = None,
 ) -> tuple[Style, str | None]:
-    """Return the style for writing `mesh` to `target`, and a text about its image quality (web only).
+    """Return the style for writing `mesh` to `target`.
 
-    `mesh` is the mesh of `asset`, or of a mesh file. `save` describes the options.
+    The second value describes its image quality (web only). `mesh` is the mesh of `asset`, or of a mesh file.
+    `save` describes the options.
 
     Raises
     ------
@@ -134,7 +135,7 @@ def check_choice(name: str, value: Any, known: Sequence[str]) -> None:
         raise UsageError("USAGE", text)
 
 
-# Outputs that are not models -> the command that writes them, and their suffixes.
+# The commands that write pages, images, films and other outputs, with the suffixes of these outputs.
 _OTHER_OUTPUTS = {
     "a page": ("msb web", (".html", ".htm")),
     "images": ("msb render", (".png", ".npy", ".exr")),
@@ -149,7 +150,8 @@ _OTHER_MODELS = (".gltf", ".fbx", ".usd", ".usda", ".usdc", ".usdz", ".dae", ".b
 def output_suffix(path: Path, name: str = "the output") -> str:
     """Return the suffix of `path` in lower case if that format can be written, else raise USAGE.
 
-    In the error message `name` stands for the path. The message also names the command for other outputs.
+    The error message calls the path `name`. For outputs that are not models, the message also names the
+    command that writes them.
     """
     suffix, known = path.suffix.lower(), (ASSET_SUFFIX, *list_written_suffixes())
     if suffix in known:

@@ -1,12 +1,12 @@
 """Chooses the coarsest web encoding of a mesh that keeps an image quality of 50 dB.
 
 A GLB for the web stores quantised positions, quantised colours and compressed textures. Each of the three
-adds an error to the images of the mesh. The mean squared errors of independent parts add up approximately. So
-the search measures each part separately and distributes the error that 50 dB allow:
+adds an error to the images of the mesh. The mean squared errors of independent parts add up approximately.
+Therefore the search measures each part separately, and distributes the error that 50 dB allow:
 
 1. Measure the error of the compressed textures.
-2. For each precision of the colours, measure their error. Subtract both errors from the allowed error, and
-   find by bisection the fewest bits of positions whose error fits in the remainder.
+2. For each precision of the colours, measure their error. Subtract both errors from the allowed error. Find
+   by bisection the fewest bits of positions whose error fits in the remainder.
 3. Take the combination with the smallest file. Then adjust the bits of positions until the whole file just
    keeps 50 dB.
 """
@@ -29,22 +29,23 @@ from msb.scenes import Camera
 
 # Minimum PSNR in dB of a file for the web against the mesh. Differences are invisible above about 40 dB.
 MIN_PSNR = 50.0
-# Samples per pixel along each axis of the compared images, so that edges do not dominate the error.
+# Samples per pixel along each axis of the compared images. With fewer samples, edges would dominate the
+# error.
 _SAMPLES = 4
 # Range of the search for the precision of positions, in quarters of a bit: 10 to 22 bits.
 _COARSEST, _FINEST = 40, 88
 # Precisions of vertex colours, which are stored as linear light, from coarse to fine. None: every channel has
-# one byte. A number: a channel gets a second byte if the error of one byte exceeds this many levels of 8-bit
-# sRGB.
+# one byte. A number: a channel gets a second byte if the error of one byte exceeds this number of levels of
+# 8-bit sRGB.
 _LEVELS = (None, 4.0, 2.0, 1.0, 0.5)
 
 
 @dataclass(frozen=True)
 class ImageLoss:
-    """Measures the difference between images of `mesh` and images of other meshes.
+    """Measurement of the difference between images of `mesh` and images of other meshes.
 
     `views` describes the cameras in words, for messages. `why_not` is the reason why nothing can be judged in
-    them; None if it can.
+    these views, or None.
     """
 
     mesh: Mesh
@@ -103,7 +104,7 @@ def web_style(images: ImageLoss) -> tuple[Style, str]:
 
 
 def _find_coarsest(images: ImageLoss) -> tuple[Style, str]:
-    """Run the search that the docstring of this module describes; errors are mean squared errors."""
+    """Run the search that the docstring of this module describes. Errors are mean squared errors."""
     from msb.meshes.glb_web import Grid, convert_to_srgb, quantize_light
 
     mesh = as_glb(images.mesh)
@@ -115,7 +116,7 @@ def _find_coarsest(images: ImageLoss) -> tuple[Style, str]:
         return _squared_error(images.loss(replace(mesh, vertices=grid.positions)))
 
     def fewest_bits(room: float, *, by_distance: bool) -> int:
-        """Return, in quarters of a bit, the lowest precision of positions with an error of at most `room`."""
+        """Return the lowest precision of positions with an error of at most `room`, in quarters of a bit."""
         low, high = _COARSEST, _FINEST
         while low < high:
             middle = (low + high) // 2
@@ -125,7 +126,7 @@ def _find_coarsest(images: ImageLoss) -> tuple[Style, str]:
                 low = middle + 1
         return low
 
-    # The error of textures. The finest positions and colours add almost nothing to it.
+    # The error of textures. The finest positions and colours add almost nothing to this error.
     texture_error = 0.0
     if mesh.textures:
         finest = _style(Web(_FINEST, _LEVELS[-1]))
@@ -142,14 +143,14 @@ def _find_coarsest(images: ImageLoss) -> tuple[Style, str]:
         for by_distance in (False, True) if is_unindexed(mesh.faces, len(mesh.vertices)) else (False,):
             web = Web(fewest_bits(room, by_distance=by_distance), levels, by_distance)
             candidates.append((web.quarters == _FINEST, len(_encode(mesh, _style(web))), web))
-    # Prefer candidates with a precision below the finest one. Among these, take the smallest file.
+    # Prefer candidates that do not need the finest precision. Among these, take the smallest file.
     web = min(candidates, key=lambda candidate: candidate[:2])[2]
 
     @cache
     def whole_loss(quarters: int) -> float:
         return images.loss(encode_and_read(mesh, _style(replace(web, quarters=quarters))))
 
-    # Adjust the positions, because the errors add up only approximately.
+    # Adjust the precision of the positions, because the errors add up only approximately.
     quarters = web.quarters
     while quarters > _COARSEST and whole_loss(quarters - 1) >= MIN_PSNR:
         quarters -= 1

@@ -1,6 +1,6 @@
-"""Read and write mesh files exactly as stored. Each format is one module and one line in `files`.
+"""Read and write mesh files exactly as stored. Each format has a module of its own and one line in `files`.
 
-docs/meshes.md lists what each reader and each writer keeps, and the libraries that were considered.
+docs/meshes.md lists the data that each reader and writer keeps, and the libraries that were considered.
 """
 
 from msb.meshes.files import MESH_SUFFIXES, read_mesh, write_mesh

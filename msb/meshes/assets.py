@@ -88,7 +88,7 @@ def _check_uvs(mesh: Mesh) -> None:
 def mesh_from_asset(asset: Asset) -> Mesh:
     """Return the standard-tier mesh of `asset`: opaque, with static colours.
 
-    The colours are those of `msb.asset.look`; an asset without colours gives a mesh without colours. Corner
+    `msb.asset.look` computes the colours. An asset without colours gives a mesh without colours. Corner
     colours, and the face colours of a triangle soup, become vertex colours. A vertex is split if its corners
     have different colours. Textures are kept. Faces below the asset's STE threshold are removed.
 
@@ -119,7 +119,7 @@ def mesh_from_asset(asset: Asset) -> Mesh:
 
 
 def _with_textures(mesh: Mesh, asset: Asset) -> Mesh:
-    """Return `mesh`, which has the vertices and faces of `asset`, with the textures of `asset`."""
+    """Return `mesh` with the textures of `asset`. Both have the same vertices and faces."""
     uv, manifest = asset.buffers["uv"], asset.manifest
     by_vertex = manifest.buffers["uv"].domain == "vertex"
     return replace(
@@ -135,7 +135,8 @@ def _with_textures(mesh: Mesh, asset: Asset) -> Mesh:
 def align_baked(baked: Asset, asset: Asset) -> Asset:
     """Return a mesh that was baked from `asset`, in the coordinates of `asset`.
 
-    Files of baked meshes are rotated upright, as their formats require. Their vertices are rotated back.
+    Files of baked meshes are rotated upright, because their formats require it. This function rotates the
+    vertices back.
     """
     mesh, up = mesh_from_asset(baked), written_up(asset)
     vertices = rotate_axis(mesh.vertices, mesh.up or "unknown", up or "unknown")
@@ -155,10 +156,10 @@ def with_vertex_colors(mesh: Mesh) -> Mesh:
 def fit_to_format(mesh: Mesh, suffix: str) -> Mesh:
     """Return `mesh` reduced to the data that files of `suffix` can store. The audit of a file sees this mesh.
 
-    Colours and UVs are moved to where the format stores them, usually to vertices. Textures become vertex
-    colours if the format has no textures. The mesh is rotated upright if the format defines an up axis and
-    the up axis of the mesh is known. If the format cannot share vertices between faces, every face gets three
-    separate vertices.
+    Colours and UVs are moved to the elements for which the format stores them, usually vertices. Textures
+    become vertex colours if the format has no textures. The mesh is rotated upright if the format defines an
+    up axis and the up axis of the mesh is known. If the format cannot share vertices between faces, every
+    face gets three separate vertices.
     """
     mesh = replace(mesh, vertex_keys=None, corner_keys=None)  # files are written without these attributes
     form = FORMATS[suffix]
@@ -188,10 +189,10 @@ def with_faces(mesh: Mesh, keep: NDArray[np.bool_]) -> Mesh:
 
 
 def without_bad_faces(mesh: Mesh) -> tuple[Mesh, int]:
-    """Return `mesh` without the faces that have a coordinate which is not finite, and their number.
+    """Return `mesh` without the faces that have a non-finite coordinate, and the number of these faces.
 
-    Vertices that are not finite are removed, too. A mesh without any other face stays as it is, and so does
-    one with invalid indices: writers reject them.
+    Non-finite vertices are removed, too. A mesh without any finite face, or with invalid indices, is returned
+    unchanged, because writers reject it.
     """
     is_bad = ~np.isfinite(mesh.vertices).all(axis=1)
     is_invalid = ((mesh.faces < 0) | (mesh.faces >= len(mesh.vertices))).any()
@@ -207,7 +208,7 @@ def without_bad_faces(mesh: Mesh) -> tuple[Mesh, int]:
 def with_corner_colors(mesh: Mesh, colors: NDArray[Any]) -> Mesh:
     """Return `mesh` with the corner colours `colors` (3F, 3 | 4) as vertex colours.
 
-    A vertex is split if its corners have different colours. The order of vertices stays; unused ones are
+    A vertex is split if its corners have different colours. Vertices keep their order; unused vertices are
     removed.
     """
     # Sort the 3F corners by vertex and by the bits of their colour. A new vertex begins at every corner that

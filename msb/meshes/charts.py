@@ -9,8 +9,8 @@ from msb.asset.texture import Sampler, linear_to_srgb, mip_levels, sample
 from msb.meshes.colors import linear_light, with_alpha
 from msb.meshes.mesh import Mesh
 
-# Offset in mip levels for sampling a texture at a corner: -1 samples one level finer than the level that
-# matches the size of the face. It gave the best result on a textured sphere.
+# Offset in mip levels for sampling a texture at a corner. The level that matches the size of the face has the
+# offset 0; -1 is one level finer. It gave the best result on a textured sphere.
 _MIP_BIAS = -1.0
 # A corner is sampled at a point this fraction of the way towards the centre of the face. At the corner
 # itself, filtering would mix in texels of neighbouring charts.
@@ -20,7 +20,7 @@ _INWARDS = 0.25
 def with_vertex_uvs(mesh: Mesh) -> Mesh:
     """Return `mesh` with texture coordinates per vertex, and faces and vertices grouped by texture.
 
-    A vertex is split if its corners have different coordinates (compared bit by bit) or different textures.
+    A vertex is split if its corners have different textures or different coordinates, compared bit by bit.
     The first copy keeps the place of the vertex in the order. The other copies come after all kept vertices
     with the same texture, in the order of the corners that use them. Faces keep their order within a group.
     """
@@ -49,10 +49,10 @@ def _split_vertices(
     """Return the old vertex (N,) and UVs (N, 2) of each new vertex, and the new vertex of each corner (C,).
 
     `corners`, `textures` (C,) and `uvs` (C, 2) are the old vertex, texture and UV of each face corner,
-    grouped by texture. `count` is the number of old vertices; unused ones are kept.
+    grouped by texture. `count` is the number of old vertices. Unused vertices are kept.
     """
-    # Corners with the same vertex, texture and UV bits share a new vertex. Sort them to find the groups:
-    # `first` (N,) is the earliest corner of each group, `numbers` (C,) the group of each corner.
+    # Corners with the same vertex, texture and UV bits share a new vertex. Sort them to find the groups.
+    # `first` (N,) is the earliest corner of each group. `numbers` (C,) is the group of each corner.
     bits = np.ascontiguousarray(uvs).view(np.uint64)[:, 0]
     by = np.lexsort((bits, textures, corners))
     differs = np.ones(len(by), bool)
@@ -62,7 +62,8 @@ def _split_vertices(
     numbers = np.zeros(len(by), np.int64)
     numbers[by] = np.cumsum(differs) - 1
 
-    # An old vertex has a group for each of its copies. The group with its earliest corner keeps its place.
+    # An old vertex has several groups if it is split. The group with its earliest corner keeps the place of
+    # the vertex.
     vertices = corners[first]
     begins = np.flatnonzero(np.diff(vertices, prepend=-1))
     stays = np.zeros(len(first), bool)
@@ -93,9 +94,10 @@ def without_textures(mesh: Mesh) -> Mesh:
 def with_sampled_colors(mesh: Mesh) -> Mesh:
     """Return `mesh` with vertex colours sampled from its textures, instead of the textures.
 
-    The colour of a vertex is the average over its corners, in linear light and weighted by face area. A
-    corner has the texture's colour, filtered to the size of the face, times the vertex colour or, if there
-    are none, the face colour. Alpha is kept if the sampler has an alpha cut-off.
+    The colour of a vertex is the average over its corners, in linear light and weighted by face area. The
+    colour of a corner is the colour of the texture, filtered to the size of the face. It is multiplied with
+    the vertex colour, or with the face colour if there are no vertex colours. Alpha is kept if the sampler
+    has an alpha cut-off.
     """
     if not mesh.textures:
         return without_textures(mesh)
@@ -110,7 +112,7 @@ def with_sampled_colors(mesh: Mesh) -> Mesh:
     points /= np.abs(points).max(initial=np.finfo(np.float64).tiny, where=np.isfinite(points))
     area = np.linalg.norm(np.cross(points[:, 1] - points[:, 0], points[:, 2] - points[:, 0]), axis=1)
     weight = np.repeat(area + np.finfo(np.float32).tiny, 3)
-    # Average the corners of each vertex; white for unused vertices.
+    # Average the corners of each vertex. Unused vertices are white.
     total = np.bincount(corners, weight, len(mesh.vertices))
     light = np.ones((len(mesh.vertices), 4))
     used = total > 0
@@ -126,7 +128,9 @@ def with_sampled_colors(mesh: Mesh) -> Mesh:
 
 
 def _sample_corners(mesh: Mesh, uvs: NDArray[np.float64]) -> NDArray[np.float32]:
-    """Return the textures' linear light and alpha (3F, 4) at the corners with coordinates `uvs` (F, 3, 2)."""
+    """Return the linear light and alpha (3F, 4) of the textures at the corners, whose coordinates are `uvs`
+    (F, 3, 2).
+    """
     light = np.zeros((len(uvs), 3, 4), np.float32)
     smooth = replace(mesh.sampler, filter="linear", mipmaps=True)
     inside = uvs + _INWARDS * (uvs.mean(axis=1, keepdims=True) - uvs)

@@ -8,8 +8,7 @@ from numpy.typing import NDArray
 
 from msb.asset.texture import LINEAR, linear_to_srgb, srgb_to_linear
 
-# Floats in [0, 1] with a smaller difference count as equal, because other programs round the decimals they
-# write.
+# Floats in [0, 1] with a smaller difference count as equal, because other programs write rounded decimals.
 _SAME = 1e-6
 
 
@@ -17,8 +16,8 @@ def stored_colors(values: NDArray[Any]) -> NDArray[Any]:
     """Return colours (N, 3 | 4) of any number type as uint8 or as float32 in [0, 1], in native byte order.
 
     uint8 is kept. uint16 is divided by 65535. Other integers are clamped to 0..255. Floats are clamped to
-    0..1, as glTF prescribes. The exception is bytes that a program wrote as floats: if all floats are whole
-    numbers from 0 to 255 and at least one is above 1, they become uint8. NaN becomes 0.
+    0..1, as glTF prescribes. Some programs write bytes as floats. Therefore floats become uint8 if all are
+    whole numbers from 0 to 255 and at least one is above 1. NaN becomes 0.
     """
     if values.dtype.kind == "f":
         values = np.nan_to_num(values, nan=0.0)
@@ -62,7 +61,7 @@ def linear_light(colors: NDArray[Any]) -> NDArray[np.float32]:
 def srgb_colors(linear: NDArray[Any], most: int = 0) -> NDArray[Any]:
     """Return linear colours (N, 3 | 4), uint8 or float32, as sRGB; alpha is unchanged.
 
-    The result is uint8 if that represents all given values, else float32. If `most` is 65535, the floats
+    The result is uint8 if bytes represent all given values, else float32. If `most` is 65535, the floats
     represent uint16 values.
     """
     if linear.dtype == np.uint8:
@@ -96,7 +95,8 @@ def _quantize(values: NDArray[Any], most: int) -> NDArray[np.intp]:
 
 @cache
 def _build_table(most: int) -> tuple[NDArray[np.float32], NDArray[np.uint8], NDArray[np.bool_]]:
-    """Return, for each linear level 0..`most`: its sRGB value, the nearest byte, and whether it is exact.
+    """Return three arrays for the linear levels 0..`most`: the sRGB value, the nearest byte, and whether it
+    is exact.
 
     A byte is exact if it converts back to the same linear level.
     """

@@ -21,8 +21,8 @@ for _format in (ply.FORMAT, obj.FORMAT, off.FORMAT, stl.FORMAT, *gltf_scene.FORM
 
 # The suffixes that `read_mesh` accepts, in lower case, including formats of other packages.
 MESH_SUFFIXES = FORMATS.keys()
-# Maximum number of entries in `Mesh.left_out`. Further ones are only counted, because a hostile file may have
-# millions.
+# Maximum number of entries in `Mesh.left_out`. Further entries are only counted, because a hostile file may
+# have millions.
 _MAX_LEFT_OUT = 16
 
 
@@ -72,7 +72,9 @@ def read_mesh(path: str | os.PathLike[str], *, images: bool = True) -> Mesh:
 
 
 def _shorten_left_out(mesh: Mesh) -> Mesh:
-    """Return `mesh` with a shorter `left_out`: its first entries, then the number of the remaining ones."""
+    """Return `mesh` with a shorter `left_out`: its first entries, and then the number of the remaining
+    entries.
+    """
     first, more = mesh.left_out[:_MAX_LEFT_OUT], len(mesh.left_out) - _MAX_LEFT_OUT
     return mesh if more <= 0 else replace(mesh, left_out=(*first, f"{more:,} more properties"))
 
@@ -138,7 +140,7 @@ def write_whole(
     overwrite: bool = True,
     check_companion: Callable[[Path], None] = lambda path: None,
 ) -> None:
-    """Write a mesh and its companion files in the format of the suffix: either all files or none.
+    """Write a mesh and its companion files in the format of the suffix. Either all files are written or none.
 
     `check_companion` may reject the path of a companion file before anything is written. Errors are those of
     `write_mesh` and of `new_files`.

@@ -1,4 +1,4 @@
-"""The declaration of a mesh format, and the table of all formats: ours and those of other packages."""
+"""The declaration of a mesh format, and the table of all formats, including formats of other packages."""
 
 from __future__ import annotations
 
@@ -77,9 +77,10 @@ class Style:
 
 @dataclass(frozen=True)
 class Format:
-    """One mesh format. Its module declares it, and one line in `msb.meshes.files` registers it.
+    """One mesh format.
 
-    Another package registers its format by an entry point of the group `msb.meshes` (docs/extending.md).
+    A format of ours is declared in its module and registered by one line in `msb.meshes.files`. Another
+    package registers its format by an entry point of the group `msb.meshes` (docs/extending.md).
 
     Attributes
     ----------
@@ -93,16 +94,16 @@ class Format:
         A function that writes a mesh with valid coordinates and indices to a binary stream; None for a
         read-only format.
     begins : compiled pattern of bytes, optional
-        The signature at the start of every file of this format and of no other. It identifies files with a
-        wrong suffix.
+        The signature at the start of every file of this format. Files of other formats must not begin with
+        it. It identifies files with a wrong suffix.
     companions : callable, optional
-        A function that returns the companion files of a mesh (materials, images) as name -> content; their
-        names begin with the `stem` of the style.
+        A function that returns the contents of the companion files of a mesh (materials, images) by name.
+        Names begin with the `stem` of the style.
     keeps : tuple of {"vertex_colors", "face_colors", "vertex_uvs", "textures", "collision"}
         The optional parts of a mesh that the format can store.
     list_stored, list_lost : callable, optional
-        Functions that name the colours and textures that a file stores of a textured mesh, and the parts that
-        it loses, if this depends on more than `keeps`.
+        Functions of a textured mesh. The first names the colours and textures that a file stores, the second
+        the parts that it loses. They are needed if this depends on more than `keeps`.
     is_soup : bool
         True if the format stores three vertices per face, so that faces never share vertices.
     is_single : bool
@@ -138,7 +139,10 @@ OURS: dict[str, Format] = {}
 
 @cache
 def _theirs() -> dict[str, Format]:
-    """Return suffix -> format of other packages (entry points `msb.meshes`). Built-in suffixes stay ours."""
+    """Return the formats of other packages (entry points `msb.meshes`) by suffix.
+
+    Built-in suffixes stay ours.
+    """
     formats: dict[str, Format] = {}
 
     def accept(name: str, entry: str) -> None:
@@ -155,7 +159,7 @@ def _theirs() -> dict[str, Format]:
     return formats
 
 
-# Suffix, in lower case -> format: ours, then those of other packages.
+# All formats by suffix, in lower case: our formats, then the formats of other packages.
 FORMATS: Mapping[str, Format] = Lazy(lambda: {**OURS, **_theirs()} if OURS else {})
 
 
@@ -200,7 +204,7 @@ def _load_package_format(name: str, entry: str) -> Format:
 
 @dataclass(frozen=True)
 class _PackageFunction:
-    """A function of a mesh format of another package; its errors name that package."""
+    """A function of a mesh format from another package. Its errors name that package."""
 
     whose: str
     function: Callable[..., Any]
@@ -217,7 +221,10 @@ class _PackageFunction:
 
 @dataclass(frozen=True)
 class _PackageReader:
-    """The `read` of a mesh format of another package. Any error of it means that the file is invalid."""
+    """The function `read` of a mesh format from another package.
+
+    Any error of this function means that the file is invalid.
+    """
 
     whose: str
     function: Callable[[Source], Mesh]
@@ -229,7 +236,7 @@ class _PackageReader:
             with contain_errors():
                 try:
                     mesh = self.function(source)
-                except MeshError as error:  # its arrays are no valid mesh
+                except MeshError as error:  # its arrays are not a valid mesh
                     raise PackageError(error.message) from error
                 if not isinstance(mesh, Mesh):
                     raise PackageError(f"it must return a msb.meshes.Mesh, not a {type(mesh).__name__}")

@@ -1,8 +1,8 @@
 """Write GLB files for the web: positions on a grid, and arrays compressed with EXT_meshopt_compression.
 
-Positions are stored as integer grid coordinates, which the node scales. They are uint16 if they fit
-(KHR_mesh_quantization). Otherwise they are floats, which the filter EXPONENTIAL of EXT_meshopt_compression
-stores as mantissa and exponent.
+Positions are stored as integer grid coordinates. The scale of the node converts them back. They are uint16 if
+they fit (KHR_mesh_quantization). Otherwise they are floats. The filter EXPONENTIAL of EXT_meshopt_compression
+stores them as mantissa and exponent.
 """
 
 from __future__ import annotations
@@ -28,12 +28,12 @@ _MESHOPT, _QUANTIZATION = "EXT_meshopt_compression", "KHR_mesh_quantization"
 # of a finer grid. The limit of a grid that varies by distance is 3 bits lower, because its finest step is 3
 # bits finer.
 _FINEST, _FINEST_BY_DISTANCE = 88, 76
-# Range of the grid step by distance, in bits relative to the step at the median distance: from 8 times finer
-# (-3) to 32 times coarser (5).
+# Range of the grid step, which varies by distance. It is given in bits relative to the step at the median
+# distance: from 8 times finer (-3) to 32 times coarser (5).
 _FINER, _COARSER = -3, 5
-# Increase of the grid step at twice the distance, in bits: the step is 2.8 times coarser.
+# Increase of the grid step at twice the distance, in bits. The step is then 2.8 times coarser.
 _BITS_PER_DOUBLING = 1.5
-# Precision of texture coordinates, in bits below one texel: the step is 1/16 texel.
+# Precision of texture coordinates, in bits below one texel. The step is 1/16 texel.
 _TEXEL_BITS = 4
 # Bits of a mantissa without its sign. They limit the precision of texture coordinates far outside [0, 1].
 _MANTISSA = 23
@@ -55,8 +55,8 @@ class Grid:
     def of(cls, mesh: Mesh, web: Web) -> Grid:
         """Return the positions of `mesh` rounded with the precision of `web`.
 
-        The step is a power of two times 8, 7, 6 or 5 eighths. It is not smaller than the float32 spacing at
-        the farthest vertex, so that different grid positions stay different after decoding.
+        The step is a power of two times 8, 7, 6 or 5 eighths. It is at least the float32 spacing at the
+        farthest vertex. Different grid positions then stay different after decoding.
         """
         positions = as_float32(mesh.vertices, "GLB").astype(np.float64)
         coarser = np.zeros(len(positions), np.int64)
@@ -88,10 +88,10 @@ class Grid:
 
 
 def _coarsen_by_distance(mesh: Mesh, positions: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Return the coarsening of the grid step for each vertex (V,) of a soup, in bits (negative: finer).
+    """Return the coarsening of the grid step for each vertex (V,) of a soup, in bits.
 
-    The step grows with the distance of the face from the centre of the scene. Cameras are near the centre, so
-    distant faces are larger, and cameras see them from far away.
+    Negative values are finer. The step grows with the distance of the face from the centre of the scene.
+    Cameras are near the centre. They see distant faces from far away, and these faces are larger.
     """
     offset = positions[mesh.faces].mean(axis=1) - np.median(positions, axis=0)
     distance = np.linalg.norm(offset, axis=1)
@@ -109,7 +109,7 @@ def write_web(mesh: Mesh, stream: BinaryIO, style: Style) -> None:
     assert web is not None
     builder = _CompressedBuilder(start_root(mesh, style))
     if web.by_distance and mesh.face_textures is not None:
-        web = replace(web, by_distance=False)  # `Grid.exponents` is not split by primitive
+        web = replace(web, by_distance=False)  # `Grid.exponents` covers the whole mesh, not single primitives
     # Positions: grid coordinates, and a node transform that maps them back.
     grid = Grid.of(mesh, web)
     builder.root["nodes"][0] |= {"translation": grid.corner.tolist(), "scale": [grid.step] * 3}
@@ -117,7 +117,8 @@ def write_web(mesh: Mesh, stream: BinaryIO, style: Style) -> None:
     if mesh.vertex_colors is not None:
         attributes["COLOR_0"] = with_alpha(quantize_light(mesh.vertex_colors, web.levels))
     if mesh.vertex_uvs is not None and mesh.textures:
-        # Texture coordinates: multiples of 2 ** -bits, as fine as the mantissa allows for the largest one.
+        # Texture coordinates become multiples of 2 ** -bits. The mantissa of the largest coordinate limits
+        # the bits.
         side = max(max(image.shape[:2]) for image in mesh.textures)
         most = max(float(np.abs(mesh.vertex_uvs).max(initial=0)), 1.0)
         rounded = most * (1 + 0.5**_MANTISSA)  # rounding may reach the next power of two
@@ -140,7 +141,7 @@ def write_web(mesh: Mesh, stream: BinaryIO, style: Style) -> None:
     builder.require(_MESHOPT)
     if attributes["POSITION"].dtype == np.uint16:
         builder.require(_QUANTIZATION)
-    # The fallback buffer for uncompressed arrays. The extension requires it; it is left empty.
+    # The fallback buffer for uncompressed arrays. The extension requires this buffer. It stays empty.
     builder.add("buffers", {"byteLength": builder.plain, "extensions": {_MESHOPT: {"fallback": True}}})
     finish(builder, stream)
 
@@ -149,14 +150,15 @@ def quantize_light(colors: NDArray[Any], levels: float | None) -> NDArray[Any]:
     """Return sRGB colours (V, 3 | 4) as linear light with an error of at most `levels` of 8-bit sRGB.
 
     They are uint8 if `levels` is None, else uint16. Every uint16 value is rounded to as few significant bits
-    as the error allows, because low bytes of zero compress to almost nothing.
+    as the error allows. The low bytes are then often zero and need almost no space.
     """
     values = as_floats(colors)
     light = values.astype(np.float64)
     light[:, :3] = srgb_to_linear(values[:, :3])
     if levels is None:
         return np.asarray(np.rint(light * 255).astype(np.uint8))
-    # Round to multiples of 2, 4, ..., 256, and keep the coarsest value of each colour within the error.
+    # Round to multiples of 2, 4, ..., 256. Of each colour, keep the coarsest value whose error is small
+    # enough.
     exact = light * 65535
     stored = np.rint(exact)
     for bits in range(1, 9):
@@ -174,7 +176,7 @@ def convert_to_srgb(light: NDArray[Any]) -> NDArray[np.float32]:
 
 
 def _order_soup(part: Primitive, exponents: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return an order of vertices (V,) that compresses well, in which every three vertices are a face.
+    """Return an order of vertices (V,) that compresses well. Every three vertices in this order are a face.
 
     Faces are sorted by grid step, then along a space-filling curve. Each face is rotated to begin with the
     corner nearest to the last corner of the previous face.
@@ -197,7 +199,7 @@ def _order_soup(part: Primitive, exponents: NDArray[np.int64]) -> NDArray[np.int
 
 
 def _select_rows(part: Primitive, order: NDArray[np.int64], faces: NDArray[np.int64] | None) -> Primitive:
-    """Return the vertices `order` (V,) of `part` with `faces` (F, 3), which are indices into them."""
+    """Return the vertices `order` (V,) of `part`. The indices `faces` (F, 3) refer to the result."""
     rows = {name: np.ascontiguousarray(values[order]) for name, values in part.attributes.items()}
     return Primitive(rows, faces, part.texture)
 
@@ -210,7 +212,7 @@ def _reorder_mesh(part: Primitive) -> Primitive:
     import meshopt
 
     assert part.faces is not None
-    # Sort the faces along a space-filling curve, then let meshopt optimise the order from there.
+    # Sort the faces along a space-filling curve. Then meshopt optimises this order.
     points = part.attributes["POSITION"].astype(np.float32)
     rank = meshopt.reorder_points(points[part.faces].mean(axis=1))
     start = np.argsort(rank)
@@ -244,7 +246,7 @@ class _CompressedBuilder(GlbBuilder):
         kind: dict[str, Any] = {"mode": "ATTRIBUTES"}
         if rows.dtype.kind == "f":
             kind["filter"] = "EXPONENTIAL"
-            # The filter's format: an exponent of 8 bits, and a mantissa of 24 bits.
+            # The filter stores an exponent of 8 bits and a mantissa of 24 bits.
             exponents = self.exponents[name][:, None]
             whole = np.rint(rows * 2.0**-exponents).astype(np.int64)
             rows = ((exponents & 0xFF) << 24 | whole & 0xFFFFFF).astype("<u4")

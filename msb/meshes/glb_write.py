@@ -23,7 +23,7 @@ _WEBP = "EXT_texture_webp"
 _COMPONENTS = {kind[1:]: number for number, kind in COMPONENTS.items()}
 # Targets of buffer views.
 VERTICES, INDICES = 34962, 34963
-# From this number of vertices on, indices are uint32: index 65535 is reserved for restarting strips.
+# From this number of vertices on, indices are uint32, because index 65535 is reserved for restarting strips.
 _MAX_SHORT = 1 << 16
 _FILTERS = {
     ("linear", True): 9987,
@@ -36,7 +36,7 @@ _WRAPS = {"repeat": 10497, "clamp": 33071, "mirror": 33648}
 
 @dataclass(frozen=True)
 class Primitive:
-    """A primitive: vertex attributes, name -> (V, K), faces (F, 3), and the number of its texture.
+    """A primitive: its vertex attributes (V, K) by name, its faces (F, 3), and the number of its texture.
 
     Without faces, every three vertices are a face.
     """
@@ -66,7 +66,7 @@ class GlbBuilder:
                 self.root[key].append(extension)
 
     def put(self, data: bytes | NDArray[Any]) -> dict[str, int]:
-        """Append bytes to the binary chunk; return the buffer view that describes their place."""
+        """Append bytes to the binary chunk, and return the buffer view that describes their place."""
         content = data if isinstance(data, bytes) else np.ascontiguousarray(data).data.cast("B")
         start, self.size = self.size, self.size + len(content)
         self.binary.append(content)
@@ -88,7 +88,7 @@ def write(mesh: Mesh, stream: BinaryIO, style: Style) -> None:
     """Write an unlit, two-sided mesh with one primitive per texture. Face colours are not written.
 
     Positions and texture coordinates are float32, because some programs do not scale normalized integers.
-    Colours are linear light as uint8 or uint16, or sRGB as stored if the style requests it.
+    Colours are linear light as uint8 or uint16. If the style requests sRGB, they are written as stored.
     """
     if not len(mesh.faces):
         raise OutputError("OUTPUT_FORMAT_LIMIT", "GLB cannot store a mesh without faces; use PLY")
@@ -132,7 +132,7 @@ def _encode_colors(colors: NDArray[Any], style: Style) -> NDArray[Any]:
 
 
 def split(mesh: Mesh, attributes: dict[str, NDArray[Any]]) -> Iterator[Primitive]:
-    """Yield one primitive per texture. `attributes` (V, K) are those of all vertices.
+    """Yield one primitive per texture. `attributes` (V, K) are the attributes of all vertices.
 
     Faces and vertices of `mesh` must be grouped by texture, as `with_vertex_uvs` returns them.
     """
@@ -178,7 +178,10 @@ def _describe_array(rows: NDArray[Any], view: int) -> dict[str, Any]:
 
 
 def _add_material(builder: GlbBuilder, texture: int | None, mesh: Mesh, style: Style) -> None:
-    """Add the unlit, two-sided material of a primitive. Viewers that light it anyway show it rough."""
+    """Add the unlit, two-sided material of a primitive.
+
+    The material is rough, in case a viewer lights it although it is unlit.
+    """
     surface: dict[str, Any] = {"metallicFactor": 0, "roughnessFactor": 1}
     material: dict[str, Any] = {"pbrMetallicRoughness": surface}
     material |= {"extensions": {_UNLIT: {}}, "doubleSided": True}

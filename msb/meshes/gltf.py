@@ -50,11 +50,11 @@ VISIBILITY = "KHR_node_visibility"
 MAX_NODES = 1 << 20
 
 # Memory limit for the arrays of a file: 64 bytes per byte of the file, plus 256 MiB. A byte of the file needs
-# at most 24 bytes (as an index), so a file reaches the limit only if nodes or primitives share arrays.
+# at most 24 bytes (as an index). A file therefore reaches the limit only if nodes or primitives share arrays.
 MAX_BYTES_PER_BYTE = 64
 MAX_EXTRA_BYTES = 1 << 28
 
-# Byte -> change of the nesting depth.
+# The change of the nesting depth for each byte.
 _NESTING = np.zeros(256, dtype=np.int8)
 _NESTING[list(b"[{")] = 1
 _NESTING[list(b"]}")] = -1
@@ -71,13 +71,14 @@ class Document:
     embedded : dict
         Long data URIs, which are replaced in the JSON by the keys "#0", "#1", ....
     buffers : dict
-        Buffer number -> bytes.
+        The bytes of the buffers by number.
     files : dict
         The linked files that were read.
     views : dict
-        Number of a compressed buffer view -> its decoded bytes.
+        The decoded bytes of compressed buffer views by number.
     packed : dict
-        JSON pointer of a compressed primitive -> attribute name -> decoded array (count, width).
+        The decoded arrays (count, width) of compressed primitives. The keys are the JSON pointer of the
+        primitive and then the name of the attribute.
     """
 
     source: Source
@@ -90,7 +91,10 @@ class Document:
 
     @property
     def limit(self) -> int:
-        """Memory limit for the arrays in bytes, from the sizes of the file and the linked files read."""
+        """Memory limit for the arrays in bytes.
+
+        It depends on the sizes of the file and of the linked files read.
+        """
         linked = sum(map(len, self.files.values()))
         return MAX_BYTES_PER_BYTE * (len(self.source.data) + linked) + MAX_EXTRA_BYTES
 
@@ -107,7 +111,10 @@ class Document:
     def integer(
         self, owner: dict[str, Any], key: str, pointer: str, *, default: int | None = None, below: int = 2**63
     ) -> int:
-        """Return the integer `owner[key]`, from 0 to `below` - 1. Without a default it is required."""
+        """Return the integer `owner[key]`, from 0 to `below` - 1.
+
+        The value is required unless `default` is given.
+        """
         value = owner.get(key, default)
         if type(value) is not int or not 0 <= value < below:
             text = f"'{key}' is {shorten(str(value))}; it must be an integer from 0 to {below - 1}"
@@ -196,8 +203,8 @@ class Document:
 class Accessor:
     """A validated description of an array (count, width). All its bytes are known to exist.
 
-    `data` has the bytes of the buffer view; it is None if the array is all zeros. The first element begins at
-    byte `start` of `data`, and every further one begins `stride` bytes later. `sparse` has two accessors: the
+    `data` has the bytes of the buffer view, or is None for an array of zeros. The first element begins at
+    byte `start` of `data`. Every further element begins `stride` bytes later. `sparse` has two accessors: the
     indices of elements to replace, and their new values.
     """
 
@@ -293,10 +300,10 @@ def parse_document(source: Source, text: bytes) -> Document:
 def parse_accessor(
     document: Document, index: int, *, kinds: str, components: str, unpacked: NDArray[Any] | None = None
 ) -> Accessor:
-    """Return accessor `index` after checking that its bytes exist.
+    """Return accessor `index`, and check that its bytes exist.
 
     `kinds` are the valid element types, such as "VEC3 VEC4", and `components` the valid number types, such as
-    "u1 u2 f4". `unpacked` (count, width) are decompressed values, which are used instead of a buffer view.
+    "u1 u2 f4". `unpacked` (count, width) are decompressed values; they replace the buffer view.
     """
     entry, pointer = document.entry("accessors", index)
     kind = entry.get("type")
@@ -308,7 +315,8 @@ def parse_accessor(
     dtype = _parse_component(document, entry, pointer, components)
     normalized = entry.get("normalized") is True
     if unpacked is not None:
-        # Encoders may store integers wider than the accessor declares: convert them, and compare.
+        # Encoders may store wider integers than the accessor declares. Convert them, and check that their
+        # values stay equal.
         same_kind = (unpacked.dtype.kind == "f") == (dtype.kind == "f")
         values = unpacked.astype(dtype) if same_kind else unpacked[:0]
         if values.shape != (count, width) or not np.array_equal(values, unpacked, equal_nan=True):
@@ -358,7 +366,7 @@ def _parse_component(document: Document, owner: dict[str, Any], pointer: str, al
 def _locate(
     document: Document, owner: dict[str, Any], pointer: str, count: int, size: int
 ) -> tuple[memoryview, int, int]:
-    """Return the bytes of the buffer view with `count` elements of `size` bytes, their start and stride."""
+    """Return the bytes of a buffer view with `count` elements of `size` bytes, and their start and stride."""
     data, view, view_pointer = document.view(document.integer(owner, "bufferView", pointer))
     stride = document.integer(view, "byteStride", view_pointer, default=size)
     if stride < size:
@@ -372,7 +380,7 @@ def _locate(
 
 
 def _split_chunks(source: Source) -> list[tuple[bytes, memoryview]]:
-    """Return type and content of the first two chunks; only extensions use more."""
+    """Return type and content of the first two chunks. Only extensions use further chunks."""
     chunks: list[tuple[bytes, memoryview]] = []
     at = HEADER.size
     while at < len(source.data) and len(chunks) < 2:
@@ -409,9 +417,9 @@ def _parse_json(source: Source, text: bytes) -> dict[str, Any]:
 
 
 def _measure_nesting(text: bytes) -> int:
-    """Return the nesting depth of objects and arrays in JSON; brackets in strings do not count.
+    """Return the nesting depth of objects and arrays in JSON. Brackets in strings do not count.
 
-    This is vectorised: `msb.base.bounded_parsing` would need ten seconds for `MAX_JSON_BYTES`.
+    The function is vectorised, because `msb.base.bounded_parsing` needs ten seconds for `MAX_JSON_BYTES`.
     """
     unescaped = text.replace(b"\\\\", b"  ").replace(b'\\"', b"  ")
     marks = np.frombuffer(unescaped, dtype=np.uint8)
@@ -420,7 +428,7 @@ def _measure_nesting(text: bytes) -> int:
 
 
 def _reject_constant(name: str) -> NoReturn:
-    """Reject NaN and Infinity, which Python's parser accepts."""
+    """Reject NaN and Infinity. Python's parser accepts them."""
     message = f"{name} is not valid in JSON"
     raise ValueError(message)
 
@@ -444,7 +452,7 @@ class PlacedMesh:
 
 @dataclass(frozen=True)
 class PlacedNodes:
-    """The nodes of the scene: number -> world transform (4, 4), and the numbers of the hidden ones."""
+    """The world transforms (4, 4) of the nodes of the scene, by number, and the numbers of hidden nodes."""
 
     worlds: dict[int, NDArray[np.float64]]
     hidden: set[int]
@@ -498,7 +506,7 @@ def _is_visible(document: Document, node: dict[str, Any], pointer: str) -> bool:
 
 
 def _find_roots(document: Document) -> tuple[list[int], int | None]:
-    """Return the root nodes, and the number of nodes to reach from them (None if a scene lists roots)."""
+    """Return the root nodes and the number of nodes to reach, or None if a scene lists its roots."""
     count = len(document.array(document.root, "nodes", ""))
     if count > MAX_NODES:
         text = f"there are {count} nodes; at most {MAX_NODES} are supported"
@@ -531,7 +539,7 @@ def _parse_local_transform(document: Document, node: dict[str, Any], pointer: st
         return document.numbers(node, "matrix", pointer, tuple(IDENTITY.ravel())).reshape(4, 4).T
     if not node.keys() & {"translation", "rotation", "scale"}:
         return IDENTITY
-    # Rotation matrix of the quaternion (x, y, z, w), which is normalised by the factor s.
+    # Rotation matrix of the quaternion (x, y, z, w). The factor s normalises it.
     x, y, z, w = document.numbers(node, "rotation", pointer, (0, 0, 0, 1))
     with np.errstate(all="ignore"):
         s = 2 / (x * x + y * y + z * z + w * w)

@@ -34,8 +34,8 @@ _OTHERS = {
 class TextureUse:
     """The use of a texture by a material.
 
-    `image` is the number of the image, `uv_set` the number of the texture coordinates, and `transform` (2, 3)
-    the matrix to multiply (u, v, 1) with, or None for the identity.
+    `image` is the number of the image. `uv_set` is the number of the set of texture coordinates. `transform`
+    (2, 3) is the matrix to multiply (u, v, 1) with, or None for the identity.
     """
 
     image: int
@@ -46,7 +46,7 @@ class TextureUse:
 
 @dataclass(frozen=True)
 class BaseColor:
-    """The base colour of a material: `factor` (RGBA in linear light) and `texture`.
+    """The base colour of a material is the product of `factor` (RGBA in linear light) and `texture`.
 
     `cutoff` is the alpha cut-off, or None if alpha has no effect. `is_lost` is set if the material has a
     texture that cannot be read.
@@ -82,8 +82,9 @@ def _find_surface(
 ) -> tuple[dict[str, Any], str, tuple[str, str]]:
     """Return the object with the colour of a material, its JSON pointer, and the keys of factor and texture.
 
-    The diffuse colour of the specular-glossiness model is the base colour if the metallic-roughness model has
-    none, or only a factor beside a diffuse texture.
+    Usually this is the metallic-roughness model. The diffuse colour of the specular-glossiness model is used
+    if the metallic-roughness model has no base colour. It is also used if the former has a texture and the
+    latter only a factor.
     """
     surface = document.object(material, "pbrMetallicRoughness", pointer)
     extensions = document.object(material, "extensions", pointer)
@@ -168,7 +169,7 @@ def identify_image(document: Document, index: int) -> Any:
 
 
 def list_other_properties(document: Document, primitives: Iterable[dict[str, Any]]) -> Iterator[str]:
-    """Yield the names of material properties other than the base colour; malformed materials are skipped."""
+    """Yield the names of material properties other than the base colour. Malformed materials are skipped."""
     materials = document.root.get("materials")
     for primitive in primitives:
         number = primitive.get("material")

@@ -1,4 +1,4 @@
-"""Decompress glTF arrays: meshopt compresses buffer views, and Draco compresses primitives.
+"""Decompress the arrays of glTF files. meshopt compresses buffer views, and Draco compresses primitives.
 
 The decoders are C++ code of other projects. They run in a child process, so that a crash becomes an error
 message. The memory limit of the child is proportional to the declared sizes of the arrays.
@@ -32,15 +32,16 @@ Job = dict[str, Any]
 
 
 def unpack(document: Document, meshes: list[int]) -> None:
-    """Decode the compressed arrays of `meshes` that have no uncompressed copy.
+    """Decode the compressed arrays of `meshes` unless the file also has an uncompressed copy.
 
-    Decoded buffer views are stored in `document.views`, and attributes and indices of Draco primitives in
-    `document.packed`. Their total size is limited by `document.limit`.
+    Decoded buffer views are stored in `document.views`. Attributes and indices of Draco primitives are stored
+    in `document.packed`. Their total size is limited by `document.limit`.
     """
     jobs = list(_list_jobs(document, meshes))
     if not jobs:
         return
-    # Check the declared sizes. The buffers have been read by now, so that linked files count for the limit.
+    # Check the declared sizes. Compute the limit after all buffers are read, so that linked files count for
+    # it.
     total = sum(job["bytes"] for job in jobs)
     document.check_total("the compressed arrays", total)
     modules = sorted({"DracoPy" if job["mode"] == "DRACO" else "meshopt" for job in jobs})
@@ -102,7 +103,9 @@ def _decode_draco(job: Job, data: bytes) -> Iterator[tuple[str, NDArray[Any]]]:
 
 
 def _list_jobs(document: Document, meshes: list[int]) -> Iterator[Job]:
-    """Yield a job for each compressed primitive, and for each compressed view that other primitives use."""
+    """Yield a job for each compressed primitive, and for each compressed buffer view that other primitives
+    use.
+    """
     views: set[int] = set()
     for mesh in meshes:
         owner, where = document.entry("meshes", mesh)
@@ -129,7 +132,10 @@ def _list_jobs(document: Document, meshes: list[int]) -> Iterator[Job]:
 
 
 def _find_accessor(document: Document, number: Any) -> dict[str, Any]:
-    """Return the JSON of accessor `number`; empty if it does not exist, which is reported later."""
+    """Return the JSON of accessor `number`.
+
+    It is empty if the accessor does not exist; this is reported later.
+    """
     entries = document.array(document.root, "accessors", "")
     exists = type(number) is int and 0 <= number < len(entries) and isinstance(entries[number], dict)
     return entries[number] if exists else {}
@@ -184,7 +190,7 @@ def _list_meshopt_jobs(document: Document, index: int) -> Iterator[Job]:
 def _make_draco_job(
     document: Document, primitive: dict[str, Any], packed: dict[str, Any], pointer: str
 ) -> Job:
-    """Return the job for a primitive; `packed` is its extension object."""
+    """Return the job for a primitive. `packed` is the extension object of the primitive."""
     where = f"{pointer}/extensions/{DRACO}"
     data, _, _ = document.view(document.integer(packed, "bufferView", where))
     numbers = document.object(packed, "attributes", where)

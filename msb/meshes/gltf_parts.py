@@ -1,4 +1,4 @@
-"""Read the primitives of glTF meshes: first validated descriptions, then their arrays."""
+"""Read the primitives of glTF meshes. First their descriptions are validated, then their arrays are read."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -16,8 +16,8 @@ from msb.meshes.polygons import fan_triangulate
 
 TRIANGLES, _STRIP, _FAN = 4, 5, 6
 _MODES = 7
-# Bytes that every primitive adds to the estimated size of its arrays. So the memory limit also bounds the
-# number of primitives.
+# Bytes that every primitive adds to the estimated size of its arrays. With it, the memory limit also limits
+# the number of primitives.
 _PRIMITIVE_BYTES = 1 << 10
 
 
@@ -42,7 +42,7 @@ class Primitive:
 
     @property
     def bytes(self) -> int:
-        """Upper bound of the memory of its arrays in a `Mesh`, in bytes."""
+        """Upper bound of the memory that its arrays need in a `Mesh`, in bytes."""
         triangles = self.corners // 3 if self.mode == TRIANGLES else self.corners
         colors = 0 if self.colors is None else self.colors.width * 4
         uvs = 0 if self.uvs is None else 8
@@ -156,7 +156,10 @@ def _parse_unread(
     base: BaseColor,
     unpacked: Mapping[str, NDArray[Any]],
 ) -> tuple[Accessor, ...]:
-    """Return the attributes of `count` vertices that are only hashed; malformed ones are ignored."""
+    """Return the attributes of `count` vertices that are used only for seam keys.
+
+    Malformed ones are ignored.
+    """
     read = {"POSITION", "COLOR_0"}
     if base.texture is not None:
         read.add(f"TEXCOORD_{base.texture.uv_set}")
@@ -187,7 +190,7 @@ def _hash_unread(primitive: Primitive, corners: NDArray[np.int64]) -> NDArray[np
     used[corners[(corners >= 0) & (corners < count)]] = True
     if primitive.mode == TRIANGLES and len(corners) == count and used.all():
         columns = [np.arange(count)]
-    # Primitives share no vertices, so the number of the primitive is a part of the key.
+    # The number of the primitive is a part of the key, because primitives do not share vertices.
     number = int(primitive.pointer.rpartition("/")[2])
     return hash_attributes([np.full(count, number), *columns])
 
@@ -227,7 +230,7 @@ def _assemble_triangles(corners: NDArray[np.int64], mode: int) -> NDArray[np.int
         return corners.reshape(-1, 3)
     if mode == _FAN:
         return fan_triangulate(corners)
-    # In a strip, every corner forms a triangle with the next two; every other triangle is reversed.
+    # In a strip, every corner forms a triangle with the next two corners. Every second triangle is reversed.
     first = np.arange(max(len(corners) - 2, 0))
     odd = first % 2
     return np.stack((corners[first], corners[first + 1 + odd], corners[first + 2 - odd]), axis=1)
@@ -236,7 +239,7 @@ def _assemble_triangles(corners: NDArray[np.int64], mode: int) -> NDArray[np.int
 def transform_arrays(part: PrimitiveArrays, matrix: NDArray[np.float64]) -> PrimitiveArrays:
     """Return `part` transformed by `matrix` (4, 4). The identity changes nothing, not even the type.
 
-    A mirroring transform turns faces inside out; reversing their winding restores the front sides.
+    A mirroring transform turns faces inside out. Their winding is reversed to restore the front sides.
     """
     if np.array_equal(matrix, IDENTITY):
         return part

@@ -23,7 +23,7 @@ class Poses:
     Attributes
     ----------
     worlds : dict
-        Node number -> world transform (4, 4).
+        The world transforms (4, 4) by node number.
     left_out : dict
         The names of the parts of poses that cannot be read.
     is_skinned : bool
@@ -61,7 +61,7 @@ class Poses:
             return part
 
     def _list_weights(self, primitive: Primitive, placed: PlacedMesh) -> dict[int, float]:
-        """Return number -> weight of the morph targets of a primitive whose weights are not 0."""
+        """Return the weights other than 0 of the morph targets of a primitive, by number."""
         owner, _ = self.document.entry("meshes", placed.mesh)
         weights = placed.node.get("weights", owner.get("weights"))
         targets = primitive.entry.get("targets")
@@ -71,7 +71,10 @@ class Poses:
         return {number: value for number, value in enumerate(numbers) if value and np.isfinite(value)}
 
     def _morph(self, part: PrimitiveArrays, primitive: Primitive, placed: PlacedMesh) -> PrimitiveArrays:
-        """Return `part` with the displacements of its morph targets added, times their weights."""
+        """Return `part` with the displacements of its morph targets added.
+
+        They are multiplied with their weights.
+        """
         vertices = part.vertices
         for number, weight in self._list_weights(primitive, placed).items():
             target = primitive.entry["targets"][number]
@@ -94,7 +97,7 @@ class Poses:
         x, y, z = part.vertices.astype(np.float64).T[:, :, None]
         with np.errstate(over="ignore", invalid="ignore"):
             vertices = blended[..., 0] * x + blended[..., 1] * y + blended[..., 2] * z + blended[..., 3]
-            # Matrices that mirror turn faces inside out.
+            # Mirroring matrices turn faces inside out.
             is_mirrored = np.median(np.linalg.det(blended[..., :3])) < 0 if len(blended) else False
         return replace(part, vertices=vertices, faces=part.faces[:, [0, 2, 1]] if is_mirrored else part.faces)
 
@@ -122,7 +125,7 @@ class Poses:
     def _read_attribute(
         self, attributes: dict[str, Any], name: str, where: str, primitive: Primitive, kind: tuple[str, str]
     ) -> NDArray[Any]:
-        """Return the numbers (V, K) of an attribute; `kind` has its element type and number types."""
+        """Return the numbers (V, K) of an attribute. `kind` has the valid element types and number types."""
         unpacked = self.document.packed.get(primitive.pointer, {}).get(name)
         number = self.document.integer(attributes, name, where)
         stored = parse_accessor(self.document, number, kinds=kind[0], components=kind[1], unpacked=unpacked)
@@ -142,7 +145,7 @@ class Poses:
         return self._joints[str(skin)]
 
     def _read_joints(self, skin: Any) -> Floats:
-        """Return the matrices (J, 3, 4) of a skin: from the bind pose to the pose of the joints."""
+        """Return the matrices (J, 3, 4) of a skin. They map the bind pose to the pose of the joints."""
         document = self.document
         entry, where = document.entry("skins", document.integer({"skin": skin}, "skin", ""))
         joints = parse_node_numbers(document, entry, "joints", where)
@@ -166,6 +169,6 @@ class Poses:
 
 
 def _has_skin(primitive: Primitive, placed: PlacedMesh) -> bool:
-    """Return whether the vertices of a primitive are moved by joints instead of the node."""
+    """Return whether joints, instead of the node, move the vertices of a primitive."""
     attributes = primitive.entry.get("attributes", {})
     return "skin" in placed.node and {"JOINTS_0", "WEIGHTS_0"} <= attributes.keys()

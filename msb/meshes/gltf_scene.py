@@ -40,7 +40,8 @@ from msb.meshes.mesh import Mesh
 from msb.meshes.polygons import join_faces
 from msb.meshes.source import Source
 
-# Prefixes of extensions that a file may require: they do not change the geometry, or they are supported.
+# Prefixes of extensions that a file may require. These extensions are supported, or do not change the
+# geometry.
 _HARMLESS = (
     "KHR_materials_",
     "KHR_texture_",
@@ -62,11 +63,11 @@ _HARMLESS = (
     "MSFT_packing_",
     "CESIUM_primitive_outline",
 )
-# The parts of a file that only change how a mesh looks or moves. An extension that stands only in these is
-# harmless, whatever its name.
+# The parts of a file that only change how a mesh looks or moves. An extension that is used only in these
+# parts is harmless, whatever its name.
 _LOOKS = ("materials", "textures", "images", "samplers", "animations", "cameras")
 
-# Attribute that is not read, without its number -> its name in messages.
+# Names in messages of the attributes that are not read; the keys have no set number.
 _ATTRIBUTES = {
     "NORMAL": "normals",
     "TANGENT": "tangents",
@@ -75,7 +76,8 @@ _ATTRIBUTES = {
     "JOINTS": "a skin",
     "WEIGHTS": "a skin",
 }
-# The extension for instances of a node. A file that uses but does not require it is read without instances.
+# The extension for instances of a node. If a file uses this extension but does not require it, the file is
+# read without instances.
 _INSTANCES = "EXT_mesh_gpu_instancing"
 # The white texture of faces without a texture, if other faces have one.
 _PLAIN = np.full((1, 1, 3), 255, np.uint8)
@@ -83,11 +85,11 @@ _BEGINS = re.compile(rb"\s*\{")
 
 
 def read_scene(document: Document) -> Mesh:
-    """Return the triangles of the default scene: the primitives one after the other, in the order of nodes.
+    """Return the triangles of the default scene. The primitives follow each other in the order of nodes.
 
     Vertices are float32, or float64 if a node has a transform. Primitives do not share vertices. If only some
-    have colours, the others are white, as the format defines. An index outside its primitive is also out of
-    range in the returned mesh.
+    primitives have colours, the others are white, as the format defines. An index that is invalid in its
+    primitive is also invalid in the returned mesh.
     """
     _check_extensions(document)
     nodes = place_nodes(document)
@@ -143,7 +145,7 @@ def _check_extensions(document: Document) -> None:
 
 
 def _list_extended_parts(document: Document) -> dict[str, set[str]]:
-    """Return extension -> the keys of the root under which it is used; "" for the root itself."""
+    """Return for each extension the keys of the root object under which it is used; "" is the root itself."""
     places: dict[str, set[str]] = {}
     waiting: list[tuple[str, Any]] = [("", document.root)]
     while waiting:
@@ -161,7 +163,7 @@ def _list_extended_parts(document: Document) -> dict[str, set[str]]:
 def _find_cutoff(parts: list[PrimitiveArrays]) -> float | None:
     """Return the alpha cut-off of the mesh: the smallest of all materials, or None without textures.
 
-    `_combine_colors` scales alpha to it.
+    `_combine_colors` scales alpha values to this cut-off.
     """
     cutoffs = [part.base.cutoff for part in parts if part.base.cutoff is not None]
     is_textured = any(part.base.texture for part in parts)
@@ -171,8 +173,8 @@ def _find_cutoff(parts: list[PrimitiveArrays]) -> float | None:
 def _identify_texture(document: Document, part: PrimitiveArrays, cutoff: float | None) -> Any:
     """Return a key for the texture of a part; None without one.
 
-    An image that is used with and without an alpha cut-off is two textures, because only one of them keeps
-    its alpha channel.
+    An image may be used both with and without an alpha cut-off. It then becomes two textures, because only
+    one of them keeps the alpha channel.
     """
     if part.base.texture is None:
         return None
@@ -264,10 +266,11 @@ def _has_srgb_colors(document: Document) -> bool:
 
 
 def _combine_colors(part: PrimitiveArrays, cutoff: float | None, is_srgb: bool) -> NDArray[Any] | None:
-    """Return the sRGB colours (V, 3 | 4) of a part: vertex colours times the base factor; None for white.
+    """Return the sRGB colours (V, 3 | 4) of a part: vertex colours times the base factor, or None for white.
 
-    `cutoff` is the alpha cut-off of the mesh. If the part's cut-off differs, alpha is scaled by their ratio;
-    if the part has none, alpha is 1. Without a `cutoff`, alpha is kept as stored and has no effect.
+    `cutoff` is the alpha cut-off of the mesh. If the part has another cut-off, alpha is scaled by the ratio
+    of the two. If the part has no cut-off, alpha is 1. Without a `cutoff`, alpha is kept as stored and has no
+    effect.
     """
     factor, part_cutoff = np.array(part.base.factor, np.float32), part.base.cutoff
     if cutoff is None or part_cutoff is None:
@@ -304,7 +307,7 @@ def _join_colors(colors: list[NDArray[Any] | None], parts: list[PrimitiveArrays]
 
 
 def _list_left_out(document: Document, meshes: Iterable[int], colors: list[BaseColor]) -> dict[str, None]:
-    """Return the names of everything in the `meshes` of the scene, and in the file, that is not read.
+    """Return the names of all data that is not read, in the `meshes` of the scene and in the file.
 
     Malformed entries are skipped, because they are not read anyway.
     """

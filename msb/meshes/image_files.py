@@ -12,8 +12,8 @@ from msb.asset.texture import Sampler
 from msb.meshes.formats import Picture, Style
 from msb.meshes.mesh import Mesh
 
-# Pillow's encoder options. The qualities are high, because block artefacts and colour bleeding of lower ones
-# outweigh the smaller files.
+# Pillow's encoder options. The qualities are high. Lower qualities save space, but cause block artefacts and
+# colour bleeding.
 _OPTIONS: dict[Picture, dict[str, Any]] = {
     "png": {},
     "jpeg": {"quality": 95, "subsampling": 0},
@@ -40,13 +40,16 @@ def encode_images(mesh: Mesh, style: Style, numbers: Iterable[int]) -> dict[str,
 
 
 def is_single_texel(image: NDArray[np.uint8], mesh: Mesh) -> bool:
-    """Return whether a texture of `mesh` is one opaque texel, which a colour of a material replaces."""
+    """Return whether a texture of `mesh` is a single opaque texel.
+
+    A material colour replaces such a texture.
+    """
     is_opaque = image.shape[2] == 3 or mesh.sampler.alpha_cutoff is None or image[0, 0, 3] == 255
     return image.shape[:2] == (1, 1) and bool(is_opaque)
 
 
 def describe_counts(images: int, colors: int) -> list[str]:
-    """Return the numbers of images and material colours of a file in words, without zeros."""
+    """Return the numbers of images and material colours of a file in words. Numbers of 0 are omitted."""
     counts = {"texture": images, "material colour": colors}
     return [f"{count} {noun}{'' if count == 1 else 's'}" for noun, count in counts.items() if count]
 

@@ -19,25 +19,27 @@ if TYPE_CHECKING:
 
 # Largest image file in bytes: 1 GiB.
 MAX_FILE = 1 << 30
-# Memory limit for all texels of a mesh: 1024 bytes per byte of the image files (the highest compression ratio
-# of deflate and JPEG) plus 256 MiB, and at most 4 GiB in total.
+# Memory limit for all texels of a mesh: 256 MiB, plus 1024 bytes per byte of the image files, and at most 4
+# GiB in total. 1024 is the highest compression ratio of deflate and JPEG.
 MAX_BYTES_PER_BYTE = 1 << 10
 MAX_EXTRA_BYTES = 1 << 28
 MAX_BYTES = 1 << 32
-# Maximum number of scans of a progressive JPEG. Every scan is a pass over all texels; encoders write about
-# ten.
+# Maximum number of scans of a progressive JPEG. The decoder passes over all texels for every scan. Encoders
+# write about ten scans.
 _MAX_SCANS = 100
 
 
 class Decoder:
-    """Decodes the images of one mesh, which share one memory allowance."""
+    """Decoder for the images of one mesh, which share a memory allowance."""
 
     def __init__(self) -> None:
         self._left = MAX_EXTRA_BYTES
         self._total = MAX_BYTES
 
     def decode(self, data: bytes | memoryview, *, alpha: bool) -> NDArray[np.uint8]:
-        """Return the texels (H, W, 3) of a PNG, JPEG or WebP file, or (H, W, 4) with `alpha` if it has some.
+        """Return the texels (H, W, 3) of a PNG, JPEG or WebP file.
+
+        With `alpha`, an alpha channel is kept: (H, W, 4).
 
         Raises
         ------
@@ -47,7 +49,7 @@ class Decoder:
         """
         from PIL import Image, JpegImagePlugin, PngImagePlugin, UnidentifiedImageError, WebPImagePlugin
 
-        # If these three are imported, Pillow does not import all its plugins.
+        # Import these three plugins, so that Pillow does not import all of its plugins.
         plugins = PngImagePlugin.PngImageFile, JpegImagePlugin.JpegImageFile, WebPImagePlugin.WebPImageFile
         limit, Image.MAX_IMAGE_PIXELS = Image.MAX_IMAGE_PIXELS, None  # `_take` checks the size
         try:
@@ -100,7 +102,7 @@ def describe_lost_image(name: str, reason: str) -> str:
 
 def _read_texels(image: Image.Image, *, alpha: bool) -> NDArray[np.uint8]:
     """Return the texels (H, W, 3 | 4) of an opened image as uint8."""
-    if image.mode.startswith("I"):  # 16-bit grey; Pillow would clip it at 255 instead of scaling
+    if image.mode.startswith("I"):  # 16-bit grey: Pillow would clip values at 255 instead of scaling them
         grey = (np.asarray(image, np.uint32) * 255 + 32767) // 65535
         return np.repeat(grey.astype(np.uint8)[..., None], 3, axis=2)
     has_alpha = image.mode in ("LA", "PA", "RGBA") or "transparency" in image.info
@@ -111,7 +113,7 @@ def _read_texels(image: Image.Image, *, alpha: bool) -> NDArray[np.uint8]:
 def _read_webp_size(data: bytes | memoryview) -> tuple[int, int] | None:
     """Return width and height of a WebP file (RFC 9649), or None for other files.
 
-    The size must be checked before Pillow opens the file, because opening it allocates the canvas.
+    The size must be checked first, because Pillow allocates the canvas when it opens a file.
     """
     head = bytes(data[:30]).ljust(30, b"\0")
     if head[:4] != b"RIFF" or head[8:12] != b"WEBP":

@@ -13,14 +13,14 @@ from msb.meshes.source import Source
 
 _SCHEME = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*:")
 _EMBEDDED = re.compile(r"data:[^,]{0,200},", re.IGNORECASE)
-# Path of a file and the largest requested number of bytes -> the bytes read.
+# The bytes read, by the path of the file and the largest requested number of bytes.
 Files = dict[tuple[Path, int | None], bytes]
 
 
 def read_uri(source: Source, uri: str, pointer: str, most: int | None, files: Files) -> bytes:
     """Return the bytes that a glTF `uri` refers to: embedded data (RFC 2397), or a linked file.
 
-    `most` limits the bytes as in `read_linked_file`. `files` caches the linked files that were read.
+    `most` limits the number of bytes; see `read_linked_file`. `files` caches the linked files that were read.
     """
     embedded = _EMBEDDED.match(uri)
     if embedded is not None:
@@ -28,7 +28,7 @@ def read_uri(source: Source, uri: str, pointer: str, most: int | None, files: Fi
             data = unquote_to_bytes(uri[embedded.end() :])
             is_base64 = embedded[0].lower().endswith(";base64,")
             return base64.b64decode(data, validate=True) if is_base64 else data
-        except ValueError:  # also raised for lone surrogates
+        except ValueError:  # lone surrogates also raise this error
             raise source.error("MESH_FILE_INVALID", "the data is not valid base64", pointer=pointer) from None
     name = unquote(uri)
     key = resolve_linked_path(source, name, pointer), most

@@ -27,7 +27,7 @@ def list_dropped_features(asset: Asset) -> list[str]:
 
 
 def explain_split(suffix: str) -> str:
-    """Return why files of `suffix` split merged vertices, and which formats do not."""
+    """Return why files of `suffix` split merged vertices, and the formats that do not split them."""
     soup = FORMATS[suffix].is_soup
     reason = "stores separate vertices for every face" if soup else "cannot store face colours"
     return f"{suffix} {reason}; use {_list_face_color_formats()} to keep vertices merged"
@@ -44,8 +44,8 @@ def list_losses(
 ) -> Iterator[str]:
     """Yield a note for each loss between `mesh` and `written`, the mesh that a file of `suffix` stores.
 
-    `left_out` lists parts of the source that were already missing in `mesh`. `image_loss` is the end of the
-    sentence about textures that became vertex colours.
+    `left_out` lists parts of the source that were already missing in `mesh`. `image_loss` ends the sentence
+    about textures that became vertex colours.
     """
     form = FORMATS[suffix]
     is_split = not np.array_equal(written.faces, mesh.faces)
@@ -60,7 +60,7 @@ def list_losses(
         yield f"{suffix} has no textures; they were converted to vertex colours{image_loss}"
     if suffix == ".obj" and mesh.textures and mesh.sampler != Sampler(alpha_cutoff=mesh.sampler.alpha_cutoff):
         yield f"{suffix} cannot store texture filtering and wrapping"
-    # UVs without a texture are listed in `left_out`, but a GLB stores them anyway.
+    # `left_out` lists UVs without a texture. A GLB stores them nevertheless.
     lost = [part for part in left_out if part != "UVs" or not _has_uvs(written)]
     lost += form.list_lost(written) if form.list_lost else []
     lost += _list_lost_parts(mesh, written, suffix)
@@ -73,7 +73,9 @@ def list_losses(
 
 
 def _list_lost_parts(mesh: Mesh, written: Mesh, suffix: str) -> Iterator[str]:
-    """Yield the names of cut-outs, colours and UVs of `mesh` that a file of `suffix` with `written` lacks."""
+    """Yield the names of the cut-outs, colours and UVs of `mesh` that are lost in `written`, a file of
+    `suffix`.
+    """
     has_cut_outs = mesh.textures and mesh.sampler.alpha_cutoff is not None
     if has_cut_outs and FORMATS[suffix].keeps and not written.textures:
         yield f"cut-outs ({suffix} cannot store them)"
@@ -99,7 +101,7 @@ def _has_uvs(mesh: Mesh) -> bool:
 
 
 def describe_up_axis(mesh: Mesh, suffix: str, *, known: bool) -> Iterator[str]:
-    """Yield a note if the up axis is a guess (not `known`), or if the format of `suffix` cannot store it."""
+    """Yield a note if the up axis is a guess (not `known`), or if a file of `suffix` cannot store it."""
     if FORMATS[suffix].up is None:
         if known and mesh.up not in (None, "+y"):
             yield f"{mesh.up} is up, which {suffix} cannot store; msb convert --up={mesh.up} rotates it to +y"

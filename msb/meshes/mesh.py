@@ -25,7 +25,7 @@ class Mesh:
     faces : (F, 3) int64
         Vertex indices as stored. They may be out of range (negative, or V and more); the audit reports that.
     vertex_colors : (V, 3) or (V, 4) uint8 or float32 in [0, 1], optional
-        None where the file has none.
+        None if the file has no vertex colours.
     face_colors : (F, 3) or (F, 4) uint8 or float32 in [0, 1], optional
         One row per triangle.
     vertex_uvs : (V, 2) float32, optional
@@ -105,7 +105,7 @@ class Mesh:
 
     @property
     def attributes(self) -> dict[str, NDArray[Any]]:
-        """The arrays whose differences split vertices at seams, by the names of `msb.topology.seams`."""
+        """The arrays for which vertices are split at seams, under the names of `msb.topology.seams`."""
         stored = {"uv": self.vertex_uvs, "corner_uv": self.corner_uvs, "color": self.vertex_colors}
         stored |= {SEAM_KEY: self.vertex_keys, f"corner_{SEAM_KEY}": self.corner_keys}
         stored["face_texture"] = self.face_textures
@@ -126,7 +126,7 @@ def _check(
 ) -> None:
     """Raise MESH_ARRAY unless `array` has shape (rows, one of `widths`) and one of `types`.
 
-    If `rows` is None, any number of rows is valid, and the array is required; otherwise it may be None.
+    If `rows` is None, the array is required and may have any number of rows. Otherwise the array may be None.
     """
     if array is None and rows is not None:
         return

@@ -24,10 +24,10 @@ from msb.meshes.source import Source
 from msb.meshes.text import Words, word_blocks
 from msb.meshes.writing import write_rows
 
-# Number of values in a `v` line -> the number of colour channels at its end.
+# Number of colour channels at the end of a `v` line, by the number of values in the line.
 _COLOR_WIDTHS = {6: 3, 7: 4}
 
-# First word of lines that are not read -> the name of their data.
+# Names of the data in lines that are not read, by the first word of the line.
 _LEFT_OUT = {b"vn": "normals", b"vt": "UVs", b"usemtl": "materials and their textures", b"l": "lines"}
 
 # First words of lines that are rejected: free-form surfaces, other files, and shell commands.
@@ -52,7 +52,7 @@ def read(source: Source) -> Mesh:
 
     Vertices are float64. Colours are read from `v x y z r g b [a]` lines if all `v` lines have them.
     """
-    # Join lines that end with a backslash; the byte offsets of the rest stay the same.
+    # Join lines that end with a backslash. Spaces replace the line ends, so that byte offsets stay valid.
     text = source.as_text("OBJ")
     if b"\\" in text.data:
         joined = text.data.replace(b"\\\r\n", b"   ").replace(b"\\\n", b"  ")
@@ -133,7 +133,7 @@ def _add_faces(parts: _Parts, words: Words, is_vertex: NDArray[np.bool_]) -> Non
 
 
 def _describe_wrong_face(text: Source, polygon: int, index: int, vertices: int) -> str:
-    """Parse the file again, and return the text of `Mesh.wrong_face` for a polygon with an invalid index."""
+    """Parse the file again to find a polygon with an invalid index; return the text of `Mesh.wrong_face`."""
     for words in word_blocks(text, comments=True):
         lines = np.flatnonzero(select_face_lines(words))
         if polygon < len(lines):
@@ -178,7 +178,7 @@ def write(mesh: Mesh, stream: BinaryIO, style: Style) -> None:
 
 
 def _index_coordinates(mesh: Mesh) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
-    """Return the distinct texture coordinates (N, 2), and their index for each corner (F, 3)."""
+    """Return the distinct texture coordinates (N, 2), and the indices (F, 3) of the corners into them."""
     if mesh.corner_uvs is None:
         assert mesh.vertex_uvs is not None
         return mesh.vertex_uvs, mesh.faces

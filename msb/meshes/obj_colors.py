@@ -10,8 +10,8 @@ from msb.meshes.colors import as_floats, linear_light
 from msb.meshes.image_files import describe_counts, is_single_texel
 from msb.meshes.mesh import Mesh
 
-# Number of passes over the faces. A mesh whose parts share so many vertices that more are needed keeps its
-# vertex colours.
+# Number of passes over the faces. A mesh that needs more passes, because its parts share many vertices, keeps
+# its vertex colours.
 _MAX_PASSES = 16
 
 
@@ -26,9 +26,9 @@ class WrittenMaterial:
 def choose_materials(mesh: Mesh) -> tuple[Mesh, list[WrittenMaterial], NDArray[np.int64]]:
     """Return `mesh` as it is written, its materials, and the number (F,) of each face's material.
 
-    A texture of a single opaque texel becomes a colour. If the corners of its faces have one vertex colour,
-    the product of both is the colour, and these vertices become white: many programs read no vertex colours
-    beside textures.
+    A texture of a single opaque texel becomes a colour. If the corners of its faces have a uniform vertex
+    colour, the product of both becomes the colour, and these vertices become white. Many programs ignore
+    vertex colours of textured meshes.
     """
     textures = np.zeros(len(mesh.faces), np.int64)
     if mesh.face_textures is not None:
@@ -45,12 +45,13 @@ def choose_materials(mesh: Mesh) -> tuple[Mesh, list[WrittenMaterial], NDArray[n
         tint[is_uniform] = as_floats(mesh.vertex_colors[mesh.faces[is_uniform, 0]])[:, :3]
     color = _multiply(texels[textures], tint)
     color[~is_uniform] = texels[textures[~is_uniform]]
-    # Without any image a reader may ignore Kd beside vertex colours, so these texels stay images.
+    # Without any image, readers may ignore Kd if there are vertex colours. Therefore these texels stay
+    # images.
     needs_image = len(plain) == len(mesh.textures) and not is_uniform.all()
     stays = ~np.isin(textures, plain) | (~is_uniform & needs_image & (color != 1).any(axis=1))
     rows = np.column_stack((np.where(stays, textures, -1), np.where(stays[:, None], 1, color)))
     distinct, of_face = np.unique(rows, axis=0, return_inverse=True)
-    if len(distinct) > MAX_TEXTURES:  # more than a reader accepts
+    if len(distinct) > MAX_TEXTURES:  # our reader accepts no more
         materials = [WrittenMaterial((1.0, 1.0, 1.0), number) for number in range(len(mesh.textures))]
         return mesh, materials, textures
     materials = [
@@ -60,7 +61,9 @@ def choose_materials(mesh: Mesh) -> tuple[Mesh, list[WrittenMaterial], NDArray[n
 
 
 def _find_uniform_faces(mesh: Mesh, is_plain: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return a mask (F,) of the plain faces with one opaque colour whose vertices no other face uses."""
+    """Return a mask (F,) of the plain faces that have one opaque colour and share vertices only with each
+    other.
+    """
     assert mesh.vertex_colors is not None
     colors = mesh.vertex_colors[mesh.faces]
     is_uniform: NDArray[np.bool_] = is_plain & (colors == colors[:, :1]).all(axis=(1, 2))
@@ -77,7 +80,10 @@ def _find_uniform_faces(mesh: Mesh, is_plain: NDArray[np.bool_]) -> NDArray[np.b
 
 
 def _multiply(texels: NDArray[np.float64], tint: NDArray[np.float32]) -> NDArray[np.float64]:
-    """Return the product of sRGB colours (F, 3) in linear light; white leaves the other colour as it is."""
+    """Return the product of sRGB colours (F, 3), computed in linear light.
+
+    White does not change the other colour.
+    """
     light = linear_light(texels.astype(np.float32)) * linear_light(tint)
     product = linear_to_srgb(light)
     product = np.where(texels == 1, tint, product)

@@ -1,4 +1,7 @@
-"""Seam keys of OBJ files: normals and texture coordinates that explain duplicated positions."""
+"""Seam keys of OBJ files.
+
+They come from normals and texture coordinates, and explain duplicated positions.
+"""
 
 from __future__ import annotations
 
@@ -17,8 +20,8 @@ from msb.meshes.text import Words, word_blocks
 def read_corner_keys(mesh: Mesh, text: Source, cut: Triangulation) -> NDArray[np.uint32] | None:
     """Return the seam keys (3F,) of the corners of `mesh`, read from `text`, or None.
 
-    `cut` has the triangles of its polygons. The keys matter only if two vertices coincide. Malformed normals
-    and texture coordinates give None.
+    `cut` has the triangles of its polygons. The keys matter only if two vertices coincide. The result is None
+    if normals or texture coordinates are malformed.
     """
     with np.errstate(over="ignore"):
         places = np.ascontiguousarray(mesh.vertices.astype(np.float32) + np.float32(0))
@@ -33,7 +36,7 @@ def read_corner_keys(mesh: Mesh, text: Source, cut: Triangulation) -> NDArray[np
 
 def _read_keys(text: Source) -> NDArray[np.uint32] | None:
     """Return the hash (C,) of the normal and texture coordinates of each polygon corner."""
-    # Lines of the two kinds, padded to three numbers, and the line (C,) of each polygon corner, -1 for none.
+    # Lines of the two kinds, padded to three numbers, and the line (C,) that each polygon corner uses, or -1.
     values: dict[bytes, list[NDArray[np.float64]]] = {b"vt": [], b"vn": []}
     rows: dict[bytes, list[NDArray[np.int64]]] = {b"vt": [], b"vn": []}
     above = {b"vt": 0, b"vn": 0}
@@ -49,7 +52,7 @@ def _read_keys(text: Source) -> NDArray[np.uint32] | None:
             row[named] = part.indices(named, above[word] + np.cumsum(is_line), "element")
             rows[word].append(row[chosen])
             above[word] += int(is_line.sum())
-    # columns: the values (C, 3) at each polygon corner. The last row, which -1 selects, is for none.
+    # columns: the values (C, 3) at each polygon corner. Corners without a line (-1) select the last row.
     columns = []
     for word, stored in values.items():
         table = np.concatenate([*stored, np.full((1, 3), np.inf)])
@@ -61,7 +64,7 @@ def _read_keys(text: Source) -> NDArray[np.uint32] | None:
 
 
 def _read_lines(words: Words, is_line: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Return the first three numbers (N, 3) of the selected lines; missing ones are 0."""
+    """Return the first three numbers (N, 3) of the selected lines. Missing numbers are 0."""
     widths = words.count[is_line] - 1
     numbers = words.numbers(words.arguments(is_line))
     first, result = np.cumsum(widths) - widths, np.zeros((len(widths), 3))

@@ -28,14 +28,14 @@ _MAX_FILES = 1 << 10
 # Length of a `map_Kd` line in characters: the longest path that Linux accepts.
 _MAX_LINE = 1 << 12
 _WHITE = (255, 255, 255)
-# Map option with several arguments -> their largest number; `-o`, `-s` and `-t` may have fewer.
+# Largest number of arguments of the map options with several arguments. `-o`, `-s` and `-t` may have fewer.
 _OPTIONS = {"-o": 3, "-s": 3, "-t": 3, "-mm": 2}
-# Map option -> the value that leaves the image unchanged.
+# The values of map options that leave the image unchanged.
 _NEUTRAL = {"-o": 0.0, "-t": 0.0, "-s": 1.0, "-clamp": "off", "-blendu": "on", "-blendv": "on"}
 _NUMBER = re.compile(r"[+-]?(\d++\.?\d*+|\.\d++)(e[+-]?\d++)?", re.IGNORECASE)
 _FURTHER_MAP = re.compile(r"map_\w+|bump|disp|decal|refl|norm")
 
-# The word of a comment with the alpha cut-off of the next `map_d`, which MTL cannot express.
+# The first word of a comment that gives the alpha cut-off of the next `map_d`. MTL itself has no cut-off.
 CUTOFF = "alphaCutoff"
 _CUTOFF = 0.5
 LeftOut = dict[str, None]
@@ -55,7 +55,7 @@ Texture = _Image | tuple[int, ...]
 
 @dataclass
 class _Material:
-    """A material: its sRGB colour in bytes, and the names of its image and of its map of opacity."""
+    """A material: its sRGB colour in bytes, and the file names of its image and of its opacity map."""
 
     color: tuple[int, ...] = _WHITE
     image: str | None = None
@@ -64,7 +64,10 @@ class _Material:
 
     @property
     def is_masked(self) -> bool:
-        """Whether the alpha channel of the image cuts holes: the map of opacity is the same file."""
+        """Whether the alpha channel of the image cuts holes.
+
+        This is so if the opacity map is the same file.
+        """
         return self.image is not None and self.mask == self.image
 
     @property
@@ -79,18 +82,18 @@ def select_face_lines(words: Words) -> NDArray[np.bool_]:
 
 
 def names_materials(text: Source) -> bool:
-    """Return whether an OBJ file both uses materials and refers to material libraries."""
+    """Return whether an OBJ file uses materials and also names material libraries."""
     return {statement[1] for statement in _STATEMENT.finditer(text.data)} == {b"mtllib", b"usemtl"}
 
 
 def with_materials(mesh: Mesh, text: Source, cut: Triangulation) -> tuple[Mesh, LeftOut]:
-    """Return `mesh`, read from `text`, with the textures of its materials, and the parts not read.
+    """Return `mesh`, read from `text`, with the textures of its materials, and the names of parts not read.
 
     `cut` has the triangles of its polygons.
 
     A material becomes its image, or a single texel of its colour. Libraries and images that cannot be read
-    are skipped. If no material has an image, their colours are skipped if vertices have colours, or if there
-    are more than `MAX_TEXTURES` colours.
+    are skipped. The colours of materials without any image are skipped in two cases: if vertices have
+    colours, and if there are more than `MAX_TEXTURES` colours.
     """
     # Collect the `usemtl` statements with their byte offsets, and the names of the libraries.
     known: dict[str, _Material] = {}
@@ -126,7 +129,7 @@ def with_materials(mesh: Mesh, text: Source, cut: Triangulation) -> tuple[Mesh, 
     if distinct == {_WHITE}:
         return mesh, left_out
     mesh = _with_textures(mesh, text, cut, [(at, textures[name]) for at, name in uses], images)
-    # The mesh has one cut-off, the smallest one, if any image has an alpha channel.
+    # If any image has an alpha channel, the mesh gets the smallest cut-off of all materials.
     if any(image.shape[2] == 4 for image in mesh.textures):
         cutoff = min(material.cutoff for material in used.values() if material.is_masked)
         mesh = replace(mesh, sampler=replace(mesh.sampler, alpha_cutoff=cutoff))
@@ -148,7 +151,7 @@ def _with_textures(
 ) -> Mesh:
     """Return `mesh` with textures. `uses` lists the byte offsets of `usemtl` lines and their textures."""
     uvs, corners, lines = _read_coordinates(text)
-    # The last use before a polygon's line is its texture. Number the textures that polygons use.
+    # The last `usemtl` before the line of a polygon gives its texture. Number the textures that polygons use.
     used = np.searchsorted([at for at, _ in uses], lines, side="right") - 1
     numbers: dict[Texture, int] = {}
     of_use = [numbers.setdefault(uses[use][1], len(numbers)) for use in np.unique(used).tolist()]
@@ -181,7 +184,7 @@ def _read_coordinates(
         is_uv, is_face = words.lines_beginning(b"vt"), select_face_lines(words)
         uvs.append(_read_uvs(words, is_uv))
         chosen = words.arguments(is_face)
-        # A corner is "v", "v/vt", "v//vn" or "v/vt/vn": `named` is the second part, -1 if it is empty.
+        # A corner is "v", "v/vt", "v//vn" or "v/vt/vn". `named` is the second part, or -1 if it is empty.
         named = words.after(b"/").without_suffix(b"/")
         has_uv = chosen & (named.end > named.start)
         rows = np.full(len(words.start), -1, np.int64)
@@ -219,7 +222,7 @@ def _decode_images(
 ) -> tuple[dict[_Image, _Image], dict[_Image, NDArray[np.uint8]]]:
     """Return the images that can be read, and their texels.
 
-    If a file has several names, all of them are mapped to the first one, which has the texels.
+    If a file has several names, all of them are mapped to the first name, and the texels are stored under it.
     """
     decoder, files, texels = Decoder(), set[Path](), {}
     firsts: dict[tuple[Path, bool], _Image] = {}
@@ -246,7 +249,7 @@ def _decode_images(
 def _read_libraries(
     text: Source, names: Iterable[str], known: dict[str, _Material], left_out: LeftOut
 ) -> None:
-    """Add the materials of the libraries `names` to `known`; the first definition of a name counts."""
+    """Add the materials of the libraries `names` to `known`. The first definition of a name counts."""
     room = _MAX_LIBRARY_BYTES
     for number, name in enumerate(names):
         if number == _MAX_FILES:
@@ -294,7 +297,9 @@ def _read_library(data: bytes, known: dict[str, _Material], left_out: LeftOut) -
 
 
 def _parse_color(words: str) -> tuple[int, ...]:
-    """Return the colour of a Kd line in bytes, or white for anything but three numbers (a spectral curve)."""
+    """Return the colour of a Kd line in bytes, or white if it has no three numbers (for example a spectral
+    curve).
+    """
     values = words.split()[:3]
     if len(values) < 3 or not all(_NUMBER.fullmatch(value) for value in values):
         return _WHITE
@@ -302,7 +307,7 @@ def _parse_color(words: str) -> tuple[int, ...]:
 
 
 def _parse_cutoff(word: str) -> float:
-    """Return the alpha cut-off in a comment, or the default one if it is not a number above 0."""
+    """Return the alpha cut-off in a comment, or the default cut-off if the text is not a number above 0."""
     value = float(word) if len(word) < 40 and _NUMBER.fullmatch(word) else 0.0
     return value if 0 < value < float("inf") else _CUTOFF
 

@@ -35,15 +35,15 @@ class _Header:
     body: int
 
 
-# Prefix of "OFF" -> the vertex data it declares, which is not read.
+# Names of the vertex data that a prefix of "OFF" declares, and that is not read.
 _LEFT_OUT = {"N": "normals", "ST": "UVs"}
 
 
 def read(source: Source) -> Mesh:
     """Read an OFF file with any of the prefixes ST, C and N. Vertices are float64.
 
-    A COFF file may have colours at its faces instead of its vertices, as Triangle-Splatting's exporter writes
-    them. Face colours are kept if all faces have the same number of channels.
+    A COFF file may have colours at its faces instead of its vertices. The exporter of Triangle-Splatting
+    writes such files. Face colours are kept if all faces have the same number of channels.
     """
     if _BINARY.match(source.data):
         raise source.error("MESH_FILE_UNSUPPORTED", "binary OFF is not supported; save the file as text")
@@ -101,7 +101,7 @@ def write(mesh: Mesh, stream: BinaryIO, _style: Style) -> None:
 
 
 def _append_colors(form: str, columns: NDArray[Any], colors: NDArray[Any] | None) -> tuple[str, NDArray[Any]]:
-    """Return the line format and the columns (N, K), with `colors` (N, 3 | 4) appended to both."""
+    """Return the line format and the columns (N, K) after appending `colors` (N, 3 | 4) to both."""
     if colors is None:
         return form, columns
     conversion = " %d" if colors.dtype == np.uint8 else " %r"
@@ -117,7 +117,7 @@ def _split_lines(data: bytes) -> Iterator[tuple[bytes, int]]:
 
 
 def _read_header(text: Source) -> _Header:
-    """Read the keyword and the counts, which are on the same line or on the next one."""
+    """Read the keyword and the counts. The counts are on the same line or on the next line."""
     lines = _split_lines(text.data)
     content, end = next(lines, (b"", 0))
     prefixes, words = _read_keyword(text, content)
@@ -173,7 +173,7 @@ def _read_vertices(table: Table, header: _Header) -> tuple[NDArray[np.float64], 
 def _read_faces(
     table: Table, header: _Header, vertices: NDArray[np.float64]
 ) -> tuple[NDArray[np.int64], Triangulation, NDArray[Any] | None]:
-    """Return the triangles (F, 3), how polygons were split, and the colours (F, 3 | 4) or None.
+    """Return the triangles (F, 3), the triangulation of the polygons, and the colours (F, 3 | 4) or None.
 
     A face line has the number of corners, their vertex indices, and an optional colour.
     """
@@ -201,7 +201,10 @@ def _read_faces(
 
 
 def _read_colors(table: Table, places: NDArray[np.int64]) -> NDArray[Any]:
-    """Return the colours at `places` (N, 3 | 4). As in Geomview, integers are 0..255 and decimals 0..1."""
+    """Return the colours at `places` (N, 3 | 4).
+
+    As in Geomview, integers range from 0 to 255, and decimals from 0 to 1.
+    """
     values = table.values[places]
     if table.has_fraction[places].any():
         return stored_colors(values)

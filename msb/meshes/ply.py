@@ -26,7 +26,7 @@ _COLOR_NAMES = (
 _READ = {"x", "y", "z", *_INDEX_NAMES, *(name for names in _COLOR_NAMES for name in names)}
 _MAX_INT = 2**31 - 1
 _UVS = ("s", "t", "u", "v", "texture_u", "texture_v", "texcoord", "texnumber")
-# Property that is not read -> the name of the data it belongs to.
+# Names of the data that unread properties belong to.
 _KNOWN = {"nx": "normals", "ny": "normals", "nz": "normals", **dict.fromkeys(_UVS, "UVs")}
 
 
@@ -34,7 +34,7 @@ def read(source: Source) -> Mesh:
     """Read the vertex and face elements; other elements and properties are skipped.
 
     Vertices are float32 if a binary file stores x, y and z as float, else float64. Text is always read as
-    float64, so that it keeps all digits, whatever type the header declares.
+    float64 and keeps all digits, whatever type the header declares.
     """
     header = read_header(source)
     _check_elements(source, header)
@@ -104,7 +104,10 @@ def _declare_colors(colors: NDArray[Any] | None) -> list[str]:
 def _write_records(
     stream: BinaryIO, count: int | None, values: NDArray[Any], kind: str, colors: NDArray[Any] | None
 ) -> None:
-    """Write N binary rows: the list count if not None, then `values` (N, 3), then `colors` (N, 3 | 4)."""
+    """Write N binary rows.
+
+    A row has the list count unless it is None, then `values` (N, 3), then `colors` (N, 3 | 4).
+    """
     fields: list[tuple[Any, ...]] = [("values", kind, 3)]
     if count is not None:
         fields.insert(0, ("count", "u1"))
@@ -185,7 +188,7 @@ def _read_colors(rows: Rows, body: Body) -> NDArray[Any] | None:
             continue
         width = 3 if channels[3] is None or channels[3].count_type else 4
         values = np.stack([body.column(rows, name) for name in names[:width]], axis=1)
-        # Text is parsed as float64: convert it to the declared integer type.
+        # Text was parsed as float64. Convert it to the declared integer type.
         declared = np.result_type(*(channel.type for channel in channels[:width] if channel))
         if values.dtype.kind == "f" and declared.kind != "f":
             values = np.clip(np.nan_to_num(values), 0, np.iinfo(declared).max).astype(declared)

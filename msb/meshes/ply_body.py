@@ -1,8 +1,8 @@
-"""The body of a PLY file: find the rows of each element, and read a property for all rows at once.
+"""Find the rows of each element in the body of a PLY file, and read a property of all rows at once.
 
 Offsets count bytes in a binary body and numbers in a text body. The properties of a row follow each other
-without gaps. So the offsets of a property are the offsets of the rows plus the widths of the properties
-before it, computed for all rows at once.
+without gaps. The offset of a property is therefore the offset of its row plus the widths of the properties
+before it. It is computed for all rows at once.
 """
 
 import struct
@@ -139,12 +139,14 @@ class _BinaryBody(Body):
         data = self._source.data
         if not place.size:
             return np.zeros(0, dtype=kind)
-        # View every byte of the file as the start of a value, and pick the values at `place`.
+        # Create a view in which every byte of the file starts a value, and pick the values at `place`.
         overlapping = np.ndarray((len(data) - width + 1,), self._order + kind, data, strides=(1,))
         return overlapping[place].astype(kind)
 
     def _common_row_size(self, element: Element) -> int | None:
-        """Return the size of all rows in bytes if their lists are as long as in the first row, else None."""
+        """Return the size of a row in bytes if all rows have lists of the same lengths as the first row, else
+        None.
+        """
         data, start, at = self._source.data, self._at, self._at
         # Measure the first row: offset, length and count type of its lists.
         lists: list[tuple[int, int, str]] = []
@@ -158,7 +160,7 @@ class _BinaryBody(Body):
             lists.append((at, length, entry.count_type))
             at += _width(entry.count_type) + max(length, 0) * _width(entry.type)
         size = at - start
-        # Compare the list lengths of all rows, assuming that rows have this size.
+        # Compare the list lengths of all rows, under the assumption that all rows have this size.
         if start + size * element.count > len(data):
             return None
         for place, length, kind in lists:
@@ -168,7 +170,7 @@ class _BinaryBody(Body):
         return size
 
     def _walk(self, element: Element) -> NDArray[np.int64]:
-        """Return the byte offset of each row, found row by row because their sizes differ."""
+        """Return the byte offset of each row. The rows are visited one by one, because their sizes differ."""
         lists, tail = _describe_rows(element, self._order)
         data, at = self._source.data, self._at
         places = array("q")
@@ -272,7 +274,8 @@ def _width(kind: str) -> int:
 def _describe_rows(element: Element, order: str) -> tuple[list[tuple[int, struct.Struct, int]], int]:
     """Return the layout of a row: its lists, and the bytes after the last list.
 
-    A list is described by the number of bytes before it, the struct of its count, and the bytes per item.
+    The layout of a list has three entries: the number of bytes before it, the struct of its count, and the
+    bytes per item.
     """
     lists, gap = [], 0
     for entry in element.properties:

@@ -18,14 +18,14 @@ _NAMES = {
     "f4": "float float32",
     "f8": "double float64",
 }
-# Type name in either style ("uchar" or "uint8") -> NumPy type without byte order.
+# NumPy types, without byte order, of the type names in both styles ("uchar" and "uint8").
 TYPES = {name: kind for kind, names in _NAMES.items() for name in names.split()}
 
-# Format names -> NumPy byte order; text has none.
+# NumPy byte orders of the formats. Text has none.
 FORMATS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 
-# Largest header in bytes. Real headers have a few thousand bytes; the limit bounds the search if the end is
-# missing.
+# Largest header in bytes. Real headers have a few thousand bytes. The limit ends the search if "end_header"
+# is missing.
 MAX_HEADER_BYTES = 1 << 20
 
 _COUNT = re.compile(r"\d{1,18}")
@@ -33,7 +33,10 @@ _COUNT = re.compile(r"\d{1,18}")
 
 @dataclass(frozen=True)
 class Property:
-    """A property. `type` is a value of `TYPES`. So is `count_type` of a list; of a scalar, it is empty."""
+    """A property.
+
+    `type` is a value of `TYPES`. `count_type` is also a value of `TYPES` for a list, and empty for a scalar.
+    """
 
     name: str
     type: str
@@ -60,8 +63,8 @@ class Element:
 class Header:
     """The parsed header.
 
-    `order` is a value of `FORMATS`, `body` the offset of the body in bytes, `images` the names of the texture
-    images in comments, and `comments` the other comments.
+    `order` is a value of `FORMATS`. `body` is the offset of the body in bytes. `images` has the names of the
+    texture images in comments, and `comments` the other comments.
     """
 
     order: str
@@ -74,8 +77,8 @@ class Header:
 def read_header(source: Source) -> Header:
     """Read the lines from "ply" to "end_header".
 
-    All lines must end like the first one: with LF, CRLF or CR. Names of elements, and of the properties of an
-    element, must be unique.
+    All lines must end like the first line, with LF, CRLF or CR. Names of elements, and of the properties of
+    an element, must be unique.
     """
     lines, body = _split_lines(source)
     order: str | None = None

@@ -1,4 +1,4 @@
-"""Read PLY files with tables of numbers, which splatting methods use to store primitives."""
+"""Read PLY files with tables of numbers. Splatting methods store their primitives in such files."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -50,7 +50,7 @@ def read_ply_names(path: Path) -> tuple[tuple[str, ...], bool]:
 def read_ply_table(path: Path) -> PlyTable:
     """Read a PLY file whose element "vertex" has only scalars, and whose other elements are empty.
 
-    A binary file is memory-mapped; its columns are views of the mapping.
+    A binary file is memory-mapped, and its columns are views of the mapping.
     """
     tables, _, source = _read_tables(path)
     if [name for name, table in tables.items() if table.count] != ["vertex"]:

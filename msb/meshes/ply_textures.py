@@ -1,4 +1,4 @@
-"""Textures of PLY files, as OpenMVS and MeshLab write them: images in comments, and UVs."""
+"""Textures of PLY files by OpenMVS and MeshLab. Comments name the images; vertices or faces have UVs."""
 
 from dataclasses import replace
 
@@ -15,7 +15,7 @@ from msb.meshes.ply_header import Element, Header
 from msb.meshes.polygons import Triangulation
 from msb.meshes.source import Source
 
-# Names of the texture coordinates of a vertex, and of the list of a face and its number of the image.
+# Property names: the texture coordinates of a vertex, and the coordinate list and image number of a face.
 _PAIRS = (("s", "t"), ("u", "v"), ("texture_u", "texture_v"), ("texture_s", "texture_t"))
 _LIST, _NUMBER = "texcoord", "texnumber"
 _WHITE = np.full((1, 1, 3), 255, np.uint8)
@@ -40,11 +40,11 @@ def with_textures(
     counts: NDArray[np.int64],
     cut: Triangulation,
 ) -> Mesh:
-    """Return `mesh` with its texture coordinates, and with the `images` that a header names.
+    """Return `mesh` with its texture coordinates, and with the `images` that its header names.
 
-    `rows` are those of vertices and faces, `counts` (N,) the corners of each polygon, and `cut` its
-    triangles. Coordinates have v upwards; a face without them is white. Images that cannot be read are white
-    and named in `left_out`.
+    `rows` are the rows of vertices and of faces. `counts` (N,) are the numbers of corners of the polygons,
+    and `cut` has their triangles. In the file, v points upwards. A face without texture coordinates is white.
+    Images that cannot be read become white, and `left_out` names them.
     """
     vertices, faces = rows
     pair = _find_pair(vertices.element)
@@ -92,7 +92,10 @@ def _turn(uvs: NDArray[np.generic]) -> NDArray[np.float32]:
 
 
 def _read_numbers(body: Body, faces: Rows, images: int) -> NDArray[np.int64]:
-    """Return the number (N,) of the image of each polygon; `images` for a number that does not exist."""
+    """Return the number (N,) of the image of each polygon.
+
+    An invalid number becomes `images`, the number of images.
+    """
     entry = faces.element.find(_NUMBER)
     if images == 1 or entry is None or entry.count_type:
         return np.zeros(len(faces.place), np.int64)
@@ -101,7 +104,7 @@ def _read_numbers(body: Body, faces: Rows, images: int) -> NDArray[np.int64]:
 
 
 def _with_images(mesh: Mesh, source: Source, images: tuple[str, ...], numbers: NDArray[np.int64]) -> Mesh:
-    """Return `mesh` with the images that its faces use; `numbers` (F,) are those of the faces."""
+    """Return `mesh` with the images that its faces use. `numbers` (F,) are the image numbers of the faces."""
     used, of_face = np.unique(numbers, return_inverse=True)
     if len(used) > MAX_TEXTURES:
         text = f"the file has {len(used)} textures; at most {MAX_TEXTURES} are supported"

@@ -7,22 +7,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-# A fan triangle is turned over if its signed area is below this share of the area of its polygon, negative.
-# Rounded coordinates of a convex polygon stay above it.
+# A fan triangle is turned over if its negative area exceeds this share of the area of the polygon. Rounded
+# coordinates of a convex polygon cause smaller negative areas.
 _AREA_TOLERANCE = 1e-6
-# The rounding error of areas in units of the squared size of a polygon, for coordinates in float32.
+# The rounding error of areas for float32 coordinates, relative to the squared size of a polygon.
 _ROUNDING = 4e-7
-# Limit for cutting ears, in squared corners summed over all polygons: a fixed number, and a number for each
-# corner of the file. Polygons beyond the limit become fans. The largest outline that is cut in a small
-# file has 2,048 corners, which take a second.
+# Limit for cutting ears. The squared numbers of corners of all polygons are added up. The limit of the sum is
+# a fixed number, plus a number for each corner of the file. Polygons beyond the limit become fans. In a small
+# file, outlines of up to 2,048 corners are cut, which takes a second.
 _WORK, _WORK_PER_CORNER = 1 << 22, 64
 # Elements of the arrays (polygons, corners) that are processed at a time.
 _CELLS_AT_A_TIME = 1 << 20
-# Score of a corner that is no ear, and of one that has been removed.
+# Score of a corner that is not an ear, and of a corner that has been removed.
 _NO_EAR, _GONE = -1.0, -2.0
 
 Floats = NDArray[np.float64]
-# The x and y of points.
+# The coordinates x and y of points.
 Point = tuple[Floats, Floats]
 
 
@@ -37,7 +37,8 @@ class Triangulation:
     polygon : (F,) int64
         The polygon of each triangle.
     uncut : int
-        The number of polygons that are no simple outline, or too large, and became fans that overlap.
+        The number of polygons that became overlapping fans, because they cross themselves or have too many
+        corners.
     """
 
     order: NDArray[np.int64]
@@ -60,18 +61,19 @@ class Triangulation:
 def triangulate(points: NDArray[Any], corners: NDArray[np.int64], counts: NDArray[np.int64]) -> Triangulation:
     """Split every polygon into triangles, without new vertices.
 
-    `points` (V, 3) are the vertices, `corners` (C,) the vertex indices of all polygons one after the other,
-    and `counts` (N,) the number of corners of each. Polygons with fewer than three corners are dropped, and
-    n corners give n - 2 triangles.
+    `points` (V, 3) are the vertices. `corners` (C,) are the concatenated vertex indices of all polygons.
+    `counts` (N,) is the number of corners of each polygon. A polygon with n corners gives n - 2 triangles.
+    Polygons with fewer than three corners are dropped.
 
-    A polygon becomes the triangle fan (0, 1, 2), (0, 2, 3), ... around its first corner if no triangle of the
-    fan is turned over, as in every convex polygon. Otherwise its ears are cut, in the projection along its
-    normal by Newell's method. A polygon that crosses itself stays a fan. So does one with invalid vertices.
+    Usually a polygon becomes the triangle fan (0, 1, 2), (0, 2, 3), ... around its first corner. In the fan
+    of a convex polygon no triangle is turned over. If a triangle is turned over, the ears of the polygon are
+    cut, in the projection along its normal by Newell's method. A polygon that crosses itself stays a fan. A
+    polygon with invalid vertices also stays a fan.
     """
     order, polygon = _make_fans(counts)
     if np.all(counts <= 3):
         return Triangulation(order, polygon)
-    # Find the polygons whose fan is wrong. Polygons with the same number of corners are examined together.
+    # Find the polygons whose fans overlap. Polygons with the same number of corners are examined together.
     first = np.cumsum(counts) - counts
     concave, uncut = [np.zeros(0, np.int64)], 0
     by_size = np.argsort(counts, kind="stable")
@@ -104,12 +106,14 @@ def fan_triangulate(corners: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 def _make_fans(counts: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the places of the corners (F, 3) and the polygon (F,) of the fans of polygons."""
+    """Return the fans of all polygons: the places of their corners (F, 3), and the polygon (F,) of each
+    triangle.
+    """
     if np.all(counts == 3):
         return np.arange(3 * len(counts)).reshape(-1, 3), np.arange(len(counts))
     triangles = np.maximum(counts - 2, 0)
     polygon = np.repeat(np.arange(len(counts)), triangles)
-    # For each triangle, the places of its first and second corner.
+    # first, second (F,): the places of the first corner and the second corner of each triangle.
     first = (np.cumsum(counts) - counts)[polygon]
     second = first + 1 + concatenate_ranges(triangles)
     return np.stack((first, second, second + 1), axis=1), polygon
@@ -146,10 +150,10 @@ def _cross(a: Floats, b: Floats) -> Floats:
 
 
 def _judge_fans(placed: Floats) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Return two masks (P,) of the polygons (3, P, n) whose fans overlap.
+    """Return two masks (P,) of polygons (3, P, n) whose fans overlap.
 
-    Ears can be cut from the first ones, because some triangles of their fans are turned over. The second ones
-    cross themselves.
+    The first mask selects polygons with turned-over triangles in their fans. Ears can be cut from them. The
+    second mask selects polygons that cross themselves.
     """
     with np.errstate(all="ignore"):
         # across (3, P, n - 2): twice the area of each fan triangle, along its normal. The sum over a polygon
@@ -165,7 +169,7 @@ def _judge_fans(placed: Floats) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         length = np.sqrt((across**2).sum(axis=0))
         total = length.sum(axis=1)
         is_covered = (area < _AREA_TOLERANCE * total) & (total > _ROUNDING)
-        # A fan that covers itself goes round its first corner more than once.
+        # A fan also covers itself if its angles at the first corner exceed a full turn.
         if placed.shape[2] > 4:
             angle = np.arctan2(length, (a * b).sum(axis=0)).sum(axis=1)
             is_covered |= ~is_turned & (angle > 2 * np.pi + _AREA_TOLERANCE) & (total > _ROUNDING)
@@ -175,9 +179,10 @@ def _judge_fans(placed: Floats) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
 def _make_batches(
     concave: NDArray[np.int64], counts: NDArray[np.int64], work: int
 ) -> Iterator[tuple[NDArray[np.int64], int]]:
-    """Yield groups of the polygons `concave` (P,), and a width that no number of corners in them exceeds.
+    """Yield groups of the polygons `concave` (P,), and a width.
 
-    The groups end with the largest polygon that the limit `work` permits.
+    No polygon of a group has more corners than its width. Small polygons come first. Polygons beyond the
+    limit `work` are not in any group.
     """
     by_size = np.argsort(counts, kind="stable")
     width = 1 << np.ceil(np.log2(counts[by_size])).astype(np.int64)
@@ -190,14 +195,15 @@ def _make_batches(
 
 
 def _project(placed: Floats) -> tuple[Floats, Floats]:
-    """Return two coordinates (P, M) of polygons (3, P, M), in which they are counter-clockwise.
+    """Return two of three coordinates, each (P, M), of polygons (3, P, M).
 
-    The third one is that of the axis along which the normal is largest.
+    In these the polygons are counter-clockwise. The axis along which the normal is largest is dropped.
     """
     normal = _cross(placed[..., :-1], placed[..., 1:]).sum(axis=2)
     axis = np.argmax(np.abs(normal), axis=0)
     every = np.arange(len(axis))
-    # The axes after the dropped one, in cyclic order, exchanged where the normal is negative.
+    # axes (2, P): the two axes after the dropped axis, in cyclic order. They are swapped if the normal is
+    # negative.
     axes = np.stack(((axis + 1) % 3, (axis + 2) % 3))
     is_down = normal[axis, every] < 0
     axes[:, is_down] = axes[::-1, is_down]
@@ -205,7 +211,7 @@ def _project(placed: Floats) -> tuple[Floats, Floats]:
 
 
 def _cut_ears(x: Floats, y: Floats, counts: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-    """Cut polygons with the coordinates (P, M), counter-clockwise with `counts` (P,) corners, into triangles.
+    """Cut counter-clockwise polygons with the coordinates (P, M) and `counts` (P,) corners into triangles.
 
     Return the corners (P, M - 2, 3) of the triangles, and a mask (P,) of the polygons that were cut. In each
     round every polygon loses its best-shaped ear.
@@ -221,7 +227,7 @@ def _cut_ears(x: Floats, y: Floats, counts: NDArray[np.int64]) -> tuple[NDArray[
         ear = np.argmax(scores, axis=1)
         before, after = ring.before[every, ear], ring.after[every, ear]
         triangles[:, number] = np.stack((before, ear, after), axis=1)
-        # The last triangle is what is left, and must not be turned over.
+        # The remaining corners are the last triangle. It must not be turned over.
         left = counts - number
         is_right = ring.area(before, ear, after) >= -_ROUNDING
         is_cut &= (left < 3) | np.where(left == 3, is_right, scores[every, ear] > _NO_EAR)
@@ -237,8 +243,8 @@ def _cut_ears(x: Floats, y: Floats, counts: NDArray[np.int64]) -> tuple[NDArray[
 class _Ring:
     """The remaining corners of polygons, as linked rings.
 
-    `x`, `y` (P, M) are their coordinates, `before` and `after` (P, M) the neighbours of each corner, and
-    `is_left` (P, M) is a mask.
+    `x`, `y` (P, M) are the coordinates of the corners, and `before` and `after` (P, M) their neighbours. The
+    mask `is_left` (P, M) selects the remaining corners.
     """
 
     x: Floats
@@ -270,15 +276,15 @@ class _Ring:
         """Return the shape of the triangle at one corner (P,) of each polygon, or `_NO_EAR`.
 
         The shape is the area over the sum of squared sides. An ear has no other corner in it, not even on
-        its sides. Corners at the same place as its own do not count, because the two sides of a cut that
-        joins a hole to the outline touch; but no side may lead from the tip into the triangle.
+        its sides. Corners at the place of one of its own corners do not count. Such corners exist where a cut
+        joins a hole to the outline. However, no side may lead from the tip of the ear into the triangle.
         """
         every = np.arange(len(corner))
         before, after = self.before[every, corner], self.after[every, corner]
         a, b, c = ((self.x[every, at], self.y[every, at]) for at in (before, corner, after))
         area = _area(a, b, c)
         is_ear = (area >= 0) & self.is_left[every, corner]
-        # Candidates (N,): the corners in the bounding box of the triangle, and the polygon of each.
+        # Candidates (N,) are the corners in the bounding box of the triangle, with their polygons.
         is_near = self.is_left & is_ear[:, None]
         for values, axis in ((self.x, 0), (self.y, 1)):
             sides = np.stack((a[axis], b[axis], c[axis]))
@@ -289,7 +295,7 @@ class _Ring:
         is_inside = (_area(a, b, q) >= 0) & (_area(b, c, q) >= 0) & (_area(c, a, q) >= 0)
         at_tip, at_end = ((q[0] == p[0]) & (q[1] == p[1]) for p in (b, a))
         at_end |= (q[0] == c[0]) & (q[1] == c[1])
-        # A side from the tip into the triangle lies between its two sides there.
+        # A side leads into the triangle if it lies between the two sides of the triangle at the tip.
         leads_in = np.zeros(len(polygon), bool)
         for neighbours in (self.before, self.after):
             end = neighbours[polygon, number]
@@ -341,7 +347,7 @@ def _area(a: Point, b: Point, c: Point) -> Floats:
 def find_wrong_polygon(
     faces: NDArray[np.int64], polygon: NDArray[np.int64], vertices: int
 ) -> tuple[int, int] | None:
-    """Return the first polygon with a vertex index outside 0..`vertices` - 1, and that index, or None.
+    """Return the first polygon with a vertex index outside 0..`vertices` - 1, and this index, or None.
 
     `faces` (F, 3) and `polygon` (F,) are the triangles and polygons of a `Triangulation`.
     """
@@ -355,8 +361,8 @@ def find_wrong_polygon(
 def join_faces(parts: Iterable[NDArray[np.int64]], counts: Sequence[int]) -> NDArray[np.int64]:
     """Return the concatenated faces of several parts, renumbered for the concatenated vertices.
 
-    `counts` are the numbers of vertices of the parts. An index outside its part stays invalid: it is moved
-    outside all vertices.
+    `counts` are the numbers of vertices of the parts. An index outside its part stays invalid, because it is
+    moved outside all vertices.
     """
     total, base, joined = sum(counts), 0, []
     for faces, count in zip(parts, counts, strict=True):

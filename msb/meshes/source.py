@@ -33,7 +33,7 @@ class Source:
     images: bool = True
 
     def error(self, code: str, message: str, *, pointer: str | None = None) -> MeshFileError:
-        """Return an error about this file. A `pointer`, the place in the file, precedes the message."""
+        """Return an error about this file. The message begins with `pointer`, the place in the file."""
         text = message if pointer is None else f"{pointer}: {message}"
         return MeshFileError(code, text, file=self.path, pointer=pointer)
 
@@ -49,7 +49,7 @@ class Source:
     def wrong_index(self, byte: int, index: int, vertices: int, *, first: int = 0) -> str:
         """Return the text of `Mesh.wrong_face` for the face in the line at byte offset `byte`.
 
-        `index` is the invalid vertex index, counted from 0; the file counts from `first`.
+        `index` is the invalid vertex index, counted from 0. The file counts from `first`.
         """
         valid = f"valid are {first} to {vertices - 1 + first}" if vertices else "the file has no vertices"
         return f"{self.line(byte)}: a face uses vertex {index + first}; {valid}"
@@ -62,7 +62,8 @@ class Source:
     def not_a(self, name: str, why: str) -> MeshFileError:
         """Return the error that the file is not of format `name`.
 
-        If the content looks like another format, the error names that format, else the reason `why`.
+        If the content looks like another format, the error names that format. Otherwise it gives the reason
+        `why`.
         """
         other = self.looks_like()
         if other is not None and other.title != name:
@@ -70,9 +71,10 @@ class Source:
         return self.error("MESH_FILE_INVALID", f"the file is not in {name} format: {why}")
 
     def as_text(self, name: str) -> Source:
-        """Return the file as text of format `name`: lines end with LF, and a byte order mark is blanked out.
+        """Return the file as text of format `name`.
 
-        The length stays the same, so that byte and line numbers in messages are valid for the file.
+        Line ends become LF, and spaces replace a byte order mark. The length stays the same, so that byte and
+        line numbers in messages are valid for the file.
         """
         data = self.data
         at = data.find(b"\0")

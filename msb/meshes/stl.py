@@ -28,8 +28,8 @@ _FACE_CODES = [_CODES[keyword] for keyword in _LINES]
 def read(source: Source) -> Mesh:
     """Read a binary or text STL file. Several solids are concatenated; normals and attributes are ignored.
 
-    Vertices are float32 also for text files: float64 would change the areas of published files by 2e-8. There
-    are 3F vertices, and the faces are (0, 1, 2), (3, 4, 5), and so on.
+    Vertices of text files are float32, too. With float64, the areas of published files would change by 2e-8.
+    There are 3F vertices, and the faces are (0, 1, 2), (3, 4, 5), and so on.
     """
     data = source.data
     declared = struct.unpack_from("<I", data, 80)[0] if len(data) >= _HEADER_BYTES else 0
@@ -104,12 +104,13 @@ def _read_vertices(words: Words, is_vertex: NDArray[np.bool_]) -> NDArray[np.flo
 
 
 def _check_order(text: Source, codes: NDArray[np.uint8], places: NDArray[np.int64]) -> None:
-    """Raise an error unless the lines are complete faces with "solid" and "endsolid" only between them.
+    """Raise an error unless the lines are complete faces, and "solid" and "endsolid" stand only between
+    faces.
 
     `codes` (L,) are the codes of the lines' first words, `places` (L,) the byte offsets of the lines.
     """
     between = codes >= _CODES[b"solid"]
-    # The other lines must repeat the lines of a face in order.
+    # The other lines must be complete faces, with their lines in this order.
     in_faces = np.flatnonzero(~between)
     expected = np.resize(_FACE_CODES, len(in_faces))
     wrong = in_faces[codes[in_faces] != expected]

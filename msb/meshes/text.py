@@ -17,16 +17,16 @@ from numpy.typing import NDArray
 from msb.errors import MeshFileError, shorten
 from msb.meshes.source import Source
 
-# Bytes of text per block. The word tables take up to 30 times as much memory, about 130 MB.
+# Bytes of text per block. The word tables of a block take up to 30 times as much memory, about 130 MB.
 BLOCK_BYTES = 1 << 22
 
-# Numbers are parsed as float64, which represents every integer up to this one exactly.
+# Numbers are parsed as float64. It represents every integer up to this limit exactly.
 EXACT_INTEGER = 2**53
 
 _IS_SPACE = np.isin(np.arange(256), list(b" \t\n\r\v\f"))
 _IS_FRACTION = np.isin(np.arange(256), list(b".eEnN"))
-# A number. The possessive quantifiers (++, *+) never backtrack, so that a million digits followed by a letter
-# are rejected in linear time.
+# A number. The possessive quantifiers (++, *+) never backtrack. A million digits followed by a letter are
+# therefore rejected in linear time.
 _NUMBER = re.compile(rb"[+-]?((\d++\.?\d*+|\.\d++)(e[+-]?\d++)?|inf|infinity|nan(\(\w*+\))?)", re.IGNORECASE)
 
 
@@ -79,7 +79,10 @@ class Words:
         return replace(self, end=np.minimum(self.end, self._next(separator)))
 
     def after(self, separator: bytes) -> Words:
-        """Return the part of each word after its first `separator` (one byte); empty if it has none."""
+        """Return the part of each word after its first `separator` (one byte).
+
+        It is empty for words without one.
+        """
         return replace(self, start=np.minimum(self._next(separator) + 1, self.end))
 
     def _next(self, separator: bytes) -> NDArray[np.int64]:
@@ -105,8 +108,9 @@ class Words:
     def indices(self, chosen: NDArray[np.bool_], above: NDArray[np.int64], of: str) -> NDArray[np.int64]:
         """Return the selected words (T,) as zero-based OBJ indices.
 
-        In the file, indices count from 1, or backwards from -1, the last element above the line. `above` (L,)
-        is the number of elements above each line, and `of` their name for messages.
+        In the file, positive indices count from 1. Negative indices count backwards; -1 is the last element
+        above the line. `above` (L,) is the number of elements above each line. `of` is the name of the
+        elements in messages.
         """
         values = self.numbers(chosen)
         at = find_not_whole(values)
@@ -123,7 +127,7 @@ class Words:
         raise self.source.line_error("MESH_FILE_INVALID", byte, f"index {values[at]:.15g} {why}")
 
     def has_fraction(self) -> NDArray[np.bool_]:
-        """Return a mask (T,) of the words that are not plain integers, such as 1.0, 1e3 or nan."""
+        """Return a mask (T,) of the words such as 1.0, 1e3 or nan, which are not plain integers."""
         marks = np.append(0, np.cumsum(_IS_FRACTION[self.text]))
         return marks[self.end] > marks[self.start]
 
@@ -133,7 +137,10 @@ class Words:
         return self.source.line_error(code, byte, message)
 
     def _bad_number(self, start: NDArray[np.int64], end: NDArray[np.int64]) -> MeshFileError:
-        """Return the error about the first word that is not a number; `start` and `end` are offsets (N,)."""
+        """Return the error about the first word that is not a number.
+
+        `start` and `end` (N,) are the offsets of words.
+        """
         for first, last in zip(start.tolist(), end.tolist(), strict=True):
             word = self.text[first:last].tobytes()
             if not _NUMBER.fullmatch(word):
@@ -221,7 +228,7 @@ def find_not_whole(values: NDArray[np.float64]) -> int | None:
 
 
 def _split_words(source: Source, start: int, end: int, comments: bool) -> Words:
-    """Return the words between the offsets `start` and `end`, which contain whole lines."""
+    """Return the words between the offsets `start` and `end`. There must be whole lines between them."""
     text = np.frombuffer(source.data, dtype=np.uint8, count=end - start, offset=start)
     line_end = text == ord("\n")
     if comments:
@@ -231,7 +238,7 @@ def _split_words(source: Source, start: int, end: int, comments: bool) -> Words:
     space[1:-1] = _IS_SPACE[text]
     edges = np.flatnonzero(space[1:] != space[:-1])
     begins = edges[0::2]
-    # A word begins a line if more line ends precede it than the previous word.
+    # A word is the first of its line if more line ends precede it than precede the previous word.
     line = np.cumsum(line_end, dtype=np.int32)[begins]
     first = np.flatnonzero(np.diff(line, prepend=-1))
     count = np.diff(first, append=len(begins))
@@ -243,7 +250,7 @@ def _blank_comments(text: NDArray[np.uint8], line_end: NDArray[np.bool_]) -> NDA
     marks = np.cumsum(text == ord("#"), dtype=np.int32)
     if not marks.size or not marks[-1]:
         return text
-    # A byte is in a comment if more "#" precede it in the file than precede its line.
+    # A byte is in a comment if there is a "#" between the start of its line and the byte.
     before_line = np.maximum.accumulate(np.where(line_end, marks, 0))
     return np.where((marks > before_line) & ~line_end, np.uint8(ord(" ")), text)
 
@@ -251,7 +258,7 @@ def _blank_comments(text: NDArray[np.uint8], line_end: NDArray[np.bool_]) -> NDA
 def _parse(text: bytes) -> NDArray[np.float64] | None:
     """Return the numbers in a non-blank text, or None if it contains anything else."""
     with warnings.catch_warnings():
-        # Older NumPy warns where newer NumPy raises.
+        # Older versions of NumPy warn instead of raising an error.
         warnings.simplefilter("error", DeprecationWarning)
         try:
             return np.fromstring(text, dtype=np.float64, sep=" ")

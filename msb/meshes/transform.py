@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from msb.meshes.colors import linear_light
 from msb.meshes.mesh import Mesh
 
-# Up axis -> rotation that makes it +y: for the new x, y and z, the index of the old axis and its sign. Each
-# has determinant +1.
+# Rotations that turn an up axis to +y. They give the index and the sign of the old axis for the new x, y and
+# z. Each has determinant +1.
 _UPRIGHT: dict[str, tuple[tuple[int, int], ...]] = {
     "+y": ((0, 1), (1, 1), (2, 1)),
     "-y": ((0, 1), (1, -1), (2, -1)),

@@ -84,7 +84,7 @@ def read(source: Source) -> Mesh:
 
 
 def _check_whole(source: Source) -> None:
-    """Reject truncated packages. usd-core reads them even if the end record of the archive is missing."""
+    """Reject truncated packages. usd-core accepts packages without the end record of the archive."""
     is_package = _PACKAGE.startswith(source.data[: len(_PACKAGE)])
     if is_package and not zipfile.is_zipfile(io.BytesIO(source.data)):
         raise source.error("MESH_FILE_TRUNCATED", "the file is truncated: the package has no end record")
@@ -93,7 +93,7 @@ def _check_whole(source: Source) -> None:
 def _with_textures(mesh: Mesh, source: Source, data: dict[str, Any]) -> Mesh:
     """Return `mesh` with its images, from the package or from separate files.
 
-    Images that cannot be read are left out by name, and their faces are white.
+    Images that cannot be read are listed in `left_out`, and their faces are white.
     """
     uses, decoder = data["textures"], Decoder()
     if len(uses) > MAX_TEXTURES:
@@ -116,11 +116,14 @@ def _with_textures(mesh: Mesh, source: Source, data: dict[str, Any]) -> Mesh:
 
 
 def _adjust_texels(image: NDArray[np.uint8], use: Mapping[str, Any]) -> NDArray[np.uint8]:
-    """Return the sRGB texels (H, W, 3 | 4) that a `msb.meshes.usd_materials.ImageUse`, as a dict, draws."""
+    """Return `image` as sRGB texels (H, W, 3 | 4); `use` has the fields of
+    `msb.meshes.usd_materials.ImageUse`.
+    """
     scale, bias = use["scale"], use["bias"]
     if not use["is_raw"] and (set(scale), set(bias)) == ({1.0}, {0.0}):
         return image
-    # Each of the 256 levels of a channel becomes linear light, is scaled and moved, and becomes a level.
+    # For each channel, build a table of its 256 levels. A level is converted to linear light, scaled,
+    # shifted, and converted back.
     levels, channels = np.arange(256) / 255, []
     for channel in range(image.shape[-1]):
         is_linear = channel == 3
@@ -139,7 +142,7 @@ def _read_image(source: Source, name: str) -> bytes:
     try:
         with zipfile.ZipFile(io.BytesIO(source.data)) as archive:
             about = archive.getinfo(name)
-            # USD packages are not compressed. A stored member cannot be larger than the file.
+            # USD packages are not compressed. Therefore a member cannot be larger than the file.
             if about.compress_type == zipfile.ZIP_STORED:
                 return archive.read(about)
     except (KeyError, zipfile.BadZipFile, OSError, RuntimeError, NotImplementedError):

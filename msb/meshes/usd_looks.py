@@ -1,7 +1,7 @@
 """Split a textured mesh into groups of faces that one UsdPreviewSurface material can show.
 
-Such a material multiplies an image with one colour, or shows one colour or the primvar `displayColor`. It
-cannot multiply an image with colours that vary over it.
+Such a material shows an image times one colour, or one colour, or the primvar `displayColor`. Such a material
+cannot multiply an image with colours that vary from vertex to vertex.
 """
 
 from dataclasses import dataclass
@@ -15,8 +15,8 @@ from msb.meshes.formats import Style
 from msb.meshes.image_files import describe_counts, encode_images, is_single_texel
 from msb.meshes.mesh import Mesh
 
-# Largest number of materials for the faces of one texture. With more colours, faces without an image use
-# `displayColor`, and other faces the average colour.
+# Largest number of materials, each with one colour, for the faces of one texture. With more colours, faces
+# without an image use `displayColor`, and faces with an image use the average colour.
 _MAX_COLORS = 64
 WHITE = (1.0, 1.0, 1.0)
 
@@ -53,7 +53,8 @@ def group_faces(mesh: Mesh) -> list[FaceGroup]:
         if not len(faces):
             continue
         used = None if is_single_texel(image, mesh) else number
-        # rows (n, 3, 3): the colours of the corners. One material per colour, if no face has several.
+        # rows (n, 3, 3): the colours of the corners. Use one material per colour if every face has a uniform
+        # colour.
         rows = light[faces]
         if (rows == rows[0, 0]).all():
             groups.append(FaceGroup(faces, used, tuple(rows[0, 0].tolist())))

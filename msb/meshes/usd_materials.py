@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 Vector = tuple[float, ...]
-# The 2 x 3 matrix that texture coordinates (u, v, 1) are multiplied with, v upwards.
+# The 2 x 3 matrix by which texture coordinates (u, v, 1) are multiplied; v points upwards.
 Matrix = tuple[Vector, Vector]
 
 _WRAPS = {"clamp": "clamp", "black": "clamp", "mirror": "mirror"}
@@ -17,7 +17,7 @@ _DEFAULT_COLOR = (0.18, 0.18, 0.18)
 _BLACK, _ONES, _ZEROS = (0.0, 0.0, 0.0), (1.0,) * 4, (0.0,) * 4
 # Longest chain of UsdTransform2d nodes that is followed. Hostile files may connect them in a circle.
 _MAX_TRANSFORMS = 16
-# Inputs of UsdPreviewSurface that are not read if a shader computes them -> their names.
+# Names of inputs of UsdPreviewSurface that are not read if a shader computes them.
 _OTHER_MAPS = {
     "normal": "normal maps",
     "occlusion": "occlusion maps",
@@ -28,10 +28,10 @@ _OTHER_MAPS = {
 
 @dataclass(frozen=True)
 class ImageUse:
-    """An image file, and everything that changes its texels before they are drawn.
+    """An image file, and the conversions of its texels before they are drawn.
 
     A texel is multiplied with `scale` (RGBA), then `bias` (RGBA) is added, in linear light. `is_raw` is set
-    if the file stores linear light, `has_alpha` if alpha is compared with the cut-off.
+    if the file stores linear light. `has_alpha` is set if alpha is compared with the cut-off.
     """
 
     file: str
@@ -43,7 +43,7 @@ class ImageUse:
 
 @dataclass(frozen=True)
 class Material:
-    """The colour of a material, in this order: its image, a uniform colour, a primvar.
+    """The colour of a material. It is the image if there is one, else the uniform colour, else the primvar.
 
     Attributes
     ----------
@@ -69,12 +69,12 @@ class Material:
     primvar: str | None = None
 
 
-# The material of meshes without one.
+# The material of meshes that have no material.
 UNBOUND = Material(primvar="displayColor")
 
 
 class _Source(NamedTuple):
-    """The end of an input's connections: a shader and the name of its output, or a value, or nothing."""
+    """The source to which an input is connected: a shader and the name of its output, a value, or nothing."""
 
     shader: Any = None
     output: str = ""
@@ -82,14 +82,19 @@ class _Source(NamedTuple):
 
 
 class MaterialReader:
-    """Reads the materials of prims, each one once, and adds the names of unread parts to `left_out`."""
+    """Reader for the materials of prims.
+
+    It reads each material once, and adds the names of unread parts to `left_out`.
+    """
 
     def __init__(self, time: Any, left_out: dict[str, None]) -> None:
         self._time, self._left_out = time, left_out
         self._materials: dict[str, Material] = {}
 
     def find(self, prim: Any) -> Material:
-        """Return the material of a prim: the one for previews, else the one for full renderings."""
+        """Return the material of a prim: its material for previews if there is one, else the material for
+        full renderings.
+        """
         from pxr import Tf, UsdShade
 
         binding = UsdShade.MaterialBindingAPI(prim)
@@ -107,7 +112,10 @@ class MaterialReader:
         return UNBOUND
 
     def _read_surface(self, material: Any) -> Material:
-        """Return the colour of a material. Emission counts only if the diffuse colour is black (unlit)."""
+        """Return the colour of a material.
+
+        Emission is used only if the diffuse colour is black (an unlit material).
+        """
         surface = material.ComputeSurfaceSource()[0]
         if not surface or surface.GetShaderId() != "UsdPreviewSurface":
             self._left_out["materials other than UsdPreviewSurface"] = None
@@ -143,7 +151,8 @@ class MaterialReader:
             )
             return UNBOUND
         cutoff = self._read_cutoff(surface, reader)
-        # A scale from 0 to 1 without bias is a colour that multiplies the image. Others change its texels.
+        # A scale from 0 to 1 without bias is a colour by which the image is multiplied. Others change its
+        # texels.
         scale = _vector(self._follow(reader, "scale").value, _ONES)
         bias = _vector(self._follow(reader, "bias").value, _ZEROS)
         color = None
@@ -183,12 +192,12 @@ class MaterialReader:
     def _read_cutoff(self, surface: Any, reader: Any) -> float | None:
         """Return the alpha cut-off of a surface whose colour `reader` reads; None if it is opaque.
 
-        Only the alpha of the colour's image can cut it out.
+        Only the alpha channel of the image with the colour can cut holes.
         """
         opacity = self._follow(surface, "opacity")
         threshold = _number(self._follow(surface, "opacityThreshold").value, 0.0)
         if opacity.shader is None:
-            # A cut-off that a uniform opacity reaches makes the surface opaque.
+            # A surface is opaque if its uniform opacity reaches the cut-off.
             if _number(opacity.value, 1.0) < (threshold if threshold > 0 else 1.0):
                 self._left_out["opacity of materials"] = None
             return None
@@ -207,7 +216,10 @@ class MaterialReader:
         return str(getattr(file, "path", file) or "")
 
     def _follow(self, shader: Any, name: str) -> _Source:
-        """Return what produces the input `name` of a shader, through interfaces of materials and graphs."""
+        """Return the source of the input `name` of a shader.
+
+        Interfaces of materials and node graphs are followed.
+        """
         from pxr import UsdShade
 
         given = shader.GetInput(name)
@@ -221,7 +233,7 @@ class MaterialReader:
 
 
 def _color(value: Any, default: Vector) -> Vector:
-    """Return `value` as three numbers, which may be outside [0, 1] or NaN; else `default`."""
+    """Return `value` if it is three numbers, else `default`. The numbers may be outside [0, 1] or NaN."""
     numbers = list_numbers(value)
     return numbers if len(numbers) == len(default) else default
 
@@ -248,7 +260,7 @@ def list_numbers(value: Any) -> Vector:
 def unite_textures(materials: list[Material], left_out: dict[str, None]) -> tuple[tuple[str, str], Any]:
     """Return the wrap modes and the alpha cut-off of a mesh with these textured materials.
 
-    A mesh has one sampler: the sampler of the first material, with the smallest cut-off.
+    A mesh has only one sampler. The first material gives the wrap modes; the cut-off is the smallest of all.
     """
     cutoffs = {material.cutoff for material in materials if material.cutoff is not None}
     if len({material.wraps for material in materials}) > 1:

@@ -16,7 +16,8 @@ Floats = NDArray[np.float32]
 # A domain ("constant", "vertex", "face", "corner") and its values (n, width).
 Values = tuple[str, Floats]
 
-# Interpolation of a primvar -> the domain of its values; others are per vertex.
+# Domains of the values of a primvar, by its interpolation. With any other interpolation, values are per
+# vertex.
 _DOMAINS = {"uniform": "face", "faceVarying": "corner"}
 
 
@@ -73,14 +74,14 @@ def read_stage(word: str, _: Arrays) -> tuple[Any, Arrays]:
 
 
 class _Refused(Exception):
-    """The stage is invalid; the text is the reason."""
+    """Error about an invalid stage, with the reason as its text."""
 
 
 class _Reader:
-    """Reads the mesh prims of a stage.
+    """Reader for the mesh prims of a stage.
 
-    `images` numbers the images in the order of their use; None stands for faces without an image. `textured`
-    has the used materials with an image, and `left_out` has the names of unread parts.
+    `images` has the numbers of the images, in the order of their use. The key None stands for faces without
+    an image. `textured` has the used materials that have an image. `left_out` has the names of unread parts.
     """
 
     def __init__(self, stage: Any) -> None:
@@ -97,7 +98,7 @@ class _Reader:
             self.left_out["references that cannot be resolved"] = None
 
     def _read_unit(self, stage: Any) -> float:
-        """Return the length of the stage's unit in metres: one centimetre if the stage has no valid one."""
+        """Return the length of the stage's unit in metres, or 0.01 if the stage has no valid unit."""
         from pxr import UsdGeom
 
         stored = float(UsdGeom.GetStageMetersPerUnit(stage))
@@ -138,12 +139,12 @@ class _Reader:
         if (counts < 0).any() or counts.sum() != len(corners):
             text = f"{prim.GetPath()}: the faces need {counts.sum()} corners, but there are {len(corners)}"
             raise _Refused(text)
-        # order (F, 3) are places in `corners`, polygon (F,) the polygon of each triangle.
+        # order (F, 3): places in `corners`. polygon (F,): the polygon of each triangle.
         cut = triangulate(points, corners, counts)
         order, polygon = cut.order, cut.polygon
         self.left_out |= dict.fromkeys(cut.left_out)
-        # Transform to world coordinates in metres. A mirroring transform reverses the winding, like
-        # left-handed orientation.
+        # Transform to world coordinates in metres. A mirroring transform and a left-handed orientation each
+        # reverse the winding.
         matrix = np.array(self._places.GetLocalToWorldTransform(prim))
         matrix[:, :3] *= self.meters_per_unit
         is_left = mesh.GetOrientationAttr().Get(self._time) == UsdGeom.Tokens.leftHanded
@@ -173,9 +174,10 @@ class _Reader:
     ) -> None:
         """Add colours, UVs and textures to the `arrays` of a prim.
 
-        `materials` are its materials with their triangles. `read` returns a primvar with values of a width.
+        `materials` are the materials of the prim with their triangles. `read` takes the name of a primvar and
+        the width of its values, and returns its values.
         """
-        # Read the coordinates of the images. A material without them loses its image.
+        # Read the coordinates of the images. A material without coordinates loses its image.
         placed: dict[tuple[str, Any], Values | None] = {}
         uvs: list[tuple[NDArray[np.int64], Values | None]] = []
         for number, (material, faces) in enumerate(materials):
@@ -215,9 +217,9 @@ class _Reader:
     ) -> Values | None:
         """Return the domain of the primvar `name` and its values (n, `width`), or None if it is not set.
 
-        `shape` are the numbers of vertices, polygons and polygon corners; `order` and `polygon` are as in
-        `read_prim`. Values of polygons become values of triangles. A wrong number of values is left out, but
-        it is an error for `displayColor`.
+        `shape` has the numbers of vertices, polygons and polygon corners. `order` and `polygon` are the
+        arrays of `read_prim`. Values of polygons become values of triangles. A primvar with a wrong number of
+        values is left out. For `displayColor` this is an error.
         """
         from pxr import UsdGeom
 
@@ -272,7 +274,7 @@ class _Reader:
         """
         from pxr import UsdGeom, UsdShade
 
-        # owner (P,): the material of each polygon: the prim's, or the subset's.
+        # owner (P,): the material of each polygon, from its subset or else from the prim.
         numbers = {self._materials.find(mesh.GetPrim()): 0}
         owner = np.zeros(count, np.int64)
         kind = UsdShade.Tokens.materialBind
@@ -289,7 +291,7 @@ class _Reader:
         return [(list(numbers)[number], faces) for number, faces in zip(used, groups, strict=False)]
 
     def _note_ignored(self, mesh: Any) -> None:
-        """Add the names of the data in a mesh prim that is not read to `left_out`."""
+        """Add the names of all unread data of a mesh prim to `left_out`."""
         from pxr import UsdGeom
 
         if mesh.GetNormalsAttr().HasAuthoredValue():
@@ -317,7 +319,10 @@ def _choose_color(material: Material, read: Callable[[str, int], Values | None])
 
 
 def _place(uvs: Values | None, transform: Any) -> Values | None:
-    """Return texture coordinates, stored with v upwards, transformed and with v downwards."""
+    """Return texture coordinates after their transform.
+
+    Stored coordinates have v upwards, the result has v downwards.
+    """
     if uvs is None:
         return None
     domain, stored = uvs
@@ -331,9 +336,9 @@ def _place(uvs: Values | None, transform: Any) -> Values | None:
 def _combine(
     pieces: Sequence[tuple[NDArray[np.int64], Values | None]], part: _PrimArrays, width: int, blank: float
 ) -> Values | None:
-    """Return the values of a prim whose triangles have different values; None if none has any.
+    """Combine the values of the materials of a prim. Return None if no triangle has values.
 
-    Each of the `pieces` has the numbers of its triangles, and values for the whole prim.
+    Each of the `pieces` has the triangle numbers of a material, and its values for the whole prim.
     """
     given = [values for _, values in pieces]
     if all(values is None for values in given):
@@ -398,7 +403,7 @@ def _join_parts(parts: list[_PrimArrays], textures: int) -> dict[str, NDArray[An
 def _convert_domain(
     domain: str, part: _PrimArrays, values: Values | None, width: int, blank: float
 ) -> Floats:
-    """Return the values (n, `width`) of a part in `domain`, its own or "corner"; `blank` if it has none."""
+    """Return the values (n, `width`) of a part for `domain`, or `blank` if the part has no values."""
     count = {"vertex": len(part.points), "face": len(part.faces), "corner": part.faces.size}[domain]
     if values is None:
         return np.full((count, width), blank, np.float32)

@@ -80,7 +80,8 @@ def _add_mesh(stage: Any, path: str, mesh: Mesh) -> Any:
     prim.CreateFaceVertexCountsAttr(Vt.IntArray.FromNumpy(np.full(len(mesh.faces), 3, np.int32)))
     prim.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(mesh.faces.astype(np.int32).reshape(-1)))
     prim.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
-    # Readers expect normals for surfaces without subdivision. Face normals do not smooth the surface.
+    # Readers expect normals for surfaces without subdivision. With face normals, the surface looks
+    # flat-shaded.
     prim.CreateNormalsAttr(Vt.Vec3fArray.FromNumpy(_compute_normals(mesh)))
     prim.SetNormalsInterpolation(UsdGeom.Tokens.uniform)
     prim.CreateDoubleSidedAttr(True)
@@ -126,7 +127,7 @@ def _add_colors(prim: Any, mesh: Mesh, images: list[str]) -> None:
 
 
 def _add_display_colors(prim: Any, light: NDArray[np.float32], domain: str) -> None:
-    """Set `displayColor` to `light` (n, 3) of a domain, and define the material that shows it."""
+    """Set `displayColor` to the colours `light` (n, 3) of a domain, and define the material to show them."""
     from pxr import Sdf, Vt
 
     stage = prim.GetPrim().GetStage()
@@ -152,7 +153,7 @@ def _name_groups(groups: list[FaceGroup]) -> list[str]:
 
 
 def _add_group(prim: Any, path: str, group: FaceGroup, images: list[str], mesh: Mesh) -> None:
-    """Define the material of a group: its image times its colour, or its colour."""
+    """Define the material of a group. It shows an image times a colour, or only a colour."""
     stage = prim.GetPrim().GetStage()
     assert group.color is not None
     if group.image is None:
@@ -162,7 +163,7 @@ def _add_group(prim: Any, path: str, group: FaceGroup, images: list[str], mesh: 
 
 
 def _add_subset(prim: Any, name: str, group: FaceGroup) -> Any:
-    """Define the subset of a mesh prim's faces that has the material of a group."""
+    """Define the faces of a group as a subset of a mesh prim, and give it the material of the group."""
     from pxr import UsdGeom, UsdShade, Vt
 
     return UsdGeom.Subset.CreateGeomSubset(
@@ -176,7 +177,7 @@ def _add_subset(prim: Any, name: str, group: FaceGroup) -> Any:
 
 
 def _set_primvar(primvar: Any, values: NDArray[np.float32], kind: Any) -> None:
-    """Set the values of a primvar; repeated values are stored once, with indices."""
+    """Set the values of a primvar. Repeated values are stored once, and indices refer to them."""
     from pxr import Vt
 
     bits = np.ascontiguousarray(values).view(np.uint32)
@@ -188,7 +189,7 @@ def _set_primvar(primvar: Any, values: NDArray[np.float32], kind: Any) -> None:
 
 
 def _add_texture(stage: Any, path: str, image: str, mesh: Mesh, color: tuple[float, ...]) -> None:
-    """Define the unlit material of the texture file `image`, times `color` (linear light), at `path`."""
+    """Define an unlit material at `path`. It shows the texture file `image` times `color` (linear light)."""
     from pxr import Sdf
 
     surface = _add_material(stage, path)

@@ -1,8 +1,8 @@
 """Write VTK XML PolyData (.vtp): points, and cells of one, two and three points with cell data.
 
 The layout is defined in "VTK XML file formats" of the VTK documentation. All arrays are raw data in one
-appended block, each preceded by its 64-bit byte count. VTK itself is not needed: it is a large optional
-dependency (extra `view`).
+appended block, each preceded by its 64-bit byte count. VTK itself, a large optional dependency (extra
+`view`), is not needed.
 """
 
 from collections.abc import Mapping, Sequence
@@ -59,8 +59,8 @@ def write_vtp(
 ) -> None:
     """Write PolyData with points (V, 3), and cells: verts (n, 1), lines (n, 2) and polys (n, 3).
 
-    `cell_data` has uint8 or int64 arrays over all cells in VTK's order (verts, lines, polys). `names` has the
-    name of a field array and its values (ASCII strings).
+    `cell_data` has uint8 or int64 arrays with a value per cell, in VTK's order of cells (verts, lines,
+    polys). `names` is a field array: its name, and its values (ASCII strings).
     """
     appended = _Appended()
     data = "".join(appended.array(name, values) for name, values in cell_data.items())

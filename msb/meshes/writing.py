@@ -8,12 +8,15 @@ from numpy.typing import NDArray
 from msb.errors import MeshError, OutputError
 from msb.meshes.mesh import Mesh
 
-# Number of rows formatted and written at a time. It bounds the memory that a writer needs besides the mesh.
+# Number of rows formatted and written at a time. It limits the memory that a writer needs in addition to the
+# mesh.
 ROWS_AT_A_TIME = 1 << 16
 
 
 def check_writable(mesh: Mesh) -> None:
-    """Reject meshes with non-finite coordinates or invalid indices: no format can store them reliably."""
+    """Reject meshes with non-finite coordinates or invalid indices, because no format can store them
+    reliably.
+    """
     _require_finite(mesh.vertices, "is not finite")
     check_indices(mesh)
 
@@ -40,7 +43,8 @@ def as_float32(vertices: NDArray[Any], name: str) -> NDArray[np.float32]:
 def write_rows(stream: BinaryIO, form: str, columns: NDArray[Any]) -> None:
     """Write each row of `columns` (N, K) as one line of text, formatted with `form` (K conversions with %).
 
-    "%r" writes the shortest decimal that reads back as the same float64, so float32 values are exact, too.
+    "%r" writes the shortest decimal that reads back as the same float64. Float32 values are therefore exact,
+    too.
     """
     line = form + "\n"
     for start in range(0, len(columns), ROWS_AT_A_TIME):

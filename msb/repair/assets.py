@@ -70,8 +70,8 @@ def repair(
 ) -> Repaired:
     """Return a repaired copy of an asset that keeps the data of its vertices and faces.
 
-    The default plan, "orient,pair", changes nothing visible: faces are turned to a consistent winding, and
-    edges of more than two faces are cut so that the flattest pairs of faces stay connected.
+    The default plan, "orient,pair", changes nothing visible. It turns faces to a consistent winding, and cuts
+    edges of more than two faces. At a cut edge, the pairs of faces that are closest to flat stay connected.
     docs/repair.md explains each step and its guarantees.
 
     Parameters
@@ -159,7 +159,8 @@ def repair_asset(asset: Asset, options: Options, weights: NDArray[Any] | None = 
 def repair_mesh(mesh: Mesh, options: Options) -> tuple[Mesh, Outcome]:
     """Return the repaired mesh, in the precision of `mesh`, and the outcome of the repair."""
     check_indices(mesh)
-    # `carry` treats buffers by name. Face colours use the name "f_dc", because vertex colours use "color".
+    # `carry` decides by the name of a buffer how it is changed. Face colours get the name "f_dc", because
+    # vertex colours have the name "color".
     by_corner = mesh.corner_uvs is not None
     arrays: tuple[tuple[str, NDArray[Any] | None, Domain], ...] = (
         ("color", mesh.vertex_colors, "vertex"),
@@ -192,14 +193,15 @@ def repair_mesh(mesh: Mesh, options: Options) -> tuple[Mesh, Outcome]:
 
 
 def _welds_soup(asset: Asset, plan: tuple[str, ...]) -> bool:
-    """Return whether the plan welds a soup whose method can only render soups."""
+    """Return whether the plan welds a triangle soup of a method that can only render soups."""
     return "weld" in plan and asset.manifest.topology == "triangle_soup" and asset.manifest.method != "mesh"
 
 
 def _convert_to_mesh(asset: Asset) -> tuple[Asset, Change | None]:
     """Return a soup as an asset of method "mesh" with its standard-tier colours.
 
-    The second value is the change that removes the faces below its STE threshold, or None.
+    The second value is the change that removes the faces below the STE threshold, or None if there is no
+    threshold.
     """
     if why := refusal(asset.manifest, "standard"):
         raise Unsupported("UNSUPPORTED_TIER", f"weld needs static colours to merge a triangle soup; {why}")

@@ -90,10 +90,12 @@ def repair(
 ) -> int:
     """Repair a mesh and keep the data of its vertices and faces. ASSET is not changed.
 
-    By default, nothing visible changes: faces are turned to a consistent winding, and edges of more than two
-    faces are cut so that the flattest pairs of faces stay connected. A .triasset keeps its method.
+    The default plan changes nothing visible. It turns faces to a consistent winding, and cuts edges of more
+    than two faces. At a cut edge, the pairs of faces that are closest to flat stay connected. A .triasset
+    keeps its method.
 
-    With --compare, no mesh is written: a table shows what each plan keeps and costs.
+    With --compare, no mesh is written. A table then shows for each plan the remaining faces, the image
+    quality and the tasks that work.
     """
     from msb.repair.plan import parse_plan
 
@@ -164,7 +166,7 @@ class _Repair:
     def write_maps(self, done: Repaired | Outcome, maps: Path | None) -> Iterator[None]:
         """Write the maps to a temporary file, and move it into place after the block has written OUT.
 
-        So either both files are written or none.
+        So either both files are written or neither.
         """
         from msb.base.atomic import is_stream, new_file
         from msb.base.npz import write_npz
@@ -175,14 +177,14 @@ class _Repair:
                 arrays = {"vertex": done.vertex_map, "face": done.face_map, "turned": done.turned}
                 write_npz(file, arrays)
                 file.flush()  # a full disk is detected here
-                if is_stream(maps):  # closing a stream writes it; if that fails, OUT must not exist yet
+                if is_stream(maps):  # closing writes the stream, which may fail: do it before OUT is written
                     stack.close()
             yield
 
     def repair_asset(self) -> tuple[Asset | Mesh, Repaired, Sequence[str]]:
         """Repair an asset. Return the asset, or its standard-tier mesh if OUT is a mesh file.
 
-        The third value lists the parts of the asset that the mesh lacks.
+        The third value lists the parts of the asset that the mesh cannot hold.
         """
         from msb.api.command_files import open_asset
         from msb.meshes.assets import mesh_from_asset
@@ -211,7 +213,10 @@ class _Repair:
             return count_pixels(asset, cameras, self.device, step)
 
     def repair_mesh(self) -> tuple[Mesh, Outcome, Sequence[str]]:
-        """Repair a mesh file in its own precision. The third value lists the parts that were not read."""
+        """Repair a mesh file in the precision of its coordinates.
+
+        The third value lists the parts that were not read.
+        """
         from msb.meshes import read_mesh
         from msb.repair.assets import repair_mesh
 
@@ -223,7 +228,8 @@ class _Repair:
     def write(self, repaired: Asset | Mesh, after: Audit, left_out: Sequence[str]) -> Audit:
         """Write the repaired asset or mesh, and return the audit of the file.
 
-        `after` is the audit of the repaired mesh, and `left_out` lists the parts that it already lacks.
+        `after` is the audit of the repaired mesh. `left_out` lists the parts of the input that this mesh
+        already lacks.
         """
         from msb.api.command_files import write_mesh_files
         from msb.asset import Asset
@@ -264,8 +270,8 @@ class _Repair:
     def show(self, done: Repaired | Outcome, after: Audit, left: list[str], *, splits: bool) -> None:
         """Print the verdict and, unless --quiet, the steps, the remaining defects and the next command.
 
-        `splits` tells whether the file stores separate vertices although faces of the repaired mesh share
-        them.
+        `splits` is true if the faces of the repaired mesh share vertices, but the file format stores them
+        separately.
         """
         from msb.api.auditing import next_command
         from msb.topology.verdict import judge
@@ -291,7 +297,7 @@ class _Repair:
         echo(f"Remaining defects: {', '.join(left) or 'none'}")
         source, target = shell_word(source), shell_word(target)
         echo(f"To see the changes: msb view {source} --repaired {target}")
-        # The last line is about what is left. A plan that was just run would change nothing.
+        # The last line names the remaining defects. Running the same plan again would change nothing.
         plan = judge(after).plan
         suffix = ".glb" if plan == "bake" else self.suffix
         command = next_command(
@@ -302,7 +308,7 @@ class _Repair:
 
 
 def _note_turned(asset: Asset, done: Repaired, output: Output) -> None:
-    """Note that turned faces look different if back faces are culled."""
+    """Print a note that turned faces look different if back faces are culled."""
     turned = int(done.turned.sum())
     if turned:
         stored = asset.manifest.settings.get("back_culling")
@@ -356,7 +362,7 @@ def compare_strategies(
             nullcontext() if folder is None else own_folder(folder, overwrite=output.force) as keep,
         ):
             rows = compare(asset, chosen, options, tasks=selected, device=device, keep=keep, step=step)
-    finally:  # print the results of minutes of work even if images cannot be written
+    finally:  # the results took minutes: print them even if images cannot be written
         if rows is not None:
             if output.prints_text:
                 _print_comparison(rows, description, output)
@@ -419,7 +425,7 @@ def _recommend(rows: list[StrategyResult]) -> str:
     done = [row for row in rows if row.after is not None and row.looks is not None]
     if not done:
         return ""
-    best = min(done, key=rank)  # the first of equal rows, which is the asset as stored
+    best = min(done, key=rank)  # of equal rows the first, the asset as stored
     reason = "no repair is better" if best is rows[0] else "best verdict, then most tasks"
     return f"Recommended: {best.strategy} ({reason})"
 
@@ -466,7 +472,7 @@ def print_table(rows: list[list[str]], console: Console) -> None:
 
 
 def _format_passed(trials: tuple[Trial, ...]) -> str:
-    """Return how many of the tasks that were run work, such as "2 of 5"."""
+    """Return the number of tasks that work, out of the tasks that were run, such as "2 of 5"."""
     from msb.trial.repairs import count_passed
 
     done = [trial for trial in trials if trial.outcome != "not_run"]

@@ -1,4 +1,4 @@
-"""Count the pixels that each face covers in images, as the weights of faces."""
+"""Count the pixels that each face covers in images. The numbers are the weights of the faces."""
 
 from collections.abc import Callable, Sequence
 

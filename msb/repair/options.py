@@ -1,4 +1,4 @@
-"""Texts that the options of `msb repair` and `msb trial` share; importing them loads no NumPy."""
+"""Texts that the options of `msb repair` and `msb trial` share. Importing this module does not load NumPy."""
 
 # The steps, in the order of docs/repair.md.
 # orient: turn faces so that the winding is consistent.

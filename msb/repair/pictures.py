@@ -27,7 +27,10 @@ _TOLERANCE = 0.004
 def save_picture(
     folder: Path, name: str, original: Asset, done: Repaired, camera: Camera, device: str | None = None
 ) -> str:
-    """Write the image of a repair into `folder`; return its file name, which is derived from `name`."""
+    """Write the image of a repair into `folder`, and return its file name.
+
+    The file name is derived from `name`.
+    """
     file = f"{re.sub('[^a-z]+', '-', name)}.png"
     write_image(folder / file, draw_picture(original, done, camera, device), "png")
     return file
@@ -36,7 +39,7 @@ def save_picture(
 def draw_picture(
     original: Asset, done: Repaired, camera: Camera, device: str | None = None
 ) -> NDArray[np.float32]:
-    """Return an image (H, W, 3) with kept faces in grey, removed ones in red, added ones in green."""
+    """Return an image (H, W, 3) with kept faces in grey, removed faces in red, and added faces in green."""
     with Renderer(_color_faces(original, done), tier="standard", device=device) as renderer:
         frame = renderer.render(camera, background=(1.0, 1.0, 1.0))
     image = frame.image.copy()
@@ -47,14 +50,17 @@ def draw_picture(
 
 
 def _color_faces(original: Asset, done: Repaired) -> Asset:
-    """Return an asset with all faces before and after the repair, coloured as kept, removed or added."""
+    """Return an asset with all faces before and after the repair.
+
+    Colours mark kept, removed and added faces.
+    """
     faces, points = original.buffers["indices"], original.buffers["positions"]
     # The original faces (F, 3), red if no face of the result comes from them.
     is_removed = np.ones(len(faces), bool)
     is_removed[done.face_map[done.face_map != NONE]] = False
     colors = np.repeat(_compute_grey(original)[:, None], 3, axis=1)
     colors[is_removed] = RED
-    # The added faces, with their indices moved behind the original vertices.
+    # The added faces; their vertices follow the original vertices.
     new = done.asset.buffers["indices"][done.face_map == NONE]
     colors = np.concatenate([colors, np.tile(GREEN, (len(new), 1))])
     return build_asset(
@@ -85,12 +91,13 @@ def _draw_edges(
 
     `depth` (H, W) is the depth of the visible surface, 0 in the background.
     """
-    # Length of each edge in pixels (n,). Edges with an end beside or behind the camera are skipped.
+    # Length of each edge in pixels (n,). Edges with an end behind the camera or in its plane are skipped.
     pixels, _ = camera.project(ends)
     length = np.abs(pixels[:, 1] - pixels[:, 0]).max(axis=1, initial=0.0)
     is_valid = np.isfinite(length) & (length < 4 * max(image.shape))
     samples = np.where(is_valid, np.ceil(np.where(is_valid, length, 0)) + 1, 0).astype(np.int64)
-    # Sample one point per pixel (m,): the edge of each sample, and its position along the edge from 0 to 1.
+    # Sample one point per pixel of length. The arrays (m,) hold the edge of each sample, and its position
+    # along the edge from 0 to 1.
     edge = np.repeat(np.arange(len(ends)), samples)
     first = np.cumsum(samples) - samples
     along = ((np.arange(len(edge)) - first[edge]) / np.maximum(samples[edge] - 1, 1))[:, None]

@@ -12,7 +12,7 @@ from msb.errors import UsageError, shorten
 from msb.repair.options import STEPS
 from msb.topology.weld import Weld, parse_weld
 
-# The plan that changes nothing visible.
+# The default plan. It changes nothing visible.
 DEFAULT = ("orient", "pair")
 Peer = Literal["igl", "pymeshlab"]
 # Library -> the steps that it can run in place of MeshSplatBench's implementation.
@@ -49,7 +49,7 @@ class Options:
     close_edges : int
         `close` fills holes with at most this number of edges.
     close_share : float
-        `close` keeps holes open whose cap would exceed this share of the area of their component.
+        `close` does not fill a hole if its cap would exceed this share of the area of its component.
     peer : {"igl", "pymeshlab"}, optional
         The library that runs `cut` (igl) or `drop` (pymeshlab) in a child process; None: MeshSplatBench.
     limits : Limits
@@ -86,8 +86,8 @@ class Options:
 def parse_plan(plan: Sequence[str] | str | None = None, **options: Any) -> Options:
     """Return the validated options of a plan: a sequence of steps, or a text with commas between them.
 
-    A step may have numbers, as in "weld:0.01,orient,pair,debris:20:0.001". Without a plan, the default
-    is used; if `options` name a peer, it is the step of that peer. `options` are other fields of `Options`.
+    A step may have numbers, as in "weld:0.01,orient,pair,debris:20:0.001". Without a plan, the default plan
+    is used, or the step of the peer if `options` name one. `options` are other fields of `Options`.
     """
     if plan is None:
         plan = BY_PEER.get(options.get("peer") or "", DEFAULT)
@@ -114,7 +114,7 @@ def parse_plan(plan: Sequence[str] | str | None = None, **options: Any) -> Optio
 
 
 def _parse_number(name: str, text: str) -> float | str:
-    """Return the value of option `name` in a plan: a number, or the text for weld (a number or "exact")."""
+    """Return the value of option `name` in a plan. It is a number, except for weld, which keeps the text."""
     if name == "weld":
         return text
     try:

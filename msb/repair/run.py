@@ -34,9 +34,10 @@ if TYPE_CHECKING:
 
     Buffers = Mapping[str, NDArray[Any]]
 
-# Step -> the steps after which it need not be repeated, because their changes never create new work for it: a
-# turned face keeps its place, debris is removed as whole components, and no step changes its own result.
-# `debris` must be repeated after `orient`, which cuts one-sided surfaces: a component may fall apart.
+# The steps after which a step (the key) need not be repeated, because their changes never create new work for
+# it. Turned faces keep their place, and debris is removed as whole components. A step that is run twice
+# changes nothing the second time. `debris` must be repeated after `orient`, because `orient` cuts one-sided
+# surfaces, and a component may fall apart.
 _UNTOUCHED_BY = {
     "orient": ("orient", "debris"),
     **dict.fromkeys(("pair", "cut"), ("pair", "cut", "orient", "debris")),
@@ -45,16 +46,19 @@ _UNTOUCHED_BY = {
     "dedupe": ("orient", "pair", "cut", "drop", "dedupe", "debris", "outward"),
     "outward": ("outward",),
 }
-# Steps after which no edge has more than two faces. In plans with one of them, `orient` only turns faces, so
+# Steps after which no edge has more than two faces. In plans with such a step, `orient` only turns faces, so
 # that the other step decides which faces stay connected.
 _RESOLVING = frozenset({"pair", "cut", "drop"})
-# Maximum number of repetitions of a plan. Plans usually settle after two or three.
+# Maximum number of repetitions of a plan. Most plans need two or three.
 _MAX_ROUNDS = 16
 
 
 @dataclass(frozen=True)
 class Step:
-    """A finished step: the numbers of changed faces and vertices, and `notes` without a full stop."""
+    """A finished step: the numbers of changed faces and vertices, and notes.
+
+    `notes` end without a full stop.
+    """
 
     step: str
     faces_removed: int
@@ -85,9 +89,9 @@ class Step:
 class Outcome:
     """A repaired mesh: its buffers, the steps done, and the origin of its rows.
 
-    `vertex_map` (V',) and `face_map` (F',) have the original row of each vertex and face, -1 for added ones.
-    `turned` (F',) tells whether the second and third corner of each face were swapped. `domains` are the
-    domains of the buffers. If the repair changed anything, UVs are per corner.
+    `vertex_map` (V',) and `face_map` (F',) have the original row of each vertex and face, or -1 for added
+    rows. `turned` (F',) tells whether the second and third corner of each face were swapped. `domains` are
+    the domains of the buffers. If the repair changed anything, UVs are per corner.
     """
 
     buffers: Buffers
@@ -151,7 +155,10 @@ class _State:
         self.steps.append(replace(done, seconds=time.perf_counter() - start))
 
     def apply(self, change: Change) -> None:
-        """Apply a change to the maps and points, and to the buffers if it adds rows; else accumulate it."""
+        """Apply a change to the maps and points.
+
+        Apply it to the buffers if it adds rows, else accumulate it.
+        """
         old_vertex, old_face = change.vertex_map, change.face_map
         self.vertex_map = np.where(old_vertex == NONE, NONE, self.vertex_map[old_vertex])
         self.turned = np.where(old_face == NONE, False, self.turned[old_face]) ^ change.turned
@@ -173,7 +180,7 @@ class _State:
         self.pending = unchanged(self.pending.faces, len(self.pending.vertex_map))
 
     def colors(self) -> dict[str, NDArray[Any]]:
-        """Return vertex or face colours as keyword arguments of `pair`, which cannot use corner colours."""
+        """Return vertex or face colours as keyword arguments of `pair`. It cannot use corner colours."""
         static = static_colors(self.buffers, self.domains)
         if static is None or static.domain == "corner":
             return {}
@@ -192,16 +199,16 @@ def run_plan(
     first: Change | None = None,
     trained: bool = False,
 ) -> Outcome:
-    """Repair a mesh: run the steps of the plan in order, and repeat them until nothing changes (weld once).
+    """Run the steps of the plan in order, and repeat all steps except weld until nothing changes.
 
-    The steps see the mesh with its seams merged. If no step changes anything, the mesh keeps its seams,
-    except those of attributes that the result lacks, such as normals.
+    The steps see the mesh with its seams merged. If no step changes anything, the mesh keeps its seams. Only
+    seams of attributes that the result lacks, such as normals, are merged.
 
     Parameters
     ----------
     buffers, domains : mapping
-        `positions`, `indices` and all other buffers, and the domain of each of the others: "vertex", "face",
-        "corner" or "global".
+        `buffers` has `positions`, `indices` and all other buffers. `domains` has the domain of each other
+        buffer: "vertex", "face", "corner" or "global".
     level : int, optional
         The level of DiffSoup's lattice.
     weights : (F,) numbers, optional
@@ -228,7 +235,7 @@ def run_plan(
     attributes = seam_attributes(buffers, domains, triangle_list=not trained)
     before, _ = audit_arrays(points, faces, attributes=attributes)
     seams = find_seams(points, faces, attributes) if first is None else None
-    # The result lacks the attributes of the seam keys.
+    # Drop the seam keys, because the result lacks the attributes that they stand for.
     buffers = {name: values for name, values in buffers.items() if name != SEAM_KEY}
     domains = {name: domain for name, domain in domains.items() if name != SEAM_KEY}
     carried, new_domains = _move_to_corners(buffers, domains, seams)
@@ -272,7 +279,7 @@ def run_plan(
 def _move_to_corners(
     buffers: Buffers, domains: Mapping[str, Domain], seams: Seams | None
 ) -> tuple[Buffers, Mapping[str, Domain]]:
-    """Return the buffers and their domains, with vertex values moved to corners where vertices are merged.
+    """Return the buffers and their domains. Vertex values are moved to corners where vertices are merged.
 
     Colours are moved if they differ at a seam. UVs are always moved, so that merging vertices or filling a
     hole cannot distort the texture.
@@ -290,7 +297,7 @@ def _move_to_corners(
 
 
 def _order_steps(plan: Sequence[str], state: _State, peer: str | None) -> Iterator[str]:
-    """Yield the steps to run: the plan, and repetitions of steps that have new work after a change.
+    """Yield the steps to run: the plan, and then the steps that have new work after a change.
 
     `weld` runs only once: repeated, it would merge the vertices that other steps have split.
     """
@@ -323,7 +330,8 @@ def reject_nonfinite(points: NDArray[Any]) -> None:
 def list_defects(after: Audit, split: str | None = None) -> list[str]:
     """Return a description of each kind of defect that is left.
 
-    If a file stores separate vertices although faces of the repaired mesh share them, `split` is the reason.
+    Some file formats store separate vertices although the faces of the repaired mesh share them. `split` then
+    gives the reason.
     """
     after = after.judged
     counts, left = after.counts, []

@@ -39,25 +39,28 @@ THE_PAPER = "the paper"
 _MESH = "exported_mesh"
 # Columns after the image quality metrics.
 _METRICS = ("fps", "p50_ms", "p95_ms", "memory", "asset_size", "nonmanifold_edge_ratio", "components")
-# Hexadecimal digits of a hash in the table of results; the table of files has all 64.
+# Hexadecimal digits of a hash in the table of results; the table of files prints all 64 digits.
 _HASH_DIGITS = 12
-# Number of hexadecimal digits of the hash that are added to equal names of submitters. More digits than the
-# minimum are only used if the longer name is also the name of another submitter.
+# Number of hexadecimal digits of the hash that are added to equal names of submitters. More digits are used
+# only if another submitter already has the name with this number of digits.
 _MIN_NAME_DIGITS, _MAX_NAME_DIGITS = 6, 64
 # Maximum width and height of a submitted image, in pixels.
 _MAX_SIDE = 4096
-# Invisible letters (Hangul fillers, empty Braille pattern), and Unicode categories without a visible glyph of
-# their own: controls, formatting, unassigned, surrogates, combining marks.
+# Letters that are invisible: Hangul fillers and the empty Braille pattern. Unicode categories without a
+# visible glyph: controls, formatting, unassigned, surrogates, combining marks.
 _BLANK_LETTERS = frozenset("\u115f\u1160\u2800")
 _INVISIBLE_CATEGORIES = frozenset(("Cc", "Cf", "Cn", "Cs", "Me", "Mn"))
 
-# Dataset, scene or mean, method, condition.
+# Dataset, scene (or mean), method and condition.
 RowKey = tuple[str, str, str, str]
 
 
 @dataclass(frozen=True)
 class Board(Report):
-    """A report with one table for many submissions. `submissions` are pairs of a unique name and its file."""
+    """A report with one table for many submissions.
+
+    `submissions` are pairs: a unique name, and a submission.
+    """
 
     submissions: tuple[tuple[str, Submission], ...] = ()
 
@@ -152,10 +155,11 @@ def build_board(
 
 
 def _name_submissions(submissions: Sequence[Submission]) -> list[str]:
-    """Return a name for each submission; all are different, and no name is "the paper".
+    """Return a unique name for each submission; no name is "the paper".
 
-    Names that look the same get digits of the submission's hash. Letters of other scripts that resemble Latin
-    letters are not recognised; the hashes in the table of files distinguish these.
+    If two names look the same, digits of the submission's hash are added to them. Letters of other scripts
+    that resemble Latin letters are not recognised. Such names can be told apart by the hashes in the table of
+    files.
     """
     plain_names = [_plain_name(submission) for submission in submissions]
     count = Counter(map(_visible_form, [THE_PAPER, *plain_names]))
@@ -177,7 +181,7 @@ def _plain_name(submission: Submission) -> str:
 
 
 def _visible_form(name: str) -> str:
-    """Return the visible letters of a name in lower case; names that look the same have the same form."""
+    """Return the visible letters of a name in lower case, which are equal for names that look the same."""
     normal = unicodedata.normalize("NFKC", name)
     letters = (letter for letter in normal if letter not in _BLANK_LETTERS and not letter.isspace())
     visible = (letter for letter in letters if unicodedata.category(letter) not in _INVISIBLE_CATEGORIES)
@@ -187,7 +191,8 @@ def _visible_form(name: str) -> str:
 def _results_table(results: Mapping[str, ResultSet], numbers: Mapping[str, Numbers], paper: Numbers) -> Table:
     """Return a row per scene, method, condition and submitter.
 
-    The keys of `results` and `numbers` are submitters. All rows of a model repeat the metrics of its mesh.
+    The keys of `results` and `numbers` are submitters. The metrics of a model's mesh are repeated in all rows
+    of the model.
     """
     metrics = [*QUALITY, *_METRICS]
     rows = []
@@ -220,7 +225,7 @@ def _results_table(results: Mapping[str, ResultSet], numbers: Mapping[str, Numbe
 
 
 def _list_rows(numbers: Mapping[str, Numbers]) -> dict[RowKey, list[str]]:
-    """Return the rows of the table in their order, each with the submitters that have numbers for it."""
+    """Return the rows of the table in order, each with the submitters that have numbers for the row."""
     names_of: dict[RowKey, list[str]] = {}
     for name, of_submitter in numbers.items():
         scenes = {(key.dataset, key.scene) for key in of_submitter.values if key.scene not in MEANS}
@@ -233,7 +238,8 @@ def _list_rows(numbers: Mapping[str, Numbers]) -> dict[RowKey, list[str]]:
         drawn = {row_key[:3] for row_key in row_keys if row_key[3] != _MESH}
         for row_key in row_keys:
             dataset, scene, _, condition = row_key
-            # A mean over one scene repeats the scene, and drawn conditions repeat the metrics of the mesh.
+            # Redundant rows are left out: a mean over a single scene, and the mesh of a model with drawn
+            # conditions.
             is_repeated_mean = scene in MEANS and count[dataset] == 1
             is_repeated_mesh = condition == _MESH and row_key[:3] in drawn
             if not is_repeated_mean and not is_repeated_mesh:
@@ -251,7 +257,7 @@ def _list_rows(numbers: Mapping[str, Numbers]) -> dict[RowKey, list[str]]:
 
 
 def _group_records(results: ResultSet) -> dict[RowKey, list[Result]]:
-    """Return row -> its records: a single record for a scene, the records of all scenes for a mean."""
+    """Return the records of each row: one record for a scene, the records of all scenes for a mean."""
     records: dict[RowKey, list[Result]] = {}
     for loaded in results:
         dataset, scene, method = loaded.place
@@ -262,7 +268,7 @@ def _group_records(results: ResultSet) -> dict[RowKey, list[Result]]:
 
 
 def _without_reason(cell: TableCell) -> TableCell:
-    """Return an empty cell without its reason: most rows of a board have many empty cells."""
+    """Return an empty cell without its reason, because most rows of a board have many empty cells."""
     return cell if cell.value is not None else replace(cell, reason=None, notes=())
 
 
@@ -344,9 +350,9 @@ def _files_table(results: Mapping[str, ResultSet]) -> Table:
 def _find_differences(results: Mapping[str, ResultSet]) -> Iterator[str]:
     """Yield reasons why rows cannot be compared, within a submission or between submissions."""
     yield from (f"{name}: {note}" for name, of_submitter in results.items() for note in of_submitter.notes)
-    # (dataset, scene, method) -> hash of the photographs -> submitters
+    # the submitters, by (dataset, scene, method) and then by the hash of the photographs
     photographs: dict[tuple[str, str, str], dict[str, list[str]]] = {}
-    # metric -> definition -> submitters
+    # the submitters, by metric and then by its definition
     metrics: dict[str, dict[str, list[str]]] = {}
     for name, of_submitter in results.items():
         for loaded in of_submitter:
@@ -377,7 +383,7 @@ def _list_groups(groups: Iterable[Sequence[str]]) -> str:
 def _read_views(name: str, submission: Submission) -> Iterator[ComparedView]:
     """Yield the submitted views.
 
-    Raises InputError if an image is not a small JPEG, or if no record has its PSNR.
+    Raises InputError if an image is not a small JPEG, or if no record holds the PSNR of the image.
     """
     recorded = {
         (*record.cell.names[:3], condition_title(record.cell.condition_key), image.name, image.values["psnr"])
@@ -395,7 +401,7 @@ def _read_views(name: str, submission: Submission) -> Iterator[ComparedView]:
             if picture.method is not None:
                 heading = str(picture.condition)
                 if (dataset, scene, picture.method, heading, view, picture.psnr) not in recorded:
-                    text = f"the PSNR of {picture.file} is not that of any record of its view"
+                    text = f"no record of the view has the PSNR of {picture.file}"
                     raise InputError("RECORD_INVALID", text, file=submission.path)
                 rendering = Rendering(plain_text(heading), picture.psnr, images[picture.file])
                 renderings.setdefault(picture.method, []).append(rendering)

@@ -34,9 +34,10 @@ ONE_SCENE = (
     "views are similar"
 )
 NO_COMPARISON = "--against {}: no other method was measured under the same condition on the same scene"
-# Datasets with few scenes, which the paper's tables show side by side. Scenes of other datasets have rows.
+# Datasets with few scenes. The paper's tables show these scenes side by side. The scenes of other datasets
+# are rows.
 FEW_SCENES = ("tanksandtemples",)
-# Label of a table of the paper -> our builder of this table, and its dataset ("" for all datasets).
+# Our builder of each table of the paper by its label, and the dataset of the table ("" for all datasets).
 _PAPER: dict[str, tuple[Callable[..., Table], str]] = {
     "native_summary": (measurements.native_summary, ""),
     "native_comprehensive_results": (measurements.native_comprehensive_results, ""),
@@ -48,9 +49,9 @@ _PAPER: dict[str, tuple[Callable[..., Table], str]] = {
     "mesh_connectivity": (measurements.mesh_connectivity, "mipnerf360"),
     "reproducibility_comparison": (reproducibility, ""),
 }
-# Label of a table of the paper -> label of the same table of ours.
+# Our label of each table of the paper, by the paper's label.
 EQUIVALENTS = {label: "-".join(filter(None, (build.__name__, at))) for label, (build, at) in _PAPER.items()}
-# Label of a table of ours -> label in the paper, if they differ.
+# The paper's label of each of our tables by our label, if the labels differ.
 _PAPER_LABELS = {
     "renderer_comparison-mipnerf360": "mip360_renderer_comparison",
     "renderer_comparison-tanksandtemples": "tnt_renderer_comparison",
@@ -59,7 +60,7 @@ _PAPER_LABELS = {
     "reproducibility": "reproducibility_comparison",
 }
 
-# Name of a section -> title, introduction, and the kind of its charts.
+# Title, introduction and kind of charts of each section, by its name.
 _SECTIONS = {
     "deployment": (
         "Quality by condition",
@@ -126,7 +127,7 @@ def build_report(
     paper = paper_numbers() if with_paper else Numbers({}, of_paper=True)
     if published:
         paper = replace(paper, values={**paper.values, **published})
-    # The paper's numbers are not comparable with those of other scenes under the name of its datasets.
+    # If a dataset has a name from the paper but other scenes, the paper's numbers for it are dropped.
     others = [dataset for dataset in numbers.datasets() if numbers.has_other_scenes(dataset)]
     paper = _drop_datasets(paper, others)
     findings = tuple(derive_findings(numbers, first=comparison_findings(comparisons, against or "")))
@@ -185,13 +186,13 @@ def paper_report(*, pictures: bool = True) -> Report:
 
 
 def _with_contradictions(*tables: Table) -> tuple[Table, ...]:
-    """Return tables of the paper, with notes on contradicting statements of the paper."""
+    """Return tables of the paper, with notes on statements of the paper that contradict them."""
     known = contradictions()
     return tuple(replace(table, notes=(*table.notes, *known.get(table.label, ()))) for table in tables)
 
 
 def _with_paper_notes(table: Table) -> Table:
-    """Return a table of ours with notes on contradictions in the paper, if it holds the paper's numbers."""
+    """Return a table of ours; if it prints the paper's numbers, add notes on the paper's contradictions."""
     has_columns = any(SOURCES["meshsplatbench"] in column.groups for column in table.columns)
     if not has_columns and not any(row.paper for row in table.rows):
         return table
@@ -224,7 +225,7 @@ def _make_sections(
     if any(key.source for key in paper.values if key.dataset in datasets):
         published += [reproducibility(numbers, paper)]
         published += [reproducibility_statistics(numbers, paper)]
-    # Name of a section -> its tables; empty tables are dropped below.
+    # The tables of each section by its name; empty tables are dropped below.
     tables_of: dict[str, Iterable[Table]] = {
         "deployment": [
             *(measurements.renderer_comparison(numbers, dataset, paper) for dataset in drawn),

@@ -50,7 +50,7 @@ _DRAWN = (*_TIMING, *WALK, "memory", "driver_memory", "asset_size")
 _OF_MESH, _OF_BAKE = ("faces", "tasks"), ("psnr_16", "bake_seconds")
 # Metrics that are computed from the frame rate.
 _RATES = ("fps", "host_ms")
-# Metric -> key of `Result.reasons` that explains a missing value.
+# The key of `Result.reasons` that explains a missing value of each metric.
 _REASON_KEYS = {
     **dict.fromkeys((*_TIMING, "memory", "driver_memory"), "timing"),
     **dict.fromkeys(WALK, "walk"),
@@ -58,7 +58,7 @@ _REASON_KEYS = {
     "chamfer": "chamfer",
     "tasks": "trial",
 }
-# Metric -> attribute of `Result.floor`, the cost of a single triangle.
+# The attribute of `Result.floor`, the cost of a single triangle, for each metric.
 _FLOOR_ATTRIBUTES = {"memory": "memory_bytes", "p50_ms": "p50_ms", "p95_ms": "p95_ms"}
 
 NOT_RUN = "this condition was not run"
@@ -71,7 +71,7 @@ WHITE = "photographs and renderings are composited over white, as in the dataset
 # Datasets whose protocol composites over white.
 _WHITE_DATASETS = ("dtu", "nerf_synthetic")
 _COLORS = {(0.0, 0.0, 0.0): "black", (1.0, 1.0, 1.0): "white"}
-# `RendererInfo.kind` of Non-Engine images -> who drew them.
+# What drew Non-Engine images, by their `RendererInfo.kind`.
 _NATIVE_RENDERERS = {"upstream": "their own code", "msb_reference": "NumPy"}
 _CAMERAS = {
     "gs_fov": "gs_fov (principal point at the image centre)",
@@ -100,7 +100,8 @@ def collect(results: ResultSet) -> Numbers:
         renderers = drawn_by[dataset] = _find_renderers(of_places)
         conditions_of = _list_conditions(of_places)
         for method in _sort_names(conditions_of, METHODS):
-            # Scene -> condition -> record of this method, empty for scenes without records.
+            # The records of this method, by scene and condition. A scene without records has an empty
+            # dictionary.
             of_scenes = {scene: of_places.get(Place(dataset, scene, method), {}) for scene in scenes}
             conditions = conditions_of[method]
             # Single values and averages, first of the conditions, then of the trained model.
@@ -130,7 +131,7 @@ def collect(results: ResultSet) -> Numbers:
 
 
 def _find_renderers(of_places: Mapping[Place, Mapping[str, Result]]) -> dict[str, str]:
-    """Return condition -> its renderer on a dataset: an engine, OpenCL, NumPy, or the methods' own code."""
+    """Return the renderer of each condition on a dataset: an engine, OpenCL, NumPy, or native code."""
     names: dict[str, dict[str, None]] = {}
     for conditions in of_places.values():
         for condition, result in conditions.items():
@@ -144,7 +145,7 @@ def _find_renderers(of_places: Mapping[Place, Mapping[str, Result]]) -> dict[str
 
 
 def _collect_views(records: Mapping[Place, Mapping[str, Result]]) -> dict[Key, dict[str, float]]:
-    """Return view -> value for each image metric that all views of a record have."""
+    """Return the values of all views, for each image metric that every view of a record has."""
     return {
         Key(*place, condition, metric): values
         for place, conditions in records.items()
@@ -155,7 +156,7 @@ def _collect_views(records: Mapping[Place, Mapping[str, Result]]) -> dict[Key, d
 
 
 def _sort_names(names: Iterable[str], first: Iterable[str]) -> list[str]:
-    """Return `names` sorted: those in `first` in its order, then the others, with digits as numbers."""
+    """Return `names` sorted: first those in `first`, in that order, then the others in natural order."""
     order = list(first)
 
     def rank(name: str) -> tuple[int, list[Any]]:
@@ -166,7 +167,7 @@ def _sort_names(names: Iterable[str], first: Iterable[str]) -> list[str]:
 
 
 def _list_conditions(of_places: Mapping[Place, Mapping[str, Result]]) -> dict[str, list[str]]:
-    """Return method -> its conditions on a dataset: conditions with records, and unsupported ones."""
+    """Return the conditions of each method on a dataset: conditions with records, and unsupported ones."""
     recorded: dict[str, set[str]] = {}
     for place, conditions in of_places.items():
         recorded.setdefault(place.method, set()).update(conditions)
@@ -230,7 +231,7 @@ def _add_condition(
 
 
 def _floor_number(metric: str, result: Result | None, number: Number) -> Number:
-    """Return the cost of a single triangle; `number` is the cost of the mesh, returned if it has no value."""
+    """Return the cost of a single triangle, or `number`, the cost of the mesh, if `number` has no value."""
     if number.value is None:
         return number
     if result is None or result.floor is None:
@@ -248,7 +249,7 @@ def _with_interval(number: Number, keys: Sequence[Key], views: Mapping[Key, Mapp
 
 
 def _find_asset_record(conditions: Mapping[str, Result], metric: str) -> Result | None:
-    """Return the record with a metric of the trained model, else one with the reason for its absence."""
+    """Return a record with a metric of the trained model, or else a record that says why it is missing."""
     for result in conditions.values():
         if METRICS[metric].get(result) is not None:
             return result
@@ -257,7 +258,7 @@ def _find_asset_record(conditions: Mapping[str, Result], metric: str) -> Result 
 
 
 def _make_number(metric: str, method: str, condition: str, result: Result | None) -> Number:
-    """Return the value of a metric in a record, or its absence with the reason."""
+    """Return the value of a metric in a record, or a number without value that gives the reason."""
     if result is None:
         why = _why_unsupported(method, condition)
         return Number(None, NOT_AVAILABLE, NOT_RUN) if why is None else Number(None, NOT_SUPPORTED, why)
@@ -334,8 +335,7 @@ def _notes_on(metric: str, result: Result) -> Iterable[str]:
 
 
 def _average(numbers: Mapping[str, Number], members: Iterable[str]) -> Number:
-    """Return the mean over the scenes `members`, with the notes of all numbers; `numbers` maps scene ->
-    number."""
+    """Return the mean over the scenes `members` of `numbers` (by scene), with the notes of all numbers."""
     mean = mean_over({scene: number.value for scene, number in numbers.items()}, members)
     if mean.value is not None:
         notes = dict.fromkeys(note for number in numbers.values() for note in number.notes)
@@ -344,7 +344,7 @@ def _average(numbers: Mapping[str, Number], members: Iterable[str]) -> Number:
             named = ", ".join(map(scene_title, scenes))
             notes[f"({mean.present}/{mean.expected}): mean over {named} only"] = None
         return Number(mean.value, present=mean.present, expected=mean.expected, notes=tuple(notes))
-    # No scene has a value: give the most frequent reason.
+    # If no scene has a value, give the most frequent reason.
     kinds = [number.absent for number in numbers.values()]
     if all(kind == NOT_SUPPORTED for kind in kinds):
         absent = NOT_SUPPORTED
@@ -385,7 +385,7 @@ def _add_setup_notes(
     """Return `values` with notes on image metrics if the setup differs between methods."""
     setups: dict[Place, dict[str, str]] = {}
     counts: dict[tuple[str, ...], Counter[str]] = defaultdict(Counter)
-    # (dataset, method) or (dataset, scene, method) -> notes. The dictionaries keep notes unique and in order.
+    # Notes by (dataset, method) or (dataset, scene, method). The dictionaries keep notes unique and in order.
     notes: dict[tuple[str, ...], dict[str, None]] = defaultdict(dict)
     for place, conditions in records.items():
         if setup := next(filter(None, map(_describe_setup, conditions.values())), None):
@@ -393,7 +393,7 @@ def _add_setup_notes(
             for what, value in setup.items():
                 counts[place.dataset, place.scene, what][value] += 1
         for text in (text for result in conditions.values() for text in result.trained):
-            # The scene and the average get the same text, so that a table prints the note once.
+            # A scene and the average get the same text, so that a table prints the note once.
             for row in (place.scene, MEAN):
                 notes[place.dataset, row, place.method][f"{place.scene}: {text}"] = None
     for place, setup in setups.items():

@@ -21,11 +21,11 @@ from msb.report.results import LoadedResult, Place, ResultSet
 from msb.report.safe_names import plain_text, slug
 
 GROUND_TRUTH = "Ground truth"
-# Maximum width of the images in pixels, and JPEG quality. With these values a page with tens of images has a
-# few megabytes.
+# Maximum width of the images in pixels, and JPEG quality. With these values a page with tens of images takes
+# a few megabytes.
 _WIDTH = 480
 _QUALITY = 85
-# Larger images are not opened (64 megapixels): a record could claim any size.
+# Images above 64 megapixels are not opened, because a record could claim any size.
 _MAX_PIXELS = 1 << 26
 
 
@@ -73,7 +73,8 @@ class Rendering:
 class ComparedView:
     """A test view: its photograph, and each method's renderings under all conditions.
 
-    `why` explains the choice of the view, such as "the largest loss". `renderings` is method -> renderings.
+    `why` explains the choice of the view, such as "the largest loss". `renderings` holds the renderings of
+    each method.
     """
 
     dataset: str
@@ -115,7 +116,7 @@ def select_views(
     chosen : sequence of str
         "SCENE/IMAGE", as in the records.
     """
-    # (PSNR loss in dB, asset, view) of every view that was rendered under two conditions.
+    # PSNR loss in dB, asset and view, for every view that was rendered under two conditions.
     losses = [(loss, place, view) for place in places for view, loss in _find_losses(results, place).items()]
     selected: dict[tuple[str, str], str] = {}
     if losses:
@@ -143,7 +144,7 @@ def view_names(results: ResultSet, place: Place) -> set[str]:
 
 
 def _find_losses(results: ResultSet, place: Place) -> dict[str, float]:
-    """Return view -> PSNR loss in dB from the first to the last condition with images."""
+    """Return the PSNR loss of each view in dB, from the first to the last condition with images."""
     loaded = (results.places[place].get(condition) for condition in DRAWN_CONDITIONS)
     with_images = [record for record in loaded if record and record.result.quality]
     if len(with_images) < 2:
@@ -156,7 +157,7 @@ def _find_losses(results: ResultSet, place: Place) -> dict[str, float]:
 
 
 def _make_view(results: ResultSet, places: Sequence[Place], view: str, why: str) -> ComparedView:
-    """Return a view of one scene with the renderings of the assets `places`."""
+    """Return a view of one scene with the renderings of the assets at `places`."""
     renderings: dict[str, tuple[Rendering, ...]] = {}
     ground_truth: JpegImage | None = None
     dataset, scene = places[0].dataset, places[0].scene
@@ -185,7 +186,7 @@ def _make_rendering(loaded: LoadedResult, condition: str, compared: ImageQuality
 
 
 def _read_image(path: Path | None, compared: ImageQuality, name: str) -> JpegImage | None:
-    """Return an image file as a small JPEG called `name`; None unless it has the recorded size."""
+    """Return an image file as a small JPEG called `name`, or None if its size is not the recorded size."""
     if path is None or compared.width * compared.height > _MAX_PIXELS:
         return None
     from PIL import Image

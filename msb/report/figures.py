@@ -59,7 +59,7 @@ _MIN_BARS = 3
 
 @dataclass(frozen=True)
 class Figure:
-    """One chart: `name` is its file name and anchor, `draw` returns its file in a format."""
+    """One chart: `name` is its file name and anchor, and `draw` returns the file in a given format."""
 
     name: str
     caption: str
@@ -68,7 +68,7 @@ class Figure:
     @cached_property
     def svg(self) -> str:
         """The SVG with placeholders for the colours of text and page."""
-        # Prefix identifiers, so that figures in the same page do not share any.
+        # Add a prefix to identifiers, so that two figures in the same page never share an identifier.
         return re.sub(r'(\bid="|href="#|url\(#)', rf"\g<1>{self.name}-", self.draw("svg").decode())
 
     def pdf(self) -> bytes:
@@ -104,7 +104,7 @@ def plot_deployment_gap(numbers: Numbers, dataset: str) -> Figure | None:
 
     Returns None if no method has values of two conditions.
     """
-    # (method, dedicated tier or variant) -> points (condition number, PSNR in dB)
+    # points (condition number, PSNR in dB), by method and by its dedicated tier or variant
     lines = {
         (method, dedicated): points
         for dedicated in ("dedicated", *numbers.variants(dataset, "dedicated"))
@@ -142,10 +142,10 @@ def plot_deployment_gap(numbers: Numbers, dataset: str) -> Figure | None:
 
 
 def _condition_means(numbers: Numbers, dataset: str, method: str, dedicated: str) -> list[tuple[int, float]]:
-    """Return (condition number, mean PSNR in dB) pairs over the scenes that all conditions of a method have.
+    """Return pairs (condition number, mean PSNR in dB); means are over the scenes that all conditions have.
 
-    The difference of two points is a gap only if both means are over the same scenes. The paper's numbers are
-    used as they are, because it prints means only.
+    The difference of two points is a gap only if both means are over the same scenes. The paper prints means
+    only, so its numbers are used unchanged.
     """
     through = [dedicated if condition == "dedicated" else condition for condition in DRAWN_CONDITIONS]
     means = [numbers.value(Key(dataset, MEAN, method, condition, "psnr")) for condition in through]
@@ -173,7 +173,7 @@ def plot_loss_split(numbers: Numbers, dataset: str) -> Figure | None:
     The bar of a method reaches from the PSNR of Standard to that of Dedicated. Its parts are the losses due
     to colours, faces and blending.
     """
-    # Method -> (step, PSNR at its better end, PSNR at its worse end), in dB.
+    # By method: the step, with the PSNR in dB at its better end and at its worse end.
     bars = {
         method: [(name, *gap.ends) for name, gap in split.steps.items() if gap.ends is not None]
         for method in numbers.methods(dataset)
@@ -215,7 +215,7 @@ def plot_quality_speed(numbers: Numbers, dataset: str) -> Figure | None:
 
     Returns None if there are fewer than two points.
     """
-    # Method -> (condition, frames per second, PSNR in dB).
+    # By method: condition, frames per second, and PSNR in dB.
     points: dict[str, list[tuple[str, float, float]]] = {}
     conditions = [
         name for name in numbers.conditions(dataset) if not name.startswith(("standard/", f"{BAKED}/"))
@@ -269,7 +269,8 @@ def plot_quality_speed(numbers: Numbers, dataset: str) -> Figure | None:
 def plot_differences(pairs: Sequence[PublishedPair], dataset: str) -> Figure | None:
     """Return the bar chart of our PSNR minus the published PSNR, or None without published values.
 
-    Bars are per scene if values of scenes are published, otherwise per method, for means over scenes.
+    If values of single scenes are published, each scene has a bar. Otherwise each method has a bar for its
+    mean over scenes.
     """
     of_dataset = [
         pair
@@ -320,14 +321,17 @@ def plot_differences(pairs: Sequence[PublishedPair], dataset: str) -> Figure | N
 
 
 def _choose_styles(numbers: Numbers) -> dict[str, dict[str, Any]]:
-    """Return method or model label -> line style. Styles differ from each other and agree in all charts.
+    """Return the line style of each method or model label.
+
+    Styles differ from each other and agree in all charts.
 
     A built-in method has the same style in every report. Labels and methods of other packages follow.
     """
     models = [method for dataset in numbers.datasets() for method in numbers.methods(dataset)]
     styles = {}
     for place, method in enumerate(dict.fromkeys([*METHODS, *models])):
-        # With every round through the colours, markers and lines shift against them.
+        # After each pass through the colours, markers and lines are shifted, so that combinations do not
+        # repeat.
         round_, color = divmod(place, len(_COLORS))
         styles[method] = {
             "color": _COLORS[color],
@@ -342,14 +346,14 @@ def _choose_styles(numbers: Numbers) -> dict[str, dict[str, Any]]:
 
 
 def _choose_variant_markers(numbers: Numbers, dataset: str) -> dict[str, str]:
-    """Return variant of the dedicated tier -> marker."""
+    """Return the marker of each variant of the dedicated tier."""
     return dict(zip(numbers.variants(dataset, "dedicated"), cycle(_VARIANT_MARKERS), strict=False))
 
 
 def _draw_legend(axes: Axes, handles: Sequence[Any] = ()) -> None:
-    """Draw a legend of `handles` (default: all) below the chart, which grows with a long legend."""
+    """Draw a legend of `handles` (default: all) below the chart. A long legend makes the chart taller."""
     handles = handles or axes.get_legend_handles_labels()[0]
-    figure: Any = axes.figure  # never a subfigure, which matplotlib's types allow
+    figure: Any = axes.figure  # matplotlib's types allow a subfigure here, but it is always a figure
     figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 2), frameon=False)
     rows = (len(handles) + 1) // 2
     width, height = _SIZE
@@ -357,7 +361,7 @@ def _draw_legend(axes: Axes, handles: Sequence[Any] = ()) -> None:
 
 
 def _list_other_scenes(numbers: Numbers, dataset: str) -> str:
-    """Return the first scenes of a dataset that shares only its name with a published one, else ""."""
+    """Return the first scenes of a dataset as text if it shares only its name with a published one."""
     if not numbers.has_other_scenes(dataset):
         return ""
     scenes = list(map(scene_title, numbers.scenes(dataset)))
@@ -373,18 +377,20 @@ def _make_figure(
 
 def _write_chart(title: str, draw: Callable[[Axes], None], form: Literal["svg", "pdf"]) -> bytes:
     """Return the bytes of a chart's file; equal numbers give equal bytes."""
-    logging.getLogger("matplotlib").setLevel(logging.ERROR)  # hide warnings about an unwritable cache
+    # hides warnings about a cache that cannot be written
+    logging.getLogger("matplotlib").setLevel(logging.ERROR)
     need_extra("bench", "matplotlib", what="a figure")
     from matplotlib import rc_context
     from matplotlib.figure import Figure as Canvas
 
-    # Settings of text and lines, and of backgrounds, get the placeholder colours.
+    # Settings for the colours of text and lines, and for the colours of backgrounds. They get the
+    # placeholders.
     inked = ("text.color", "axes.edgecolor", "axes.labelcolor", "xtick.color", "ytick.color", "grid.color")
     faces = ("figure.facecolor", "axes.facecolor", "savefig.facecolor")
     settings = {
         "svg.fonttype": "none",
         "svg.hashsalt": "msb",
-        "pdf.fonttype": 42,  # TrueType: publishers reject the default, Type 3
+        "pdf.fonttype": 42,  # TrueType fonts; publishers reject the default, Type 3
         "text.parse_math": False,  # scene names can contain dollar signs
         "font.family": "sans-serif",
         "font.size": 9,
@@ -398,13 +404,14 @@ def _write_chart(title: str, draw: Callable[[Axes], None], form: Literal["svg", 
     }
     file = io.BytesIO()
     with rc_context(settings), warnings.catch_warnings():
-        # Ignore glyphs that matplotlib's font lacks: browsers draw the text of the SVG with their fonts.
+        # Ignore glyphs that matplotlib's font lacks, because browsers draw the text of the SVG with their own
+        # fonts.
         warnings.filterwarnings("ignore", "Glyph", UserWarning)
         canvas = Canvas(figsize=_SIZE, layout="constrained")
         axes = canvas.add_subplot()
         axes.set_title(title, fontsize=10, fontweight="bold")
         draw(axes)
-        # Without dates and program versions equal charts are equal files.
+        # Without dates and program versions, equal charts give equal files.
         omitted = {"svg": ("Date", "Creator"), "pdf": ("CreationDate", "Creator", "Producer")}
         canvas.savefig(file, format=form, metadata=dict.fromkeys(omitted[form]))
     return file.getvalue()

@@ -37,11 +37,11 @@ from msb.report.tables.bakes import STEP_TITLES
 _MAX_FINDINGS = 12
 # Kinds of findings that are kept even if there are more than `_MAX_FINDINGS`.
 _ALWAYS_KEPT = ("slowdown", "engine_slowdown", "walk", "structure", "training", "unsupported")
-# Kinds of findings that come last: expected results, and results that are not about deployment.
+# Kinds of findings that come last, because they are expected or not about deployment.
 _MINOR = ("monotone", "same_ranking", "training", "unsupported")
-# A PSNR difference below this, in dB, prints as 0.00.
+# A PSNR difference below this value, in dB, is printed as 0.00.
 _MIN_DIFFERENCE = 0.005
-# Further metrics that a method can lead -> condition of the comparison.
+# Further metrics in which a method can be the best, with the condition under which they are compared.
 _COSTS = {
     "chamfer": "non_engine",
     "fps": "dedicated",
@@ -101,9 +101,9 @@ def join_words(words: Sequence[str]) -> str:
 def _collect_means(
     numbers: Numbers, metric: str, detail: Callable[[Key, float], str], without: str = ""
 ) -> list[_Case]:
-    """Return all measured averages of a metric, except those with the note `without`.
+    """Return all measured averages of a metric, except averages that carry the note `without`.
 
-    `detail` returns the text of a case.
+    `detail` turns a value into the text of a case.
     """
     return [
         _Case(number.value, key.dataset, key.method, detail(key, number.value))
@@ -115,7 +115,7 @@ def _collect_means(
 
 
 def _describe_significance(difference: Interval | None) -> str:
-    """Return the result of the t test of a difference, or why it was not tested; "" without a difference."""
+    """Return the t test of a difference as text, or why it was not tested; "" if there is no difference."""
     if difference is None:
         return ""
     if difference.p is None:
@@ -143,7 +143,7 @@ def derive_findings(numbers: Numbers, first: Iterable[Finding] = ()) -> list[Fin
         *_structure_findings(numbers),
         *_unsupported_findings(numbers),
     ]
-    # The sort is stable: minor findings move to the end, all others keep the order above.
+    # The sort is stable. Minor findings move to the end, and all others keep the order above.
     findings.sort(key=lambda finding: finding.kind in _MINOR)
     optional = [finding for finding in findings if finding.kind not in _ALWAYS_KEPT]
     dropped = optional[max(0, _MAX_FINDINGS - (len(findings) - len(optional))) :]
@@ -151,7 +151,7 @@ def derive_findings(numbers: Numbers, first: Iterable[Finding] = ()) -> list[Fin
 
 
 def _gap_findings(numbers: Numbers) -> Iterator[Finding]:
-    """Yield the extremes of each PSNR gap, and of the adaptation gap to each variant of Dedicated."""
+    """Yield the largest and smallest value of each PSNR gap, also of the adaptation gap to each variant."""
     variants = dict.fromkeys(key.dedicated for key in numbers.gaps if key.dedicated != "dedicated")
     for dedicated in ("dedicated", *variants):
         for name, word in _GAPS.items():
@@ -167,7 +167,7 @@ def _gap_findings(numbers: Numbers) -> Iterator[Finding]:
 
 
 def _describe_extremes(cases: list[_Case], word: str, start: str, end: str) -> str:
-    """Return sentences on the largest and the smallest loss among the gaps `cases` between two conditions."""
+    """Return sentences on the largest and the smallest loss in `cases`, the gaps between two conditions."""
     first, last = max(cases), min(cases)
     count = f"{len(cases)} combinations of method and dataset"
     if max(abs(case.value) for case in cases) < _MIN_DIFFERENCE:
@@ -231,7 +231,7 @@ def _split_findings(numbers: Numbers) -> Iterator[Finding]:
             continue
         if split.total is None or split.total.signed is None:
             continue
-        # The fitted bake may be worse than the ceiling. The recovered loss is that of the better one, in dB.
+        # The fitted bake may be worse than the ceiling. The recovered loss in dB is that of the better bake.
         recovered = max(accumulate(loss for name, loss in steps.items() if name != "blending"))
         cases.append((split.total.signed, recovered, key))
     if not cases:
@@ -241,7 +241,7 @@ def _split_findings(numbers: Numbers) -> Iterator[Finding]:
     split = numbers.splits[key]
     parts = []
     for name, gap in split.steps.items():
-        # Steps without a bake between them are one part.
+        # Two steps without a bake between them form one part.
         names = [step for step, outer in split.within.items() if outer == name]
         title = " and ".join(STEP_TITLES[step].lower() for step in (*names, name))
         parts.append(f"{title} {format_digits(gap.signed or 0.0, 2)} dB")
@@ -263,13 +263,13 @@ def _split_findings(numbers: Numbers) -> Iterator[Finding]:
 
 
 def _monotone_findings(numbers: Numbers) -> Iterator[Finding]:
-    """Yield the cases that are not monotone: Dedicated is not between Non-Engine and Standard."""
+    """Yield the cases in which Dedicated does not lie between Non-Engine and Standard."""
     comparable = [
         (key, gaps)
         for key, gaps in numbers.gaps.items()
         if (key.scene, key.standard) == (MEAN, "standard") and gaps.monotone is not None
     ]
-    # (dataset, method, condition) -> the metrics that are not monotone
+    # the metrics that are not monotone, by (dataset, method, condition)
     broken: dict[tuple[str, str, str], list[tuple[GapKey, Gaps]]] = {}
     for key, gaps in comparable:
         if gaps.monotone is False:
@@ -292,7 +292,7 @@ def _monotone_findings(numbers: Numbers) -> Iterator[Finding]:
 def _describe_not_monotone(
     broken: dict[tuple[str, str, str], list[tuple[GapKey, Gaps]]], total: int
 ) -> Finding:
-    """Return the finding on the case with the largest excess, with the names of the others.
+    """Return a finding that describes the case with the largest excess and names the other cases.
 
     Parameters
     ----------
@@ -306,7 +306,7 @@ def _describe_not_monotone(
     def excess(place: tuple[str, str, str]) -> float:
         return broken[place][0][1].triangle_excess or 0.0
 
-    # The case with the largest excess is described by its first metric, the others are only named.
+    # The case with the largest excess is described by its first metric. The other cases are only named.
     first, *others = sorted(broken, key=excess, reverse=True)
     (dataset, method, dedicated), cases = first, broken[first]
     title, (key, gaps) = _format_condition(dedicated), cases[0]
@@ -341,7 +341,7 @@ def _ranking_findings(numbers: Numbers) -> Iterator[Finding]:
         conditions = [
             name for name in numbers.conditions(dataset) if not name.startswith(("standard/", f"{BAKED}/"))
         ]
-        # Significance -> pairs of conditions between which the ranking changes.
+        # Pairs of conditions between which the ranking changes, by the significance of the change.
         changes: dict[str, list[str]] = {}
         moved: set[str] = set()  # conditions of these pairs
         compared = 0
@@ -360,7 +360,7 @@ def _ranking_findings(numbers: Numbers) -> Iterator[Finding]:
                 moved |= {first, second}
         if changes:
             pairs = "; ".join(f"{join_words(names)} ({result})" for result, names in changes.items())
-            # Conditions with equal rankings share an entry.
+            # Conditions with the same ranking share an entry.
             orders: dict[str, list[str]] = {}
             for condition in filter(moved.__contains__, conditions):
                 order = format_ranking(rank_methods(numbers, dataset, condition, "psnr"))
@@ -401,7 +401,7 @@ def _leader_findings(numbers: Numbers) -> Iterator[Finding]:
 
 
 def _find_leaders(numbers: Numbers, dataset: str, condition: str) -> dict[str, list[str]]:
-    """Return method -> the metrics that it leads, with values; empty without image quality."""
+    """Return the metrics that each method leads, with values; empty if no image quality was measured."""
     leaders: dict[str, list[str]] = {}
     has_images = any(rank_methods(numbers, dataset, condition, metric) for metric in QUALITY)
     for metric in (*QUALITY, *_COSTS) if has_images else ():
@@ -564,7 +564,7 @@ def _structure_findings(numbers: Numbers) -> Iterator[Finding]:
 
 def _unsupported_findings(numbers: Numbers) -> Iterator[Finding]:
     """Yield the conditions that methods do not support."""
-    # Method -> conditions; the finding links to the table of the first dataset.
+    # The conditions of each method. The finding links to the table of the first dataset.
     names: dict[str, dict[str, None]] = {}
     first = ""
     for key, number in numbers.values.items():

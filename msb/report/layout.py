@@ -60,12 +60,12 @@ _TITLES: Mapping[str, Callable[[str], str]] = {
 
 
 def titled_row(**of: str) -> RowSpec:
-    """Return the row with these key fields, such as ``condition="standard"``; its labels are their titles."""
+    """Return a row with these key fields, such as ``condition="standard"``; their titles label the row."""
     return RowSpec(tuple(_TITLES[name](value) for name, value in of.items()), of)
 
 
 def metric_columns(metrics: Iterable[str], *groups: str, **of: str) -> list[TableColumn]:
-    """Return one column per metric below the headings `groups`; `of` are further fields of its keys."""
+    """Return one column per metric below the headings `groups`; `of` are further fields of the keys."""
     return [TableColumn(metric_title(metric), groups, {"metric": metric, **of}) for metric in metrics]
 
 
@@ -142,13 +142,13 @@ def difference_cell(
 
 
 def _scene_count(parts: Mapping[str, Any]) -> str:
-    """Return " (7/9)" for a mean over 7 of 9 scenes, "" for a complete one."""
+    """Return " (7/9)" for a mean over 7 of 9 scenes, and "" for a mean over all scenes."""
     present, expected = parts.get("present", 1), parts.get("expected", 1)
     return f" ({present}/{expected})" if present < expected else ""
 
 
 def mark_best(cells: Sequence[TableCell], groups: Sequence[Hashable], *, single: bool) -> list[TableCell]:
-    """Return `cells` with the best value of each group and metric bold, including ties as printed.
+    """Return `cells`; in each group and metric, the best value and values that print the same are bold.
 
     Parameters
     ----------
@@ -158,7 +158,7 @@ def mark_best(cells: Sequence[TableCell], groups: Sequence[Hashable], *, single:
     single : bool
         Whether the only value of a group is bold.
     """
-    # (group, metric) -> places of the competing cells
+    # places of the competing cells, by (group, metric)
     rivals: dict[tuple[Hashable, str], list[int]] = {}
     for place, (cell, group) in enumerate(zip(cells, groups, strict=True)):
         if group is not None and cell.value is not None and METRICS[cell.metric].better:
@@ -183,10 +183,10 @@ def _round_as_printed(cell: TableCell) -> float:
 def _make_rows(
     numbers: Numbers, grid: list[tuple[RowSpec, list[Key]]], best_of: Sequence[str]
 ) -> list[TableRow]:
-    """Return the rows of `grid` with their cells, the best values bold."""
+    """Return the rows of `grid` with their cells; the best values are bold."""
     keys = [key for _, row_keys in grid for key in row_keys]
     values = [numbers.number(key) for key in keys]
-    # Frame rates of a CPU never compete.
+    # A frame rate that was measured on a CPU is never marked as the best.
     groups = [
         tuple(getattr(key, field) for field in best_of)
         if best_of and not any(note.startswith(ON_CPU) for note in number.notes)

@@ -1,4 +1,4 @@
-"""Outcomes of trial tasks and compared repair strategies, prepared for the page of an asset."""
+"""The outcomes of trial tasks and of compared repair strategies, prepared for the page of an asset."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -24,7 +24,7 @@ _MAX_BYTES = 4 << 20
 
 @dataclass(frozen=True)
 class TaskOutcome:
-    """Outcome of one trial task: its mark, result and problems in words, and an image of the result."""
+    """The outcome of one trial task: its mark, its result in words, its problems, and an image."""
 
     mark: Mark
     task: str
@@ -109,8 +109,7 @@ def _advise(stored: Strategy, others: Sequence[Strategy]) -> tuple[list[str], st
         All strategies that ran.
     """
     better = [strategy for strategy in others if _grade(strategy) < _grade(stored)]
-    # Recommend two strategies: the best of ours that changes no pixel, and the best one that changes the
-    # image.
+    # Recommend two strategies: the best of ours that changes no pixel, and the best that changes the image.
     invisible = min(
         (strategy for strategy in better if strategy.peer is None and strategy.looks.standard.same),
         key=_rank,
@@ -119,7 +118,7 @@ def _advise(stored: Strategy, others: Sequence[Strategy]) -> tuple[list[str], st
     visible = min(
         (strategy for strategy in better if not strategy.looks.standard.same), key=_rank, default=None
     )
-    # A visible change is only mentioned if its result is better than without one.
+    # The second is recommended only if its result is better than that of the first.
     sentences, plan = [], None
     if invisible is not None:
         plan = ",".join(invisible.plan)
@@ -138,12 +137,12 @@ def _advise(stored: Strategy, others: Sequence[Strategy]) -> tuple[list[str], st
 
 
 def _grade(strategy: Strategy) -> tuple[int, int]:
-    """Return the sort key of a repaired mesh, the best first: tasks that work, then the audit verdict."""
+    """Return a sort key that puts the best mesh first: by tasks that work, then by the audit verdict."""
     return -strategy.trials_passed_after, _LEVELS[strategy.verdict_after]
 
 
 def _rank(strategy: Strategy) -> tuple[tuple[int, int], int]:
-    """Return the grade, with the number of components to break ties."""
+    """Return the grade and, for equal grades, the number of components."""
     return _grade(strategy), strategy.components
 
 

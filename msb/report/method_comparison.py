@@ -1,4 +1,4 @@
-"""Compare every method with a chosen one, view by view, with confidence intervals and t tests."""
+"""Compare every method with a chosen method, view by view, with confidence intervals and t tests."""
 
 from collections.abc import Iterator
 from typing import NamedTuple
@@ -40,12 +40,13 @@ _NOTES = (
     "95 % interval: t interval over the means of the scenes, or over the views of a single scene. An "
     "interval over views applies to that scene only, and is too narrow if neighbouring views are similar",
 )
-# Values of `Gap.reason` for which a comparison has no row. With other reasons it has a row without a value.
+# Values of `Gap.reason` for which a comparison has no row. With any other reason, the comparison has a row
+# without a value.
 _NO_COMPARISON = ("missing", "failed", "not_measured", "unsupported")
 
 
 class Comparison(NamedTuple):
-    """The method at `key` compared with the chosen one; `gap.signed` is positive if the former is better."""
+    """A comparison; `gap.signed` is positive if the method at `key` is better than the chosen method."""
 
     key: Key
     gap: Gap
@@ -71,7 +72,7 @@ def compare_methods(results: ResultSet, numbers: Numbers, other: str) -> list[Co
 
 def _compute_gap(results: ResultSet, numbers: Numbers, key: Key, other: str) -> Gap:
     """Return the gap between the method `other` and the method at `key`."""
-    # Scene -> method -> record under the condition of `key`.
+    # The records under the condition of `key`, by scene and method.
     scenes = numbers.scenes(key.dataset)
     records = {
         scene: {
@@ -87,7 +88,7 @@ def _compute_gap(results: ResultSet, numbers: Numbers, key: Key, other: str) -> 
 
 def comparison_table(comparisons: list[Comparison], numbers: Numbers, other: str) -> Table:
     """Return the table with a row per comparison."""
-    # Number of a comparison -> p; untested comparisons are not part of the adjustment.
+    # The p value of each comparison by its number. Untested comparisons do not take part in the adjustment.
     p = {
         n: interval.p
         for n, comparison in enumerate(comparisons)
@@ -117,7 +118,7 @@ def comparison_table(comparisons: list[Comparison], numbers: Numbers, other: str
 
 
 def comparison_findings(comparisons: list[Comparison], other: str) -> Iterator[Finding]:
-    """Yield a finding for each dataset: its PSNR comparisons under the tiers, else under its conditions.
+    """Yield a finding for each dataset: PSNR comparisons under the two tiers, or else under all conditions.
 
     Conditions with the same result share a part of the sentence.
     """
@@ -125,7 +126,7 @@ def comparison_findings(comparisons: list[Comparison], other: str) -> Iterator[F
     for dataset in dict.fromkeys(case.key.dataset for case in cases):
         of_dataset = [case for case in cases if case.key.dataset == dataset]
         tiers = [case for case in of_dataset if case.key.condition in DRAWN_CONDITIONS]
-        # Result in words, scenes or views -> the conditions with this result.
+        # The conditions that share a result, by the result in words and its sample of scenes or views.
         conditions: dict[tuple[str, str], list[str]] = {}
         for case in tiers or of_dataset:
             assert case.gap.interval is not None
@@ -156,7 +157,7 @@ def _describe(comparison: Comparison, other: str) -> str:
         lead = f"{method} {'leads' if better else 'trails'} {other} by {amount} dB"
     parts = []
     if interval.ends is not None:
-        # The signs of the interval follow the printed amount, which is positive.
+        # The printed amount is positive, so the interval gets the matching sign.
         low, high = interval.ends if better else (-interval.ends[1], -interval.ends[0])
         parts.append(f"95 % CI {format_digits(low, 2)} to {format_digits(high, 2)}")
     if interval.p is None:

@@ -5,18 +5,18 @@ from decimal import ROUND_HALF_UP, Decimal
 from msb.bench.aggregate import METRICS
 from msb.topology.metric_text import format_count, format_metric
 
-# Unit -> (limit, decimals) pairs: a value below the limit, in the printed unit, gets this number of decimals.
+# Pairs (limit, decimals) by unit. A value below the limit, in the printed unit, gets this number of decimals.
 # Without them a small value such as 0.04 MiB would print as 0.
 _SMALL_VALUE_DECIMALS = {"MiB": ((0.1, 2), (10.0, 1)), "min": ((1.0, 2),)}
-# Metrics that count things. Their means over scenes can have a fraction.
+# Metrics that are counts. Only their means over scenes can have a fraction.
 _COUNTS = ("components", "faces", "tasks")
-# Decimals beyond which a difference is printed as it is, even if the printed ends do not give it.
+# Maximum number of decimals that are tried to make a printed difference agree with its printed ends.
 _MOST_DECIMALS = 6
 _ARROWS = {"higher": " ↑", "lower": " ↓", None: ""}
 
 
 def direction_arrow(metric: str) -> str:
-    """Return " ↑" if higher values of a metric are better, " ↓" if lower ones are, else ""."""
+    """Return " ↑" if higher values of a metric are better, " ↓" if lower values are better, else ""."""
     return _ARROWS[METRICS[metric].better]
 
 
@@ -39,7 +39,9 @@ def to_printed_unit(metric: str, value: float) -> float:
 
 
 def format_digits(value: float, decimals: int, *, sign: bool = False) -> str:
-    """Return `value` with `decimals` decimals, and with a plus sign if `sign`. A printed 0 has no sign.
+    """Return `value` with `decimals` decimals; if `sign`, positive values get a plus sign.
+
+    A printed 0 has no sign.
 
     Halves are rounded away from zero.
 
@@ -56,9 +58,11 @@ def format_digits(value: float, decimals: int, *, sign: bool = False) -> str:
 
 
 def format_change(change: float, ends: tuple[float, float], decimals: int) -> tuple[str, str, str]:
-    """Return the size of a change and its two ends, with enough decimals that they agree as printed.
+    """Return a change and its two ends, with so many decimals that the printed ends differ by the change.
 
-    Ends that are not those of the change, such as means over other scenes, get `decimals`.
+
+    If the ends do not differ by the change, for example because they are means over other scenes, all three
+    get `decimals` decimals.
 
     Examples
     --------

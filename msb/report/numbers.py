@@ -21,9 +21,10 @@ from msb.report.table import NOT_AVAILABLE
 
 # Values of `Key.scene` that stand for averages over the scenes of a dataset.
 MEAN = "mean"
-# The average cost of a single triangle over the scenes: the cost of a renderer independent of the mesh.
+# The cost of a single triangle, averaged over the scenes. This part of a renderer's cost does not depend on
+# the mesh.
 FLOOR = "floor_mean"
-# Value of `Key.scene` for an average -> heading of its row.
+# The heading of each row of averages, by the value of `Key.scene`.
 MEANS = {"indoor_mean": "Indoor mean", "outdoor_mean": "Outdoor mean", MEAN: "Mean", FLOOR: "Floor"}
 
 # Conditions with images in the order of falling quality: Non-Engine, Dedicated, Standard.
@@ -33,8 +34,8 @@ DRAWN_CONDITIONS = tuple(TIER_OF)
 QUALITY = IMAGE_METRICS
 # Metrics of the trained model, independent of the renderer. Tables show them with the Non-Engine results.
 ASSET_METRICS = ("train_memory", "train_seconds", "chamfer")
-# First words of the note on frame rates of a CPU. These frame rates depend on other work of the machine, so
-# they are never marked as the best.
+# First words of the note on frame rates of a CPU. They depend on the other programs of the machine, so they
+# are never marked as the best.
 ON_CPU = "measured on a CPU device"
 
 
@@ -64,7 +65,10 @@ class Key(NamedTuple):
 
     @property
     def is_of_asset(self) -> bool:
-        """Whether the number describes the trained model: it does not imply images of the condition."""
+        """Whether the number describes the trained model.
+
+        Such a number does not imply images of the condition.
+        """
         return self.metric in ASSET_METRICS
 
 
@@ -100,7 +104,7 @@ class Number:
 class GapKey(NamedTuple):
     """Identifies the three quality gaps of a method.
 
-    `scene` is a scene or "mean". `standard` and `dedicated` name the conditions in place of the two tiers. By
+    `scene` is a scene or "mean". `standard` and `dedicated` name the two conditions that are compared. By
     default these are the tiers themselves. `standard` can also be another engine or a bake, and `dedicated` a
     variant.
     """
@@ -128,7 +132,7 @@ class SplitKey(NamedTuple):
 
 
 class RatioKey(NamedTuple):
-    """Identifies the ratio of the average frame rates of two conditions on a dataset."""
+    """Identifies a ratio of frame rates: the averages of two conditions on a dataset."""
 
     dataset: str
     method: str
@@ -200,7 +204,7 @@ class Numbers:
         return list(dict.fromkeys(key.method for key in keys))
 
     def has_other_scenes(self, dataset: str) -> bool:
-        """Return whether a dataset has the name of a published one, but none of its scenes."""
+        """Return whether a dataset has the name of a published dataset, but none of its scenes."""
         published, scenes = SCENES.get(dataset, ()), self.scenes(dataset)
         return bool(published and scenes) and not any(scene in published for scene in scenes)
 
@@ -231,7 +235,7 @@ class Numbers:
 
     @cached_property
     def _keys(self) -> dict[str, list[Key]]:
-        """Dataset -> the keys of its numbers."""
+        """The keys of all numbers of each dataset."""
         keys: dict[str, list[Key]] = {}
         for key in self.values:
             keys.setdefault(key.dataset, []).append(key)
@@ -261,8 +265,8 @@ def select_variants(conditions: Iterable[str], condition: str) -> list[str]:
 def list_gap_pairs(conditions: Sequence[str], drawn_by: Mapping[str, str]) -> list[tuple[str, str]]:
     """Return the pairs (standard, dedicated) of conditions between which gaps are computed.
 
-    These are the two tiers, Standard with each variant of Dedicated, each engine and each bake with
-    Dedicated, and the two tiers of each engine that draws both.
+    These are the two tiers, and Standard with each variant of Dedicated. Each engine and each bake is paired
+    with Dedicated. If an engine draws both tiers, these two are also a pair.
     """
     variants = select_variants(conditions, "dedicated")
     pairs = [
@@ -277,8 +281,9 @@ def list_gap_pairs(conditions: Sequence[str], drawn_by: Mapping[str, str]) -> li
 def list_ratio_pairs(conditions: Sequence[str], drawn_by: Mapping[str, str]) -> list[tuple[str, str]]:
     """Return the pairs (standard, dedicated) of conditions whose frame rates are compared.
 
-    Dedicated and each of its variants are paired with Standard in the same engine, or else with the standard
-    tier. Frame rates of two engines are not compared, because they are measured on different devices.
+    Dedicated and each of its variants are paired with Standard in the same engine. Without such an engine,
+    they are paired with the standard tier. Frame rates of two engines are not compared, because they may be
+    measured on different devices.
     """
     engines = {drawn_by.get(name): name for name in select_variants(conditions, "standard")}
     dedicated = ("dedicated", *select_variants(conditions, "dedicated"))

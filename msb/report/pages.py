@@ -40,7 +40,7 @@ def report_files(
     topology: Mapping[Place, bytes] | None = None,
     folder: Path | None = None,
 ) -> dict[str, bytes]:
-    """Return file name -> content of every file of the report.
+    """Return the content of every file of the report, by file name.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ def report_files(
     ``images/*.jpg`` (md), ``figures/*.pdf`` (tex), ``tables/LABEL.*`` (md, tex, csv, json), ``index.html``
     and ``verdict-DATASET-SCENE-METHOD.html`` (html). The pages embed everything except large films.
     """
-    # JSON of the whole report, and all tables in the text formats.
+    # Write the JSON of the whole report, and all tables in the text formats.
     text = json.dumps(report.to_dict(), indent=1, allow_nan=False, ensure_ascii=False) + "\n"
     files: dict[str, str | bytes] = {"report.json": text}
     for suffix, writer in WRITERS.items():
@@ -84,7 +84,7 @@ def report_files(
 
 
 def _make_grid(report: Report) -> dict[str, Any]:
-    """Return the verdicts for the table of assets: dataset -> scene -> method -> verdict, and all methods."""
+    """Return the verdicts by dataset, scene and method for the table of assets, and all methods."""
     datasets: dict[str, dict[str, dict[str, Verdict]]] = {}
     methods: dict[str, None] = {}
     for verdict in report.verdicts:
@@ -138,7 +138,7 @@ def _find_video(report: Report, place: Place, folder: Path | None) -> dict[str, 
 def _find_walks(
     conditions: Mapping[str, LoadedResult], folder: Path | None
 ) -> list[tuple[str, dict[str, str]]]:
-    """Return (title, film) of each condition with a film of a walk beyond the captured views."""
+    """Return title and film of each condition that has a film of a walk beyond the captured views."""
     return [
         (condition_title(name), film)
         for name, loaded in conditions.items()
@@ -153,7 +153,8 @@ def _embed_film(path: Path, root: Path, folder: Path | None) -> dict[str, str] |
 
     Films up to `MAX_EMBEDDED_FILM` bytes are embedded. Returns None if the file does not exist.
     """
-    with suppress(OSError, ValueError):  # unreadable, a NUL in the name, or on another drive
+    # the file cannot be read, its name contains a NUL, or it is on another drive
+    with suppress(OSError, ValueError):
         if path.is_file() and path.resolve().is_relative_to(root.resolve()):
             if path.stat().st_size <= MAX_EMBEDDED_FILM:
                 return {"data": data_uri("video/mp4", path.read_bytes())}

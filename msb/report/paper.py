@@ -41,10 +41,10 @@ PAPER_TABLES = (
     "reproducibility_comparison",
 )
 
-# The paper's name of a method -> ours.
-# Methods of packages come last in METHODS, so they never replace one of the paper.
+# Our name of each method, by the paper's name.
+# Methods of other packages come last in METHODS, so they never replace a method of the paper.
 OUR_METHODS = {method.paper_name: name for name, method in reversed([*METHODS.items()]) if method.paper_name}
-# The paper's name of a metric -> our name (a key of `msb.bench.aggregate.METRICS`), if they differ.
+# Our name of a metric (a key of `msb.bench.aggregate.METRICS`), by the paper's name, if the names differ.
 _OUR_METRICS = {
     "gpu_ms_p50": "p50_ms",
     "gpu_ms_p95": "p95_ms",
@@ -72,7 +72,10 @@ Source = Literal["", "paper", "public", "meshsplatbench"]
 
 
 class _PublishedCell(BaseModel):
-    """A cell of a published table, in the paper's names and units; `na` is printed for a missing value."""
+    """A cell of a published table, in the paper's names and units.
+
+    `na` is what the paper prints for a missing value.
+    """
 
     model_config = ConfigDict(extra="ignore", frozen=True, allow_inf_nan=False, strict=True)
 
@@ -115,7 +118,7 @@ def paper_numbers(*tables: str) -> Numbers:
 
 
 def paper_row(table: str, **where: str) -> dict[str, float]:
-    """Return metric -> printed value of the row of a paper table that `where` selects.
+    """Return the printed values, by metric, of the row of a paper table that `where` selects.
 
     Parameters
     ----------
@@ -162,7 +165,7 @@ def published_numbers(path: str | os.PathLike[str]) -> dict[Key, Number]:
 
 
 def contradictions() -> dict[str, list[str]]:
-    """Return table label -> notes on statements of the paper that contradict this table."""
+    """Return notes on statements of the paper that contradict one of its tables, by the table's label."""
     notes: dict[str, list[str]] = json.loads(_read_text("contradictions"))
     return notes
 
@@ -193,14 +196,14 @@ def _add_notes(key: Key, number: Number) -> Number:
             return number
         reason = f"{method_title(key.method)}'s paper reports no results on {dataset_title(key.dataset)}"
         return replace(number, reason=reason)
-    # Numbers of an engine, and LPIPS of other sources.
+    # Values that cannot be compared with ours: those of another engine, and LPIPS of other sources.
     if key.metric == "memory" and key.condition == "standard":
         return Number(number.value, notes=(ENGINE_MEMORY,))
     if key.condition == "dedicated" and (key.metric in QUALITY or key.metric == "fps"):
         return Number(number.value, notes=(ENGINE_RENDERING,))
     if key.metric == "lpips" and key.source in ("paper", "public"):
         return Number(number.value, notes=(PUBLISHED_LPIPS,))
-    # Notes that methods declare on their native results.
+    # Add the notes that a method declares about its published native results.
     if key.condition != "non_engine" or key.source not in ("", "meshsplatbench"):
         return number
     known = METHODS[key.method].paper_notes if key.method in METHODS else ()
@@ -222,7 +225,7 @@ def _compute_gaps(numbers: Numbers) -> dict[GapKey, Gaps]:
 
 
 def _compute_ratios(numbers: Numbers) -> dict[RatioKey, Ratio]:
-    """Return the ratios of the paper's frame rates: ratios of averages, and of scenes if they are printed."""
+    """Return the ratios of the paper's frame rates: of averages, and of single scenes if they are printed."""
     ratios = {}
     for above, below in (("standard", "dedicated"), ("dedicated", "non_engine")):
         for dataset in numbers.datasets():

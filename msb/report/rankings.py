@@ -7,7 +7,7 @@ from msb.bench.intervals import Interval, interval
 from msb.report.metric_format import format_value
 from msb.report.numbers import MEAN, ON_CPU, Key, Numbers, method_title
 
-# Methods with their averages in a metric, best first.
+# Methods with their averages of a metric, best first.
 Ranking = list[tuple[str, float]]
 
 
@@ -40,8 +40,8 @@ def find_swaps(
 ) -> list[tuple[str, str]]:
     """Return the pairs of methods whose order differs between two rankings.
 
-    In both rankings they must differ by at least the last printed digit. `before` is ranked by `metric`,
-    `after` by `after_metric`.
+    The two methods must differ by at least the last printed digit in both rankings. `before` is ranked by
+    `metric`, `after` by `after_metric`.
     """
     values = dict(after)
     return [
@@ -54,14 +54,15 @@ def find_swaps(
 def find_most_certain_swap(
     numbers: Numbers, dataset: str, swaps: list[tuple[str, str]], conditions: tuple[str, str]
 ) -> Interval:
-    """Return the t test of the most certain of `swaps`: pairs of methods that swap places by PSNR.
+    """Return the t test of the most significant swap in `swaps`, pairs of methods that swap places by PSNR.
 
     The difference between the methods of a swap is tested under both conditions. The larger p value counts
     for the swap, and the swap with the smallest p value is returned.
     """
 
     def p_value(difference: Interval) -> float:
-        return 2.0 if difference.p is None else difference.p  # 2: untested differences are the least certain
+        # an untested difference counts as less certain than any p value
+        return 2.0 if difference.p is None else difference.p
 
     def test_difference(pair: tuple[str, str], condition: str) -> Interval:
         scenes = []

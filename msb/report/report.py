@@ -70,7 +70,7 @@ class Report:
 
     @property
     def tables(self) -> dict[str, Table]:
-        """Label -> table, in the order of the sections."""
+        """The tables by label, in the order of the sections."""
         return {table.label: table for section in self.sections for table in section.tables}
 
     @property
@@ -100,7 +100,7 @@ class Report:
 
 
 def list_places(results: ResultSet, numbers: Numbers) -> list[Place]:
-    """Return the assets by dataset, method and scene, in the order of the numbers."""
+    """Return the assets, ordered by dataset, method and scene as the numbers are."""
     return [
         place
         for dataset in numbers.datasets()

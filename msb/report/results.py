@@ -17,7 +17,7 @@ from msb.report.numbers import condition_order
 
 
 class Place(NamedTuple):
-    """Identifies an asset: the model of a scene by a method (or by the label of a model)."""
+    """Identifies an asset by its dataset, its scene, and its method (or the label of the model)."""
 
     dataset: str
     scene: str
@@ -32,8 +32,8 @@ class LoadedResult:
     # The file of the record, and the results folder that contains it.
     path: Path
     root: Path
-    # End of the folder's path that distinguishes the model from another model of the same name; "" if there
-    # is no other.
+    # The end of the folder's path. It distinguishes the model from another model of the same name, and is ""
+    # if there is no such model.
     folder: str = ""
 
     @property
@@ -175,7 +175,7 @@ def _find_differences(records: Iterable[LoadedResult]) -> Iterator[str]:
 
 
 def _find_conflicts(records: Sequence[LoadedResult]) -> dict[Place, str]:
-    """Return dataset and model -> difference between the records of the same cell in two folders."""
+    """Return the difference between records of the same cell in two folders, by dataset and model."""
     first_records: dict[tuple[str, ...], LoadedResult] = {}
     conflicts: dict[Place, str] = {}
     names = _shorten_folders(records)
@@ -203,7 +203,7 @@ def _collect_cell_facts(result: Result) -> dict[str, object]:
 
 
 def _shorten_folders(records: Iterable[LoadedResult]) -> dict[Path, str]:
-    """Return results folder -> the last parts of its path, as many as distinguish it from the others."""
+    """Return for each results folder the shortest end of its path that no other folder has."""
     roots = list(dict.fromkeys(loaded.root.absolute() for loaded in records))
     count = 1
     while len({root.parts[-count:] for root in roots}) < len(roots):

@@ -54,7 +54,7 @@ class TableCell:
 
     @property
     def footnotes(self) -> tuple[str, ...]:
-        """The reason, if there is one, and the notes."""
+        """The reason for a missing value, if there is one, and the notes."""
         return self.notes if self.reason is None else (self.reason, *self.notes)
 
     @property
@@ -133,7 +133,7 @@ class TableRow:
 
 @dataclass(frozen=True)
 class Table:
-    """A table: `label` names its files and anchors, `notes` apply to the whole table."""
+    """A table: `label` names its files and anchors, and `notes` apply to the whole table."""
 
     label: str
     caption: str
@@ -148,8 +148,8 @@ class Table:
         return max((len(column.groups) for column in self.columns), default=0)
 
     def spans(self, level: int) -> list[tuple[str, int]]:
-        """Return the headings of a level from left to right, each with the number of columns it spans."""
-        # Equal headings below different outer headings are different headings.
+        """Return the headings of a level from left to right, each with its number of columns."""
+        # Two equal headings below different outer headings do not merge.
         paths = (column.groups[: level + 1] if level < len(column.groups) else () for column in self.columns)
         return [(path[-1] if path else "", len(list(columns))) for path, columns in groupby(paths)]
 
@@ -162,23 +162,23 @@ class Table:
         return [(name, list(rows)) for name, rows in groupby(self.rows, heading)]
 
     def sortable(self, column: int) -> bool:
-        """Return whether rows can be sorted by a column: each block has numbers of a single metric in it."""
+        """Return whether rows can be sorted by a column: its cells in each block belong to one metric."""
         blocks = [[row.cells[column] for row in rows if not row.paper] for _, rows in self.blocks()]
         several = any(sum(cell.number is not None for cell in cells) > 1 for cells in blocks)
         return several and all(len({cell.metric for cell in cells}) <= 1 for cells in blocks)
 
     def footnotes(self) -> dict[str, str]:
-        """Return footnote -> mark ("a" to "z", then "aa") in reading order."""
+        """Return the mark of each footnote ("a" to "z", then "aa") in reading order."""
         texts = dict.fromkeys(note for row in self.rows for cell in row.cells for note in cell.footnotes)
         return {note: _letters(number) for number, note in enumerate(texts)}
 
     def with_common_notes(self) -> Table:
-        """Return the table with notes of whole metrics moved from the cells to the table."""
+        """Return the table; notes that apply to whole metrics are moved from the cells to the table."""
         cells = [cell for row in self.rows for cell in row.cells if cell.value is not None and not row.paper]
         metrics = dict.fromkeys(cell.metric for cell in cells)
         common: dict[str, str] = {}
         for note in dict.fromkeys(note for cell in cells for note in cell.notes):
-            # A note is common if it applies to whole metrics: no other cell of these metrics lacks it.
+            # A note is common if every cell of its metrics has the note.
             noted_metrics = dict.fromkeys(cell.metric for cell in cells if note in cell.notes)
             if all(note in cell.notes for cell in cells if cell.metric in noted_metrics):
                 images = [metric for metric in noted_metrics if metric in IMAGE_METRICS]

@@ -22,7 +22,8 @@ from msb.report.table import NOT_SUPPORTED
 
 Mark = Literal["YES", "WITH CARE", "NO", "UNKNOWN", "NOTE"]
 
-# Below this PSNR in dB, native renderings have little in common with the photographs and are not a reference.
+# Native renderings with a lower PSNR (dB) have little in common with the photographs, so they are no
+# reference.
 MIN_NATIVE_PSNR = 15.0
 # Minimum PSNR in dB between two renderings, its mark, and its wording.
 _SIMILARITIES: tuple[tuple[float, Mark, str], ...] = (
@@ -30,7 +31,7 @@ _SIMILARITIES: tuple[tuple[float, Mark, str], ...] = (
     (NEARLY, "WITH CARE", "Nearly matches"),
     (0.0, "NO", "Differs from"),
 )
-# Maximum loss of PSNR in dB, its mark, and its wording: less than 1 dB is hard to see, 3 dB is obvious.
+# Maximum loss of PSNR in dB, its mark, and its wording. Less than 1 dB is hard to see, and 3 dB is obvious.
 _LOSSES: tuple[tuple[float, Mark, str], ...] = (
     (1.0, "YES", "Matches"),
     (3.0, "WITH CARE", "Visibly worse than"),
@@ -38,8 +39,8 @@ _LOSSES: tuple[tuple[float, Mark, str], ...] = (
 )
 # Maximum P95 of the frame time, in milliseconds, for 60 and for 30 frames per second.
 SMOOTH_MS, USABLE_MS = 1000 / 60, 1000 / 30
-# Maximum number of views on which the renderings of two conditions are compared. The views are spread evenly;
-# more would take minutes for a complete benchmark.
+# Maximum number of views on which the renderings of two conditions are compared. The views are spread evenly.
+# More views would take minutes for a complete benchmark.
 _MAX_VIEWS = 8
 _LEVELS: dict[str, Mark] = {"ok": "YES", "limited": "WITH CARE", "bad": "NO"}
 
@@ -76,7 +77,10 @@ class Verdict:
         return f"{method_title(method)} on {scene_title(scene)} ({dataset_title(dataset)})"
 
     def marks(self) -> list[tuple[Mark, list[str]]]:
-        """Return the uses by mark, worst first; ["all"] if all have the same mark. Notes are left out."""
+        """Return the uses by mark, the worst mark first; ["all"] if all uses have the same mark.
+
+        Notes are left out.
+        """
         order: tuple[Mark, ...] = ("NO", "WITH CARE", "UNKNOWN", "YES")
         named = [(mark, [s.short for s in self.statements if s.mark == mark]) for mark in order]
         marked = [(mark, uses) for mark, uses in named if uses]
@@ -98,7 +102,7 @@ def judge(place: Place, loaded: Mapping[str, LoadedResult], numbers: Numbers) ->
     variants = [name for name in numbers.variants(place.dataset, "dedicated") if name in records]
     dedicated = ["dedicated", *variants]
     bakes = [name for name in numbers.variants(place.dataset, BAKED) if name in records]
-    # Condition -> use of its renderings.
+    # The use of each condition's renderings.
     uses = {"standard": "Standard-tier mesh, any engine"}
     uses |= {name: f"Model with its native shaders ({condition_title(name)})" for name in dedicated}
     uses |= {name: f"Baked mesh, any engine ({plain_text(name.partition('/')[2])})" for name in bakes}
@@ -137,7 +141,7 @@ def _judge_appearance(
             return Statement("NO", use, f"Not supported: {reason}.")
         return Statement("UNKNOWN", use, f"{_capitalize(reason)}.")
 
-    # Find the reference: native renderings, else (for Standard) the dedicated tier.
+    # Find the reference: native renderings, or else the dedicated tier (for Standard only).
     tier = "dedicated" if condition.startswith("dedicated") else "standard"
     gaps = numbers.gaps.get(GapKey(*place, "psnr", **{tier: condition}))
     gap = None if gaps is None else gaps["deploy" if tier == "standard" else "adapt"]
@@ -161,7 +165,7 @@ def _judge_appearance(
         text = f"{low}, which is too low for a comparison. This condition has {number.value:.2f} dB.{remark}"
         return Statement("UNKNOWN", use, text)
 
-    # Compare the two sets of renderings, or else their PSNR against the photographs.
+    # Compare the two sets of renderings directly, or else compare their PSNR against the photographs.
     change = f"PSNR against the photographs {_describe_change(gap.signed, before.value, number.value)}"
     similarity = measure_similarity(loaded[start], loaded[condition])
     if similarity is None:
@@ -209,7 +213,7 @@ def _judge_speed(condition: str, record: Result) -> Statement:
 
 
 def _format_milliseconds(value: float) -> str:
-    """Return a time that does not round to a limit: "16.2 ms" for 16.21, but "16.69 ms" for 16.69."""
+    """Return a time with enough decimals that it does not round to a limit: "16.2 ms", but "16.69 ms"."""
     # Add decimals until the printed time differs from both limits.
     for decimals in (1, 2, 3):
         printed = f"{value:.{decimals}f}"
@@ -243,7 +247,7 @@ def _judge_bake(condition: str, record: Result) -> Statement:
 
 
 def _make_notes(place: Place, numbers: Numbers, records: Mapping[str, Result]) -> Iterator[Statement]:
-    """Yield notes on training, memory, size and accuracy, which have no mark."""
+    """Yield notes on training, memory, size and accuracy; these notes have no mark."""
     texts = dict.fromkeys(text for record in records.values() for text in record.trained)
     if texts:
         yield Statement("NOTE", "Training", f"{_capitalize('; '.join(texts))}.")
@@ -270,7 +274,7 @@ def _capitalize(sentence: str) -> str:
 
 
 class Similarity(NamedTuple):
-    """Mean PSNR in dB between two sets of renderings, over `views` of `of` common views."""
+    """The mean PSNR in dB between two sets of renderings, over `views` views out of `of` common views."""
 
     psnr: float
     views: int

@@ -1,6 +1,6 @@
 """Write one table as Markdown, LaTeX, CSV or JSON.
 
-Names in result files can contain any characters, so each writer escapes the special characters of its format.
+Names in result files can contain any character, so each writer escapes the special characters of its format.
 """
 
 import csv
@@ -20,7 +20,8 @@ from msb.report.table import NOT_AVAILABLE, Table, TableCell
 TableFormat = Literal["md", "tex", "csv", "json"]
 ReportFormat = TableFormat | Literal["html"]
 
-# Character -> LaTeX that prints it. A bracket directly after ``\\`` would be read as its argument.
+# The LaTeX that prints each special character. A bracket directly after ``\\`` would be read as the argument
+# of ``\\``.
 _LATEX = {
     "\\": r"\textbackslash{}",
     "{": r"\{",
@@ -114,7 +115,7 @@ def to_json(table: Table) -> str:
     return json.dumps(table.to_dict(), indent=1, allow_nan=False, ensure_ascii=False) + "\n"
 
 
-# File ending -> writer of one table.
+# The writer of a table for each file ending.
 WRITERS: dict[TableFormat, Callable[[Table], str]] = {
     "md": to_markdown,
     "tex": to_latex,
@@ -135,7 +136,7 @@ def escape_latex(text: str) -> str:
 
 
 def escape_csv(text: str) -> str:
-    """Return `text` changed so that spreadsheets do not read it as a formula; numbers and "--" stay."""
+    """Return `text` so that spreadsheets do not read it as a formula; numbers and "--" are unchanged."""
     return formula_safe(plain_text(text).strip())
 
 
@@ -151,13 +152,13 @@ def _markdown_cell(cell: TableCell, marks: dict[str, str]) -> str:
 
 
 def _without_empty_columns(table: Table) -> Table:
-    """Return the table without columns in which every cell is "--", and with a note that lists them."""
+    """Return the table without columns that contain only "--", and with a note that lists these columns."""
     cells = [[row.cells[number] for row in table.rows] for number in range(len(table.columns))]
     kept = [n for n, column in enumerate(cells) if any(cell.text != NOT_AVAILABLE for cell in column)]
     if not kept or len(kept) == len(cells):
         return table
     omitted = [number for number in range(len(cells)) if number not in kept]
-    # A title is listed with its upper headings if a remaining column has the same title.
+    # If a remaining column has the same title, the omitted title is listed with its upper headings.
     titles = {table.columns[number].title for number in kept}
     names = dict.fromkeys(
         column.full_title if column.title in titles else column.title
@@ -174,7 +175,7 @@ def _without_empty_columns(table: Table) -> Table:
 
 
 def _latex_headings(table: Table) -> list[str]:
-    """Return the lines of headings: each level of spanning headings with rules below, then the titles."""
+    """Return the lines of the header: each level of headings with a rule below it, then the titles."""
     lines = []
     first = len(table.heads) + 1
     for level in range(table.depth):

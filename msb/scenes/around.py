@@ -25,7 +25,7 @@ _LEAST = 0.02
 # Largest number of faces that are examined. In a larger asset, surfaces of few faces may be missed.
 _SAMPLES = 200_000
 # Threshold of the ratio in `is_surrounded`.
-# Captures in front of walls have 4 to 6; objects and empty rooms 0.7 to 1.5.
+# The ratio is 4 to 6 for captures in front of walls, and 0.7 to 1.5 for objects and empty rooms.
 _SURROUNDED = 2.5
 # Distance of a turntable as a multiple of the distance where the bounding sphere fills the image.
 _MARGIN = 1.05
@@ -45,8 +45,8 @@ def make_turntable(
     """Return a turntable of `count` cameras that see the asset, `elevation` degrees above the horizon.
 
     `up` is its axis, such as "+y"; the default is the asset's (`up_axis`). `framing` is the visible part, by
-    default everything except far outliers. CAMERA_PATH reports an asset that is too large or too far away for
-    cameras.
+    default everything except far outliers. If the asset is too large or too far away for cameras, CAMERA_PATH
+    is raised.
     """
     sphere = framing or find_framing(asset)
     vector = _vector(up or up_axis(asset))
@@ -78,7 +78,10 @@ def _check_reach(asset: Asset, sphere: Framing, distance: float) -> None:
 
 
 class Bulk(NamedTuple):
-    """Where most faces of an asset are, from a sample of them, in float64. Outliers are ignored."""
+    """The region with most faces of an asset, measured on a sample of the faces in float64.
+
+    Outliers are ignored.
+    """
 
     # (n, 3, 3) corners of all sampled faces, outliers included.
     corners: NDArray[np.float64]
@@ -89,7 +92,7 @@ class Bulk(NamedTuple):
 
 
 def find_bulk(asset: Asset, framing: Framing) -> Bulk:
-    """Return where most of the framed faces of an asset are; large assets are sampled evenly."""
+    """Return the region with most of an asset's framed faces; large assets are sampled evenly."""
     faces = asset.buffers["indices"]
     if framing.framed is not None:
         faces = faces[framing.framed]
@@ -102,10 +105,11 @@ def find_bulk(asset: Asset, framing: Framing) -> Bulk:
 def place_inside(
     asset: Asset, framing: Framing, bulk: Bulk, outside: Iterable[Camera], up: str | None = None
 ) -> list[Camera]:
-    """Return cameras within an asset that look across its middle, half-way out to the enclosing faces.
+    """Return cameras within an asset, halfway between its middle and the faces around it.
 
-    The cameras `outside` look at the framed part of the asset. For each of them, a camera on the same side
-    with the same image size is returned. The result is empty if most of the asset is flat.
+    The cameras `outside` look at the framed part of the asset. For each of these cameras, a camera on the
+    same side with the same image size is returned. It looks through the middle to the opposite side. The
+    result is empty if most of the asset is flat.
     """
     low, middle, high = bulk.low, bulk.middle, bulk.high
     if not (low < middle).all() or not (middle < high).all():
@@ -113,7 +117,8 @@ def place_inside(
     vector = _vector(up or up_axis(asset))
     cameras = []
     for camera in outside:
-        # Along each axis, the multiple of `away` at which a ray from the middle leaves the bulk of the faces.
+        # For each axis: the multiple of `away` at which a ray from the middle leaves the bounds of most
+        # faces.
         away = camera.center - framing.center
         reach = np.where(away > 0, high - middle, middle - low) / np.maximum(np.abs(away), 1e-300)
         eye = middle + 0.5 * reach.min() * away
@@ -126,14 +131,15 @@ def place_inside(
 def is_surrounded(bulk: Bulk) -> bool:
     """Return whether a few large faces surround many small ones, like walls or hills in a capture.
 
-    Then half of the area is much farther from the middle than half of the faces.
+    In this case, half of the area is much farther from the middle than half of the faces.
     """
     middles = bulk.corners.mean(axis=1)
     kept = ((bulk.low <= middles) & (middles <= bulk.high)).all(axis=1)
     sides = bulk.corners[kept, 1:] - bulk.corners[kept, :1]
     area = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
     away = np.linalg.norm(middles[kept] - bulk.middle, axis=1)
-    # Distance from the middle within which half of the area lies, compared with the median distance of faces.
+    # Compare the distance from the middle within which half of the area lies with the distance for half of
+    # the faces.
     order = np.argsort(away)
     total = np.cumsum(area[order])
     if not total.size or not np.isfinite(total[-1]):

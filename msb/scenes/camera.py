@@ -211,7 +211,7 @@ class Camera:
         )
 
     def scaled(self, factor: float) -> Camera:
-        """Return the camera of the same image, `factor` times as large, rounded half up to whole pixels.
+        """Return the camera of the same image at `factor` times its size, rounded half up to whole pixels.
 
         Intrinsics follow the rounded size. Datasets round in different ways: if the image exists, pass its
         size to `resized`.

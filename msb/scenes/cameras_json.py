@@ -16,8 +16,7 @@ from msb.scenes.poses import invert_pose
 def read(root: Node) -> list[Camera]:
     """Return the cameras in the file's order: first the test split, then the training split.
 
-    `img_name` is the file name up to its first dot, so two images may share it; "-ID" is then added to both
-    names.
+    `img_name` is the file name up to its first dot. If two images share it, "-ID" is added to both names.
     """
     names = Counter(node["img_name"].text() for node in root.items())
     cameras = []

@@ -21,18 +21,18 @@ from msb.scenes.poses import rotation_from_quaternion
 from msb.scenes.source import Source
 
 _Record = TypeVar("_Record", "Lens", "Shot")
-# Suffix -> reader of the format. The binary format is preferred, like in the 3DGS family.
+# The reader of each format by its suffix. The binary format is preferred, like in the 3DGS family.
 _FORMS: dict[str, ModuleType] = {".bin": colmap_binary, ".txt": colmap_text}
 
-# Largest number of cameras of a model. A camera takes about 0.5 kB and 60 microseconds, its record in a
-# malicious file only 73 bytes.
+# Largest number of cameras of a model. A camera takes about 0.5 kB of memory and 60 microseconds, but its
+# record in a malicious file only 73 bytes.
 MAX_CAMERAS = 1 << 20
 # Least length of a quaternion. COLMAP writes unit quaternions; shorter ones have no precise direction.
 MIN_QUATERNION = 1e-9
 
 
 def find_model(folder: Path) -> Path | None:
-    """Return the folder of a scene's COLMAP model: itself, sparse/0 or sparse; None if it has no model."""
+    """Return the folder of a scene's COLMAP model (the scene, sparse/0 or sparse), or None without model."""
     names = [f"{part}{suffix}" for part in ("cameras", "images", "points3D") for suffix in _FORMS]
     for place in (folder, folder / "sparse" / "0", folder / "sparse"):
         if any(is_file(place / name) for name in names):
@@ -150,5 +150,5 @@ def _camera(
     pose[:3, :3] = rotation_from_quaternion(shot.quaternion)
     pose[:3, 3] = shot.translation
     with shot_file.locating(shot.pointer, what):
-        check_name(name)  # before a file of this name is searched
+        check_name(name)  # check the name before a file of this name is searched
         return Camera(*intrinsics, pose, name, None if images is None else images.find(name))

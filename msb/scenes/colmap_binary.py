@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from msb.scenes.colmap_models import MODEL_NAMES, Lens, Shot, model_parameters
 from msb.scenes.source import Source
 
-# Number of records; a camera's id, model, width, height; an image's id, quaternion, translation, camera id; a
-# point's id, position, colour, error, track length.
+# Layouts of the records. Number of records. Camera: id, model, width, height. Image: id, quaternion,
+# translation, camera id. Point: id, position, colour, error, track length.
 _COUNT = struct.Struct("<Q")
 _LENS = struct.Struct("<iiQQ")
 _SHOT = struct.Struct("<i4d3di")
@@ -30,7 +30,7 @@ _POINTS_AT_A_TIME = 1 << 14
 
 
 class _Cursor:
-    """A position in a binary file that never moves past its end."""
+    """A position in a binary file. It never moves past the end of the file."""
 
     def __init__(self, source: Source) -> None:
         self.source = source
@@ -42,7 +42,7 @@ class _Cursor:
         return f"byte {self.at}"
 
     def count(self, what: str, least: int) -> int:
-        """Return the declared number of records if that many, of at least `least` bytes each, can follow."""
+        """Return the declared number of records; if the file is too short for them, raise an error."""
         (count,) = self.take(_COUNT, "the number of records")
         if count * least > self.size - self.at:
             left = self.size - self.at
@@ -129,7 +129,7 @@ def read_points(source: Source) -> tuple[NDArray[np.float64], NDArray[np.uint8]]
 
 
 def _starts_of_points(cursor: _Cursor, count: int) -> array[int]:
-    """Return the offset of each record in bytes; raise an error if one exceeds the file."""
+    """Return the offset of each record in bytes; raise an error if a record exceeds the file."""
     length_of_track, data, size = _COUNT.unpack_from, cursor.source.data, cursor.size
     starts = array("q")
     at = cursor.at

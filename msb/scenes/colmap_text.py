@@ -73,7 +73,7 @@ def read_points(source: Source) -> tuple[NDArray[np.float64], NDArray[np.uint8]]
         values.extend(line.numbers(words[1:7]))
         places.append(line.index)
     table = np.asarray(values).reshape(-1, 6)
-    # Coordinates must be finite, colours whole numbers from 0 to 255.
+    # Coordinates must be finite, and colours must be whole numbers from 0 to 255.
     colors = table[:, 3:]
     good = np.isfinite(table).all(axis=1) & ((colors >= 0) & (colors <= 255)).all(axis=1)
     good &= (colors == np.floor(colors)).all(axis=1)
@@ -113,13 +113,13 @@ class _Line:
         raise self.source.error("COLMAP_INVALID", message, pointer=self.pointer)
 
     def integer(self, word: bytes) -> int:
-        """Return a word as an integer."""
+        """Return `word` as an integer."""
         if not _INTEGER.fullmatch(word):
             self._bad_number(word, "a whole number of at most 18 digits")
         return int(word)
 
     def number(self, word: bytes) -> float:
-        """Return a word as a float."""
+        """Return `word` as a float."""
         return self.numbers([word])[0]
 
     def numbers(self, words: list[bytes]) -> list[float]:

@@ -18,7 +18,8 @@ NAMED = {"black": BLACK, "white": WHITE}
 def parse_color(text: str, official: object = None) -> Color | None:
     """Return the colour that `text` describes, or None if it is invalid.
 
-    Valid are black, white, #rrggbb, r,g,b in 0..1, and "official", which stands for the text `official`.
+    Valid texts are black, white, #rrggbb, r,g,b in 0..1, and "official", which is replaced by the argument
+    `official`.
     """
     word = text.strip().lower()
     if word == "official":
@@ -33,13 +34,13 @@ def parse_color(text: str, official: object = None) -> Color | None:
 
 
 def unit_color(values: Iterable[float | str]) -> Color | None:
-    """Return three numbers as a colour, None if one is outside 0 to 1; ValueError if they are not numbers."""
+    """Return three numbers as a colour, or None if a number is outside 0 to 1; raise ValueError for texts."""
     red, green, blue = map(float, values)
     return (red, green, blue) if all(0 <= value <= 1 for value in (red, green, blue)) else None
 
 
 def check_background(background: object, official: object = None) -> Color:
-    """Return the background passed to a renderer: three finite numbers, or a text for `parse_color`."""
+    """Return a background as a colour: three finite numbers are kept, and `parse_color` reads a text."""
     color = parse_color(background, official) if isinstance(background, str) else _three_numbers(background)
     if color is None:
         text = f"background is {shorten(repr(background), 60)}; pass three finite numbers, "

@@ -29,11 +29,16 @@ class ScenesOptions:
     resolution: Annotated[
         int | None,
         Option(
-            "1, 2, 4, 8: divide the size by it; -1: keep it; else: width in pixels.", ("--resolution", "-r")
+            "1, 2, 4 or 8 divides the size, -1 keeps it, any other number is the width in pixels.",
+            ("--resolution", "-r"),
         ),
     ] = None
     rules: Annotated[
-        str, Option("Read like the official code of this method; ours: rules of msb run.", metavar="NAME")
+        str,
+        Option(
+            "Read the scene by the rules of this method's official code, or of msb run (ours).",
+            metavar="NAME",
+        ),
     ] = "ours"
 
 
@@ -50,8 +55,8 @@ def scenes(
 ) -> None:
     """List the scenes found, the photographs that are used, and missing files.
 
-    One scene is described in full, several are listed in a table (-v describes each in full). Only image
-    headers are read. docs/datasets.md explains the layouts and the rules.
+    A single scene is described in full. Several scenes are listed in a table, or with -v described in full.
+    Only image headers are read. docs/datasets.md explains the layouts and the rules.
     """
     from msb.scenes.datasets import describe_scene, find_scenes
     from msb.scenes.datasets.read import rules_of
@@ -88,7 +93,7 @@ def scenes(
 
 
 def _print(reports: list[SceneReport], output: Output) -> None:
-    """Print one scene in full, several as a table with notes."""
+    """Print a single scene in full, or several scenes as a table with notes."""
     if len(reports) == 1 or output.verbose:
         for number, report in enumerate(reports):
             if number:
@@ -168,7 +173,8 @@ def _describe(scene: Scene) -> list[tuple[str, str]]:
         masks += f"; composited with the background {scene.compositing.replace('_', ' ')}"
     fixed = scene.dataset in DATASETS and DATASETS[scene.dataset].background is not None
     behind = "for every method" if fixed else "unless the method uses another"
-    # Number of different lenses, by relative focal lengths.
+    # Count the different lenses. A lens is its recorded image size and its focal lengths relative to the
+    # image.
     views = {
         (view.source_size or (view.width, view.height), view.fx / view.width, view.fy / view.height)
         for view in (*scene.train, *scene.test)
@@ -189,7 +195,7 @@ def _describe(scene: Scene) -> list[tuple[str, str]]:
 
 
 def _list_deviations(report: SceneReport) -> list[tuple[str, str]]:
-    """Return rows about deviations of official code; methods with equal deviations share a row."""
+    """Return rows on how official code reads the scene differently; methods that do the same share a row."""
     grouped: dict[tuple[str, ...], list[str]] = {}
     for name, texts in report.deviations.items():
         if texts:

@@ -1,6 +1,7 @@
 """The part of an asset that generated views frame: all of it, except for far outliers.
 
-A few stray faces far away would otherwise move all cameras so far away that the mesh covers hardly a pixel.
+Without this exception, a few stray faces could move all cameras so far away that the mesh covers hardly a
+pixel.
 """
 
 from dataclasses import dataclass
@@ -12,23 +13,24 @@ from msb.asset import Asset
 from msb.asset.build import measure_bounds
 from msb.asset.look import normals_of
 
-# Smallest share of the pixels of its views that a mesh must cover; below it nothing is judged in them. At
-# 1 %, a PSNR is 20 dB above that of the mesh alone.
+# A mesh must cover at least this share of the pixels of its views; otherwise the views are not used to judge
+# it. At 1 % coverage, the PSNR of a whole image is 20 dB above the PSNR of the mesh's pixels.
 MIN_COVERAGE = 0.01
-# Faces are isolated if they are at least this factor farther from the middle than all other faces. Framing
-# them would shrink the others to about a quarter of their pixels.
+# Faces are isolated if they are at least this many times as far from the middle as all other faces. If
+# isolated faces were framed, the others would shrink to about a quarter of their pixels.
 _ISOLATED = 2.0
-# Largest shares of the faces and of the area for which isolated faces carry nothing.
+# Isolated faces are left out if they are at most these shares of the faces and of the area.
 _FEW_FACES, _LITTLE_AREA = 0.1, 0.01
-# Largest share of the faces that are ignored whatever their area, if the others would cover too little.
+# If the other faces would cover too few pixels, isolated faces up to this share are left out whatever their
+# area.
 _STRAY_FACES = 0.01
-# Share of the faces or of the area in the dense part of a mesh.
+# Smallest share of the faces, or of the area, that the dense part of a mesh holds.
 _DENSE = 0.9
-# Share of pixels that a mesh covers, as a multiple of its area over its squared radius. Measured on a
-# turntable at 4:3: 0.042 for a sphere, 0.058 for a disc.
+# Factor that estimates the share of pixels that a mesh covers from its area divided by its squared radius.
+# Measured on a turntable at 4:3: 0.042 for a sphere, 0.058 for a disc.
 _COVERED = 0.05
-# Estimated share of covered pixels below which the dense part is framed alone, if it covers twice as much.
-# The estimate is up to four times too large where parts hide each other.
+# If the estimated share of covered pixels is lower, only the dense part is framed, provided that it covers at
+# least twice this share. The estimate is up to four times too large where parts hide each other.
 _SPARSE = 4 * MIN_COVERAGE
 # Largest number of faces from which the middle is computed.
 _SAMPLES = 200_000
@@ -36,7 +38,7 @@ _SAMPLES = 200_000
 
 @dataclass(frozen=True, eq=False)
 class Framing:
-    """The sphere that generated views frame, and the faces that are left out of it.
+    """The sphere that generated views frame, and the faces outside of it.
 
     Attributes
     ----------
@@ -46,7 +48,7 @@ class Framing:
     framed : (F,) mask, or None
         The faces inside the sphere; None for all.
     left_out : str
-        What is left out, in words; "" for nothing.
+        What is left out, in words; "" if nothing is left out.
     """
 
     center: tuple[float, float, float]
@@ -56,16 +58,16 @@ class Framing:
 
     @property
     def note(self) -> str:
-        """The end of a sentence about generated views: what they leave out; "" for nothing."""
+        """The end of a sentence about generated views: says what they leave out, or "" for nothing."""
         return f"; far outliers are not framed: {self.left_out}" if self.left_out else ""
 
 
 def find_framing(asset: Asset) -> Framing:
-    """Return the part of an asset that carries its area or most of its faces."""
+    """Return the sphere around an asset; far outliers are left out if they are few and have little area."""
     sphere = asset.manifest.bounding_sphere
     everything = Framing(sphere.center, sphere.radius)
     positions, faces = asset.buffers["positions"], asset.buffers["indices"]
-    # Distance (V,) of all vertices from the middle of the faces. Usually none is far away.
+    # Distance (V,) of all vertices from the middle of the faces. Usually no vertex is far away.
     away = np.linalg.norm(positions - _find_middle(positions, faces), axis=1)
     if away.max() < _ISOLATED * np.median(away[_sample(faces)].max(axis=1)):
         return everything
@@ -75,7 +77,7 @@ def find_framing(asset: Asset) -> Framing:
     solid = np.flatnonzero(np.isfinite(area) & (area > 0))
     if not len(solid):
         return everything
-    # The same for faces with an area (n,): the distances of their nearest and farthest corners.
+    # Repeat this for the n faces with an area: distances (n,) of their nearest and farthest corners.
     away = np.linalg.norm(positions - _find_middle(positions, faces[solid]), axis=1)
     corners = away[faces[solid]]
     near, far, area = corners.min(axis=1), corners.max(axis=1), area[solid]
@@ -112,7 +114,7 @@ def _find_middle(positions: NDArray[np.float32], faces: NDArray[np.uint32]) -> N
 def _drop_isolated(
     near: NDArray[np.float64], far: NDArray[np.float64], area: NDArray[np.float64]
 ) -> NDArray[np.bool_]:
-    """Return a mask (n,) without isolated faces that carry neither area nor a part of the faces.
+    """Return a mask (n,) of all faces except isolated ones that are few and have little area.
 
     `near` and `far` (n,) are the distances of the nearest and the farthest corner of each face.
     """
@@ -136,13 +138,14 @@ def _drop_isolated(
 def _find_dense(far: NDArray[np.float64], area: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Return a mask (n,) of the faces of the dense part, if all faces together would cover too few pixels.
 
-    All faces are returned if there is no dense part that covers enough of them.
+    If no dense part covers enough pixels, all faces are returned.
     """
     everything = np.ones(len(far), bool)
     # The sphere around everything has at least half of the largest distance as its radius.
     if _COVERED * area.sum() >= _SPARSE * (far.max() / 2) ** 2:
         return everything
-    # Spheres around the first k faces that hold most of the faces, or most of the area and half of the faces.
+    # Consider the sphere around the first k faces, for each k. It must hold most of the faces, or most of the
+    # area and half of the faces.
     order = np.argsort(far, kind="stable")
     radius, inner = far[order], np.cumsum(area[order])
     count = np.arange(1, len(order) + 1)
@@ -151,6 +154,6 @@ def _find_dense(far: NDArray[np.float64], area: NDArray[np.float64]) -> NDArray[
     good = np.flatnonzero(is_most & is_covered & (_ISOLATED * radius <= radius[-1]) & (radius > 0))
     if not len(good):
         return everything
-    # Of these, take the one with the largest gap behind it.
+    # Of these spheres, take the one with the largest gap to the next face.
     best = good[np.argmax(radius[good + 1] / radius[good])]
     return np.asarray(far <= radius[best])

@@ -51,11 +51,11 @@ class Node:
         return self.source.error(code, text, pointer=self.pointer)
 
     def abbreviated(self) -> str:
-        """Return this value for a message: its text if short, else its kind."""
+        """Return this value for a message: its text if it is short, otherwise its kind."""
         return describe(self.value)
 
     def wrong_type(self, wanted: str) -> SceneError:
-        """Return the error that this value is not `wanted`."""
+        """Return an error that says that this value is not `wanted`."""
         return self.error("CAMERA_FILE", f"it is {self.abbreviated()}; it must be {wanted}")
 
     def get(self, key: str) -> Node | None:

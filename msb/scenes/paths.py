@@ -89,8 +89,8 @@ def turntable(
 def unit_at(distance: float) -> float:
     """Return the `Camera.unit` for an object at `distance`, so that images do not depend on its scale.
 
-    Ordinary distances have unit 1, which leaves results unchanged. Others have a power of two, which does not
-    round.
+    For ordinary distances the unit is 1, which leaves results unchanged. For other distances it is a power of
+    two, which causes no rounding errors.
     """
     return 1.0 if 0.5 <= distance <= 64 else 2.0 ** (round(math.log2(distance)) - 1)
 
@@ -139,7 +139,7 @@ def _check_frames(count: int) -> None:
 
 
 def _spline_keys(keys: NDArray[np.float64], segment: int, closed: bool) -> NDArray[np.float64]:
-    """Return the keys (4, D) of the spline in `segment`: one before it, its two ends, one after."""
+    """Return the keys (4, D) of the spline in `segment`: its two ends, the key before, and the key after."""
     if closed:
         return keys[np.arange(segment - 1, segment + 3) % len(keys)]
     before = keys[segment - 1] if segment else 2 * keys[0] - keys[1]

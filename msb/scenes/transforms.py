@@ -100,7 +100,7 @@ def _image_name(path: str) -> str:
 
 
 def _size(frame: Node, width: Node | None, height: Node | None, image: Path) -> tuple[int, int]:
-    """Return the recorded size, else the size of the image file."""
+    """Return the recorded size or, if it is missing, the size of the image file."""
     if width is not None and height is not None:
         with width.locating():
             return check_size((width.whole(), height.whole()))

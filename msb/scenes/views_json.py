@@ -125,7 +125,7 @@ def write_cameras(
 
 
 def _entry(camera: Camera) -> dict[str, Any]:
-    """Return the camera as JSON data; floats are written such that they are read back exactly."""
+    """Return the camera as JSON data; floats are written so that reading gives exactly the same values."""
     entry = {"name": camera.name} | {key: getattr(camera, key) for key in _REQUIRED}
     entry |= {key: getattr(camera, key) for key in _OPTIONAL[1:]}
     entry["world_to_camera"] = camera.world_to_camera.tolist()

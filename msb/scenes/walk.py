@@ -1,4 +1,4 @@
-"""Cameras off the path of a capture: a flight beside its cameras, and cameras in the gaps between them."""
+"""Cameras away from those of a capture: a flight beside them, and additional cameras in their gaps."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -26,10 +26,10 @@ def make_walk(
     """Return the first `frames` cameras of a closed flight between and beyond the cameras of a capture.
 
     The flight passes at most ten of `stops`, evenly spread, in their order. Each stop is displaced by `reach`
-    times the radius of the `capture` (the largest distance of a camera from the mean of all), in turn to its
-    right, nearer, left, farther and up. It is rotated such that the point nearest to the axes of all cameras
-    stays at its place in the image. The way to the next stop takes 24 frames (`interpolate_cameras`).
-    A walk that is longer than one round starts again.
+    times the radius of the `capture`, which is the largest distance of a camera from the mean of all cameras.
+    The direction alternates: right, nearer, left, farther, up. The displaced camera is rotated so that the
+    point nearest to the axes of all cameras keeps its place in the image. The flight takes 24 frames to the
+    next stop (`interpolate_cameras`). A walk that is longer than one round starts again.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ def find_target(cameras: Sequence[Camera]) -> NDArray[np.float64]:
 
 
 def _move(camera: Camera, offset: NDArray[np.float64], aim: NDArray[np.float64]) -> Camera:
-    """Return a camera moved by `offset` along its axes, and rotated to keep `aim` in place if possible."""
+    """Return a camera moved by `offset` along its axes, and rotated to keep `aim` in place in the image."""
     pose = camera.world_to_camera.copy()
     before = pose[:3, :3] @ aim + pose[:3, 3]
     pose[:3, 3] -= offset
@@ -97,13 +97,13 @@ def _rotation_between(start: NDArray[np.float64], end: NDArray[np.float64]) -> N
 def fill_gaps(cameras: Sequence[Camera], count: int) -> list[Camera]:
     """Return at most `count` additional cameras, each halfway between two neighbours.
 
-    Neighbours are two cameras of `cameras`, or of those added before, such that no other camera is nearer to
-    the pose halfway between them. Their rotations must differ by less than 120 degrees, because a straight
-    path to the other side of an object could pass through the object. The new camera is the halfway pose that
-    is farthest from its nearest camera, so the widest gaps are filled first. The distance of two cameras is
-    the angle between their axes in radians, plus the distance of their centres in radii of the capture. Fewer
-    cameras are returned if `cameras` is a single camera, or if its cameras are in one place or opposite each
-    other.
+    Cameras that were added earlier also count. Two cameras are neighbours if no other camera is nearer to the
+    pose halfway between them. Their rotations must differ by less than 120 degrees, because a straight path
+    to the other side of an object could pass through the object. The next camera is the halfway pose with the
+    largest distance to its nearest camera, so the widest gaps are filled first. The distance of two cameras
+    is the angle between their axes in radians, plus the distance of their centres in radii of the capture.
+    Fewer cameras are returned if `cameras` is a single camera, or if its cameras are in one place or opposite
+    each other.
     """
     aim = find_target(cameras)
     every = list(cameras)
@@ -133,15 +133,15 @@ def _interpolate_halfway(
 ) -> NDArray[np.float64]:
     """Return the poses (N, 4, 4) halfway between the poses `starts` and `ends`.
 
-    If both cameras look at `aim`, the halfway pose is on an arc around it: the point in front of a camera, as
-    far away as `aim`, moves along a line, and its distance changes linearly. If `aim` is behind the cameras,
-    as in a room, the cameras move along a line.
+    If both cameras look at `aim`, the halfway pose is on an arc around it. Each camera has a point in front
+    of it at the depth of `aim`. The halfway pose has the mean of these points and depths. If `aim` is behind
+    the cameras, as in a room, the cameras move along a line.
     """
     # The mean rotation is the nearest orthogonal matrix to the sum.
     left, _, right = np.linalg.svd(starts[:, :3, :3] + ends[:, :3, :3])
     halfway = starts.copy()
     halfway[:, :3, :3] = left @ right
-    # Mean distance to the point in front, and the mean of these points.
+    # Mean depth of the point in front of each camera, and the mean of these points.
     away = np.zeros(len(halfway))
     seen = np.zeros((len(halfway), 3))
     for pose in (starts, ends):

@@ -39,7 +39,7 @@ class Components:
     def largest(self) -> int | None:
         """Return the component with most faces, or None for a mesh without components.
 
-        Ties go to the larger area, then to the lowest face: components are numbered by their lowest face.
+        Of equally large components, the one with the larger area wins, then the one with the lowest face.
         """
         if self.count == 0:
             return None
@@ -49,7 +49,7 @@ class Components:
 
 @dataclass(frozen=True)
 class Offending:
-    """Element numbers (n,), ascending, by the JSON key under which the audit counts these elements."""
+    """The numbers (n,) of faulty elements, ascending. Keys are the names of the audit's counts."""
 
     edges: dict[str, NDArray[Any]]
     vertices: dict[str, NDArray[Any]]
@@ -57,10 +57,10 @@ class Offending:
 
 
 class Analysis:
-    """A mesh with its half-edges, fans, boundary, components and properties of faces.
+    """A mesh with its half-edges, fans, boundary, components and face properties.
 
     Pass arrays from `mesh_arrays`, which checks them. Each part is computed on first use with NumPy and
-    SciPy, and its time in milliseconds is added to `timings_ms`.
+    SciPy. Its time in milliseconds is added to `timings_ms`.
     """
 
     def __init__(self, vertices: NDArray[Any], faces: NDArray[Any]) -> None:
@@ -136,7 +136,7 @@ class Analysis:
     def offending(self) -> Offending:
         """The elements that the audit reports, by the keys of its counts."""
         mesh, fans = self.mesh, self.fans
-        # Crowded edges have more than two faces. At a flipped two-face edge both half-edges start at the same
+        # Crowded edges have more than two faces. Both half-edges of a flipped two-face edge start at the same
         # vertex.
         crowded = np.flatnonzero(mesh.multiplicity > 2)
         first, second = mesh.two_face_halfedges
@@ -172,7 +172,7 @@ def find_components(mesh: HalfEdgeMesh, area: NDArray[np.float64]) -> tuple[Comp
     compact = np.full(mesh.face_count, NONE, mesh.faces.dtype)
     compact[proper] = np.arange(len(proper), dtype=mesh.faces.dtype)
     first, second = (compact[face_of(h)] for h in mesh.two_face_halfedges)
-    # Join across two-face edges first, then join these parts across edges with more faces.
+    # Join faces across two-face edges first. Then join these parts across edges with more faces.
     two_face, part = label_components(len(proper), first, second)
     first, second = (part[compact[face_of(h)]] for h in mesh.chained_halfedges)
     count, merged = label_components(two_face, first, second)

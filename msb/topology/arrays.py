@@ -1,4 +1,4 @@
-"""Check that the arrays of a caller are a triangle mesh."""
+"""Check that two arrays describe a triangle mesh."""
 
 from typing import Any
 
@@ -14,8 +14,7 @@ MAX_FACES = (2**31 - 1) // 3
 
 
 def mesh_arrays(vertices: ArrayLike, faces: ArrayLike) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Return `vertices` (V, 3) as floats and `faces` (F, 3) as integers after checking that every index is
-    valid.
+    """Return `vertices` (V, 3) as floats and `faces` (F, 3) as integers, and check that every index is valid.
 
     Coordinates keep their precision and may be NaN or infinite. Faces are int32, or int64 if vertex indices
     need it.

@@ -25,7 +25,7 @@ SCHEMA = "msb.audit/1"
 
 @dataclass(frozen=True)
 class Metrics:
-    """The metrics of the paper's table "Per-scene mesh diagnostics", and related numbers.
+    """The metrics of the table "Per-scene mesh diagnostics" of the paper, and related numbers.
 
     A ratio with a zero denominator is None. Areas are in squared length units of the mesh.
     """
@@ -63,7 +63,7 @@ class Sample:
 
 @dataclass(frozen=True, repr=False)
 class Audit:
-    """The audit of a mesh. `print` shows it in a few lines, a notebook as a small table.
+    """The audit of a mesh. `print` shows it in a few lines. A notebook shows it as a small table.
 
     Attributes
     ----------
@@ -75,8 +75,7 @@ class Audit:
         Whether every vertex is used by exactly one face, so that V = 3F.
     counts, metrics : Counts, Metrics
     valence_histogram : dict of int to int
-        Number of edges at a vertex -> number of vertices with as many edges. Unreferenced vertices count as 0
-        edges.
+        The number of vertices for each number of edges at a vertex. Unreferenced vertices have 0 edges.
     winding_consistent : bool
         Whether the two faces of every two-face edge run along it in opposite directions.
     samples : dict of str to tuple of Sample
@@ -103,7 +102,7 @@ class Audit:
     cross_check : list or None
         Rows of `msb.topology.crosscheck`.
     timings_ms : dict of str to float
-        Stage -> milliseconds.
+        Milliseconds by stage.
     computed_by : str
         "NumPy", or "OpenCL" and the device; both give the same results.
     verdict : {"ok", "limited", "bad"}
@@ -135,7 +134,7 @@ class Audit:
 
     @property
     def judged(self) -> Audit:
-        """The audit that decides the verdict: without seams, if the mesh has seams."""
+        """The audit that decides the verdict. For a mesh with seams it is the audit with merged seams."""
         return self.without_seams or self
 
     @property
@@ -226,7 +225,10 @@ class Audit:
         }
 
     def variants(self) -> dict[str, dict[str, int]]:
-        """Return the readings of the two ambiguous terms by name; the first of each is the headline."""
+        """Return the counts under each definition of the two ambiguous terms.
+
+        The audit prints the count of the first definition of each term.
+        """
         c = self.counts
         return {
             "nonmanifold_vertices": {
@@ -252,9 +254,9 @@ def audit_arrays(
 ) -> tuple[Audit, Analysis]:
     """Return the audit of plain arrays, and the analysis for viewers and exports.
 
-    `attributes` are the UVs and colours that may duplicate vertices at seams
-    (`msb.topology.seams.seam_attributes`). `check_crossings` also checks the bodies of a closed mesh.
-    The analysis of a large mesh is computed on first use, part by part, because kernels compute its audit.
+    `attributes` are the UVs and colours for which a file may duplicate vertices at seams; see
+    `msb.topology.seams.seam_attributes`. `check_crossings` also checks the bodies of a closed mesh. Kernels
+    compute the audit of a large mesh. Its analysis is therefore computed only when a caller uses it.
     """
     points, triangles = mesh_arrays(vertices, faces)
     findings, analysis = find_findings(points, triangles)
@@ -281,13 +283,13 @@ def audit_arrays(
         after_weld = audit_merged(findings, points, triangles)
     closes = after_weld is not None and is_closed(after_weld)
     report = replace(report, merged=after_weld)
-    # Without its duplicate faces, and the bodies of a closed mesh.
+    # The counts without duplicate faces, and the bodies of a closed mesh.
     if report.counts.duplicate_faces and report.counts.nonmanifold_vertices:
         single = triangles[~find_duplicate_faces(triangles)]
         report = replace(report, without_duplicates=find_findings(points, single)[0].counts)
     if check_crossings and is_closed(report.counts) and not report.counts.nonfinite_faces:
         report = replace(report, bodies=check_bodies(points, triangles))
-    # Whether the corners of a triangle soup meet, ignoring its repeated-index rows.
+    # Whether any corners of a triangle soup coincide; repeated-index rows are ignored.
     coincide = None
     if report.counts.all_apart:
         degenerate = report.counts.repeated_index_faces > 0
@@ -299,7 +301,7 @@ def audit_arrays(
 def _name_stored_vertices(
     samples: dict[str, tuple[Sample, ...]], first: NDArray[Any]
 ) -> dict[str, tuple[Sample, ...]]:
-    """Return samples of the mesh without seams with the vertex rows of the file, `first` (W,)."""
+    """Return the samples with the vertex numbers of the file: merged vertex i is row `first[i]` (W,)."""
     return {
         kind: tuple(
             replace(

@@ -1,10 +1,10 @@
 """Find pairs of faces that cross each other, decided exactly for float64 corners.
 
-Two faces cross if an edge of one passes from one side of the other face to its other side, through the face
-or its border. Signs of determinants decide (Guigue and Devillers, "Fast and Robust Triangle-Triangle Overlap
-Test Using Orientation Predicates", 2003); a determinant within its rounding error counts as 0. Faces that
-only touch do not cross, and neither do neighbours at their shared corner or edge, or coplanar faces that
-overlap.
+Two faces cross if an edge of one face passes through the other face or its border, from one side to the
+other. The test uses signs of determinants (Guigue and Devillers, "Fast and Robust Triangle-Triangle Overlap
+Test Using Orientation Predicates", 2003). A determinant within its rounding error counts as 0. Faces that
+only touch do not cross. Neighbours do not cross at their shared corner or edge. Coplanar faces do not cross,
+even if they overlap.
 """
 
 from collections.abc import Iterator, Sequence
@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-# Error bound of a 3 x 3 determinant of differences, relative to its permanent: (7 + 56 eps) eps with eps =
-# 2^-53 (Shewchuk, "Adaptive Precision Floating-Point Arithmetic", 1997, for orient3d).
+# Error bound of a 3 x 3 determinant of differences, relative to its permanent. It is (7 + 56 eps) eps with
+# eps = 2^-53 (Shewchuk, "Adaptive Precision Floating-Point Arithmetic", 1997, for orient3d).
 _ROUNDING = 7.8e-16
-# Candidate pairs per batch. Their arrays fit into the cache of the processor, which is twice as fast as
-# batches of millions.
+# Candidate pairs per batch. Their arrays fit into the processor cache. Batches of millions of pairs take
+# twice as long.
 _PAIRS_AT_ONCE = 1 << 16
 # Maximum number of grid cells per face, on average. A finer grid would put large faces into too many cells.
 _CELLS_PER_FACE = 64
@@ -62,7 +62,7 @@ def _find_near_pairs(
     # Cell size: the 75 % quantile of the face sizes, but no less than 1/1024 of the extent.
     cell = max(float(np.quantile(sizes, 0.75)), float(extent) / 1024, np.finfo(np.float64).tiny)
     while True:
-        # At most 1025 cells along each axis, so that cell numbers fit into 32 bits.
+        # There are at most 1025 cells along each axis, so that cell numbers fit into 32 bits.
         first, last = (np.floor((edge - origin[:, None]) / cell).astype(np.int32) for edge in (low, high))
         spans = last - first + 1
         cells = spans.prod(axis=0, dtype=np.int64)
@@ -89,8 +89,8 @@ def _find_near_pairs(
         key, face = key[keep], face[keep]
         if not len(key):
             return
-    # Pair each entry with the later entries of its cell. `total` is the cumulative number of pairs; batches
-    # have about _PAIRS_AT_ONCE of them.
+    # Pair each entry with the later entries of its cell. `total` is the cumulative number of pairs. A batch
+    # has about _PAIRS_AT_ONCE pairs.
     ends = np.flatnonzero(np.append(key[1:] != key[:-1], True)) + 1
     stop = np.repeat(ends, np.diff(ends, prepend=0))
     total = np.cumsum(stop - np.arange(len(face)) - 1)
@@ -109,7 +109,7 @@ def _find_near_pairs(
             lowest, highest = low[axis][faces], high[axis][faces]
             overlap = (lowest[left] <= highest[right]) & (lowest[right] <= highest[left])
             left, right = left[overlap], right[overlap]
-        # Two boxes may share several cells: keep the pair only in the lowest of them.
+        # Two boxes may share several cells. Keep their pair only in the lowest of these cells.
         pairs = np.stack([faces[left], faces[right]])
         shared = np.maximum(first[:, pairs[0]], first[:, pairs[1]])
         keep = key[start + left] == _number_cells(shared, count)
@@ -123,22 +123,22 @@ def _number_cells(cell: Sequence[NDArray[np.int32]], count: NDArray[np.int32]) -
 
 
 def _test_pairs(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return which pairs of triangles, each (n, 3, 3), cross, as (n,)."""
+    """Return a mask (n,) of the pairs that cross; `first` and `second` are triangles (n, 3, 3)."""
     first, second = (np.ascontiguousarray(corners.transpose(1, 2, 0)) for corners in (first, second))
     result = np.zeros(first.shape[2], bool)
-    # signs_1 (3, n): sides of the corners of `first` relative to the planes of `second`. This excludes most
-    # pairs, because all three corners are on one side.
+    # signs_1 (3, n): sides of the corners of `first` relative to the planes of `second`. Most pairs end here,
+    # because all three corners are on one side.
     signs_1 = np.stack([_find_sides(second[0], second[1], second[2], first[k]) for k in range(3)])
     rows = np.flatnonzero(np.abs(signs_1.sum(axis=0)) < 3)
     first, second, signs_1 = first[..., rows], second[..., rows], signs_1[:, rows]
     signs_2 = np.stack([_find_sides(first[0], first[1], first[2], second[k]) for k in range(3)])
-    # Remove pairs if all corners of `second` are on one side, or if no edge changes sides.
+    # Remove pairs in which all corners of `second` are on one side, or in which no edge changes sides.
     apart = (np.abs(signs_2.sum(axis=0)) == 3) | (_are_on_one_side(signs_1) & _are_on_one_side(signs_2))
     rest = np.flatnonzero(~apart)
     rows, first, second = rows[rest], first[..., rest], second[..., rest]
     crossed = np.zeros(len(rows), bool)
-    # An edge crosses a face if its ends are on different sides of the plane, and if it passes the three edges
-    # of the face in the same sense of rotation.
+    # An edge crosses a face if its ends are on different sides of the plane, and if it also passes all three
+    # edges of the face with the same sense of rotation.
     for edges, face, signs in ((first, second, signs_1[:, rest]), (second, first, signs_2[:, rest])):
         for k in range(3):
             start, stop = edges[k], edges[(k + 1) % 3]

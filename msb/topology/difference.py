@@ -17,9 +17,9 @@ class Difference:
     Attributes
     ----------
     deleted : (n,) int64
-        Numbers of faces of the old mesh that the new one lacks.
+        Numbers of the faces of the old mesh that are missing in the new mesh.
     added : (n,) int64
-        Numbers of faces of the new mesh that the old one lacks.
+        Numbers of the faces of the new mesh that are missing in the old mesh.
     cut : (n,) int64
         Edges of the old mesh, by position in `HalfEdgeMesh.edge_vertices`, that became several edges.
     """
@@ -39,14 +39,14 @@ def find_difference(
     are ignored. If k of n coincident faces were deleted or added, the last k of them are returned. Takes
     O((V + F) log (V + F)) time.
     """
-    # Number the positions of both meshes together; describe each face by its sorted positions.
+    # Number the positions of both meshes together. Describe each face by its sorted position numbers.
     _, place = merge_coincident(
         np.concatenate([np.asarray(points, np.float64) for points, _ in (before, after)]), "exact"
     )
     places = np.split(place, [len(before[0])])
     rows = [np.sort(where[faces], axis=1) for where, (_, faces) in zip(places, (before, after), strict=True)]
     surplus = _find_surplus(*rows), _find_surplus(*rows[::-1])
-    # A cut edge became several coincident edges. Return the first old edge at each such place.
+    # A cut edge became several coincident edges. Return the first old edge at the place of each cut edge.
     edges = [build_half_edges(faces, len(points)).edge_vertices for points, faces in (before, after)]
     old, new = (np.sort(where[ends], axis=1) for where, ends in zip(places, edges, strict=True))
     more = new[_find_surplus(new, old)]
@@ -54,8 +54,8 @@ def find_difference(
 
 
 def _find_surplus(rows: NDArray[Any], other: NDArray[Any]) -> NDArray[np.int64]:
-    """Return the numbers of the surplus rows: of a row that `rows` (n, k) holds more often than `other`, the
-    last occurrences.
+    """Return the numbers of the surplus rows of `rows` (n, k): the last copies of a row that `other` holds
+    less often.
     """
     _, group = np.unique(np.concatenate([rows, other]), axis=0, return_inverse=True)
     group_of_row, group_of_other = np.split(group.reshape(-1), [len(rows)])
@@ -67,8 +67,9 @@ def _find_surplus(rows: NDArray[Any], other: NDArray[Any]) -> NDArray[np.int64]:
 
 
 def _find_first(rows: NDArray[Any], wanted: NDArray[Any]) -> NDArray[np.int64]:
-    """Return the number of the first row in `rows` (n, k) that equals each row of `wanted`; rows of `wanted`
-    without a match are skipped.
+    """Return for each row of `wanted` the number of the first equal row in `rows` (n, k).
+
+    Rows of `wanted` without a match are skipped.
     """
     _, group = np.unique(np.concatenate([rows, wanted]), axis=0, return_inverse=True)
     group_of_row, group_of_wanted = np.split(group.reshape(-1), [len(rows)])

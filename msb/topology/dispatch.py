@@ -15,8 +15,8 @@ from msb.topology.findings import Findings, find_by_numpy
 if TYPE_CHECKING:
     from msb.cl import Device
 
-# Minimum number of faces for the kernels. Below it, opening a device takes longer than the kernels save, and
-# small meshes never wait for a compiler.
+# Minimum number of faces for the kernels. For smaller meshes, opening a device and compiling the kernels
+# takes longer than the kernels save.
 FEWEST_FACES = 1 << 16
 
 
@@ -42,7 +42,7 @@ def find_findings(points: NDArray[Any], faces: NDArray[Any]) -> tuple[Findings, 
 
 
 def _shared_cpu() -> Device:
-    """Return the default device if it uses the CPU style of kernels, otherwise the first CPU device."""
+    """Return the default device if its kernels are of style "cpu", otherwise the first CPU device."""
     from msb.cl import shared_device
     from msb.cl.devices import choose_device
 

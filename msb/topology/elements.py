@@ -1,4 +1,4 @@
-"""Offending elements with their vertices, as `--elements` writes them and viewers draw them."""
+"""Offending elements with their vertices, for the option `--elements` and for viewers."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -22,9 +22,9 @@ class ElementGroup:
 class Elements:
     """A mesh with its offending elements and its components.
 
-    `groups` are ordered: vertices, edges, faces. Kinds are keys of the audit's counts, and the number of an
-    edge is its position among the sorted vertex pairs. `face_component` (F,) numbers components by size,
-    largest first; repeated-index rows have -1.
+    `groups` are ordered: vertices, edges, faces. Kinds are keys of the audit's counts. The number of an edge
+    is its position among the sorted vertex pairs. `face_component` (F,) numbers components by size, largest
+    first; repeated-index rows have -1.
     """
 
     vertices: NDArray[Any]
@@ -52,5 +52,5 @@ def _rank_by_size(analysis: Analysis) -> NDArray[Any]:
     order = np.lexsort((np.arange(components.count), -components.areas, -components.sizes))
     rank = np.zeros(components.count + 1, components.face_component.dtype)
     rank[order] = np.arange(components.count)
-    rank[-1] = -1  # the value for NONE, which is index -1
+    rank[-1] = -1  # NONE is index -1 and keeps -1
     return np.asarray(rank[components.face_component])

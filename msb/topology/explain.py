@@ -1,4 +1,4 @@
-"""The definition of every number of the audit, as plain data: what `msb-audit --explain` prints.
+"""The definition of every number of the audit, as plain data. `msb-audit --explain` prints them.
 
 explanations.toml holds the data; docs/definitions.md gives the reasons behind the definitions.
 """
@@ -38,7 +38,7 @@ class Explanation:
     special : str
         Values for empty, degenerate or damaged meshes; empty if there is nothing to add.
     peers : mapping of str to str
-        Library -> "agrees", or the exact difference.
+        For each library, "agrees" or the exact difference.
     aliases : tuple of str
         Further names that `explain` accepts.
     """
@@ -118,14 +118,15 @@ def explain(name: str) -> Explanation:
         for known in (entry.name, entry.symbol, *entry.aliases)
         if known
     }
-    # LCC_area and lcc_area are different symbols. In any other spelling the first one is used: the column of
+    # LCC_area and lcc_area are different symbols. Any other spelling means the first of them, the column of
     # the paper.
     folded: dict[str, Explanation] = {}
     for known, entry in exact.items():
         folded.setdefault(known.casefold(), entry)
     match = exact.get(wanted) or folded.get(wanted.casefold())
     if match is None:
-        # Names that are spelled alike, or that contain the text, such as "manifold". 0.7: no chance matches.
+        # Suggest names that contain the text, such as "manifold", or are spelled alike. A cutoff of 0.7
+        # avoids chance matches.
         near = difflib.get_close_matches(wanted.casefold(), folded, 3, 0.7)
         near += [known for known in folded if len(wanted) > 2 and wanted.casefold() in known]
         near = list(dict.fromkeys(near))[:4]

@@ -19,7 +19,7 @@ def face_areas(vertices: NDArray[Any], faces: NDArray[Any]) -> tuple[NDArray[np.
         for start in range(0, len(faces), _CHUNK):
             corners = vertices[faces[start : start + _CHUNK]].astype(np.float64)
             first = corners[:, 0]
-            # Written out to fix the order of the sum, so that the kernels give bit-identical areas.
+            # The sum is written out to fix its order, so that the kernels give bit-identical areas.
             x, y, z = np.cross(corners[:, 1] - first, corners[:, 2] - first).T
             area[start : start + _CHUNK] = 0.5 * np.sqrt(x * x + y * y + z * z)
     finite = np.isfinite(area)
@@ -28,10 +28,10 @@ def face_areas(vertices: NDArray[Any], faces: NDArray[Any]) -> tuple[NDArray[np.
 
 
 def signed_volume(vertices: NDArray[Any], faces: NDArray[np.int64]) -> float:
-    """Return the volume of a closed mesh in cubed length units; it is negative if the mesh is wound inwards.
+    """Return the volume of a closed mesh in cubed length units.
 
-    Adds the signed volumes of the tetrahedra between each face and the first corner of the mesh. A point of
-    the mesh as apex keeps rounding errors small.
+    It is negative if the mesh is wound inside out. Adds the signed volumes of the tetrahedra between each
+    face and the first corner of the mesh. A point of the mesh as apex keeps rounding errors small.
     """
     if not len(faces):
         return 0.0
@@ -42,9 +42,9 @@ def signed_volume(vertices: NDArray[Any], faces: NDArray[np.int64]) -> float:
 def sum_areas(area: NDArray[np.float64], group: NDArray[Any], groups: int) -> NDArray[np.float64]:
     """Return the area (groups,) of each group of faces, added in the order of the faces.
 
-    `area` (F,) is non-negative and `group` (F,) is the group of each face. Adding in face order guarantees
-    that the area of a group never exceeds the area of all faces: rounding is monotone. Both are equal if all
-    other faces have zero area.
+    `area` (F,) is non-negative and `group` (F,) is the group of each face. Rounding is monotone. Adding in
+    face order therefore guarantees that the area of a group never exceeds the area of all faces. Both are
+    equal if all other faces have zero area.
     """
     return np.bincount(group, weights=area, minlength=groups).astype(np.float64)
 
@@ -71,8 +71,7 @@ def find_duplicate_faces(faces: NDArray[Any]) -> NDArray[np.bool_]:
     if len(faces) < 2:
         return extra
     low, high = faces.min(axis=1), faces.max(axis=1)
-    # The middle index is the sum minus the lowest and the highest one; exact, because integers wrap
-    # consistently.
+    # The middle index is the sum minus the lowest and the highest index. An overflow of the sum cancels out.
     middle = faces[:, 0] + faces[:, 1] + faces[:, 2] - low - high
     order = np.lexsort((high, middle, low))  # stable: equal rows stay in ascending order
     same = np.ones(len(faces) - 1, bool)
@@ -89,7 +88,7 @@ UNWRAP_FACES = 8192
 
 
 def split_into_blocks(centers: NDArray[Any], most: int) -> list[NDArray[Any]]:
-    """Divide faces with these centres (F, 3) into compact blocks of at most `most` face numbers."""
+    """Divide faces, given by their centres (F, 3), into compact blocks of at most `most` face numbers."""
     blocks = [np.arange(len(centers))]
     while len(blocks[0]) > most:
         halves = []

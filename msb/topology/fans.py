@@ -1,7 +1,7 @@
 """Fans around vertices, boundary loops, and the readings of "non-manifold vertex".
 
 A *fan* is a set of corners at one vertex that are connected across two-face edges. A vertex is manifold
-exactly if it has one fan: its link, cut at nodes of degree three and more, is then a single path or cycle.
+exactly if it has one fan. Its link, cut at nodes of degree three and more, is then a single path or cycle.
 The proof is in docs/definitions.md; tests check the identity *strict = several fans = multifan or endpoint of
 a non-manifold edge*.
 """
@@ -53,7 +53,7 @@ def group_corners(mesh: HalfEdgeMesh, first: NDArray[Any], second: NDArray[Any])
     repeated-index rows have NONE.
     """
     corners = np.flatnonzero(~np.repeat(mesh.repeated_index, 3))
-    # Number the corners of proper faces consecutively, so that the other corners get no labels.
+    # Number only the corners of faces without a repeated index. The other corners get no labels.
     compact = np.full(mesh.faces.size, NONE, mesh.faces.dtype)
     compact[corners] = np.arange(len(corners), dtype=mesh.faces.dtype)
     count, labels = _join(mesh, compact, first, second, len(corners))
@@ -84,8 +84,9 @@ def find_fans(mesh: HalfEdgeMesh) -> Fans:
 def _join(
     mesh: HalfEdgeMesh, node_of_corner: NDArray[Any], first: NDArray[Any], second: NDArray[Any], count: int
 ) -> tuple[int, NDArray[np.int32]]:
-    """Join the nodes at both ends of each pair of half-edges that share an edge; return as
-    `label_components`.
+    """Join the nodes at both ends of each pair of half-edges that share an edge.
+
+    Return groups like `label_components`.
     """
     first_low, first_high = find_end_corners(mesh, first)
     second_low, second_high = find_end_corners(mesh, second)
@@ -96,11 +97,11 @@ def _join(
 
 @dataclass(frozen=True)
 class Boundary:
-    """Boundary edges `edges` (B,), ascending, and the `chain` (B,) of each.
+    """The boundary edges `edges` (B,), ascending, and the `chain` (B,) of each edge.
 
-    Two boundary edges are linked if they are the two sides of one open fan. A `closed` chain is a loop: the
-    rim of a hole or the outline of an open sheet. Other chains end at a fan whose other side is a
-    non-manifold edge.
+    Two boundary edges are linked if they are the two outer edges of one open fan. A `closed` chain is a loop:
+    the rim of a hole or the outline of an open sheet. Any other chain ends at a fan whose other outer edge is
+    non-manifold.
     """
 
     edges: NDArray[Any]
@@ -121,13 +122,14 @@ class Boundary:
 def find_boundary(mesh: HalfEdgeMesh, fans: Fans) -> Boundary:
     """Return the boundary loops and chains of `mesh`.
 
-    An open fan is a path with two sides. If both sides are boundary edges, they follow each other along the
-    boundary. Every boundary edge has at most one follower at each end, so connected edges form cycles (as
-    many links as edges) or paths. At a vertex with several fans, loops touch but stay separate.
+    An open fan has two outer edges. If both are boundary edges, they follow each other along the boundary.
+    Every boundary edge has at most one follower at each end. Connected edges therefore form paths or cycles.
+    A cycle has the same number of links and edges. At a vertex with several fans, loops touch but stay
+    separate.
     """
     edges = np.flatnonzero(mesh.multiplicity == 1)
     halfedge = mesh.edge_halfedges[mesh.edge_offsets[edges]]
-    # Both ends of each boundary half-edge lie in a fan; two ends in one fan are linked.
+    # Both ends of each boundary half-edge lie in a fan. Link two ends that lie in the same fan.
     fan = np.concatenate([fans.corner_fan[halfedge], fans.corner_fan[next_in_face(halfedge)]])
     side = np.tile(np.arange(len(edges)), 2)
     order = np.argsort(fan, kind="stable")

@@ -1,4 +1,4 @@
-"""Findings of an audit as plain numbers, in the form that NumPy and the OpenCL kernels share."""
+"""Findings of an audit as plain numbers. The NumPy code and the OpenCL kernels return the same form."""
 
 from dataclasses import dataclass, field
 from typing import Any
@@ -16,7 +16,10 @@ First = dict[str, tuple[tuple[int, tuple[int, ...]], ...]]
 
 @dataclass(frozen=True)
 class Counts:
-    """Integer counts. `msb-audit --explain NAME` prints the definition of each (docs/definitions.md)."""
+    """Integer counts.
+
+    `msb-audit --explain NAME` prints the definition of a finding; docs/definitions.md has all definitions.
+    """
 
     vertices: int
     referenced_vertices: int
@@ -55,10 +58,10 @@ class Counts:
 class Findings:
     """The counts of a mesh and the other results that the report needs.
 
-    Areas, in squared length units, are added in face order, so both implementations give the same sums.
-    `shares_vertices` is true if two faces share a vertex. `first` lists the first edges, vertices and faces
-    of each count; the number of an edge is its position among the sorted vertex pairs. Comparisons ignore
-    `timings_ms` and `computed_by`.
+    Areas are in squared length units. They are added in face order, so both implementations give the same
+    sums. `shares_vertices` is true if two faces share a vertex. `first` lists the first edges, vertices and
+    faces of each count. The number of an edge is its position among the sorted vertex pairs. Comparisons
+    ignore `timings_ms` and `computed_by`.
     """
 
     counts: Counts

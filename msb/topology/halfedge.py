@@ -1,11 +1,11 @@
-"""Half-edge structure: 3F half-edges grouped by undirected vertex pair, any number of them per edge.
+"""Half-edge structure: 3F half-edges, grouped into edges by their undirected vertex pairs.
 
 A classic half-edge mesh allows at most two faces per edge, so it would change a non-manifold mesh before the
-audit. Here an edge is a *group* of any number of half-edges, and no face or vertex is merged, dropped,
-reoriented or repaired.
+audit. Here an edge is a *group* of any number of half-edges. No face or vertex is merged, dropped, reoriented
+or repaired.
 
-Half-edge ``h = 3 f + k`` belongs to face f and runs from corner k to corner k + 1 (mod 3) of that face; the
-corner it starts from has the same number. Definitions: docs/definitions.md; paper, "Topology-Metric
+Half-edge ``h = 3 f + k`` belongs to face f and runs from corner k to corner k + 1 (mod 3) of that face. The
+corner at its start has the same number h. Definitions: docs/definitions.md; paper, "Topology-Metric
 Definitions and Interpretation Limits".
 """
 
@@ -94,7 +94,7 @@ class HalfEdgeMesh:
     def chained_halfedges(self) -> tuple[NDArray[Any], NDArray[Any]]:
         """Pairs of consecutive half-edges in the group of each edge with three or more faces.
 
-        Joining these pairs joins the whole group; its number of pairs grows linearly, not quadratically.
+        Joining these pairs joins the whole group. A group of k half-edges needs only k - 1 pairs.
         """
         crowded = np.repeat(self.multiplicity > 2, self.multiplicity)
         last = np.zeros(len(crowded), bool)
@@ -149,7 +149,7 @@ def _sort_keys(key: NDArray[np.uint64]) -> tuple[NDArray[np.uint64], NDArray[Any
     """Return the keys in ascending order and their original positions; equal keys keep their order.
 
     If a key and its position fit into 64 bits together (up to about two million faces), the packed numbers
-    are sorted, which is six times as fast as sorting positions by key.
+    are sorted. This is six times as fast as sorting positions by key.
     """
     bits = np.uint64(len(key).bit_length())
     if int(key.max(initial=0)) >> (64 - int(bits)):

@@ -1,9 +1,10 @@
-"""Convex hulls of collision shapes: maximum number of corners, and search directions for corners."""
+"""Limits of the convex hulls of collision shapes, and the directions in which their corners are searched."""
 
 import numpy as np
 from numpy.typing import NDArray
 
-# Maximum number of corners of a hull. It then has at most 252 faces; physics engines accept 255 of either.
+# Maximum number of corners of a hull. Such a hull has at most 252 faces. Physics engines accept 255 corners
+# and 255 faces.
 HULL_CORNERS = 128
 
 

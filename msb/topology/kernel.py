@@ -1,10 +1,10 @@
-"""The audit by OpenCL kernels for a CPU; `findings.find_by_numpy` is the readable twin.
+"""The audit by OpenCL kernels for a CPU. `findings.find_by_numpy` is the readable twin.
 
 1. Corners are sorted into blocks of vertices. A block fits into the cache of a core, and each corner carries
    the other two vertices of its face.
-2. Each vertex of a block is visited with all its faces. Their shared neighbours determine edges, fans,
-   duplicates and the boundary, by comparing all pairs (audit_small.cl) or, for a vertex with many faces, by
-   sorting (audit_large.cl).
+2. Each vertex of a block is visited with all its faces. Neighbours that these faces share determine edges,
+   fans, duplicates and the boundary. All pairs of faces are compared (audit_small.cl); the faces of a vertex
+   with many faces are sorted instead (audit_large.cl).
 3. The visits list pairs of connected faces. Uniting them gives the components, with the lowest face as root
    (audit_pairs.cl).
 
@@ -72,8 +72,8 @@ def find_by_kernels(
     """Return the findings of the audit of floating `points` (V, 3) and int32 `faces` (F, 3).
 
     The device must support double precision. `workers` is the number of work-items, by default one per
-    compute unit. Takes O(V + F) time if vertices have few faces, O(V + F log F) for any mesh, and about 45
-    bytes of device memory per face, which are released at the end.
+    compute unit. Takes O(V + F) time if vertices have few faces, and O(V + F log F) for any mesh. Uses about
+    45 bytes of device memory per face, and releases them at the end.
     """
     run = _Run(points, faces, device, workers or device.record.compute_units, sizes or Sizes())
     try:
@@ -92,7 +92,7 @@ class _Run:
             points = points.astype(np.float64)
         self.points, self.faces = np.ascontiguousarray(points), faces
         self.device, self.workers, self.sizes = device, workers, sizes
-        # Divide the faces into twice as many chunks as workers, to balance the load if a worker is delayed.
+        # Use twice as many chunks of faces as workers, to balance the load if a worker is delayed.
         self.chunks = 2 * workers
         self.chunk = -(-len(faces) // self.chunks)
         self.tally = tally_dtype(sizes.valences)
@@ -159,8 +159,8 @@ class _Run:
         self.large = max(self.sizes.large_block, share)
         largest = int(block_sizes.max(initial=0))
         rounds = self.sizes.rounds + (largest > self.large)
-        # room: corners per round. 1/32 more than an equal share, because blocks do not divide evenly, and at
-        # least the largest block.
+        # room: corners per round. It is 1/32 more than an equal share, because blocks do not divide evenly.
+        # It holds at least the largest block.
         room = max(int(self.starts[-1]) // rounds * 33 // 32, largest)
         self.memory = _allocate_pages(max(room + 1, -(-3 * face_count // 2)) * 16)
         records = self._share(self.memory, "corners")
@@ -187,7 +187,10 @@ class _Run:
             buffer.release()
 
     def _plan_rounds(self, room: int) -> Iterator[tuple[int, int]]:
-        """Yield the first and the end block of each round: as many blocks as fit into `room` corners."""
+        """Yield the first and the end block of each round.
+
+        A round has as many blocks as fit into `room` corners.
+        """
         first = 0
         while first < self.blocks:
             end = int(np.searchsorted(self.starts, self.starts[first] + room, side="right")) - 1
@@ -197,8 +200,9 @@ class _Run:
     def _place_corners(self, records: Buffer, first: int, end: int, spare: int) -> None:
         """Run place_corners for the blocks `first` to `end`.
 
-        `cursors` (chunks, blocks + 1) holds the first position where each chunk writes in each block;
-        the chunks of a block follow each other. The last column is the spare position for all other blocks.
+        `cursors` (chunks, blocks + 1) holds the first position at which each chunk writes into each block.
+        Inside a block the chunks follow each other. The last column is a spare position for corners of all
+        other blocks.
         """
         counts = self.counts[:, first:end]
         cursors = np.full((self.chunks, end - first + 1), spare, np.uint32)
@@ -230,7 +234,7 @@ class _Run:
         self.fills = self._allocate(full + begun + 1, np.uint32, "chunks of pairs")
 
     def _allocate_scratch(self, workers: int, corners: int, *, large: bool = False) -> tuple[Buffer, int]:
-        """Return the scratch buffer of visit_blocks and its words per work-item."""
+        """Return the scratch buffer of visit_blocks, and the number of its words for each work-item."""
         starts = (1 << self.shift) + 1  # two tables of 32-bit numbers
         words = starts + 1 + (4 if large else 6) * corners
         words += words % 2
@@ -255,7 +259,8 @@ class _Run:
     def _measure_faces(self) -> tuple[float, float, int, int, NDArray[np.uint32]]:
         """Return total area, area and faces of the largest component, boundary loops, degenerate faces."""
         count = len(self.faces)
-        # Reuse the memory of the corners for 24 bytes per face; its pages are already mapped.
+        # The next stage needs 24 bytes per face. Reuse the memory of the corners, because its pages are
+        # already mapped.
         cuts = np.split(self.memory[: 24 * count], [8 * count, 16 * count, 20 * count])
         areas = self._share(cuts[0].view(np.float64), "areas")
         sums = self._share(cuts[1].view(np.float64), "sums of areas")
@@ -267,7 +272,8 @@ class _Run:
             self.chunks, 1, self._share(self.points, "points"), self.on_device,
             areas, self.parents, sizes, rims, strange, *_to_uints(count, self.chunk),
         )  # fmt: skip
-        # Unite faces that follow each other along the boundary. Each loop has one pair that joins no face.
+        # Unite faces that follow each other along the boundary. In each loop, one pair connects faces that
+        # are already in one set.
         joined = self._unite_pairs(RIM, rims)
         counts = self._allocate(2, np.uint32, "largest component")
         area_sums = self._allocate(2, np.float64, "area of the largest component and of all")

@@ -4,7 +4,7 @@ import math
 
 # Decimals of ratios and averages, as in the table of mesh diagnostics of the paper.
 DECIMALS = 2
-# Counts from here on are printed in millions; smaller ones in full, because "0.00 M" says nothing.
+# Larger counts are printed in millions. Smaller counts are printed in full, because "0.00 M" says nothing.
 _MILLIONS_FROM = 1e5
 # Means of counts below this are printed with one decimal if they have a fraction.
 _FRACTIONS_BELOW = 100

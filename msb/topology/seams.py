@@ -1,8 +1,8 @@
 """Seams: vertices that a file stores more than once because its format demands it.
 
-Each vertex row has a single UV coordinate, colour and normal, and a triangle list shares no vertices at all.
-docs/definitions.md ("Seams") has the definition. Vertices duplicated for another reason are not seams. For a
-mesh with such vertices, `closes_once_merged` tells whether an exact weld would close it.
+In most formats a vertex row has a single UV coordinate, colour and normal. A triangle list shares no vertices
+at all. docs/definitions.md ("Seams") has the definition. Vertices duplicated for another reason are not
+seams. For a mesh with such vertices, `closes_once_merged` tells whether an exact weld would close it.
 """
 
 from collections.abc import Mapping
@@ -22,15 +22,16 @@ from msb.topology.weld import find_coincident_vertices, weld_vertices
 
 # Attributes that make a file duplicate vertices. By vertex: "uv" (V, 2), "color" (V, n) and "seam_key" (V,).
 # By corner: "corner_uv" (3F, 2), "corner_color" (3F, n) and "corner_seam_key" (3F,). By face: "face_texture"
-# (F,). A "seam_key" is a hash of all attributes that are not read, such as normals and tangents. An entry
-# TRIANGLE_LIST, whose value does not matter, tells that a soup may be a surface without shared vertices.
+# (F,). A "seam_key" is a hash of all attributes that are not read, such as normals and tangents. The entry
+# TRIANGLE_LIST means that a soup may be a surface without shared vertices. The value of this entry does not
+# matter.
 Attributes = Mapping[str, NDArray[Any]]
 SeamKind = Literal["texture", "color", "normal", "format"]
-# A soup is a surface without shared vertices if more than this share of its edges coincide. The corners of
-# trained soups coincide by chance only.
+# A soup is a surface without shared vertices if more than this share of its edges coincide with another edge.
+# The corners of trained soups coincide by chance only.
 _COINCIDING = 0.5
-# Two faces that fold onto each other at an edge are two sides of a sheet, and not a seam: the largest cosine
-# of the angle between their normals (0.08 degrees away from opposite).
+# Two faces that fold onto each other at an edge are two sides of a sheet, and not a seam. They fold if the
+# cosine of the angle between their normals is below this limit (0.08 degrees away from opposite).
 _FOLDED = -0.999999
 
 # Up to this number of faces, the audit tests an exact weld even if --weld is not given. The test takes about
@@ -52,7 +53,8 @@ class Seams:
         "format" for a triangle list. "normal" if only attributes that are not read differ, such as normals.
         Else "texture" if the mesh has UVs, and "color" if not.
     unexplained : bool
-        Whether some of the vertices are needless after the attributes that are not read are lost.
+        Whether some vertices are duplicated only for attributes that are not read. Without these attributes
+        the copies are not needed.
     """
 
     first: NDArray[Any]
@@ -73,7 +75,7 @@ class Seams:
 def seam_attributes(
     buffers: Mapping[str, NDArray[Any]], domains: Mapping[str, str], *, triangle_list: bool = False
 ) -> dict[str, Any]:
-    """Return the attributes in an asset's buffers that make a file duplicate vertices: UVs, colours and keys.
+    """Return the attributes of an asset for which files duplicate vertices: UVs, colours and keys.
 
     Trained vertex attributes are not included: their rows belong to the model, not to a file format.
     `triangle_list` adds TRIANGLE_LIST, for meshes that are not trained.
@@ -93,17 +95,18 @@ def find_seams(points: NDArray[Any], faces: NDArray[Any], attributes: Attributes
     textures on their faces. Its end vertices are merged. Three or more coincident boundary edges are not
     merged, because their pairing is ambiguous.
 
-    In a triangle soup (triangles that share no vertices) corners may coincide by chance. A soup counts as a
-    mesh with torn edges only if more than half of its faces have one, and if no coincident boundary edges
-    have equal attributes. With TRIANGLE_LIST, all coincident vertices of a soup are merged if more than half
-    of its edges coincide. Takes O(V log V) time, and much less if no two vertices coincide.
+    In a triangle soup (triangles that share no vertices) corners may coincide by chance. A soup therefore
+    counts as a mesh with seams under two conditions. More than half of its faces have a torn edge, and no
+    coincident boundary edges have equal attributes. With TRIANGLE_LIST, all coincident vertices of a soup are
+    merged if more than half of its edges coincide with another edge. Takes O(V log V) time, and much less if
+    no two vertices coincide.
     """
     if not attributes or not len(faces):
         return None
     rows, set_of = find_coincident_vertices(points)
     if not len(rows):
         return None
-    # place (V,): the first vertex with the same coordinates. double (V,): whether another vertex has them.
+    # place (V,): the first vertex with the same coordinates. double (V,): whether such another vertex exists.
     place = np.arange(len(points))
     place[rows] = rows[set_of]
     double = np.zeros(len(points), bool)
@@ -150,11 +153,11 @@ def _merge_torn_edges(
 
 
 def _merge_triangle_list(faces: NDArray[Any], place: NDArray[Any]) -> Seams | None:
-    """Return the exact weld of a soup if more than half of its edges coincide, else None."""
+    """Return the exact weld of a soup, or None if at most half of its edges coincide with another edge."""
     proper = faces[~names_vertex_twice(faces)]
     if not is_soup(proper):
         return None
-    # Half-edges (3F,) between places: the share of those whose place holds another one.
+    # Compute the share of the half-edges (3F,) that coincide with another half-edge.
     ends = place[proper]
     low, high = (pick(ends, np.roll(ends, -1, axis=1)).reshape(-1) for pick in (np.minimum, np.maximum))
     _, size = np.unique(low * len(place) + high, return_counts=True)
@@ -164,7 +167,10 @@ def _merge_triangle_list(faces: NDArray[Any], place: NDArray[Any]) -> Seams | No
 
 
 def _number_merged(labels: NDArray[Any], kind: SeamKind, unexplained: bool) -> Seams:
-    """Return the seams that merge all vertices with an equal label (V,), the lowest row of each group."""
+    """Return the seams that merge all vertices with equal labels.
+
+    A label (V,) is the lowest row of the group.
+    """
     is_first = labels == np.arange(len(labels))
     number = (np.cumsum(is_first) - 1)[labels]
     return Seams(np.flatnonzero(is_first), number, kind, unexplained)
@@ -185,9 +191,9 @@ class _TornEdges:
     """The boundary edges that seams have torn.
 
     `pairs` (n, 2) are the vertex rows to merge, and `faces` the number of faces with a torn edge.
-    `equal_edges` tells whether any coincident boundary edges have equal attributes at both ends.
-    `some_by_key` and `all_by_key` tell whether some and all torn edges differ in nothing but attributes that
-    are not read.
+    `equal_edges` is true if two coincident boundary edges have equal attributes at both ends. `some_by_key`
+    is true if some torn edges differ only in attributes that are not read (their seam keys). `all_by_key` is
+    true if all of them do.
     """
 
     pairs: NDArray[np.int64]
@@ -207,15 +213,15 @@ def _find_torn_edges(
     """Find the boundary edges that seams have torn.
 
     `faces` (F, 3) must be all faces with a duplicated vertex and without a repeated index. `place` (V,) is
-    the first vertex with the same coordinates, `double` (V,) whether another vertex has them. Each array of
-    `corner_values` holds an attribute (3F, k) at the corners of `faces`.
+    the first vertex with the same coordinates. `double` (V,) tells whether another vertex has the same
+    coordinates. Each array of `corner_values` holds an attribute (3F, k) at the corners of `faces`.
     """
     corners = np.arange(faces.size).reshape(-1, 3)
     ends, ends_at = (
         np.stack([rows, np.roll(rows, -1, axis=1)], axis=-1).reshape(-1, 2) for rows in (faces, corners)
     )
-    # ends, ends_at (3F, 2): vertices and corners at both ends of each half-edge. Keep edges with a duplicated
-    # end and different places at their ends.
+    # ends, ends_at (3F, 2): vertices and corners at both ends of each half-edge. Keep edges that have a
+    # duplicated vertex and whose ends are at different places.
     start, end = ends.T
     number = np.flatnonzero((double[start] | double[end]) & (place[start] != place[end]))
     ends = ends[number]
@@ -224,17 +230,18 @@ def _find_torn_edges(
     _, first, faces_there = np.unique(low * len(place) + high, return_index=True, return_counts=True)
     first = first[faces_there == 1]
     edges, corner = ends[first], ends_at[number[first]]
-    # Order both ends by place, so that edges in one place have matching columns.
+    # Order both ends by place, so that coincident edges have matching columns.
     spot = place[edges]
     swap = (spot[:, 0] > spot[:, 1])[:, None]
     edges, corner, spot = (np.where(swap, rows[:, ::-1], rows) for rows in (edges, corner, spot))
-    # Group boundary edges by place; compare every edge with the first of its group.
+    # Group coincident boundary edges, and compare every edge with the first of its group.
     _, first, group, size = np.unique(
         spot[:, 0] * len(place) + spot[:, 1], return_index=True, return_inverse=True, return_counts=True
     )
     group = group.reshape(-1)
     other = first[group]
-    # differs (E,): in attributes that are read. by_key (E,): in their seam keys alone.
+    # differs (E,): whether the attributes that are read differ. by_key (E,): whether only the seam keys
+    # differ.
     differs, by_key = np.zeros(len(edges), bool), np.zeros(len(edges), bool)
     for name, values in corner_values.items():
         unequal = (values[corner] != values[corner[other]]).any(axis=(1, 2))
@@ -259,9 +266,11 @@ def _find_torn_edges(
 def _find_folds(
     faces: NDArray[np.int64], points: NDArray[Any], face: NDArray[np.int64], other: NDArray[np.int64]
 ) -> NDArray[np.bool_]:
-    """Return which edges (E,) lie in a pair whose faces fold onto each other, such as the sides of a sheet.
+    """Return the mask (E,) of the edges in a pair whose faces fold onto each other, such as the sides of a
+    sheet.
 
-    `face` (E, 2) is the face of each edge, twice, and `other` (E,) the edge that it is compared with.
+    Both columns of `face` (E, 2) hold the face of each edge. `other` (E,) is the edge that it is compared
+    with.
     """
     with np.errstate(over="ignore", invalid="ignore"):
         corners = points[faces].astype(np.float64)
@@ -269,7 +278,7 @@ def _find_folds(
         length = np.linalg.norm(normals, axis=1, keepdims=True)
         normals = np.divide(normals, length, out=np.zeros_like(normals), where=length > 0)
         opposite = (normals[face[:, 0]] * normals[face[other, 0]]).sum(axis=1) < _FOLDED
-    # The first edge of a pair is compared with itself; both edges of a pair fold.
+    # Mark both edges of a pair, because the first edge was compared with itself.
     folded = np.zeros(len(face), bool)
     folded[opposite] = folded[other[opposite]] = True
     return folded

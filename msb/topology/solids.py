@@ -1,4 +1,4 @@
-"""Check the bodies of a closed mesh: whether they are wound outwards, touch each other, or cross."""
+"""Check whether the bodies of a closed mesh are wound inside out, touch each other, or cross each other."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -10,7 +10,8 @@ from msb.topology.components import label_components
 from msb.topology.crossings import find_crossing_pairs
 from msb.topology.weld import find_coincident_vertices
 
-# Maximum number of faces for finding crossing faces without a request: about 8 us per face on one core.
+# Larger meshes are checked for crossing faces only on request. The check takes about 8 us per face on one
+# core.
 MOST_FACES = 200_000
 # A body whose volume is below this share of (area)^1.5 is flat. A sphere has the share 0.094.
 _FLAT = 1e-9
@@ -18,7 +19,7 @@ _FLAT = 1e-9
 
 @dataclass(frozen=True)
 class Bodies:
-    """What the counts of a closed, manifold and consistently wound mesh do not tell.
+    """Faults of a closed, manifold and consistently wound mesh that its counts do not show.
 
     Attributes
     ----------
@@ -38,7 +39,7 @@ class Bodies:
 def check_bodies(points: NDArray[Any], faces: NDArray[Any]) -> Bodies:
     """Return the state of the bodies of a closed mesh with finite coordinates."""
     label = label_bodies(faces, len(points))
-    # Vertices in one place that belong to two bodies.
+    # Find coincident vertices that belong to different bodies.
     used = np.unique(faces)
     rows, group = find_coincident_vertices(points[used])
     body = np.full(len(points), -1)

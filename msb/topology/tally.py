@@ -75,7 +75,7 @@ class Totals:
 
 
 def add_up(totals: Totals, timings_ms: dict[str, float], computed_by: str) -> Findings:
-    """Return the findings. They refer to `timings_ms` itself, so that the caller can add further stages."""
+    """Return the findings. They share the dict `timings_ms`, so that the caller can add further stages."""
     tallies = totals.tallies
     kinds = (*EDGE_KINDS, *VERTEX_KINDS)
     sums = [*tallies["edge_counts"].sum(axis=0), *tallies["vertex_counts"].sum(axis=0)]
@@ -114,7 +114,7 @@ def add_up(totals: Totals, timings_ms: dict[str, float], computed_by: str) -> Fi
 
 
 def _build_histogram(table: NDArray[Any], others: NDArray[Any]) -> dict[int, int]:
-    """Return valence -> number of vertices, from the table and from the list of larger valences."""
+    """Return the number of vertices of each valence, from the table and from the list of larger valences."""
     valences, counts = np.unique(others, return_counts=True)
     low = {int(k): int(table[k]) for k in np.flatnonzero(table)}
     return low | {int(k): int(n) for k, n in zip(valences, counts, strict=True)}
@@ -146,5 +146,7 @@ def _collect_first(totals: Totals) -> First:
 
 
 def _collect_filled(rows: NDArray[Any], counts: NDArray[Any]) -> NDArray[Any]:
-    """Return the valid entries of all sample rows: the first counts[i] entries of row i, at most all."""
+    """Return the valid entries of all sample rows: the first counts[i] entries of row i, or all if it has
+    fewer.
+    """
     return np.concatenate([row[: int(n)] for row, n in zip(rows, counts, strict=True)])

@@ -1,4 +1,4 @@
-"""The verdict on a mesh: one sentence that tells a technical artist which tasks it is usable for, and why."""
+"""The verdict on a mesh: it tells a technical artist which tasks the mesh is usable for, and why."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ if TYPE_CHECKING:
 Level = Literal["ok", "limited", "bad"]
 
 # Tasks that need a manifold surface: without one, tools reject the mesh or open cracks. The paper also names
-# UV unwrapping and collision ("Mesh Structural Results": Local structure), but their tools cut and join the
-# mesh themselves; docs/trial.md reports how well this works.
+# UV unwrapping and collision ("Mesh Structural Results": Local structure). The tools of these tasks cut and
+# join the mesh themselves; docs/trial.md reports how well this works.
 SOLID_TOOLS = "subdivision, booleans or printing"
-# Maximum share of non-manifold edges or vertices, and their maximum number, up to which a tool or a person
-# can repair a mesh, so that it is "limited". Above one of them it is "bad". The share is that of
-# the profile `game`.
+# A tool or a person can repair a mesh up to this share and this number of non-manifold edges or vertices. The
+# level of such a mesh is LIMITED. Above one of the two values the level is BAD. The profile `game` has the
+# same share.
 MANY, MOST = 0.01, 1000
-# Minimum share of the boundary edges that a weld must remove for the advice to merge vertices.
+# The verdict advises merging vertices if a weld removes more than this share of the boundary edges.
 _WORTH_MERGING = 0.5
-# The sentence calls pieces too small if a mesh has more than FEW_PIECES pieces with fewer than SMALL_PIECE
+# The sentence calls pieces too small if there are more than FEW_PIECES of them, with fewer than SMALL_PIECE
 # faces on average. The level does not depend on this.
 SMALL_PIECE, FEW_PIECES = 10, 10
 
-# Clause for a mesh that is open only because of duplicated vertices that are not seams.
+# This clause is for a mesh that is open only because of duplicated vertices that are not seams.
 MERGED = "closed once coincident vertices are merged"
 
 
@@ -43,7 +43,7 @@ class Verdict:
     renders : bool
         Whether the mesh can be displayed. If not, the sentence mentions nothing else.
     plan : str
-        The plan of `msb repair` that improves the mesh, or "bake" if only a new surface does. Empty if
+        The plan of `msb repair` that improves the mesh, or "bake" if only a new surface helps. Empty if
         nothing is known to help, and for "ok".
     """
 
@@ -167,7 +167,10 @@ def _choose_plan(audit: Audit, gravest: _Fault) -> str:
 
 
 def _describe_invisible(audit: Audit) -> str:
-    """Return why the mesh cannot be displayed, or "". Some zero-area faces beside others are no reason."""
+    """Return why the mesh cannot be displayed, or "".
+
+    Zero-area faces prevent this only if all faces have zero area.
+    """
     counts = audit.counts
     if counts.faces == counts.repeated_index_faces:
         return "no valid triangles"
@@ -219,7 +222,7 @@ def _describe_open(audit: Audit) -> str:
     if not counts.boundary_edges:
         return ""
     edges = f"{counts.boundary_edges:,} boundary edge{'' if counts.boundary_edges == 1 else 's'}"
-    if counts.nonmanifold_vertices:  # loops cannot be counted in a unique way if borders cross
+    if counts.nonmanifold_vertices:  # if borders cross, the number of loops is ambiguous
         return f"it is open ({edges})"
     loops = "1 loop" if counts.boundary_loops == 1 else f"{counts.boundary_loops:,} loops"
     return f"it is open ({edges} in {loops})"
@@ -240,7 +243,7 @@ def _list_tasks_if_open(audit: Audit) -> str:
 
 
 def _describe_pieces(audit: Audit) -> str:
-    """Return the number of pieces as a fault; the bodies of a closed mesh are not a fault."""
+    """Return the number of pieces as a fault. Separate bodies of a closed mesh are not a fault."""
     counts = audit.counts
     if counts.components < 2 or not (counts.boundary_edges or counts.nonmanifold_vertices):
         return ""

@@ -1,4 +1,7 @@
-"""Merge coincident vertices: the optional weld of the audit, which reports its result separately."""
+"""Merge coincident vertices.
+
+This is the optional weld of the audit, which reports the result of the weld separately.
+"""
 
 import math
 from typing import Any, Literal
@@ -36,9 +39,9 @@ def weld_vertices(
     """Return vertices (W, 3) and faces (F, 3) after merging coincident vertices; all face rows are kept.
 
     "exact" merges vertices with equal float32 coordinates (-0 equals +0, NaN equals nothing). A length merges
-    vertices that a chain of steps of at most this length connects, so the result does not depend on their
-    order. The first vertex of each merged set is kept, in the old order. Faces that collapse become
-    repeated-index rows.
+    vertices that are connected by a chain of steps of at most this length. The result therefore does not
+    depend on the order of the vertices. The first vertex of each merged set is kept. The order of the
+    vertices does not change. Faces that collapse become repeated-index rows.
     """
     first, number = merge_coincident(vertices, weld)
     return vertices[first], number.astype(faces.dtype)[faces]
@@ -81,10 +84,10 @@ def corners_coincide(vertices: NDArray[Any], faces: NDArray[Any]) -> bool:
 def find_coincident_vertices(vertices: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
     """Return the vertices (n,), ascending, that share their coordinates with others, and their groups (n,).
 
-    The group is the position, within the first array, of the lowest vertex with the same coordinates.
+    A group is numbered by the position of its lowest vertex in the first array.
     """
     hashes, repeated = _hash_rows(_to_stored(vertices).view(np.uint32))
-    bucket = np.zeros(1 << 20, bool)  # rejects most rows of typical meshes
+    bucket = np.zeros(1 << 20, bool)  # this filter rejects most rows of typical meshes
     bucket[repeated >> 12] = True
     rows = np.flatnonzero(bucket[hashes >> 12])
     rows = rows[np.isin(hashes[rows], repeated)]
@@ -96,8 +99,9 @@ def find_coincident_vertices(vertices: NDArray[Any]) -> tuple[NDArray[Any], NDAr
 def _hash_rows(
     bits: NDArray[np.uint32], order: NDArray[Any] | None = None
 ) -> tuple[NDArray[np.uint32], NDArray[np.uint32]]:
-    """Return a hash of each row of `bits` (V, 3), or of the rows `order`, and the hashes that occur
-    repeatedly.
+    """Return a hash of each row of `bits` (V, 3), and the hashes that occur repeatedly.
+
+    `order` selects rows.
     """
     hashes = np.zeros(len(bits), np.uint32)
     for axis in range(3):
@@ -112,8 +116,8 @@ def _hash_rows(
 def _label_exact(vertices: NDArray[Any]) -> NDArray[Any]:
     """Return for each vertex (V,) the lowest vertex with the same float32 coordinates.
 
-    Double-precision coordinates are rounded to float32 first, so that a mesh gives the same result as its
-    asset, which stores float32.
+    Double-precision coordinates are rounded to float32 first. Assets store float32, so a mesh gives the same
+    result as its asset.
     """
     points = _to_stored(vertices)
     bits = points.view(np.uint32)
@@ -137,7 +141,7 @@ def _to_stored(vertices: NDArray[Any]) -> NDArray[np.float32]:
 
 
 def _label_near(vertices: NDArray[Any], distance: float) -> NDArray[Any]:
-    """Return for each vertex (V,) the lowest vertex that steps of at most `distance` connect it to."""
+    """Return for each vertex (V,) the lowest vertex that a chain of steps up to `distance` connects to it."""
     from scipy.spatial import cKDTree
 
     with np.errstate(over="ignore"):
@@ -146,11 +150,12 @@ def _label_near(vertices: NDArray[Any], distance: float) -> NDArray[Any]:
     labels = np.arange(len(vertices))
     if len(finite) == 0:
         return labels
-    # Merge coincident vertices first, because n of them would add n^2 / 2 pairs.
+    # Merge coincident vertices first, because n coincident vertices would add n^2 / 2 pairs.
     points, group = np.unique(places[finite], axis=0, return_inverse=True)
-    # The tree squares distances. Scale coordinates to at most 2, by a power of two, which causes no rounding.
+    # The tree squares distances. Scale coordinates to at most 2. The factor is a power of two, which causes
+    # no rounding.
     scale = 2.0 ** (math.frexp(float(np.abs(points).max()))[1] - 1)
-    reach = min(distance / scale, 8.0)  # more than any scaled distance
+    reach = min(distance / scale, 8.0)  # longer than any scaled distance
     tree = cKDTree(points / scale)
     pairs = (int(tree.count_neighbors(tree, reach)) - len(points)) // 2
     if pairs > MAX_PAIRS:

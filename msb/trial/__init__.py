@@ -1,4 +1,7 @@
-"""Try typical tasks of artists on a mesh. The usual library of each task runs in a child process."""
+"""Try typical tasks of artists on a mesh.
+
+A library that artists' tools use runs each task, in a child process.
+"""
 
 from __future__ import annotations
 

@@ -1,9 +1,9 @@
 """Run the attempts of a task in child processes, so that a hang or a crash affects only that attempt.
 
 Libraries have absolute limits, in the unit of the coordinates: xatlas drops faces smaller than 1e-7, and
-fast-simplification cannot resolve errors below 1e-6. So a mesh is centred, and scaled so that the median face
-has an area of 1. Scaling the bounding box to size 1 does not work: with a single distant face, most faces
-would be too small.
+fast-simplification cannot resolve errors below 1e-6. Therefore a mesh is centred, and scaled to a median face
+area of 1. Scaling the bounding box to size 1 does not work: with a single distant face, most faces would be
+too small.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from msb.trial.task import Attempt, AttemptResult, Output, Task
 def run_attempt(
     task: Task, attempt: Attempt, mesh: TrialMesh, arrays: Mapping[str, NDArray[Any]], limits: Limits
 ) -> AttemptResult:
-    """Run an attempt at a task and return its result; `arrays` are the result of `Task.prepare`."""
+    """Run an attempt at a task and return its result. `arrays` are the result of `Task.prepare`."""
     unit = Unit(1.0, np.zeros(3)) if attempt.any_unit else Unit.of(mesh)
     inputs = _pack({"mesh": unit.to_unit(mesh)}, unit.arrays_to_unit(arrays))
     reply = run_in_child(work, f"{task.name} {attempt.library}", inputs, limits)
@@ -63,7 +63,7 @@ def _pack(meshes: Mapping[str, TrialMesh], arrays: Mapping[str, NDArray[Any]]) -
 def _unpack(
     arrays: Mapping[str, NDArray[Any]],
 ) -> tuple[dict[str, TrialMesh], dict[str, NDArray[Any]]]:
-    """Return the meshes and the further arrays in the result of `_pack`."""
+    """Return the meshes and the other arrays that `_pack` has stored."""
     parts: dict[str, dict[str, NDArray[Any]]] = {}
     further: dict[str, NDArray[Any]] = {}
     for name, array in arrays.items():
@@ -102,9 +102,9 @@ class Unit:
         return {name: self._scale(rows) if _are_points(rows) else rows for name, rows in arrays.items()}
 
     def from_unit(self, output: Output, powers: Mapping[str, int]) -> Output:
-        """Return an output in this unit converted to the asset's coordinates.
+        """Convert an output from this unit to the asset's coordinates.
 
-        `powers` are the dimensions of its numbers: length (1), area (2) or volume (3).
+        `powers` gives the dimension of each number: 1 for a length, 2 for an area, 3 for a volume.
         """
         numbers = {
             name: value * self.length ** powers[name] if name in powers and value is not None else value

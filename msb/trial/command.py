@@ -84,9 +84,10 @@ def trial(
 ) -> int:
     """Try typical tasks of artists: unwrap, decimate, subdivide, cut, make a collision shape, print.
 
-    Each task runs the libraries that artists' tools use, in a child process with time and memory limits, on
-    the mesh as stored (or welded or repaired, on request). The appearance of results is judged in the views
-    of --cameras, else in the training views if they are stored with the model, else in generated views.
+    Each task runs the libraries that artists' tools use, in a child process with time and memory limits. It
+    uses the mesh as stored; options weld or repair it first. The appearance of results is judged in the views
+    of --cameras. Without this option, the training views are used if the model stores them, and generated
+    views otherwise.
     """
     from msb.api.command_files import for_each
     from msb.trial.run import SCHEMA
@@ -136,7 +137,7 @@ class _Run:
         }
         if options.save is not None:
             output.check_folder(options.save)
-        drawing.check_device()  # without any device, tasks that need no renderings are tried
+        drawing.check_device()  # without a device, tasks that need no renderings are still tried
         if not limits.limits_memory:
             output.note("warning: --memory has no effect on this system; only --seconds limits the libraries")
         self.printed = False
@@ -163,7 +164,7 @@ class _Run:
                     self.output.note(f"{trial.task}: {word}, {trial.seconds:.1f} s", level=1)
 
                 result = try_asset(asset, self.tasks, **self.arguments, keep=keep, watch=watch)
-        except MsbError as error:  # print the results of minutes of work even if they cannot be saved
+        except MsbError as error:  # the results took minutes: print them even if they cannot be saved
             if result is None:
                 raise
             self.output.reword(error)

@@ -60,7 +60,10 @@ class TrialMesh:
         return Mesh(self.vertices, self.faces, self.colors, vertex_uvs=self.uv)
 
     def unshared(self, colors: NDArray[np.float32]) -> TrialMesh:
-        """Return the triangle soup with three vertices per face, and `colors` (3F, 3) at these."""
+        """Return a triangle soup with three vertices per face.
+
+        `colors` (3F, 3) are the colours of its vertices.
+        """
         corners = self.faces.reshape(-1)
         faces = np.arange(len(corners), dtype=np.int64).reshape(-1, 3)
         return TrialMesh(self.vertices[corners], faces, colors)
@@ -72,9 +75,9 @@ class TrialMesh:
 
     @classmethod
     def of(cls, name: str, arrays: Mapping[str, NDArray[Any]]) -> TrialMesh:
-        """Return the mesh with these arrays, after checking the types and shapes that a library returned.
+        """Check the types and shapes of arrays that a library returned, and return them as a mesh.
 
-        Raise ValueError if they are invalid; `name` is the name of the mesh in the message.
+        Raise ValueError if they are invalid. `name` is the name of the mesh in the message.
         """
         checked: dict[str, Any] = {}
         for key, width, kind in (
@@ -103,7 +106,8 @@ def prepare_mesh(asset: Asset, weld: Weld | None = None) -> TrialMesh:
     """Return the mesh of `asset` for trials: seams are merged, and faces below the STE threshold removed.
 
     Face and corner colours are averaged at each vertex, so that no vertex needs to be split. A mesh without
-    colours is white. Vertices that are merged, at seams or by `weld`, get the average of their colours.
+    colours is white. Vertices are merged at seams and by `weld`. A merged vertex gets the average of the
+    colours.
     """
     check_drawable(asset, ("positions", "color", "f_dc"))
     vertices = np.asarray(asset.buffers["positions"], np.float32)

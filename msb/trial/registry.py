@@ -46,7 +46,9 @@ def select_installed(attempts: Iterable[Attempt]) -> list[Attempt]:
 
 
 def check_libraries(tasks: Sequence[Task]) -> None:
-    """Raise EXTRA_MISSING if a task has no library, and no task has a library of the extra installed."""
+    """Raise EXTRA_MISSING if a task lacks its libraries, and no library of the extra is installed for any
+    task.
+    """
     libraries = {task.name: {entry.library for entry in select_installed(task.attempts)} for task in tasks}
     without_the_extra = {"numpy"}
     if all(libraries.values()) or set().union(*libraries.values()) - without_the_extra:
@@ -58,7 +60,7 @@ def check_libraries(tasks: Sequence[Task]) -> None:
 
 
 def missing_modules(tasks: Iterable[Task]) -> list[str]:
-    """Return the modules that these tasks need and that are not installed."""
+    """Return the modules that these tasks need but that are not installed."""
     needed = dict.fromkeys(name for task in tasks for entry in task.attempts for name in entry.modules)
     return [name for name in needed if not is_installed(name)]
 

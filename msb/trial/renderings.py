@@ -33,11 +33,11 @@ _DARKEST = 0.4
 
 
 class Renderings:
-    """Renderings of the original mesh over the cameras, and comparisons of results with them.
+    """Renderings of the original mesh by all cameras, and comparisons of results with them.
 
-    If nothing can be judged (no OpenCL device, no camera sees the mesh, or it covers too few pixels),
-    `why_not` is the reason, and all methods return None or nothing. `blind_cameras` is the number of cameras
-    that do not see the mesh and are ignored.
+    Nothing can be judged without an OpenCL device, if no camera sees the mesh, or if the mesh covers too few
+    pixels. Then `why_not` is the reason, and all methods return None or nothing. `blind_cameras` is the
+    number of cameras that do not see the mesh and are ignored.
     """
 
     def __init__(self, mesh: TrialMesh, views: ChosenViews, device: str | None = None) -> None:
@@ -48,8 +48,8 @@ class Renderings:
     def psnr(self, mesh: TrialMesh) -> dict[str, Any]:
         """Compare renderings of `mesh` with the renderings of the original.
 
-        "psnr" is the average PSNR over the cameras in dB, where equal images count as 100 dB; None without
-        renderings. "same_pictures" tells whether all images are equal.
+        "psnr" is the average PSNR over the cameras in dB, or None without renderings. Equal images count as
+        100 dB. "same_pictures" is true if all images are equal.
         """
         original = [image for image, _ in self._originals]
         if not original:
@@ -81,11 +81,11 @@ class Renderings:
         return np.concatenate(parts)
 
     def empty_share(self, points: NDArray[np.float64], tolerance: float) -> float | None:
-        """Return the fraction of `points` (n, 3) that at least one camera sees to be in empty space.
+        """Return the fraction of `points` (n, 3) that lie in empty space according to at least one camera.
 
-        A camera sees that a point is in empty space if the pixel of the point is background, or if the point
-        is more than `tolerance` in front of the visible surface. Points outside all images are ignored. The
-        result is None if all points are.
+        For a camera, a point lies in empty space if its pixel shows the background, or if the point is more
+        than `tolerance` in front of the visible surface. Points outside all images are ignored. The result is
+        None if no point is in an image.
         """
         depths = [depth for _, depth in self._originals]
         if not depths:
@@ -193,6 +193,6 @@ def _shade_faces(mesh: TrialMesh, camera: Camera) -> TrialMesh:
 
 
 def _make_invisible_mesh(mesh: TrialMesh) -> TrialMesh:
-    """Return a mesh of one face without area, because an asset must have a face."""
+    """Return a mesh of a single face without area. An asset must have at least one face."""
     point = mesh.vertices[:1] if len(mesh.vertices) else np.zeros((1, 3), np.float32)
     return TrialMesh(point, np.zeros((1, 3), np.int64), np.ones((1, 3), np.float32))

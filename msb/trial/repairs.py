@@ -1,4 +1,4 @@
-"""Compare repair plans: the faces that a plan keeps, its cost in image quality, and the tasks that work."""
+"""Compare repair plans by the faces that they keep, the loss of image quality, and the tasks that work."""
 
 from __future__ import annotations
 
@@ -62,8 +62,8 @@ TASKS = ("uv", "decimate_50", "subdivide", "boolean", "solid")
 class TierLikeness:
     """The similarity of renderings of a repaired asset to the original on one tier.
 
-    `psnr` is the average over the views in dB. It is None if all images are the `same`, or if the tier cannot
-    be rendered; `why` is then the reason.
+    `psnr` is the average over the views in dB. It is None if all images are equal (`same`), or if the tier
+    cannot be rendered (for the reason `why`).
     """
 
     psnr: float | None = None
@@ -151,7 +151,7 @@ def compare(
     keep: Path | None = None,
     step: Callable[[], None] = lambda: None,
 ) -> list[StrategyResult]:
-    """Return a row for the asset as stored, and one for the result of each strategy.
+    """Return a row for the asset as stored, and a row for the result of each strategy.
 
     Parameters
     ----------
@@ -183,13 +183,13 @@ def compare(
         size=_sum_bytes(asset),
     )
     step()
-    # The strategies. One that fails gets a row with the reason.
+    # The strategies. A failed strategy gets a row with the reason.
     rows = [stored]
     for name, (steps, peer) in list_strategies(options).items():
         start = time.perf_counter()
         try:
             done = repair_asset(asset, replace(options, plan=steps, peer=peer))
-        except OutputError:  # a temporary file cannot be written; this says nothing about the strategy
+        except OutputError:  # a temporary file cannot be written, which is not a fault of the strategy
             raise
         except MsbError as error:
             rows.append(StrategyResult(name, steps, peer, why=f"{error.code}: {error.message}"))
@@ -223,17 +223,20 @@ def compare(
 
 
 class _Evaluator:
-    """Renders results and tries tasks on them. Results equal to an earlier one are not evaluated again."""
+    """Rendering of results, and trials of tasks on them.
+
+    Results equal to an earlier one are not evaluated again.
+    """
 
     def __init__(self, views: ChosenViews, tasks: Sequence[str], limits: Limits, device: str | None) -> None:
         self.views, self.tasks, self.limits, self.device = views, tasks, limits, device
         self.why = views.why_not
-        # The images of the first asset. All others are compared with them.
+        # The images of the first asset. The images of all other assets are compared with them.
         self.originals: dict[Tier, Images | str] = {}
         self.known: dict[tuple[str, ...], tuple[dict[Tier, TierLikeness], tuple[Trial, ...]]] = {}
 
     def evaluate(self, asset: Asset) -> tuple[dict[Tier, TierLikeness], tuple[Trial, ...]]:
-        """Return the likeness of an asset to the first one for each tier, and the trials of its tasks."""
+        """Return the similarity of an asset to the first asset on each tier, and the trials of the tasks."""
         key = (asset.manifest.method, *(spec.sha256 for spec in asset.manifest.buffers.values()))
         if key not in self.known:
             images = {
@@ -276,7 +279,7 @@ def _save_picture(
 
 
 def _compare_tier(original: Images | str, repaired: Images | str) -> TierLikeness:
-    """Compare the images of a tier; texts are reasons for missing images."""
+    """Compare the images of a tier. A text instead of images is the reason why they are missing."""
     if isinstance(original, str) or isinstance(repaired, str):
         return TierLikeness(why=original if isinstance(original, str) else str(repaired))
     result = compare_images(original, repaired)

@@ -51,7 +51,7 @@ class Trial:
     numbers : dict
         The measurements, as JSON data.
     libraries : dict of str to str
-        Library -> version, for libraries that returned a result.
+        Versions of the libraries that returned a result.
     says : str
         A short text with the most important numbers.
     files, picture : tuple of str, str or None
@@ -120,7 +120,7 @@ def trial(
     repair : sequence of str, or str, optional
         Repair the mesh with this plan first, after the weld; see `msb.repair`.
     cameras : sequence of Camera, optional
-        The views for judging results, at least one. Default: the training views, if they are stored with the
+        The views for judging results, at least one. Default: the training views if they are stored beside the
         path, else eight views around or inside the mesh (docs/cameras.md).
     limits : Limits, optional
         Time and memory limits of each library for each task. Default: 60 s and 4 GiB.
@@ -178,8 +178,8 @@ def try_asset(
 
     `view_kind` is the `kind` of generated views for `msb.views.choose_views`.
 
-    `keep` is a folder for an image of each task and, with `meshes`, for the results as GLB files. `watch` is
-    called with each result.
+    `keep` is a folder. It gets an image of each task, and with `meshes` also the results as GLB files.
+    `watch` is called with each result.
     """
     selected = select_tasks(tasks)
     limits = Limits() if limits is None else limits
@@ -240,7 +240,7 @@ class _TaskRun:
         missing = f"{' and '.join(absent)} not installed: {install('trial')}" if absent else ""
         if not select_installed(task.attempts):
             return Trial(task.name, task.title, "not_run", missing, 0.0)
-        # Run the attempts, and the fallbacks if all of these fail.
+        # Run the attempts. If all of them fail, run the fallbacks.
         arrays = task.prepare(self.mesh, self.renderings) if task.prepare else {}
         replies = self.run_attempts(task.attempts, arrays, self.limits)
         if not any(reply.output for reply in replies.values()):
@@ -269,7 +269,10 @@ class _TaskRun:
     def run_attempts(
         self, attempts: Iterable[Attempt], arrays: Mapping[str, NDArray[Any]], limits: Limits
     ) -> dict[str, AttemptResult]:
-        """Run the attempts whose libraries are installed; add the verdicts of their meshes to the numbers."""
+        """Run the attempts whose libraries are installed.
+
+        Add the verdicts on the resulting meshes to the numbers.
+        """
         replies = {
             attempt.library: run_attempt(self.task, attempt, self.mesh, arrays, limits)
             for attempt in select_installed(attempts)
@@ -291,11 +294,12 @@ class _TaskRun:
                 for name, reply in failed.items()
             }
         if not outputs:
-            # A crash or a limit tells nothing about the mesh.
+            # A crash or an exceeded limit does not mean that the mesh is at fault.
             ended = any(reply.ended_by is not None for reply in failed.values())
             return Judgement("not_run" if ended else "fails", why, numbers)
         judgement = self.task.judge(self.mesh, outputs, self.renderings)
-        # A fallback fails in place of a library that crashed or exceeded its limits.
+        # If all main libraries crashed or exceeded their limits, the mesh is not to blame, even if the
+        # fallback fails.
         ended = all(
             replies[attempt.library].ended_by is not None
             for attempt in self.task.attempts
@@ -312,9 +316,9 @@ class _TaskRun:
     def add_file_verdict(
         self, judgement: Judgement, summary: str, outputs: dict[str, Output], files: Sequence[str]
     ) -> tuple[Judgement, str]:
-        """Return the judgement and the summary with the verdict of the best result's mesh added.
+        """Return the judgement and the summary, and add the verdict on the mesh of the best result to both.
 
-        If the mesh is BAD or worse than the original, the task works with limitations at best.
+        If this mesh is BAD or worse than the original, the best possible outcome is "works with limitations".
         """
         best = judgement.numbers.get("best", next(iter(outputs), ""))
         for key, mesh in outputs[best].meshes.items() if best else ():
@@ -343,7 +347,7 @@ class _TaskRun:
     def save(
         self, folder: Path | None, outputs: dict[str, Output], *, meshes: bool
     ) -> tuple[tuple[str, ...], str | None]:
-        """Save the image of the task and, with `meshes`, the meshes, if there is a folder.
+        """Save the image of the task if there is a folder, and with `meshes` also the meshes.
 
         Return the names of the files, and of the image among them.
         """

@@ -10,7 +10,7 @@ from msb.base.children import Arrays
 from msb.trial.mesh import TrialMesh
 from msb.trial.renderings import Renderings
 
-# "care" means that the task works with limitations; "not_run" that a library or images are missing.
+# "care" means that the task works with limitations. "not_run" means that a library or images are missing.
 Outcome = Literal["works", "care", "fails", "not_run"]
 # The outcomes of a task that was run, best first.
 OUTCOMES: tuple[Outcome, ...] = ("works", "care", "fails")
@@ -96,9 +96,9 @@ class Task:
         The libraries to try, and the libraries to try if all of these fail. Each attempt returns at most one
         mesh.
     judge : callable
-        A function of the mesh, the outputs by library, and the renderings. It is only called with at least
-        one output; without any, the task fails. If there are several outputs, its number "best" names the
-        library that counts.
+        A function of the mesh, the outputs by library, and the renderings. It is called only if there is an
+        output; otherwise the task fails. If there are several outputs, its number "best" names the library
+        that counts.
     summarize : callable
         A function that turns the numbers into a short text for a table.
     powers : mapping of str to int
@@ -124,7 +124,7 @@ class Task:
 
 
 def file_outcome(original: TrialMesh, result: TrialMesh) -> Outcome:
-    """Return the best possible outcome for a result: "care" if it is BAD or worse than the original."""
+    """Return "care" if the result is BAD or worse than the original, else the best outcome, "works"."""
     levels = ("ok", "limited", "bad")
     is_worse = levels.index(result.verdict.level) > levels.index(original.verdict.level)
     return "care" if is_worse or result.verdict.level == "bad" else "works"
@@ -136,7 +136,7 @@ def format_count(number: int, singular: str, plural: str | None = None) -> str:
 
 
 def combine(numbers: Numbers, *grades: tuple[Outcome, str]) -> Judgement:
-    """Return the worst of several outcomes, with the reasons of all that are not "works"."""
+    """Return the worst of several outcomes, with the reasons for all outcomes other than "works"."""
     reasons = [reason for outcome, reason in grades if outcome != "works"]
     return Judgement(pick_worst(outcome for outcome, _ in grades), "; ".join(reasons) or None, numbers)
 
@@ -147,9 +147,9 @@ def pick_worst(outcomes: Iterable[Outcome]) -> Outcome:
 
 
 def grade(value: float | None, works: float, care: float) -> Outcome:
-    """Return the outcome of a value that should be small: at most `works`, at most `care`, or larger.
+    """Return the outcome for a value that should be small.
 
-    An unknown value (None) counts as "works".
+    `works` and `care` are the largest values for these outcomes. An unknown value (None) counts as "works".
     """
     if value is None or value <= works:
         return "works"

@@ -1,7 +1,7 @@
-"""Measures why an export of an asset looks worse than its native rendering: the PSNR of each cause.
+"""Measure why an export of an asset looks worse than its native rendering. Each cause gets a PSNR.
 
-A cause is one difference between an engine and the method's own renderer, such as hard edges. It is measured
-by rendering the same cameras with and without this difference, everything else being equal. docs/worse.md
+A cause is one difference between an engine and the method's own renderer, such as hard edges. To measure it,
+the same cameras are rendered with and without this difference. Everything else stays the same. docs/worse.md
 shows images of all causes.
 """
 

@@ -1,4 +1,4 @@
-"""The causes of a loss of image quality: how each is rendered, recognised and avoided."""
+"""The causes of a loss of image quality. For each cause: how it is rendered, recognised and avoided."""
 
 import tempfile
 from collections.abc import Callable
@@ -23,15 +23,15 @@ from msb.why.views import CauseViews, DoesNotApplyError, Image
 
 # Logit of an opacity of 1 - 2e-9. As float32 this opacity is 1.
 _FULL_LOGIT = np.float32(20.0)
-# Settings that make coverage 1 inside a face and 0 outside, by the kernel of the coverage. They are a steep
-# power and a narrow window.
+# Settings that make the coverage 1 inside a face and 0 outside, for each kernel of the coverage. They are a
+# steep power and a narrow window.
 _HARD_SETTINGS: dict[str, dict[str, float]] = {
     "gaussian_power": {"gamma": 1000.0},
     "edge_window": {"sigma": 1e-9},
 }
 # Stored value of Triangle-Splatting that makes edges hard: sigma is 0.01 + exp(value), here its minimum 0.01.
 _HARD_SIGMA = np.float32(-30.0)
-# Two lists of images, with and without a cause; each list has an image for every view.
+# Two lists of images, with and without a cause. Each list has an image for every view.
 _Pair = tuple[list[Any], list[Any]]
 _Draw = Callable[[CauseViews], _Pair]
 # A changed model, and the settings for drawing it.
@@ -61,7 +61,7 @@ def apply_light(frames: list[Frame], light: Image) -> list[Frame]:
     values.
     """
     lit = []
-    # Multiply each pixel (H, W, 3) by the brightness of its face (H, W); the background has face id -1.
+    # Multiply each pixel (H, W, 3) by the brightness of its face (H, W). The background has the face id -1.
     for frame in frames:
         faces = frame.face_id
         assert faces is not None, "the standard tier has face ids"
@@ -77,7 +77,8 @@ def _draw_linear_colors(views: CauseViews) -> _Pair:
         return interpret_as_linear(frames), frames
     if mesh.vertex_colors is None and mesh.face_colors is None:
         raise DoesNotApplyError("its colours are textures, which glTF defines as sRGB")
-    # Only the vertex or face colours are misinterpreted, so the mesh has to be drawn again.
+    # The engine misinterprets only the vertex or face colours, not the image. The mesh must therefore be
+    # drawn again.
     pale = replace(mesh, vertex_colors=_encode(mesh.vertex_colors), face_colors=_encode(mesh.face_colors))
     return views.draw_mesh(pale), frames
 
@@ -160,14 +161,17 @@ def _draw_exporter(views: CauseViews) -> _Pair:
 
 
 def _draw_unsorted(views: CauseViews) -> _Pair:
-    """Compare faces drawn in stored order with faces sorted by depth."""
+    """Compare images of faces drawn in stored order with images of faces sorted by depth."""
     if views.asset.manifest.compositing.get("kind") == "opaque_z_buffer":
         raise DoesNotApplyError("it is drawn with a z-buffer, which needs no order")
     return views.draw_native(order="none"), views.native
 
 
 def _encode(colors: NDArray[Any] | None) -> Image | None:
-    """Return colours (N, 3 or 4) encoded as sRGB once more. Alpha is not encoded, because it is no colour."""
+    """Return colours (N, 3 or 4) encoded as sRGB once more.
+
+    Alpha is not encoded, because it is not a colour.
+    """
     if colors is None:
         return None
     # Bytes become floats in [0, 1].
@@ -181,8 +185,8 @@ def _to_srgb(linear: Image) -> Image:
     return np.where(linear <= 0.0031308, 12.92 * linear, curve).astype(np.float32)
 
 
-# Causes that affect every opaque mesh in every engine: name of the cause -> function that removes the
-# property from the model.
+# Causes that affect every opaque mesh in every engine. Each has a function that removes the property from the
+# model.
 BAKED: dict[str, Callable[[Asset], _Change]] = {
     "view_dependence": _without_view_dependence,
     "opacity": _with_full_opacity,
@@ -194,7 +198,8 @@ BAKED: dict[str, Callable[[Asset], _Change]] = {
 class CauseDefinition:
     """A cause, and how to draw images with and without it.
 
-    `title`, `how_to_see` (how to recognise the cause in a program) and `remedy` are printed.
+    `title`, `how_to_see` and `remedy` are printed. `how_to_see` tells how to recognise the cause in a
+    program.
     """
 
     name: str

@@ -38,11 +38,11 @@ def why(
 ) -> None:
     """Explain why an export looks worse than the native rendering: the PSNR of each cause, in dB.
 
-    The asset is rendered with and without each cause, everything else being equal. Differences are clearly
+    The asset is rendered with and without each cause. Everything else stays the same. Differences are clearly
     visible below 30 dB and invisible above 40 dB. The last lines compare the standard-tier mesh with the
-    native rendering, which shows the loss of all causes together. They tell which part of it engine settings
-    can avoid, and which part needs a bake. Without --cameras the training cameras are used if they are found
-    beside the asset, else cameras around it.
+    native rendering. This is the loss of all causes together. They also tell which part of the loss engine
+    settings can avoid, and which part needs a bake. Without --cameras the training cameras beside the asset
+    are used. If there are none, cameras around the asset are used.
     """
     from msb.api.command_files import open_asset
     from msb.errors import about
@@ -85,7 +85,7 @@ def why(
 
 
 def _save_images(causes: list[Cause], folder: Path, *, overwrite: bool) -> None:
-    """Write an image for each cause: on the left without the cause, on the right with it."""
+    """Write an image for each cause. The left half is without the cause, the right half with it."""
     import numpy as np
 
     from msb.render.images import write_image

@@ -1,4 +1,4 @@
-"""Measures the causes of a loss of image quality on one asset, each alone and all together."""
+"""Measure the causes of a loss of image quality on an asset, each cause alone and all causes together."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ class Cause:
     with_it: Image | None = None
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the record for `msb why --json`; for equal images `db` is null and `equal` is true."""
+        """Return the record for `msb why --json`. For equal images `db` is null and `equal` is true."""
         equal = self.db is not None and self.db >= EQUAL
         return {
             "name": self.name,
@@ -76,7 +76,7 @@ class Cause:
 class Causes(list[Cause]):
     """A list with the loss of each cause.
 
-    `total` has the loss of the standard-tier mesh, `views` has the cameras that see the asset.
+    `total` has the loss of the standard-tier mesh. `views` has the cameras that see the asset.
     """
 
     total: Total
@@ -147,7 +147,7 @@ def _measure_cause(definition: CauseDefinition, views: CauseViews) -> Cause:
         with_it, without = definition.draw(views)
     except DoesNotApplyError as error:
         return Cause(definition.name, definition.title, False, None, str(error), *texts)
-    # For each view the sum of squared errors and the number of values, (views, 2).
+    # The sum of squared errors and the number of values of each view, (views, 2).
     errors = squared_errors(with_it, without)
     worst = int(np.argmax(errors[:, 0] / errors[:, 1]))
     return Cause(

@@ -35,7 +35,7 @@ class Total:
         The native rendering of the model without view-dependent colours, transparency and soft edges, which
         no opaque mesh can show. A bake can avoid this loss; settings cannot.
     bakes : tuple of str
-        Names of those causes of the loss `baked` that are visible, the largest loss first.
+        Names of the visible causes of the loss `baked`, the largest loss first.
     """
 
     db: float | None
@@ -46,7 +46,7 @@ class Total:
     bakes: tuple[str, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the record for `msb why --json`; if images are equal, the number is null."""
+        """Return the record for `msb why --json`. If images are equal, the number is null."""
         return {
             "db": _finite(self.db),
             "equal": self.db is not None and self.db >= EQUAL,
@@ -61,7 +61,7 @@ def _finite(db: float | None) -> float | None:
 
 
 def measure_total(views: CauseViews, losses: Mapping[str, float | None]) -> Total:
-    """Return the loss of the standard-tier mesh; `losses` has the PSNR in dB of each cause alone."""
+    """Return the loss of the standard-tier mesh. `losses` has the PSNR in dB of each cause alone."""
     try:
         native, standard = views.native, views.standard
     except DoesNotApplyError as error:
@@ -69,7 +69,7 @@ def measure_total(views: CauseViews, losses: Mapping[str, float | None]) -> Tota
     db = psnr_over_views(standard.frames, native)
     wrong = psnr_over_views(interpret_as_linear(apply_light(standard.culled, views.light)), native)
     right = psnr_over_views(standard.supersampled, native)
-    # Remove everything from the model that an opaque mesh cannot show, one property after the other.
+    # Remove all properties from the model that an opaque mesh cannot show.
     asset = views.asset
     settings: dict[str, Any] = {}
     for change in BAKED.values():

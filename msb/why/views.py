@@ -33,30 +33,31 @@ _SAMPLING_SETTINGS = ("supersample", "render_up_scale")
 
 
 class DoesNotApplyError(Exception):
-    """A cause does not apply to the asset; the text is the reason."""
+    """Error that a cause does not apply to the asset, with the reason as its text."""
 
 
 class _StandardImages(NamedTuple):
     """Images of the standard-tier mesh, one for each camera."""
 
-    # As `msb render` draws it.
+    # The images that `msb render` draws.
     frames: list[Frame]
     # Without back faces.
     culled: list[Frame]
-    # With as many samples per pixel as the native renderer; 16 if the method has no native renderer.
+    # Images with as many samples per pixel as the native renderer, or 16 if the method has no native
+    # renderer.
     supersampled: list[Image]
 
 
 class CauseViews:
-    """The cameras of one asset and its renderings; every kind of rendering is drawn at most once.
+    """The cameras of an asset and its renderings. Every kind of rendering is drawn at most once.
 
     Attributes
     ----------
     chosen : msb.views.ChosenViews
         The cameras that see the asset.
     samples : dict
-        Setting of the native renderer -> its samples per pixel along each axis; empty if the renderer takes
-        one sample per pixel.
+        The samples per pixel along each axis, by the setting of the native renderer. Empty if the renderer
+        takes one sample per pixel.
     """
 
     def __init__(
@@ -72,7 +73,7 @@ class CauseViews:
         for name in _SAMPLING_SETTINGS:
             if isinstance(value := values.get(name), int) and value > 1:
                 self.samples[name] = value
-        # Render the standard tier first: if all its images show the asset, no separate visibility test is
+        # Render the standard tier first. If all its images show the asset, no separate visibility test is
         # needed.
         self._standard = None if why_not(asset.manifest, "standard") else self._draw_standard(views.cameras)
         frames = [] if self._standard is None else self._standard.frames
@@ -145,10 +146,10 @@ class CauseViews:
         return _StandardImages(frames, culled, supersampled)
 
     def _front_faces(self, cameras: Sequence[Camera]) -> NDArray[np.bool_]:
-        """Return which faces each camera sees from the front, (cameras, F)."""
+        """Return a mask (cameras, F) of the faces that each camera sees from the front."""
         positions, indices = self.asset.buffers["positions"], self.asset.buffers["indices"]
         front = np.zeros((len(cameras), len(indices)), bool)
-        # For blocks of faces: the first corner and the normal, each (f, 3).
+        # Process blocks of faces, with the first corner and the normal of each face, both (f, 3).
         for block, first, normals in normals_of(positions, indices):
             plane = np.einsum("fi,fi->f", first, normals)
             front[:, block] = [normals @ camera.center > plane for camera in cameras]
@@ -162,12 +163,12 @@ class CauseViews:
 
 
 def clip_image(frame: Any) -> Image:
-    """Return an image clamped to [0, 1]; the argument is a frame or an image."""
+    """Return a frame or an image as an image clamped to [0, 1]."""
     return np.clip(np.asarray(getattr(frame, "image", frame), np.float32), 0, 1)
 
 
 class _CullingRenderer(StandardRenderer):
-    """Draws the selected faces of an asset. Until `select` is called, all faces are selected."""
+    """Renderer of the selected faces of an asset. Until `select` is called, all faces are selected."""
 
     def __init__(self, asset: Asset, device: str | None) -> None:
         super().__init__(asset, device=device)
@@ -176,7 +177,7 @@ class _CullingRenderer(StandardRenderer):
     @in_turn
     def select(self, mask: NDArray[np.bool_]) -> None:
         """Draw only the faces of `mask` (F,) from now on."""
-        # The names of the scratch buffers appear in reports of memory.
+        # Memory reports show the names of these scratch buffers.
         flags = self._scratch("shown faces", self._faces, np.uint8)
         flags.write(mask.view(np.uint8))
         records = self._scratch("shown triangles", self._all.records.shape)

@@ -33,7 +33,7 @@ def bad(label: str, code: str, make: bytes | Callable[[], bytes]) -> Case:
 
 
 def member(label: str, code: str, which: int = 0, **changes: Fields) -> Case:
-    """Return a case with changed fields in the headers of a member, by default data.pkl."""
+    """Return a case in which header fields of a member, by default data.pkl, are changed."""
 
     def make() -> list[Entry]:
         parts = entries()

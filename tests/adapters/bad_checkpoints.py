@@ -1,4 +1,4 @@
-"""All bad checkpoints. Nothing in them is random, so the bytes are the same each time."""
+"""All bad checkpoints. They contain no random values, so the bytes are the same each time."""
 
 from pathlib import Path
 from typing import Any

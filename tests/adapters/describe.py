@@ -11,7 +11,10 @@ from msb.adapters.checkpoint import BFloat16Array
 
 
 def describe(value: Any, arrays: list[np.ndarray]) -> Any:
-    """Return `value` as JSON that distinguishes all types and bits. Arrays are appended to `arrays`."""
+    """Return `value` as JSON in which any difference in types or bits is visible.
+
+    Arrays are appended to `arrays`.
+    """
     if type(value) is dict:
         return ["dict", [[describe(key, arrays), describe(item, arrays)] for key, item in value.items()]]
     if type(value) in (list, tuple):

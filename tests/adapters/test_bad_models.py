@@ -66,7 +66,7 @@ def test_a_broken_model_names_its_file_and_key(
     assert error.file.endswith((".pt", ".ckpt"))
 
 
-# A parameter and a coordinate of each method.
+# A parameter and a coordinate of each method are tested.
 PARAMETERS = [
     ("two_dts", "_opacity", "_vertex"),
     ("triangle_splatting", "features_dc", "triangles_points"),

@@ -218,7 +218,7 @@ def assert_soup(asset: msb.Asset, vertices: np.ndarray) -> None:
 
 
 def assert_rest(asset: msb.Asset, rest: np.ndarray) -> None:
-    """Check f_rest: column 3 (k - 1) + c is coefficient k of channel c."""
+    """Check f_rest: column 3 (k - 1) + c holds coefficient k of channel c."""
     assert asset.manifest.sh_degree == {0: 0, 3: 1, 8: 2, 15: 3}[rest.shape[1]]
     if rest.shape[1] == 0:
         assert "f_rest" not in asset.buffers

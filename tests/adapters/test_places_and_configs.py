@@ -24,7 +24,7 @@ TORUS = GOLDEN / "triangle_splatting" / "torus_sh0_white" / "checkpoint"
 
 
 def test_the_latest_iteration_is_the_largest_number() -> None:
-    asset = msb.export(TORUS)  # as text "7000" is larger than "30000"
+    asset = msb.export(TORUS)  # compared as text, "7000" is larger than "30000"
     assert (asset.manifest.face_count, asset.warnings) == (2136, ())
     inside = msb.export(TORUS / "point_cloud" / "iteration_30000" / "point_cloud_state_dict.pt")
     assert inside.manifest.face_count == 2136
@@ -176,7 +176,7 @@ def test_a_hostile_config_is_ignored_or_rejected(case: str, tmp_path: Path) -> N
     asset = msb.export(folder)
     assert [w.code for w in asset.warnings] in (
         ["CHECKPOINT_CONFIG", "CHECKPOINT_CONFIG_MISSING"],
-        [] if case == "long" else None,  # truncated at the limit, it is still a valid config
+        [] if case == "long" else None,  # the text is truncated at the limit and is still a valid config
     )
     assert asset.manifest.settings["rasterizer"].value in ("2D", "3D")
     if asset.warnings:
@@ -325,7 +325,7 @@ def test_meshes_of_a_method_are_recognised(method: str) -> None:
     assert asset.manifest.method == method == detect(file) == detect(file.parent)
     np.testing.assert_allclose(asset.buffers["positions"], MADE.buffers["positions"], atol=1e-6)
     assert is_textured(asset) is (file.suffix == ".obj")
-    assert expand(folder) == [folder]  # it is a model, not a folder of meshes
+    assert expand(folder) == [folder]  # the folder is a model, not a folder of meshes
     sources = msb.open(file).manifest.source.files
     assert sources == asset.manifest.source.files
     assert sources[0].path == PLACES[method]

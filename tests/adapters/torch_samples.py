@@ -131,7 +131,7 @@ VARIANTS = {
 
 
 def save(value: Any, path: Path, variant: str, location: str = "cpu") -> None:
-    """Save `value` in a variant of the format; `location` is the device that storages name."""
+    """Save `value` in a variant of the format; `location` is the device that the storages state."""
     new, protocol = VARIANTS[variant]
     with warnings.catch_warnings(), mock.patch("torch.serialization.location_tag", return_value=location):
         warnings.simplefilter("ignore")
@@ -153,7 +153,7 @@ def plain(value: Any) -> Any:
 
 
 def write_golden() -> None:
-    """Write the files and their content according to torch."""
+    """Write the files, and their content as torch reads it."""
     GOLDEN.mkdir(parents=True, exist_ok=True)
     expected: dict[str, Any] = {}
     kept: dict[str, np.ndarray] = {}

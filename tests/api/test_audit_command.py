@@ -240,7 +240,7 @@ def test_several_inputs_give_a_list_a_table_and_the_worst_status(
     assert rows[str(closed)] == ["OK", "4"]
     assert rows[str(tmp_path / "torn.ply")] == ["-", "-"]
     numbers = [int(word) for word in lines[-1].split() if word.isdigit()]
-    assert numbers == [4, 2, 0, 1, 1, 1]  # meshes: ok, limited, bad; failed a gate; not read
+    assert numbers == [4, 2, 0, 1, 1, 1]  # numbers of meshes: ok, limited, bad, failed a gate, not read
     assert len(here("audit", "-q", book, closed).out.splitlines()) == 3
 
 
@@ -254,8 +254,10 @@ def test_a_pattern_stands_for_its_matches_each_once(here: Here, book: Path, clos
     assert all(row["schema"] == "msb.audit/1" and row["tool_version"] for row in rows)
     empty.rmdir()
     closed.unlink()
-    assert here("audit", "-q", "--json", "-", pattern, book).json["path"] == str(book)  # no list
-    named = book.rename(book.with_name("a[1].ply"))  # a name that looks like a pattern
+    assert here("audit", "-q", "--json", "-", pattern, book).json["path"] == str(
+        book
+    )  # one mesh gives an object, not a list
+    named = book.rename(book.with_name("a[1].ply"))  # this name looks like a pattern
     assert here("audit", "-q", named).status == 0
 
 

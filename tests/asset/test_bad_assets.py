@@ -68,7 +68,7 @@ def test_load_and_validate_give_a_bad_asset_its_code(case: Case, folder: Path) -
     path = write_case(case, folder)
     if case.denied:
         parts(mesh()).write_packed(folder / "good")
-        load(folder / "good")  # the codecs must be imported before files become unreadable
+        load(folder / "good")  # this imports the codecs before files become unreadable
     with permissions(case):
         if case.found_by == "load" and case.severity == "error":
             with pytest.raises((AssetError, InputError)) as caught:
@@ -117,7 +117,7 @@ def test_every_code_of_the_format_has_a_case() -> None:
 
 
 def test_a_link_created_after_the_check_is_not_followed(tmp_path: Path, monkeypatch) -> None:
-    """Another process replaces `buffers` by a link after it was checked and before a file in it is opened."""
+    """Another process replaces `buffers` by a link after the check, before a file in it is opened."""
     path, outside = tmp_path / "a.triasset", tmp_path / "outside"
     parts(mesh()).write_folder(path)
     parts(mesh()).write_folder(outside)

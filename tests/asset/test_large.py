@@ -18,7 +18,7 @@ GIB = 1 << 30
 
 
 def large(vertices: int) -> Parts:
-    """Return a mesh that declares `vertices` positions, without their bytes."""
+    """Return a mesh that declares as many positions as `vertices`, but without their bytes."""
     good = parts(mesh())
     good.manifest["vertex_count"] = vertices
     spec = good.manifest["buffers"]["positions"]
@@ -76,7 +76,7 @@ print(json.dumps({"bytes": total, "last": last, "mib": after - before}))
 @pytest.mark.parametrize("form", ["packed", "folder"])
 def test_gigabytes_are_opened_without_reading_them(form: str, tmp_path: Path) -> None:
     if shutil.disk_usage(tmp_path).free < 7 * GIB:
-        pytest.skip("less than 7 GiB free, which a file system without holes would need")
+        pytest.skip("less than 7 GiB free; a file system without sparse files would need them")
     path, small = write_large(tmp_path, form), tmp_path / "small.triasset"
     parts(mesh()).write_packed(small)
     done = subprocess.run(

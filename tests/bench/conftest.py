@@ -1,4 +1,4 @@
-"""Finished runs that tests share; a test that changes results gets a copy of them."""
+"""Finished runs that tests share. A test that changes results uses a copy."""
 
 import shutil
 from dataclasses import replace

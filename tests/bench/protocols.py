@@ -1,4 +1,4 @@
-"""Small protocols on the shipped scenes, and results without times, so that two runs can be compared."""
+"""Small protocols on the shipped scenes, and functions that read results without times."""
 
 import json
 import time
@@ -31,7 +31,7 @@ def make_protocol(
 
     Its results go below `folder`; no file is written.
 
-    `head` comes first, `keys` are added to every method, and `tail` comes last.
+    The text `head` comes first, `keys` are added to every method, and the text `tail` comes last.
     """
     lines = [
         head,
@@ -89,7 +89,7 @@ def wait_until(condition: Callable[[], object]) -> None:
 
 
 def read_records(results: Path) -> dict[str, Any]:
-    """Return path -> record below a results folder, without times and without the folder's own path."""
+    """Return the records below a results folder by path, without times and without the path of the folder."""
     text = {path: path.read_text() for path in sorted(results.rglob("result.json"))}
     return {
         path.relative_to(results).as_posix(): _timeless(json.loads(content.replace(str(results), "RESULTS")))
@@ -110,7 +110,7 @@ def find_differences(first: Any, second: Any, place: str = "") -> list[str]:
 
 
 def read_images(results: Path) -> dict[str, bytes]:
-    """Return path -> content of every image below a results folder."""
+    """Return the content of every image below a results folder, by path."""
     files = sorted(results.rglob("*.png"))
     return {path.relative_to(results).as_posix(): path.read_bytes() for path in files}
 
@@ -122,12 +122,12 @@ def _timeless(data: Any) -> Any:
 
 
 def read_cell(file: ProtocolFile, name: str) -> Any:
-    """Return the record of the scene pebble named METHOD/CONDITION."""
+    """Return the record "METHOD/CONDITION" of the scene pebble."""
     return read_result(file.results / "cells" / "nerf_synthetic" / "pebble" / name / "result.json")
 
 
 def get_plan(report: Report) -> dict[str, Any]:
-    """Return model/condition -> status, or the parts to compute and the reason for each."""
+    """Return by "model/condition" the status, or the parts to compute and the reason for each part."""
     return {
         "/".join(row.planned.cell.names[2:]): dict(row.planned.why) or row.planned.status
         for row in report.rows

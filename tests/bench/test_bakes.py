@@ -1,4 +1,7 @@
-"""Bakes of a protocol: computed once per model and scene, and the parts of the loss to the standard tier."""
+"""Bakes of a protocol are computed once per model and scene.
+
+They split the loss to the standard tier into parts.
+"""
 
 import json
 import os
@@ -101,7 +104,7 @@ def test_a_bake_applies_to_the_datasets_it_names(tmp_path: Path) -> None:
 
 
 def scenes(*rows: dict[str, float]) -> dict[str, dict[str, Result]]:
-    """Return records by scene and condition from rows of PSNRs; the bake "baked/kept" keeps all triangles."""
+    """Return records by scene and condition from rows of PSNR; the bake "baked/kept" keeps all triangles."""
 
     def record(name: str, value: float) -> Result:
         label = name.partition("/")[2]
@@ -181,7 +184,7 @@ def test_the_record_of_a_bake_is_complete(baked: ProtocolFile) -> None:
 def test_a_bake_is_repeated_only_if_an_input_changed(baked: ProtocolFile) -> None:
     assert set(get_plan(run_protocol(baked, dry=True)).values()) == {"done", "unsupported"}
     place = baked.results / "assets" / "nerf_synthetic" / "pebble" / "diffsoup" / "ceiling.triasset"
-    os.utime(place, ns=(0, 0))  # as in a copy of the results
+    os.utime(place, ns=(0, 0))  # as after copying the results
     record = baked.results / "cells" / "nerf_synthetic" / "pebble" / "diffsoup" / "ceiling" / "result.json"
     record.unlink()  # as after a run that was killed between the bake and its cell
     assert get_plan(run_protocol(baked, only=["ceiling"]))["diffsoup/ceiling"]["quality"] == "new"

@@ -1,4 +1,4 @@
-"""One cell, computed in this process: LPIPS, engines, internal errors, and parts of records that are kept."""
+"""One cell is computed in this process: LPIPS, engines, internal errors, and the kept parts of a record."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -28,7 +28,7 @@ from tests.report.factory import timing
 
 
 class Bench:
-    """The stages of a run, one cell at a time, in this process."""
+    """Runs the stages of a run in this process, one cell at a time."""
 
     def __init__(self, file: ProtocolFile, run: str) -> None:
         self.file, self.run = file, run
@@ -65,7 +65,10 @@ def bench(tmp_path: Path) -> Iterator[Bench]:
 
 @pytest.fixture
 def measures(monkeypatch: pytest.MonkeyPatch) -> dict[PartName, Any]:
-    """The functions that compute parts; those for images and timings are fakes that return at once."""
+    """The functions that compute parts.
+
+    The functions for images and timings are fakes that return at once.
+    """
     monkeypatch.setitem(cells.MEASURES, "quality", lambda _: {"device": {}})
     monkeypatch.setitem(cells.MEASURES, "timing", lambda _: {"timing": timing()})
     return cells.MEASURES

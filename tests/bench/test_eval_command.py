@@ -142,7 +142,7 @@ def test_a_metric_of_another_package_is_in_runs_and_reports(site: Path, msb: Msb
     for quality in records.values():
         values = [image["edges"] for image in quality["images"]]
         assert quality["edges"] == pytest.approx(math.fsum(values) / len(values))
-    # A record that is older than the metric is read too.
+    # A record that is older than the metric can also be read.
     write(file.results, make_result("mipnerf360", "garden", "two_dts", "standard"))
     report = tmp_path / "report"
     msb("report", "--allow-mixed", "-o", report, file.results, status=0, **where)

@@ -132,7 +132,7 @@ def test_a_rate_whose_rounds_differ_by_more_than_a_quarter_has_no_ratio(
     ratio = slowdown({"s": records}, ["s"])
     assert (ratio.value, ratio.reason) == (value, None if value else "unsteady")
     assert (why_unsteady(records["dedicated"]) is None) is (value is not None)
-    assert incomparable("p50_ms", *records.values()) is None  # device times do not depend on other work
+    assert incomparable("p50_ms", *records.values()) is None  # device times do not depend on other programs
 
 
 def test_an_average_weighs_scenes_and_not_groups() -> None:

@@ -1,4 +1,4 @@
-"""Runs that are killed, interrupted or on a cluster: finished work stays, no partial files are left."""
+"""Runs that are killed, interrupted or on a cluster keep finished work and leave no partial files."""
 
 import contextlib
 import json
@@ -33,7 +33,7 @@ def start(whole: ProtocolFile, tmp_path: Path) -> Iterator[Start]:
     """Start a run of the same protocol, with results below `tmp_path`."""
     started: list[subprocess.Popen[bytes]] = []
     (tmp_path / "protocol.toml").write_bytes(whole.text)
-    # A background process inherits that interrupts are ignored, so the handler is set again.
+    # A background process ignores interrupts by inheritance, so the handler is set again.
     code = (
         "import signal\nsignal.signal(signal.SIGINT, signal.default_int_handler)\n"
         "from msb.cli import main\nif __name__ == '__main__':\n    main()\n"
@@ -146,7 +146,7 @@ class Cluster:
 
     def stop(self) -> None:
         for process in self.processes:
-            process.kill()  # a terminated worker would wait for the scheduler, which ends too
+            process.kill()  # a terminated worker would wait for the scheduler, but the scheduler also ends
             process.wait()
 
 

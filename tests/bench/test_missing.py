@@ -1,4 +1,4 @@
-"""A dry run lists every missing input once, with the cells it affects, and has the exit status of the run."""
+"""A dry run lists every missing input once, with its cells, and has the exit status of a real run."""
 
 import json
 import shutil

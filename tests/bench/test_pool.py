@@ -1,4 +1,4 @@
-"""Worker processes: results and errors are returned, a crash loses one task, workers end with the parent."""
+"""Worker processes return results and errors, a crash loses one task, and workers end with the parent."""
 
 import os
 import signal

@@ -125,7 +125,7 @@ WRONG = {
     MINIMAL + '[[variants]]\nlabel = "a"\nrenderer = "b"\n': "/variants/0/renderer",
     MINIMAL + VARIANT.format("a") + "settings = { gama = 1 }\n": "/variants/0/settings",
 }
-"""Invalid protocol -> the beginning of the message, usually the place in the file."""
+"""The beginning of the message for each invalid protocol, usually the place in the file."""
 
 
 @pytest.mark.parametrize("text", [text for text in WRONG if WHOLE or "[trial]" not in text])

@@ -375,7 +375,7 @@ def test_json_replaces_only_the_json_of_a_run(here: Here, tmp_path: Path) -> Non
         assert json.loads(file.read_text())["seconds"] == number
     output = RunOutput(json_file=file)
     output.check_free(file)
-    file.write_text("precious")  # while the run goes on
+    file.write_text("precious")  # while the run is in progress
     with pytest.raises(UsageError, match="OUTPUT_EXISTS"):
         output.write_json({"schema": "msb.run/1"})
     assert file.read_text() == "precious"

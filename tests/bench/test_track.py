@@ -69,7 +69,8 @@ FOREIGN = 2**22 + 12345  # above the largest process number of Linux
 @pytest.mark.parametrize(
     ("states", "expected"),
     [
-        # (bytes per process, bytes in use on the device): before the command, then while it runs
+        # pairs (bytes per process, bytes in use on the device): first before the command, then during the
+        # command
         ([({}, 100), ({ME: 300, 1: 50}, 450), ({ME: 200}, 300)], (300, "processes", None)),
         ([({1: 50}, 100), ({1: 60}, 700)], (0, "processes", None)),  # only other programs use the GPU
         ([({}, 100), ({}, 400), ({}, 350)], (300, "device", None)),  # in a container no process is listed
@@ -95,7 +96,7 @@ def test_gpu_memory_is_measured_per_process_or_for_the_device(
 
 @pytest.mark.parametrize("count", [1, 2])
 def test_gpu_memory_if_the_first_gpu_denies_access(monkeypatch: pytest.MonkeyPatch, count: int) -> None:
-    """The driver denies the list of processes of GPU 0, then also its memory in use."""
+    """The driver first denies the list of processes of GPU 0, and then also its memory in use."""
     driver = nvml({ME: 7}, 100, count)
 
     def deny_first(name: str) -> None:

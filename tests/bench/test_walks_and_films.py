@@ -1,4 +1,4 @@
-"""Walks, trials and films of a protocol: recorded, film_frames in the report, and computed once."""
+"""Walks, trials and films of a protocol are recorded, shown in the report, and computed once."""
 
 from pathlib import Path
 

@@ -21,7 +21,7 @@ STYLES = ("cpu", "gpu", WITHOUT_ATOMICS)
 
 
 def open_styled(style: str) -> Device:
-    """Open the test device for one of STYLES; skip the CPU style if its compiler may not accept it."""
+    """Open the test device for one of STYLES. Skip the CPU style if the compiler may not accept it."""
     if style == "cpu" and choose_device(SELECTOR).record.style != "cpu":
         pytest.skip(f"the compiler of {SELECTOR} is not known to take the CPU style")
     opened = open_device(SELECTOR, style="cpu" if style == "cpu" else "gpu")
@@ -59,7 +59,7 @@ class Child(Protocol):
 
 @pytest.fixture(scope="session")
 def child() -> Child:
-    """Return a function that starts a Python process; variables given as None are unset in it."""
+    """Return a function that starts a Python process. Variables given as None are unset in it."""
 
     def start(code: str, **env: str | None) -> subprocess.Popen[str]:
         whole = {**os.environ, "PYTHONPATH": str(ROOT), **env}

@@ -120,7 +120,7 @@ def test_scratch_pool_reuses_grows_and_releases(fresh: Device) -> None:
 
 
 def test_allocations_beyond_the_device_memory_fail(fresh: Device) -> None:
-    # A device with 1 MiB, at most 64 KiB per buffer.
+    # A device with 1 MiB of memory, and at most 64 KiB per buffer.
     fresh._queue.record = dataclasses.replace(fresh.record, global_memory=2**20, max_allocation=2**16)
     held = [fresh.allocate(2**16, np.uint8, "positions") for _ in range(15)]
     for make in (

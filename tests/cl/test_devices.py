@@ -132,7 +132,7 @@ def test_record_of_a_real_device() -> None:
 
 
 def test_cpu_style_requires_a_known_compiler() -> None:
-    """Mesa's compiler crashes at extensions of clang."""
+    """The compiler of Mesa crashes if kernels use extensions of clang."""
     assert (POCL.style, INTEL.style) == ("cpu", "cpu")
     for platform in ("rusticl", "Oclgrind", "NVIDIA CUDA", "Apple"):
         assert other(platform=platform).style == "gpu"

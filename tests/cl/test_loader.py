@@ -1,4 +1,4 @@
-"""The search for platforms, in child processes: a loader starts only once per process."""
+"""The search for platforms. It runs in child processes, because a loader starts only once per process."""
 
 import os
 import sys
@@ -98,7 +98,7 @@ def test_device_list_is_empty_without_platforms(monkeypatch: pytest.MonkeyPatch)
 def test_driver_without_icd_file_is_registered(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(loader, "_SYSTEM_VENDORS", (tmp_path,))
     monkeypatch.setattr(loader, "_find_intel_library", lambda: None)
-    monkeypatch.setattr(loader.ctypes, "CDLL", Mock())  # as if the library of the driver existed
+    monkeypatch.setattr(loader.ctypes, "CDLL", Mock())  # simulates an existing driver library
     monkeypatch.delenv(loader.VENDOR_VARIABLE, raising=False)
     assert loader._find_missing_entries() == {"nvidia": loader.NVIDIA_LIBRARY}
     (tmp_path / "nvidia.icd").write_text(f"{loader.NVIDIA_LIBRARY}\n")
@@ -128,12 +128,12 @@ def test_processes_at_once_on_an_empty_cache(child: Child, tmp_path: Path) -> No
 @pytest.mark.slow
 @pytest.mark.parametrize("variable", ["HOME", "XDG_CACHE_HOME"])
 def test_unwritable_cache_is_replaced(child: Child, tmp_path: Path, variable: str) -> None:
-    """Without the loader, PoCL would have no device and pyopencl no kernels."""
+    """The loader replaces the cache. Without one, PoCL has no device and pyopencl cannot build kernels."""
     (tmp_path / "file").touch()
     env = {**NOTHING_SET, "POCL_CACHE_DIR": None, "XDG_CACHE_HOME": None, variable: str(tmp_path / "file")}
     assert answer(child(SCALE, **env)) == "0.0 2.0 4.0 6.0 8.0"
     devices, note = answer(child(LIST, **env)).split("|")[-2:]
-    assert devices.startswith("pocl:")  # the wheel comes last; the system may have another PoCL
+    assert devices.startswith("pocl:")  # the wheel comes last, because the system may have another PoCL
     assert "not writable" in note
 
 
@@ -148,7 +148,7 @@ def test_second_process_uses_the_kernel_cache(child: Child, tmp_path: Path) -> N
 
 
 def fake_intel(folder: Path) -> Path:
-    """Create the files of the Intel runtime that the loader inspects; return the folder to import from."""
+    """Create the files of the Intel runtime that the loader inspects. Return the folder to import from."""
     site = folder / "site"
     info = site / "intel_opencl_rt-1.0.dist-info"
     info.mkdir(parents=True)

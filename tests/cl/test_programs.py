@@ -184,7 +184,7 @@ def test_wrong_kernel_arguments_are_rejected(device: Device) -> None:
 def test_too_large_work_groups_are_rejected(
     who: str, group: tuple[int, ...], fresh: Device, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The limit of a kernel is tested at the launch, because some platforms report wrong limits."""
+    """The limit of a kernel is checked at its launch, because some platforms report wrong limits."""
     out = fresh.upload(np.ones(4, np.float32))
     kernel = fresh.program("simple", {"OFFSET": 0}, KERNELS).scaled
     arguments = (48,) * len(group), group, out, out, np.uint32(0)

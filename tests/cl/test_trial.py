@@ -1,6 +1,6 @@
 """Devices are tried in a child process, and the PoCL wheel is fixed if possible.
 
-`tests.machines unknown` compares the images of a fixed wheel with the golden images.
+`tests.machines unknown` tests the images of a fixed wheel against the golden images.
 """
 
 import dataclasses
@@ -25,7 +25,7 @@ WHEEL = other(selector="pocl:1", driver=pocl_fix.DRIVER)
 
 @pytest.fixture
 def machine(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
-    """Simulate a machine with these devices; those in `broken` do not build kernels."""
+    """Simulate a machine with these devices. The devices in `broken` do not build kernels."""
     for name in (devices.DEVICE_VARIABLE, devices.PYOPENCL_VARIABLE):
         monkeypatch.delenv(name, raising=False)
 
@@ -84,7 +84,7 @@ def test_error_without_a_building_device_quotes_the_compiler(
 
 @pytest.fixture
 def real(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[Any, DeviceRecord]]:
-    """Return the test device without known results."""
+    """Return the test device, after forgetting the results of earlier trials."""
     chosen = choose_device(SELECTOR).record
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     trial.forget()

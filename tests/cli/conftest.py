@@ -46,7 +46,7 @@ class Result:
         return json.loads(self.out, parse_constant=lambda name: pytest.fail(f"bare {name} in JSON"))
 
     def ends(self, status: int, begin: str) -> None:
-        """Check the status, and that the only output is a line on standard error with this beginning."""
+        """Check the status. Check that the only output is a line on standard error with this beginning."""
         assert (self.status, self.out, self.err.count("\n")) == (status, "", 1), self
         assert self.err.startswith(begin), self
 
@@ -101,7 +101,7 @@ def on_terminal(*args: object) -> str:
     )
     os.close(side)
     data = b""
-    with contextlib.suppress(OSError):  # the error of Linux at the end
+    with contextlib.suppress(OSError):  # the message ends with the error text of Linux
         while part := os.read(main, 65536):
             data += part
     os.close(main)
@@ -111,7 +111,7 @@ def on_terminal(*args: object) -> str:
 
 @pytest.fixture
 def here(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Here:
-    """Return a function like `Msb` that runs `msb` in this process, which is ten times as fast."""
+    """Return a function like `Msb` that runs `msb` in this process. This is ten times as fast."""
     group = get_command(app)
     monkeypatch.setattr("typer.main.get_command", lambda _: group)
 

@@ -1,4 +1,7 @@
-"""Run `msb` in processes that are forked from a server which has imported it. This saves 90 % of the time."""
+"""Run `msb` in processes that are forked from a server.
+
+The server has already imported `msb`. This saves 90 % of the time.
+"""
 
 import atexit
 import json
@@ -15,7 +18,7 @@ from tests.conftest import ROOT
 SECONDS = 600
 """Time limit of a command."""
 STARTS = ("PYTHON", "LC_", "LANG", "LD_")
-"""Prefixes of variables that Python reads at its start, so that forking is not possible."""
+"""Prefixes of variables that Python reads at its start. With such a variable, forking is not possible."""
 IMPORTED = [
     "msb.adapters.exporter",
     "msb.adapters.tensors",
@@ -86,7 +89,7 @@ msb.cli.main()
 
 @cache
 def _server() -> tuple[subprocess.Popen[str], Path]:
-    """Start the server; return it and a new folder for the output of its children."""
+    """Start the server. Return it, and a new folder for the output of its children."""
     folder = tempfile.TemporaryDirectory(prefix="msb-forks-", ignore_cleanup_errors=True)
     process = subprocess.Popen(
         [sys.executable, "-c", SERVER, str(SECONDS), *IMPORTED],
@@ -98,7 +101,7 @@ def _server() -> tuple[subprocess.Popen[str], Path]:
         env={**os.environ, "PYTHONPATH": _PATH, "OPENBLAS_NUM_THREADS": "1"},
     )
     atexit.register(folder.cleanup)
-    atexit.register(process.communicate)  # it exits at the end of its input
+    atexit.register(process.communicate)  # the server exits at the end of its input
     return process, Path(folder.name)
 
 
@@ -106,7 +109,10 @@ _PATH = os.pathsep.join(filter(None, [str(ROOT), str(ROOT / "viewers"), os.envir
 
 
 def run_msb(args: list[str], cwd: Path, env: Mapping[str, str | None]) -> subprocess.CompletedProcess[bytes]:
-    """Run `msb` in `cwd` with the variables of this process, changed by `env`; None removes one."""
+    """Run `msb` in `cwd` with the variables of this process, changed by `env`.
+
+    The value None removes a variable.
+    """
     merged = {**os.environ, "PYTHONPATH": _PATH, **env}
     wanted = {name: value for name, value in merged.items() if value is not None}
     if not hasattr(os, "fork") or any(name.startswith(STARTS) for name in env):

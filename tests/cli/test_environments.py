@@ -1,6 +1,6 @@
 """Commands in unusual environments: no extras, no OpenCL, no home, odd locales and file names, terminals.
 
-Commands with the same environment run in the same process, which is several times as fast.
+Commands with the same environment run in the same process. This is several times as fast.
 """
 
 import json
@@ -72,7 +72,7 @@ def run_all(
     wanted = {**os.environ, "PYTHONPATH": f"{ROOT}{os.pathsep}{ROOT / 'viewers'}", **env}
     done = subprocess.run(
         [sys.executable, "-c", DRIVER],
-        # Pass the bytes of words, because the process can have another encoding.
+        # Pass words as bytes, because the process can have another encoding.
         input=json.dumps(
             [[[os.fsencode(w).decode("latin-1") for w in command] for command in commands], absent]
         ).encode(),
@@ -253,7 +253,7 @@ def test_any_file_name_will_do(tmp_path: Path) -> None:
     for result in run_all(commands, tmp_path):
         assert result.status == 0, result.err
         text = result.out.decode()
-        # Names of outputs are printed unchanged, for other programs; names of inputs are escaped.
+        # Names of outputs are printed unchanged for other programs. Names of inputs are escaped.
         assert result.words[0] in ("convert", "view") or all(c.isprintable() or c == "\n" for c in text)
     for name in NAMES:
         document = json.loads((tmp_path / name / f"{name}.json").read_bytes())
@@ -262,7 +262,9 @@ def test_any_file_name_will_do(tmp_path: Path) -> None:
 
 
 NOT_HERE = {"compare", "devices", "view"}
-"""compare and view open a window; tests/render/test_devices_command.py runs the examples of devices."""
+"""Commands that are not run here. compare and view open a window. tests/render/test_devices_command.py runs
+the examples of devices.
+"""
 
 
 @pytest.mark.slow
@@ -291,7 +293,7 @@ def test_numbers_are_not_wrapped_in_40_columns(msb: Msb) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(os.name == "nt", reason="pipes are closed otherwise there")
+@pytest.mark.skipif(os.name == "nt", reason="other systems close pipes in another way")
 @pytest.mark.parametrize("line", ["audit --help", f"audit --json - {ASSET}"])
 def test_a_closed_pipe_is_not_an_error(line: str) -> None:
     reader, writer = os.pipe()

@@ -59,7 +59,7 @@ def weigh(
 
 @pytest.fixture
 def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Return a folder in the search path that has a package with the command `weigh-it`."""
+    """Return a folder in the search path with a package that has the command `weigh-it`."""
     site = tmp_path / "site"
     info = site / "weighing-1.0.dist-info"
     info.mkdir(parents=True)

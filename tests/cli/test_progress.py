@@ -1,4 +1,4 @@
-"""Long work reports its progress as lines where standard error is not a terminal."""
+"""If standard error is not a terminal, long work reports its progress as lines."""
 
 import io
 import sys
@@ -17,7 +17,7 @@ from msb.cli.progress import ProgressLines
 
 
 class Terminal(io.StringIO):
-    """A stream that says that it is a terminal."""
+    """A stream that claims to be a terminal."""
 
     def isatty(self) -> bool:
         return True

@@ -1,4 +1,4 @@
-"""Commands use the cameras of the training and report devices that do not exist."""
+"""Commands use the cameras of the training, and report devices that do not exist."""
 
 from pathlib import Path
 

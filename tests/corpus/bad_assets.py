@@ -1,7 +1,7 @@
 """All bad assets.
 
-Each case is written to a separate folder, because some cases need files beside the asset. The cases are not
-random: they have the same bytes in every run.
+Each case is written to a separate folder, because some cases need files beside the asset. The cases have the
+same bytes in every run.
 """
 
 from pathlib import Path

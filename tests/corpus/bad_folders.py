@@ -1,4 +1,4 @@
-"""Bad assets: paths outside of the asset, links and devices instead of files, bad contents of buffers."""
+"""Bad assets with paths outside of the asset, links or devices instead of files, or bad buffer contents."""
 
 import os
 import shutil
@@ -42,7 +42,7 @@ def _on_disk(name: str, code: str, spoil: Writer, **more: Any) -> Case:
 
 
 def _replaced(member: str, make: Writer) -> Writer:
-    """Return a function that replaces a member by the result of `make`."""
+    """Return a function that replaces a member of the asset by the result of `make`."""
 
     def spoil(path: Path) -> None:
         place = path / member
@@ -137,7 +137,7 @@ FILE_CASES = [
 def _values(
     name: str, code: str, buffer: str, put: dict[Any, Any], make: Callable[[], Asset] = mesh, **more: Any
 ) -> Case:
-    """Return a case with new values for some elements of a buffer (`put`), and with a matching hash."""
+    """Return a case in which some elements of a buffer have new values (`put`). The hash matches them."""
 
     def change() -> Parts:
         asset = make()
@@ -166,7 +166,7 @@ def _float_color() -> Parts:
 
 
 def _placed(points: Any, most: list[float], radius: float) -> Parts:
-    """Return a mesh of other points with matching bounds and bounding sphere."""
+    """Return a mesh of other points. Its bounds and bounding sphere match the points."""
     good = parts(mesh()).set_array("positions", np.array(points, np.float32))
     good.change("/bounds", {"min": [0, 0, 0], "max": most})
     return good.change("/bounding_sphere", {"center": [0, 0, 0], "radius": radius})

@@ -1,4 +1,4 @@
-"""Bad assets: manifests that are not JSON, have bad values, or describe their buffers wrongly."""
+"""Bad assets whose manifests are not JSON, have bad values, or describe their buffers wrongly."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -23,7 +23,7 @@ def _text(name: str, spoil: Callable[[bytes], bytes]) -> Case:
 
 
 def _insert(what: bytes) -> Callable[[bytes], bytes]:
-    """Return a function that inserts `what` after the first brace."""
+    """Return a function that inserts the text `what` after the first brace."""
     return lambda text: text.replace(b"{", b"{" + what, 1)
 
 

@@ -1,4 +1,4 @@
-"""Bad assets: ZIP files with compression, contradictory headers, or foreign bytes, names or records."""
+"""Bad assets in ZIP files with compression, contradictory headers, or foreign bytes, names or records."""
 
 import io
 import struct
@@ -30,7 +30,7 @@ def _zip(name: str, code: str, make: Callable[[], bytes], **more: Any) -> Case:
 
 
 def _forged(name: str, code: str, **spoil: Any) -> Case:
-    """Return a case of good members, packed with further arguments of `forge`."""
+    """Return a case of good members, packed by `forge` with further arguments."""
     return _zip(name, code, lambda: forge(good_entries(), **spoil))
 
 
@@ -40,7 +40,7 @@ def _patched(name: str, code: str, patch: Callable[[bytes], bytes], **more: Any)
 
 
 def _member(name: str, code: str, which: int = 1, /, more: Any = None, **changes: Any) -> Case:
-    """Return a case with other attributes of `Entry` for one member (default: positions)."""
+    """Return a case in which a member (default: positions) has other attributes of `Entry`."""
 
     def make() -> bytes:
         entries = good_entries()
@@ -74,7 +74,7 @@ def _by_zipfile(method: int) -> bytes:
 
 
 def _descriptor() -> bytes:
-    """Return a ZIP of a streaming writer: sizes and CRC follow the data."""
+    """Return a ZIP of a streaming writer. In it, sizes and CRC follow the data."""
     entries = good_entries()
     data = entries[1].data
     entries[1].both = {"flags": 8}
@@ -89,7 +89,7 @@ def _bit_rot(data: bytes) -> bytes:
 
 
 def _hidden_member() -> bytes:
-    """Return a ZIP whose first member is not listed: a streaming reader reads another manifest."""
+    """Return a ZIP whose first member is not listed. A streaming reader would read another manifest."""
     entries = good_entries()
     hidden = forge([Entry("manifest.json", b"{}")])
     entries[0].before = hidden[: hidden.index(b"PK\x01\x02")]
@@ -97,7 +97,7 @@ def _hidden_member() -> bytes:
 
 
 def _inside_another() -> bytes:
-    """Return a ZIP with a member inside the data of another one."""
+    """Return a ZIP with a member inside the data of another member."""
     entries = good_entries()
     inner = forge([Entry("buffers/inner.bin", b"secret" * 20)])
     entries[1].data = inner[: inner.index(b"PK\x01\x02")]

@@ -51,7 +51,10 @@ def packed_case(name: str, code: str, make: Callable[[], Parts], **more: Any) ->
 def manifest_case(
     name: str, code: str, changes: dict[str, Any], make: Callable[[], Asset] = mesh, **more: Any
 ) -> Case:
-    """Return a packed case with `changes` of its manifest: JSON pointer -> new value, or REMOVE."""
+    """Return a packed case with `changes` of its manifest.
+
+    They map JSON pointers to new values or to REMOVE.
+    """
 
     def change() -> Parts:
         good = parts(make())

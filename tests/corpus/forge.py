@@ -18,7 +18,7 @@ Fields = dict[str, Any]
 class Entry:
     """One member of a ZIP.
 
-    `local` and `central` override fields of the local and of the central header, `both` overrides fields of
+    `local` overrides fields of the local header, `central` fields of the central header, and `both` fields of
     both. Fields are version, flags, method, time, date, crc, packed, size, name (bytes) and extra (bytes).
     The central header also has made_by, comment (bytes), disk, internal, attributes and offset.
     """
@@ -63,8 +63,8 @@ def forge(
     """Return a ZIP of `entries`, with `before_directory` between the last member and the central directory.
 
     `end` replaces fields of the end record: disk, first_disk, here, count, length, start, comment. With
-    `end64`, a ZIP64 end record and locator are written as well. It replaces fields of these: the same ones,
-    and record_size, at and disks.
+    `end64`, a ZIP64 end record and locator are written as well. `end64` replaces fields of these two: the
+    fields of `end`, and record_size, at and disks.
     """
     out = bytearray()
     offsets = []
@@ -176,7 +176,7 @@ def chunk(kind: bytes, body: bytes) -> bytes:
 def png(
     width: int, height: int, *, depth: int = 8, kind: int = 2, rows: bytes = b"", more: bytes = b""
 ) -> bytes:
-    """Return a PNG with this header, which need not match the uncompressed `rows`."""
+    """Return a PNG with this header and the uncompressed `rows`. They need not match."""
     head = chunk(b"IHDR", struct.pack(">2I5B", width, height, depth, kind, 0, 0, 0))
     end = chunk(b"IDAT", zlib.compress(rows)) + chunk(b"IEND", b"")
     return b"\x89PNG\r\n\x1a\n" + head + more + end

@@ -17,7 +17,7 @@ from tests.corpus.forge import Entry, forge
 
 SHA_OF_NOTHING = hashlib.sha256().hexdigest()
 REMOVE = object()
-"""Value for `Parts.change` that removes a key."""
+"""The value for `Parts.change` that removes a key."""
 
 
 def mesh() -> Asset:
@@ -107,7 +107,7 @@ def decoder() -> Asset:
 
 @dataclass
 class Parts:
-    """The manifest and files of an asset, which can be changed separately."""
+    """The manifest and files of an asset. They can be changed independently."""
 
     manifest: dict[str, Any]
     files: dict[str, bytes]
@@ -117,7 +117,7 @@ class Parts:
         return (json.dumps(self.manifest, indent=2) + "\n").encode()
 
     def change(self, pointer: str, value: Any) -> Self:
-        """Set (or `REMOVE`) the value at a JSON pointer, and return self."""
+        """Set the value at a JSON pointer, or remove it if the value is `REMOVE`. Return self."""
         *path, last = pointer[1:].split("/")
         target = self.manifest
         for key in path:

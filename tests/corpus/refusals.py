@@ -1,7 +1,7 @@
 """All bad checkpoints, meshes, camera files and scenes, with their error codes and messages.
 
 The messages of all bad files are stored in tests/golden/refusals.json, one line per file. After an intended
-change of a message run `python -m tests.corpus.refusals`, and read the difference.
+change of a message, run `python -m tests.corpus.refusals` and read the diff.
 """
 
 import json
@@ -22,7 +22,10 @@ from tests.scenes.datasets import bad_scenes
 
 MESSAGES = Path(__file__).parents[1] / "golden" / "refusals.json"
 _FOREIGN = re.compile(r"((?:is not|cannot be) (?:JSON|read|opened|listed|UTF-8|decoded)): .*", re.DOTALL)
-"""Pattern of messages that end with text of Python, a library or the system, which depends on versions."""
+"""Pattern of messages that end with a text of Python, a library or the system.
+
+Such a text depends on versions.
+"""
 
 REFUSED: dict[str, tuple[str, Callable[[Path], object]]] = {
     **{
@@ -39,13 +42,16 @@ REFUSED: dict[str, tuple[str, Callable[[Path], object]]] = {
         for name in table
     },
 }
-"""Kind and name of a bad file -> error code, and a function that writes the file to a folder and reads it.
-Bad assets are tested in tests/asset/test_bad_assets.py."""
+"""All bad files by kind and name.
+
+Each has an error code, and a function that writes the file to a folder and reads it. Bad assets are tested in
+tests/asset/test_bad_assets.py.
+"""
 
 
 @cache
 def read_messages() -> dict[str, str]:
-    """Return kind and name of a bad file -> its message."""
+    """Return the messages of all bad files by kind and name."""
     messages: dict[str, str] = json.loads(MESSAGES.read_text(encoding="utf-8"))
     return messages
 

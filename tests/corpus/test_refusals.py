@@ -31,7 +31,7 @@ def codes_of(kind: str) -> set[str]:
 
 
 def test_every_code_has_a_bad_file() -> None:
-    # test_bad_models.py tests the other codes of checkpoints. The other codes of scenes concern arguments.
+    # test_bad_models.py tests the other codes of checkpoints. The other codes of scenes are about arguments.
     assert {case.code for case in CHECKPOINTS} <= CheckpointError.codes
     assert codes_of("checkpoint") == {
         f"CHECKPOINT_{what}" for what in ("NOT_RECOGNISED", "DAMAGED", "HOSTILE", "FORM")

@@ -1,4 +1,4 @@
-"""`msb.save` has the options of `msb convert` and writes the same files."""
+"""`msb.save` has the same options as `msb convert` and writes the same files."""
 
 from pathlib import Path
 from typing import Any

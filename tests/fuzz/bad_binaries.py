@@ -1,4 +1,4 @@
-"""Bad images, evaluation data and weights: name -> fuzz target, content, and code."""
+"""Bad images, evaluation data and weights by name, with their fuzz target, content, and error code."""
 
 import base64
 import io

@@ -1,4 +1,4 @@
-"""Bad texts: name -> fuzz target, content, and code."""
+"""Bad texts by name, with their fuzz target, content, and error code."""
 
 Bad = tuple[str, bytes, str]
 

@@ -1,7 +1,8 @@
 """Write all bad assets, checkpoints, meshes and camera files: `python -m tests.fuzz.corpora OUTDIR`.
 
-index.json has a row per file with four texts: the function of `fuzz.readers` that reads the file, its path,
-the path below which the reader may open files, and the expected error code ("" if reading succeeds).
+index.json has a row per file with four texts. These are the function of `fuzz.readers` that reads the file,
+its path, the path below which the reader may open files, and the expected error code ("" if reading
+succeeds).
 """
 
 import json
@@ -18,7 +19,7 @@ Row = tuple[str, str, str, str]
 
 
 def assets(root: Path) -> list[Row]:
-    """Write all assets that are bad for every user, and a good one; return their rows."""
+    """Write all assets that are bad for every user, and a good asset. Return their rows."""
     root.mkdir()
     good.parts(good.mesh()).write_packed(root / "good")
     rows = [("asset", str(root / "good"), str(root / "good"), "")]
@@ -31,7 +32,7 @@ def assets(root: Path) -> list[Row]:
 
 
 def checkpoints(root: Path) -> list[Row]:
-    """Write the checkpoints, and a good one; return their rows."""
+    """Write the bad checkpoints, and a good checkpoint. Return their rows."""
     root.mkdir()
     (root / "good").write_bytes(assemble.archive())
     rows = [("checkpoint", str(root / "good"), str(root / "good"), "")]
@@ -42,7 +43,7 @@ def checkpoints(root: Path) -> list[Row]:
 
 
 def meshes(root: Path) -> list[Row]:
-    """Write all bad meshes, and a good mesh of each format; return their rows."""
+    """Write all bad meshes, and a good mesh of each format. Return their rows."""
     root.mkdir()
     rows = []
     cases = [(suffix, content, "") for suffix, content in builders.SMALL.items()]
@@ -56,7 +57,7 @@ def meshes(root: Path) -> list[Row]:
 
 
 def cameras(root: Path) -> list[Row]:
-    """Write all bad camera files with the files beside them, and good ones; return their rows."""
+    """Write all bad camera files with the files beside them, and good camera files. Return their rows."""
     cases = [(kind, files, "", "") for kind, files in bad_cameras.SMALL.items()]
     cases += [(name, files, target, code) for name, (files, target, code) in bad_cameras.BAD.items()]
     rows = []
@@ -68,7 +69,7 @@ def cameras(root: Path) -> list[Row]:
 
 
 def write_all(root: Path) -> int:
-    """Write all files and index.json to the new folder `root`; return the number of files."""
+    """Write all files and index.json to the new folder `root`. Return the number of files."""
     root.mkdir(parents=True)
     rows = [row for make in (assets, checkpoints, meshes, cameras) for row in make(root / make.__name__)]
     (root / "index.json").write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")

@@ -1,4 +1,4 @@
-"""Feed hostile bytes to readers in a guarded process, which test_targets.py starts.
+"""Feed hostile bytes to readers in a guarded process. test_targets.py starts this process.
 
 ``python -m tests.fuzz.guarded_driver SCRATCH TARGET...`` feeds seeds and their mutations to targets. With
 ``corpora`` in place of targets it reads the files that `tests.fuzz.corpora` wrote to the folder SCRATCH.
@@ -23,15 +23,17 @@ from msb.errors import MsbError
 from tests.fuzz.mutations import TIMES, mutate_bytes, mutate_text
 
 MUTATIONS = 60 * TIMES
-"""Number of mutations per target; a fuzzer tries many more."""
+"""Number of mutations per target. A fuzzer tries many more."""
 SECONDS = 1.5
 """Limit for one input of a target, in seconds of processor time."""
 ALL_SECONDS = 300 * TIMES
 """Limit for the process, in seconds of processor time. Unlike wall time, it does not depend on other work of
 the machine."""
 MOST_MIB = 350
-"""Limit of resident memory while all corpora are read, in MiB. A checkpoint of 330,000 tensors with 32 axes
-needs most."""
+"""Limit of resident memory while all corpora are read, in MiB.
+
+A checkpoint of 330,000 tensors with 32 axes needs the most memory.
+"""
 
 
 def spin(until: float) -> None:
@@ -58,7 +60,7 @@ EVIL_IF_CLOSED: dict[str, Callable[[Path], object]] = {
 
 
 def inputs(name: str, seeds: list[bytes]) -> list[bytes]:
-    """Return the seeds and their mutations, which are the same in every run."""
+    """Return the seeds and their mutations. They are the same in every run."""
     rng = random.Random(f"mutations of {name}")
     mutants = []
     for number in range(MUTATIONS):
@@ -73,7 +75,7 @@ def report(text: str) -> None:
 
 
 def feed_targets(scratch: Path, names: list[str]) -> None:
-    """Feed the targets; the first failure ends the process."""
+    """Feed the targets. The first failure ends the process."""
     feeds = {}
     for name in names:
         if name in EVIL:
@@ -104,7 +106,7 @@ def feed_targets(scratch: Path, names: list[str]) -> None:
 
 
 def read_corpora(root: Path) -> None:
-    """Read every file of the index; the first file with another error code ends the process."""
+    """Read every file of the index. The first file with an unexpected error code ends the process."""
     rows = json.loads((root / "index.json").read_text())
     for reader, path, _, code in rows:
         if not code:  # Import lazily loaded modules now, because the guard forbids imports later.

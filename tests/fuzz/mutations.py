@@ -6,7 +6,7 @@ import re
 from collections.abc import Callable
 
 TIMES = int(os.environ.get("MSB_MUTATIONS", "1"))
-"""Factor for the number of mutations, relative to a normal test run."""
+"""Ratio of the number of mutations to the number in a normal test run."""
 
 
 def span(data: bytearray, rng: random.Random, longest: int = 64) -> slice:
@@ -63,7 +63,7 @@ REPLACEMENTS = [token.encode() for token in (NUMBERS + " " + OTHERS).split()]
 
 
 def replace_token(text: bytes, rng: random.Random) -> bytes:
-    """Return the text with one token replaced, by another token of the text or by a fixed value."""
+    """Return the text with one token replaced by another token of the text or by a fixed value."""
     tokens = list(TOKENS.finditer(text))
     token = rng.choice(tokens)
     new = rng.choice(tokens).group() if rng.random() < 0.3 else rng.choice(REPLACEMENTS)

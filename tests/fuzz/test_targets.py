@@ -1,4 +1,4 @@
-"""All readers with hostile bytes: they return a value or raise our error, in a guarded process."""
+"""Given hostile bytes, all readers return a value or raise our error. They run in a guarded process."""
 
 import json
 import os
@@ -44,7 +44,7 @@ def test_reading_bad_files_runs_no_code_opens_no_other_file_and_needs_little_mem
 @pytest.mark.slow
 @pytest.mark.parametrize("action", ["exec", "write", "child", "socket", "memory", "slow", "error"])
 def test_the_guard_detects(action: str, tmp_path: Path) -> None:
-    """The guard detects forbidden actions of a target; otherwise the test of all targets could not fail."""
+    """The guard detects forbidden actions of a target. Otherwise the test of all targets could not fail."""
     done = run(tmp_path, action)
     assert done.returncode != 0
     messages = {
@@ -79,7 +79,7 @@ PREFIXES = {
     **dict.fromkeys(("ply", "stl", "glb", "colmap_cameras_bin", "colmap_images_bin", "colmap_points_bin")),
     **dict.fromkeys(("transforms_json", "cameras_json", "views_json")),
 }
-"""Targets of formats that store their length -> expected codes of truncated files, or None for any code."""
+"""Targets of formats that store their length, with the expected codes of truncated files (None: any code)."""
 
 
 @pytest.mark.slow

@@ -1,4 +1,4 @@
-"""Invalid mesh files: name -> suffix, content and error code."""
+"""Invalid mesh files by name, with their suffix, content and error code."""
 
 import json
 from collections.abc import Callable, Sequence
@@ -40,7 +40,7 @@ def changed(change: Callable[[dict[str, Any]], object]) -> bytes:
 
 
 def with_first(table: str, **more: Any) -> bytes:
-    """Return the square with a change to the first accessor, view or node."""
+    """Return the square with a change to the first accessor, buffer view or node."""
     return changed(lambda root: root[table][0].update(more))
 
 
@@ -49,7 +49,7 @@ def with_primitive(**more: Any) -> bytes:
 
 
 def sparse(replaced: list[int], base: dict[str, Any] | None = None, **more: Any) -> bytes:
-    """Return the square with sparse positions. They replace rows of the stored ones or of `base`."""
+    """Return the square with sparse positions. They replace rows of the stored positions or of `base`."""
     glb = glb_square()
     glb.root["accessors"][0] = base or glb.root["accessors"][0]
     places = {"bufferView": glb.view(np.array(replaced, "<u2").tobytes()), "componentType": 5123}
@@ -152,7 +152,7 @@ BAD_GLBS: dict[str, tuple[bytes, str]] = {
 
 
 JPEG = picture(np.zeros((8, 8, 3), np.uint8), "JPEG")
-# Images that cannot be read: a file with one is read without it.
+# Images that cannot be read. A file with such an image is read without it.
 BAD_IMAGES: dict[str, bytes | str] = {
     "file scheme": "file:///etc/passwd",
     "other folder": "../a.png",

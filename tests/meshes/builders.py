@@ -73,7 +73,7 @@ def off(header: bytes, *blocks: bytes) -> bytes:
 def stl_binary(
     triangles: Sequence[Any], count: int | None = None, header: bytes = b"made by a test"
 ) -> bytes:
-    """Return binary STL; `count` is the number of faces in the header."""
+    """Return binary STL. `count` is the number of faces in the header."""
     body = b"".join(struct.pack("<12fH", 0, 0, 1, *np.ravel(rows).tolist(), 0) for rows in triangles)
     declared = len(triangles) if count is None else count
     return header.ljust(80, b"\0") + struct.pack("<I", declared) + body
@@ -107,7 +107,7 @@ class Glb:
         }
 
     def view(self, data: bytes, **more: Any) -> int:
-        """Append bytes to the binary chunk; return the number of their buffer view."""
+        """Append bytes to the binary chunk, and return the number of their buffer view."""
         entry = {"buffer": 0, "byteOffset": len(self.binary), "byteLength": len(data), **more}
         self.root["bufferViews"].append(entry)
         self.binary += data + b"\0" * (-len(data) % 4)
@@ -115,7 +115,7 @@ class Glb:
         return len(self.root["bufferViews"]) - 1
 
     def accessor(self, values: Any, dtype: str, kind: str, **more: Any) -> int:
-        """Append an array; return the number of its accessor."""
+        """Append an array, and return the number of its accessor."""
         component = {"i1": 5120, "u1": 5121, "i2": 5122, "u2": 5123, "u4": 5125, "f4": 5126}[dtype]
         array = np.array(values, dtype=f"<{dtype}")
         entry = {"bufferView": self.view(array.tobytes()), "componentType": component, "type": kind}
@@ -133,7 +133,7 @@ class Glb:
         meshes[mesh]["primitives"].append(entry)
 
     def material(self, image: bytes | str | None = None, primitive: int = 0, **more: Any) -> dict[str, Any]:
-        """Add a material to a primitive of mesh 0, with a texture for an image (bytes or URI); return it.
+        """Add a material with a texture to a primitive of mesh 0, and return it. The image is bytes or a URI.
 
         `more` are further properties. Tests may change the base colour of the returned object.
         """
@@ -148,7 +148,7 @@ class Glb:
         return material
 
     def add(self, table: str, **entry: Any) -> int:
-        """Append an entry to an array of the JSON; return its number."""
+        """Append an entry to an array of the JSON, and return its number."""
         self.root.setdefault(table, []).append(entry)
         return len(self.root[table]) - 1
 
@@ -218,6 +218,9 @@ SMALL = {
     ".GLB": glb_textured().bytes(),
     ".gltf": glb_textured().text(),
 }
-"""A small valid file for each reader. Suffixes in capitals are variants: as text, or with a texture."""
+"""A small valid file for each reader.
+
+A suffix in capitals marks a variant of the file: text instead of binary, or with a texture.
+"""
 SUFFIXES = [suffix for suffix in MESH_SUFFIXES if not suffix.startswith(".usd")]
 """The formats with a reader in Python. USD formats are tested in `test_usd.py`."""

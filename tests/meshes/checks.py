@@ -21,7 +21,7 @@ from msb.meshes import Mesh, read_mesh, write_mesh
 from msb.meshes.formats import Format
 
 BYTES = np.random.default_rng(1).integers(0, 2, (9, 4), dtype=np.uint8)
-"""Only zeros and ones: in text files, a reader may mistake these bytes for decimals in [0, 1]."""
+"""Bytes that are only zeros and ones. In text files, a reader may mistake them for decimals in [0, 1]."""
 FLOATS = np.random.default_rng(2).random((9, 4), dtype=np.float32)
 COLORS = {
     "none": None,
@@ -69,7 +69,7 @@ def round_trip(mesh: Mesh, suffix: str, folder: Path) -> Mesh:
 
 
 def check_format(form: Format, example: bytes, triangles: Sequence[Any], folder: Path) -> None:
-    """Check a format against its declaration; `triangles` (F, 3, 3) are the triangles in `example`."""
+    """Check a format against its declaration. `triangles` (F, 3, 3) are the triangles in `example`."""
     for suffix in form.suffixes:
         for path in (folder / f"a{suffix}", folder / f"b{suffix.upper()}"):
             path.write_bytes(example)
@@ -128,7 +128,7 @@ def _check_refused(form: Format, mesh: Mesh, kind: type[Exception], begins: str)
 
 
 def check_bad(form: Format, content: bytes, code: str, folder: Path) -> None:
-    """Check that an invalid file gives a one-line error with the code and the name of the file."""
+    """Check that an invalid file gives an error of one line, with the code and the name of the file."""
     path = folder / f"bad{form.suffixes[0]}"
     path.write_bytes(content)
     with pytest.raises(MeshFileError) as caught:

@@ -19,7 +19,7 @@ COLORS = np.arange(12, dtype=np.uint8).reshape(4, 3)
 
 
 def volume(mesh: Mesh) -> float:
-    """Return six times the signed volume. Mirroring changes its sign; rotation does not."""
+    """Return six times the signed volume. Mirroring changes its sign, but rotation does not."""
     a, b, c = (mesh.vertices[column].astype(float) for column in mesh.faces.T)
     return float(np.einsum("ij,ij->i", a, np.cross(b, c)).sum())
 

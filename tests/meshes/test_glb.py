@@ -99,14 +99,14 @@ def test_quantized_positions(
     glb = Glb()
     glb.primitive(glb.accessor([stored] * 3, dtype, "VEC3", normalized=normalized))
     glb.root["extensionsRequired"] = ["KHR_mesh_quantization"]
-    # The rows are not aligned to four bytes as the format requires, which readers can ignore.
+    # The rows are not aligned to four bytes, although the format requires it. Readers can ignore this.
     mesh = read(glb.bytes(), ".glb")
     assert mesh.vertices.dtype == np.float64
     np.testing.assert_allclose(mesh.vertices, [expected] * 3, rtol=1e-15)
 
 
 def two_nodes(nodes: list[dict[str, Any]], roots: list[int] | None = None) -> bytes:
-    """Return a file with the square as mesh 0 and these nodes; without scenes if `roots` is None."""
+    """Return a file with the square as mesh 0 and these nodes. If `roots` is None, it has no scenes."""
     glb = glb_square()
     glb.root["nodes"] = nodes
     if roots is None:
@@ -163,7 +163,7 @@ def test_transform_of_the_x_axis(read: Read, node: dict[str, Any], expected: lis
     ],
 )
 def test_mirrored_nodes_reverse_the_winding(read: Read, node: dict[str, Any], turned: bool) -> None:
-    """Mirroring reverses the order of corners, so the faces must be reversed, too."""
+    """Mirroring turns faces inside out, so the order of their corners must be reversed."""
     mesh = read(two_nodes([{"mesh": 0, **node}, {"mesh": 0}], [0, 1]), ".glb")
     first = [[a, c, b] for a, b, c in SQUARE_FACES] if turned else SQUARE_FACES
     assert mesh.faces.tolist() == first + SECOND
@@ -210,7 +210,7 @@ def test_an_index_outside_its_primitive_stays_outside_the_mesh(read: Read) -> No
     assert read(glb.bytes(), ".glb").faces.tolist() == [[0, 1, 2], [0, 2, 9]]
     glb.primitive(glb.accessor(MOVED * 3, "f4", "VEC3"))
     mesh = read(glb.bytes(), ".glb")
-    # Index 9 is out of range in the first primitive, and must not refer to the second one.
+    # Index 9 is out of range in the first primitive, and must not refer to the second primitive.
     assert mesh.faces[1].tolist() == [0, 2, 9 - 4 + len(mesh.vertices)]
 
 

@@ -37,7 +37,7 @@ def wavy() -> Mesh:
 
 
 def corners_of(mesh: Mesh) -> Any:
-    """Return the positions and colours of all corners, in an order that is independent of rows."""
+    """Return the positions and colours of all corners, in an order that is independent of the row numbers."""
     levels = mesh.vertex_colors[:, :3] * (1.0 if mesh.vertex_colors.dtype == np.uint8 else 255.0)
     values = np.concatenate((mesh.vertices[mesh.faces], levels[mesh.faces]), axis=2)
     first = values[..., 0] * 1e4 + values[..., 1] * 1e2 + values[..., 2]

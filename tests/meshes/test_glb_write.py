@@ -96,7 +96,7 @@ def test_vertices_are_split_only_if_uvs_differ() -> None:
     mesh = textured()
     held = with_vertex_uvs(mesh)
     assert np.array_equal(held.vertices[:6], mesh.vertices)
-    # Vertex 1 has different coordinates in the two charts; vertex 3 has the same.
+    # Vertex 1 has different coordinates in the two charts. Vertex 3 has the same coordinates in both.
     assert held.faces.tolist() == [[0, 1, 2], [2, 1, 3], [6, 5, 3]]
     assert held.vertices[6].tolist() == [1, 0, 0]
     assert equal(held.vertex_uvs[held.faces].reshape(-1, 2), UVS)

@@ -1,4 +1,4 @@
-"""Read compressed glTF: it gives the same mesh as uncompressed glTF, and damaged data gives clear errors."""
+"""Compressed glTF gives the same mesh as uncompressed glTF. Damaged data gives clear errors."""
 
 from typing import Any
 
@@ -43,7 +43,7 @@ def bumpy(size: int = 12) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarra
 
 
 def plain(quantized: bool = False) -> Glb:
-    """Return the textured mesh without compression; optionally with 16-bit positions and a node scale."""
+    """Return the textured mesh without compression, optionally with 16-bit positions and a node scale."""
     points, faces, uvs, colors = bumpy()
     glb = Glb()
     if quantized:
@@ -93,7 +93,7 @@ def by_meshopt(glb: Glb, name: str = "EXT_meshopt_compression") -> Glb:
 
 
 def by_draco() -> Glb:
-    """Return the mesh as a Draco primitive, in the same order, on a grid that represents it exactly."""
+    """Return the mesh as a Draco primitive in the same order. The grid represents its positions exactly."""
     glb = plain()
     points, faces, uvs, colors = bumpy()
     content = DracoPy.encode(
@@ -112,7 +112,7 @@ def by_draco() -> Glb:
 
 
 def rotate_to_smallest(faces: np.ndarray) -> np.ndarray:
-    """Return the faces rotated to begin with their smallest index; meshopt may rotate faces."""
+    """Return the faces, each rotated to begin with its smallest index, because meshopt may rotate faces."""
     first = faces.argmin(axis=1)
     return np.take_along_axis(faces, (first[:, None] + [0, 1, 2]) % 3, axis=1)
 

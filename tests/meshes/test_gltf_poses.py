@@ -14,7 +14,8 @@ SCALE = {"scale": [100, 100, 100]}
 def glb_skinned(weights: Any = None, inverse: Any = None, dtype: str = "f4") -> Glb:
     """Return the square on two joints, below a node whose scale must not apply.
 
-    Joint 1 is a child of joint 0. `weights` (4, 2) are those of the two joints; all on joint 0 by default.
+    Joint 1 is a child of joint 0. `weights` (4, 2) are the weights of the two joints. By default joint 0 has
+    all the weight.
     """
     glb = glb_square()
     shares = np.zeros((4, 4))

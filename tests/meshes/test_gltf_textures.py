@@ -37,7 +37,7 @@ def surface(glb: Glb, material: int = 0) -> dict[str, Any]:
 
 
 def two_parts(first: dict[str, Any], second: dict[str, Any], **attributes: Any) -> Glb:
-    """Return the square twice, with a common texture and two materials."""
+    """Return the square twice, with two materials that use the same texture."""
     glb = glb_textured(picture(RGBA), **first)
     uvs = glb.accessor(UVS, "f4", "VEC2")
     glb.primitive(0, 1, attributes={"TEXCOORD_0": uvs, **attributes})
@@ -136,7 +136,9 @@ def test_a_second_sampler_is_ignored(read: Read) -> None:
 
 
 def test_texture_transform_and_uv_set(read: Read) -> None:
-    """Test the example of the extension: the lower left quadrant of the image, rotated by 90 degrees."""
+    """Test the example of the extension, which shows the lower left quadrant of the image rotated by 90
+    degrees.
+    """
     glb = glb_textured()
     attributes = glb.root["meshes"][0]["primitives"][0]["attributes"]
     uvs = [[0, 0], [255, 0], [255, 255], [0, 51]]

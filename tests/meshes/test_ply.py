@@ -1,4 +1,4 @@
-"""Read PLY files: types, lists, skipped elements, polygons and colours; and PLY tables."""
+"""Read PLY files with their types, lists, skipped elements, polygons and colours. Read PLY tables."""
 
 import struct
 from pathlib import Path
@@ -62,7 +62,7 @@ def test_line_ends(read: Read, line_end: bytes) -> None:
 def test_binary_body_after_other_line_ends(read: Read, line_end: bytes) -> None:
     lines = ["element vertex 1", *XYZ]
     head = ply(LITTLE, lines, b"").replace(b"\n", line_end)
-    # The first byte of the body is a line feed, which must not be read as part of the line end before it.
+    # The first byte of the body is a line feed. It must not be read as part of the line end before it.
     body = b"\n" + ply_floats([[1, 2, 3]])[1:]
     mesh = read(head + body, ".ply")
     assert mesh.vertices.tobytes() == body
@@ -242,7 +242,7 @@ PLY_UVS = [[0, 0], [1, 0], [1, 1], [0, 1]]
 
 
 def textured_ply(order: str, by_vertex: bool, lists: list[list[float]] | None = None, **names: str) -> bytes:
-    """Return the square with texture coordinates of vertices or faces; as text without an `order`."""
+    """Return the square with texture coordinates of vertices or faces. Without an `order` it is text."""
     images = names.get("images", "TextureFile a.png").split(";")
     form = {"": "ascii", "<": "binary_little_endian", ">": "binary_big_endian"}[order]
     lines = [*(f"comment {image}" for image in images), "element vertex 4", *XYZ]

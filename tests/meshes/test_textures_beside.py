@@ -83,7 +83,7 @@ def test_face_colours_are_multiplied_with_textures(suffix: str) -> None:
     colors = np.array([[255, 0, 0], [255, 0, 0], [0, 0, 255]], np.uint8)
     mesh = textured(textures=(white,), vertex_colors=None, face_colors=colors)
     held = fit_to_format(mesh, suffix)
-    assert held.face_colors is None  # vertices 1 and 3 belong to faces of both colours, vertex 4 to none
+    assert held.face_colors is None  # vertices 1 and 3 belong to faces of both colours, vertex 4 to no face
     assert held.vertex_colors[[0, 2, 4, 5]].tolist() == [[255, 0, 0], [255, 0, 0], [255] * 3, [0, 0, 255]]
     assert held.vertex_colors[[1, 3], 1].tolist() == [0, 0]
     assert (held.vertex_colors[[1, 3]][:, [0, 2]] > 100).all()
@@ -120,7 +120,7 @@ WHITE = np.full((1, 1, 3), 255, np.uint8)
 
 
 def parts(colors: list[list[int]], textures: tuple[np.ndarray, ...], **more: object) -> Mesh:
-    """Return two triangles without common vertices; the first one has texture 0, the second one texture 1."""
+    """Return two triangles without common vertices. The first has texture 0, the second has texture 1."""
     vertices = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]] * 2, np.float32) + np.repeat([[0], [2]], 3, axis=0)
     mesh = Mesh(vertices.astype(np.float32), np.arange(6).reshape(2, 3), np.uint8(colors))
     uvs = np.zeros((6, 2), np.float32)

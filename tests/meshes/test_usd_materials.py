@@ -24,7 +24,7 @@ def read_in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(usd, "run_in_child", lambda work, word, arrays, _: Reply(*work(word, arrays)))
 
 
-# Two squares side by side, each with its texture coordinates.
+# Two squares side by side, with separate texture coordinates.
 MESH = """ def Mesh "m" (prepend apiSchemas = ["MaterialBindingAPI"]) {
   int[] faceVertexCounts = [4, 4]
   int[] faceVertexIndices = [0, 1, 2, 3, 1, 4, 5, 2]
@@ -80,7 +80,7 @@ def read(text: str, folder: Path, texels: object = None) -> Mesh:
 
 
 def colors(mesh: Mesh) -> list[list[int]]:
-    """Return the sRGB colour (n, 3) of each face in bytes, the average over its corners."""
+    """Return the sRGB colour (n, 3) of each face in bytes, averaged over its corners."""
     shown = colors_of(asset_from_mesh(mesh))
     assert shown is not None
     values = shown.values[:, :3] / (255 if shown.values.dtype == np.uint8 else 1)
@@ -135,7 +135,10 @@ def test_the_colour_is_where_the_connections_end(case: str, tmp_path: Path) -> N
     "name", ["file", "varname", "wrapS", "scale", "sourceColorSpace", "opacityThreshold"]
 )
 def test_inputs_of_textures_are_followed_through_several_interfaces(name: str, tmp_path: Path) -> None:
-    """Each input is direct in one stage, and behind a graph and two inputs of the material in the other."""
+    """In one stage each input is direct.
+
+    In the other it passes through a graph and two inputs of the material.
+    """
     values = {
         "file": ("asset", "@t.png@"),
         "varname": ("string", '"st"'),
@@ -196,7 +199,7 @@ def test_transforms_of_textures_move_the_coordinates(tmp_path: Path) -> None:
 """
     texture = (TEXTURE % "").replace("mat/st.", "mat/move.")
     mesh = read(stage(MESH % "" + material(TEXTURED, READER + moved + texture)), tmp_path)
-    # (1, 0) becomes (2, 0), then (0, 2), then (0.5, 2); v is stored downwards.
+    # (1, 0) becomes (2, 0), then (0, 2), then (0.5, 2). In the result, v points downwards.
     assert mesh.vertex_uvs is not None
     np.testing.assert_allclose(mesh.vertex_uvs[[0, 1, 3]], [[0.5, 1], [0.5, -1], [-3.5, 1]], atol=1e-6)
 
@@ -211,7 +214,7 @@ SUBSET = """  def GeomSubset "of_%s" (prepend apiSchemas = ["MaterialBindingAPI"
 
 
 def test_each_material_of_a_mesh_keeps_its_colour(tmp_path: Path) -> None:
-    """One square has a texture; the other has a uniform colour, a primvar or no texture coordinates."""
+    """One square has a texture. The other has a uniform colour, a primvar or no texture coordinates."""
     shown = '  color3f[] primvars:displayColor = [(0, 0, 1)] (interpolation = "constant")\n'
     reader = """  def Shader "read" {
    uniform token info:id = "UsdPrimvarReader_float3"
@@ -371,7 +374,10 @@ def test_references_to_the_same_file_are_read(tmp_path: Path) -> None:
 
 
 def tinted(tint: np.ndarray | None, domain: str = "face", texels: object = ((255, 255, 255),)) -> Mesh:
-    """Return four separate triangles: two have an image, two the texels (1, 1, 3) of another texture."""
+    """Return four separate triangles.
+
+    Two have an image, and two have another texture, the texels (1, 1, 3).
+    """
     rng = np.random.default_rng(5)
     image = rng.integers(0, 256, (4, 4, 3), np.uint8)
     return Mesh(
@@ -387,7 +393,7 @@ def tinted(tint: np.ndarray | None, domain: str = "face", texels: object = ((255
 
 RED, WHITE, PINK = [255, 0, 0], [255, 255, 255], [250, 120, 130]
 RANDOM = np.random.default_rng(6).integers(0, 256, (12, 3), np.uint8)
-# Name -> mesh, stored parts, lost parts.
+# The meshes by name, with their stored parts and their lost parts.
 TINTED = {
     "no colours": (tinted(None), ["1 texture"], []),
     "plain": (tinted(np.uint8([WHITE, WHITE, RED, RED])), ["1 texture", "1 material colour"], []),
@@ -430,7 +436,7 @@ def test_colours_beside_textures_are_written(name: str, suffix: str, tmp_path: P
     faces = slice(0 if name != "uneven" else 2, None)
     assert np.abs(np.array(colors(again)) - colors(mesh))[faces].max() <= 1
     np.testing.assert_array_equal(again.vertices[again.faces], mesh.vertices[mesh.faces])
-    # A texture of one texel becomes a colour, so that only the image is beside the stage.
+    # A texture of one texel becomes a colour, so only the image is written beside the stage.
     images = ["a_0.png"] if suffix == ".usda" else []
     assert sorted(file.name for file in tmp_path.iterdir()) == [path.name, *images]
 

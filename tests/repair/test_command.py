@@ -73,7 +73,10 @@ def test_the_last_line_names_the_step_that_helps(here: Here, tmp_path: Path) -> 
 
 
 def audited_after_repair(here: Here, *words: object) -> dict[str, Any]:
-    """Repair a mesh, check that the reported audit equals the audit of the file, and return the latter."""
+    """Repair a mesh.
+
+    Check that the reported audit equals the audit of the file, and return the audit of the file.
+    """
     report = here("repair", *words, "--json", "-").json
     file: dict[str, Any] = here("audit", words[-1], "--json", "-").json
     assert report["verdict_after"] == file["verdict"]

@@ -285,7 +285,8 @@ def test_a_hole_is_closed_and_the_texture_is_unchanged(by: str, tmp_path: Any) -
     assert (repaired.manifest.vertex_count, repaired.manifest.face_count) == (8, 12)
     assert np.array_equal(asset.buffers["positions"][done.vertex_map], repaired.buffers["positions"])
     assert np.array_equal(corner_uvs(repaired)[:33], corner_uvs(asset))
-    # The UVs of the cap lie on the edge that it shares with its neighbour, not between the charts.
+    # The UVs of the cap lie on the edge that it shares with its neighbour. They do not lie between the
+    # charts.
     cap = corner_uvs(repaired)[33:]
     ends = [uv for uv in np.unique(cap, axis=0) if (corner_uvs(asset) == uv).all(axis=1).any()]
     assert len(ends) == 2
@@ -304,7 +305,7 @@ def test_split_vertices_do_not_change_a_repair(plan: str) -> None:
     faces = np.concatenate([np.delete(faces, 20, axis=0), [[0, 1, 36], [37, 38, 39]]])
     faces[5] = faces[5, ::-1]
     uvs = np.random.default_rng(3).integers(0, 3, (faces.size, 2)).astype(np.float32)
-    # Do not split the edge of three faces: its copies could be paired in several ways.
+    # Do not split the edge of three faces, because its copies could be paired in several ways.
     uvs[np.isin(faces.reshape(-1), [0, 1])] = 0
     texture = {"textures": (TEXTURE,)}
     stored, rows, values = doubled(points, faces, uvs)
@@ -357,7 +358,9 @@ def turn_second_face() -> Change:
 
 
 def with_cap() -> Change:
-    """Return a change that adds a vertex between the first three, and a face next to the second face."""
+    """Return a change that adds a vertex between the first three vertices, and a face next to the second
+    face.
+    """
     faces = np.array([[0, 1, 2], [1, 2, 3], [1, 0, 4]])
     rims = Rims(np.array([0, 3]), np.array([0, 1, 2]))
     return Change(
@@ -379,7 +382,7 @@ def test_a_lattice_is_permuted_when_a_face_is_turned(level: int) -> None:
     s, y = np.tril_indices(sides + 1)
     weights = np.stack([s - y, y, sides - s], axis=1) / sides  # of the three corners
     value = np.float32([3.0, 5.0, 11.0])
-    # A linear function of the position: after the turn, it has the same values at the swapped corners.
+    # The values are a linear function of the position. After the turn, the swapped corners keep their values.
     before = np.stack([weights @ value, weights @ value]).astype(np.float32)
     done = carry(
         {**BASE, "features.opacity": before}, {"features.opacity": "face"}, turn_second_face(), level
@@ -401,7 +404,7 @@ def test_added_vertices_and_faces_get_values_of_their_neighbours() -> None:
     done = carry(buffers, {"color": "vertex", "opacity": "vertex", "sigma": "face"}, with_cap())
     np.testing.assert_allclose(done["positions"][4], [1 / 3, 1 / 3, 0], rtol=1e-6)
     assert done["color"][4].tolist() == [3, 33, 0]
-    assert done["opacity"].tolist() == [1, 2, np.inf, 0, 1]  # an average with infinity is undefined
+    assert done["opacity"].tolist() == [1, 2, np.inf, 0, 1]  # an average that includes infinity is undefined
     assert done["sigma"].tolist() == [5, 7, 7]
 
 

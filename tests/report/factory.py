@@ -1,7 +1,7 @@
 """Synthetic results of a complete benchmark: all datasets, scenes, methods and conditions, without rendering.
 
-The means over scenes equal the paper's means, if it has them, so that tables of these records can be
-compared with it. Scenes differ by offsets that sum to zero.
+The means over scenes equal the means in the paper, if it prints them. Therefore tables of these records can
+be compared with the paper. Scenes differ by offsets that sum to zero.
 """
 
 import hashlib
@@ -105,9 +105,9 @@ def measure(
     images: bool = False,
     **changes: Any,
 ) -> Result:
-    """Write a record and return it: by default of the method 2DTS on the scene "desk".
+    """Write a record and return it. By default it is a record of 2DTS on the scene "desk".
 
-    `changes` are the dataset, scene and method, and attributes of the record. A mapping only replaces parts
+    `changes` are the dataset, scene and method, and attributes of the record. A mapping replaces only parts
     of an attribute.
     """
     default_place = {"dataset": "capture", "scene": "desk", "method": "two_dts"}
@@ -130,7 +130,7 @@ def numbers_of(root: Path, **options: Any) -> Numbers:
 
 
 def verdict_of(root: Path) -> dict[str, Statement]:
-    """Return use -> statement of the only asset in a results folder."""
+    """Return the statements on the only asset in a results folder, by use."""
     (verdict,) = build_report(read_results(root), pictures=False).verdicts
     return {statement.use: statement for statement in verdict.statements}
 
@@ -252,7 +252,7 @@ def quality(
 
 
 def write_images(folder: Path, measured: Quality) -> None:
-    """Write the ground truth, and blurred renderings: the lower the PSNR, the stronger the blur."""
+    """Write the ground truth, and blurred renderings. A lower PSNR gives a stronger blur."""
     for image in measured.images:
         photograph = ground_truth(image.name)
         path = folder / str(image.gt)
@@ -309,7 +309,10 @@ _FALLBACK: dict[str, dict[str, float]] = {
     "standard": {"psnr": 0.6, "ssim": 0.5, "lpips": 0.6, "fps": 3000, "p50_ms": 0.3, "p95_ms": 0.3,
                  "memory": 1e8},
 }  # fmt: skip
-"""Condition -> metric -> value where the paper has none. PSNR and SSIM are factors of Non-Engine values."""
+"""Values by condition and metric that replace values missing in the paper.
+
+For PSNR and SSIM they are factors of the Non-Engine values.
+"""
 
 
 def _value(cell: Cell, metric: str) -> float:

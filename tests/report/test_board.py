@@ -42,7 +42,7 @@ from tests.report.factory import (
 )
 
 Change = Callable[[dict[str, bytes]], Any]
-"""Change of the members of an archive (name -> content)."""
+"""A function that changes the members of an archive, given as contents by name."""
 
 
 @pytest.fixture(scope="module")
@@ -101,7 +101,7 @@ def test_a_submission_holds_no_paths_and_no_user_names(tmp_path: Path) -> None:
 def rebuild(
     data: bytes, change: Change, *, compression: int = zipfile.ZIP_STORED, update_hashes: bool = True
 ) -> bytes:
-    """Return the archive `data` with a change of its members."""
+    """Return the archive `data` after a change of its members."""
     with zipfile.ZipFile(io.BytesIO(data)) as archive:
         members = {name: archive.read(name) for name in archive.namelist()}
     change(members)
@@ -223,7 +223,8 @@ def test_board_has_the_rows_of_all_submitters_and_of_the_paper(small: Path, tmp_
     mean = [row for row in rows if row["labels"] == ("Tanks and Temples", "Mean", "2DTS")]
     dedicated = [row for row in mean if row["Condition"] == "Dedicated"]
     assert [row["From"] for row in dedicated] == ["Our <b>lab</b>", "Theirs", "the paper"]
-    assert len({row["PSNR ↑"] for row in dedicated}) == 1  # the synthetic means equal the paper's
+    # the means of the synthetic results equal the paper's means
+    assert len({row["PSNR ↑"] for row in dedicated}) == 1
     truck = next(row for row in rows if row["labels"][1:] == ("truck", "2DTS") and row["From"] == "Theirs")
     assert truck["Model"] == hashlib.sha256(b"tanksandtemples/truck/two_dts").hexdigest()[:12]
     assert not any(row["From"] == "the paper" for row in _rows(build_board(files, with_paper=False)))

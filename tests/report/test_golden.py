@@ -41,7 +41,7 @@ def rounds_to_nothing(root: Path) -> tuple[str, ...]:
 
 
 def a_scene_is_missing(root: Path) -> tuple[str, ...]:
-    """Dedicated has 20 and 40 dB on two scenes, Standard 15 dB on one and fails on the other."""
+    """Dedicated has 20 and 40 dB on two scenes. Standard has 15 dB on one scene and fails on the other."""
     garden: dict[str, Any] = {"dataset": "mipnerf360", "scene": "garden"}
     measure(root, "dedicated", 20.0, **garden)
     measure(root, "standard", 15.0, shifts=(-0.4, 0.0, 0.4), **garden)
@@ -89,7 +89,7 @@ def trained_on_the_test_views(root: Path) -> tuple[str, ...]:
 
 
 def notes(root: Path) -> tuple[str, ...]:
-    """Results with footnotes: reference renderer, other photographs, LPIPS weights, opacity thresholds."""
+    """Results with footnotes: a reference renderer, other photographs, LPIPS weights, opacity thresholds."""
     vgg = {"file": "v.npz", "sha256": "ab" * 32, "known": None}
     lpips = {"name": "lpips_vgg", "weights": {"vgg": vgg, "heads": {"known": "lpips 0.1.4"}}}
     with_lpips = {"metrics": (*METRICS, lpips)}
@@ -167,7 +167,7 @@ def another_background(root: Path) -> tuple[str, ...]:
 
 
 def equal_at_the_printed_digits(root: Path) -> tuple[str, ...]:
-    """One method leads in SSIM; in PSNR both are equal at the printed precision."""
+    """One method leads in SSIM. In PSNR both methods are equal at the printed precision."""
     for method, psnr, ssim in (("two_dts", 30.0, 0.8), ("mesh_splatting", 30.004, 0.9)):
         measure(root, "non_engine", psnr, ssim, method=method)
     return ("native_summary",)
@@ -182,7 +182,7 @@ def compare(root: Path, scenes: Sequence[str], method: str, *psnr: float, **chan
 
 
 def against_over_scenes(root: Path) -> tuple[str, ...]:
-    """Methods that differ: a missing scene, another background, comparison with other photographs."""
+    """Methods that cannot be compared: a missing scene, another background, other photographs."""
     scenes = ("desk", "chair", "room", "hall")
     compare(root, scenes, "mesh_splatting", 24.0, 25.0, 26.0, 27.0)
     compare(root, scenes[1:], "two_dts", 25.6, 26.7, 27.8)

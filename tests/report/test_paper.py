@@ -57,7 +57,7 @@ def title_of(cell: dict[str, Any]) -> str:
 
 
 class Lookup:
-    """Cells of a table by the texts of their row and column."""
+    """The cells of a table by the texts of their row and column."""
 
     def __init__(self, table: Table) -> None:
         self.cells: dict[frozenset[str], TableCell] = {}
@@ -138,7 +138,7 @@ def test_means_follow_from_the_rows_within_rounding(label: str) -> None:
             metric, mean = METRICS[key.metric], mean_over(rows, scenes)
             assert not mean.partial, key
             scale = 1e6 if key.metric == "components" else metric.scale
-            # The mean is rounded to half a unit of the last digit, and so is each of its rows.
+            # The mean and each of its rows have an error of up to half a unit of the last digit.
             assert abs(mean.value - number.value) <= 10**-metric.decimals * scale * (1 + 1e-9), key
             checked += 1
     expected = {"tnt_renderer_comparison": 28, "tnt_unity_runtime_resources": 28, "mip360_unity_memory": 21,

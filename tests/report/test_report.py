@@ -202,7 +202,7 @@ def test_hostile_names_are_escaped(tmp_path: Path) -> None:
         changes: dict[str, Any] = {"cell": cell}
         if record.audit is not None:
             changes["audit"] = AuditDocument.of({**AUDIT, "verdict": bad})
-        # The folders have plain names, because these names are invalid for folders.
+        # The folders have plain names, because the names of the methods are not valid names of folders.
         path = write(tmp_path, make_result("x", "y", "z", condition))
         path.write_bytes(record.model_copy(update=changes).to_json())
         results.append(LoadedResult(read_result(path), path, tmp_path))
@@ -276,7 +276,7 @@ def test_equal_charts_are_equal_bytes(numbers: Numbers) -> None:
 
 
 def test_models_of_a_protocol_have_different_line_styles() -> None:
-    # Two names with the same letters, which a sum over letters would not distinguish.
+    # These two names have the same letters. A sum over letters would not distinguish them.
     models = ["two_dts", "ab", "ba", *(f"model {number}" for number in range(6))]
     conditions = ("non_engine", "dedicated", "dedicated/global", "dedicated/none")
     values = {
@@ -367,7 +367,8 @@ def test_one_table_is_printed(msb: Msb, folder: Path) -> None:
     assert data["schema"] == "msb.table/1"
     as_csv = msb("report", "--table", "slowdown", "--format", "csv", folder).out
     assert as_csv.splitlines()[0].endswith(",Source")
-    assert as_csv.count("\n") == as_csv.rstrip().count("\n") + 1  # so that it can be redirected to a file
+    # so that the output can be redirected to a file
+    assert as_csv.count("\n") == as_csv.rstrip().count("\n") + 1
     for formats in ("tex,csv", "html"):
         assert msb("report", "--table", "slowdown", "--format", formats, folder).err.startswith("USAGE: ")
     msb("report --table nonsense", folder).ends(2, "NAME_UNKNOWN: ")

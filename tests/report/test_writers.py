@@ -1,4 +1,4 @@
-"""Writers of tables: output is valid in each format, and names cannot inject markup, formulas or paths."""
+"""Tables are valid in each format, and names in them cannot inject markup, formulas or paths."""
 
 import csv
 import io

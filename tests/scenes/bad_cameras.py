@@ -1,4 +1,4 @@
-"""Invalid cameras: name -> files, the path to read, and the error code."""
+"""Invalid cameras by name: files, the path to read, and the error code."""
 
 import math
 from pathlib import Path
@@ -132,7 +132,7 @@ def replace_at(document: Any, path: str, to: Any = GONE) -> Any:
 
 
 def of_json(document: Any, name: str = "cameras.json", code: str = "FILE", **image: bytes) -> Bad:
-    """Return the case of a document, beside an image called a.png or a.jpg."""
+    """Return a case: a JSON document beside an image called a.png or a.jpg."""
     content = document if isinstance(document, bytes) else dump(document)
     files = {name: content} | {f"a.{suffix}": data for suffix, data in image.items()}
     return files, name, f"CAMERA_{code}"
@@ -151,7 +151,7 @@ def in_views(path: str, to: Any = GONE, code: str = "FILE") -> Bad:
 
 
 def bare(path: str = "./a", **more: Any) -> dict[str, Any]:
-    """Return a NeRF-Synthetic document of one frame, whose size must be read from its image."""
+    """Return a NeRF-Synthetic document of one frame; the size must be read from the image."""
     frame = {"file_path": path, "transform_matrix": EYE}
     return {"camera_angle_x": 0.7, "frames": [frame | more]}
 
@@ -195,7 +195,7 @@ BAD: dict[str, Bad] = {
     )
     for name, bad in table.items()
 }
-"""All cases. Cases of the group "points" are read by `read_points`, the others by `read_cameras`."""
+"""All cases. Cases of the group "points" are read by `read_points`, and all other cases by `read_cameras`."""
 
 
 def read_case(name: str, root: Path) -> Any:

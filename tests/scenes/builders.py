@@ -1,4 +1,4 @@
-"""Cameras, and camera files in every format, written without the package's writers."""
+"""Cameras, and camera files in every format. The files are written without the package's writers."""
 
 import json
 import struct
@@ -14,7 +14,7 @@ from msb.scenes.colmap_models import MODELS
 from tests.corpus import forge
 
 Files = dict[str, bytes]
-"""Name below a folder -> content."""
+"""The content of each file, by its path below a folder."""
 Bad = tuple[Files, str, str]
 """Files, the path to read, and the code of the error."""
 
@@ -34,7 +34,7 @@ def quaternion(seed: int) -> NDArray[np.float64]:
 
 
 def rotation(q: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the rotation matrix of a unit quaternion, from the rotated axes q v q*."""
+    """Return the rotation matrix of a unit quaternion q; its columns are the rotated axes q v q*."""
 
     def multiply(a: Any, b: Any) -> Any:
         return np.array(
@@ -148,7 +148,7 @@ def colmap_txt(cameras: Sequence[Camera]) -> Files:
 
 
 def lens_parameters(model: str, distortion: float) -> list[float]:
-    """Return parameters of a model: focal lengths 50 and 49 (if two), centre (20, 15), equal distortions."""
+    """Return parameters of a model: focal lengths 50 and 49, centre (20, 15), equal distortions."""
     kind = MODELS[model]
     return [50.0, 49.0][: kind.focals] + [20.0, 15.0] + [distortion] * kind.distortions
 

@@ -18,7 +18,7 @@ FRONT = Camera(200, 100, 50, 40, 90, 55, np.eye(4))
 
 
 def test_the_centre_of_pixel_0_0_is_half_a_pixel_from_the_corner() -> None:
-    camera = Camera(4, 2, 2, 2, 2, 1, np.eye(4))  # sees x in -1..1, y in -0.5..0.5 at depth 1
+    camera = Camera(4, 2, 2, 2, 2, 1, np.eye(4))  # this camera sees x in -1..1 and y in -0.5..0.5 at depth 1
     pixels, _ = camera.project([[-0.75, -0.25, 1], [-1, -0.5, 1], [1, 0.5, 1]])
     assert pixels.tolist() == [[0.5, 0.5], [0, 0], [4, 2]]
 
@@ -28,7 +28,7 @@ def test_look_at_from_the_side() -> None:
     assert camera.fy == pytest.approx(50)
     assert camera.fx == camera.fy
     pixels, depth = camera.project([[0, 0, 0], [0, 1, 1], [0, 0, -1]])
-    # Looking along -x with z up, +y is to the right; above is a smaller v.
+    # For a camera that looks along -x with z up, +y is to the right. Points above the axis have a smaller v.
     np.testing.assert_allclose(pixels, [[100, 50], [125, 25], [100, 75]], atol=1e-12)
     np.testing.assert_allclose(depth, 2)
     np.testing.assert_allclose(camera.center, [2, 0, 0], atol=1e-15)
@@ -37,7 +37,7 @@ def test_look_at_from_the_side() -> None:
 def test_up_is_minus_y_by_default() -> None:
     camera = Camera.look_at((0, 0, -2), (0, 0, 0), width=100, height=100, fov_y=1)
     pixels, _ = camera.project([[0, -0.5, 0], [0.5, 0, 0]])
-    assert pixels[0, 1] < 50 < pixels[1, 0]  # -y is above the middle, +x to its right
+    assert pixels[0, 1] < 50 < pixels[1, 0]  # -y is above the middle of the image, and +x is to the right
 
 
 def test_points_behind_the_camera_are_nan() -> None:
@@ -201,7 +201,7 @@ def test_invalid_scales_are_rejected(factor: float) -> None:
 
 
 def test_opengl_axes_become_opencv_axes() -> None:
-    # An OpenGL camera at (0, 0, 5) that looks along -z sees a point at the origin in the middle, up as up.
+    # An OpenGL camera at (0, 0, 5) looks along -z. The origin is in the middle of the image, and +y is up.
     to_world = np.eye(4)
     to_world[2, 3] = 5
     camera = Camera.from_fov(100, 100, from_opengl(to_world), fov_x=math.pi / 2)

@@ -63,7 +63,7 @@ def test_an_empty_line_of_2d_points_belongs_to_its_image(tmp_path: Path) -> None
         b"   ",
         b"",  # blank lines between images are harmless
         b"4 1 0 0 0 3 0 0 7 d.png",
-    )  # and the file may end right after an image
+    )  # the file may end directly after the line of an image
     cameras = msb.read_cameras(write(tmp_path, files))
     assert [(camera.name, camera.world_to_camera[0, 3]) for camera in cameras] == [
         ("a.png", 0), ("b.png", 1), ("c.png", 2), ("d.png", 3)

@@ -1,4 +1,4 @@
-"""Every format returns the cameras that were written, and a path finds the right reader."""
+"""Every format returns the cameras that were written, and each path is read by the right reader."""
 
 import json
 import re

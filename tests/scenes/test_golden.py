@@ -44,7 +44,7 @@ def loaders(shared: Path) -> dict[str, Any]:
 
 
 def assert_is_loaded(camera: Camera, wanted: dict[str, Any], tolerance: dict[str, float]) -> None:
-    """Compare with `R` (transposed), `T`, angles and centre as the 3DGS family stores them."""
+    """Compare a camera with the values of the 3DGS family: `R` (transposed), `T`, angles and centre."""
     assert stem(camera) == wanted["image_name"]
     assert abs(camera.fov_x - wanted["FoVx"]) < tolerance["fov_abs"]
     assert abs(camera.fov_y - wanted["FoVy"]) < tolerance["fov_abs"]
@@ -135,7 +135,7 @@ def test_points_of_the_garden_land_on_their_colours(shared: Path) -> None:
         shifted = replace(camera, cx=camera.cx + 400)  # of 5187 pixels
         for row, used in enumerate((camera, neighbour, shifted)):
             errors[row, index] = color_error(used, photograph, xyz[::8], rgb[::8])
-    right, other, beside = errors  # here 0.076 to 0.112, 0.142 to 0.241, 0.132 to 0.182
+    right, other, beside = errors  # measured values are 0.076 to 0.112, 0.142 to 0.241, and 0.132 to 0.182
     assert np.median(right) < 0.09
     assert right.max() < 0.12
     assert (other > right + 0.04).all()

@@ -82,7 +82,7 @@ def test_a_flight_passes_through_the_given_cameras(closed: bool) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("closed", [False, True])
 def test_a_flight_has_no_kinks(closed: bool) -> None:
-    """Steps between frames change less as the frames get denser, so the velocity is continuous."""
+    """With denser frames, the steps between frames change less. Therefore the velocity is continuous."""
     cameras = some_cameras(4)
     frames = interpolate_cameras(cameras, 1001, closed=closed)
     if closed:

@@ -96,13 +96,13 @@ def test_missing_photographs_of_training_and_test_views_are_counted_apart(msb: M
         (photographs / name).unlink()
     (scene,) = msb("scenes --json -", root).json["scenes"]
     assert (scene["error"], scene["missing"]) == (None, {"training": 3, "test": 0})
-    # A missing test photograph is an error, which counts the training photographs, too.
+    # A missing test photograph is an error; the message also counts missing training photographs.
     (photographs / evaluated["test"][0]).unlink()
     (scene,) = msb("scenes --json -", root, status=3).json["scenes"]
     assert (scene["error"]["code"], scene["missing"]) == ("SCENE_IMAGE_MISSING", {"training": 3, "test": 1})
     counts = f"1 of {len(evaluated['test'])} test and 3 of {len(evaluated['train'])} training"
     assert counts in scene["error"]["message"]
-    # Without the folder all are missing.
+    # Without the folder, all photographs are missing.
     for folder in root.glob("images*"):
         shutil.rmtree(folder)
     (scene,) = msb("scenes --json -", root, status=3).json["scenes"]

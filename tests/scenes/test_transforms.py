@@ -34,7 +34,7 @@ def test_nerf_synthetic(tmp_path: Path) -> None:
     assert (first.cx, first.cy) == (40, 20)
     assert (first.fov_x, second.fov_x) == pytest.approx((0.7, 0.7))
     assert second.fov_y == pytest.approx(0.7)
-    # The identity of OpenGL looks along -z with y up.
+    # In OpenGL, a camera with the identity as its pose looks along -z with y up.
     assert first.world_to_camera.tolist() == np.diag([1.0, -1, -1, 1]).tolist()
 
 
@@ -61,7 +61,7 @@ def test_a_pose_is_inverted_and_its_axes_converted(tmp_path: Path) -> None:
     document = {"fl_x": 10, "w": 4, "h": 4, "frames": [frame(transform_matrix=to_world.tolist())]}
     (camera,) = read(tmp_path, document)
     np.testing.assert_allclose(camera.center, to_world[:3, 3])
-    # A point half a unit ahead is along the camera's -z; a point above the axis has a smaller v.
+    # A point half a unit ahead has the camera's negative z. A point above the axis has a smaller v.
     ahead = to_world @ [0, 0.1, -0.5, 1]
     pixels, depth = camera.project(ahead[:3])
     assert depth == pytest.approx(0.5)

@@ -1,9 +1,9 @@
 """A second implementation of the audit, with dictionaries and loops instead of NumPy, written from the
 definitions.
 
-It is slow and simple on purpose, and shares neither code nor methods with msb/topology: the strict count
-tests whether each vertex link is one path or one cycle, components are found by flooding, boundary loops by
-walking from fan to fan.
+It is slow and simple on purpose, and shares neither code nor methods with msb/topology. The strict count
+tests whether each vertex link is one path or one cycle. Components are found by flooding, and boundary loops
+by walking from fan to fan.
 """
 
 import math
@@ -77,7 +77,10 @@ def audit(points: list[Point], faces: list[Face]) -> dict[str, Any]:
 
 
 def assert_agrees(report: Any, points: Any, faces: Any) -> dict[str, Any]:
-    """Assert that an audit equals this module's result, real numbers to 1e-9; return the result."""
+    """Assert that an audit equals the result of this module, with real numbers equal to 1e-9.
+
+    Return the result.
+    """
     expected = audit([tuple(p) for p in points.tolist()], [tuple(f) for f in faces.tolist()])
     got = {**vars(report.counts), **vars(report.metrics)}
     got |= {key: getattr(report, key) for key in ("valence_histogram", "is_soup", "topology")}
@@ -108,7 +111,9 @@ def area(points: list[Point], row: Face) -> float:
 
 
 def flood(proper: list[int], faces: list[Face], faces_at_edge: Any, joins: Any) -> dict[int, int]:
-    """Return for each proper face the lowest face connected to it across edges accepted by `joins`."""
+    """Return for each proper face the lowest face that is connected to it across edges for which `joins` is
+    true.
+    """
     label: dict[int, int] = {}
     for start in proper:
         if start in label:
@@ -128,7 +133,10 @@ def flood(proper: list[int], faces: list[Face], faces_at_edge: Any, joins: Any) 
 
 
 def largest_component(component: dict[int, int], areas: list[float]) -> list[int]:
-    """Return the faces of the component with most faces; ties go to the larger area, then the lowest face."""
+    """Return the faces of the component with most faces.
+
+    Of equal ones, the larger area wins, then the lowest face.
+    """
     groups: dict[int, list[int]] = {}
     for face, label in component.items():
         groups.setdefault(label, []).append(face)
@@ -141,7 +149,7 @@ def largest_component(component: dict[int, int], areas: list[float]) -> list[int
 
 
 def link(vertex: int, around: list[int], faces: list[Face]) -> list[tuple[int, int]]:
-    """Return the arcs of the link of a vertex: the two other vertices of each face."""
+    """Return the arcs of the link of a vertex. An arc is the two other vertices of a face."""
     arcs = []
     for f in around:
         a, b = (v for v in faces[f] if v != vertex)
@@ -165,7 +173,7 @@ def pieces(arcs: list[tuple[int, int]]) -> list[set[int]]:
 
 
 def link_is_path_or_cycle(arcs: list[tuple[int, int]]) -> bool:
-    """Return whether a walk from an end (or from any node of a cycle) uses every arc exactly once."""
+    """Return whether a walk uses every arc exactly once. It begins at an end, or at any node of a cycle."""
     degree: dict[int, int] = {}
     for arc in arcs:
         for node in arc:
@@ -202,7 +210,7 @@ def runs_along(row: Face, edge: tuple[int, int]) -> bool:
 
 
 def boundary(faces: list[Face], faces_at_edge: dict[tuple[int, int], list[int]]) -> tuple[int, int]:
-    """Return the numbers of closed loops and open chains of boundary edges, walking around fans."""
+    """Return the numbers of closed loops and open chains of boundary edges, found by walking around fans."""
     rims = [edge for edge, group in faces_at_edge.items() if len(group) == 1]
     seen: set[tuple[int, int]] = set()
     loops = chains = 0
@@ -210,7 +218,7 @@ def boundary(faces: list[Face], faces_at_edge: dict[tuple[int, int], list[int]])
         if start in seen:
             continue
         closed = False
-        for first in start:  # in both directions, unless the first one returns to the start
+        for first in start:  # walk in both directions, unless the first walk returns to the start
             edge, vertex = start, first
             while not closed:
                 seen.add(edge)

@@ -41,7 +41,7 @@ CASES = [
 ]
 CASE = {case.name: case for case in CASES}
 
-# Symbol in formulas -> key of the JSON; together with E_max_faces these are all expected fields.
+# The JSON keys of the symbols in formulas. With E_max_faces, these are all expected fields.
 COUNT_OF = {
     "V": "vertices",
     "F": "faces",
@@ -104,7 +104,7 @@ def random_mesh(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     if v >= 4 and rng.random() < 0.5:  # a closed tetrahedron among other faces
         a, b, c, d = rng.permutation(v)[:4]
         faces = np.concatenate([faces, [[b, c, d], [a, d, c], [a, b, d], [a, c, b]]])
-    # Integer coordinates: areas are often exactly zero, and often equal.
+    # With integer coordinates, areas are often exactly zero, and often equal.
     points = rng.integers(-2, 3, (v + int(rng.integers(0, 3)), 3)).astype(float)
     points[rng.random(points.shape) < 0.01] = np.nan
     points[rng.random(points.shape) < 0.01] = np.inf
@@ -112,7 +112,7 @@ def random_mesh(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
 
 
 def finite_mesh(seed: int) -> Mesh:
-    """Return a random mesh without NaN; odd seeds give positions in general position."""
+    """Return a random mesh without NaN. With odd seeds, the vertices are in general position."""
     rng = np.random.default_rng(seed)
     points, faces = random_mesh(rng)
     points = rng.normal(size=points.shape) if seed % 2 else np.nan_to_num(points, posinf=1, neginf=-1)
@@ -124,7 +124,7 @@ def counts(points: np.ndarray, faces: np.ndarray) -> Counts:
 
 
 def places(points: np.ndarray, change: Change) -> np.ndarray:
-    """Return the positions after a change: the old ones, and the average of each rim."""
+    """Return the positions after a change: the old positions, and the average of each rim."""
     kept = points[change.vertex_map[change.vertex_map != NONE]]
     rims = np.split(change.rims.vertices, change.rims.offsets[1:-1]) if change.rims.count else []
     return np.concatenate([kept, np.array([points[rim].mean(axis=0) for rim in rims]).reshape(-1, 3)])

@@ -48,7 +48,9 @@ def orient(faces: list[Face]) -> tuple[list[bool], bool]:
 
 
 def glue(faces: list[Face], joined: list[tuple[tuple[int, int], int, int]]) -> dict[Corner, int]:
-    """Return the new vertex of each corner if faces stay together only at the joined (edge, face, face)."""
+    """Return the new vertex of each corner if faces stay together only at the joined triples (edge, face,
+    face).
+    """
     proper = proper_faces(faces)
     leader: dict[Corner, Corner] = {(f, v): (f, v) for f in proper for v in faces[f]}
 
@@ -85,7 +87,7 @@ def cut(faces: list[Face]) -> dict[Corner, int]:
 
 
 def pair(points: list[Point], faces: list[Face], colors: list[Point], weight: float) -> dict[Corner, int]:
-    """Return the new vertex of each corner after pairing; all costs must be different."""
+    """Return the new vertex of each corner after pairing. All costs must be different."""
     at_edge = edge_faces(faces, proper_faces(faces))
     chosen: list[tuple[float, tuple[int, int], int, int]] = []
     for edge, group in at_edge.items():
@@ -161,7 +163,10 @@ def unit(vector: list[float]) -> list[float]:
 
 
 def fewest_dropped(faces: list[Face]) -> int:
-    """Return the minimum number of faces to remove so that no edge has more than two, by trying all sets."""
+    """Return the smallest number of removed faces for which no edge has more than two faces.
+
+    All sets are tried.
+    """
     proper = proper_faces(faces)
     crowded = {f for group in edge_faces(faces, proper).values() if len(group) > 2 for f in group}
     for count in range(len(crowded) + 1):
@@ -173,7 +178,7 @@ def fewest_dropped(faces: list[Face]) -> int:
 
 
 def weld(points: list[Point], faces: list[Face]) -> tuple[list[int], list[Face]]:
-    """Return the remaining faces, and their corners as the lowest old vertex in each position."""
+    """Return the remaining faces. A corner is the lowest old vertex in its position."""
     first: dict[Point, int] = {}
     leader = [first.setdefault((p[0] + 0.0, p[1] + 0.0, p[2] + 0.0), v) for v, p in enumerate(points)]
     new = [(leader[a], leader[b], leader[c]) for a, b, c in faces]
@@ -206,7 +211,7 @@ def holes(points: list[Point], faces: list[Face], edges: int, share: float) -> l
         return [(a, b), (b, c), (c, a)]
 
     def after(f: int, rim: tuple[int, int]) -> tuple[int, tuple[int, int]] | None:
-        """Turn around the end of a rim edge to the next rim edge; return None if the rim ends there."""
+        """Turn around the end of a rim edge to the next rim edge. Return None if the rim ends there."""
         pivot, come = rim[1], rim
         while True:
             leave = next(side for side in sides(f) if pivot in side and {*side} != {*come})

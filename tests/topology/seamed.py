@@ -1,4 +1,4 @@
-"""Closed meshes with UVs by corner, and the same meshes with one UV per vertex, as files store them."""
+"""Closed meshes with UVs by corner. The same meshes with one UV per vertex, as files store them."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,13 +13,13 @@ CUBE = (
     np.array([(quad[0], *quad[k : k + 2]) for quad in _QUADS for k in (1, 2)], np.int64),
 )
 _SQUARE = np.array([[0, 0], [1, 0], [1, 1], [0, 0], [1, 1], [0, 1]], np.float32)
-# (3F, 2): one chart per side, so that each corner of the cube is in three charts.
+# UVs (3F, 2) with one chart per side. Each corner of the cube is then in three charts.
 CUBE_UVS = np.concatenate([(_SQUARE * 0.9 + [side, 0]) / [6, 1] for side in range(6)]).astype(np.float32)
 TEXTURE = np.random.default_rng(1).integers(0, 256, (8, 48, 3), np.uint8)
 
 
 def torus(around: int = 8, along: int = 12) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
-    """Return a closed mesh with 2 x around x along faces."""
+    """Return a closed mesh of 2 * `around` * `along` faces."""
     i, j = (axis.reshape(-1) for axis in np.mgrid[:around, :along])
     turn, way = 2 * np.pi * i / around, 2 * np.pi * j / along
     out = 2 + np.cos(turn)

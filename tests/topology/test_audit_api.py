@@ -50,7 +50,7 @@ def test_lists_tuples_views_and_fortran_order_give_the_same_audit() -> None:
 
 
 class Triangles:
-    """What a mesh of another library has in common with a trimesh."""
+    """A mesh of another library, with the attributes that it shares with a trimesh."""
 
     def __init__(self, vertices: object, faces: object) -> None:
         self.vertices, self.faces = vertices, faces
@@ -167,7 +167,7 @@ def test_arrays_that_are_not_a_mesh_are_rejected(points: object, faces: object) 
         (-1, "i4"),
         (2**63 - 1, "i8"),
         (2**64 - 1, "u8"),
-        (2**32, "i8"),  # vertex 0 after wrapping to 32 bits
+        (2**32, "i8"),  # an overflow to 32 bits would give vertex 0
     ],
 )
 def test_index_out_of_range_names_the_first_face_and_is_never_wrapped(bad: int, dtype: str) -> None:

@@ -1,4 +1,4 @@
-"""Golden meshes: all expected fields of hand-made and real meshes."""
+"""Golden meshes: hand-made and real meshes with all expected fields."""
 
 import hashlib
 import json
@@ -22,7 +22,7 @@ SYNTHETIC = json.loads((GOLDEN / "expected_synthetic.json").read_text())["meshes
 def test_case_has_the_counts_derived_by_hand(case: Case) -> None:
     report = audit(case.vertices, case.faces)
     assert_as_expected(report, case.expected)
-    # also compares loops, valences and the kind of mesh
+    # this also compares loops, valences and the kind of mesh
     brute_force.assert_agrees(report, case.vertices, case.faces)
 
 
@@ -57,7 +57,7 @@ def test_file_has_its_expected_counts(mesh: dict) -> None:
     assert_as_expected(report, variants["raw"])
     if "welded_exact" in variants:
         assert_as_expected(report.welded, variants["welded_exact"])
-    else:  # no expected counts, but welding must keep the faces
+    else:  # there are no expected counts, but welding must keep the faces
         assert report.welded.counts.faces == report.counts.faces
 
 

@@ -1,4 +1,4 @@
-"""Peers agree or differ by definition on every mesh; a wrong audit, a crash and a hang are detected."""
+"""On every mesh, peers agree or differ by definition. A wrong audit, a crash and a hang are detected."""
 
 import json
 from collections.abc import Callable, Iterator, Sequence
@@ -26,7 +26,7 @@ from tests.topology.meshes import CASE, CASES, GOLDEN, random_mesh
 
 WITH_FACES = [c for c in CASES if c.valid and len(c.faces)]
 Forked = Callable[..., dict[str, Answers | str]]
-# Without PyMeshLab, which is correct in a fresh process only, and manifold3d, which may crash.
+# Two peers are excluded: PyMeshLab is correct in a fresh process only, and manifold3d may crash.
 IN_PROCESS = ("libigl", "trimesh", "NetworkX", "NVIDIA")
 
 
@@ -61,7 +61,10 @@ def assert_explained(rows: Any) -> None:
 
 @pytest.fixture(scope="module")
 def forked() -> Iterator[Forked]:
-    """Return a faster `ask_peers`: its processes are forked from a server that has imported the peers."""
+    """Return a faster `ask_peers`.
+
+    Its processes are forked from a server that has already imported the peers.
+    """
     context = get_context("forkserver")
     modules = [peer.module for peer in PEERS.values() if find_spec(peer.module)]
     context.set_forkserver_preload(["msb.topology.crosscheck", *modules])
@@ -97,7 +100,7 @@ def test_peer_is_explained_on_hand_made_and_random_meshes(peer: str) -> None:
     assert verdicts == ({"agrees"} if peer == "NetworkX" else {"agrees", "differs_by_definition"})
 
 
-# Cases with differences between the peers; each runs in a separate process.
+# Cases in which the peers differ. Each runs in a separate process.
 CHILD_CASES = [
     "single_triangle", "closed_tetrahedron", "two_triangles_sharing_vertex",
     "tetrahedra_sharing_vertex", "tetrahedra_sharing_edge", "tetrahedra_sharing_face",
@@ -180,7 +183,7 @@ def test_book_differs_only_in_the_edge_endpoints_of_pymeshlab(capfd: pytest.Capt
 
 
 NOT_COMPARED = {
-    # Determined by other numbers through identities, or without a peer for non-manifold meshes.
+    # Numbers that follow from others by identities, or that no peer has for non-manifold meshes.
     "repeated_index_faces", "zero_area_faces", "nonfinite_faces", "duplicate_faces",
     "inconsistent_winding_edges", "boundary_loops", "open_boundary_chains",
     "seam_vertices",  # peers compare only positions
@@ -191,7 +194,7 @@ NOT_COMPARED = {
 @pytest.mark.oracle
 @pytest.mark.parametrize(
     ("more", "off"),
-    # With repeated-index rows, definitions differ by a few, so a mistake of the same size could hide.
+    # With repeated-index rows, correct answers differ by a few, which could hide a mistake of the same size.
     [([], 1), ([], -1), ([[0, 1, 1], [5, 5, 5]], 100)],
     ids=["one too many", "one too few", "definitions differ too"],
 )

@@ -21,7 +21,7 @@ def side(a: Any, b: Any, c: Any, d: Any) -> int:
 
 
 def crosses(first: Any, second: Any) -> bool:
-    """Return whether an edge of one triangle passes through the other one or its border."""
+    """Return whether an edge of one triangle passes through the other triangle or its border."""
     for edges, face in ((first, second), (second, first)):
         for k in range(3):
             p, q = edges[k], edges[(k + 1) % 3]
@@ -41,7 +41,7 @@ def every_pair(corners: Any) -> list[list[int]]:
 @settings(max_examples=60)
 @given(st.integers(0, 10_000), st.sampled_from([2, 3, 6, 50]), st.integers(2, 16))
 def test_crossings_equal_exact_arithmetic(seed: int, size: int, count: int) -> None:
-    # Few integers, so that touching, coplanar and degenerate triangles are common.
+    # Coordinates are a few integers, so that touching, coplanar and degenerate triangles are common.
     rng = np.random.default_rng(seed)
     corners = rng.integers(0, size, (count, 3, 3)).astype(np.float64)
     pairs = every_pair(corners)

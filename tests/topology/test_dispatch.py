@@ -1,4 +1,4 @@
-"""The choice between NumPy and kernels, which users notice only by the time taken."""
+"""The choice between NumPy and kernels. Users notice it only by the time."""
 
 import threading
 from types import SimpleNamespace

@@ -42,7 +42,7 @@ def device() -> Iterator[Device]:
 
 
 def check(device: Device, mesh: Mesh, sizes: Sizes = DEFAULT, workers: int | None = None) -> Findings:
-    """Return the findings of the kernels after asserting that NumPy gives the same."""
+    """Return the findings of the kernels, and assert that NumPy gives the same."""
     points, faces = mesh_arrays(*mesh)
     kernels = find_by_kernels(points, faces, device, sizes=sizes, workers=workers)
     assert kernels == find_by_numpy(Analysis(points, faces))
@@ -53,7 +53,7 @@ def check(device: Device, mesh: Mesh, sizes: Sizes = DEFAULT, workers: int | Non
 
 
 def everywhere(device: Device, mesh: Mesh) -> Findings:
-    """Return the findings after checking default and tiny sizes with one, two and more work-items."""
+    """Check default and tiny sizes with one, two and more work-items. Return the findings."""
     check(device, mesh, workers=1)
     check(device, mesh, TINY, workers=1)
     check(device, mesh, TINY, workers=5)
@@ -77,7 +77,7 @@ def test_kernels_equal_numpy_on_small_meshes(device: Device, mesh: Mesh) -> None
 
 @st.composite
 def crowded(draw: st.DrawFn) -> Mesh:
-    """Draw hundreds of faces on few vertices, or fans and books of them, with full-precision positions."""
+    """Draw hundreds of faces on few vertices, or fans and books of faces, with full-precision positions."""
     random = draw(seeds)
     count = draw(st.integers(3, 80))
     faces = random.integers(0, count, (draw(st.integers(1, 300)), 3))

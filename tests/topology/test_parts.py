@@ -21,12 +21,12 @@ def assert_consistent(mesh: HalfEdgeMesh) -> None:
     np.testing.assert_array_equal(next_in_face(next_in_face(next_in_face(h))), h)
     np.testing.assert_array_equal(face_of(next_in_face(h)), face_of(h))
     np.testing.assert_array_equal(mesh.origin[next_in_face(h)], mesh.target)
-    # Every half-edge of a proper face is in exactly one group; others are in none.
+    # Every half-edge of a proper face is in exactly one group. Other half-edges are in no group.
     np.testing.assert_array_equal(np.sort(mesh.edge_halfedges), h[proper])
     assert mesh.edge_offsets[0] == 0
     assert mesh.edge_offsets[-1] == len(mesh.edge_halfedges)
     assert (mesh.multiplicity > 0).all()
-    # Groups are sorted by (low, high), their members run between these vertices and ascend.
+    # Groups are sorted by (low, high). Their members are ascending and run between these two vertices.
     low, high = mesh.edge_vertices.T
     assert (low < high).all()
     assert (np.diff(low.astype(np.int64) * mesh.vertex_count + high) > 0).all()
@@ -37,7 +37,7 @@ def assert_consistent(mesh: HalfEdgeMesh) -> None:
         assert (np.diff(group) > 0).all()
         assert (mesh.edge[group] == edge).all()
     assert (mesh.edge[~proper] == NONE).all()
-    # Two-face edges, by both half-edges.
+    # Both half-edges of the two-face edges.
     first, second = mesh.two_face_halfedges
     np.testing.assert_array_equal(mesh.edge[first], np.flatnonzero(mesh.multiplicity == 2))
     np.testing.assert_array_equal(mesh.edge[second], mesh.edge[first])
@@ -88,7 +88,7 @@ def test_double_precision_matters_far_from_the_origin() -> None:
 
 
 def test_duplicates_are_found_despite_integer_overflow() -> None:
-    top = 2**31 - 1  # the sum of a row wraps around
+    top = 2**31 - 1  # the sum of a row overflows
     faces = np.array([[top, top - 1, top - 2], [top - 2, top, top - 1], [top, top - 1, top - 3]], np.int32)
     assert find_duplicate_faces(faces).tolist() == [False, True, False]
 
@@ -122,7 +122,7 @@ def test_splat_like_default_has_the_intended_structure() -> None:
     report = audit(*splat_like(36))
     c, m = report.counts, report.metrics
     assert c.repeated_index_faces == c.duplicate_faces == c.zero_area_faces == 0
-    # Seeds change F by about 1 % and the ratios by 0.005.
+    # F varies by about 1 % between seeds, and the ratios by 0.005.
     assert c.faces == pytest.approx(35_231, rel=0.02)
     assert c.components == pytest.approx(5_767, rel=0.04)
     expected = {

@@ -34,7 +34,10 @@ seeds = st.integers(0, 2**32 - 1).map(np.random.default_rng)
 
 
 def numbers(mesh: Mesh) -> dict[str, Any]:
-    """Return every field of an audit, with rounded areas: the order of a sum may change their last digits."""
+    """Return every field of an audit.
+
+    Areas are rounded, because the order of a sum may change their last digits.
+    """
     report = audit(*mesh)
     fields = {**asdict(report.counts), **asdict(report.metrics)}
     rounded = {k: float(f"{x:.9g}") if isinstance(x, float) else x for k, x in fields.items()}

@@ -123,7 +123,7 @@ def strip(columns: int, rows: int, *, closed: bool = False) -> NDArray[np.int64]
 
 
 def handles(count: int) -> NDArray[np.int64]:
-    """Return the faces of a straight strip with `count` twisted strips connecting parts of its upper rim."""
+    """Return the faces of a straight strip. `count` twisted strips connect parts of its upper rim."""
     along = np.arange(4 * count)
     low, high = np.stack([along, along + 1]), 4 * count + 1 + np.stack([along, along + 1])
     straight = np.stack([low[0], low[1], high[1], low[0], high[1], high[0]], axis=-1).reshape(-1, 3)

@@ -28,7 +28,10 @@ def corner_numbers(faces: np.ndarray, change: Change) -> dict[tuple[int, int], i
 
 
 def twins_numbers(points: np.ndarray, faces: np.ndarray, number: dict[Any, int]) -> dict[Any, int]:
-    """Return the vertex numbers of a twin, shifted for the unreferenced vertices that it does not know."""
+    """Return the vertex numbers of a twin.
+
+    The numbers are shifted, because the twin does not count unreferenced vertices.
+    """
     used = 1 + int(faces.max(initial=-1))
     return {corner: new if new < used else new + len(points) - used for corner, new in number.items()}
 
@@ -53,7 +56,7 @@ def test_cut_equals_its_twin() -> None:
 
 
 def test_pair_equals_its_twin() -> None:
-    for seed in range(1, 241, 2):  # in general position, so that all costs differ
+    for seed in range(1, 241, 2):  # vertices in general position, so that all costs differ
         points, faces = finite_mesh(seed)
         if counts(points, faces).duplicate_faces:
             continue
@@ -89,7 +92,7 @@ def test_weld_equals_its_twin() -> None:
 
 @pytest.mark.parametrize(("least_faces", "least_share"), [(3, 0.0), (0, 0.2), (2, 0.1)])
 def test_debris_equals_its_twin(least_faces: int, least_share: float) -> None:
-    for seed in range(1, 300, 2):  # in general position, so that no piece has exactly the share
+    for seed in range(1, 300, 2):  # vertices in general position: no piece has exactly the share
         points, faces = finite_mesh(seed)
         change = debris(points, faces, least_faces=least_faces, least_share=least_share)
         stay = twins.debris(rows(points), rows(faces), least_faces, least_share)

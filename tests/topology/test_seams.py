@@ -1,4 +1,7 @@
-"""Seams of UVs and colours are not faults; a mesh open only at other duplicates closes when merged."""
+"""Seams of UVs and colours are not faults.
+
+A mesh that is open only at other duplicates closes when merged.
+"""
 
 from dataclasses import replace
 from pathlib import Path
@@ -73,7 +76,7 @@ def test_verdict_ignores_seams_while_counts_are_as_stored() -> None:
 
 
 @pytest.mark.parametrize("name", ["uv", "color"])
-@pytest.mark.parametrize("kinds", [2, 3, 1000])  # with many values all corners differ: a soup
+@pytest.mark.parametrize("kinds", [2, 3, 1000])  # 1000: all corners differ, as in a soup
 def test_corner_attributes_of_a_closed_mesh_leave_it_closed(name: str, kinds: int) -> None:
     rng = np.random.default_rng(kinds)
     points, faces = torus()
@@ -90,7 +93,9 @@ def test_seams_merge_only_vertices_in_one_place() -> None:
     rng = np.random.default_rng(5)
     for _ in range(50):
         points = rng.random((12, 3)).astype(np.float32)
-        faces = np.stack([rng.permutation(12)[:3] for _ in range(20)])  # edges with many faces, and holes
+        faces = np.stack(
+            [rng.permutation(12)[:3] for _ in range(20)]
+        )  # with holes, and edges with many faces
         stored, rows, uvs = doubled(points, faces, rng.integers(0, 2, (60, 2)).astype(np.float32))
         merged = seams.find_seams(stored, rows, {"uv": uvs})
         if merged is not None:
@@ -219,7 +224,7 @@ def test_formats_with_normals_or_without_shared_vertices(tmp_path: Path, name: s
     assert (result.verdict, result.seams) == ("ok", "format" if name == "a.stl" else "normal")
     assert result.without_seams is not None
     assert result.without_seams.counts == audit(*CUBE).counts
-    # The asset keeps the reason, and a repair merges what the result cannot explain.
+    # The asset keeps the reason of a seam. A repair merges seams whose reason the result does not keep.
     assert msb.open(path).audit().verdict == "ok"
     assert msb.repair(path).after.counts.vertices == 8
 

@@ -21,9 +21,9 @@ TWO_TETRAHEDRA = (
     np.concatenate([TETRAHEDRON[0], TETRAHEDRON[0] + 5]),
     np.concatenate([TETRAHEDRON[1], TETRAHEDRON[1] + 4]),
 )
-# Vertices of the tetrahedron, one of them NaN; three of the four faces then have no finite area.
+# The vertices of the tetrahedron with one NaN vertex. Three of the four faces then have no finite area.
 LOST = np.where(np.arange(4)[:, None] == 2, np.nan, TETRAHEDRON[0])
-# The tetrahedron with an edge split on one side only: a zero-area face closes the gap.
+# The tetrahedron with an edge that is split on one side only. A zero-area face closes the gap.
 FLAT_FACE = (
     np.vstack([TETRAHEDRON[0], [0.5, 0, 0]]),
     np.array([[0, 2, 4], [4, 2, 1], [0, 4, 1], *TETRAHEDRON[1][1:]]),
@@ -141,7 +141,7 @@ def test_degenerate_rows_do_not_change_the_verdict_of_a_soup(
     for corners, coincide in ((apart, False), (points, True)):
         clean, with_rows = audit(corners, faces), audit(corners, rows)
         assert with_rows.computed_by.startswith("OpenCL" if fewest == 1 else "NumPy")
-        assert with_rows.topology == "indexed_mesh"  # by the definition of this key
+        assert with_rows.topology == "indexed_mesh"  # this is the definition of the key
         assert with_rows.corners_coincide is clean.corners_coincide is coincide
         assert judge(with_rows) == judge(clean)
 
@@ -183,7 +183,7 @@ def test_every_count_and_metric_is_explained(key: str) -> None:
         ("counts.edges", "edges"),
         ("welded.metrics.vf_ratio", "vf_ratio"),
         ("e_GT2", "nonmanifold_edges"),
-        ("Lcc_Area", "lcc_area_ratio"),  # neither symbol: the column of the paper
+        ("Lcc_Area", "lcc_area_ratio"),  # this is neither symbol, so it means the column of the paper
         ("variants.components.manifold_edges_only", "components_manifold_edges"),
         ("variants.nonmanifold_vertices.strict", "nonmanifold_vertices"),
     ],

@@ -55,7 +55,7 @@ def test_weld_does_not_depend_on_the_order_of_vertices(weld: object) -> None:
     groups = merged(points, weld)
     order = random.permutation(200)
     shuffled = merged(points[order], weld)
-    # The groups are equal; their numbers differ.
+    # The groups are equal, but their numbers differ.
     together = {(groups[o], s) for o, s in zip(order, shuffled, strict=True)}
     assert len(set(groups)) == len(set(shuffled)) == len(together)
 

@@ -17,7 +17,7 @@ QUADS = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (
 
 
 class NoRenderings:
-    """A stand-in for `Renderings` on a system without a device: judgements depend on numbers only."""
+    """A stand-in for `Renderings` on a system without a device. Judgements then depend on numbers only."""
 
     why_not = "no OpenCL device was found"
 

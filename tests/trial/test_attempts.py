@@ -143,7 +143,7 @@ UV = {"charts": 1, "charts_per_1000_faces": 1.0, "packing": 0.5, "faces_left_out
 
 @pytest.fixture
 def replying(monkeypatch: pytest.MonkeyPatch) -> Callable[[Mapping[str, Output | str]], None]:
-    """Return a function that replaces the results of libraries by given outputs or reasons of failure."""
+    """Return a function that replaces the results of libraries. It takes outputs, or reasons of failure."""
 
     def replace_results(answers: Mapping[str, Output | str]) -> None:
         def reply(_task: Task, attempt: Attempt, mesh: TrialMesh, arrays: Any, _limits: Any) -> AttemptResult:
@@ -243,7 +243,7 @@ def test_a_hull_and_a_decimated_mesh_are_saved_if_coacd_fails(replying: Any, tmp
 
 
 def round_sheet() -> TrialMesh:
-    """Return a sphere that is made of a fine grid, and closed except for a seam."""
+    """Return a sphere that is made of a fine grid. It is closed, except for a seam."""
     sheet = grid(40)
     turn, height = 2 * np.pi * sheet.vertices[:, 0], np.pi * sheet.vertices[:, 1]
     places = [np.cos(turn) * np.sin(height), np.sin(turn) * np.sin(height), np.cos(height)]

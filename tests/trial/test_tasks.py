@@ -131,7 +131,7 @@ def test_subdivision_is_defined_on_manifold_meshes(name: str, outcome: str) -> N
 @pytest.mark.oracle
 def test_cracks_open_between_unconnected_faces() -> None:
     # Two unconnected triangles of a flat square. Loop's boundary rule moves each corner a quarter of the way
-    # to the average of its neighbours, so that the copies of the diagonal move apart.
+    # to the average of its neighbours. The copies of the diagonal therefore move apart.
     square = soup(grid(1))
     _, judgement = attempt("subdivide", square)
     assert judgement.outcome == "fails"
@@ -184,7 +184,7 @@ def test_each_convex_body_is_a_part(name: str, parts: int) -> None:
 
 
 def distance(point: Any, corners: Any) -> float:
-    """Return the distance of a point from a triangle: from its plane, or from the nearest edge."""
+    """Return the distance of a point from a triangle, measured to its plane or to the nearest edge."""
     normal = np.cross(corners[1] - corners[0], corners[2] - corners[0])
     edges = [(corners[k], corners[(k + 1) % 3]) for k in range(3)]
     if normal.any() and all(normal @ np.cross(b - a, point - a) >= 0 for a, b in edges):
@@ -249,7 +249,8 @@ def test_stretch_is_one_for_a_scaled_map_and_larger_for_a_squeezed_one() -> None
     flat = grid(3)
     uv = flat.vertices[:, :2] * 7
     assert measure_stretch(flat.vertices, flat.faces, uv) == pytest.approx(1.0)
-    # Scaled by a and 1/a, the singular values are a and 1/a, and the stretch is sqrt((a^2 + 1/a^2) / 2).
+    # The map is scaled by a and 1/a. The singular values are then a and 1/a, and the stretch is sqrt((a^2 +
+    # 1/a^2) / 2).
     assert measure_stretch(flat.vertices, flat.faces, uv * (2.0, 0.5)) == pytest.approx(
         math.sqrt((4 + 0.25) / 2)
     )

@@ -1,10 +1,11 @@
-"""Measure how much image quality the orders and samplings of engines lose: `python -m tools.figures.losses`.
+"""Measure the loss of image quality by the draw orders and samplings of engines: `python -m
+tools.figures.losses`.
 
-Every golden view (of tests/golden, or of the folders in the arguments) is drawn on the dedicated tier with
-each order and sampling. It is compared with the official image, at pixels that do not depend on rounding. The
-synthetic captures of benchmarks/dedicated.py have no official image; they are compared with our rendering in
-the official mode. The program prints a table by method and a table by scene. --picture FILE.png also writes
-an image with a view of each method.
+Every golden view is drawn on the dedicated tier with each order and sampling. The golden views are in
+tests/golden, or in the folders in the arguments. The result is compared with the official image, at pixels
+that do not depend on rounding. The synthetic captures of benchmarks/dedicated.py have no official image; they
+are compared with our rendering in the official mode. The program prints a table by method and a table by
+scene. --picture FILE.png also writes an image with a view of each method.
 
 `python -m tools.figures.losses --causes docs/images` measures the causes of `msb why` on the stub models
 instead. It prints a table of the causes, and writes an image of each cause with the method that loses most.
@@ -33,7 +34,7 @@ from tests.golden.views import scenes, views
 
 ROOT = Path(__file__).parents[2]
 OFFICIAL = tuple(name for name in TRAINED if name in GOLDEN)
-"""Methods with golden scenes and with demo models."""
+"""The methods with golden scenes, and the methods with demo models."""
 TITLES = {name: METHODS[name].title for name in TRAINED}
 CHOICES: dict[str, dict[str, str]] = {
     "`order=global`": {"order": "global"},
@@ -57,11 +58,11 @@ WIDTH = 900
 """Width of the written images, in pixels."""
 
 Figures = dict[str, list[float]]
-"""Choice of order and sampling -> PSNR of the views in dB."""
+"""The PSNR of the views in dB for each choice of order and sampling."""
 
 
 class Row(NamedTuple):
-    """A row of the table by scene; `note` names a changed setting."""
+    """A row of the table by scene. `note` names a changed setting."""
 
     method: str
     scene: str
@@ -137,7 +138,7 @@ def group_by_method(results: dict[Row, Figures]) -> dict[str, Figures]:
 
 
 def write_strips(strips: list[NDArray[np.float32]], path: Path) -> None:
-    """Write an image of the strips, one below the other."""
+    """Write an image with all strips, one below the other."""
     from PIL import Image
 
     rows = []

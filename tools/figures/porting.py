@@ -1,8 +1,8 @@
 """Measure the loss of typical porting mistakes: `python -m tools.figures.porting`.
 
-Each run puts one mistake into the WGSL of the dedicated tier. Every affected golden view is drawn, clamped to
-[0, 1] without rounding to bytes, and compared with the official image at pixels that do not depend on
-rounding. Prints the table of benchmarks/pages/porting.md.
+Each run puts one mistake into the WGSL of the dedicated tier. Every affected golden view is drawn and clamped
+to [0, 1], without rounding to bytes. It is compared with the official image, at pixels that do not depend on
+rounding. The program prints the table of benchmarks/pages/porting.md.
 """
 
 from __future__ import annotations
@@ -34,7 +34,9 @@ BYTES, HALF = "rgba8unorm", renderer.HALF
 
 @dataclass(frozen=True)
 class Mistake:
-    """One mistake: replaced WGSL text, blend factors, format of the targets, settings of the method."""
+    """A mistake: the WGSL text that it replaces, and the blend factors, target format and method settings
+    that it changes.
+    """
 
     title: str
     texts: Mapping[str, str] = field(default_factory=dict)
@@ -149,7 +151,7 @@ def drawn(view: View, mistake: Mistake) -> float:
 
 
 def figures(method: str, mistake: Mistake) -> str:
-    """Return median and minimum PSNR over the views of a method; "-" if the mistake does not apply."""
+    """Return median and minimum PSNR over the views of a method, or "-" if the mistake does not apply."""
     found = []
     for view in golden_views(method) if mistake.settings.keys() <= METHODS[method].settings.keys() else ():
         try:

@@ -4,8 +4,8 @@
     python -m tools.figures.repair splat_like torus     these only
     python -m tools.figures.repair vase=mesh.ply        your mesh, with a title of `TITLES`
 
-The figures are stored in benchmarks/results/repair-figures.json, which `python -m benchmarks.pages` prints.
-Other meshes keep their figures. `PICTURED` selects the meshes of the images.
+The figures are stored in benchmarks/results/repair-figures.json. `python -m benchmarks.pages` prints them.
+Figures of other meshes are kept. `PICTURED` selects the meshes of the images.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ PICTURED = {
     "torus": ("uv", "decimate_25", "collision", "solid"),
     "splat_like": ("uv", "decimate_25", "subdivide", "solid"),
 }
-"""Mesh -> the tasks in its row of docs/images/trial.png."""
+"""The tasks that docs/images/trial.png shows in the row of each mesh."""
 SHOWN = ("orient-pair", "cut-by-igl", "drop-orient", "orient-pair-close")
 """The strategies in docs/images/repair.png."""
 TILE = (300, 225)
@@ -86,7 +86,7 @@ def sheet(rows: list[list[Path]]) -> Image.Image:
     for number, row in enumerate(rows):
         for column, path in enumerate(row):
             picture = Image.open(path).convert("RGB")
-            if picture.width > 2 * picture.height:  # two libraries side by side: the first
+            if picture.width > 2 * picture.height:  # two libraries: keep the first
                 picture = picture.crop((0, 0, picture.width // 2, picture.height))
             picture.thumbnail((width - 6, height - 6), Image.Resampling.LANCZOS)
             place = (

@@ -15,7 +15,7 @@ PROTOCOL = ROOT / "data_stubs" / "protocol.toml"
 IMAGES = ROOT / "docs" / "images"
 VERDICT = "verdict-mipnerf360-pebble-mesh_splatting.html"
 COLORS = 256
-"""Colours of the palette: a third of the bytes, and text stays readable."""
+"""Number of colours of the palette. The files have a third of the bytes, and text stays readable."""
 
 
 def demo_report(folder: Path) -> Path:
@@ -30,7 +30,7 @@ def screenshot(page: Path, width: int, height: int, name: str) -> None:
     """Write a screenshot of `page` in a browser window of this size in CSS pixels."""
     browser = shutil.which("chromium") or shutil.which("google-chrome") or "chromium"
     with tempfile.TemporaryDirectory() as folder:
-        # A window has a minimum width; a frame does not.
+        # A window has a minimum width, but a frame inside it can be narrower.
         frame = Path(folder) / "frame.html"
         style = f"border:0;width:{width}px;height:{height}px"
         frame.write_text(f'<body style="margin:0"><iframe src="{page.as_uri()}" style="{style}"></iframe>')

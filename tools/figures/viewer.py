@@ -32,7 +32,7 @@ ASSET = STUBS / "splat_like.triasset"
 TRAINED = STUBS / "models" / "pebble" / "triangle_splatting"
 SCENE = STUBS / "scenes" / "nerf_synthetic" / "pebble"
 SHADES = 5
-"""Bits per channel in the figure: a third of the bytes, without a visible change."""
+"""Bits per channel in the figure. The file has a third of the bytes, without a visible change."""
 
 
 def demo_model() -> ViewModel:
@@ -42,7 +42,7 @@ def demo_model() -> ViewModel:
 
 
 def viewer_picture(model: ViewModel) -> Image.Image:
-    """Return the viewer at a non-manifold edge, with the fans of one of its ends."""
+    """Return the viewer at a non-manifold edge. It shows the fans of one end of the edge."""
     state = ViewState.first(model)
     state.visible = {"nonmanifold_edges", "multifan_vertices", "nonmanifold_edge_endpoints"}
     viewer = TopologyViewer(model, off_screen=True, state=state)
@@ -60,7 +60,7 @@ def viewer_picture(model: ViewModel) -> Image.Image:
 
 
 def figure_picture(model: ViewModel) -> Image.Image:
-    """Return the four-panel figure as a README shows it."""
+    """Return the figure of four panels for a README."""
     buffer = io.BytesIO()
     compose(model, render_columns(model)).savefig(buffer, format="png", dpi=78, facecolor="white")
     pixels = np.asarray(Image.open(buffer).convert("RGB"))
@@ -69,7 +69,10 @@ def figure_picture(model: ViewModel) -> Image.Image:
 
 
 def compare_picture(layout: Layout, size: tuple[int, int]) -> Image.Image:
-    """Return the deployment viewer at a held-out view of a trained model. Its times are this machine's."""
+    """Return the deployment viewer at a held-out view of a trained model.
+
+    It shows render times of this machine.
+    """
     asset = msb.open(TRAINED)
     camera = msb.read_cameras(SCENE / "transforms_test.json")[0].scaled(2)
     view = View(str(camera.name), camera)
@@ -77,7 +80,7 @@ def compare_picture(layout: Layout, size: tuple[int, int]) -> Image.Image:
     comparison = Comparison("pebble.triasset", asset, tiers, missing, views=(view,))
     state = CompareState.first(comparison, layout=layout)
     with TierRenderers(state.comparison) as renderers:
-        renderers.shoot_all(view, state.wanted_tiers())  # warm up: the first frame of a driver is slow
+        renderers.shoot_all(view, state.wanted_tiers())  # before timing: the first frame is slow
         shots = renderers.shoot_all(view, state.wanted_tiers())
     return Image.fromarray(compose_tiers(state, shots, size).image)
 

@@ -21,7 +21,7 @@ PAGES = {
     "benchmarks/README.md": "measurements/index.md",
     **{f"benchmarks/pages/{path.name}": f"measurements/{path.name}" for path in MEASURED},
 }
-"""File beside docs/ -> its page on the site."""
+"""The pages on the site of files outside of docs/."""
 TAGS = re.compile(r"(<[^>]*>)")
 OPTION = re.compile(r"(?<![\w-])--?[a-z][\w-]*")
 BEFORE_A_UNIT = re.compile(r"(?<=\d) (?=(?:%|dB|[kKMGT]i?B|ms|s)(?!\w))")
@@ -40,7 +40,7 @@ def on_files(files: Any, config: Any) -> Any:
 
 
 def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
-    """Add the code's tables of a page, and name links to pages by their titles."""
+    """Append the tables generated from the code to a page, and give its links the titles of their targets."""
     if page.file.src_uri in AT_THE_END:
         markdown = f"{markdown}\n\n{AT_THE_END[page.file.src_uri]()}"
     folder = (ROOT / "docs" / page.file.src_uri).parent
@@ -53,7 +53,7 @@ def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
 
 
 def _by_title(folder: Path, target: str, anchor: str | None) -> str:
-    """Return a link whose text is the title of its target, if the text was a file name."""
+    """Return a link. If its text is a file name, the title of its target replaces the text."""
     from markdown.extensions.toc import slugify
 
     place = Path(os.path.normpath(folder / target))  # pages of other folders are not in docs/
@@ -78,7 +78,7 @@ def on_page_content(html: str, **_: Any) -> str:
 
 
 def on_post_template(output_content: str, **_: Any) -> str:
-    """Apply the same to pages without a document (404)."""
+    """Apply this also to pages without a document (404)."""
     return on_post_page(output_content)
 
 

@@ -1,4 +1,4 @@
-"""Tables generated from the code, which the site appends to pages of docs/ (hooks.py).
+"""Tables generated from the code. The site appends them to pages of docs/ (hooks.py).
 
 `python -m tools.site.tables errors` (or definitions, or datasets) prints the tables of docs/errors.md.
 """
@@ -20,7 +20,9 @@ _COMPOSITING = {
 
 
 def datasets() -> str:
-    """Return tables of the datasets with their scenes, and of the methods' rules to read them."""
+    """Return a table of the datasets with their scenes, and a table of the rules by which the methods read
+    them.
+    """
     lines = ["| dataset | scenes | over | folder above |", "|---|---|---|---|"]
     for key, dataset in DATASETS.items():
         groups: dict[str, list[str]] = {}
@@ -33,7 +35,9 @@ def datasets() -> str:
 
 
 def _rules() -> list[str]:
-    """Return a table with a column for each dataset and a row for each loader, and one of the rest."""
+    """Return a table with a column for each dataset and a row for each loader, and a table of the other
+    rules.
+    """
     keys = [
         f"{key}/{group}" if group else key
         for key, dataset in DATASETS.items()
@@ -104,7 +108,7 @@ def _wrap(text: str, indent: str = "") -> list[str]:
 
 
 AT_THE_END = {"datasets.md": datasets, "definitions.md": definitions, "errors.md": errors}
-"""Page -> the tables at its end."""
+"""The tables at the end of each page."""
 
 if __name__ == "__main__":
     sys.stdout.write(AT_THE_END[f"{sys.argv[1]}.md"]() + "\n")

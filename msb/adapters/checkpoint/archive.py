@@ -3,8 +3,9 @@
 All members are in one folder, which has the name of the file or ``archive``. They are ``data.pkl``,
 ``data/0``, ``data/1`` ... (one per storage), ``version`` and, in newer files, ``byteorder``. The other
 members (``.format_version``, ``.storage_alignment``, ``.data/serialization_id``) are not needed. As in a
-packed `.triasset`, padding in the extra field of local headers aligns the data to 64 bytes. Unlike there,
-sizes and checksum also follow the data (bit 3 of the flags), and there is always a ZIP64 end record.
+packed `.triasset`, padding in the extra field of local headers aligns the data to 64 bytes. In contrast to a
+`.triasset`, sizes and checksum also follow the data (bit 3 of the flags), and there is always a ZIP64 end
+record.
 
 Sources: pytorch/pytorch `torch/serialization.py`, `caffe2/serialize/versions.h`,
 `caffe2/serialize/inline_container.cc`.
@@ -21,8 +22,8 @@ from msb.errors import shorten
 # Maximum size of data.pkl in bytes. It does not contain the values of tensors, so some kilobytes are usual. A
 # list of a million losses takes 9 MiB.
 MAX_PICKLE = 16 << 20
-# Maximum number of members. An archive has one per tensor and a few more. Files of the methods have fewer
-# than 30 members, and files of other large models have thousands.
+# Maximum number of members. An archive has one member per tensor, and a few more. Files of the methods have
+# fewer than 30 members, and files of other large models have thousands.
 MAX_MEMBERS = 20_000
 # Maximum length of a member's name in characters.
 MAX_NAME = 500
@@ -61,7 +62,10 @@ class _Torch(Policy):
         return name
 
     def compressed(self, name: str, method: int, at: int) -> NoReturn:
-        """Reject a compressed member. If it is source code, report that the file is a TorchScript program."""
+        """Reject a compressed member.
+
+        If the member holds source code, the error says that the file is a TorchScript program.
+        """
         if _is_script(name):
             _refuse_script(name)
         super().compressed(name, method, at)
@@ -73,7 +77,7 @@ def read_archive(view: memoryview) -> Any:
     root = _root(members)
     _check_version(view, members.get(f"{root}version"))
     _check_byte_order(view, members.get(f"{root}byteorder"))
-    # Storage key -> place of its bytes. The pickle refers to storages by key.
+    # The place of each storage's bytes, by its key. The pickle refers to storages by key.
     prefix = root + _DATA
     places = {
         name[len(prefix) :]: Extent(member.offset, member.size)
@@ -111,7 +115,7 @@ def _program(view: memoryview, member: Member) -> bytes:
         text = f"data.pkl has {member.size} bytes; at most {MAX_PICKLE} are read"
         raise Refusal("CHECKPOINT_FORM", text)
     program = bytes(view[member.offset : member.offset + member.size])
-    # torch has an option to omit checksums, and writes 0 then.
+    # torch can omit checksums. It then writes 0.
     if member.crc and zlib.crc32(program) != member.crc:
         text = f"data.pkl has CRC-32 {zlib.crc32(program):08x}, but {member.crc:08x} in the archive"
         raise Refusal("CHECKPOINT_DAMAGED", text, at=f"byte {member.offset}")
@@ -132,7 +136,7 @@ def _check_version(view: memoryview, member: Member | None) -> None:
 
 
 def _check_byte_order(view: memoryview, member: Member | None) -> None:
-    """Check the byte order. Older files do not state it, and are little-endian."""
+    """Check the byte order. Older files do not state a byte order. They are little-endian."""
     text = _small_text(view, member) if member else "little"
     if text != "little":
         raise Refusal("CHECKPOINT_FORM", f'its byte order is "{shorten(text)}"; only little is supported')

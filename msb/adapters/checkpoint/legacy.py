@@ -3,11 +3,11 @@
 `torch.save` can still write this layout on request.
 
 The file has five pickles: a magic number, the number 1001, properties of the machine, the saved value, and
-the list of storage keys in the order of the file. The storages follow. Each storage is its number of elements
-(64 bits), followed by the elements. The position of a storage depends on the types of the storages before it,
-which are stated in the pickle of the saved value. So this pickle is interpreted twice: first to collect the
-storages and their types, then with their positions. Source: pytorch/pytorch `torch/serialization.py`
-(`_legacy_save`).
+the list of storage keys in the order of the file. The storages follow. Each storage consists of its number of
+elements (64 bits) and the elements. The position of a storage depends on the types of the storages before it,
+which are stated in the pickle of the saved value. Therefore this pickle is interpreted twice: first to
+collect the storages and their types, then with the positions of the storages. Source: pytorch/pytorch
+`torch/serialization.py` (`_legacy_save`).
 """
 
 import re
@@ -20,7 +20,7 @@ from msb.adapters.checkpoint.tensors import DeclaredStorages, Extent, Refusal, S
 
 MAGIC_NUMBER = 0x1950A86A20F9469CFC6C
 PROTOCOL_VERSION = 1001
-# Maximum number of storages of a file, the same as for the members of an archive.
+# Maximum number of storages of a file, equal to the maximum number of members of an archive.
 MAX_STORAGES = 20_000
 
 _COUNT = struct.Struct("<q")

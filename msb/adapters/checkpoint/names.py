@@ -13,7 +13,7 @@ import numpy as np
 from msb.adapters.checkpoint.tensors import BFloat16Array, Refusal, Storages, StorageType, rebuild_tensor
 from msb.errors import shorten
 
-# Maximum number of characters that `_codecs.encode` accepts. Valid files only use this function for NumPy
+# Maximum number of characters that `_codecs.encode` accepts. Valid files use this function only for NumPy
 # scalars of at most 8 bytes. Without a limit a file could exhaust the memory by encoding a long text many
 # times.
 MAX_ENCODED = 64
@@ -21,7 +21,10 @@ MAX_ENCODED = 64
 
 @dataclass(frozen=True)
 class Function:
-    """The meaning of a function name. `apply` gets the storages of the file and the arguments."""
+    """A name in the pickle that stands for a function.
+
+    `apply` gets the storages of the file and the arguments.
+    """
 
     name: str
     apply: Callable[[Storages, tuple[Any, ...]], Any]
@@ -55,14 +58,14 @@ def _ordered_dict(_: Storages, arguments: tuple[Any, ...]) -> dict[Any, Any]:
 
 
 def _parameter(_: Storages, arguments: tuple[Any, ...]) -> Any:
-    """Return the tensor of a Parameter. The other two arguments only matter for training."""
+    """Return the tensor of a Parameter. The other two arguments matter only for training."""
     if len(arguments) != 3 or not isinstance(arguments[0], np.ndarray | BFloat16Array):
         raise Refusal("CHECKPOINT_HOSTILE", "the first argument of a Parameter is not a tensor")
     return arguments[0]
 
 
 def _encode(_: Storages, arguments: tuple[Any, ...]) -> bytes:
-    """Return bytes. Protocol 2 stores them as text, with a character for each byte."""
+    """Return bytes. Protocol 2 stores bytes as text, with a character for each byte."""
     if len(arguments) != 2 or any(type(item) is not str for item in arguments) or arguments[1] != "latin1":
         raise Refusal("CHECKPOINT_HOSTILE", "bytes must be stored as text that is encoded as latin1")
     text: str = arguments[0]
@@ -112,8 +115,8 @@ def _storage_types() -> dict[tuple[str, str], StorageType]:
     return {("torch", kind.name): kind for kind in types}
 
 
-# (module, name) -> meaning. Names are pairs and not texts with a dot, because two pairs could give the same
-# text.
+# The meaning of each name. Keys are pairs (module, name). Joined with a dot, two different pairs could give
+# the same text.
 NAMES: dict[tuple[str, str], Function | StorageType] = {
     **_storage_types(),
     ("torch.storage", "UntypedStorage"): StorageType("UntypedStorage", None),
@@ -126,7 +129,7 @@ NAMES: dict[tuple[str, str], Function | StorageType] = {
     ("_codecs", "encode"): Function("encode", _encode),
 }
 
-# Names in `torch._utils` -> kinds of tensors that are not supported. Messages name the kind.
+# Kinds of tensors that are not supported, by their names in `torch._utils`. Messages name the kind.
 OTHER_TENSORS = {
     "_rebuild_tensor": "in the format before torch 0.4",
     "_rebuild_tensor_v3": "of a type with untyped storage (uint16, float8, ...)",

@@ -19,9 +19,9 @@ from msb.adapters.checkpoint.tensors import DeclaredStorages, Refusal, Unfinishe
 if TYPE_CHECKING:
     from msb.adapters.checkpoint.tensors import Storages
 
-# Maximum number of instructions. A few thousand are usual, and a list with the loss of each training step
-# adds 10,000. An instruction can need some hundred bytes (an empty dict, a tensor), so this also limits the
-# memory to some hundred MiB.
+# Maximum number of instructions. A few thousand are usual. A list with the loss of each training step adds
+# 10,000. An instruction can need some hundred bytes (an empty dict, a tensor), so this also limits the memory
+# to some hundred MiB.
 MAX_OPCODES = 1_000_000
 # Maximum number of memo entries: half of MAX_OPCODES, because each entry needs two instructions, one for its
 # value and one to store it.
@@ -116,12 +116,15 @@ class _Machine:
 
     def pop_to_mark(self) -> list[Any]:
         if not self.below:
-            raise Refusal("CHECKPOINT_HOSTILE", "items are collected above a mark that was never set")
+            raise Refusal("CHECKPOINT_HOSTILE", "items are collected above a mark that does not exist")
         items, self.stack = self.stack, self.below.pop()
         return items
 
     def put(self, index: int, *, memoize: bool = False) -> None:
-        """Store the top of the stack in the memo. Only protocol 4 has entries without a number (MEMOIZE)."""
+        """Store the top of the stack in the memo.
+
+        Only protocol 4 has memo entries without a number (MEMOIZE).
+        """
         if memoize != (self.protocol >= 4) or index in self.memo:
             text = f"memo entry {index} is set twice, or by an instruction of another protocol"
             raise Refusal("CHECKPOINT_HOSTILE", text)
@@ -265,7 +268,7 @@ def _push_bytes(layout: struct.Struct) -> Callable[[_Machine], None]:
     return lambda machine: machine.push(machine.take(machine.number(layout)))
 
 
-# Byte -> instruction. The comments have the names in `pickletools` of the standard library.
+# The instructions by byte. The comments give their names in `pickletools` of the standard library.
 INSTRUCTIONS: dict[int, Callable[[_Machine], None]] = {
     0x80: _Machine.set_protocol,  # PROTO
     0x2E: _Machine.stop,  # STOP
@@ -308,8 +311,8 @@ INSTRUCTIONS: dict[int, Callable[[_Machine], None]] = {
     0x94: lambda m: m.put(len(m.memo), memoize=True),  # MEMOIZE
     0x93: _Machine.name_from_stack,  # STACK_GLOBAL
 }
-# The first protocol that has an instruction, by the byte of the instruction. All other instructions belong to
-# protocol 2 or earlier.
+# The first protocol that has an instruction, by the byte of the instruction. Instructions that are not listed
+# belong to protocol 2 or earlier.
 _SINCE = dict.fromkeys(b"\x42\x43", 3) | dict.fromkeys(b"\x95\x8c\x8d\x8e\x94\x93", 4)
 
 

@@ -19,9 +19,9 @@ _LONGEST_TAIL = 22 + 0xFFFF
 # Maximum nesting of lists, tuples and dictionaries. Files of the methods have 5 levels; recursive code fails
 # at 1000.
 MAX_DEPTH = 64
-# Maximum number of values. A shared list or dictionary counts each time it is used. A list can contain a
-# second list twice, which contains a third list twice, and so on: 30 levels are 10^9 values in 200 bytes
-# ("billion laughs"). Files of the methods do not share lists or dictionaries.
+# Maximum number of values. A shared list or dictionary counts each time it is used. If a list contains a
+# second list twice, the second contains a third twice, and so on, then 30 levels in 200 bytes give 10^9
+# values ("billion laughs"). Files of the methods do not share lists or dictionaries.
 MAX_VALUES = 1_000_000
 
 # The message for files of an unknown kind.
@@ -36,7 +36,7 @@ def read_checkpoint(path: str | os.PathLike[str]) -> Any:
 
     The value consists of dictionaries, lists, tuples, text, bytes, numbers, bools and None. A tensor or
     Parameter is a read-only NumPy view of the mapped file, with the saved shape and strides; bfloat16 is a
-    `BFloat16Array`. An OrderedDict becomes a dict, a NumPy scalar a Python number.
+    `BFloat16Array`. An OrderedDict becomes a dict, and a NumPy scalar becomes a Python number.
     """
     path = Path(path)
     data = map_file(path)
@@ -58,7 +58,7 @@ def _read(view: memoryview) -> Any:
 
 
 def _unknown_file(view: memoryview, head: bytes) -> Refusal:
-    """Return the error for a file with neither layout; it names the kind of file if that is known."""
+    """Return the error for a file with neither layout; the message names the kind of file if it is known."""
     if not head:
         return Refusal("CHECKPOINT_DAMAGED", "the file is empty")
     if head[257:262] == b"ustar":
@@ -89,8 +89,8 @@ def _is_safetensors(view: memoryview, head: bytes) -> bool:
 class _Node:
     """A container on the path from the root.
 
-    `rest` iterates over the values that were not visited yet. `height` and `count` are the numbers of levels
-    and values among those already visited.
+    `rest` iterates over the values that have not been visited yet. `height` is the number of levels, and
+    `count` the number of values, among the values visited so far.
     """
 
     def __init__(self, container: Any) -> None:
@@ -109,8 +109,8 @@ def _check_structure(root: Any) -> None:
 
     Time and memory are linear in the number of different containers, even if they are shared.
     """
-    # Depth-first search without recursion. `known` maps ids to the finished containers, and `open_now` has
-    # the ids of the containers on the path.
+    # Depth-first search without recursion. `known` holds the finished containers by id. `open_now` holds the
+    # ids of the containers on the path.
     path = [_Node([root])]
     known: dict[int, _Node] = {}
     open_now: set[int] = set()

@@ -1,7 +1,7 @@
 """Storages and tensors of a checkpoint as read-only NumPy views of the mapped file.
 
-A tensor is a window of a storage: an offset, and a size and a stride for each axis, in elements. All of them
-are checked with Python integers, which cannot overflow, before NumPy uses them. Sources for the format:
+A tensor is a window of a storage: an offset, and a size and a stride for each axis, in elements. Before NumPy
+uses these numbers, they are checked with Python integers, which cannot overflow. Sources for the format:
 pytorch/pytorch, `torch/_utils.py` (the arguments of a tensor) and `torch/serialization.py` (persistent ids).
 """
 
@@ -19,8 +19,8 @@ from msb.errors import shorten
 
 # Maximum number of axes, the limit of NumPy. Tensors of models have at most 4.
 MAX_AXES = 32
-# Maximum number of elements. An axis of length 0 counts as 1, because NumPy must not overflow for empty
-# tensors either.
+# Maximum number of elements. An axis of length 0 counts as 1, because NumPy can overflow even for an empty
+# tensor.
 MAX_ELEMENTS = 1 << 48
 
 _PLACEHOLDER = np.zeros(0, np.uint8)
@@ -177,8 +177,8 @@ class Window(NamedTuple):
 def rebuild_tensor(storages: Storages, arguments: tuple[Any, ...]) -> Any:
     """Return the tensor of a call of ``torch._utils._rebuild_tensor_v2``.
 
-    The arguments are storage, offset, size, stride, requires_grad and hooks. The last two only matter for
-    training.
+    The arguments are storage, offset, size, stride, requires_grad and hooks. The last two arguments matter
+    only for training.
     """
     code = "CHECKPOINT_HOSTILE"
     if len(arguments) != 6:
@@ -221,7 +221,7 @@ def _check_window(storage: Storage, offset: int, size: tuple[int, ...], stride: 
 
 
 def _count(number: int) -> str:
-    """Return a number from the file as text of limited length."""
+    """Return a number from the file as text; long numbers are shortened."""
     return shorten(str(number), 24)
 
 

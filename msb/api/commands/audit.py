@@ -97,7 +97,7 @@ def audit(
 
 
 class _Task:
-    """A run of the command: parse all options, then read and audit one mesh after the other."""
+    """A run of the command. All options are parsed first; then the meshes are read and audited in turn."""
 
     def __init__(self, options: AuditOptions, conditions: GateOptions, output: Output) -> None:
         from msb.topology.weld import parse_weld
@@ -181,13 +181,14 @@ class _Task:
         present(build_model(viewed_mesh(mesh, path), result, analysis), ViewOptions(), Window(), self.output)
 
     def compare_libraries(self, result: Audit, analysis: Analysis, mesh: StoredMesh, path: Path) -> Audit:
-        """Return the audit with the comparison with other libraries."""
+        """Return the audit; it contains a comparison with other libraries."""
         from msb.topology.crosscheck import cross_check
 
         with self.output.progress(f"comparing {path.name} with other libraries"):
             check = cross_check(mesh.vertices, mesh.faces, result, analysis)
         for what, why in check.skipped.items():
-            # Report a library that is skipped. Single quantities that do not apply are only reported with -v.
+            # Report a library that is skipped. A quantity that a library cannot compute for this mesh is
+            # reported only with -v.
             self.output.note(f"{path}: {what} skipped: {why}", level=1 if " " in what else 0)
         return replace(result, cross_check=check.to_rows())
 

@@ -39,7 +39,7 @@ _DEFECTS = (
     ("nonfinite_faces", "face", "faces", "faces without a finite area"),
     ("unreferenced_vertices", "vertex", "vertices", "unused vertices"),
 )
-# Verdict level -> colour of its word. The word is sufficient if colours are off.
+# The colour of the word for each verdict level. If colours are off, the word alone is sufficient.
 _STYLES: dict[Level, str] = {"ok": "green", "limited": "yellow", "bad": "red"}
 _VERDICTS = {"agrees": "agrees", "differs_by_definition": "by definition", "disagrees": "DISAGREES"}
 
@@ -84,7 +84,8 @@ def print_audit(audit: Audit, output: Output, *, paper: bool = False, hint: bool
     if audit.cross_check is not None:
         _print_cross_check(audit.cross_check, output)
     output.line("")
-    if hint and audit.path is not None and str(audit.path).isprintable():  # a terminal could interpret others
+    # a terminal could interpret other characters as commands
+    if hint and audit.path is not None and str(audit.path).isprintable():
         path = shell_word(audit.path)
         if commands := native_advice(audit, path):
             output.line((commands, "dim"))
@@ -120,7 +121,7 @@ def print_summary(audits: Iterable[tuple[str, Audit | dict[str, Any]]], output: 
 
 
 def totals(audits: Sequence[Audit | dict[str, Any]], failed_gates: int | None = None) -> str:
-    """Return the number of meshes with each verdict, and of meshes that failed a gate, if there are gates."""
+    """Return the number of meshes with each verdict and, if there are gates, of meshes that failed a gate."""
     # Failed inputs are documents (dicts) with an error.
     levels = [audit.verdict for audit in audits if not isinstance(audit, dict)]
     parts = [f"{levels.count(level)} {level}" for level in _STYLES]
@@ -149,7 +150,8 @@ def _print_defects(audit: Audit, output: Output) -> None:
         if count == 0 or (key == "boundary_edges" and soup):
             continue
         places = [_where(noun, sample) for sample in judged.samples.get(key, ())]
-        if key == "multifan_vertices":  # they are also in the row above: do not repeat their positions
+        # these elements are also in the row above, so their positions are not repeated
+        if key == "multifan_vertices":
             places = [place for place in places if place not in above] or ["as above"]
         above = places
         of = vars(audit.counts) if key == "seam_vertices" else counts

@@ -16,9 +16,9 @@ def demo_data(
 ) -> None:
     """Write small scenes, trained models and protocols to try every command on (8 MB, no download).
 
-    There is a scene in the layout of each dataset, and models of these scenes by four methods. There are also
-    a checkpoint, an asset with the typical defects of trained models, cameras, and two protocols: one for two
-    scenes and one for all. --force replaces demo data in DIR and keeps all other files.
+    For each dataset there is a scene in its layout, with models by four methods. There are also a checkpoint,
+    an asset with the typical defects of trained models, cameras, and two protocols: one for two scenes and
+    one for all. --force replaces demo data in DIR and keeps all other files.
     """
     from msb.api.demo import PROTOCOL, RESULTS, write_demo
 

@@ -22,9 +22,9 @@ if TYPE_CHECKING:
 def info(path: Source, output: JsonOutput) -> None:
     """Show the contents of an asset, checkpoint or mesh file: method, counts, bounds, settings and buffers.
 
-    For a .triasset the command reads the manifest and checks paths and sizes, but not values, as msb validate
-    does. For a mesh file or checkpoint it shows the asset that msb convert would write. Gaussian splats are
-    not a mesh: the command shows them, and ends with status 4.
+    For a .triasset the command reads the manifest and checks paths and sizes. msb validate also checks the
+    values. For a mesh file or checkpoint, msb info shows the asset that msb convert would write. Gaussian
+    splats are not a mesh: the command shows them, and ends with status 4.
     """
     from msb.api.command_files import open_asset
     from msb.asset.tiers import reject_gaussians
@@ -107,7 +107,7 @@ def _topology(manifest: Manifest) -> str:
 
 
 def _skin(textures: list[dict[str, Any]], sampler: Sampler) -> str:
-    """Return the number and sizes of textures and their sampler as text."""
+    """Return the number, the sizes and the sampler of textures as text."""
     sizes = Counter(f"{texture['width']} x {texture['height']}" for texture in textures)
     numbers = ", ".join(size if count == 1 else f"{count} of {size}" for size, count in sizes.items())
     wraps = (sampler.wrap_u, sampler.wrap_v)

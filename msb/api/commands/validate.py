@@ -40,7 +40,7 @@ def validate(
     """Check assets completely: container, manifest, sizes, hashes and values.
 
     Errors make the command fail with status 1; warnings and infos do not. A mesh file or checkpoint is
-    converted to an asset in memory, which is checked.
+    converted to an asset in memory, and this asset is checked.
     """
     require(paths or explain, "Missing PATH. Pass a .triasset, a mesh file or a folder of these")
     if paths:

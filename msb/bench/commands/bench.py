@@ -100,7 +100,7 @@ def bench(
     with Renderer(asset, options.tier, drawing.device, settings, name=drawing.renderer, **lean) as renderer:
         with output.counted("timing", timing.frames) as step:
             timed = profile(renderer, cameras, color, **asdict(timing), step=step)
-        # A renderer of another package that measures no device time does not use OpenCL.
+        # A renderer of another package is assumed to use OpenCL if it measures device times.
         ours = (drawing.renderer or options.tier) in ON_OPENCL
         opencl = ours or (drawing.renderer is not None and timed.timing.has_device_times)
         about = machine(drawing.device, opencl=opencl, engine=renderer.device_info)
@@ -208,7 +208,7 @@ def _print(record: dict[str, Any], old: dict[str, Any] | None, output: Output) -
 
 
 def _list_rows(record: dict[str, Any], everything: bool) -> Iterator[tuple[str, str, Any]]:
-    """Yield label, unit, and a function that reads the value from this record or an older one.
+    """Yield the rows of the table: label, unit, and a function that reads the value from a record.
 
     Without `everything`, buffers with less than 1 % of the memory are left out.
     """

@@ -59,9 +59,10 @@ def evaluate(
 ) -> int:
     """Compare images with their ground truth by PSNR, SSIM, LPIPS and other metrics.
 
-    Images are paired by their path within the folders without file extension (png, jpg, npy, exr). They must
-    have equal sizes, because nothing is resized. All values are clamped and rounded to 8 bits. An invalid
-    image is reported as one line on standard error, and the exit status is 3; the other images are compared.
+    Two images are a pair if their paths within the folders agree. The file extension (png, jpg, npy, exr) may
+    differ. The images of a pair must have equal sizes, because nothing is resized. All values are clamped and
+    rounded to 8 bits. An invalid image gives one line on standard error and the exit status 3. The other
+    images are still compared.
     """
     color = None if options.background is None else parse_color_option(options.background)
     from msb.metrics import pair_images
@@ -83,7 +84,7 @@ class _Comparison:
         self.metrics = IMAGE_METRICS
         with nullcontext() if vgg_weights is None else output.progress(f"reading {vgg_weights.name}"):
             self.measures = Measures(vgg_weights)
-        # Whether the image, and the ground truth, of each pair are uniform.
+        # For each pair: whether the image is uniform, and whether the ground truth is uniform.
         self.uniform: list[tuple[bool, bool]] = []
         self.notes = [warning.to_line(vgg_weights) for warning in self.measures.warnings]
 
@@ -94,7 +95,7 @@ class _Comparison:
         rows: list[dict[str, Any]] = []
         failed: list[dict[str, Any]] = []
         status = 0
-        # Message of an error -> the number of pairs with it.
+        # The number of pairs with each error message.
         counts: Counter[str] = Counter()
         # Missing libraries are reported once, before the first pair.
         read = ["OpenEXR"] if any(".exr" in (p.pred.suffix, p.gt.suffix) for p in pairs) else []
@@ -120,7 +121,8 @@ class _Comparison:
         for message, count in counts.items():
             if count > 1:
                 self.output.note(f"{count} of {len(pairs)} images have the same error: {message}")
-        # If all images are uniform and the ground truth is not, they show nothing, and metrics would mislead.
+        # If all images are uniform and the ground truth is not, the images show nothing. Their metrics would
+        # mislead.
         is_empty = bool(rows) and all(a for a, _ in self.uniform) and not all(b for _, b in self.uniform)
         if is_empty:
             rows = [{**row, **dict.fromkeys(self.metrics)} for row in rows]

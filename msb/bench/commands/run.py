@@ -102,7 +102,7 @@ class RunOptions:
 
 @dataclass(frozen=True)
 class RunOutput(Output):
-    """Output that replaces the JSON file of an earlier run without --force, because runs are repeated."""
+    """Output that may replace the JSON file of an earlier run without --force."""
 
     _remedy: ClassVar[str] = "msb run replaces only JSON files of earlier runs; use another file name"
 
@@ -136,9 +136,10 @@ def run(
 ) -> int:
     """Evaluate methods on scenes in all conditions: image quality, gaps, speed, memory and audits.
 
-    Each cell (dataset, scene, method, condition) has one record. Finished cells are not computed again, so
-    the same command continues after an interruption and evaluates models that were added. A failed cell does
-    not stop the others, and the exit status is the highest status of all failures. msb report writes tables.
+    Each cell (dataset, scene, method, condition) has one record. Finished cells are not computed again. Start
+    the same command again to continue after an interruption, or to evaluate models that were added. A failed
+    cell does not stop the others, and the exit status is the highest status of all failures. msb report
+    writes tables.
     """
     if options.example is not None:
         others = typed.keys() - {"example", "quiet", "verbose", "color", "log_file", "debug"}
@@ -195,10 +196,10 @@ def run(
 
 
 def _group_failures(report: Report, *, dry: bool) -> dict[Reason, list[str]]:
-    """Return reason of a failure -> the cells, or parts of cells, that failed for it."""
+    """Return the cells, or parts of cells, that failed, grouped by the reason of the failure."""
     failures: dict[Reason, list[str]] = {}
     for row in report.rows:
-        if dry and row.planned.status == "failed":  # listed among the missing inputs
+        if dry and row.planned.status == "failed":  # already listed among the missing inputs
             continue
         for part, reason in row.reasons.items():
             if not reason.code.startswith("UNSUPPORTED_"):
@@ -356,7 +357,7 @@ def _describe_stage(stage: Stage) -> str:
 
 
 def _name_current(stage: Stage) -> list[str]:
-    """Return the first current task and the number of the others, as one text if there is a task."""
+    """Return the first current task and the number of other tasks as one text; empty without a task."""
     names = stage.current
     more = f" and {len(names) - 1} more" if len(names) > 1 else ""
     return [f"{names[0]}{more}"] if names else []

@@ -37,10 +37,10 @@ def track(
 ) -> int:
     """Run a training and record its time, peak GPU memory and peak RAM, including child processes.
 
-    The exit status is that of the command, or 128 + n if signal n ended the command. The key training of a
-    protocol names the record. With --frames, the command is a method's own renderer, and the key
-    non_engine_timing names the record, which states that loading and writing are included. GPU memory is
-    measured by NVML (NVIDIA only, extra gpu). If it cannot be measured, the record gives the reason.
+    The exit status is that of the command, or 128 + n if signal n ended the command. In a protocol, the key
+    training names this record. With --frames, the command is a method's own renderer. In a protocol, the key
+    non_engine_timing names this record, which states that its time includes loading and writing. GPU memory
+    is measured by NVML (NVIDIA only, extra gpu). If it cannot be measured, the record gives the reason.
     """
     from msb.base.atomic import new_file
     from msb.bench.track import make_renderer_timing

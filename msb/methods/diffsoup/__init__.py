@@ -12,7 +12,7 @@ from msb.scenes.datasets.rules import Photographs, Rules
 FEATURES = 7
 # Highest level of a lattice. Official runs end at level 5; level 8 has 33,153 samples per triangle.
 MAX_LEVEL = 8
-# Layer of the decoder -> shape of its weight, [out, in].
+# The shape of each decoder layer's weight, [out, in].
 LAYERS = {"mlp.0": (16, 16), "mlp.2": (16, 16), "mlp.4": (3, 16)}
 
 

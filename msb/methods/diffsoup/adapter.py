@@ -1,8 +1,8 @@
 """Read DiffSoup's ``final_params.pt``, as written by its COLMAP script or its synthetic script.
 
 Layout: kenji-tojo/diffsoup at c74e35d (examples/01_mip360.py, 02_synthetic.py). Each triangle has a
-barycentric lattice. Each sample of it has seven features and an opacity, after their sigmoid. A small MLP
-turns the features of a pixel and its view direction into a colour.
+barycentric lattice. Each sample of the lattice has seven features and an opacity. The file stores them after
+the sigmoid. A small MLP turns the features of a pixel and its view direction into a colour.
 """
 
 from collections.abc import Sequence
@@ -21,11 +21,11 @@ from msb.errors import finding
 from msb.methods.diffsoup import FEATURES, LAYERS, MAX_LEVEL, METHOD, samples
 
 KEYS = ("Rmax", "V", "F", "feat_acc", "alpha_acc", "color_mlp")
-# Key in the state dict of the colour MLP -> shape of the array. Weights have the shape [out, in].
+# The shape of each array in the state dict of the colour MLP. Weights have the shape [out, in].
 DECODER: dict[str, tuple[int, ...]] = {}
 for _layer, _shape in LAYERS.items():
     DECODER |= {f"{_layer}.weight": _shape, f"{_layer}.bias": _shape[:1]}
-# Layout -> near and far plane of the official evaluation, in scene units.
+# Near and far plane of the official evaluation in scene units, by layout.
 _PLANES = {"colmap": (0.5, 100.0), "synthetic": (0.1, 10.0)}
 _BACKGROUNDS = {"colmap": "#000000", "synthetic": "#ffffff"}
 
@@ -89,9 +89,9 @@ def describe(
 ) -> Description:
     """Return the description of a DiffSoup model for its manifest.
 
-    `layout` must be among the settings; the near and far planes depend on it and are added here. With
-    `encoding` "sigmoid" features are numbers in [0, 1]; with "lut" they are bytes of the web export, and a
-    byte v means v / 255.
+    The settings must contain `layout`. The near and far planes depend on the layout and are added here. If
+    `encoding` is "sigmoid", features are numbers in [0, 1]. If it is "lut", they are bytes of the web export,
+    and a byte v means v / 255.
     """
     layout = str(settings.finish()["layout"].value)
     near, far = _PLANES[layout]
@@ -126,7 +126,7 @@ def direction(value: Any) -> list[float] | None:
 
 
 def _axis(up: Sequence[float]) -> str:
-    """Return the name of the axis that `up` is parallel to, else "unknown"."""
+    """Return the name of the axis to which `up` is parallel, or "unknown"."""
     for number, name in enumerate("xyz"):
         rest = [abs(value) for i, value in enumerate(up) if i != number]
         if max(rest) < 1e-6 * abs(up[number]):

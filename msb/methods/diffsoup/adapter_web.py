@@ -21,8 +21,8 @@ from msb.methods.diffsoup.adapter import DECODER, describe, direction, domains
 
 # Largest width of a look-up texture, in texels.
 MAX_WIDTH = 4096
-# Key in mlp_weights.json -> key of the state dict. In the JSON file, weights are flat lists in the order
-# [out][in].
+# The key of the state dict for each key in mlp_weights.json. In the JSON file, weights are flat lists in the
+# order [out][in].
 WEIGHTS = dict(zip(("W1", "b1", "W2", "b2", "W3", "b3"), DECODER, strict=True))
 
 
@@ -66,7 +66,7 @@ def _read_textures(folder: Path, faces: int) -> tuple[list[NDArray[np.uint8]], i
     sizes = {texture_size(faces * samples(level)): level for level in range(MAX_LEVEL, -1, -1)}
     height, width = images[0].shape[:2]
     if images[1].shape != images[0].shape:
-        text = f"lut1.png is {images[1].shape[1]} x {images[1].shape[0]}, but lut0.png {width} x {height}"
+        text = f"lut1.png is {images[1].shape[1]} x {images[1].shape[0]}, but lut0.png is {width} x {height}"
         raise CheckpointError("CHECKPOINT_DAMAGED", text, file=folder, pointer="lut1.png")
     level = sizes[width, height]
     used = faces * samples(level)
@@ -83,7 +83,8 @@ def _read_png(path: Path, faces: int) -> NDArray[np.uint8]:
         text = f"{path.name} {why}"
         return CheckpointError("CHECKPOINT_DAMAGED", text, file=path.parent, pointer=path.name)
 
-    limit, Image.MAX_IMAGE_PIXELS = Image.MAX_IMAGE_PIXELS, None  # the size is checked below instead
+    # the size is checked below instead of by Pillow
+    limit, Image.MAX_IMAGE_PIXELS = Image.MAX_IMAGE_PIXELS, None
     try:
         with Image.open(path, formats=("PNG",)) as image:
             if image.mode != "RGBA":
@@ -91,8 +92,8 @@ def _read_png(path: Path, faces: int) -> NDArray[np.uint8]:
             if image.size not in sizes:
                 valid = ", ".join(f"{w} x {h}" for w, h in sorted(sizes))
                 width, height = image.size
-                raise error(f"is {width} x {height}; {faces} faces need one of the sizes {valid}")
-            image.verify()  # checks all checksums; then the file must be opened again
+                raise error(f"is {width} x {height}; {faces} faces need one of these sizes: {valid}")
+            image.verify()  # this checks all checksums; afterwards the file must be opened again
         with Image.open(path, formats=("PNG",)) as image:
             return np.asarray(image)
     except CheckpointError:

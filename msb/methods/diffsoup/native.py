@@ -36,8 +36,8 @@ _PROJECT_GROUP = 64
 _RASTER_GROUP = 32
 # Work-items per work-group of the shading.
 _SHADE_GROUP = 64
-# Largest number of rows of a band in the CPU style, so that its planes (20 bytes per pixel) fit into a core's
-# cache.
+# Largest number of rows of a band in the CPU style. The planes of a band (20 bytes per pixel) then fit into a
+# core's cache.
 _BAND_ROWS = 16
 # Least number of bands per compute unit, to balance the load.
 _BANDS_A_UNIT = 4
@@ -110,8 +110,8 @@ class Pipeline(OnDevice):
         self._scope = DeviceScope(device, "diffsoup")
         self._device, self._static = self._scope.device, self._scope.kept
         self._scratch = self._scope.scratch
-        # CPU style: bands of rows, without atomics. GPU style: one atomic per fragment, in two passes if
-        # atomics have only 32 bits.
+        # CPU style: bands of rows, without atomics. GPU style: one atomic operation per fragment, in two
+        # passes if atomics have only 32 bits.
         self._bands = self._device.style == "cpu"
         self._passes = 1 if self._device.record.int64_atomics else 2
         with self._scope.setting_up():
@@ -180,7 +180,7 @@ class Pipeline(OnDevice):
 
     @in_turn
     def draw(self, camera: Camera, background: tuple[float, float, float]) -> DrawTime:
-        """Draw like `render` and wait, without reading anything back."""
+        """Draw as `render` does, without reading anything back, and wait until the frame is finished."""
         with self._device.timing() as timing:
             self._queue(camera, background)
         return DrawTime(timing.milliseconds(), timing.span(), timing.since_queued())
@@ -229,7 +229,7 @@ class Pipeline(OnDevice):
         return scene
 
     def _draw_bands(self, raster: _Raster, scene: dict[str, Buffer]) -> tuple[tuple[Buffer, ...], Buffer]:
-        """Queue drawing in bands of rows (CPU style); return the z-buffer's planes and fragment counts."""
+        """Queue the drawing in bands of rows (CPU style); return z-buffer planes and fragment counts."""
         units = self._device.record.compute_units
         rows = max(1, min(_BAND_ROWS, raster.height // (_BANDS_A_UNIT * units)))
         bands = -(-raster.height // rows)
@@ -253,7 +253,7 @@ class Pipeline(OnDevice):
         return (face, ndc, b0, b1, w), fragments
 
     def _draw_groups(self, raster: _Raster, scene: dict[str, Buffer]) -> tuple[tuple[Buffer, ...], Buffer]:
-        """Queue drawing by work-groups (GPU style); return the z-buffer's keys and fragment counts."""
+        """Queue the drawing by work-groups (GPU style); return z-buffer keys and fragment counts."""
         keys = self._scratch("keys", (raster.height, raster.width, 2), np.uint32, group="targets")
         fragments = self._scratch("fragments", self._faces, np.uint32)
         with self._device.stage("clear"):

@@ -94,7 +94,7 @@ def _as_bytes(values: NDArray[Any]) -> NDArray[np.uint8]:
 
 
 def _always_opaque(opacity: NDArray[Any]) -> NDArray[np.uint8]:
-    """Return 1 for each face whose samples all exceed the threshold by the margin, and 0 for all others."""
+    """Return 1 for each face if all its samples exceed the threshold by the margin, otherwise 0."""
     scale = 255 if opacity.dtype == np.uint8 else 1
     low, high = opacity.min(axis=1), opacity.max(axis=1)
     return np.asarray((low >= (THRESHOLD + _MARGIN) * scale) & (high <= 2 * scale), np.uint8)
@@ -137,7 +137,8 @@ def diffsoup_matrices(
     projection[0, 2] = unit - two * (cx / width)
     projection[1, 2] = two * (cy / height) - unit
     projection[3, 2] = -1
-    near, far = np.float64(near), np.float64(far)  # NumPy divides by zero; `invert_projection` rejects it
+    # NumPy may divide by zero; `invert_projection` rejects such planes
+    near, far = np.float64(near), np.float64(far)
     with np.errstate(all="ignore"):
         projection[2, 2] = (far + near) / (near - far)
         projection[2, 3] = 2 * far * near / (near - far)
@@ -145,7 +146,7 @@ def diffsoup_matrices(
     view = (np.diag(signs) @ camera.world_to_camera).astype(np.float32)
     with np.errstate(all="ignore"):
         mvp = projection[:, :1] * view[0]
-        for k in range(1, 4):  # not @, because BLAS fuses and reorders the sums
+        for k in range(1, 4):  # the operator @ is not used, because BLAS fuses and reorders the sums
             mvp = mvp + projection[:, k : k + 1] * view[k]
     return mvp, invert_projection(mvp, near, far)
 

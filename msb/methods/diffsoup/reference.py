@@ -33,7 +33,8 @@ _TOGETHER = 1 << 18
 class ZBuffer:
     """The z-buffer: for each pixel, in the kernel's row order, the nearest opaque face found so far.
 
-    `key` (H, W) is NDC depth + 2 and `face` the face number; they are infinite and -1 in empty pixels.
+    `key` (H, W) is the NDC depth + 2, and infinite in empty pixels. `face` is the number of the face, and -1
+    in empty pixels.
     """
 
     key: NDArray[np.float32]
@@ -55,9 +56,9 @@ def render(
 ) -> ReferenceFrame:
     """Return the frame of `asset` from `camera`; see `render_reference`.
 
-    The image of a z-buffer does not depend on the order of faces. Engine sampling differs only for faces that
-    reach behind the camera, because hardware clips them. Pixels without a face show `background`; the
-    official one is black in the COLMAP layout, white in the other.
+    The image of a z-buffer does not depend on the order of faces. Engine sampling gives another result only
+    for faces that reach behind the camera, because hardware clips these faces. Pixels without a face show
+    `background`. The official background is black in the COLMAP layout and white in the synthetic layout.
     """
     near, far, layout = settings["z_near"], settings["z_far"], settings["layout"]
     mvp, inverse = diffsoup_projection(camera, layout, near, far, dtype)
@@ -122,10 +123,10 @@ def diffsoup_projection(
     -----
     P = [2fx/W 0 1-2cx/W 0; 0 2fy/H 2cy/H-1 0; 0 0 (f+n)/(n-f) 2fn/(n-f); 0 0 -1 0] and MVP = P V in `dtype`.
 
-    "colmap" (kenji-tojo/diffsoup: examples/utils.py): V is W with its z row negated; P is computed in float32
-    from a float32 K. "synthetic" (examples/02_synthetic.py): V is W with its y and z rows negated; P is
-    computed in double and rounded. The inverse is computed in double and rounded, because the last bits of
-    the official float32 inverse depend on the linear algebra library.
+    "colmap" (kenji-tojo/diffsoup: examples/utils.py): V is W with the z row negated, and P is computed in
+    float32 from a float32 K. "synthetic" (examples/02_synthetic.py): V is W with the y and z rows negated,
+    and P is computed in double and rounded. The inverse is computed in double and rounded, because the last
+    bits of the official float32 inverse depend on the linear algebra library.
     """
     real = dtype if layout == "colmap" else np.float64
     width, height, two = real(camera.width), real(camera.height), real(2)
@@ -135,7 +136,8 @@ def diffsoup_projection(
     projection[1, 1] = two * fy / height
     projection[0, 2] = real(1) - two * (cx / width)
     projection[1, 2] = two * (cy / height) - real(1)
-    near, far = np.float64(near), np.float64(far)  # NumPy divides by zero; `invert_projection` rejects it
+    # NumPy may divide by zero; `invert_projection` rejects such planes
+    near, far = np.float64(near), np.float64(far)
     projection[2, 2] = (far + near) / (near - far)
     projection[2, 3] = (2 * far * near) / (near - far)
     projection[3, 2] = -1
@@ -168,8 +170,9 @@ def rasterize(
 ) -> ZBuffer:
     """Return the z-buffer of triangles with clip coordinates (F, 3 corners, 4).
 
-    The nearest NDC depth is visible; at equal depths the lowest face number. The comparison uses
-    float32(depth + 2), like the official key. So nearly equal depths count as equal, also in float64.
+    The face with the nearest NDC depth is visible. At equal depths it is the face with the lowest number. The
+    comparison uses float32(depth + 2), like the official key. Therefore nearly equal depths count as equal,
+    also in float64.
     """
     shape, dtype = (len(rows), len(columns)), corners.dtype
     seen = ZBuffer(
@@ -191,8 +194,8 @@ def rasterize(
         pixel = (row * len(columns) + column)[valid]
         alpha = interpolate(opacity[..., None], face, level, b0, b1)[:, 0]
         key = (ndc_depth + 2).astype(np.float32)
-        # Only fragments strictly nearer than the z-buffer win, so at equal depths the lower face number
-        # stays.
+        # Only fragments that are nearer than the z-buffer replace it, so at equal depths the lower face
+        # number stays.
         wins = ~(alpha < dtype.type(OPACITY_THRESHOLD)) & (ndc_depth > -1) & (key < nearest_key[pixel])
         # The nearest of the new fragments of each pixel. The sort is stable: lower faces come first.
         order = np.flatnonzero(wins)[np.lexsort((key[wins], pixel[wins]))]
@@ -208,7 +211,8 @@ def box_pixels(
 ) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]]:
     """Yield the pixels in the boxes (F, 4) of the ascending `faces`: face, column and row, (n,) each.
 
-    Several faces are yielded together while they have at most `_TOGETHER` pixels; a face is never split.
+    Several faces are yielded together if they have at most `_TOGETHER` pixels in total. A face is never
+    split.
     """
     left, right, top, bottom = boxes[faces].T
     across = right - left + 1
@@ -230,7 +234,7 @@ def pixel_boxes(
 ) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
     """Return which of F triangles are dropped, and the boxes of the others.
 
-    A box (F, 4) is the first and last column and the first and last row. A triangle with a corner at or
+    A box (F, 4) holds the first and last column, and the first and last row. A triangle with a corner at or
     behind the camera plane is dropped. With `clips` its part in front of the plane is kept. Then its box is
     the whole image, and the test of the NDC depth discards the part behind the plane.
     """
@@ -255,7 +259,8 @@ def pixel_boxes(
 
 
 def fragments(corners: Reals, u: Reals, v: Reals) -> tuple[Reals, Reals, Reals, Reals, NDArray[np.bool_]]:
-    """Return where the rays of pixels at NDC u, v (n,) meet triangles (3 corners, 4, n), as (n,) arrays.
+    """Return where pixel rays at NDC u, v (n,) meet triangles (3 corners, 4, n), as arrays (n,).
+
 
     Returns
     -------
@@ -316,7 +321,7 @@ def towards_camera(inverse: Reals, u: Reals, v: Reals) -> Reals:
 def decode(asset: Asset, features: Reals, encoding: Reals) -> Reals:
     """Return colours (n, 3) of features (n, 7) and encoded view directions (n, 9).
 
-    A perceptron with two hidden layers computes a colour, which feature 3 blends with the base colour
+    A perceptron with two hidden layers computes a colour. Feature 3 blends this colour with the base colour
     (features 0 to 2).
     """
     values = np.concatenate([features, encoding], axis=1)
@@ -330,7 +335,7 @@ def decode(asset: Asset, features: Reals, encoding: Reals) -> Reals:
 
 
 def scatter(hit: NDArray[np.bool_], values: Reals) -> Reals:
-    """Return an image (H, W, C) with `values` (n, C) at the n pixels of `hit`, 0 elsewhere."""
+    """Return an image (H, W, C) that has `values` (n, C) at the n pixels of `hit`, and 0 elsewhere."""
     image = np.zeros((*hit.shape, values.shape[1]), values.dtype)
     image[hit] = values
     return image

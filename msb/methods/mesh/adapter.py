@@ -36,7 +36,10 @@ def read(place: Place, content: Content, options: Options) -> Model:
 
 @dataclass(frozen=True)
 class ByName:
-    """The adapter of a method without an adapter module. It reads mesh files with the method's names."""
+    """The adapter of a method that has no module `adapter`.
+
+    It reads mesh files with the file names of the method.
+    """
 
     method: str
 

@@ -1,8 +1,8 @@
 """Read MeshSplatting: ``point_cloud/iteration_N/point_cloud_state_dict.pt`` or a mesh PLY.
 
 Layout: meshsplatting/mesh-splatting at 608e5d0 (scene/triangle_model.py, create_ply.py). All parameters are
-per vertex; sigma is global. Files of Triangle Splatting+ differ only in the missing `pixel_count` and are
-read here, too.
+per vertex; sigma is global. Files of Triangle Splatting+ are also read here. They differ only in the missing
+`pixel_count`.
 """
 
 import math
@@ -41,8 +41,8 @@ def shares_vertices(content: Content) -> bool:
 def read(place: Place, content: Content, options: Options, method: str = "mesh_splatting") -> Model:
     """Return the model at `place` as a model of `method`, which has this layout.
 
-    The opacity of a vertex is floor + (1 - floor) sigmoid(logit). Files do not store the floor; it is the
-    value that the method's official loader sets.
+    The opacity of a vertex is floor + (1 - floor) sigmoid(logit). Files do not store the floor. It is the
+    value that the official loader of the method sets.
     """
     if place.kind in ("ply", "mesh"):
         return _read_mesh(method, place, options)
@@ -51,7 +51,7 @@ def read(place: Place, content: Content, options: Options, method: str = "mesh_s
     positions = tensors.floats("triangles_points", "V", 3)
     count = len(positions)
     degree = 0
-    if "features_rest" in tensors:  # optional, like in the official exporter
+    if "features_rest" in tensors:  # the buffer is optional, as in the official exporter
         degree = tensors.degree("features_rest", tensors.axis("features_rest", 1))
     buffers: dict[str, Any] = {
         "positions": positions,
@@ -77,7 +77,7 @@ def read(place: Place, content: Content, options: Options, method: str = "mesh_s
 def _read_mesh(method: str, place: Place, options: Options) -> Model:
     """Return the model that the official code builds from an exported mesh: opaque, with SH degree 0.
 
-    f_dc = clip((rgb - 0.5) / C0, -4, 4), with infinite opacity logits.
+    f_dc is clip((rgb - 0.5) / C0, -4, 4), and opacity logits are infinite.
     """
     settings = Settings(method, options.settings)
     mesh = read_mesh(place.file)

@@ -15,7 +15,7 @@ SUFFIXES = (".ply",)
 
 
 def write(asset: Asset, path: Path) -> None:
-    """Write all vertices and faces as stored, with the colours of SH degree 0 and alpha 1.
+    """Write all vertices and faces as stored. Colours are those of SH degree 0, and alpha is 1.
 
     meshsplatting/mesh-splatting at 608e5d0: create_ply.py.
     """

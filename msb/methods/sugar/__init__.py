@@ -5,7 +5,7 @@ from msb.scenes.datasets.rules import FAMILY, Photographs, Rules
 
 PHOTOGRAPHS = {
     **{key: rule for key, rule in FAMILY.items() if key != "dtu"},
-    # Sides above 1920 pixels are reduced to 1920. Official code rounds both sides, ours truncates them.
+    # Sides above 1920 pixels are reduced to 1920. The official code rounds both sides. Ours truncates them.
     "mipnerf360/outdoor": Photographs(resolution=1920),
     "mipnerf360/indoor": Photographs(resolution=1920),
 }

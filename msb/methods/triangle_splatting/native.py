@@ -29,9 +29,10 @@ def splat_model(asset: Asset, settings: Mapping[str, Any]) -> SplatModel:
         coverage=np.stack([opacity, sigma, contour(opacity, sigma), rim(opacity, sigma)], axis=1),
         near=0.01,
         far=100.0,
-        # If two edges are nearly parallel (a determinant of 1e-3), rounding moves their intersection by up to
-        # 0.1 % of its distance from the first sample. That distance is at most one side of the raster plus
-        # the 1600 samples that a face may reach beyond it. `Culling` adds the side of the raster.
+        # Two edges can be nearly parallel (a determinant of 1e-3). Rounding then moves their intersection by
+        # up to 0.1 % of the distance between the intersection and the first sample. This distance is at most
+        # one side of the raster plus the 1600 samples by which a face may extend beyond the raster. `Culling`
+        # adds the side of the raster.
         culling=Culling(nearest=0.2, dilation=1.0, margin=8.0),
         method_values={"broadcast_z": np.uint32(settings["view_dir"] == "broadcast_z")},
         outputs=("normal", "depth_median"),

@@ -14,7 +14,7 @@ SUFFIXES = (".off",)
 
 
 def write(asset: Asset, path: Path) -> None:
-    """Write COFF with merged vertices and face colours, all SH degrees seen from the world's origin.
+    """Write COFF with merged vertices and face colours; all SH degrees are evaluated from the world's origin.
 
     trianglesplatting/triangle-splatting at 685ff27: create_off.py.
     """

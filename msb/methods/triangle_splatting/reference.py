@@ -91,15 +91,15 @@ def points_seen(vertices: Reals, view_dir: str) -> Reals:
     """Return the points (F, 3) that define the view directions of triangles (F, 3 corners, 3).
 
     "broadcast_z": (g_z, g_z, g_z), where g_z is the world z of the centroid. The official kernel was meant to
-    use the centroid, but its expression broadcasts the last component. So trained coefficients are correct
-    only with this direction.
+    use the centroid, but its expression broadcasts the last component. Therefore trained coefficients are
+    correct only with this direction.
     """
     center = centroid(vertices)
     return np.repeat(center[:, 2:], 3, axis=1) if view_dir == "broadcast_z" else center
 
 
 def contour_tiles(windows: Windows, opacity: Reals, sigma: Reals, view: SplattingCamera) -> Rectangles:
-    """Return the tiles of the contour o phi^sigma = 0.01: its edges are moved inwards, then intersected.
+    """Return the tiles of the contour o phi^sigma = 0.01: edges are moved inwards and then intersected.
 
     Samples beyond the contour, down to alpha = 1/255, are visible only in tiles that the contour touches.
     """
@@ -109,7 +109,7 @@ def contour_tiles(windows: Windows, opacity: Reals, sigma: Reals, view: Splattin
     offset = edge_offset / norm(edge_normal)
     distance = np.zeros_like(opacity)
     for edge in range(3):
-        # The distance of one edge is used for all three, unless it underflowed to 0.
+        # All three edges are moved by the distance of one edge, unless this distance underflowed to 0.
         distance = np.where(distance == 0, windows.inradius[:, edge] * shrunk, distance)
         offset[:, edge] = offset[:, edge] - distance
     grid = grid_size(view.width, view.height)

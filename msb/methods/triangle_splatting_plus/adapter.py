@@ -10,7 +10,7 @@ from msb.adapters.model import Content
 from msb.methods.mesh_splatting import adapter as sibling
 
 KEYS = sibling.KEYS
-# Reads a model as MeshSplatting's adapter does; mesh files are imported by the same rules.
+# A model is read as by MeshSplatting's adapter. Mesh files are imported by the same rules.
 read = partial(sibling.read, method="triangle_splatting_plus")
 
 

@@ -9,5 +9,5 @@ METHOD = extracted_mesh(
         "mesh/DIRECT_triangle_mesh_post.ply",
         "mesh/DIRECT_triangle_mesh.ply",
     ),
-    None,  # trained on other datasets, with a few views per scene at 224 or 448 pixels
+    None,  # the network was trained on other datasets, with a few views per scene at 224 or 448 pixels
 )

@@ -36,14 +36,14 @@ _UPSTREAM: dict[str, tuple[str, Any]] = {
     "render_up_scale": ("render_up_scale", None),
 }
 
-# Deepest nesting of a configuration; real ones have 3 levels.
+# Deepest accepted nesting of a configuration; real configurations have 3 levels.
 MAX_DEPTH = 32
 # GaodeRender/triangle-splatting: the first record of the log is a YAML dump between two lines of "=".
 _LOG_HEAD = re.compile(r"config args:[ \t]*\n=+[^\n]*=+[ \t]*\n(.*?)^=+[ \t]*$", re.DOTALL | re.MULTILINE)
 
 
 def training_scene(root: Path) -> object:
-    """Return the folder of the training scene, which the configuration in `root` names; None without one."""
+    """Return the folder of the training scene that the configuration in `root` names, or None."""
     dataset = read_config(root, None)[0].get("dataset")
     return dataset.get("local_dir") if isinstance(dataset, dict) else None
 
@@ -162,7 +162,7 @@ def _buffers(tensors: Tensors, prefix: str) -> tuple[dict[str, NDArray[Any]], in
 
 
 def _configure(settings: Settings, model: dict[str, Any], degree: int, file: Path) -> list[Finding]:
-    """Add the settings in section "model" of a configuration, or official defaults; return warnings."""
+    """Add the settings from section "model" of a configuration, or official defaults; return warnings."""
     warnings = []
     for name, (key, absent) in _UPSTREAM.items():
         value = model.get(key, absent)
@@ -180,9 +180,9 @@ def _configure(settings: Settings, model: dict[str, Any], degree: int, file: Pat
 
 
 class _PlainLoader(yaml.SafeLoader):
-    """A YAML loader without aliases, which configurations do not use and which can grow exponentially.
+    """A YAML loader that rejects aliases; configurations do not use them, and they can grow exponentially.
 
-    It also limits the nesting, because the library recurses for each level, and the length of integers.
+    It also limits the length of integers, and the nesting, because the library recurses for each level.
     """
 
     _depth = 0
@@ -205,8 +205,8 @@ class _PlainLoader(yaml.SafeLoader):
 def read_config(root: Path, given: Path | None) -> tuple[dict[str, Any], tuple[Path, ...], list[Finding]]:
     """Return the configuration of a 2DTS training, the files read, and warnings.
 
-    The first of these is used: the file `given`, a YAML file in the output folder `root`, the latest text log
-    in ``root/log``. The result has the file's nesting, ``{"model": {...}, "trainer": {...}}``.
+    The first existing file is used: the file `given`, a YAML file in the output folder `root`, or the latest
+    text log in ``root/log``. The result has the file's nesting, ``{"model": {...}, "trainer": {...}}``.
     """
     if given is not None:
         return _config_of(given), (given,), []
@@ -231,7 +231,7 @@ def _config_of(path: Path) -> dict[str, Any]:
             raise unusable(path, 'the record "config args:" is missing')
         text = match[1]
     try:
-        data = yaml.load(text, _PlainLoader)  # a SafeLoader: plain values only
+        data = yaml.load(text, _PlainLoader)  # this loader is a SafeLoader, which reads plain values only
     except ArithmeticError:
         raise unusable(path, "a number in it is too large") from None
     # Invalid values with a tag raise Python errors, such as KeyError for "!!bool maybe".

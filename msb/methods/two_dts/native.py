@@ -19,7 +19,9 @@ _CHUNK = 1 << 16
 
 
 def rescale(positions: NDArray[np.float32], gamma: float) -> NDArray[np.float32]:
-    """Return triangles (3 F, 3), shrunk about their centroids. Any gamma then gives the same total opacity.
+    """Return triangles (3 F, 3), shrunk about their centroids.
+
+    The total opacity is then the same for every gamma.
 
     The factor is 1 / sqrt(2^b b Gamma(b)) with b = 1 / gamma, in double and rounded
     (GaodeRender/triangle-splatting: src/diff_recon/models/VanillaTS_model.py).
@@ -35,11 +37,11 @@ def rescale(positions: NDArray[np.float32], gamma: float) -> NDArray[np.float32]
 
 
 def reach(opacity: NDArray[np.float32], gamma: float) -> NDArray[np.float32]:
-    """Return the eccentricity beyond which alpha is less than 1/255, or 10 if it is larger than 10.
+    """Return the eccentricity beyond which alpha is less than 1/255, but at most 10.
 
     With the eccentricity ecc, alpha is o exp(-ecc^(2 gamma) / 2). ecc is 0 at the centroid and 1 on the
-    edges. The result is slightly increased to allow for rounding, and -1 if alpha is below 1/255 even at the
-    centroid.
+    edges. The result is slightly increased to allow for rounding. It is -1 if alpha is below 1/255 even at
+    the centroid.
     """
     with np.errstate(divide="ignore"):
         squared = 2 * np.log(255.0 * opacity.astype(np.float64)) + 1e-5
@@ -56,7 +58,8 @@ def splat_model(asset: Asset, settings: Mapping[str, Any]) -> SplatModel:
     opacity = sigmoid(required_buffer(asset, "opacity", asset.manifest.face_count))
     if settings["ste_threshold"] is not None:
         step = (opacity > np.float32(settings["ste_threshold"])).astype(np.float32)
-        opacity = (step - opacity) + opacity  # the official expression; 1 may be off by one ulp
+        # this is the official expression; instead of 1 it may give a neighbouring float
+        opacity = (step - opacity) + opacity
     return SplatModel(
         program="two_dts",
         package=__package__,

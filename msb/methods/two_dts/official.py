@@ -1,4 +1,4 @@
-"""The official export formats of 2DTS: GLB with vertex RGBA, PLY with face RGBA, as written by trimesh."""
+"""The official export formats of 2DTS, as trimesh writes them: GLB with vertex RGBA, PLY with face RGBA."""
 
 from pathlib import Path
 
@@ -28,7 +28,8 @@ def write(asset: Asset, path: Path) -> None:
     keep = visible_faces(asset, stored_threshold(asset))
     keep = np.ones(asset.manifest.face_count, bool) if keep is None else keep
     keep &= _in_box(asset)
-    # Colours of SH degree 0; above a threshold every face gets the opacity sigmoid(10).
+    # Colours of SH degree 0. If there is a threshold, every face that exceeds it gets the opacity
+    # sigmoid(10).
     alpha = sigmoid(buffers["opacity"][keep])
     if settings["ste_threshold"].value is not None:
         alpha[:] = sigmoid(np.full(1, 10, np.float32))
@@ -46,7 +47,7 @@ def write(asset: Asset, path: Path) -> None:
 
 
 def _in_box(asset: Asset) -> NDArray[np.bool_]:
-    """Return which centroids are in the scene box (bounds included); all if the checkpoint has no box."""
+    """Return which centroids are in the scene box or on its bounds; without a box, all centroids count."""
     centroids = asset.buffers["positions"].reshape(-1, 3, 3).mean(axis=1)
     inside = np.ones(len(centroids), bool)
     for number, axis in enumerate("xyz"):

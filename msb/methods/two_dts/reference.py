@@ -1,4 +1,4 @@
-"""2DTS: a triangle soup with a Gaussian-like falloff, whose sharpness gamma is global, and two rasterizers.
+"""2DTS: a triangle soup with a Gaussian-like falloff of global sharpness gamma, drawn by two rasterizers.
 
 Sources, at 54c80f7 of GaodeRender/triangle-splatting: src/diff_recon/models/VanillaTS_model.py (activations,
 gamma rescale, threshold, up-scaling), submodules/diff-triangle-rasterization-2D and -3D: src/forward.cu,
@@ -39,7 +39,7 @@ from msb.scenes import Camera
 NEAR, FAR = 1.0, 1000.0
 # Least divisor and least area of the official kernels.
 EPS = 1e-8
-# The bounds of a triangle are this many times as far from its centroid as its corners are.
+# The bounds of a triangle are this many times as far from the centroid as the corners are.
 DILATION = 3
 # Upper limits of alpha and of the eccentricity.
 MAX_ALPHA = 0.99
@@ -111,7 +111,9 @@ def render(
 
 
 def rescale(vertices: Reals, gamma: float) -> Reals:
-    """Return triangles (F, 3, 3), shrunk about their centroids. Any gamma then gives the same total opacity.
+    """Return triangles (F, 3, 3), shrunk about their centroids.
+
+    The total opacity is then the same for every gamma.
 
     The factor is 1 / sqrt(2^b b Gamma(b)) with b = 1 / gamma, in double and rounded.
     """
@@ -122,7 +124,10 @@ def rescale(vertices: Reals, gamma: float) -> Reals:
 
 
 def straight_through(opacity: Reals, threshold: float) -> Reals:
-    """Return 1 for opacities above the threshold, else 0. The official expression gives 1 up to one ulp."""
+    """Return 1 for opacities above the threshold, else 0.
+
+    Instead of 1, the official expression may give a neighbouring float.
+    """
     step = (opacity > opacity.dtype.type(threshold)).astype(opacity.dtype)
     return np.asarray((step - opacity) + opacity)
 
@@ -146,7 +151,7 @@ def coverage_alpha(eccentricity: Reals, opacity: Reals, gamma: Any) -> Reals:
 
 
 def bounds(points: Reals, width: int, height: int) -> tuple[Rectangles, Reals]:
-    """Return the tiles of the box of dilated corners (F, 3, 2), and the official radius (F,) in samples."""
+    """Return the tiles of a box around dilated corners (F, 3, 2), and the official radius (F,) in samples."""
     low, high = np.fmin.reduce(points, axis=1), np.fmax.reduce(points, axis=1)
     grid = grid_size(width, height)
     rectangles = Rectangles(tile_number(low / TILE, grid), tile_number((high + TILE - 1) / TILE, grid))
@@ -156,7 +161,7 @@ def bounds(points: Reals, width: int, height: int) -> tuple[Rectangles, Reals]:
 def project(points: Reals, view: SplattingCamera) -> Reals:
     """Return normalised device coordinates of points (..., 3), divided by |w| + eps instead of w.
 
-    So a point behind the camera has a negative z and fails the near test.
+    Therefore a point behind the camera has a negative z and fails the near test.
     """
     h = transform(view.full_projection, points)
     return np.asarray(h[..., :3] * (1 / (np.abs(h[..., 3:]) + h.dtype.type(EPS))))
@@ -272,11 +277,12 @@ class PlanarRasterizer:
 
 
 class EngineRasterizer:
-    """Both rasterizers as an engine samples them: by hardware, with exact perspective and no low-pass filter.
+    """Both rasterizers with engine sampling: by hardware, in exact perspective, without a low-pass filter.
+
 
     Hardware generates no fragments outside a triangle, but this method's coverage extends beyond its edges.
-    So the triangles are enlarged about their centroids until they contain all of their coverage. A vertex
-    shader can do this.
+    Therefore the triangles are enlarged about their centroids until they contain all of their coverage. A
+    vertex shader can enlarge them.
 
     Attributes as in `AffineRasterizer`, without an official radius. `reached` (F,) is computed by `reach`.
     """
@@ -300,10 +306,10 @@ class EngineRasterizer:
 
 
 def reach(opacity: Reals, gamma: float) -> Reals:
-    """Return the eccentricity beyond which alpha is less than 1/255, or 10 if it is larger than 10.
+    """Return the eccentricity beyond which alpha is less than 1/255, but at most 10.
 
     With the eccentricity ecc, alpha is o exp(-ecc^(2 gamma) / 2). The result is slightly increased to allow
-    for rounding, and 0 if alpha is below 1/255 even at the centroid.
+    for rounding. It is 0 if alpha is below 1/255 even at the centroid.
     """
     squared = 2 * np.log(255 * np.maximum(opacity.astype(np.float64), 1e-300)) + 1e-5
     limit = np.maximum(squared, 0) ** (1 / (2 * gamma)) * 1.0001

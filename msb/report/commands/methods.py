@@ -19,9 +19,10 @@ def methods(
     format: Annotated[Literal["text", "markdown"], Option("Format of the tables.")] = "text",
     output: JsonOutput,
 ) -> None:
-    """List the methods: features of their representations, features that each tier keeps, settings.
+    """List the methods: features of their representations, the features that each tier keeps, and settings.
 
-    The mark -- means that the representation lacks a feature, N/A that a tier does not support it.
+
+    The mark -- means that the representation lacks the feature. N/A means that the tier does not support it.
     """
     output.write_json(as_data())
     if not output.prints_text:
@@ -91,7 +92,7 @@ def tables() -> Iterator[tuple[str, TextRows]]:
 
 
 def _table_rows(table: Table, group: str | None = None) -> TextRows:
-    """Return the texts of a table, or of its columns below the heading `group`; a star stands for a note."""
+    """Return the texts of a table, or of its columns below the heading `group`; a star marks a note."""
     places = [n for n, column in enumerate(table.columns) if group is None or group in column.groups]
     rows: TextRows = [("method", *(table.columns[place].title for place in places))]
     for row in table.rows:

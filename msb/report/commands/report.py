@@ -25,7 +25,7 @@ _RESULTS_OPTIONS = ("views", "published", "against", "allow_mixed")
 
 @dataclass(frozen=True)
 class ReportOptions:
-    """Content, formats and place of a report."""
+    """The content, the formats and the folder of a report."""
 
     out: Annotated[
         Path | None,
@@ -33,7 +33,9 @@ class ReportOptions:
     ] = None
     formats: Annotated[
         str | None,
-        Option("Formats to write, of md, tex, csv, json, html. Default: all.", ("--format",), metavar="LIST"),
+        Option(
+            "Formats to write: any of md, tex, csv, json, html. Default: all.", ("--format",), metavar="LIST"
+        ),
     ] = None
     table: Annotated[
         str | None,
@@ -42,8 +44,8 @@ class ReportOptions:
     paper: Annotated[
         bool | None,
         Option(
-            "Report the paper's own tables instead of results (printed unless -o is given), or leave out the "
-            "paper's numbers.",
+            "--paper reports the paper's own tables instead of results. --no-paper leaves out the paper's "
+            "numbers.",
             ("--paper/--no-paper",),
         ),
     ] = None
@@ -102,7 +104,8 @@ def report(
     folders: Annotated[
         tuple[Path, ...],
         Argument(
-            "Results folders of msb run (for equal cells, the last folder counts), or files of msb submit.",
+            "Results folders of msb run, or files of msb submit. If two folders have the same cell, the last "
+            "folder counts.",
             metavar="RESULTS...",
         ),
     ] = (),
@@ -150,7 +153,7 @@ def report(
         check_folder(folders[0], "folder of results")
     overwrite = _check_target(target, output)
     if not {"md", "tex", "html"}.isdisjoint(formats):
-        # Checked first, so that the error does not come after a long computation.
+        # Check this first, so that the error does not come after a long computation.
         need_extra("bench", "jinja2", "matplotlib", what="a report", instead="--format csv,json needs none")
     # Build and write the report.
     built = _build(folders, options, output, pictures=True)
@@ -182,7 +185,8 @@ def _print_tables(report: Report, label: str | None, form: TableFormat, output: 
 
     chosen = None if label is None else report.tables.get(label)
     if label is not None and chosen is None and EQUIVALENTS.get(label) in report.tables:
-        # The table of these results under the paper's label, so that references of a text stay valid.
+        # The user named a table of the paper. Our table gets the paper's label, so that references in a text
+        # stay valid.
         chosen = replace(report.tables[EQUIVALENTS[label]], label=label)
     if label is not None and chosen is None:
         text = f'the table "{shorten(label, 60)}" does not exist; choose from {", ".join(report.tables)}'

@@ -74,7 +74,7 @@ def asset_tables(place: Place, records: Mapping[str, Result], numbers: Numbers) 
 
 
 def _memory_table(memory: Mapping[str, Memory]) -> Table:
-    """Return the device memory by purpose; `memory` is condition -> bytes."""
+    """Return the device memory by purpose; `memory` holds the bytes of each condition."""
     by_driver = any(used.driver_bytes is not None for used in memory.values())
     rows = []
     for condition, used in memory.items():

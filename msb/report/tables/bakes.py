@@ -46,7 +46,7 @@ BAKES_NOTES = (
     "verdict: verdict of the audit; if it differs between scenes, each verdict with its number of scenes",
 )
 _METRICS = ("psnr", "psnr_16", "faces", "asset_size", "memory", "p50_ms", "bake_seconds", "tasks")
-# Metrics in the record of the exported mesh; the others are in the record of its renderings.
+# Metrics in the record of the exported mesh. All other metrics are in the record of its renderings.
 _OF_MESH = ("faces", "tasks")
 # Audit verdicts from the best to the worst.
 _LEVELS = ("ok", "limited", "bad")
@@ -82,7 +82,7 @@ def scene_split_table(numbers: Numbers, place: Place) -> Table:
 
 
 def _split_cells(numbers: Numbers, key: SplitKey) -> tuple[TableCell, ...]:
-    """Return the cells of a loss: the total, its parts, and the two bakes between them."""
+    """Return the cells of a loss: the total, its parts, and the two bakes that separate the parts."""
     split = numbers.splits[key]
     ends = [numbers.number(Key(*key[:3], name, key.metric)) for name in ("dedicated", "standard")]
     if split.total is None or split.total.signed is None:
@@ -107,8 +107,8 @@ def _bake_name_cell(condition: str) -> TableCell:
 def _step_cell(key: SplitKey, split: Split, name: StepName, ends: Sequence[Number]) -> TableCell:
     """Return the cell of one part of a loss.
 
-    Without a bake between two parts only their sum is known. It stands in one cell, and the other one is
-    empty.
+    If the bake between two parts is missing, only their sum is known. The sum stands in one cell, and the
+    other cell is empty.
     """
     gap = split.steps.get(name)
     if gap is not None and gap.signed is not None:

@@ -6,9 +6,10 @@ from dataclasses import fields
 from msb.registry import METHODS, Method, Native, Tier
 from msb.report.table import NOT_AVAILABLE, NOT_SUPPORTED, Table, TableCell, TableColumn, TableRow
 
-# Titles that are not simply the capitalised field name.
+# Titles of fields that differ from the capitalised field name.
 _TITLES = {"sh": "SH", "view_dependence": "View-dep."}
-# Tier -> fields of `Retained` with a column. The opaque fallback of Standard keeps only the appearance.
+# The fields of `Retained` that have a column, by tier. The opaque fallback of Standard keeps only the
+# appearance.
 _FIELDS: dict[Tier, tuple[str, ...]] = {
     "standard": ("support", "appearance"),
     "dedicated": ("support", "view_dependence", "opacity", "soft_coverage", "depth_sort", "appearance"),
@@ -17,7 +18,7 @@ TIER_TITLES: dict[Tier, str] = {"standard": "Standard deployment", "dedicated": 
 
 
 def native_features(methods: Iterable[Method] | None = None) -> Table:
-    """Return the features of the representation of each of the `methods`, by default of all."""
+    """Return the features of each method's representation; `methods` are all methods by default."""
     names = [field.name for field in fields(Native)]
     return Table(
         "method_attributes",
@@ -33,7 +34,7 @@ def native_features(methods: Iterable[Method] | None = None) -> Table:
 
 
 def deployment_features(methods: Iterable[Method] | None = None) -> Table:
-    """Return the features that each tier keeps of each of the `methods`, by default of all."""
+    """Return the features of each method that each tier keeps; `methods` are all methods by default."""
     rows = [
         TableRow(
             (method.title,),

@@ -60,8 +60,8 @@ _RATIOS = (("standard", "dedicated"), ("dedicated", "non_engine"))
 def gaps_table(numbers: Numbers, dataset: str, paper: Numbers | None = None) -> Table:
     """Return the gaps of every method and metric on a dataset.
 
-    Further rows have another condition in place of Standard (an engine or a bake), of Dedicated (a variant),
-    or of both (the two tiers in the same engine).
+    Further rows compare other conditions: an engine or a bake replaces Standard, a variant replaces
+    Dedicated, or the two tiers of one engine replace both.
     """
     # A block of rows per metric: the two tiers first, then engines, bakes and variants.
     rows: list[TableRow] = []
@@ -160,7 +160,7 @@ def slowdown_table(numbers: Numbers, paper: Numbers | None = None) -> Table:
 def _gap_cells(numbers: Numbers, key: GapKey) -> dict[str, TableCell]:
     """Return the cells of the gaps at `key`, by the keys of `_COLUMNS`."""
     gaps = numbers.gaps.get(key)
-    # Cells for gaps without a value.
+    # The cells of gaps without a value.
     absent = {}
     for name in _NAMES:
         reason = "missing" if gaps is None else gaps[name].reason
@@ -194,7 +194,7 @@ def _gap_cells(numbers: Numbers, key: GapKey) -> dict[str, TableCell]:
 def gap_cell(
     metric: str, value: float, gap: Gap, ends: Iterable[Number], *, sign: bool = True, interval: bool = True
 ) -> TableCell:
-    """Return the cell of a value of `gap`, with the notes of the two numbers `ends` that it compares."""
+    """Return the cell of a value of `gap`, with the notes of `ends`, the two numbers that it compares."""
     return difference_cell(
         metric,
         value,
@@ -207,18 +207,18 @@ def gap_cell(
 
 
 def _end_numbers(numbers: Numbers, key: GapKey, name: GapName) -> list[Number]:
-    """Return the two numbers whose difference a gap is."""
+    """Return the two numbers that a gap compares."""
     conditions = _replace_tiers(key, PAIRS[name])
     return [numbers.number(Key(key.dataset, key.scene, key.method, c, key.metric)) for c in conditions]
 
 
 def _replace_tiers(key: GapKey, tiers: Iterable[str]) -> list[str]:
-    """Return `tiers` with the engine, bake or variant of `key` in place of its tier."""
+    """Return `tiers`; the engine, bake or variant of `key` replaces its tier."""
     return [{"standard": key.standard, "dedicated": key.dedicated}.get(tier, tier) for tier in tiers]
 
 
 def _ratio_cells(numbers: Numbers, key: GapKey) -> tuple[TableCell, ...]:
-    """Return two cells per pair of conditions: ratio of the mean frame rates, and range over the scenes."""
+    """Return two cells per pair of conditions: the ratio of mean frame rates, and its range over scenes."""
     cells: list[TableCell] = []
     for pair in _RATIOS:
         conditions = _replace_tiers(key, pair)
@@ -238,13 +238,13 @@ def _ratio_cells(numbers: Numbers, key: GapKey) -> tuple[TableCell, ...]:
 
 
 def absent_cell(ends: Iterable[Number], reason: str | None, metric: str) -> TableCell:
-    """Return the cell of a missing difference: "N/A" or "unsteady" if an end is, else "--"."""
+    """Return the cell of a missing difference: "N/A" or "unsteady" if one of its numbers is so, else "--"."""
     unit = METRICS[metric].unit
     missing = [end for end in ends if end.value is None]
     for absent in (NOT_SUPPORTED, UNSTEADY):
         for end in missing:
             if end.absent == absent:
                 return TableCell(absent, None, metric, unit, reason=end.reason)
-    if reason == "unsteady":  # in the scenes that both conditions have
+    if reason == "unsteady":  # the reason comes from the scenes that both conditions have
         return TableCell(UNSTEADY, None, metric, unit, reason=REASONS[reason])
     return TableCell(NOT_AVAILABLE, None, metric, unit, reason=REASONS.get(reason or "", reason))

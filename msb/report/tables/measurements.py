@@ -72,7 +72,7 @@ _CONNECTIVITY = {
     "Local structure": ("boundary_edge_ratio", "nonmanifold_edge_ratio", "nonmanifold_vertex_ratio"),
     "Global connectivity": ("lcc_face_ratio", "lcc_area_ratio", "components"),
 }
-# Metric key of a group mean -> heading of the rows with the scenes of this group.
+# The heading above the scenes of each group, by the name of the group's mean.
 _GROUPS = {"indoor_mean": "indoor scenes", "outdoor_mean": "outdoor scenes"}
 
 
@@ -104,7 +104,7 @@ def _scene_rows(
     prefix: str = "",
     of: Mapping[str, str] | None = None,
 ) -> Iterator[RowSpec]:
-    """Yield a row per scene and per mean; a dataset without scenes only has the row of its mean.
+    """Yield a row for each scene and each mean; a dataset without scenes has only the row of its mean.
 
     Parameters
     ----------
@@ -125,7 +125,7 @@ def _scene_rows(
         heading = ", ".join(filter(None, (prefix, *section)))
         return RowSpec((scene_title(scene),), {"scene": scene, **(of or {})}, heading, scene in MEANS, bold)
 
-    # First the groups of the dataset, then scenes outside of them, then the mean.
+    # First come the groups of the dataset, then scenes without a group, then the mean.
     remaining = numbers.scenes(dataset)
     for group in groups if members else ():
         of_group = [scene for scene in remaining if scene in members[group]]
@@ -169,7 +169,7 @@ def native_summary(numbers: Numbers, paper: Numbers | None = None) -> Table:
 
 
 def native_comprehensive_results(numbers: Numbers, paper: Numbers | None = None) -> Table:
-    """Return the columns of `native_summary` for every scene and mean; the best method of a scene is bold."""
+    """Return the columns of `native_summary` for each scene and mean; the best method of a scene is bold."""
     return make_table(
         numbers,
         paper,
@@ -189,7 +189,7 @@ def native_comprehensive_results(numbers: Numbers, paper: Numbers | None = None)
 
 
 def renderer_comparison(numbers: Numbers, dataset: str, paper: Numbers | None = None) -> Table:
-    """Return a row per condition and metric, a column per method; each method's best condition is bold."""
+    """Return a row per condition and metric, and a column per method; the best condition is bold."""
     conditions = numbers.conditions(dataset)
     return make_table(
         numbers,
@@ -220,7 +220,7 @@ def renderer_comparison(numbers: Numbers, dataset: str, paper: Numbers | None = 
 
 
 def scene_comparison(numbers: Numbers, dataset: str, paper: Numbers | None = None) -> Table:
-    """Return a row per deployed condition and method, with a block of columns per scene, for few scenes.
+    """Return a row per deployed condition and method, with a block of columns for each of the few scenes.
 
     The best deployment of each method in each scene is bold.
     """
@@ -337,7 +337,7 @@ def walk(numbers: Numbers, dataset: str) -> Table:
 def memory(numbers: Numbers, dataset: str, paper: Numbers | None = None) -> Table:
     """Return the device memory of every deployment, per scene."""
     pairs, omitted = _deployments(numbers, dataset, "memory")
-    # A column per condition and method, followed by the memory that the driver reports, if there is any.
+    # There is a column per condition and method. If the driver reports memory, a column with it follows.
     columns = []
     by_driver = False
     for condition, method in pairs:
@@ -363,7 +363,7 @@ def memory(numbers: Numbers, dataset: str, paper: Numbers | None = None) -> Tabl
 
 def runtime_resources(numbers: Numbers, dataset: str, paper: Numbers | None = None) -> Table:
     """Return frame time, memory and asset size, with the scenes side by side, for few scenes."""
-    # Heading -> metric -> title; each block has a column per scene, mean and metric.
+    # The titles of the columns, by heading and metric. Each block has a column per scene, mean and metric.
     blocks = {
         "Device time of a frame (ms ↓)": {metric: METRICS[metric].title for metric in _PERCENTILES},
         "Memory (MiB ↓)": {"memory": "Render", "asset_size": METRICS["asset_size"].title},
@@ -398,7 +398,7 @@ def _deployments(
 ) -> tuple[list[tuple[str, str]], tuple[str, ...]]:
     """Return the (condition, method) pairs of a table of `metric`, and a note on each unsupported pair.
 
-    Bakes are only included if `bakes` is true: their cost stands in a separate table.
+    Bakes are included only if `bakes` is true, because their cost has a table of its own.
     """
     pairs, omitted = [], []
     for condition in numbers.conditions(dataset):

@@ -21,15 +21,15 @@ from msb.report.paper import PUBLISHED_LPIPS
 from msb.report.table import NOT_AVAILABLE, Table, TableCell, TableColumn, TableRow
 from msb.report.tables.measurements import native_rows
 
-# `Key.source` -> heading: the method's own paper, its public code, the benchmark's paper, and our
+# The heading of each `Key.source`: the method's own paper, its public code, the benchmark's paper, and our
 # measurement.
 SOURCES = {"paper": "Paper", "public": "Public", "meshsplatbench": "MeshSplatBench paper", "": "This run"}
 
 
 class PublishedPair(NamedTuple):
-    """A number of ours and its published counterpart, both in the unit of the records.
+    """One of our numbers and its published counterpart, both in the unit of the records.
 
-    `key` is the key of our number, except that its `source` names the publication.
+    `key` is the key of our number, but its `source` names the publication.
     """
 
     key: Key
@@ -67,7 +67,7 @@ def reproducibility(numbers: Numbers, paper: Numbers | None = None) -> Table:
 
 
 def pair_with_published(numbers: Numbers, paper: Numbers) -> list[PublishedPair]:
-    """Return every image quality value of ours with its published counterpart.
+    """Return each of our image quality values with its published counterpart.
 
     `Key.source` of a pair is "paper" (the method's own paper), "public" (its public code) or "meshsplatbench"
     (the benchmark's paper). Partial means are not compared.
@@ -88,7 +88,7 @@ def reproducibility_statistics(numbers: Numbers, paper: Numbers) -> Table:
 
     The columns are the number of pairs, mean |d|, max |d|, and the pair with the largest |d|.
     """
-    # (source, whether of means, metric) -> pairs
+    # pairs by source, by whether they are means, and by metric
     groups: dict[tuple[str, bool, str], list[PublishedPair]] = {}
     for pair in pair_with_published(numbers, paper):
         groups.setdefault((pair.key.source, pair.key.scene in MEANS, pair.key.metric), []).append(pair)

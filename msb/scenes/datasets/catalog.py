@@ -6,7 +6,7 @@ from typing import Literal
 
 from msb.scenes.colors import WHITE, Color
 
-# Name of a capture that belongs to none of `DATASETS` and was given no name.
+# Name of the dataset of a capture that is not in `DATASETS` and for which no name was passed.
 CUSTOM = "custom"
 
 # Layout of a scene's folder. "colmap" has sparse/, "blender" has transforms_train.json and
@@ -48,7 +48,7 @@ _INDOOR, _OUTDOOR = (
 _OBJECTS = ("chair", "drums", "ficus", "hotdog", "lego", "materials", "mic", "ship")
 _SCANS = (24, 37, 40, 55, 63, 65, 69, 83, 97, 105, 106, 110, 114, 118, 122)
 
-# Id -> dataset, in the order of the paper's tables.
+# The datasets by id, in the order of the paper's tables.
 DATASETS: dict[str, Dataset] = {
     "mipnerf360": Dataset(
         "Mip-NeRF 360",
@@ -81,7 +81,8 @@ DATASETS: dict[str, Dataset] = {
 def guess_dataset(layout: Layout, name: str, above: str) -> str:
     """Return the dataset of a scene called `name` in a folder called `above`, or `CUSTOM`.
 
-    The folder above takes precedence over the scene's name, which must match the layout.
+    The name of the folder above takes precedence. The scene's name is used only if the dataset has the
+    layout.
     """
     for key, dataset in DATASETS.items():
         if above.lower() in dataset.folders:

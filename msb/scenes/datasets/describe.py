@@ -35,9 +35,9 @@ class ImageFolder:
 class SceneReport:
     """The content of a scene's folder; either `scene` or `error` is None.
 
-    `points` is the number of SfM points, None if they cannot be read. `unused` lists unused files with the
-    reason, `deviations` how each method's official code reads the scene differently. `missing` counts missing
-    photographs of "training" and "test" views; it is None if the cameras cannot be read.
+    `points` is the number of SfM points, None if they cannot be read. `unused` lists unused files, each with
+    the reason. `deviations` describes how each method's official code reads the scene differently. `missing`
+    counts missing photographs of "training" and "test" views; it is None if the cameras cannot be read.
     """
 
     path: Path
@@ -106,7 +106,7 @@ def describe_scene(path: Path, **options: Any) -> SceneReport:
         scene = read_scene(path, **options)
     except MsbError as error:
         problem = error
-    # Facts that do not need a valid scene, then facts about how it is evaluated.
+    # First come facts that do not need a valid scene, then facts about how the scene is evaluated.
     dataset = options.get("dataset") or dataset_of(path)
     images = _list_image_folders(path, scene)
     points, of_points = _count_points(path, layout)
@@ -115,7 +115,7 @@ def describe_scene(path: Path, **options: Any) -> SceneReport:
     if scene is not None:
         missing = count_missing([*scene.train, *scene.test])
     else:
-        with contextlib.suppress(MsbError):  # cameras that cannot be read have no known photographs
+        with contextlib.suppress(MsbError):  # the cameras cannot be read, so their photographs are unknown
             missing = missing_photographs(path, **options)
     if scene is not None:
         findings += _check_view_count(scene)
@@ -145,7 +145,8 @@ def _list_image_folders(root: Path, scene: Scene | None) -> tuple[ImageFolder, .
     for folder in folders(root):
         if images := images_in(folder):
             size: Size | None = None
-            with contextlib.suppress(MsbError):  # reading the scene has reported errors of images in use
+            # errors of images in use were reported when the scene was read
+            with contextlib.suppress(MsbError):
                 size = image_size(images[0])
             holding.append(ImageFolder(folder.name, len(images), len(used.intersection(images)), size))
     return tuple(holding)
@@ -211,7 +212,7 @@ def _list_deviations(root: Path, ours: Scene, options: dict[str, Any]) -> dict[s
 
 
 def _explain_failure(error: MsbError, dataset: str) -> str:
-    """Return a short reason why a method's official code does not read a scene that our rules read."""
+    """Return in few words why a method's official code rejects a scene that our rules accept."""
     if error.code == "SCENE_UNKNOWN":
         return f"no rule for {dataset}"
     if error.code == "SCENE_IMAGE_MISSING":

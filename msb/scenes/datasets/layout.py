@@ -22,8 +22,8 @@ TRAIN, TEST, SINGLE = "transforms_train.json", "transforms_test.json", "transfor
 def find_layout(folder: Path) -> Layout | None:
     """Return the layout of `folder`, or None if it is not a scene.
 
-    Like in the 3DGS family (scene/__init__.py), a folder `sparse` takes precedence over
-    transforms_train.json; cameras.npz is used only without both.
+    As in the 3DGS family (scene/__init__.py), a folder `sparse` takes precedence over transforms_train.json.
+    The file cameras.npz is used only if both are missing.
     """
     if is_folder(folder / "sparse"):
         return "colmap"
@@ -52,7 +52,7 @@ def find_scenes(path: Path) -> list[Path]:
 
 
 def _scenes_below(folder: Path) -> list[Path]:
-    """Return `folder` if it is a scene, else the scenes in it."""
+    """Return `folder` if it is a scene, otherwise the scenes in `folder`."""
     if find_layout(folder) is not None:
         return [folder]
     return [child for child in folders(folder) if find_layout(child) is not None]

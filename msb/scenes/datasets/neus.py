@@ -19,7 +19,8 @@ from msb.scenes.image_size import image_size
 from msb.scenes.source import Source
 
 MATRICES = "cameras.npz"
-# Largest file of a 4 x 4 matrix in bytes; real ones have a few hundred. Checked before decompression.
+# Largest size in bytes of the file of a 4 x 4 matrix; real files have a few hundred bytes. Checked before
+# decompression.
 _MAX_MEMBER = 4096
 # Largest number of views that are read; DTU has 49 or 64.
 _MAX_VIEWS = 4096
@@ -79,9 +80,9 @@ def _numbers(stream: io.BytesIO) -> NDArray[np.float64] | None:
 def read_neus(path: Path, images: Sequence[Path]) -> list[Camera]:
     """Return a camera for each image; images are sorted by name, in the order of the matrices.
 
-    Cameras are in the normalised frame. (world_mat_i scale_mat_i)[:3] = K [R | t] is decomposed by RQ with a
-    positive diagonal of K, which is divided by K[2, 2]. The skew K[0, 1], some tenths of a pixel in DTU, is
-    dropped, because cameras here have none.
+    Cameras are in the normalised frame. An RQ decomposition gives (world_mat_i scale_mat_i)[:3] = K [R | t],
+    where K has a positive diagonal and is then divided by K[2, 2]. The skew K[0, 1] is some tenths of a pixel
+    in DTU. It is dropped, because our cameras have no skew.
     """
     world, scale = read_matrices(path)
     source = Source(path, b"")
@@ -105,7 +106,7 @@ def read_neus(path: Path, images: Sequence[Path]) -> list[Camera]:
 def decompose(projection: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the intrinsics (3, 3) and the world-to-camera matrix (4, 4) of a projection to pixels."""
     left, last = projection[:3, :3], projection[:3, 3]
-    # RQ by QR, J being the exchange matrix: (J M)^T = Q R gives M = (J R^T J)(J Q^T).
+    # RQ decomposition computed by QR. With the exchange matrix J, (J M)^T = Q R gives M = (J R^T J)(J Q^T).
     q, r = np.linalg.qr(left[::-1].T)
     lens, rotation = r.T[::-1, ::-1], q.T[::-1]
     sign = np.sign(np.diag(lens))

@@ -1,4 +1,4 @@
-"""Notes about a scene: cameras and photographs of different size, and differences of a model's training."""
+"""Notes about a scene: image sizes that differ from photographs, training that differs from evaluation."""
 
 import contextlib
 import os
@@ -19,12 +19,12 @@ from msb.scenes.datasets.rules import AS_IS, Size, half_even
 from msb.scenes.datasets.scene import Scene
 from msb.scenes.image_size import image_size
 
-# Cameras are reported as far larger than photographs if they are this many times as wide.
+# A recorded image size is reported if it is at least this many times as wide as the photograph.
 _FAR = 1.5
 
 
 def note_scaled_cameras(scenes: Iterable[Scene]) -> str | None:
-    """Return a sentence about scenes with cameras recorded far larger than their photographs, or None.
+    """Return a sentence about scenes whose recorded image sizes far exceed their photographs, or None.
 
     It describes the first such scene and counts the others.
     """
@@ -52,9 +52,9 @@ def _describe_scaling(scene: Scene) -> str | None:
 
 
 def note_recorded_size(path: str | os.PathLike[str], cameras: Sequence[Camera]) -> str | None:
-    """Return a sentence about a COLMAP model with cameras far larger than photographs beside it, or None.
+    """Return a sentence about a COLMAP model whose image sizes far exceed the photographs beside it, or None.
 
-    `path` is the path that was passed to `read_cameras`, `cameras` its result.
+    `path` is the path that was passed to `read_cameras`, and `cameras` is the result.
     """
     view = cameras[0]
     beside = find_photographs(path, cameras)
@@ -106,8 +106,8 @@ def compare_training(
 ) -> Iterator[Finding]:
     """Yield a warning for each difference between a model's training and the evaluation on `scene`.
 
-    `training` is that section of the manifest. `background` is the colour behind the training images, if the
-    asset records it.
+    `training` is the section of this name in the manifest. `background` is the colour behind the training
+    images, if the asset records it.
     """
     if training.get("eval") is False:
         yield warn_test_views()

@@ -31,8 +31,8 @@ def choose_photographs(
 ) -> tuple[Photographs, Rounding]:
     """Return which photographs of the scene at `root` are used, and how their size is rounded.
 
-    The rules decide, then the caller's arguments and the existing folders. Notes for the user are appended to
-    `warnings`.
+    The rules give the defaults. The caller's arguments replace them, and a missing folder may be substituted.
+    Notes for the user are appended to `warnings`.
     """
     # Rule of the dataset and, for Mip-NeRF 360, of the group of scenes. Unknown scenes use the first group.
     group = ""
@@ -76,8 +76,8 @@ def _missing_folder(root: Path, folder: str) -> SceneError:
 def photograph_sizes(root: Path, views: Sequence[Camera], warnings: list[Finding]) -> list[Size]:
     """Return the stored (width, height) of each view's photograph.
 
-    Photographs of cameras with one recorded size must have one size. Missing training photographs are assumed
-    to have that size; test photographs must exist.
+    Cameras with equal recorded sizes must have photographs of equal size. A missing training photograph is
+    assumed to have this size too. Test photographs must exist.
     """
     sizes: dict[Size, tuple[Size, Camera]] = {}
     missing: list[Camera] = []
@@ -93,7 +93,8 @@ def photograph_sizes(root: Path, views: Sequence[Camera], warnings: list[Finding
                 f"{known[0]} x {known[1]}; photographs of one camera must have one size"
             )
             raise SceneError("SCENE_IMAGE", text, file=view.image_path)
-    # Missing photographs: an error for test views and for cameras without any photograph, else a warning.
+    # A missing photograph is an error if the view is a test view, or if no camera of the same recorded size
+    # has a photograph. Otherwise it is a warning.
     if missing:
         needed = [view for view in missing if view.split == "test" or (view.width, view.height) not in sizes]
         reported = needed or missing
@@ -123,7 +124,7 @@ def count_missing(views: Sequence[Camera]) -> dict[str, int]:
 
 
 def _count_by_split(missing: Sequence[Camera], views: Sequence[Camera]) -> str:
-    """Return "1 of 9 test and 16 of 58 training photographs", without a split that lacks none."""
+    """Return "1 of 9 test and 16 of 58 training photographs"; a complete split is left out."""
     parts = []
     for split, title in (("test", "test"), ("train", "training")):
         count, total = (sum(view.split == split for view in some) for some in (missing, views))
@@ -134,7 +135,7 @@ def _count_by_split(missing: Sequence[Camera], views: Sequence[Camera]) -> str:
 def find_masks(
     root: Path, dataset: str, views: Sequence[Camera]
 ) -> tuple[MaskSource | None, Mapping[str, Path]]:
-    """Return the kind of masks of the test photographs, and for a mask folder camera name -> file.
+    """Return the kind of masks of the test photographs and, for a mask folder, the file of each camera.
 
     An alpha channel takes precedence over a folder. Captures outside the masked datasets may have neither.
     """
@@ -169,7 +170,7 @@ def find_mask(root: Path, photograph: Path) -> Path:
 
 
 def _pair_masks(root: Path, photographs: Mapping[str, Path], masks: Sequence[Path]) -> dict[str, Path]:
-    """Return name -> mask: the file with the photograph's position in the sorted folder."""
+    """Return the mask of each camera by name; photographs and masks have the same order when sorted."""
     folder = next(iter(photographs.values())).parent
     number = {image: index for index, image in enumerate(images_in(folder))}
     if len(number) != len(masks) or not number.keys() >= set(photographs.values()):
@@ -179,6 +180,6 @@ def _pair_masks(root: Path, photographs: Mapping[str, Path], masks: Sequence[Pat
     for name, mask in paired.items():
         size, wanted = image_size(mask), image_size(photographs[name])
         if size != wanted:
-            text = f"it has {size[0]} x {size[1]} pixels, but its photograph {wanted[0]} x {wanted[1]}"
+            text = f"it has {size[0]} x {size[1]} pixels, but its photograph has {wanted[0]} x {wanted[1]}"
             raise SceneError("SCENE_IMAGE", text, file=mask)
     return paired

@@ -1,4 +1,4 @@
-"""From a scene's folder to a `Scene`: combines layout, rules, photographs and cameras."""
+"""Read a `Scene` from its folder: combine layout, rules, photographs and cameras."""
 
 import os
 from collections.abc import Sequence
@@ -134,7 +134,7 @@ def missing_photographs(
     resolution: int | None = None,
     rules: str = OURS,
 ) -> dict[str, int]:
-    """Return how many photographs of a scene's training and test views are missing, also if it is rejected.
+    """Return how many training and test photographs are missing, also for a scene that is rejected.
 
     The parameters are those of `read_scene`, whose errors about cameras and folders are raised.
     """
@@ -266,7 +266,7 @@ def scene_of(
     image_folder: str | None = None,
     resolution: int | None = None,
 ) -> Scene:
-    """Return the scene in a folder as the method of a model is evaluated on it; raises like `read_scene`."""
+    """Return the scene in a folder as it is used to evaluate a model's method; raises like `read_scene`."""
     place = given_path(path)
     at = scene_at(
         place,

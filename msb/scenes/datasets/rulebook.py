@@ -40,7 +40,7 @@ class _EveryRules(Mapping[str, Rules]):
         return sum(1 for _ in self)
 
 
-# Name -> rules: "ours", and each method that declares rules.
+# The rules by name: "ours", and each method that declares rules.
 RULES: Mapping[str, Rules] = _EveryRules()
 
 

@@ -1,11 +1,11 @@
 """Rules of loaders: their choice of photographs, image sizes, cameras and backgrounds.
 
 "ours" is the benchmark's rule for all methods. The others describe the methods' official code, as each method
-declares it (`msb.registry`). They serve to list deviations and to reproduce official numbers.
+declares it (`msb.registry`). They are used to list deviations and to reproduce official numbers.
 docs/datasets.md prints the rules as a table.
 
-A `resolution` has the meaning of ``-r`` in the 3DGS family: 1, 2, 4 or 8 divide the size, -1 keeps all but
-very large photographs, any other number is a width in pixels.
+A `resolution` has the meaning of ``-r`` in the 3DGS family: 1, 2, 4 or 8 divides the size, -1 reduces only
+very large photographs, and any other number is a width in pixels.
 """
 
 import math
@@ -133,7 +133,8 @@ def check_resolution(resolution: int) -> int:
 def half_even(size: Size, resolution: int) -> Size:
     """Return the size after resizing in the 3DGS family, Triangle-Splatting, MeshSplatting and 2DGS.
 
-    Divided sides are rounded half to even, others truncated. At -1 only widths above `LARGEST` are reduced.
+    A divided side is rounded half to even. If a width is requested, sides are truncated. At -1 only widths
+    above `LARGEST` are reduced.
 
     Source: `graphdeco-inria/gaussian-splatting`: utils/camera_utils.py (`loadCam`).
     """
@@ -147,7 +148,9 @@ def half_even(size: Size, resolution: int) -> Size:
 
 
 def floor(size: Size, resolution: int) -> Size:
-    """Return the size after resizing in 2DTS. Sides are truncated; at -1 the longer one is at most `LARGEST`.
+    """Return the size after resizing in 2DTS.
+
+    Sides are truncated. At -1 the longer side is at most `LARGEST`.
 
     Source: `GaodeRender/triangle-splatting`: the datasets' `target_res`. It does not support widths, for
     which the rule of the 3DGS family is used.

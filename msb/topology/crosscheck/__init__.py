@@ -1,8 +1,8 @@
-"""Compare the audit of a mesh with six peer libraries: do they agree, or differ by definition?
+"""Compare the audit of a mesh with the answers of six other libraries (peers), and explain the differences.
 
 Only this package uses libigl, PyMeshLab, manifold3d, trimesh (as a judge), NetworkX and NVIDIA's USD
-validator. `peers.py` runs each peer in a separate process, `expected.py` predicts its answers from its
-definitions, and this module compares the two.
+validator. `peers.py` runs each peer in a separate process. `expected.py` predicts the answers from the
+definitions of the peer. This module compares the two.
 """
 
 from dataclasses import dataclass
@@ -32,9 +32,9 @@ ANYWAY = {"NetworkX"}
 class Comparison:
     """One of our numbers beside the number of a peer.
 
-    `why` explains how the definitions differ on this mesh and by how much, or what was expected instead; it
-    is empty if the numbers agree. `call` names the function of the peer. A disagreement is not explained by
-    definitions, so it is a bug in the peer or in our audit.
+    `why` is empty if the numbers agree. Otherwise it explains how the definitions differ on this mesh and by
+    how much, or names the expected number. `call` names the function of the peer. A disagreement cannot be
+    explained by definitions. It is a bug in the peer or in our audit.
     """
 
     peer: str
@@ -64,8 +64,8 @@ def cross_check(
 ) -> CrossCheck:
     """Ask every installed peer about a mesh and compare the answers with our audit.
 
-    `report` and `analysis` are the results of `audit_arrays` for the same arrays. Each peer has `timeout`
-    seconds; the default is 60 seconds plus 60 per million faces.
+    `report` and `analysis` are the results of `audit_arrays` for the same arrays. Each peer may run for
+    `timeout` seconds. The default is 60 seconds, plus 60 seconds per million faces.
     """
     points, triangles = mesh_arrays(vertices, faces)
     installed = [peer for peer in PEERS if is_installed(PEERS[peer].module)]
@@ -99,7 +99,7 @@ def cross_check(
 
 
 def compare(peer: str, answers: Answers, facts: Facts) -> tuple[list[Comparison], dict[str, str]]:
-    """Return the rows of a peer, and the reasons why other numbers were not compared."""
+    """Return the comparisons with a peer, and the reasons why other numbers were not compared."""
     rows, not_compared = [], {}
     release = version(PEERS[peer].distribution)
     for expected in EXPECTED[peer](facts):
@@ -116,7 +116,7 @@ def compare(peer: str, answers: Answers, facts: Facts) -> tuple[list[Comparison]
 
 
 def _judge(expected: Expected, theirs: Answer) -> tuple[Verdict, str]:
-    """Return the verdict on a peer's number and the reason."""
+    """Return whether a peer's number agrees with ours, and the reason for a difference."""
     if _are_close(theirs, expected.ours, 0 if expected.why else expected.slack):
         return "agrees", ""
     if expected.why and _are_close(theirs, expected.theirs, expected.slack):

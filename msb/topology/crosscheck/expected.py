@@ -1,8 +1,9 @@
 """Predict the answers of each peer about a mesh from the differences between its definitions and ours.
 
-A prediction is our number plus a shift that is computed from the mesh. An error of our audit therefore causes
-a disagreement even if definitions differ. Almost every shift comes from repeated-index rows: they have no
-edges in our definitions, and three vertex pairs for most peers. docs/definitions.md lists the differences.
+A prediction is our number plus a shift that is computed from the mesh. Therefore an error of our audit causes
+a disagreement, even where definitions differ. Almost every shift comes from repeated-index rows. Our
+definitions give them no edges; most peers give them three vertex pairs. docs/definitions.md lists the
+differences.
 """
 
 from collections import defaultdict
@@ -54,7 +55,7 @@ class Expected:
 
 
 class Facts:
-    """The properties of a mesh that the definitions of the peers and ours treat differently."""
+    """The properties of a mesh for which the definitions of peers differ from ours."""
 
     def __init__(self, report: Audit, analysis: Analysis) -> None:
         self.report = report
@@ -70,13 +71,13 @@ class Facts:
             self.shift = {key: n - proper[key] for key, n in self.with_all_rows.items()}
 
     def same(self, quantity: str, call: str, shift: str | None = None) -> Expected:
-        """Expect our count, shifted by the effect of repeated-index rows in the peer."""
+        """Expect our count plus the repeated-index rows that the peer also counts."""
         ours = getattr(self.counts, quantity)
         by = self.shift[shift] if shift else 0
         return Expected(quantity, call, quantity, ours, ours + by, self.rows_kept(by))
 
     def rows_kept(self, by: int) -> str:
-        """Return the reason "it counts repeated-index rows", or nothing if that changes no number."""
+        """Return the reason "it counts repeated-index rows", or "" if these rows do not change the number."""
         if by == 0:
             return ""
         return f"it counts the vertex pairs and corners of {self.rows}, which we exclude"
@@ -87,7 +88,10 @@ class Facts:
         return format_count(self.repeated, "repeated-index row")
 
     def area(self, call: str) -> Expected:
-        """Expect our area, or None if a corner is not finite, because the sum of the peer is then NaN."""
+        """Expect our area.
+
+        Return None if a corner is not finite, because the area of the peer is then NaN.
+        """
         ours = self.report.metrics.total_area
         if self.counts.nonfinite_faces:
             faces = format_count(self.counts.nonfinite_faces, "face")
@@ -102,7 +106,7 @@ class Facts:
         return Expected("total_area", call, "total_area", ours, ours, "", slack=slack)
 
     def loops(self, call: str, unfit: str = "") -> Expected:
-        """Expect our boundary loops on meshes for which the peer defines them; skip others."""
+        """Expect our boundary loops, or skip a mesh for which the peer does not define loops."""
         if self.repeated:
             unfit = "not defined for meshes with repeated-index rows"
         elif self.counts.nonmanifold_vertices:
@@ -110,14 +114,17 @@ class Facts:
         return replace(self.same("boundary_loops", call), unfit=unfit)
 
     def without_seams(self, flag: Expected, holds: Callable[[Counts], bool]) -> Expected:
-        """Expect a peer to find a mesh with seams open, because it gets the mesh as stored."""
+        """Expect that a peer calls a mesh with seams open.
+
+        The peer gets the mesh as stored, with duplicated vertices.
+        """
         if flag.ours or flag.theirs or not holds(self.report.judged.counts):
             return flag
         rows = format_count(self.counts.seam_vertices, "row")
         return replace(flag, ours=True, why=f"it treats the {rows} duplicated at seams as a border")
 
     def euler(self, call: str, vertices: int, which: str, edges: str) -> Expected:
-        """Expect the Euler characteristic of a peer that counts other vertices and edges than we do.
+        """Expect the Euler characteristic of a peer whose counts of vertices and edges differ from ours.
 
         The peer counts `vertices` vertices, described by `which`. Its edges include the pairs of
         repeated-index rows.
@@ -158,7 +165,7 @@ def expect_pymeshlab(facts: Facts) -> list[Expected]:
     ours, endpoints = facts.counts.nonmanifold_vertices, facts.counts.nonmanifold_edge_endpoints
     faces = facts.analysis.mesh.faces
     vague = len(np.unique(faces[facts.analysis.mesh.repeated_index]))
-    # Its count at the corners of a repeated-index row is unpredictable; other vertices are reliable.
+    # Its count is unpredictable at the corners of a repeated-index row, and reliable at other vertices.
     quirk = f"; its result is arbitrary for the {vague} vertices of {facts.rows}" if vague else ""
     crowded = facts.same("nonmanifold_edges", "non_two_manifold_edges (first call)", "crowded_by_rows")
     again = "it may count an edge again for each such row at it" if facts.repeated else ""
@@ -271,8 +278,8 @@ def expect_networkx(facts: Facts) -> list[Expected]:
 def expect_nvidia(facts: Facts) -> list[Expected]:
     """Return the expected answers of the ManifoldChecker of NVIDIA's validator.
 
-    It joins the faces at a vertex across two-face edges only, which leaves several groups at every end of a
-    non-manifold edge. That is our strict count.
+    It joins the faces at a vertex across two-face edges only. Both ends of a non-manifold edge therefore have
+    several groups. Its count therefore equals our strict count.
     """
     counts = facts.counts
     unused = counts.unreferenced_vertices - facts.shift["used"]

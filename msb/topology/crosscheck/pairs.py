@@ -1,4 +1,7 @@
-"""Counts of vertex pairs as most peers define them: a row with a repeated index also has three pairs."""
+"""Counts of vertex pairs as most peers define them.
+
+A row with a repeated index has three pairs, like others.
+"""
 
 from typing import Any
 
@@ -12,7 +15,7 @@ from msb.topology.halfedge import next_in_face
 def count_pairs(faces: NDArray[Any]) -> dict[str, int]:
     """Return counts over the unordered vertex pairs of all rows of `faces` (F, 3), including loops {v, v}.
 
-    For rows without a repeated index these numbers follow our definitions. The keys are:
+    Without repeated-index rows these counts equal those of our definitions. The keys are:
 
     - `pairs`; `single`, `double` and `crowded`: pairs with one, two and more members; `most`: most members of
       a pair; `crowded_by_rows`: crowded pairs shared by several rows; `igl_edges`: see below.
@@ -42,7 +45,8 @@ def count_pairs(faces: NDArray[Any]) -> dict[str, int]:
     between_rows = np.unique(member[first[first // 3 != second // 3]])
     return {
         "pairs": len(pair),
-        # igl.edges halves the number of entries of the symmetric adjacency matrix; a loop is a single entry.
+        # igl.edges halves the number of entries of the symmetric adjacency matrix. A loop has a single entry
+        # in it.
         "igl_edges": int(np.count_nonzero(~loop)) + int(np.count_nonzero(loop)) // 2,
         "single": int(np.count_nonzero(count == 1)),
         "double": int(np.count_nonzero(count == 2)),
@@ -70,7 +74,7 @@ def _find_multifan(
     first: NDArray[Any],
     second: NDArray[Any],
 ) -> NDArray[np.uint64]:
-    """Return the vertices with several groups of rows, if the given half-edge pairs join rows."""
+    """Return the vertices whose face rows form several groups when the given half-edge pairs join rows."""
     halfedge = np.arange(len(start))
     row = (halfedge // 3).astype(np.uint64)
     place, node = np.unique(row * span + start, return_inverse=True)  # each row counts once at a vertex

@@ -1,9 +1,9 @@
 """Ask each peer library about a mesh. Only this module and `repairs.py` import the peers.
 
 Every function takes a mesh with at least one face and valid indices, and returns the peer's answers under the
-names that `expected.py` uses. It runs in a separate process (`ask_peers`), because peers print, hang or crash
-on meshes that an audit must survive. Tested with libigl 2.6.3, PyMeshLab 2025.7.post1, manifold3d 3.5.4,
-trimesh 5.2.0, NetworkX 3.6.1 and usd-validation-nvidia 1.22.0 with usd-core 26.8.
+names that `expected.py` uses. `ask_peers` runs the functions in separate processes, because peers print, hang
+or crash on some faulty meshes. Tested with libigl 2.6.3, PyMeshLab 2025.7.post1, manifold3d 3.5.4, trimesh
+5.2.0, NetworkX 3.6.1 and usd-validation-nvidia 1.22.0 with usd-core 26.8.
 """
 
 import math
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from msb.base.children import run_in_children
 from msb.base.limits import Limits
 
-# Number of peers that run at the same time: each uses one core and a multiple of the size of the mesh.
+# Number of peers that run at the same time. Each uses one core and several times the memory of the mesh.
 AT_ONCE = 2
 Answer = bool | int | float | None
 Answers = dict[str, Answer]
@@ -27,7 +27,7 @@ Answers = dict[str, Answer]
 
 @dataclass(frozen=True)
 class Peer:
-    """A library that is asked about a mesh: (V, 3) float64 vertices and (F, 3) int64 faces.
+    """A library, and the function that asks it about a mesh: (V, 3) float64 vertices and (F, 3) int64 faces.
 
     Meshes with more than `max_faces` faces would take too much time or memory.
     """
@@ -42,7 +42,7 @@ def ask_libigl(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Answe
     """Return libigl's counts."""
     import igl
 
-    # libigl calls unreferenced vertices below the largest used index non-manifold: remove them.
+    # Remove unreferenced vertices, because libigl calls those below the largest used index non-manifold.
     used, compact = np.unique(faces, return_inverse=True)
     multifan = used[~igl.is_vertex_manifold(compact.reshape(-1, 3))]
     _, edges, _, offsets, _ = igl.unique_edge_map(faces)
@@ -71,9 +71,9 @@ def ask_libigl(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Answe
 def ask_pymeshlab(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Answers:
     """Return PyMeshLab's topological measures.
 
-    They are correct in a fresh process only: from the fifth call on, `non_two_manifold_edges` is the sum of
-    multiplicities. A row (a, b, a) puts PyMeshLab into an endless loop, so such rows are rotated to (a, a,
-    b).
+    They are correct in a fresh process only. From the fifth call on, `non_two_manifold_edges` counts the
+    faces of these edges instead. A row (a, b, a) puts PyMeshLab into an endless loop, so such rows are
+    rotated to (a, a, b).
     """
     import pymeshlab
 
@@ -102,7 +102,7 @@ def ask_manifold3d(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> A
     """Return whether manifold3d accepts the faces as a solid.
 
     manifold3d also rejects coordinates that are not finite in float32. Only connectivity is tested here, so
-    all coordinates are zero. It crashes on some meshes whose half-edges cannot be paired.
+    all coordinates are zero. manifold3d crashes on some meshes whose half-edges cannot be paired.
     """
     import manifold3d
 
@@ -138,11 +138,11 @@ def ask_trimesh(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Answ
 
 
 def ask_networkx(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Answers:
-    """Return the counts of NetworkX on the graphs of our definitions, which are built here in plain Python.
+    """Return the counts of NetworkX. The graphs follow our definitions and are built here in plain Python.
 
-    These are the vertex graph (edges), the face graph with an arc between consecutive faces of an edge
-    (components), and the union of all vertex links: node (v, w) is the edge v-w seen from v, and each face is
-    an arc at each of its corners.
+    The vertex graph gives the edges. The face graph has an arc between consecutive faces of an edge and gives
+    the components. The third graph is the union of all vertex links. Its node (v, w) is the edge v-w seen
+    from v. Each face is an arc at each of its corners.
     """
     import networkx
 
@@ -225,7 +225,7 @@ PEERS: dict[str, Peer] = {
     "PyMeshLab": Peer("pymeshlab", "pymeshlab", ask_pymeshlab),
     "manifold3d": Peer("manifold3d", "manifold3d", ask_manifold3d),
     "trimesh": Peer("trimesh", "trimesh", ask_trimesh),
-    # Plain Python objects for each element: about 10 s and 0.9 GB at the limit.
+    # NetworkX has Python objects for each element: about 10 s and 0.9 GB at the limit.
     "NetworkX": Peer("networkx", "networkx", ask_networkx, max_faces=200_000),
     # 10 s and 0.9 GB per million faces.
     "NVIDIA": Peer("usd_validation_nvidia", "usd-validation-nvidia", ask_nvidia, max_faces=2_000_000),
@@ -237,7 +237,7 @@ def ask_peers(
 ) -> dict[str, Answers | str]:
     """Return each peer's answers about a mesh with at least one face, or the reason for a failure.
 
-    Each peer has `timeout` seconds in a separate process, so a crash or hang affects only that peer.
+    Each peer may run for `timeout` seconds in a separate process, so a crash or hang affects only that peer.
     """
     mesh = {"vertices": vertices.astype(np.float64), "faces": faces.astype(np.int64)}
     replies = run_in_children(ask, names, mesh, Limits(timeout, None), at_once=AT_ONCE)

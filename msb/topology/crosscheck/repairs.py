@@ -37,9 +37,9 @@ def cut_by_libigl(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Re
 
 
 def drop_by_pymeshlab(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Repaired:
-    """Return the faces left by PyMeshLab's repair of edges (Remove Faces), then of vertices.
+    """Return the faces left after PyMeshLab repaired the edges (Remove Faces) and then the vertices.
 
-    Vertices and faces carry their numbers as a scalar attribute, which the filters keep.
+    Vertices and faces carry their numbers as a scalar attribute. The filters keep this attribute.
     """
     import pymeshlab
 

@@ -1,6 +1,6 @@
 """The steps of a repair: functions of arrays that return a `Change`.
 
-Every step takes arrays that `mesh_arrays` has checked, with finite positions, and moves no vertex.
+Every step takes arrays that `mesh_arrays` has checked. Positions must be finite, and no step moves a vertex.
 docs/repair.md gives the guarantees of each step. `msb.repair` transfers the attributes of vertices and faces.
 """
 

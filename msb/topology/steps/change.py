@@ -11,7 +11,7 @@ from msb.topology.halfedge import NONE
 
 @dataclass(frozen=True)
 class Rims:
-    """The vertices around each added vertex, which gets the average of their values.
+    """The old vertices around each added vertex. An added vertex gets the average of their values.
 
     Added vertex i has the rim ``vertices[offsets[i] : offsets[i + 1]]`` of old vertices.
     """
@@ -93,8 +93,9 @@ def with_faces(faces: NDArray[Any], keep: NDArray[np.bool_], vertex_count: int) 
 
 
 def followed_by(first: Change, second: Change) -> Change:
-    """Return two successive changes as one. Their maps must not contain NONE: copies of vertices are allowed,
-    added vertices and faces are not.
+    """Return two successive changes as one.
+
+    Their maps must not contain NONE. Copies of vertices are allowed, but added vertices and faces are not.
     """
     return Change(
         second.faces,

@@ -29,10 +29,9 @@ def close(
     A rim of three edges gets one face. A rim of four edges gets two faces that share a diagonal: the shorter
     one, unless it is already an edge. A longer rim gets a vertex in its middle. Rims stay open if
 
-    - their cap exceeds the share `most_share` of the area of their component, because they are the outline of
-      a piece (the cap of a single triangle has the share 1, the cap of a hemisphere 1/2);
-    - they pass through a vertex twice, the winding flips along them, or they end at an edge with more than
-      two faces.
+    - the area of their cap exceeds the share `most_share` of the area of their component. Such a rim is the
+      outline of a piece. The cap of a single triangle has the share 1, the cap of a hemisphere 1/2;
+    - they pass through a vertex twice, change their winding, or end at an edge with more than two faces.
 
     Edges keep at most two faces, and vertices keep their number of fans. Takes O(F log F) time.
     """
@@ -67,13 +66,15 @@ def close(
     )
 
 
-# New faces (n, 3), and the adjacent old face of each.
+# New faces (n, 3), and the adjacent old face (n,) of each new face.
 Cap = tuple["NDArray[Any]", "NDArray[Any]"]
 
 
 @dataclass(frozen=True)
 class _RimEdges:
-    """Boundary half-edges in their rims. The first five arrays are by rim edge, the last two by loop.
+    """The boundary half-edges and the rims that they form.
+
+    The first five arrays have an entry per rim edge, the last two an entry per loop.
 
     Attributes
     ----------
@@ -103,13 +104,13 @@ def _find_rims(analysis: Analysis) -> _RimEdges:
     halfedge = mesh.edge_halfedges[mesh.edge_offsets[boundary.edges]]
     after = next_in_face(halfedge)
     leaves, enters = fans.corner_fan[halfedge], fans.corner_fan[after]
-    # begins_at: the rim edge that leaves each fan; the edge that enters the fan is followed by it.
+    # begins_at: the rim edge that leaves each fan. It follows the rim edge that enters the fan.
     begins_at = np.full(len(fans.fan_vertex), NONE, np.intp)
     begins_at[leaves] = np.arange(len(halfedge))
     follows = begins_at[enters]
     loop, start = boundary.chain, mesh.origin[halfedge]
     whole = boundary.closed.copy()
-    # At a flip of the winding, two half-edges leave one fan and no half-edge leaves another.
+    # If the winding flips along a rim, two half-edges leave one fan, and no half-edge leaves another fan.
     whole[loop[(np.bincount(leaves, minlength=len(begins_at))[leaves] > 1) | (follows == NONE)]] = False
     # A loop that passes through a vertex twice cannot be closed.
     order = np.lexsort((start, loop))
@@ -120,7 +121,7 @@ def _find_rims(analysis: Analysis) -> _RimEdges:
 
 
 def _measure_wedges(points: NDArray[Any], rim: _RimEdges) -> NDArray[np.float64]:
-    """Return the area (B,) of the triangle between each rim edge and the average of its rim."""
+    """Return the area (B,) of the triangle between each rim edge and the mean position of its rim."""
     places = points[rim.start].astype(np.float64)
     middle = np.stack([np.bincount(rim.loop, axis, len(rim.sizes)) for axis in places.T], axis=1)
     middle = middle / np.maximum(rim.sizes, 1)[:, None]
@@ -136,7 +137,7 @@ def _cap_triangles(rim: _RimEdges, first: NDArray[Any]) -> Cap:
 def _cap_quadrangles(
     analysis: Analysis, rim: _RimEdges, first: NDArray[Any]
 ) -> tuple[list[Cap], NDArray[Any]]:
-    """Return the caps of two faces each, and the loops whose two diagonals are both edges already."""
+    """Return caps of two faces each, and the loops in which both diagonals are already edges."""
     count = len(analysis.vertices)
     # corner, beside (n, 4): vertices of each loop in order, and the face at each rim edge.
     places = _walk_around(rim, first, 4)
@@ -173,7 +174,7 @@ def _cap_quadrangles(
 def _cap_with_middles(rim: _RimEdges, wanted: NDArray[np.bool_], vertex_count: int) -> tuple[Cap, Rims]:
     """Return the faces between each rim edge and a new vertex, and the rims of the new vertices.
 
-    `wanted` (n,) marks the loops; new vertices are numbered from `vertex_count` on.
+    `wanted` (n,) marks the loops to close. New vertices are numbered from `vertex_count` on.
     """
     inside = np.flatnonzero(wanted[rim.loop])
     inside = inside[np.argsort(rim.loop[inside], kind="stable")]
@@ -185,7 +186,7 @@ def _cap_with_middles(rim: _RimEdges, wanted: NDArray[np.bool_], vertex_count: i
 
 
 def _walk_around(rim: _RimEdges, first: NDArray[Any], count: int) -> list[NDArray[Any]]:
-    """Return the positions `first` (n,) and the next count - 1 positions around each rim."""
+    """Return `count` arrays (n,): the positions `first`, and the positions that follow around each rim."""
     places = [first]
     for _ in range(count - 1):
         places.append(rim.follows[places[-1]])

@@ -1,4 +1,4 @@
-"""Cut a mesh until it is manifold: vertices get copies, and faces keep their positions and attributes."""
+"""Cut a mesh until it is manifold. Vertices get copies, and faces keep their positions and attributes."""
 
 from typing import Any
 
@@ -11,11 +11,11 @@ from msb.topology.steps.change import Change, with_vertices
 
 
 def cut(faces: NDArray[Any], vertex_count: int) -> Change:
-    """Give every fan its own vertex; copies come last, and edges with more than two faces are separated.
+    """Cut edges with more than two faces, and give every fan a separate vertex. Copied vertices come last.
 
     The result is manifold: two-face edges are kept, and every fan gets a separate vertex. At an edge with
-    more than two faces, at most two faces stay together. They do so if they are the two ends of one fan at
-    both vertices of the edge. A manifold mesh does not change. Takes O(F log F) time.
+    more than two faces, at most two faces stay together. These two faces are the ends of one fan at both
+    vertices of the edge. A manifold mesh does not change. Takes O(F log F) time.
     """
     mesh = build_half_edges(faces, vertex_count)
     return split_vertices(mesh, *mesh.two_face_halfedges)

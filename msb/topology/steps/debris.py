@@ -22,7 +22,7 @@ def debris(
     least_share: float = 0.0,
     weights: NDArray[Any] | None = None,
 ) -> Change:
-    """Remove components with fewer than `least_faces` faces, or less than `least_share` of the weight.
+    """Remove components with fewer than `least_faces` faces, or less than `least_share` of the total weight.
 
     `weights` (F,) are non-negative, for example the pixels that each face covers; the default is the area.
     Faces with a repeated index belong to no component and are kept. A second run removes nothing, because the

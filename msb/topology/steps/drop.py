@@ -1,4 +1,4 @@
-"""Remove as few faces as a greedy choice allows, so that no edge has more than two faces."""
+"""Remove faces until no edge has more than two. The choice is greedy and removes few faces."""
 
 from typing import Any
 
@@ -10,19 +10,19 @@ from msb.topology.halfedge import NONE, build_half_edges
 from msb.topology.steps.change import Change, followed_by, with_faces
 from msb.topology.steps.cut import cut
 
-# Number of rounds with the strict choice of faces. Later rounds use a weaker rule, because a long chain of
-# faces that wait for each other would take one round per face.
+# Number of rounds with the strict choice of faces. Later rounds use a weaker rule. With the strict rule, a
+# long chain of faces that wait for each other would take one round per face.
 _ROUNDS = 64
 
 
 def drop(points: NDArray[Any], faces: NDArray[Any], *, weights: NDArray[Any] | None = None) -> Change:
-    """Remove faces at edges with more than two faces, then copy vertices where surfaces only touch.
+    """Remove faces at edges with more than two faces. Then copy the vertices where surfaces only touch.
 
-    Faces with many such edges are removed first, and among equal numbers those with the smallest weight (F,),
-    by default the area. Finding the smallest set of faces is NP-hard (it contains hypergraph matching), so
-    the choice is greedy. Afterwards, removed faces are restored as long as no edge gets a third face. Each
-    round removes many faces that share no such edge. There are few rounds; each takes O(F log F) time. Copies
-    of vertices come last.
+    Faces with many such edges are removed first. Among equal numbers, the face with the smallest weight (F,)
+    is removed. The default weight is the area. Finding the smallest set of faces is NP-hard (it contains
+    hypergraph matching), so the choice is greedy. Afterwards, removed faces are restored as long as no edge
+    gets a third face. Each round removes many faces that share no such edge. There are few rounds; each takes
+    O(F log F) time. Copies of vertices come last.
     """
     mesh = build_half_edges(faces, len(points))
     weight = face_areas(points, faces)[0] if weights is None else np.asarray(weights, np.float64)
@@ -38,7 +38,7 @@ def drop(points: NDArray[Any], faces: NDArray[Any], *, weights: NDArray[Any] | N
 def _remove(
     keep: NDArray[np.bool_], edges: NDArray[Any], multiplicity: NDArray[Any], weight: NDArray[np.float64]
 ) -> None:
-    """Clear `keep` for faces until no edge has more than two; no edge loses more faces than necessary."""
+    """Clear `keep` of faces until no edge has more than two. No edge loses more faces than necessary."""
     count = multiplicity.copy()
     round_number = 0
     while True:
@@ -61,7 +61,7 @@ def _remove(
 def _restore(
     keep: NDArray[np.bool_], edges: NDArray[Any], edge_count: int, weight: NDArray[np.float64]
 ) -> None:
-    """Set `keep` for removed faces that fit again, heavy faces first."""
+    """Set `keep` of removed faces that can be restored. Faces with a large weight come first."""
     proper = keep & (edges[:, 0] != NONE)
     count = np.bincount(edges[proper].reshape(-1), minlength=edge_count)
     round_number = 0
@@ -84,7 +84,7 @@ def _restore(
 def _list_faces_at(
     edges: NDArray[Any], faces: NDArray[Any], wanted: NDArray[np.bool_]
 ) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Return a face and an edge, both (n,), for each edge of `faces` that is marked in `wanted` (E,)."""
+    """Return each edge of `faces` marked in `wanted` (E,): the faces (n,) and their edges (n,)."""
     faces = faces[edges[faces, 0] != NONE]
     place = np.flatnonzero(wanted[edges[faces]])
     return faces[place // 3], edges[faces].reshape(-1)[place]
@@ -93,7 +93,7 @@ def _list_faces_at(
 def _take_first_in_line(
     face: NDArray[Any], edge: NDArray[Any], line: NDArray[Any], face_count: int, room: NDArray[Any]
 ) -> NDArray[Any]:
-    """Return the entries (face, edge) with a face among the first ``room[edge]`` faces of its edge.
+    """Return the pairs (face, edge) whose face is among the first ``room[edge]`` faces of the edge.
 
     `line` lists faces in order of preference.
     """
@@ -106,5 +106,8 @@ def _take_first_in_line(
 
 
 def _scramble(numbers: NDArray[Any]) -> NDArray[np.uint32]:
-    """Return reproducible pseudo-random numbers to break ties, so that neighbours do not queue in a row."""
+    """Return reproducible pseudo-random numbers that break ties.
+
+    Without them, neighbours wait for each other.
+    """
     return numbers.astype(np.uint32) * np.uint32(2654435761)

@@ -1,12 +1,12 @@
 """Cut one-sided surfaces, such as Moebius strips, along short loops of edges until they have two sides.
 
 Walking along edges carries a sense of rotation from vertex to vertex. A loop that returns with the opposite
-sense is one-sided, and a cut along it removes that loop. The whole rim of a hole counts as one vertex, so a
-cut from rim to rim is a loop too: a strip is cut across, not lengthwise.
+sense is one-sided, and a cut along it removes that loop. The whole rim of a hole counts as one vertex.
+Therefore a cut from rim to rim is a loop, too, and a strip is cut across, not lengthwise.
 
-Whichever faces are turned, every one-sided loop passes an edge whose two faces have clashing windings. The
-search for short loops therefore starts at the ends of these edges. It finds many loops at once, and only the
-loops whose two sides cannot be wound consistently are cut.
+Turning faces never makes a one-sided loop consistent: it always passes an edge whose two faces have opposite
+windings. The search for short loops therefore starts at the ends of these edges. The search finds many loops
+at once. A loop is cut only if its two sides cannot be wound consistently.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ from msb.topology.steps.change import Change, followed_by, unchanged
 from msb.topology.steps.cut import split_vertices
 from msb.topology.steps.sides import Sides, find_sides, find_sides_of_faces
 
-# Number of visited places after which the search drops every second start, to limit time and memory.
+# After this number of visited places the search drops every second start, to limit time and memory.
 _VISITS = 500_000
 
 
 def cut_one_sided(
     faces: NDArray[Any], vertex_count: int, *, only_manifold: bool = False
 ) -> tuple[Change, int, int]:
-    """Return the change, the number of cuts, and the number of cut edges; no component stays one-sided.
+    """Return the change, the number of cuts, and the number of cut edges. No component stays one-sided.
 
     Components are joined across two-face edges. Copies of the vertices along a cut come last; faces keep
     their positions. A mesh without one-sided components is not changed. With `only_manifold`, a mesh that has
@@ -60,13 +60,14 @@ def _find_loops_to_cut(
     differ = mesh.origin[first] == mesh.origin[second]
     face, beyond = face_of(first), face_of(second)
     clash = differ ^ sides.other[face] ^ sides.other[beyond]
-    # Nodes of the search: all corners around a vertex, or along a rim. All corners of a face have the same
-    # sense of rotation.
+    # A node of the search is the set of all corners around a vertex or along a rim. All corners of a face
+    # have the same sense of rotation.
     (low, high), across = find_end_corners(mesh, first), find_end_corners(mesh, second)
     rim = mesh.edge_halfedges[np.repeat(mesh.multiplicity != 2, mesh.multiplicity)]
     pairs = np.concatenate([low, high, rim]), np.concatenate([*across, next_in_face(rim)])
     nodes = find_sides(mesh.faces.size, *pairs, np.r_[differ, differ, np.zeros(len(rim), bool)])
-    # One step for each two-face edge of a one-sided component; a step is odd if it reverses the sense.
+    # Each two-face edge of a one-sided component is a step. A step is odd if it reverses the sense of
+    # rotation.
     inside = np.flatnonzero(sides.one_sided[face])
     low, high = low[inside], high[inside]
     odd = nodes.other[low] != nodes.other[high]
@@ -116,10 +117,11 @@ class _Steps:
 
 @dataclass(frozen=True)
 class _Level:
-    """The places (n,), sorted, that a breadth-first search reaches after the same number of steps.
+    """The sorted places (n,) that a breadth-first search reaches after the same number of steps.
 
-    A place encodes a start, a node, and the parity of odd steps from the start in one number. `before` is the
-    row of the previous level, `step` the step taken from there.
+    A place is one number for three values: a start, a node, and the parity of the odd steps between them.
+    `before` is the row of the previous level from which the search came. `step` is the step from there to
+    this place.
     """
 
     place: NDArray[np.int64]
@@ -131,11 +133,11 @@ class _Level:
 
 
 def _find_shortest_odd_loops(steps: _Steps) -> list[NDArray[Any]]:
-    """Return short loops with an odd number of odd steps, as rows of `steps`; no two loops share a vertex.
+    """Return short loops with an odd number of odd steps, as rows of `steps`. No two loops share a vertex.
 
     Every odd loop takes a step that is marked as a start. A single breadth-first search runs from all starts.
-    Two paths from one start to the same node form an odd loop if their parities differ. A component is done
-    after the search level with its first, shortest loops.
+    Two paths from one start to the same node form an odd loop if their parities differ. The search of a
+    component ends at the level with its first loops, because these are the shortest.
     """
     # Adjacency: the steps that leave each node, as ranges first[node] : first[node + 1].
     nodes, ends = np.unique(np.concatenate([steps.near, steps.far]), return_inverse=True)
@@ -144,7 +146,7 @@ def _find_shortest_odd_loops(steps: _Steps) -> list[NDArray[Any]]:
     first = np.searchsorted(ends, np.arange(len(nodes) + 1), sorter=leaving)
     to, step = ends[(leaving + count) % (2 * count)], (leaving % count).astype(np.int32)
 
-    # Level 0: every start with even parity.
+    # Level 0 holds every start, with even parity.
     starts, rows = np.unique(ends[:count][steps.start], return_index=True)
     component = steps.component[steps.start][rows]
     none = np.zeros(0, np.int32)

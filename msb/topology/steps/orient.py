@@ -15,11 +15,11 @@ from msb.topology.steps.sides import find_sides_of_faces
 def orient(faces: NDArray[Any], vertex_count: int, *, only_turn: bool = False) -> Change:
     """Turn faces so that the two faces of every two-face edge run along it in opposite directions.
 
-    Components are joined across two-face edges. In each of them the minority of faces is turned; in a tie the
-    first face stays. A one-sided component (a Moebius strip) is first cut, which copies vertices; a note
-    gives the number of cuts and cut edges. With `only_turn`, a mesh that has an edge with more than two faces
-    is not cut, because cutting would separate all such edges. Takes O(F log F) time without one-sided
-    components.
+    Components are joined across two-face edges. In each component the minority of faces is turned. If both
+    halves are equal, the first face stays. A one-sided component (a Moebius strip) is cut first. The cut
+    copies vertices; a note gives the number of cuts and cut edges. With `only_turn`, a mesh that has an edge
+    with more than two faces is not cut, because cutting would separate all such edges. Takes O(F log F) time
+    without one-sided components.
     """
     change, cuts, edges = cut_one_sided(faces, vertex_count, only_manifold=only_turn)
     turned = turn_faces(change.faces, len(change.vertex_map))
@@ -37,7 +37,7 @@ def turn_faces(faces: NDArray[Any], vertex_count: int) -> Change:
     Edges that are already consistent are preferred. A second run therefore turns no face.
     """
     sides = find_sides_of_faces(build_half_edges(faces, vertex_count))
-    # All faces of a component end on the side that held the majority.
+    # All faces of a component end on the side of the majority.
     count = int(sides.label.max(initial=-1)) + 1
     others = np.bincount(sides.label[sides.other], minlength=count)
     turned = sides.other ^ (2 * others > np.bincount(sides.label, minlength=count))[sides.label]

@@ -14,7 +14,7 @@ from msb.topology.steps.sides import find_sides, find_sides_of_faces, find_spann
 
 # Cost of the colour difference between black and white; a fold by 180 degrees costs 1.
 COLOR_WEIGHT = 0.25
-# Maximum number of faces of an edge that are compared pairwise; with more, faces half a turn apart are
+# Up to this number, the faces of an edge are compared pairwise. Of more faces, those half a turn apart are
 # paired.
 MOST_COMPARED = 16
 # Number of edges per batch.
@@ -34,14 +34,14 @@ def pair(
     Colours are in [0, 1], by vertex (V, c) or by face (F, c). With vertex colours, the vertices opposite
     to an edge are compared. Copies of vertices come last.
 
-    1. Two faces at an edge cost (1 + cos a) / 2 for the angle a between them (0 if flat, 1 if folded),
-       plus `color_weight` times the distance of their colours; black and white have the distance 1. At each
-       edge with more than two faces the cheapest pair is joined, then the cheapest pair of the remaining
-       faces, and so on.
+    1. The cost of joining two faces at an edge is (1 + cos a) / 2 for the angle a between them: 0 if flat, 1
+       if folded. `color_weight` times the distance of their colours is added; black and white have the
+       distance 1. At each edge with more than two faces the cheapest pair is joined, then the cheapest pair
+       of the remaining faces, and so on.
     2. A consistent winding must remain possible. Therefore a minimum spanning forest of the pairs between
-       parts of the surface is kept, and all further pairs that agree with its winding.
-    3. Two pairs of one edge are separated if fans connect them at both ends of the edge, because four faces
-       would still share it. Separating only shrinks fans, so one pass suffices.
+       parts of the surface is kept. Further pairs are kept if they agree with its winding.
+    3. Two pairs of one edge are separated if fans connect them at both ends of the edge. Otherwise four faces
+       would still share the edge. A separation makes fans smaller and never joins them, so one pass suffices.
 
     Takes O(F log F) time. A manifold mesh does not change.
     """
@@ -128,7 +128,7 @@ def _measure_color_distances(colors: NDArray[Any]) -> NDArray[np.float64]:
 
 
 def _choose_cheapest(table: NDArray[np.float64]) -> tuple[NDArray[Any], NDArray[np.float64]]:
-    """Return greedily chosen pairs (n, k // 2, 2) and their costs; ties go to the first pair.
+    """Return greedily chosen pairs (n, k // 2, 2) and their costs. Of equal costs the first pair wins.
 
     `table` (n, k, k) holds the costs of all pairs of the k faces at each of n edges.
     """
@@ -161,8 +161,11 @@ def _pair_opposite(sides: NDArray[np.float64], along: NDArray[np.float64]) -> ND
 
 
 def _keep_windable(mesh: HalfEdgeMesh, joined: NDArray[Any], cost: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return which pairs (n,) to keep so that a consistent winding stays possible; cheap pairs come first."""
-    # Parts: components across two-face edges. A pair must agree with the winding inside its parts.
+    """Return a mask (n,) of the pairs to keep, so that a consistent winding stays possible.
+
+    Cheap pairs come first.
+    """
+    # Parts are components across two-face edges. A pair must agree with the winding inside its parts.
     sides = find_sides_of_faces(mesh)
     _, part = np.unique(sides.label, return_inverse=True)
     count = int(part.max(initial=-1)) + 1
@@ -178,12 +181,12 @@ def _keep_windable(mesh: HalfEdgeMesh, joined: NDArray[Any], cost: NDArray[np.fl
 
 
 def _keep_manifold(mesh: HalfEdgeMesh, joined: NDArray[Any]) -> NDArray[np.bool_]:
-    """Return which pairs (n,) to keep so that splitting vertices leaves at most two faces at each edge."""
+    """Return a mask (n,) of the pairs that leave at most two faces at each edge once vertices are split."""
     first, second = mesh.two_face_halfedges
     first, second = np.concatenate([first, joined[:, 0]]), np.concatenate([second, joined[:, 1]])
     _, group = group_corners(mesh, first, second)
-    # Sort the half-edges of crowded edges by edge and by the groups at both ends; runs of more than two would
-    # stay crowded.
+    # Sort the half-edges of crowded edges by edge and by the groups at both ends. A run of more than two
+    # equal entries would stay crowded.
     crowded = mesh.edge_halfedges[np.repeat(mesh.multiplicity > 2, mesh.multiplicity)]
     ends = np.stack([mesh.edge[crowded], *(group[corner] for corner in find_end_corners(mesh, crowded))])
     order = np.lexsort(ends)

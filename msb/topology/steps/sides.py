@@ -12,14 +12,14 @@ from msb.topology.halfedge import HalfEdgeMesh, face_of
 
 @dataclass(frozen=True)
 class Sides:
-    """An assignment of graph nodes to two sides; each pair of nodes requires equal or opposite sides.
+    """An assignment of graph nodes to two sides. Given pairs of nodes require equal or opposite sides.
 
     Attributes
     ----------
     label : (n,) integers
         The connected component of each node.
     other : (n,) bool
-        Whether the node is on the other side than the first node of its component.
+        Whether the node and the first node of its component are on different sides.
     one_sided : (n,) bool
         Whether no assignment satisfies all pairs of its component.
     """
@@ -37,13 +37,13 @@ def find_sides_of_faces(mesh: HalfEdgeMesh) -> Sides:
 
 
 def find_sides(count: int, first: NDArray[Any], second: NDArray[Any], differ: NDArray[np.bool_]) -> Sides:
-    """Return the sides of `count` nodes, given pairs of nodes (n,) on equal sides, or on opposite ones
-    (`differ`).
+    """Return the sides of `count` nodes.
 
-    The double cover has two copies of each node, one per side, and every pair connects matching copies. A
-    component is two-sided if its cover has two parts. In a one-sided component not all pairs can be
-    satisfied: all equal pairs are, and of the opposite pairs those of a spanning tree. Takes O(n log n) time,
-    or O(n) without one-sided components.
+    Given are pairs of nodes (n,) on equal sides, or on opposite sides (`differ`). The double cover of the
+    graph has two copies of each node, one per side. Every pair connects the copies on the sides that the pair
+    requires. A component is two-sided if its cover has two parts. In a one-sided component some pairs cannot
+    be satisfied. All pairs that require equal sides are satisfied. Of the pairs that require opposite sides,
+    those of a spanning tree are satisfied. Takes O(n log n) time, or O(n) without one-sided components.
     """
     # Nodes that must be on equal sides become one node.
     nodes, part = label_components(count, first[~differ], second[~differ])
@@ -91,6 +91,9 @@ def find_spanning_tree(
 
 
 def _label_double_cover(count: int, ends: NDArray[Any], other_ends: NDArray[Any]) -> NDArray[np.int32]:
-    """Return the labels (2 count,) of all nodes on side 1, then on side 2; pairs connect opposite sides."""
+    """Return the labels (2 count,) of all nodes on side 1, and then on side 2.
+
+    Pairs connect opposite sides.
+    """
     first, second = np.concatenate([ends, ends + count]), np.concatenate([other_ends + count, other_ends])
     return label_components(2 * count, first, second)[1]

@@ -23,7 +23,8 @@ def _work(mesh: TrialMesh, _: Arrays) -> Output:
     solid, numbers = build_solid(mesh)
     if solid is None:
         return Output(numbers)
-    # The box covers half of the longest side, and the whole mesh with a margin along the other sides.
+    # Along the longest side, the box covers half of the mesh. Along the other sides it covers the whole mesh
+    # and a margin.
     used = mesh.vertices[mesh.faces].reshape(-1, 3).astype(np.float64)
     low, high = used.min(axis=0), used.max(axis=0)
     margin = 0.1 * float((high - low).max())
@@ -45,7 +46,9 @@ def _work(mesh: TrialMesh, _: Arrays) -> Output:
 
 
 def _nearest_colors(mesh: TrialMesh, points: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return the colours (n, 3) of the nearest vertices of `mesh`, because the library drops colours."""
+    """Return for each point the colour (n, 3) of the nearest vertex of `mesh`, because the library drops
+    colours.
+    """
     from scipy.spatial import cKDTree
 
     used = np.unique(mesh.faces)

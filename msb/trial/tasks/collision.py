@@ -1,6 +1,7 @@
-"""Collision shape by CoACD: its convex parts, its distance from the visible surface, and its protrusion.
+"""Collision shape by CoACD.
 
-If CoACD fails, the task tries a convex hull (for moving objects) and a decimated mesh (for static objects).
+It is judged by its convex parts, its distance from the visible surface, and its protrusion. If CoACD fails,
+the task tries a convex hull (for moving objects) and a decimated mesh (for static objects).
 """
 
 from typing import Any
@@ -16,11 +17,11 @@ from msb.trial.renderings import Renderings, random_colors
 from msb.trial.task import Attempt, Judgement, Numbers, Output, Outputs, Task, combine, format_count, grade
 from msb.trial.tasks.decimate import decimate_with_pymeshlab, draw_side_by_side
 
-# Largest distances from the visible surface to the shape for "works" and for "works with limitations". The
-# distance is the 95 % quantile over the surface, as a fraction of the bounding-box diagonal.
+# Limits of the distance from the visible surface to the shape for "works" and for "works with limitations".
+# The distance is the 95 % quantile over the surface, as a fraction of the bounding-box diagonal.
 NEAR, FAR = 0.02, 0.05
-# Largest protruding fractions of the shape for "works" and for "works with limitations". A part of the shape
-# protrudes if cameras see empty space at its place.
+# Limits of the protruding fraction of the shape for "works" and for "works with limitations". A part of the
+# shape protrudes if cameras see empty space at its place.
 LITTLE, MUCH = 0.1, 0.3
 # A point protrudes if it is farther than this in front of the surface, as a fraction of the diagonal.
 TOLERANCE = 0.01
@@ -64,7 +65,7 @@ def _make_hull(mesh: TrialMesh, given: Arrays) -> Output:
     """Make the convex hull of the mesh with manifold3d."""
     import manifold3d
 
-    # Limit the corners of the hull: use the farthest vertices in a fixed set of directions.
+    # Limit the number of corners of the hull. Use only the farthest vertices in a fixed set of directions.
     used = mesh.vertices[np.unique(mesh.faces)].astype(np.float64)
     farthest = np.unique([int((used @ direction).argmax()) for direction in hull_directions(HULL_CORNERS)])
     solid = manifold3d.Manifold.hull_points(used[farthest]).to_mesh()
@@ -125,8 +126,8 @@ def sample_inside(
 ) -> NDArray[np.float64]:
     """Return `count` reproducible points (count, 3), distributed uniformly over the volume of convex parts.
 
-    Each part is split into tetrahedra between its centre and its faces. Four exponential variables divided by
-    their sum are uniformly distributed barycentric coordinates.
+    Each part is split into tetrahedra. A tetrahedron connects a face of the part with its centre. Four
+    exponential variables divided by their sum are uniformly distributed barycentric coordinates.
     """
     rng = np.random.default_rng(0)
     sampled = []
@@ -135,7 +136,8 @@ def sample_inside(
             continue
         points, faces = np.asarray(points, np.float64), np.asarray(faces, np.int64)
         corners = points[faces]
-        # Volumes (F,) of the tetrahedra, up to a factor. Choose a tetrahedron for each point by volume.
+        # Volumes (F,) of the tetrahedra, up to a constant factor. Choose a tetrahedron for each point by
+        # volume.
         centre = points.mean(axis=0)
         sizes = np.abs(
             np.einsum("fi,fi->f", corners[:, 0] - centre, np.cross(*(corners[:, k] - centre for k in (1, 2))))
@@ -148,13 +150,14 @@ def sample_inside(
 
 
 def _normalize(sizes: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return sizes (n,) divided by their sum; equal shares if all are zero."""
+    """Return sizes (n,) divided by their sum, or equal shares if all sizes are zero."""
     total = float(sizes.sum())
     return sizes / total if total > 0 else np.full(len(sizes), 1 / len(sizes))
 
 
 def _judge(mesh: TrialMesh, outputs: Outputs, renderings: Renderings) -> Judgement:
-    # Judge all shapes; the best one counts. Without CoACD's shape, the task works with limitations at best.
+    # Judge all shapes; the best one counts. Without a shape from CoACD, the best possible outcome is "works
+    # with limitations".
     shapes = {library: _judge_shape(mesh, output, renderings) for library, output in outputs.items()}
     best = min(shapes, key=lambda library: shapes[library].rank)
     judgement = shapes[best]
@@ -195,7 +198,7 @@ def _format_brackets(numbers: Numbers) -> str:
 
 
 def _list_measures(numbers: Numbers) -> list[str]:
-    """Return the distance and the protrusion in words, as far as they are known."""
+    """Return the known ones of distance and protrusion in words."""
     relative, empty = numbers["distance_95_of_diagonal"], numbers["empty_share"]
     parts = []
     if relative is not None:
@@ -207,7 +210,10 @@ def _list_measures(numbers: Numbers) -> list[str]:
 
 
 def _summarize(numbers: Numbers) -> str:
-    """Return the numbers of CoACD's shape. Fallbacks are described by the reason for the outcome."""
+    """Return the numbers of CoACD's shape.
+
+    For a fallback the text is empty, because the reason for the outcome describes it.
+    """
     if "instead" in numbers:
         return ""
     return ", ".join((format_count(numbers["parts"], "part"), *_list_measures(numbers)))

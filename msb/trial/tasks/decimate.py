@@ -1,4 +1,4 @@
-"""Decimation to 50, 25 and 10 % of the faces by two libraries; the better result counts."""
+"""Decimation to 50, 25 and 10 % of the faces by two libraries. The better result counts."""
 
 from functools import partial
 from typing import Any
@@ -39,8 +39,9 @@ def _decimate_with_fast_simplification(mesh: TrialMesh, _: Arrays, *, percent: i
     *_mesh, collapses = fast_simplification.simplify(
         mesh.vertices, faces, target_count=_count_target_faces(mesh, percent), return_collapses=True
     )
-    # The library drops colours. Replay the collapses to find the new vertex of each old one (-1 if its faces
-    # are gone), and average the colours of the used vertices that were merged into each new vertex.
+    # The library drops colours. Replay the collapses to find the new vertex of each old vertex (-1 if its
+    # faces are gone). The colour of a new vertex is the average over the used old vertices that were merged
+    # into it.
     vertices, kept, merged = fast_simplification.replay_simplification(mesh.vertices, faces, collapses)
     used = np.unique(mesh.faces)
     used = used[np.asarray(merged)[used] >= 0]
@@ -75,7 +76,7 @@ def _judge(mesh: TrialMesh, outputs: Outputs, renderings: Renderings, *, percent
     best: tuple[int, bool, float] | None = None
     outcome: Outcome = "fails"
     why: str | None = None
-    # Grade each library. The best outcome counts, then reaching the target, then the PSNR.
+    # Grade each library. Rank libraries by outcome, then by reaching the target, then by PSNR.
     for library, output in outputs.items():
         simplified = output.meshes["mesh"]
         reached = 0 < len(simplified.faces) <= SLACK * target
@@ -108,7 +109,7 @@ def _grade(entry: Numbers, target: int) -> tuple[Outcome, str | None]:
 
 
 def _make_key(library: str) -> str:
-    """Return the key of a library in the numbers."""
+    """Return the key under which the numbers of a library are stored."""
     return library.replace("-", "_")
 
 

@@ -1,4 +1,4 @@
-"""Count self-intersections (`msb.topology.crossings`) and slivers, which a structural audit ignores."""
+"""Count self-intersections (`msb.topology.crossings`) and slivers. A structural audit ignores both."""
 
 from typing import Any
 
@@ -18,8 +18,8 @@ FEW = 0.01
 FEW_SLIVERS, MANY_SLIVERS = 0.01, 0.1
 # Colours of faces in the image: red, yellow and grey.
 _CROSSING, _SLIVER, _PLAIN = (0.85, 0.1, 0.1), (0.9, 0.7, 0.1), (0.75, 0.75, 0.75)
-# A face is a sliver if its height is below this fraction of its longest side. Then its smallest angle is
-# below 1.2 degrees.
+# A face is a sliver if its height is below this fraction of its longest side. The smallest angle of such a
+# face is below 1.2 degrees.
 SLIVER = 0.01
 
 
@@ -68,7 +68,7 @@ def _draw_picture(mesh: TrialMesh, outputs: Outputs, renderings: Renderings) -> 
 
 def find_slivers(corners: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Return a mask (F,) of slivers among the faces with corners (F, 3, 3), including faces without area."""
-    # Compare the height, which is twice the area over the longest side, with the longest side.
+    # The height is twice the area divided by the longest side. Compare it with the longest side.
     sides = np.roll(corners, -1, axis=1) - corners
     longest = np.sqrt((sides**2).sum(axis=2).max(axis=1))
     twice = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)

@@ -1,4 +1,7 @@
-"""Solid with a volume, as slicers and physics engines need it, checked by manifold3d and trimesh."""
+"""Check with manifold3d and trimesh for a solid with a volume.
+
+Slicers and physics engines need such a solid.
+"""
 
 from typing import Any
 
@@ -115,12 +118,12 @@ def cut_section(mesh: TrialMesh) -> NDArray[np.float64]:
         return np.zeros((0, 2, 2))
     low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
     axis = int(np.argmax(high - low))
-    # Signed distance (F, 3) of the corners from the plane; a face is cut if it has corners on both sides.
+    # Signed distance (F, 3) of the corners from the plane. A face is cut if it has corners on both sides.
     heights = corners[:, :, axis] - (low + high)[axis] / 2
     above = heights > 0
     cut = above.any(axis=1) & ~above.all(axis=1)
     corners, heights, above = corners[cut], heights[cut], above[cut]
-    # odd (n,): the corner that is alone on its side of the plane. Both of its edges are cut.
+    # odd (n,): the corner that is alone on its side of the plane. Both edges at this corner are cut.
     odd = np.argmax(above == (above.sum(axis=1) == 1)[:, None], axis=1)
     rows = np.arange(len(odd))
     ends = []

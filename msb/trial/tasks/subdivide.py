@@ -1,8 +1,8 @@
-"""Loop subdivision by libigl: check whether it is defined, and measure the cracks that open.
+"""Loop subdivision by libigl. Check whether it is defined on the mesh, and measure the cracks that open.
 
 Loop's rule is defined for edges of one and of two faces. Modelling programs turn faces to a consistent
-winding, cut the mesh at all other edges, and go on. This module does the same. The copies of a cut edge are
-smoothed independently, and the area between them is a crack.
+winding, cut the mesh at all other edges, and subdivide the result. This module does the same. The copies of a
+cut edge are smoothed independently, and the area between them is a crack.
 """
 
 from typing import Any
@@ -31,20 +31,20 @@ SMALL_GAPS = 0.001
 
 
 def _work(mesh: TrialMesh, _: Arrays) -> Output:
-    """Subdivide the mesh once, and measure cracks and lone faces."""
+    """Subdivide the mesh once, and measure cracks and faces without a neighbour."""
     import igl
 
     proper = mesh.faces[~names_vertex_twice(mesh.faces)]
     if not len(proper):
         raise ValueError("the mesh has no valid face")
-    # Remove unused vertices, and count the edges that the rule is not defined for.
+    # Remove unused vertices, and count the edges for which the rule is not defined.
     used, stored = np.unique(proper, return_inverse=True)
     stored = stored.reshape(-1, 3)
     vertices = mesh.vertices[used].astype(np.float64)
     given = build_half_edges(stored, len(used))
     crowded = int(np.count_nonzero(given.multiplicity > 2))
     clashes = len(given.two_face_halfedges[0]) - len(find_agreeing_halfedges(given)[0])
-    # Turn faces, cut the mesh (origin (W,) is the old vertex of each new one), and subdivide it.
+    # Turn faces, cut the mesh, and subdivide it. origin (W,) is the old vertex of each new vertex.
     turned = turn_faces(stored, len(used)).faces
     cut, origin = cut_apart(turned, len(used))
     matrix, faces = igl.loop_matrix(cut, len(origin))
@@ -81,7 +81,8 @@ def _measure_lone_share(mesh: HalfEdgeMesh) -> float:
 
 
 def cut_apart(faces: NDArray[Any], vertex_count: int) -> tuple[NDArray[np.int64], NDArray[Any]]:
-    """Cut the faces (F, 3) at all edges except those of two faces with consistent winding; return them.
+    """Cut the faces (F, 3) at all edges, except at edges of two faces with consistent winding, and return
+    them.
 
     Every vertex of the result has a single fan of faces. The second array (W,) has the old vertex of each new
     vertex.
@@ -103,8 +104,8 @@ def measure_gap_area(
     coincide, each is compared with the first one. The crack between two edges consists of four triangles
     between the halves of the edges.
 
-    `vertices` (V, 3) and `cut` (F, 3) are the cut mesh before the subdivision. `points` (W, 3), which begin
-    with the same vertices, and `fine` (4F, 3) are the mesh after it.
+    `vertices` (V, 3) and `cut` (F, 3) are the cut mesh before the subdivision. `points` (W, 3) and `fine`
+    (4F, 3) are the mesh after the subdivision. `points` begin with the same vertices.
     """
     _, place = merge_coincident(vertices, "exact")
     # The edges (E,) of the cut mesh. `place` (V,) numbers the locations; edges start at the lower number.
@@ -113,7 +114,7 @@ def measure_gap_area(
     start, stop = np.where(turned, stop, start), np.where(turned, start, stop)
     here, there = place[start], place[stop]
     middle = _find_middles(start, stop, fine)
-    # Group coincident edges. lead (E,) is the first edge of each edge's group.
+    # Group coincident edges. lead (E,) is the first edge in the group of each edge.
     _, group, count = np.unique(
         np.stack([here, there], axis=1), axis=0, return_inverse=True, return_counts=True
     )
@@ -138,7 +139,7 @@ def _find_middles(
 ) -> NDArray[np.int64]:
     """Return the new vertex (E,) in the middle of each edge from `start` (E,) to `stop` (E,).
 
-    A face abc becomes four faces. Three of them have one old corner, and the middles of the two edges there.
+    A face abc becomes four faces. Three of them have one old corner and the middles of its two edges.
     """
     old = int(max(start.max(), stop.max())) + 1
     # corner (n,): the old corner of each such face, with its position in the face.
@@ -148,7 +149,7 @@ def _find_middles(
     corner = corners[rows, turn]
     pairs = [(corner, corners[rows, (turn + k) % 3]) for k in (1, 2)]
     vertex, middle = (np.concatenate(column) for column in zip(*pairs, strict=True))
-    # Every middle is paired with the two ends of its edge, once or twice with each.
+    # Every middle is paired with both ends of its edge. A pair occurs once for each face at the edge.
     ends = np.unique(np.stack([middle, vertex], axis=1), axis=0)
     low, high = ends[0::2, 1], ends[1::2, 1]
     # Find the edges by a key of their ends.

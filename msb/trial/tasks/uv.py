@@ -15,8 +15,8 @@ from msb.trial.task import Attempt, Judgement, Numbers, Output, Outputs, Task, c
 # can be painted and filtered. With fewer than 2.5 faces per chart, nearly every edge is a seam, and padding
 # fills the texture.
 FEW_CHARTS, MANY_CHARTS = 100.0, 400.0
-# Largest L2 stretch for "works" and for "works with limitations": the average size of texels on the surface,
-# relative to a map without distortion.
+# Largest L2 stretch for "works" and for "works with limitations". The stretch is the average size of texels
+# on the surface, relative to a map without distortion.
 LITTLE_STRETCH, MUCH_STRETCH = 1.5, 3.0
 
 
@@ -35,7 +35,7 @@ def _work(mesh: TrialMesh, _: Arrays) -> Output:
         used_by.append(used)
         atlas.add_mesh(mesh.vertices[used].astype(np.float32), local.reshape(-1, 3).astype(np.uint32))
     atlas.generate()
-    # Join the parts, with vertices numbered one part after the other.
+    # Join the parts, and number their vertices consecutively.
     rows, uvs, charts, atlases, count = [], [], [], [], 0
     faces = np.zeros(mesh.faces.shape, np.int64)
     for number, (block, used) in enumerate(zip(blocks, used_by, strict=True)):
@@ -46,11 +46,11 @@ def _work(mesh: TrialMesh, _: Arrays) -> Output:
         rows.append(used[original.astype(np.int64)])
         uvs.append(uv.astype(np.float32))
         charts.append(chart.astype(np.int64))
-        # Vertices that xatlas could not place have no atlas (-1 or the largest uint32), and their UVs are 0.
+        # A vertex that xatlas could not place has the atlas number -1 or the largest uint32, and UVs of 0.
         atlases.append(placed >= 0 if placed.dtype.kind == "i" else placed != _NONE)
     original, uv, chart = (np.concatenate(parts) for parts in (rows, uvs, charts))
     left_out = ~np.concatenate(atlases)[faces].all(axis=1)
-    # xatlas normalises UVs by width and height; undo that for measuring the stretch.
+    # xatlas divides UVs by the width and height of the atlas. Undo this to measure the stretch.
     points = mesh.vertices[original]
     numbers = {
         "charts": int(atlas.chart_count),
@@ -70,9 +70,10 @@ _NONE = np.uint32(0xFFFFFFFF)
 def measure_stretch(vertices: NDArray[Any], faces: NDArray[np.int64], uv: NDArray[Any]) -> float | None:
     """Return the L2 stretch of the UV map `uv` (V, 2), or None if it has no area. Without distortion it is 1.
 
-    This is defined by Sander et al., "Texture Mapping Progressive Meshes", 2001, section 3: the root mean
-    square, over the surface, of the singular values of the map from the texture to the surface. It is
-    normalised by scaling the map to the area of the surface. Faces without area on either side are ignored.
+    Sander et al., "Texture Mapping Progressive Meshes", 2001, section 3, define the L2 stretch. It is the
+    root mean square of the singular values of the map from the texture to the surface, averaged over the
+    surface. The map is first scaled to the area of the surface. Faces without area on the surface or in the
+    texture are ignored.
     """
     # Two edges (F, 3) of each face on the surface, and the same edges (F, 2) in the texture.
     corners, mapped = (values[faces].astype(np.float64) for values in (vertices, uv))

@@ -1,9 +1,9 @@
 """Simulate a processor that the PoCL wheel does not know, in every Python process with this folder in
 PYTHONPATH.
 
-On such a machine LLVM calls the processor "generic", and the wheel passes that name to a compiler that
-rejects it. Here the name is overwritten in the memory of the wheel as soon as its devices are listed. PoCL
-would still find kernels in its cache, so the cache must be empty.
+On such a machine LLVM calls the processor "generic". The wheel passes this name to its compiler, and the
+compiler rejects it. Here the name is overwritten in the memory of the wheel as soon as its devices are
+listed. The cache must be empty, because PoCL would otherwise find kernels in it.
 """
 
 import ctypes

@@ -1,4 +1,4 @@
-"""Invalid scenes: name -> stub scene, modification, error code, and the file that the error names."""
+"""Invalid scenes by name: stub scene, modification, error code, and the file that the error names."""
 
 import shutil
 from collections.abc import Callable

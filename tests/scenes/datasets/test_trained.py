@@ -12,7 +12,7 @@ from msb.scenes.datasets import compare_training, note_recorded_size, note_scale
 from .conftest import STUBS
 
 CAPTURE = STUBS / "mipnerf360/pebble"
-"""Photographs of 64 x 48 in images_4 (evaluated), 128 x 96 in images_2, 256 x 192 in images."""
+"""Photographs have 64 x 48 pixels in images_4 (evaluated), 128 x 96 in images_2, and 256 x 192 in images."""
 ALIKE: list[dict[str, Any]] = [
     {},
     {"eval": True, "images": "images_4", "resolution": -1},

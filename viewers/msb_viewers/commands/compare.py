@@ -66,8 +66,9 @@ class CompareOptions:
     "msb compare --layout wipe --screenshot out/w.png data_stubs/checkpoint",
     "msb compare --tiers dedicated,standard --html out/c.html \\\n"
     "      --cameras data_stubs/views.json --scale 0.25 data_stubs/checkpoint",
-    "msb compare --scene data_stubs/scenes/nerf_synthetic/pebble --tiers dedicated,truth \\\n"
-    "      --html out/s.html data_stubs/models/pebble/two_dts",
+    "msb compare --scene data_stubs/scenes/nerf_synthetic/pebble \\\n"
+    "      --tiers dedicated,truth --html out/s.html \\\n"
+    "      data_stubs/models/pebble/two_dts",
 )
 def compare(
     path: Source,
