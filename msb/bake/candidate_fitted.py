@@ -1,5 +1,6 @@
 """The candidate `fitted`: a triangle soup, pruned, moved and coloured until the opaque image matches."""
 
+import math
 import time
 from functools import partial
 
@@ -14,7 +15,7 @@ from msb.bake.color_fit import count_pixels
 from msb.bake.context import BestState, SearchContext
 from msb.bake.descent import StepSchedule, move_faces
 from msb.bake.face_selection import hide_cheapest_faces, toggle_faces
-from msb.bake.opaque_model import prune_faces, to_opaque_mesh
+from msb.bake.opaque_model import hide_stray_faces, prune_faces, to_opaque_mesh
 from msb.bake.soup import Soup
 from msb.meshes.mesh import Mesh
 
@@ -32,8 +33,9 @@ PIXELS_TO_MOVE = 1 << 18
 # unless their number would then exceed this limit or the face budget. More faces would be too small for the
 # pixels of the images.
 _MAX_QUARTERED = 20_000
-# The default face budget is one face per 2.5 pixels of the model in an average view. Smaller faces follow the
-# pixel grid of the training images, and the PSNR of other views falls.
+# The default face budget is one face per 2.5 pixels of the model in an average view, or in an average image
+# that moves faces if it is smaller. Smaller faces follow the pixel grid of the training images, and the PSNR
+# of other views falls.
 _PIXELS_PER_FACE = 2.5
 # If the budget allows more faces, the largest ones are halved, until there is one piece per 5.5 pixels of a
 # view. More pieces reduce the PSNR.
@@ -48,15 +50,15 @@ def make_fitted(
     context: SearchContext,
     weights: BlendingWeights | None = None,
     *,
-    seconds: float = 40.0,
+    seconds: float = math.inf,
     faces: int | None = None,
     pixels: int | None = None,
 ) -> tuple[Mesh, list[str]]:
     """Return an opaque soup made of the triangles of `asset`, with corner colours, and notes for the user.
 
     Triangles are pruned by their blending weights. Then they are moved, hidden and shown until they match the
-    training images. The validation images decide which state is best. The search ends after `seconds`. If
-    this time suffices for all steps, every run on one device has the same result.
+    training images. The validation images decide which state is best. Without a limit of `seconds`, every
+    run on one device has the same result.
 
     If the images have too few pixels per triangle, no triangle is moved. With `faces`, the triangles that
     cover the most pixels are then selected.
@@ -85,6 +87,9 @@ def make_fitted(
         # faces cover.
         face_pixels = count_pixels(soup.refit_colors(renderer))[soup.selected] / len(renderer.images)
         covered = face_pixels.sum() / renderer.pixels_per_face(1)
+    moving = context.limited_to(PIXELS_TO_MOVE)
+    if pixels is not None:
+        pixels = min(pixels, moving.training.max_pixels)
     default = None if pixels is None else max(1, int(covered * pixels / _PIXELS_PER_FACE))
     budget = faces or default
     if why_not(asset.manifest, "standard") is not None:
@@ -92,7 +97,7 @@ def make_fitted(
         soup = soup.quarter() if fits else soup
     elif pixels is not None and budget is not None:
         soup = soup.halve(_plan_halving(face_pixels, min(budget, int(pixels / _PIXELS_PER_PIECE))))
-    with context.limited_to(PIXELS_TO_MOVE).open_renderers(soup) as (renderer, validation):
+    with moving.open_renderers(soup) as (renderer, validation):
         sums = soup.refit_colors(renderer)
         count = soup.selected_count if budget is None else min(budget, soup.selected_count)
         if renderer.pixels_per_face(count) < MIN_FACE_PIXELS:
@@ -107,11 +112,13 @@ def make_fitted(
             toggle_faces(soup, renderer, random, show=False)
         if budget is not None:
             hide_cheapest_faces(soup, renderer, random, budget)
-        schedule = StepSchedule(_STEPS, until, partial(context.progress, "moving faces"))
+        progress = partial(context.progress, "moving faces")
+        schedule = StepSchedule(context.count_steps(_STEPS), until, progress)
         lengths = _STEP_LENGTHS
         soup = move_faces(
             soup, renderer, validation, random, step_lengths=lengths, most=budget, schedule=schedule
         )
+        soup = hide_stray_faces(soup, renderer, BestState(validation))
     return soup.to_mesh(), schedule.notes("moving the triangles")
 
 

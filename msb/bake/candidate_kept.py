@@ -4,7 +4,7 @@ from msb.asset import Asset
 from msb.bake.blending_weights import BlendingWeights
 from msb.bake.context import BestState, SearchContext
 from msb.bake.face_selection import toggle_faces
-from msb.bake.opaque_model import prune_faces, to_opaque_mesh
+from msb.bake.opaque_model import hide_stray_faces, prune_faces, to_opaque_mesh
 from msb.bake.soup import Soup, is_uncut_soup, merge_seams
 from msb.bake.soup_renderer import SoupRenderer
 from msb.meshes.mesh import Mesh
@@ -31,7 +31,8 @@ def make_kept(asset: Asset, context: SearchContext, weights: BlendingWeights | N
 
     The validation images decide which triangles are pruned. If the images are standard-tier images of the
     same triangles, no triangle is pruned. Shared vertices stay shared and have one colour. A mesh that is not
-    manifold or not consistently wound is repaired. Unseen triangles keep their colours.
+    manifold or not consistently wound is repaired. Unseen triangles of a connected mesh keep their colours;
+    those of a soup are dropped.
 
     Raises
     ------
@@ -49,7 +50,7 @@ def make_kept(asset: Asset, context: SearchContext, weights: BlendingWeights | N
             prune_faces(soup, asset, renderer, best, weights)
             if renderer.pixels_per_face(soup.selected_count) >= MIN_FACE_PIXELS:
                 _select_faces(best.soup, renderer, best, context)
-            soup = best.soup
+            soup = best.soup if mesh is not None else hide_stray_faces(best.soup, renderer, best)
     return soup.to_mesh() if mesh is None else repair_mesh(soup.apply_to(mesh), Options())[0]
 
 

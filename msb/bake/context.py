@@ -26,10 +26,17 @@ def ignore_progress(_stage: str, _done: int, _total: int) -> bool:
 
 
 class BestState:
-    """The state of a soup with the smallest error in the validation images."""
+    """The state of a soup with the smallest error in the validation images.
 
-    def __init__(self, validation: SoupRenderer) -> None:
-        self._validation = validation
+    Parameters
+    ----------
+    validation : SoupRenderer
+    weigh : callable, optional
+        Returns a factor for the error of a state, for example for its shape.
+    """
+
+    def __init__(self, validation: SoupRenderer, weigh: Callable[[Soup], float] = lambda _: 1.0) -> None:
+        self._validation, self._weigh = validation, weigh
         self._error = np.inf
         self.evaluations_since = 0
         """Number of evaluations since the best one."""
@@ -41,9 +48,14 @@ class BestState:
         assert self._soup is not None, "evaluate was not called"
         return self._soup.copy()
 
+    def restart(self, soup: Soup) -> None:
+        """Forget all states before `soup`, and keep a copy of it."""
+        self._error = np.inf
+        self.evaluate(soup)
+
     def evaluate(self, soup: Soup) -> None:
         """Keep a copy of `soup` if it is better than all states before."""
-        error = soup.measure_error(self._validation)
+        error = self._weigh(soup) * soup.measure_error(self._validation)
         self.evaluations_since += 1
         if error < self._error:
             self._error, self._soup, self.evaluations_since = error, soup.copy(), 0
@@ -62,6 +74,8 @@ class SearchContext:
     device : str or Device, optional
     progress : callable
         Called as ``progress(stage, done, total)``; returns whether to stop early.
+    step_factor : float
+        The number of steps of each search, relative to the normal number.
     shows_model_mesh : bool
         Whether the images are standard-tier images of the model's triangles. Then no triangle needs to be
         pruned.
@@ -73,11 +87,16 @@ class SearchContext:
     device: str | Device | None = None
     progress: ProgressHook = ignore_progress
     shows_model_mesh: bool = False
+    step_factor: float = 1.0
 
     def limited_to(self, pixels: int) -> SearchContext:
         """Return the same context with images of at most `pixels` pixels."""
         training, validation = (images.limited_to(pixels) for images in (self.training, self.validation))
         return replace(self, training=training, validation=validation)
+
+    def count_steps(self, normal: int) -> int:
+        """Return the number of steps of a search that normally has `normal` steps."""
+        return max(1, round(self.step_factor * normal))
 
     def make_random(self) -> np.random.Generator:
         """Return a new random generator with the seed of the search."""

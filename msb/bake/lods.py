@@ -86,7 +86,7 @@ def _reduce_soup(
 
             began = time.monotonic()
             progress = partial(_report_step, context, stage, len(stages))
-            schedule = StepSchedule(_STEPS, began + seconds / left, progress)
+            schedule = StepSchedule(context.count_steps(_STEPS), began + seconds / left, progress)
             lengths = _STEP_LENGTHS
             soup = move_faces(
                 soup, renderer, validation, random, step_lengths=lengths, most=count, schedule=schedule
@@ -133,7 +133,7 @@ def _reduce_open(
 
 def _report_step(context: SearchContext, stage: int, stages: int, step: int, _steps: int) -> bool:
     """Report a step of a stage; return whether to stop."""
-    return _report_progress(context, stage, stages, step, _STEPS)
+    return _report_progress(context, stage, stages, step, context.count_steps(_STEPS))
 
 
 def _report_progress(context: SearchContext, level: int, levels: int, done: int, total: int) -> bool:

@@ -21,9 +21,44 @@ from msb.meshes.mesh import Mesh
 # The validation images decide which limit is best. A limit of 0.25 was best for a walled scene and for a
 # garden. Limits above 0.4 open holes.
 WEIGHT_RATIOS = (0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35)
+# A face is near a camera if its distance is below this share of the median distance of visible faces.
+_NEAR_SHARE = 0.25
 # Covered pixels are measured in every second training view. This saves a fifth of the time of a bake with
 # kept triangles.
 _VIEW_STEP = 2
+
+
+def hide_stray_faces(soup: Soup, renderer: SoupRenderer, best: BestState) -> Soup:
+    """Return the best state of a soup without its stray faces.
+
+    Faces that no training view shows are always hidden, because nothing determines their place and colour.
+    Faces that a single view shows, and faces near a camera, are often haze that became opaque. They are
+    hidden if that does not increase the error in the validation images.
+    """
+    count = len(soup.selected)
+    views, nearest = np.zeros(count, np.int64), np.full(count, np.inf)
+    depths = []
+    centers = soup.corners.mean(axis=1, dtype=np.float64)
+    soup.upload(renderer)
+    # In how many views each face is visible (F,), and its smallest distance from a camera that sees it (F,).
+    for number, camera in enumerate(renderer.images.cameras):
+        shown = renderer.sum_faces([number], gradients=False).max_pixels > 0
+        distance = np.linalg.norm(centers[shown] - camera.center, axis=1)
+        views += shown
+        nearest[shown] = np.minimum(nearest[shown], distance)
+        depths.append(distance)
+    if views.any():
+        soup.selected &= views > 0
+    soup.refit_colors(renderer)
+    best.restart(soup)
+    near = _NEAR_SHARE * np.median(np.concatenate(depths)) if any(map(len, depths)) else 0.0
+    for is_stray in (nearest < near, views == 1):
+        trial = best.soup
+        trial.selected &= ~is_stray
+        if trial.selected_count:
+            trial.refit_colors(renderer)
+            best.evaluate(trial)
+    return best.soup
 
 
 def to_opaque_mesh(asset: Asset) -> Mesh:

@@ -18,7 +18,12 @@ Geometry = Literal["kept", "fitted", "surface"]
 GeometryChoice = Literal["auto", "kept", "fitted", "surface"]
 ColorTarget = Literal["texture", "vertex"]
 Supervision = Literal["native", "photographs"]
+Material = Literal["unlit", "lit"]
 CollisionKind = Literal["mesh", "hulls", "box"]
+Effort = Literal["draft", "normal", "fine"]
+
+# Effort -> number of steps of each search, relative to the normal number.
+_STEPS: dict[str, float] = {"draft": 0.25, "normal": 1.0, "fine": 2.5}
 
 # Faces of the smallest closed mesh, a tetrahedron.
 MIN_CLOSED_FACES = 4
@@ -59,9 +64,12 @@ class BakeOptions:
         ),
     ] = None
     supervision: Annotated[
-        Supervision,
-        Option("Fit to native renderings of the model, or to the photographs of --scene."),
-    ] = "native"
+        Supervision | None,
+        Option(
+            "Fit to native renderings of the model, or to the photographs of --scene. Default: native "
+            "renderings. With --geometry auto both are tried, and photographs are chosen if they gain 0.5 dB."
+        ),
+    ] = None
     faces: Annotated[
         int | None,
         Option("Use at most N fitted triangles, or about N triangles for a surface.", least=1),
@@ -74,6 +82,13 @@ class BakeOptions:
             most=16384,
         ),
     ] = None
+    material: Annotated[
+        Material,
+        Option(
+            "Show the colours as stored (unlit), or let programs light them (lit). Lit colours contain the "
+            "light of the photographs as well."
+        ),
+    ] = "unlit"
     lods: Annotated[
         str | Sequence[float] | None,
         Option(
@@ -90,10 +105,38 @@ class BakeOptions:
             metavar="mesh:N|hulls:N|box",
         ),
     ] = None
-    seconds: Annotated[
+    thickness: Annotated[
         float,
-        Option("Move fitted triangles for about X seconds; a surface takes 1.5 times as long.", least=0),
-    ] = 60.0
+        Option(
+            "Set the thickness of the walls that make an interior a solid, as a share of the distance from "
+            "its middle.",
+            least=1e-3,
+            most=1,
+        ),
+    ] = 0.05
+    effort: Annotated[
+        Effort,
+        Option(
+            "Set the number of steps of the search. draft: a quarter of the normal number. fine: 2.5 times "
+            "the normal number."
+        ),
+    ] = "normal"
+    seconds: Annotated[
+        float | None,
+        Option(
+            "Stop moving triangles after about X seconds (1.5 times as long for a surface), even if steps "
+            "are left. Default: no limit.",
+            least=0,
+        ),
+    ] = None
+    truth: Annotated[
+        Path | str | os.PathLike[str] | None,
+        Option(
+            "Compare the normals and depths of the result with this mesh of the true surface, for the report "
+            "only.",
+            metavar="MESH",
+        ),
+    ] = None
     seed: Annotated[int, Option("Set the seed of the random search.", least=0)] = 0
     up: Annotated[
         Up | None,
@@ -131,6 +174,11 @@ class BakeOptions:
         return () if self.lods is None else parse_lods(self.lods)
 
     @property
+    def step_factor(self) -> float:
+        """The number of steps of each search, relative to the normal number."""
+        return _STEPS[self.effort]
+
+    @property
     def makes_surface(self) -> bool:
         """Whether a closed surface is among the candidates."""
         return self.for_solid or self.geometry == "surface"
@@ -142,12 +190,16 @@ class BakeKeywords(TypedDict, total=False):
     geometry: GeometryChoice
     for_solid: bool
     color: ColorTarget | None
-    supervision: Supervision
+    supervision: Supervision | None
     faces: int | None
     texture: int | None
+    material: Material
     lods: str | Sequence[float] | None
     collision: str | None
-    seconds: float
+    thickness: float
+    effort: Effort
+    seconds: float | None
+    truth: str | os.PathLike[str] | None
     seed: int
     up: Up | None
     views: ViewKind | None

@@ -13,12 +13,14 @@ from msb.asset import ASSET_SUFFIX
 from msb.asset.writer import write_packed
 from msb.bake.closed_mesh import label_parts
 from msb.base.atomic import new_files
+from msb.base.soup import is_soup
 from msb.delivery.saving import output_suffix
 from msb.errors import UsageError
 from msb.meshes import Mesh, write_mesh
 from msb.meshes.assets import fit_to_format, mesh_from_asset, with_faces
 from msb.meshes.files import companion_files
 from msb.meshes.formats import FORMATS, Style
+from msb.meshes.normals import with_smooth_normals
 
 if TYPE_CHECKING:
     from msb.asset import Asset
@@ -38,7 +40,7 @@ class OutputAsset(NamedTuple):
     """An asset of a bake, the ending of its file name, and the `extras` that its GLB contains.
 
     `collision` is the collision shape that a USD stage includes, and `is_convex` whether its parts are
-    convex.
+    convex. With `is_lit`, programs light the materials.
     """
 
     ending: str
@@ -46,6 +48,7 @@ class OutputAsset(NamedTuple):
     extras: Mapping[str, Any]
     collision: Asset | None = None
     is_convex: bool = False
+    is_lit: bool = False
 
 
 def list_endings(levels: int, *, has_collision: bool) -> list[str]:
@@ -114,12 +117,16 @@ def _plan_writes(output: OutputAsset, place: Path) -> list[tuple[Path, WriteFile
     if suffix == ASSET_SUFFIX:
         return [(place, partial(write_packed, output.asset))]
     mesh = fit_to_format(mesh_from_asset(output.asset), suffix)
+    # A surface has smooth normals. The faces of a soup are flat and need none.
+    if "normals" in FORMATS[suffix].keeps and not is_soup(mesh.faces):
+        mesh = with_smooth_normals(mesh)
     shape = output.collision if "collision" in FORMATS[suffix].keeps else None
     style = Style(
         stem=place.stem,
         extras={"bake": dict(output.extras)} if output.extras else {},
         collision=() if shape is None else _split_parts(fit_to_format(mesh_from_asset(shape), suffix)),
         is_convex=output.is_convex,
+        is_lit=output.is_lit,
     )
     others = companion_files(mesh, place, style)
     writes: list[tuple[Path, WriteFile]] = [

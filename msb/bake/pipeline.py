@@ -1,5 +1,6 @@
 """The stages of a bake from its images to its meshes: candidates, choice, colours, levels and collision."""
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
@@ -32,7 +33,7 @@ from msb.bake.requirements import choose_color_target
 from msb.bake.texture import fit_texture, select_first_pass
 from msb.bake.vertex_colors import fit_vertex_colors
 from msb.bake.views import BakeViews
-from msb.errors import AssetError
+from msb.errors import AssetError, UsageError
 from msb.meshes.assets import asset_from_mesh
 from msb.meshes.mesh import Mesh
 from msb.topology.faces import face_areas
@@ -45,6 +46,15 @@ _FITTED_SHARE = 2 / 3
 _SURFACE_SHARE = 0.4
 # Smallest time limit of a search in seconds. It allows a single step.
 _MIN_SECONDS = 1e-3
+# A texture of half the size is used if it costs at most this number of dB, on average over images with one
+# sample per pixel and with 16.
+_MAX_TEXTURE_LOSS = 0.02
+_SAMPLES = (1, SAMPLES_PER_SIDE)
+# Smallest number of texels along a side of a texture whose size is chosen.
+_MIN_TEXTURE_SIDE = 256
+# Smallest number of texels per face in the texture of a level of detail. A face of a soup with margins needs
+# about 4.
+_TEXELS_PER_FACE = 8
 # Width and height of the training images relative to the views. With images of the same size as the views, a
 # texture looks blurred in the views. Moved faces followed the aliasing of such images, and PSNR was 1.3 dB
 # lower.
@@ -53,6 +63,15 @@ _SOLID_CANDIDATES: tuple[Geometry, ...] = ("fitted", "surface")
 _OPAQUE_NOTE = (
     "the baked triangles are opaque; parts that alpha cut off have the colour of the surface behind"
 )
+
+
+def _choose_texture_side(whole: int, share: float, faces: int) -> int:
+    """Return the side in texels of a level's texture: a power of two for `share` of the whole texture.
+
+    Each of the `faces` has room for a few texels, as far as it has in the whole texture.
+    """
+    least = min(whole, 1 << math.ceil(math.log2(math.sqrt(_TEXELS_PER_FACE * max(faces, 1)))))
+    return max(least, 1 << int(math.log2(whole * math.sqrt(share)) + 1e-9))
 
 
 def _is_solid(asset: Asset) -> bool:
@@ -103,9 +122,15 @@ class BakePipeline:
         first = range(len(views.all_but_test) - len(views.validation))
         self._training = self._images.select(first)
         self._validation = self._images.select(range(len(first), len(views.all_but_test)) or first)
-        is_mesh = why_not(asset.manifest, "dedicated") is not None and options.supervision == "native"
+        is_mesh = why_not(asset.manifest, "dedicated") is not None and source.supervision == "native"
         self._context = SearchContext(
-            self._training, self._validation, options.seed, device, progress, is_mesh
+            self._training,
+            self._validation,
+            options.seed,
+            device,
+            progress,
+            is_mesh,
+            options.step_factor,
         )
         self._soups: dict[int | None, tuple[Mesh, list[str]]] = {}
         self._untextured: Mesh | None = None
@@ -184,7 +209,10 @@ class BakePipeline:
             notes.append("interrupted; this is the best result until then")
         # The final colours are fitted to all images.
         target = self._choose_color_target(chosen, candidates[chosen])
-        mesh = self._fit_colors(chosen, candidates[chosen], target, self._images)
+        size = None
+        if target == "texture" and not stopped():
+            size = self._options.texture or self._choose_texture_size(chosen, candidates[chosen])
+        mesh = self._fit_colors(chosen, candidates[chosen], target, self._images, size)
         if why:
             notes.append(f"{why}. {describe_choice(tried)}")
         if dropped := self._asset.manifest.face_count - len(mesh.faces):
@@ -192,6 +220,30 @@ class BakePipeline:
             more_or_fewer = "fewer" if dropped > 0 else "more"
             notes.append(f"the mesh has {abs(dropped):,} {more_or_fewer} triangle{plural} than the model")
         return mesh, Choice(chosen, unseen, tried, tuple(notes))
+
+    def _choose_texture_size(self, name: Geometry, mesh: Mesh) -> int:
+        """Return the number of texels along a side: the default, or less if the validation images allow it.
+
+        Too many texels cost bytes, and single samples of an engine then miss some of them.
+        """
+        targets = [self._validation.limited_to(self._pixels)]
+
+        def measure(size: int | None) -> tuple[int, float]:
+            fitted = self._fit_colors(name, mesh, "texture", self._training, size)
+            asset = asset_from_mesh(fitted)
+            values = [measure_psnr(asset, targets, samples, self._device)[0] for samples in _SAMPLES]
+            return fitted.textures[0].shape[0], sum(values) / len(values)
+
+        size, psnr = measure(None)
+        while size > _MIN_TEXTURE_SIDE:
+            try:
+                half, half_psnr = measure(size // 2)
+            except UsageError:  # the faces do not fit into half the texture
+                break
+            if half_psnr < psnr - _MAX_TEXTURE_LOSS:
+                break
+            size, psnr = half, half_psnr
+        return size
 
     def _choose_candidate(
         self, candidates: dict[Geometry, Mesh], tried: dict[str, float]
@@ -227,7 +279,7 @@ class BakePipeline:
 
     def _list_candidates(self) -> tuple[Sequence[Geometry], list[str]]:
         """Return the names of the candidates to make, and notes on candidates that are left out."""
-        options, count = self._options, self._asset.manifest.face_count
+        options = self._options
         if options.geometry != "auto":
             return [options.geometry], []
         if options.for_solid:
@@ -236,9 +288,6 @@ class BakePipeline:
             return _SOLID_CANDIDATES, []
         if options.faces is not None:
             return ["fitted"], []
-        if self._has_small_faces(count):
-            text = f"fitted was not tried, because the images are too small for {count:,} faces"
-            return ["kept"], [text]
         return ["kept", "fitted"], []
 
     def _has_small_faces(self, count: int) -> bool:
@@ -284,14 +333,16 @@ class BakePipeline:
 
     def _limit_seconds(self, share: float) -> float:
         """Return the time limit in seconds of a search that has this share of the option `seconds`."""
-        return max(share * self._options.seconds, _MIN_SECONDS)
+        seconds = self._options.seconds
+        return math.inf if seconds is None else max(share * seconds, _MIN_SECONDS)
 
     def make_levels(
         self, name: Geometry, mesh: Mesh, shares: Sequence[float]
     ) -> tuple[list[tuple[LodReport, Mesh]], list[str]]:
         """Return the levels of detail of the chosen mesh, and notes for the user.
 
-        Their textures have the size of the mesh's texture.
+        The pixels of their textures fall with the number of faces, to the next lower power of two along a
+        side.
         """
         if not shares:
             return [], []
@@ -308,7 +359,8 @@ class BakePipeline:
                     f"levels with {100 * share:g} % of the faces or fewer were not made: {error.message}"
                 )
                 break
-            colored = self._fit_colors(name, lod, "vertex" if size is None else "texture", self._images, size)
+            side = None if size is None else _choose_texture_side(size, share, len(lod.faces))
+            colored = self._fit_colors(name, lod, "vertex" if size is None else "texture", self._images, side)
             native = self.measure(colored)[0]
             quality = None if native is None else native.after_16
             screen_share = measure_screen_share(mesh, colored)

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
 from msb.bake.collision import Collision
 from msb.bake.options import ColorTarget, Geometry, Supervision
+from msb.bake.shape import Bending, TrueShape
 from msb.bake.views import BakeViews
 from msb.scenes.colors import Color
 from msb.topology import Audit
@@ -133,6 +135,36 @@ class CollisionReport:
 
 
 @dataclass(frozen=True)
+class ShapeReport:
+    """The shape of a connected mesh (`msb.bake.shape`), and its difference from the true surface if given."""
+
+    bending: Bending
+    truth: TrueShape | None = None
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the shape as JSON data. Angles are in degrees, and depths are relative to the size."""
+        error = depth = None
+        if self.truth is not None and not math.isnan(self.truth.mean):
+            error = {name: getattr(self.truth, name) for name in ("mean", "median", "above_30")}
+            depth = self.truth.depth
+        return {**asdict(self.bending), "normal_error": error, "depth_error": depth}
+
+    @property
+    def sentence(self) -> str:
+        """A sentence that describes the shape."""
+        text = f"Shape: bending {self.bending.bending:.0f} (a smooth object has 5 to 40)"
+        if self.truth is None:
+            return text
+        if math.isnan(self.truth.mean):
+            return f"{text}; no pixel shows the true surface at the same depth"
+        return (
+            f"{text}; angle to the true normals {self.truth.mean:.1f} degrees on average (median "
+            f"{self.truth.median:.1f}, {100 * self.truth.above_30:.0f} % above 30 degrees); depth error "
+            f"{100 * self.truth.depth:.2f} % of the size"
+        )
+
+
+@dataclass(frozen=True)
 class Report:
     """The result of a bake, its images, and its quality.
 
@@ -159,6 +191,8 @@ class Report:
     native, photographs : Psnr or None
         PSNR on the test views to native renderings, and to photographs; None without test views or
         photographs.
+    shape : ShapeReport or None
+        The shape of a connected mesh; None for a soup.
     before, after : Verdict
         The verdicts on the model's mesh and on the baked mesh.
     model_faces : int
@@ -167,6 +201,9 @@ class Report:
     seed : int
     device : str
         The OpenCL device.
+    supervisions : dict of str to float
+        PSNR in dB to the photographs of the validation views after supervision by "native" renderings and by
+        "photographs", with 16 samples per pixel, if both were tried.
     tried : dict of str to float
         PSNR in dB of each candidate geometry on the validation views, with 16 samples per pixel, if several
         were made.
@@ -200,6 +237,8 @@ class Report:
     seed: int
     device: str
     tried: dict[str, float]
+    shape: ShapeReport | None = None
+    supervisions: dict[str, float] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     lods: tuple[LodReport, ...] = ()
     collision: CollisionReport | None = None
@@ -266,7 +305,7 @@ class Report:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the report as JSON data (schema msb.bake/1)."""
-        data = {field.name: getattr(self, field.name) for field in fields(self)}
+        data = {entry.name: getattr(self, entry.name) for entry in fields(self)}
         views = {name: data.pop(name) for name in ("training", "validation", "test", "interpolated")}
         native, photographs = data.pop("native"), data.pop("photographs")
         before, after = data.pop("before"), data.pop("after")
@@ -278,6 +317,7 @@ class Report:
                 "native": None if native is None else native.to_dict(is_to_native=True),
                 "photographs": None if photographs is None else photographs.to_dict(is_to_native=False),
             },
+            "shape": None if self.shape is None else self.shape.to_dict(),
             "verdict_before": before.to_dict(),
             "verdict_after": after.to_dict(),
             "texture": None if self.texture is None else list(self.texture),

@@ -5,7 +5,7 @@ import signal
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import closing, contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Unpack
@@ -15,25 +15,29 @@ from msb.api.opening import as_asset
 from msb.asset import Asset
 from msb.bake.folder import is_folder_output, write_folder
 from msb.bake.image_cache import SUFFIX
-from msb.bake.image_source import ImageSource
-from msb.bake.options import BakeKeywords, BakeOptions, need_libraries
+from msb.bake.options import BakeKeywords, BakeOptions, Material, need_libraries
+from msb.bake.outer_skin import add_outer_skin, is_interior
 from msb.bake.output_files import OutputAsset, list_endings, write_assets
-from msb.bake.pipeline import BakePipeline
 from msb.bake.preview import Preview, make_preview
 from msb.bake.report import (
     CollisionReport,
     Report,
+    ShapeReport,
     Verdict,
     list_coverage_notes,
     list_quality_notes,
 )
 from msb.bake.requirements import check_model
-from msb.bake.views import choose_bake_views
+from msb.bake.shape import compare_with_truth, measure_visible_bending
+from msb.bake.supervision import BakeInputs, make_best_attempt
+from msb.bake.views import BakeViews
 from msb.base.atomic import check_place, room_for_temporaries
 from msb.base.paths import given_path
+from msb.base.soup import is_soup
 from msb.cl.devices import choose_device
 from msb.errors import about
-from msb.meshes.assets import asset_from_mesh
+from msb.meshes.assets import asset_from_mesh, mesh_from_asset
+from msb.meshes.mesh import Mesh
 from msb.scenes import Camera
 from msb.scenes.datasets import Scene
 
@@ -56,6 +60,8 @@ class Baked:
         The levels of detail, the finest first.
     collision : Asset or None
         The collision shape, without colours.
+    material : {"unlit", "lit"}
+        Whether programs that open a written GLB, OBJ or USD file light its materials.
     """
 
     asset: Asset
@@ -63,6 +69,7 @@ class Baked:
     preview: Preview
     lods: tuple[Asset, ...] = ()
     collision: Asset | None = None
+    material: Material = "unlit"
 
     def save(self, *paths: str | os.PathLike[str], overwrite: bool = False) -> Report:
         """Write the asset to all paths, all or none; return the report with the files of the first path.
@@ -78,8 +85,11 @@ class Baked:
         is_convex = self.report.collision is not None and self.report.collision.kind != "mesh"
         companions = self.lods if self.collision is None else (*self.lods, self.collision)
         main, *endings = list_endings(len(self.lods), has_collision=self.collision is not None)
-        assets = [OutputAsset(main, self.asset, self.report.extras(), self.collision, is_convex)]
-        assets += [OutputAsset(end, asset, {}) for end, asset in zip(endings, companions, strict=True)]
+        is_lit = self.material == "lit"
+        assets = [OutputAsset(main, self.asset, self.report.extras(), self.collision, is_convex, is_lit)]
+        assets += [
+            OutputAsset(end, asset, {}, is_lit=is_lit) for end, asset in zip(endings, companions, strict=True)
+        ]
         places = [Path(path) for path in paths]
         if is_folder_output(places):
             return write_folder(self, assets, places[0], overwrite)
@@ -135,19 +145,32 @@ def bake(
         mesh file with the verdict OK keeps its triangles, unless `faces` is given.
     color : {"texture", "vertex"}, optional
         Default: vertex colours for kept triangles of a model with static vertex colours, else a texture.
-    supervision : {"native", "photographs"}, default "native"
-        The training images: the method's native renderings, or the photographs of the scene.
+    supervision : {"native", "photographs"}, optional
+        The training images: the method's native renderings, or the photographs of the scene. The default is
+        "native". With the geometry "auto" both are tried if `scene` has photographs. Photographs are chosen
+        if they gain 0.5 dB on the photographs of the validation views. The result then no longer shows the
+        look of the method.
     faces : int, optional
         The largest number of fitted triangles, or the approximate number of a surface.
     texture : int, optional
         Texels along a side of the texture, 16 to 16384. Default: about as many texels as pixels of the images
         show the mesh.
+    material : {"unlit", "lit"}, default "unlit"
+        Whether programs show the colours as stored, or light them. The colours contain the light of the
+        photographs in either case.
     lods : sequence of float, or str, optional
         Levels of detail: falling shares of the faces, such as (0.5, 0.25, 0.1) or "0.5,0.25,0.1".
     collision : str, optional
         A collision shape: "mesh:N", "hulls:N" or "box" (`msb.bake.collision`).
-    seconds : float, default 60
-        Approximate time to move fitted triangles:
+    thickness : float, default 0.05
+        The surface of an interior gets an outer skin, which makes it a solid of positive volume. In each
+        direction the walls are this share of the distance from the middle thick.
+    effort : {"draft", "normal", "fine"}, default "normal"
+        The number of steps of each search: a quarter of the normal number, the normal number, or 2.5 times
+        as many. The result does not depend on the speed or the load of the machine.
+    seconds : float, optional
+        Upper limit of the time to move fitted triangles; a note reports the steps that were left out. By
+        default there is no limit. The limit applies to each search:
 
         ========================  ==================
         candidates                time
@@ -158,11 +181,14 @@ def bake(
         each level of detail      `seconds` more
         ========================  ==================
 
-        If `seconds` is 0, triangles move by a single step, and the face selection still runs. The time for
-        `collision` is not included.
+        With a limit the result depends on the speed of the machine. If `seconds` is 0, triangles move by a
+        single step, and the face selection still runs. The time for `collision` is not included.
     seed : int, default 0
-        Seed of the search. If the time suffices for all steps, bakes with one seed on one device have the
-        same result.
+        Seed of the search. Without a limit of `seconds`, bakes with one seed on one device have the same
+        result.
+    truth : path-like, optional
+        A mesh of the true surface, in the coordinates of the model. The report then has the differences of
+        the normals and depths (`msb.bake.shape`).
     up : str, optional
         The up axis, such as "+z", for generated views.
     views : {"outside", "inside", "both"}, optional
@@ -207,33 +233,26 @@ def bake(
                 progress(stage, done, total)
             return stopped()
 
-        report_progress("views", 0, 1)
-        is_photographs = settings.supervision == "photographs"
-        views = choose_bake_views(
-            model,
-            scene,
-            cameras,
-            up=settings.up,
-            background=background,
-            photographs=is_photographs,
-            device=device,
-            kind=settings.views,
-        )
-        report_progress("views", 1, 1)
-        with ImageSource(model, views, settings.supervision, device, cache) as source:
-            with closing(BakePipeline(model, views, source, settings, device, report_progress)) as pipeline:
-                mesh, choice = pipeline.make_mesh(stopped)
-                report_progress("measuring", 0, 1)
-                native, photographs = pipeline.measure(mesh)
-                levels, level_notes = pipeline.make_levels(choice.geometry, mesh, settings.lod_shares)
-                kind = settings.collision
-                collision = None if kind is None else pipeline.make_collision(mesh, kind)
+        with ExitStack() as stack:
+            inputs = BakeInputs(model, scene, cameras, background, device, cache, report_progress)
+            attempt, supervisions, supervision_notes = make_best_attempt(inputs, settings, stack, stopped)
+            views, source, pipeline = attempt.views, attempt.source, attempt.pipeline
+            mesh, choice = attempt.mesh, attempt.choice
+            report_progress("measuring", 0, 1)
+            native, photographs = pipeline.measure(mesh)
+            shape_report = _measure_shape(mesh, views, settings, device)
+            levels, level_notes = pipeline.make_levels(choice.geometry, mesh, settings.lod_shares)
+            kind = settings.collision
+            collision = None if kind is None else pipeline.make_collision(mesh, kind)
+            if choice.geometry == "surface" and is_interior(mesh):
+                mesh = add_outer_skin(mesh, settings.thickness)
+                levels = [(level, add_outer_skin(lod, settings.thickness)) for level, lod in levels]
             baked = asset_from_mesh(mesh)
             report_progress("preview", 0, 1)
             preview = make_preview(model, baked, views, source, device)
             cache_notes = [] if source.cache is None else source.cache.notes()
         report_progress("audit", 0, 1)
-    quality_notes = list_quality_notes(settings.supervision, native, photographs)
+    quality_notes = list_quality_notes(source.supervision, native, photographs)
     quality_notes += list_coverage_notes(views, choice.unseen_area)
     report = Report(
         geometry=choice.geometry,
@@ -247,10 +266,12 @@ def bake(
         test=len(views.test),
         interpolated=len(views.interpolated),
         views=views.description,
-        supervision=settings.supervision,
+        supervision=source.supervision,
+        supervisions=supervisions,
         unseen_area=choice.unseen_area,
         native=native,
         photographs=photographs,
+        shape=shape_report,
         before=Verdict.of(audit(model)),
         after=Verdict.of(audit(baked)),
         model_faces=model.manifest.face_count,
@@ -258,14 +279,28 @@ def bake(
         seed=settings.seed,
         device=choose_device(device).record.name,
         tried=choice.tried,
-        notes=(*views.notes, *cache_notes, *choice.notes, *quality_notes, *level_notes),
+        notes=(*views.notes, *cache_notes, *supervision_notes, *choice.notes, *quality_notes, *level_notes),
         lods=tuple(level for level, _ in levels),
         collision=None if collision is None else CollisionReport.of(collision),
         path=None if model.opened_from is None else str(model.opened_from),
     )
     lods = tuple(asset_from_mesh(lod) for _, lod in levels)
     shape = None if collision is None else asset_from_mesh(collision.mesh)
-    return Baked(baked, report, preview, lods, shape)
+    return Baked(baked, report, preview, lods, shape, settings.material)
+
+
+def _measure_shape(
+    mesh: Mesh, views: BakeViews, settings: BakeOptions, device: str | None
+) -> ShapeReport | None:
+    """Return the shape of a connected mesh in the test views, or in all views if there are none."""
+    if is_soup(mesh.faces):
+        return None
+    cameras = views.test or views.all_but_test
+    bending = measure_visible_bending(mesh, cameras, device)
+    if settings.truth is None:
+        return ShapeReport(bending)
+    truth = mesh_from_asset(as_asset(settings.truth))
+    return ShapeReport(bending, compare_with_truth(mesh, truth, cameras, device))
 
 
 @contextmanager

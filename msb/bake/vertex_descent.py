@@ -17,6 +17,7 @@ from msb.bake.arrays import Floats, Ints
 from msb.bake.closed_mesh import revert_crossings
 from msb.bake.descent import COLOR_DECAY, COLOR_STEPS, VALIDATION_STEPS, Adam, StepSchedule
 from msb.bake.face_selection import sample_views
+from msb.bake.fairing import Neighbours, filter_normals, find_neighbours, follow_normals
 
 if TYPE_CHECKING:
     from msb.bake.context import BestState
@@ -32,6 +33,9 @@ STEPS = 200
 STEP_LENGTHS = 0.12, 0.01
 # Largest move of a vertex in a step, in step lengths. Some gradients are much larger than the average.
 _MAX_MOVE = 4.0
+# Share by which vertices follow the filtered normals after each step, and rounds of the filter. Without this
+# step the search brings back the dents. A larger share loses detail.
+FAIR_SHARE, _FAIR_ROUNDS = 0.1, 2
 
 
 def move_vertices(
@@ -57,6 +61,7 @@ def move_vertices(
     bending = identity(count, format="csr") + SMOOTHING * color_fit.make_edge_laplacian(faces, count)
     smooth = splu(bending.tocsc()).solve
     good, variables = points, bending @ points
+    neighbours = find_neighbours(faces, count)
     adam = Adam(_MAX_MOVE)
     sums = None
     step, share = 0, 0.0
@@ -73,6 +78,8 @@ def move_vertices(
         length = first + (last - first) * share
         variables -= length * _measure_median_edge(points, faces) * move
         points = space.clamp(smooth(variables))
+        points = _fair(points, faces, neighbours, space)
+        variables = bending @ points
         sums = seen.sums if sums is None else COLOR_DECAY * sums + seen.sums
         share = schedule.finish_step(step)
         # Before a validation, and at the end, move vertices of crossing faces back.
@@ -87,6 +94,13 @@ def move_vertices(
             best.evaluate(soup)
         elif step % COLOR_STEPS == 0:
             soup.fit_colors(seen._replace(sums=sums))
+
+
+def _fair(points: Floats, faces: Ints, neighbours: Neighbours, space: Space) -> Floats:
+    """Return the points (V, 3) of `space` after a soft step of fairing in the world."""
+    world = space.to_world(points)
+    normals = filter_normals(world, faces, neighbours, _FAIR_ROUNDS)
+    return space.clamp(space.from_world(follow_normals(world, faces, normals, FAIR_SHARE)))
 
 
 def _sum_at_vertices(values: Floats, faces: Ints, count: int) -> Floats:

@@ -116,7 +116,7 @@ class BakeTable(Record):
 
 # The options of a bake in a protocol. The default supervision is the native rendering of the method, or
 # photographs for a mesh without a method's renderer.
-BAKE_KEYS = ("geometry", "color", "supervision", "faces", "texture", "seconds", "seed")
+BAKE_KEYS = ("geometry", "color", "supervision", "faces", "texture", "effort", "seconds", "seed")
 
 
 class MetricsTable(Record):

@@ -241,7 +241,7 @@ def _list_contents(mesh: Mesh, suffix: str) -> list[str]:
     colors = [
         key.replace("_colors", " colours").replace("_uvs", " UVs")
         for key in form.keeps
-        if key not in ("textures", "collision") and getattr(mesh, key) is not None
+        if key not in ("normals", "textures", "collision") and getattr(mesh, key) is not None
     ]
     colors += describe_counts(len(mesh.textures), 0)
     return [*counts, *(colors or ["no colours"])]

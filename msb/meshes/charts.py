@@ -1,6 +1,7 @@
 """Convert textures for formats that store UVs per vertex, or that have vertex colours only."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,13 +19,14 @@ _INWARDS = 0.25
 
 
 def with_vertex_uvs(mesh: Mesh) -> Mesh:
-    """Return `mesh` with texture coordinates per vertex, and faces and vertices grouped by texture.
+    """Return `mesh` with one UV and one normal per vertex, and faces and vertices grouped by texture.
 
-    A vertex is split if its corners have different textures or different coordinates, compared bit by bit.
+    A vertex is split if its corners have different coordinates or normals (compared bit by bit) or different
+    textures. Normals stay an array of corners.
     The first copy keeps the place of the vertex in the order. The other copies come after all kept vertices
     with the same texture, in the order of the corners that use them. Faces keep their order within a group.
     """
-    if mesh.corner_uvs is None and mesh.face_textures is None:
+    if mesh.corner_uvs is None and mesh.face_textures is None and mesh.corner_normals is None:
         return mesh
     if mesh.face_textures is None:
         order = np.arange(len(mesh.faces))
@@ -33,30 +35,42 @@ def with_vertex_uvs(mesh: Mesh) -> Mesh:
         order = np.argsort(mesh.face_textures, kind="stable")
         textures = mesh.face_textures[order].astype(np.int64)
     corners = mesh.faces[order].reshape(-1)
-    if mesh.corner_uvs is None:
-        assert mesh.vertex_uvs is not None
-        uvs = mesh.vertex_uvs[corners]
-    else:
-        uvs = mesh.corner_uvs.reshape(-1, 3, 2)[order].reshape(-1, 2)
-    vertices, rows, numbers = _split_vertices(corners, np.repeat(textures, 3), uvs, len(mesh.vertices))
+    # Values (C, K) of each corner that its vertex must have: UVs and normals.
+    values: list[NDArray[np.float32]] = []
+    if mesh.corner_uvs is not None:
+        values.append(mesh.corner_uvs.reshape(-1, 3, 2)[order].reshape(-1, 2))
+    elif mesh.vertex_uvs is not None:
+        values.append(mesh.vertex_uvs[corners])
+    has_uvs = bool(values)
+    if mesh.corner_normals is not None:
+        values.append(mesh.corner_normals.reshape(-1, 3, 3)[order].reshape(-1, 3))
+    vertices, rows, numbers = _split_vertices(
+        corners, np.repeat(textures, 3), np.concatenate(values, axis=1), len(mesh.vertices)
+    )
     mesh = mesh.select(vertices, order, numbers.reshape(-1, 3))
-    return replace(mesh, vertex_uvs=rows, corner_uvs=None)
+    uvs = np.ascontiguousarray(rows[:, :2]) if has_uvs else None
+    return replace(mesh, vertex_uvs=uvs, corner_uvs=None)
 
 
 def _split_vertices(
-    corners: NDArray[np.int64], textures: NDArray[np.int64], uvs: NDArray[np.float32], count: int
+    corners: NDArray[np.int64], textures: NDArray[np.int64], values: NDArray[np.float32], count: int
 ) -> tuple[NDArray[np.int64], NDArray[np.float32], NDArray[np.int64]]:
-    """Return the old vertex (N,) and UVs (N, 2) of each new vertex, and the new vertex of each corner (C,).
+    """Return the old vertex (N,) and values (N, K) of each new vertex, and the new vertex of each corner.
 
-    `corners`, `textures` (C,) and `uvs` (C, 2) are the old vertex, texture and UV of each face corner,
-    grouped by texture. `count` is the number of old vertices. Unused vertices are kept.
+    `corners`, `textures` (C,) and `values` (C, K) are the old vertex, the texture and the values of each face
+    corner, grouped by texture. `count` is the number of old vertices; unused ones are kept.
     """
-    # Corners with the same vertex, texture and UV bits share a new vertex. Sort them to find the groups.
-    # `first` (N,) is the earliest corner of each group. `numbers` (C,) is the group of each corner.
-    bits = np.ascontiguousarray(uvs).view(np.uint64)[:, 0]
+    # Corners with the same vertex, texture and bits of values share a new vertex. Sort them to find the
+    # groups: `first` (N,) is the earliest corner of each group, `numbers` (C,) the group of each corner.
+    values = np.ascontiguousarray(values)
+    bits: NDArray[Any]
+    if values.shape[1] == 2:
+        bits = values.view(np.uint64)[:, 0]
+    else:
+        bits = np.unique(values.view(np.uint32), axis=0, return_inverse=True)[1].reshape(-1)
     by = np.lexsort((bits, textures, corners))
     differs = np.ones(len(by), bool)
-    same = [values[by[1:]] == values[by[:-1]] for values in (bits, textures, corners)]
+    same = [keys[by[1:]] == keys[by[:-1]] for keys in (bits, textures, corners)]
     differs[1:] = ~np.logical_and.reduce(same)
     first = by[differs]
     numbers = np.zeros(len(by), np.int64)
@@ -81,7 +95,7 @@ def _split_vertices(
     rank = np.lexsort((place, ~stays, group))
     moved = np.zeros(len(rank), np.int64)
     moved[rank] = np.arange(len(rank))
-    rows = np.concatenate((uvs[first], np.zeros((len(unused), 2), np.float32)))
+    rows = np.concatenate((values[first], np.zeros((len(unused), values.shape[1]), np.float32)))
     return vertices[rank], rows[rank], moved[numbers]
 
 

@@ -6,7 +6,7 @@ import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import TYPE_CHECKING, Any, BinaryIO, Literal
+from typing import TYPE_CHECKING, Any, BinaryIO, Literal, get_args
 
 from msb.base.packages import Lazy, PackageError, contain_errors, describe_entry, find_installed, load
 from msb.errors import MeshError, UsageError, shorten
@@ -64,6 +64,8 @@ class Style:
         For USD: collision shapes.
     is_convex : bool
         Whether each collision shape is convex.
+    is_lit : bool
+        For GLB, OBJ and USD: whether programs light the materials. By default they show colours as stored.
     """
 
     color: Color | None = None
@@ -73,6 +75,10 @@ class Style:
     extras: Mapping[str, Any] | None = None
     collision: tuple[Mesh, ...] = ()
     is_convex: bool = False
+    is_lit: bool = False
+
+
+Kept = Literal["vertex_colors", "face_colors", "vertex_uvs", "normals", "textures", "collision"]
 
 
 @dataclass(frozen=True)
@@ -99,7 +105,7 @@ class Format:
     companions : callable, optional
         A function that returns the contents of the companion files of a mesh (materials, images) by name.
         Names begin with the `stem` of the style.
-    keeps : tuple of {"vertex_colors", "face_colors", "vertex_uvs", "textures", "collision"}
+    keeps : tuple of {"vertex_colors", "face_colors", "vertex_uvs", "normals", "textures", "collision"}
         The optional parts of a mesh that the format can store.
     list_stored, list_lost : callable, optional
         Functions of a textured mesh. The first names the colours and textures that a file stores, the second
@@ -120,7 +126,7 @@ class Format:
     write: Callable[[Mesh, BinaryIO, Style], None] | None = None
     begins: re.Pattern[bytes] | None = None
     companions: Callable[[Mesh, Style], dict[str, bytes]] | None = None
-    keeps: tuple[Literal["vertex_colors", "face_colors", "vertex_uvs", "textures", "collision"], ...] = ()
+    keeps: tuple[Kept, ...] = ()
     list_stored: Callable[[Mesh], list[str]] | None = None
     list_lost: Callable[[Mesh], list[str]] | None = None
     is_soup: bool = False
@@ -132,7 +138,7 @@ class Format:
 # Suffixes that no package may use.
 _RESERVED = (".triasset",)
 _AXES = ("+x", "-x", "+y", "-y", "+z", "-z")
-_KEEPS = ("vertex_colors", "face_colors", "vertex_uvs", "textures", "collision")
+_KEEPS = get_args(Kept)
 # Suffix, in lower case -> built-in format. `msb.meshes.files` fills it.
 OURS: dict[str, Format] = {}
 

@@ -16,6 +16,7 @@ from msb.meshes.formats import Style
 from msb.meshes.gltf import CHUNK, COMPONENTS, HEADER
 from msb.meshes.image_files import encode_image
 from msb.meshes.mesh import Mesh
+from msb.meshes.normals import vertex_normals
 from msb.meshes.writing import as_float32
 
 _UNLIT = "KHR_materials_unlit"
@@ -85,7 +86,7 @@ class GlbBuilder:
 
 
 def write(mesh: Mesh, stream: BinaryIO, style: Style) -> None:
-    """Write an unlit, two-sided mesh with one primitive per texture. Face colours are not written.
+    """Write a two-sided mesh with one primitive per texture, unlit by default. Face colours are not written.
 
     Positions and texture coordinates are float32, because some programs do not scale normalized integers.
     Colours are linear light as uint8 or uint16. If the style requests sRGB, they are written as stored.
@@ -104,6 +105,8 @@ def write(mesh: Mesh, stream: BinaryIO, style: Style) -> None:
         attributes["COLOR_0"] = _encode_colors(mesh.vertex_colors, style)
     if mesh.vertex_uvs is not None:
         attributes["TEXCOORD_0"] = mesh.vertex_uvs
+    if mesh.corner_normals is not None:
+        attributes["NORMAL"] = vertex_normals(mesh)
     add_mesh(builder, list(split(mesh, attributes)), mesh, style)
     finish(builder, stream)
 
@@ -117,7 +120,7 @@ def start_root(mesh: Mesh, style: Style) -> dict[str, Any]:
     asset |= {"extras": extras} if extras else {}
     return {
         "asset": asset,
-        "extensionsUsed": [_UNLIT],
+        **({} if style.is_lit else {"extensionsUsed": [_UNLIT]}),
         "scene": 0,
         "scenes": [{"nodes": [0]}],
         "nodes": [{"mesh": 0}],
@@ -178,13 +181,10 @@ def _describe_array(rows: NDArray[Any], view: int) -> dict[str, Any]:
 
 
 def _add_material(builder: GlbBuilder, texture: int | None, mesh: Mesh, style: Style) -> None:
-    """Add the unlit, two-sided material of a primitive.
-
-    The material is rough, in case a viewer lights it although it is unlit.
-    """
+    """Add the two-sided material of a primitive. Programs that light it show it rough."""
     surface: dict[str, Any] = {"metallicFactor": 0, "roughnessFactor": 1}
     material: dict[str, Any] = {"pbrMetallicRoughness": surface}
-    material |= {"extensions": {_UNLIT: {}}, "doubleSided": True}
+    material |= {"doubleSided": True} if style.is_lit else {"extensions": {_UNLIT: {}}, "doubleSided": True}
     if texture is not None:
         surface["baseColorTexture"] = {"index": _add_texture(builder, mesh, texture, style)}
         if mesh.sampler.alpha_cutoff is not None:

@@ -389,7 +389,7 @@ FORMATS = (
         _read_glb,
         write,
         begins=re.compile(rb"glTF"),
-        keeps=("vertex_colors", "vertex_uvs", "textures"),
+        keeps=("vertex_colors", "vertex_uvs", "normals", "textures"),
         is_single=True,
         is_linear=True,
         up="+y",

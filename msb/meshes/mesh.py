@@ -36,6 +36,8 @@ class Mesh:
     vertex_keys, corner_keys : (V,), (3F,) uint32, optional
         A hash of the attributes of each vertex or corner that are not read, such as normals and tangents
         (`msb.base.seam_keys.hash_attributes`). They explain duplicated vertices, and are not written.
+    corner_normals : (3F, 3) float32, optional
+        Unit normals per face corner, for writing only (`msb.meshes.normals`).
     textures : tuple of (H, W, 3) or (H, W, 4) uint8
         sRGB images. They are multiplied with the colours in linear light.
     face_textures : (F,) uint32, optional
@@ -65,6 +67,7 @@ class Mesh:
     corner_uvs: NDArray[np.float32] | None = None
     vertex_keys: NDArray[np.uint32] | None = None
     corner_keys: NDArray[np.uint32] | None = None
+    corner_normals: NDArray[np.float32] | None = None
     textures: tuple[NDArray[np.uint8], ...] = ()
     face_textures: NDArray[np.uint32] | None = None
     sampler: Sampler = field(default_factory=Sampler)
@@ -81,6 +84,7 @@ class Mesh:
         _check("face_colors", self.face_colors, faces, (3, 4), colors)
         _check("vertex_uvs", self.vertex_uvs, vertices, (2,), (np.float32,))
         _check("corner_uvs", self.corner_uvs, 3 * faces, (2,), (np.float32,))
+        _check("corner_normals", self.corner_normals, 3 * faces, (3,), (np.float32,))
         for name, keys, rows in (
             ("vertex_keys", self.vertex_keys, vertices),
             ("corner_keys", self.corner_keys, 3 * faces),
@@ -97,10 +101,10 @@ class Mesh:
         for name in ("vertices", "vertex_colors", "vertex_uvs", "vertex_keys", *by_face):
             if (values := getattr(self, name)) is not None:
                 rows[name] = values[faces if name in by_face else vertices]
-        if self.corner_uvs is not None:
-            rows["corner_uvs"] = self.corner_uvs.reshape(-1, 3, 2)[faces].reshape(-1, 2)
-        if self.corner_keys is not None:
-            rows["corner_keys"] = self.corner_keys.reshape(-1, 3)[faces].reshape(-1)
+        for name in ("corner_uvs", "corner_keys", "corner_normals"):
+            if (values := getattr(self, name)) is not None:
+                width = values.shape[1:]
+                rows[name] = values.reshape(-1, 3, *width)[faces].reshape(-1, *width)
         return replace(self, **rows)
 
     @property

@@ -161,12 +161,19 @@ def write(mesh: Mesh, stream: BinaryIO, style: Style) -> None:
         columns = np.column_stack((columns, colors))
         form += " %.9g" * colors.shape[1]
     write_rows(stream, form, columns)
-    faces, form = mesh.faces + 1, "f %d %d %d"
+    # indices: for each corner (F, 3) its vertex, and the texture coordinate and normal if there are any.
+    indices, corner = [mesh.faces + 1], "%d"
     if mesh.vertex_uvs is not None or mesh.corner_uvs is not None:
         rows, numbers = _index_coordinates(mesh)
         write_rows(stream, "vt %r %r", np.column_stack((rows[:, 0], 1 - rows[:, 1].astype(np.float64))))
-        faces = np.stack((faces, numbers + 1), axis=2).reshape(-1, 6)
-        form = "f %d/%d %d/%d %d/%d"
+        indices.append(numbers + 1)
+        corner = "%d/%d"
+    if mesh.corner_normals is not None:
+        normals, numbers = np.unique(mesh.corner_normals, axis=0, return_inverse=True)
+        write_rows(stream, "vn %.6g %.6g %.6g", normals)
+        indices.append(numbers.reshape(-1, 3) + 1)
+        corner += "/%d" if len(indices) == 3 else "//%d"
+    faces, form = np.stack(indices, axis=2).reshape(-1, 3 * len(indices)), " ".join(["f", *[corner] * 3])
     if not has_materials:
         write_rows(stream, form, faces)
         return
@@ -196,9 +203,9 @@ def companions(mesh: Mesh, style: Style) -> dict[str, bytes]:
     images = encode_images(mesh, style, {part.texture for part in chosen if part.texture is not None})
     materials = []
     for number, material in enumerate(chosen):
-        # illum 0: constant colour without lighting.
+        # illum 0: constant colour without lighting; illum 1: diffuse light without highlights.
         lines = [f"newmtl material_{number}", "Kd {:.6g} {:.6g} {:.6g}".format(*material.color)]
-        lines += ["Ks 0 0 0", "illum 0"]
+        lines += ["Ks 0 0 0", f"illum {int(style.is_lit)}"]
         if material.texture is not None:
             name, image = names[material.texture], mesh.textures[material.texture]
             lines += [f"map_Kd {name}"]
@@ -214,7 +221,7 @@ FORMAT = Format(
     read,
     write,
     companions=companions,
-    keeps=("vertex_colors", "textures"),
+    keeps=("vertex_colors", "normals", "textures"),
     list_stored=list_stored,
     list_lost=list_lost,
 )

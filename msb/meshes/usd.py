@@ -160,7 +160,7 @@ def _declare_format(title: str, suffixes: tuple[str, ...], kind: Kind, begins: b
         partial(write, kind),
         begins=None if begins is None else re.compile(begins),
         companions=None if kind == "usdz" else encode_used_images,
-        keeps=("vertex_colors", "face_colors", "textures", "collision"),
+        keeps=("vertex_colors", "face_colors", "normals", "textures", "collision"),
         list_stored=list_stored,
         list_lost=list_lost,
         is_single=True,

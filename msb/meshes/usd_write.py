@@ -1,4 +1,4 @@
-"""USD: write a stage with one mesh, its unlit materials and optional collision shapes."""
+"""USD: write a stage with one mesh, its materials and optional collision shapes."""
 
 import zipfile
 from pathlib import Path
@@ -23,10 +23,10 @@ Kind = Literal["usda", "usdc", "usdz"]
 def write(kind: Kind, mesh: Mesh, stream: BinaryIO, style: Style) -> None:
     """Write a stage as text, as binary, or as a package with its textures. The unit is metres; y is up.
 
-    The default prim contains the mesh, its materials and its collision shapes. Materials are unlit: they use
-    the emissive colour of UsdPreviewSurface. Vertex and face colours become `displayColor`, in linear light.
-    The colours of textured meshes become colours of materials (`msb.meshes.usd_looks`). Collision shapes have
-    the purpose "guide", so that they are not drawn.
+    The default prim contains the mesh, its materials and its collision shapes. By default materials are
+    unlit: they use the emissive colour of UsdPreviewSurface. Lit materials use its diffuse colour. Vertex and
+    face colours become `displayColor`, in linear light. The colours of textured meshes become colours of
+    materials (`msb.meshes.usd_looks`). Collision shapes have the purpose "guide", so that they are not drawn.
     """
     need_extra("usd", "pxr", what="a USD file")
     has_images = kind == "usdz" or style.stem is not None
@@ -60,7 +60,8 @@ def _build_stage(mesh: Mesh, images: list[str], style: Style) -> Any:
     root = UsdGeom.Xform.Define(stage, "/asset")
     stage.SetDefaultPrim(root.GetPrim())
     Usd.ModelAPI(root.GetPrim()).SetKind(Kinds.Tokens.component)
-    _add_colors(_add_mesh(stage, "/asset/mesh", mesh), mesh, images)
+    color_input = "diffuseColor" if style.is_lit else "emissiveColor"
+    _add_colors(_add_mesh(stage, "/asset/mesh", mesh), mesh, images, color_input)
     for number, part in enumerate(style.collision):
         shape = _add_mesh(stage, f"/asset/collision_{number}", part)
         shape.CreatePurposeAttr(UsdGeom.Tokens.guide)
@@ -80,10 +81,13 @@ def _add_mesh(stage: Any, path: str, mesh: Mesh) -> Any:
     prim.CreateFaceVertexCountsAttr(Vt.IntArray.FromNumpy(np.full(len(mesh.faces), 3, np.int32)))
     prim.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(mesh.faces.astype(np.int32).reshape(-1)))
     prim.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
-    # Readers expect normals for surfaces without subdivision. With face normals, the surface looks
-    # flat-shaded.
-    prim.CreateNormalsAttr(Vt.Vec3fArray.FromNumpy(_compute_normals(mesh)))
-    prim.SetNormalsInterpolation(UsdGeom.Tokens.uniform)
+    # Readers expect normals for surfaces without subdivision. With face normals, the
+    # surface looks flat-shaded.
+    normals, domain = mesh.corner_normals, UsdGeom.Tokens.faceVarying
+    if normals is None:
+        normals, domain = _compute_normals(mesh), UsdGeom.Tokens.uniform
+    prim.CreateNormalsAttr(Vt.Vec3fArray.FromNumpy(np.ascontiguousarray(normals)))
+    prim.SetNormalsInterpolation(domain)
     prim.CreateDoubleSidedAttr(True)
     if len(mesh.vertices):
         prim.CreateExtentAttr(UsdGeom.PointBased.ComputeExtent(prim.GetPointsAttr().Get()))
@@ -98,8 +102,8 @@ def _compute_normals(mesh: Mesh) -> NDArray[np.float32]:
     return np.where(long > 0, across / np.where(long > 0, long, 1), (0, 1, 0)).astype(np.float32)
 
 
-def _add_colors(prim: Any, mesh: Mesh, images: list[str]) -> None:
-    """Add colours or textures and their materials to the mesh prim `prim`."""
+def _add_colors(prim: Any, mesh: Mesh, images: list[str], color_input: str) -> None:
+    """Add colours or textures and their materials, by an input of the surface shader, to a mesh prim."""
     from pxr import Sdf, UsdGeom, Vt
 
     if not images:
@@ -107,7 +111,7 @@ def _add_colors(prim: Any, mesh: Mesh, images: list[str]) -> None:
         if colors is None:
             return
         domain = UsdGeom.Tokens.uniform if mesh.vertex_colors is None else UsdGeom.Tokens.vertex
-        _add_display_colors(prim, linear_light(colors)[:, :3], domain)
+        _add_display_colors(prim, linear_light(colors)[:, :3], domain, color_input)
         _bind(prim, "/asset/materials/colors")
         return
     groups = group_faces(mesh)
@@ -119,24 +123,25 @@ def _add_colors(prim: Any, mesh: Mesh, images: list[str]) -> None:
         primvar = UsdGeom.PrimvarsAPI(prim).CreatePrimvar("st", Sdf.ValueTypeNames.TexCoord2fArray, domain)
         _set_primvar(primvar, upward, Vt.Vec2fArray)
     if any(group.color is None for group in groups):
-        _add_display_colors(prim, corner_light(mesh).reshape(-1, 3), UsdGeom.Tokens.faceVarying)
+        light = corner_light(mesh).reshape(-1, 3)
+        _add_display_colors(prim, light, UsdGeom.Tokens.faceVarying, color_input)
     for name, group in zip(_name_groups(groups), groups, strict=True):
         if group.color is not None:
-            _add_group(prim, f"/asset/materials/{name}", group, images, mesh)
+            _add_group(prim, f"/asset/materials/{name}", group, images, mesh, color_input)
         _bind(prim if len(groups) == 1 else _add_subset(prim, name, group), f"/asset/materials/{name}")
 
 
-def _add_display_colors(prim: Any, light: NDArray[np.float32], domain: str) -> None:
+def _add_display_colors(prim: Any, light: NDArray[np.float32], domain: str, color_input: str) -> None:
     """Set `displayColor` to the colours `light` (n, 3) of a domain, and define the material to show them."""
     from pxr import Sdf, Vt
 
     stage = prim.GetPrim().GetStage()
     _set_primvar(prim.CreateDisplayColorPrimvar(domain), np.ascontiguousarray(light), Vt.Vec3fArray)
-    surface = _add_material(stage, "/asset/materials/colors")
+    surface = _add_material(stage, "/asset/materials/colors", color_input)
     name = Sdf.ValueTypeNames.String, "displayColor"
     reader = _add_shader(stage, "/asset/materials/colors/read", "UsdPrimvarReader_float3", varname=name)
     color = reader.CreateOutput("result", Sdf.ValueTypeNames.Float3)
-    surface.GetInput("emissiveColor").ConnectToSource(color)
+    surface.GetInput(color_input).ConnectToSource(color)
 
 
 def _name_groups(groups: list[FaceGroup]) -> list[str]:
@@ -152,14 +157,16 @@ def _name_groups(groups: list[FaceGroup]) -> list[str]:
     return names
 
 
-def _add_group(prim: Any, path: str, group: FaceGroup, images: list[str], mesh: Mesh) -> None:
+def _add_group(
+    prim: Any, path: str, group: FaceGroup, images: list[str], mesh: Mesh, color_input: str
+) -> None:
     """Define the material of a group. It shows an image times a colour, or only a colour."""
     stage = prim.GetPrim().GetStage()
     assert group.color is not None
     if group.image is None:
-        _add_material(stage, path).GetInput("emissiveColor").Set(group.color)
+        _add_material(stage, path, color_input).GetInput(color_input).Set(group.color)
     else:
-        _add_texture(stage, path, images[group.image], mesh, group.color)
+        _add_texture(stage, path, images[group.image], mesh, group.color, color_input)
 
 
 def _add_subset(prim: Any, name: str, group: FaceGroup) -> Any:
@@ -188,11 +195,13 @@ def _set_primvar(primvar: Any, values: NDArray[np.float32], kind: Any) -> None:
     primvar.Set(kind.FromNumpy(np.ascontiguousarray(values)))
 
 
-def _add_texture(stage: Any, path: str, image: str, mesh: Mesh, color: tuple[float, ...]) -> None:
-    """Define an unlit material at `path`. It shows the texture file `image` times `color` (linear light)."""
+def _add_texture(
+    stage: Any, path: str, image: str, mesh: Mesh, color: tuple[float, ...], color_input: str
+) -> None:
+    """Define a material at `path`. It shows the texture file `image` times `color` (linear light)."""
     from pxr import Sdf
 
-    surface = _add_material(stage, path)
+    surface = _add_material(stage, path, color_input)
     kinds = Sdf.ValueTypeNames
     reader = _add_shader(stage, f"{path}/read", "UsdPrimvarReader_float2", varname=(kinds.String, "st"))
     texture = _add_shader(
@@ -209,7 +218,7 @@ def _add_texture(stage: Any, path: str, image: str, mesh: Mesh, color: tuple[flo
     at = reader.CreateOutput("result", Sdf.ValueTypeNames.Float2)
     texture.CreateInput("st", Sdf.ValueTypeNames.Float2).ConnectToSource(at)
     color = texture.CreateOutput("rgb", Sdf.ValueTypeNames.Float3)
-    surface.GetInput("emissiveColor").ConnectToSource(color)
+    surface.GetInput(color_input).ConnectToSource(color)
     if mesh.sampler.alpha_cutoff is not None:
         alpha = texture.CreateOutput("a", Sdf.ValueTypeNames.Float)
         surface.CreateInput("opacity", Sdf.ValueTypeNames.Float).ConnectToSource(alpha)
@@ -227,8 +236,11 @@ def _add_shader(stage: Any, path: str, name: str, **inputs: tuple[Any, Any]) -> 
     return shader
 
 
-def _add_material(stage: Any, path: str) -> Any:
-    """Define a material without reflections at `path`, and return its surface shader."""
+def _add_material(stage: Any, path: str, color_input: str) -> Any:
+    """Define a material without reflections at `path`, and return its surface shader.
+
+    The colour is set at `color_input`; the other colours are black.
+    """
     from pxr import Sdf, UsdGeom, UsdShade
 
     UsdGeom.Scope.Define(stage, "/asset/materials")
@@ -242,7 +254,7 @@ def _add_material(stage: Any, path: str) -> Any:
         useSpecularWorkflow=(Sdf.ValueTypeNames.Int, 1),
         roughness=(Sdf.ValueTypeNames.Float, 1.0),
     )
-    surface.CreateInput("emissiveColor", Sdf.ValueTypeNames.Color3f)
+    surface.CreateInput(color_input, Sdf.ValueTypeNames.Color3f)
     out = surface.CreateOutput("surface", Sdf.ValueTypeNames.Token)
     material.CreateSurfaceOutput().ConnectToSource(out)
     return surface

@@ -123,13 +123,22 @@ def test_progress_can_stop_a_search_with_the_best_result(search: Callable[..., A
         assert np.abs(mesh.vertex_colors - 0.5).max() > 0.1, "colours are fitted in any case"
 
 
-@pytest.mark.parametrize("faces", [None, 500])
-def test_triangles_of_too_few_pixels_are_selected_and_not_moved(faces: int | None) -> None:
+def test_the_default_budget_follows_the_images_that_move_faces() -> None:
+    corners, colors = tiles(20)
+    asset = asset_from_mesh(mesh_of(corners, np.full_like(colors, 0.5)))
+    with open_context((corners, colors), cameras(5, 24, 18)) as context:
+        mesh, notes = make_fitted(asset, replace(context, step_factor=0.01), pixels=10_000)
+    assert 0 < len(mesh.faces) <= 24 * 18 / 2.5
+    assert not notes
+
+
+def test_triangles_of_too_few_pixels_are_selected_and_not_moved() -> None:
+    faces = 500
     corners, colors = tiles(20)
     asset = asset_from_mesh(mesh_of(corners, np.full_like(colors, 0.5)))
     with open_context((corners, colors), cameras(5, 24, 18)) as context:
         mesh, notes = make_fitted(asset, context, faces=faces, pixels=10_000)
-    assert len(mesh.faces) == (faces or 800)
+    assert len(mesh.faces) == faces
     assert notes[0].startswith(f"{len(mesh.faces):,} triangles have 0.")
     before = {tuple(face.reshape(-1)) for face in corners}
     assert {tuple(face.reshape(-1)) for face in mesh.vertices[mesh.faces]} <= before

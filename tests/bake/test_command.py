@@ -135,7 +135,7 @@ def test_a_missing_library_is_reported_before_anything_is_drawn(
         raise UsageError("USAGE", "nothing is missing")
 
     monkeypatch.setattr("msb.base.extras.is_installed", lambda name: name != module)
-    monkeypatch.setattr("msb.bake.run.choose_bake_views", go_on)
+    monkeypatch.setattr("msb.bake.supervision.choose_bake_views", go_on)
     here(*bake_words(model, *words)).ends(2, f"{code}: ")
 
 

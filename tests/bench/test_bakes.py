@@ -34,8 +34,8 @@ def test_bake_tables_have_the_defaults_of_the_command(tmp_path: Path) -> None:
     first, second = make_protocol(
         tmp_path, tail=f'{CEILING}[[bakes]]\nlabel = "b"\nfaces = 9\n'
     ).protocol.bakes
-    assert first.options == {"geometry": "kept", "seconds": 60.0, "seed": 0}
-    assert second.options == {"geometry": "auto", "faces": 9, "seconds": 60.0, "seed": 0}
+    assert first.options == {"geometry": "kept", "effort": "normal", "seed": 0}
+    assert second.options == {"geometry": "auto", "faces": 9, "effort": "normal", "seed": 0}
 
 
 @pytest.mark.parametrize(

@@ -90,7 +90,7 @@ INVALID = {
     '"TRI", (': ["3, (", '"a\\nb", (', '"", ('],
     "read, write": ["None, write", "read, 3"],
     "begins=BEGINS": ["begins=re.compile(b'')", "begins=re.compile('tri')", "begins=b'tri'"],
-    "is_soup=True": ["up='y'", "keeps=('normals',)", "keeps='textures'"],
+    "is_soup=True": ["up='y'", "keeps=('tangents',)", "keeps='textures'"],
     "FORMAT =": ["FORMAT = 3 #", "1 / 0 #"],
 }
 

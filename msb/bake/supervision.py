@@ -1,0 +1,130 @@
+"""The supervision of a bake: native renderings, photographs, or the better of both."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import ExitStack, closing
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from msb.asset import Asset
+from msb.asset.tiers import why_not
+from msb.bake.context import ProgressHook
+from msb.bake.image_source import SAMPLES_PER_SIDE, ImageSource
+from msb.bake.options import BakeOptions, Supervision
+from msb.bake.pipeline import BakePipeline, Choice
+from msb.bake.quality import measure_psnr
+from msb.bake.views import BakeViews, choose_bake_views
+from msb.meshes.assets import asset_from_mesh
+from msb.meshes.mesh import Mesh
+from msb.scenes import Camera
+from msb.scenes.datasets import Scene, scene_of
+
+# Gain in dB, on the photographs of the validation views, from which photographs supervise. A smaller gain is
+# not worth the loss of the look of the method.
+_MIN_GAIN = 0.5
+
+
+@dataclass(frozen=True)
+class BakeInputs:
+    """The inputs of `msb.bake` other than its options."""
+
+    model: Asset
+    scene: Scene | str | os.PathLike[str] | None
+    cameras: Iterable[Camera] | None
+    background: Sequence[float] | str | None
+    device: str | None
+    cache: Path | None
+    progress: ProgressHook
+
+
+@dataclass(frozen=True, eq=False)
+class Attempt:
+    """The result of a supervision: the views, the source of their images, the pipeline, mesh and choice."""
+
+    views: BakeViews
+    source: ImageSource
+    pipeline: BakePipeline
+    mesh: Mesh
+    choice: Choice
+
+
+def make_best_attempt(
+    inputs: BakeInputs, options: BakeOptions, stack: ExitStack, stopped: Callable[[], bool]
+) -> tuple[Attempt, dict[str, float], list[str]]:
+    """Return the attempt to keep, the validation PSNR in dB of each supervision, and notes.
+
+    The PSNRs are to photographs, and empty unless two supervisions were tried. `stack` closes the sources and
+    the pipelines.
+    """
+    if inputs.scene is not None and not isinstance(inputs.scene, Scene):
+        inputs = replace(inputs, scene=scene_of(inputs.model.manifest, inputs.scene))
+    native = _make_attempt(inputs, options, options.supervision or "native", stack, stopped)
+    is_free = options.supervision is None and options.geometry == "auto"
+    if not is_free or not _can_compare(inputs, native.views) or stopped():
+        return native, {}, []
+    attempts = {
+        "native": native,
+        "photographs": _make_attempt(inputs, options, "photographs", stack, stopped),
+    }
+    # Compare both on photographs that supervised neither of them.
+    cameras = [camera for camera in native.views.validation if _has_photograph(camera)]
+    psnr = {}
+    with native.source.photographs(cameras) as targets:
+        for name, attempt in attempts.items():
+            asset = asset_from_mesh(attempt.mesh)
+            psnr[name] = measure_psnr(asset, [targets], SAMPLES_PER_SIDE, inputs.device)[0]
+    values = ", ".join(f"{name} {value:.1f} dB" for name, value in psnr.items())
+    if psnr["photographs"] < psnr["native"] + _MIN_GAIN:
+        note = "native renderings supervise, as photographs gain too little on the validation views"
+        return native, psnr, [f"{note} ({values})"]
+    note = (
+        "photographs supervise, so the result no longer shows the look of the method; pass --supervision "
+        "native to keep it"
+    )
+    return attempts["photographs"], psnr, [f"{note} (validation PSNR to photographs: {values})"]
+
+
+def _make_attempt(
+    inputs: BakeInputs,
+    options: BakeOptions,
+    supervision: Supervision,
+    stack: ExitStack,
+    stopped: Callable[[], bool],
+) -> Attempt:
+    """Bake with a supervision."""
+    inputs.progress("views", 0, 1)
+    views = choose_bake_views(
+        inputs.model,
+        inputs.scene,
+        inputs.cameras,
+        up=options.up,
+        background=inputs.background,
+        photographs=supervision == "photographs",
+        device=inputs.device,
+        kind=options.views,
+    )
+    inputs.progress("views", 1, 1)
+    source = stack.enter_context(ImageSource(inputs.model, views, supervision, inputs.device, inputs.cache))
+    pipeline = stack.enter_context(
+        closing(BakePipeline(inputs.model, views, source, options, inputs.device, inputs.progress))
+    )
+    mesh, choice = pipeline.make_mesh(stopped)
+    return Attempt(views, source, pipeline, mesh, choice)
+
+
+def _can_compare(inputs: BakeInputs, views: BakeViews) -> bool:
+    """Return whether the scene has photographs for training and validation views of a trained model.
+
+    The look of a plain mesh is what its user wants to keep, so photographs do not supervise it by default.
+    """
+    if why_not(inputs.model.manifest, "dedicated") is not None:
+        return False
+    if inputs.scene is None or not any(map(_has_photograph, views.validation)):
+        return False
+    return any(map(_has_photograph, views.training))
+
+
+def _has_photograph(camera: Camera) -> bool:
+    return camera.image_path is not None and Path(camera.image_path).is_file()
