@@ -13,12 +13,20 @@ from typing import NamedTuple
 
 import numpy as np
 
+from msb.asset import Asset
 from msb.bake import closed_mesh, vertex_descent
 from msb.bake.arrays import Floats, Ints
 from msb.bake.blending_weights import count_pixels_by_view
 from msb.bake.candidate_fitted import PIXELS_TO_MOVE
 from msb.bake.context import BestState, SearchContext
-from msb.bake.depth_fusion import REACH, DepthRenderer, Grid, complete_votes, pull_in
+from msb.bake.depth_fusion import (
+    REACH,
+    DepthRenderer,
+    Grid,
+    NativeDepthRenderer,
+    complete_votes,
+    pull_in,
+)
 from msb.bake.descent import StepSchedule
 from msb.bake.fairing import fair
 from msb.bake.options import MIN_CLOSED_FACES
@@ -81,19 +89,19 @@ class ReducedSurface(NamedTuple):
 
 
 def make_surface(
-    soup: Mesh,
+    model: Mesh | Asset,
     context: SearchContext,
     *,
     faces: int | None = None,
     pixels: int = 0,
     seconds: float = math.inf,
 ) -> tuple[Mesh, list[str]]:
-    """Return a closed, manifold, consistently wound mesh that looks like `soup`, and notes for the user.
+    """Return a closed, manifold, consistently wound mesh that looks like `model`, and notes for the user.
 
-    The depths of the opaque soup in the training views define a solid. The boundary of the solid is reduced
-    to about `faces` faces. By default there are as many faces as views of `pixels` pixels can show. Then its
-    vertices are moved for at most `seconds`, and the state with the smallest validation error is kept. The
-    result has vertex colours.
+    The model is an opaque soup, or Gaussians. Its depths in the training views define a solid. The boundary
+    of the solid is reduced to about `faces` faces. By default there are as many faces as views of `pixels`
+    pixels can show. Then its vertices are moved for at most `seconds`, and the state with the smallest
+    validation error is kept. The result has vertex colours.
 
     An object is enclosed from outside. A scene reaches beyond its cameras and is enclosed from inside: its
     faces look inwards, and a far shell shows the sky.
@@ -108,7 +116,7 @@ def make_surface(
 
     def reduce_grid(cells: int) -> ReducedSurface:
         context.progress("solid", 0, 1)
-        surface = enclose(soup, context.training.cameras, (cells, cells), device=context.device)
+        surface = enclose(model, context.training.cameras, (cells, cells), device=context.device)
         context.progress("fewer faces", 0, 1)
         least, most = SCENE_FACES if surface.space.contracted else (OBJECT_FACES, OBJECT_FACES)
         budget = min(max(pixels // _PIXELS_PER_FACE, least), most) if faces is None else faces
@@ -136,14 +144,14 @@ def _choose_grid(reduce_grid: Callable[[int], ReducedSurface]) -> ReducedSurface
 
 
 def enclose(
-    soup: Mesh,
+    model: Mesh | Asset,
     cameras: Sequence[Camera],
     cells: tuple[int, int],
     margin: float = REACH,
     *,
     device: str | Device | None = None,
 ) -> ClosedSurface:
-    """Return the closed surface around the visible parts of a soup.
+    """Return the closed surface around the visible parts of a soup, or of Gaussians.
 
     `cells` is the number of cells along the longest side, for an object and for a scene. `margin` is the
     distance in cells from an object at which its unseen sides are closed.
@@ -154,7 +162,12 @@ def enclose(
         TRIASSET_EMPTY: no camera sees anything that has a volume.
     DeviceError
     """
-    with closing(DepthRenderer(soup, device)) as renderer:
+    renderer: DepthRenderer
+    if isinstance(model, Mesh):
+        renderer = DepthRenderer(model, device)
+    else:
+        renderer = NativeDepthRenderer(model, device)
+    with closing(renderer):
         points = renderer.sample_visible_points(cameras)
         if not len(points):
             text = "no view sees an opaque part of the model, so no surface can be made; pass other cameras"

@@ -13,7 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from msb.bench.aggregate import METRICS
 from msb.bench.gaps import Gaps, Ratio, value_gaps
 from msb.bench.validation import read_json, validate
-from msb.registry import METHODS, NO_TRIANGLES, Method
+from msb.registry import METHODS, NO_TRIANGLES, Method, Retained, Tier
 from msb.report.numbers import (
     DRAWN_CONDITIONS,
     MEAN,
@@ -193,7 +193,9 @@ def as_in_paper(method: Method) -> Method:
     """Return the declaration of a method in the paper's tables: the paper does not draw Gaussians."""
     if method.primitive == "triangle":
         return method
-    retained = {tier: kept for tier, kept in method.retained.items() if tier == "standard"}
+    retained: dict[Tier, Retained] = {
+        tier: kept for tier, kept in method.retained.items() if tier == "standard"
+    }
     return replace(
         method, native=None, retained=retained, unsupported={**method.unsupported, "dedicated": NO_TRIANGLES}
     )
