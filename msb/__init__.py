@@ -51,7 +51,7 @@ _HOME = {
     "audit": "msb.api.auditing",
     "validate": "msb.api.validating",
 }
-# Packages of the public API. All except `metrics` can be called as functions, too.
+# Packages of the public API. All of these packages except `metrics` can also be called as functions.
 _PACKAGES = ("bake", "metrics", "render", "repair", "trial", "why")
 
 __all__ = [

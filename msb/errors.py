@@ -79,7 +79,7 @@ class GateFailed(MsbError):
 
 
 class UsageError(MsbError):
-    """A command or call has an invalid argument. The inputs are not the cause."""
+    """A command or call has an invalid argument. The input files are not the cause."""
 
     codes = _names("""
         USAGE EXTRA_MISSING VIEW_NO_DISPLAY OUTPUT_EXISTS RESULTS_MIXED NAME_UNKNOWN
@@ -179,7 +179,7 @@ class DeviceError(MsbError):
 
 EXIT_OK = 0
 EXIT_INTERRUPTED = 130
-# Class of error -> exit status of the command line. The help of every command lists them.
+# Class of error -> exit status of the command line. The help of every command lists the exit statuses.
 EXIT_STATUS: dict[type[MsbError], int] = {
     GateFailed: 1,
     UsageError: 2,
@@ -314,7 +314,7 @@ def formula_safe(text: str) -> str:
 
 
 def error_kind(code: str) -> type[MsbError]:
-    """Return the class of a code. Raise KeyError if no class has it."""
+    """Return the class of a code. Raise KeyError if no class has the code."""
     for kind in EXIT_STATUS:
         if code in kind.codes:
             return kind
@@ -323,6 +323,6 @@ def error_kind(code: str) -> type[MsbError]:
 
 @cache
 def explained_codes() -> dict[str, Code]:
-    """Return code -> explanation, from errors.toml, for the docs and `msb validate --explain`."""
+    """Return the explanations of errors.toml by code, for the docs and `msb validate --explain`."""
     tables = tomllib.loads(resources.files("msb").joinpath("errors.toml").read_text(encoding="utf-8"))
     return {name: Code(error_kind(name), **texts) for name, texts in tables.items()}

@@ -1,7 +1,8 @@
 """The registry of methods: built-in ones in the folders of `msb.methods`, and methods of other packages.
 
-A method is a package whose ``__init__.py`` declares a `Method` named ``METHOD``, which is plain data. Its
-code is in modules of the package, which are imported when they are needed. Each module has a role:
+A method is a package whose ``__init__.py`` declares a `Method` named ``METHOD``, which is plain data. The
+code of a method is in modules of the package, which are imported when they are needed. Each module has a
+role:
 
 - ``adapter`` converts the files of a training to an asset (`msb.adapters.exporter.Adapter`). A method that
   writes coloured meshes with a recognisable file name needs no adapter.
@@ -135,7 +136,7 @@ class Retained:
 
 @dataclass(frozen=True)
 class PaperNote:
-    """A remark on the paper's numbers of a method in native rendering, which tables show as a footnote."""
+    """A footnote of tables: a remark on the paper's numbers of a method in native rendering."""
 
     text: str
     metrics: tuple[str, ...]
@@ -148,32 +149,38 @@ class Method:
     """The declaration of one method; docs/extending.md describes it."""
 
     title: str
-    """The name in tables and messages."""
+    """The name of the method in tables and messages."""
     paper_name: str | None = None
-    """The name in the paper's tables; None if the method is not in them."""
+    """The name of the method in the paper's tables; None if the paper does not have the method."""
     paper_notes: tuple[PaperNote, ...] = ()
     native: Native | None = None
-    """The features of its native representation; None if the method has no native rendering."""
+    """The features of the method's native representation; None if the method has no native rendering."""
     retained: dict[Tier, Retained] = field(default_factory=dict)
-    """Tier (`dedicated`, `standard`) -> the features that it retains. Unsupported tiers are absent."""
+    """Tier (`dedicated`, `standard`) -> the features that the tier retains. Unsupported tiers are absent."""
     unsupported: dict[Tier, str] = field(default_factory=dict)
-    """Tier -> why the method does not support it. All other tiers are supported."""
+    """Tier -> why the method does not support the tier. The method supports all other tiers."""
     settings: dict[str, Setting] = field(default_factory=dict)
     passes: dict[Tier, tuple[str, ...]] = field(default_factory=dict)
-    """Tier -> the passes of its renderer, in order."""
+    """Tier -> the passes of the tier's renderer, in order."""
     coverage: str = "solid"
-    """The `coverage.kernel` of its manifests: the function of the weight inside a primitive."""
+    """The value of `coverage.kernel` in manifests: the function that gives the weight inside a primitive."""
     primitive: Literal["triangle", "gaussian"] = "triangle"
     """What the method trains. Assets of extracted meshes of a method of Gaussians consist of triangles."""
     files: tuple[str, ...] = ()
-    """Paths of its models in an output folder, such as ``ckpt/{n}.ckpt``, the preferred one first. {n} is the
-    number of an iteration, and the highest is taken. * matches any text, if only one file matches."""
+    """Paths of the method's models in an output folder, such as ``ckpt/{n}.ckpt``.
+
+    The preferred path is first. {n} is the number of an iteration, and the file with the highest number is
+    taken. * matches any text, if only one file matches.
+    """
     bundle: tuple[str, ...] = ()
-    """File names of a model that consists of several files, beginning with the main one. A folder with any of
-    the others is recognised as a model of this method."""
+    """File names of a model that consists of several files, beginning with the main one.
+
+    A folder with any of the other files is recognised as a model of this method.
+    """
     reads_meshes: bool = False
-    """Whether its adapter accepts any mesh file if the user names the method. The files of its exporter do
-    not show which method wrote them.
+    """Whether the method's adapter accepts any mesh file if the user names the method.
+
+    Methods need this if their exported files do not show which method wrote them.
     """
     rules: Rules | None = None
     """The rules of the official code for reading datasets; None if the method is not trained on datasets."""
@@ -202,7 +209,7 @@ NO_APPEARANCE = "it is a mesh with static colours and has no native rendering"
 
 
 def extracted_mesh(title: str, files: tuple[str, ...], rules: Rules | None) -> Method:
-    """Return a method without an adapter. Its result is a coloured mesh in one of `files`."""
+    """Return a method without an adapter. The result of its training is a coloured mesh in one of `files`."""
     return Method(
         title=title,
         retained={"standard": Retained("Fallback", "baked color")},
@@ -216,7 +223,8 @@ def extracted_mesh(title: str, files: tuple[str, ...], rules: Rules | None) -> M
 
 # The registry of installed methods and their modules.
 
-# Folders of the built-in methods, in the order of tables. `mesh` is any mesh from another source.
+# Folders of the built-in methods, in the order of tables. The method `mesh` stands for any mesh from another
+# source.
 BUILT_IN = (
     "two_dts",
     "triangle_splatting",
@@ -245,7 +253,7 @@ METHODS: Mapping[str, Method] = Lazy(_methods)
 
 @cache
 def _installed() -> dict[str, tuple[Method, str]]:
-    """Return name -> method and its package."""
+    """Return the methods and their packages by name."""
     places = {name: f"msb.methods.{name}" for name in BUILT_IN}
     ours = {name: (import_module(place).METHOD, place) for name, place in places.items()}
     return ours | find_installed("method", places, _load_declared)
@@ -261,7 +269,7 @@ def _load_declared(_: str, value: str) -> Method:
 def lookup(name: str) -> Method:
     """Return the method called `name`. A method that is not installed supports the standard tier only.
 
-    The manifest of such an asset is sufficient to audit it, convert it and draw it as an opaque mesh.
+    The manifest of its assets is sufficient to audit it, convert it and draw it as an opaque mesh.
     """
     if name in METHODS:
         return METHODS[name]
@@ -270,7 +278,7 @@ def lookup(name: str) -> Method:
 
 
 def package_of(name: str) -> str:
-    """Return the package of an installed method, which also holds its kernels."""
+    """Return the Python package of an installed method. Its kernels are in the same folder."""
     return _installed()[name][1]
 
 
@@ -298,7 +306,7 @@ def _exists(module: str) -> bool:
 
 
 class _PluginModule:
-    """A module of another package. Errors of its functions name the package."""
+    """A module of a plug-in. Errors of its functions name the package of the plug-in."""
 
     def __init__(self, module: ModuleType, method: str, what: Role) -> None:
         self._module, self._method, self._what = module, method, what
@@ -327,7 +335,10 @@ def _naming_package(method: str, doing: str) -> Iterator[None]:
 
 
 def with_role(what: Role) -> Iterator[tuple[str, Any]]:
-    """Yield name and module of all methods with a role. A module that cannot be imported causes a warning."""
+    """Yield the name of each method that has a module for a role, and the module.
+
+    A module that cannot be imported causes a warning.
+    """
     for name in METHODS:
         module = _loadable(name, what)
         if module is not None:

@@ -1,7 +1,7 @@
 """Default views for judging a model, and the PSNR of its renderings in these views.
 
-The views are the training cameras of the model, if they are stored beside it. Otherwise they are generated
-around the model, or inside it if it is an interior.
+The views are the training cameras of the model, if they are stored beside it. Otherwise msb generates views
+around the model, or inside the model if it is an interior.
 """
 
 from __future__ import annotations
@@ -37,19 +37,19 @@ from msb.scenes.sets import check_cameras
 MAX_TRAINING_VIEWS = 12
 # If generated views see less than this share of the area, views from the other side are tried as well.
 MIN_SEEN_SHARE = 0.8
-# Number of views of each kind that measure this share. They are spread evenly over all views of the kind.
+# Number of views of each kind that measure the share of the area, spread evenly over all views of the kind.
 _MEASURED_VIEWS = 12
 # Width and height in pixels of the depth maps that distinguish an interior from an object. Small maps
 # suffice, because only the shares of visible faces are compared.
 _DEPTH_SIZE = (320, 240)
-# Number of faces whose visibility is tested in these maps. They are spread evenly over all faces.
+# Number of faces whose visibility is tested in the depth maps, spread evenly over all faces.
 _TESTED_FACES = 4000
 # Share of visible faces that outside cameras see from behind. Above this share the winding counts as
-# consistent, with front sides pointing inwards. Below 1/3 it counts as consistent, with front sides pointing
-# outwards. Faces that are wound at random have a share of 1/2.
+# consistent, with front sides pointing inwards. Below 1/3 the winding counts as consistent, with front sides
+# pointing outwards. Faces that are wound at random have a share of 1/2.
 _BEHIND_SHARE = 2 / 3
-# The same limits for the comparison of two kinds of views. It needs less certainty. Measured shares: 0.3 for
-# a diorama, 0.66 for a room, 0.49 to 0.55 for captures with random winding.
+# The same limits of the share for the comparison of two kinds of views, which needs less certainty. Measured
+# shares: 0.3 for a diorama, 0.66 for a room, 0.49 to 0.55 for captures with random winding.
 _OUTWARD_SHARE, _INWARD_SHARE = 0.4, 0.6
 # A face is visible if the depth of its centre is at most this factor times the depth in the depth map. The
 # tolerance is needed because the centres of face and pixel differ.
@@ -58,7 +58,7 @@ _DEPTH_TOLERANCE = 1.01
 
 @dataclass(frozen=True)
 class ChosenViews:
-    """Cameras, and where they come from.
+    """Cameras and their origin.
 
     Attributes
     ----------
@@ -86,9 +86,9 @@ class ChosenViews:
 
     @property
     def why_not(self) -> str | None:
-        """The reason why nothing can be judged in these views.
+        """The reason why these views are unsuitable for judging the model.
 
-        None without a reason, or if `coverage` is unknown.
+        None if the views are suitable, or if `coverage` is unknown.
         """
         if not self.cameras:
             return self.blind_message
@@ -113,8 +113,8 @@ class ChosenViews:
     def with_covered(self, covered: Mapping[int, float] | None) -> ChosenViews:
         """Return the views that see the model, with their coverage.
 
-        `covered` has the share of covered pixels of each camera that sees the model, by the number of the
-        camera. `covered` is None if the shares are unknown.
+        `covered` has the number of each camera that sees the model -> the share of its pixels that the model
+        covers. `covered` is None if the shares are unknown.
         """
         if not covered:
             return self if covered is None else replace(self, cameras=[])
@@ -129,9 +129,10 @@ class ChosenViews:
 def _measure_coverage(
     asset: Asset, cameras: Sequence[Camera], device: str | None, enough: int
 ) -> dict[int, float] | None:
-    """Return the share of covered pixels for the first `enough` cameras that see the asset, by their number.
+    """Find the first `enough` cameras that see the asset.
 
-    Return None if no tier can draw the asset. The error is reported when the caller draws the asset.
+    Return number of the camera -> covered share of pixels. Return None if no tier can draw the asset. The
+    error is reported when the caller draws the asset.
     """
     all_tiers: tuple[Tier, ...] = ("standard", "dedicated")
     tiers = [tier for tier in all_tiers if why_not(asset.manifest, tier) is None]
@@ -190,7 +191,7 @@ def choose_views(
         if kind is None:
             training = find_training_views(asset, device, most=MAX_TRAINING_VIEWS, longest=max(size))
         return training or generate_views(asset, outside, framing, device, kind=kind)
-    except DeviceError:  # it is reported when the caller draws the asset
+    except DeviceError:  # the error is reported when the caller draws the asset
         return _describe_generated(outside, "turntable", framing)
 
 
@@ -213,8 +214,8 @@ def find_training_views(
 ) -> ChosenViews | None:
     """Return the training cameras beside the file of an asset, or None if no camera there sees the asset.
 
-    At most `most` cameras are returned. They are spread evenly over all cameras. They are scaled down so that
-    no side of an image is longer than `longest` pixels.
+    At most `most` cameras are returned. The chosen cameras are spread evenly over all cameras. Their images
+    are scaled down so that no side is longer than `longest` pixels.
     """
     from msb.adapters.training_cameras import training_cameras
 
@@ -242,7 +243,7 @@ def generate_views(
 
     Without `kind`, views from inside are chosen for interiors. If the chosen views see little of the area,
     and views of the other kind see more, the other kind is returned. `framing` is the part of the model that
-    the views `outside` show. The up axis of views from inside is `up`. The default is the asset's up axis.
+    the views `outside` show. `up` is the up axis of views from inside; by default it is the asset's up axis.
 
     Raises
     ------
@@ -319,7 +320,7 @@ def _measure_seen_areas(
 
 
 def spread_evenly(cameras: Sequence[Camera], count: int) -> list[Camera]:
-    """Return `count` cameras, spread evenly over all of them from the first one on, or all cameras."""
+    """Return `count` cameras, spread evenly and beginning with the first; all cameras if there are fewer."""
     if len(cameras) <= count:
         return list(cameras)
     return [cameras[k * len(cameras) // count] for k in range(count)]
@@ -393,13 +394,14 @@ def render_standard(
 def squared_errors(images: Sequence[Any], references: Sequence[Any]) -> NDArray[np.float64]:
     """Return for each view (n, 2) the sum of squared differences and the number of values.
 
-    Views are images or frames. Differences are in levels of 8 bits.
+    Views are images or frames. Differences are in 8-bit levels, from 0 to 255.
     """
     sums = []
     for pair in zip(images, references, strict=True):
         levels = [to_bytes(np.asarray(getattr(view, "image", view))) for view in pair]
         change = np.subtract(*levels, dtype=np.int32)
-        # A matrix product is avoided here. It would start threads that stay busy and slow down the kernels.
+        # A matrix product is avoided here, because it would start threads that stay busy and slow down the
+        # kernels.
         sums.append((np.square(change, out=change).sum(dtype=np.int64), change.size))
     return np.array(sums, np.float64)
 

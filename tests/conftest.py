@@ -20,7 +20,7 @@ from tests.validator import WRITTEN, Validator, keep_written, missing
 ROOT = Path(__file__).parent.parent
 SHARED = ROOT.parent / "shared"
 UNKNOWN_CPU = ROOT / "tests" / "cl" / "unknown_cpu"
-"""A folder for PYTHONPATH. With it, the PoCL wheel behaves as on an unknown processor."""
+"""A folder for PYTHONPATH. With this variable, the PoCL wheel behaves as on an unknown processor."""
 SHORT = {
     "bake": {"--seconds": "0"},
     "bench": {"--repeat": "2", "--seconds": "0"},
@@ -31,7 +31,7 @@ SHORT = {
 
 
 def shorten(words: Sequence[str]) -> list[str]:
-    """Return a command line (with its program). Options of `SHORT` that it lacks are added."""
+    """Return a command line (with its program). Options of `SHORT` that the command line lacks are added."""
     typed = {word.partition("=")[0] for word in words}
     options = SHORT.get(words[1], {}) if words[0] == "msb" and len(words) > 1 else {}
     added = [word for flag, value in options.items() if flag not in typed for word in (flag, value)]
@@ -59,12 +59,12 @@ KERNELS = pytest.StashKey[tuple[Path, int]]()
 def pytest_configure(config: pytest.Config) -> None:
     """Isolate this session and its child processes from the OpenCL set-up of the system.
 
-    They get a separate kernel cache, and PoCL's wheel as the only platform. Tests are then independent of
-    damaged caches, other versions of the kernels and other platforms of the system. Environment variables
-    that are already set, for example by `tests.machines`, are not changed. Hypothesis runs without a time
-    limit.
+    These processes get a separate kernel cache, and PoCL's wheel as the only platform. Tests are then
+    independent of damaged caches, other versions of the kernels and other platforms of the system.
+    Environment variables that are already set, for example by `tests.machines`, are not changed. Hypothesis
+    runs without a time limit.
     """
-    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # shells do this for background processes
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # shells ignore SIGINT for background processes
         signal.signal(signal.SIGINT, signal.default_int_handler)
     variables = {"POCL_CACHE_DIR"} - os.environ.keys()
     if not {"OCL_ICD_VENDORS", "MSB_DEVICE"} & os.environ.keys() and _the_wheel_is_installed():
@@ -99,7 +99,7 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
 
 
 def list_skips(reasons: Iterable[str]) -> None:
-    """Append reasons to the file that MSB_TEST_SKIPS names. It collects the skips of several sessions."""
+    """Append reasons to the file that MSB_TEST_SKIPS names. The file collects skips of several sessions."""
     if file := os.environ.get("MSB_TEST_SKIPS"):
         with Path(file).open("a", encoding="utf-8") as stream:
             stream.writelines(f"{reason}\n" for reason in reasons)
@@ -161,7 +161,7 @@ def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
 
 @pytest.fixture
 def in_browser(browser: Browser) -> Callable[..., Any]:
-    """Return `Browser.show`. It opens a page, runs a script in it and returns the result."""
+    """Return `Browser.show`. The browser opens a page, runs a script in it and returns the result."""
     return browser.show
 
 

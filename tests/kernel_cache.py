@@ -32,14 +32,17 @@ def cache_folder() -> Path:
 
 
 def copy_to(folder: Path) -> int:
-    """Copy the cache, if it exists, to `folder`. Return the number of files in it."""
+    """Copy the cache, if it exists, to `folder`. Return the number of files in `folder`."""
     with suppress(OSError, metadata.PackageNotFoundError):  # tests also work without the cache, but slower
         shutil.copytree(cache_folder(), folder, dirs_exist_ok=True)
     return _count(folder)
 
 
 def keep(folder: Path, before: int) -> None:
-    """Replace the cache by `folder` if this has more files than `before`. Delete caches of other kernels."""
+    """Replace the cache by `folder` if this has more files than `before`.
+
+    Delete caches of other versions of the kernels.
+    """
     if _count(folder) == before:
         return
     with suppress(OSError, metadata.PackageNotFoundError):

@@ -44,7 +44,7 @@ sys.path[:] = [place for place in sys.path if place not in others]
 QUICK = "api or cli or delivery or snapshots or docs"
 """Value of pytest's -k.
 
-It selects tests of the Python interface, the command kit, help texts and documentation.
+`QUICK` selects tests of the Python interface, the command kit, help texts and documentation.
 """
 
 
@@ -74,7 +74,7 @@ def run(copy: Path, *words: str) -> subprocess.CompletedProcess[str]:
 
 
 def commands_of(capability: str) -> set[str]:
-    """Return the commands of a capability. Their modules are deleted with it."""
+    """Return the commands of a capability. The modules of these commands are deleted with the capability."""
     folders = [folder.replace("/", ".") for folder in CAPABILITIES[capability] if folder.startswith("msb/")]
     modules = tuple(f"{folder}." for folder in folders or ["msb_viewers"])
     entries = {name: place.module for places in BUILT_IN.values() for name, place in places.items()}

@@ -1,6 +1,6 @@
 """The documentation is correct and complete.
 
-Tested are docstring examples, links, images, names and shipped data.
+The tests check docstring examples, links, images, names and shipped data.
 """
 
 import doctest
@@ -68,7 +68,7 @@ def test_images_are_used_and_have_descriptions() -> None:
             assert len(text) > 10, f"{path.name}: {target}"
             used.add((path.parent / target).resolve())
     images = {path.resolve() for path in (ROOT / "docs" / "images").iterdir()}
-    assert images - used == {(ROOT / "docs" / "images" / "icon.svg").resolve()}  # the site itself uses it
+    assert images - used == {(ROOT / "docs" / "images" / "icon.svg").resolve()}  # the site uses the icon
 
 
 def public_names() -> set[str]:
@@ -88,7 +88,8 @@ def test_the_reference_lists_all_public_names() -> None:
         module_name, _, member = name.rpartition(".")
         module = importlib.import_module(module_name)
         value = getattr(module, member) if hasattr(module, member) else importlib.import_module(name)
-        # Some packages, such as msb.render, are callable. They stand for the function of the same name.
+        # Some packages, such as msb.render, are callable. Such a package stands for the function of the same
+        # name.
         function = getattr(value, "__name__", "").rpartition(".")[2]
         return getattr(value, function, value) if isinstance(value, ModuleType) else value
 

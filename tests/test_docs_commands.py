@@ -1,9 +1,9 @@
 """Run all commands and Python code of the pages in docs/, with shipped data in place of the reader's files.
 
 README and guides do not name files of the reader. tests/test_guides.py runs them. A ``console`` block has one
-command per line. If some of its lines start with $, only these are commands, and the others are their output.
-The commands of a document run one after the other, in the same process and folder. Commands that need an
-extra run separately, together with those of other documents with the same need.
+command per line. If some lines of a block start with $, only these lines are commands, and the other lines
+are output. The commands of a document run one after the other, in the same process and folder. Commands that
+need an extra run separately, together with those of other documents with the same need.
 """
 
 import importlib.util

@@ -1,7 +1,7 @@
 """README and the guides work with an installed wheel in an empty folder, and give the output that they show.
 
 The lines after a command in a ``console`` block are its standard output; ``...`` stands for any text. All
-commands of a document, and then its Python code, run one after the other in the same folder.
+commands of a document run one after the other in the same folder. The Python code of the document runs last.
 """
 
 import doctest

@@ -25,7 +25,7 @@ GROUND = {"errors", "base", "registry", "asset", "scenes"}
 """Packages that need only NumPy and the standard library. scenes also reads image headers with Pillow."""
 ALLOWED: dict[str, set[str]] = {
     "__main__": {"cli"},
-    # The command kit imports no capability. It finds commands through a table of names.
+    # The command kit imports no capability. The command kit finds commands through a table of names.
     "cli": GROUND,
     "command_files": GROUND | {"cli", "api", "meshes"},
     "__init__": GROUND
@@ -33,7 +33,7 @@ ALLOWED: dict[str, set[str]] = {
     "why": GROUND | {"adapters", "meshes", "metrics", "api", "render", "views"},
     # Opening files, auditing assets, and writing files.
     "api": GROUND | {"meshes", "adapters", "topology"},
-    # Writing files for the web. Their precision depends on renderings.
+    # Writing files for the web. The precision of such files is chosen by renderings.
     "delivery": GROUND | {"adapters", "api", "meshes", "render", "views"},
     "views": GROUND | {"adapters", "meshes", "metrics", "render"},
     "errors": set(),
@@ -42,7 +42,7 @@ ALLOWED: dict[str, set[str]] = {
     "methods": {"errors", "registry", "scenes"},
     "base": {"errors"},
     "asset": GROUND,
-    # Some methods of an asset call functions of `msb`. They import `msb` when they are called.
+    # Some methods of an asset call functions of `msb`. These methods import `msb` when they are called.
     "asset.asset": GROUND | {"msb"},
     "scenes": GROUND,
     "meshes": GROUND,
@@ -100,7 +100,9 @@ ALLOWED: dict[str, set[str]] = {
     "viewers": GROUND | {"api", "meshes", "topology", "metrics", "render", "cl", "views"},
 }
 KIT = {"cli", "api", "render", "command_files"}
-"""Packages that every command may import in addition. They parse arguments, open files and choose renderers.
+"""Packages that every command may import in addition.
+
+These packages parse arguments, open files and choose renderers.
 """
 COMMANDS: dict[str, set[str]] = {
     "repair": {"trial", "views", "delivery", "adapters"},
@@ -245,7 +247,10 @@ def imports_of(path: Path) -> list[tuple[str, When]]:
 
 
 def allowed_packages(part: str) -> set[str]:
-    """Return our packages that a part may import. Commands may import more than their package."""
+    """Return our packages that a part may import.
+
+    Commands may import more than the other modules of their package.
+    """
     package = part.removesuffix(".command")
     if package == part:
         return ALLOWED[part]

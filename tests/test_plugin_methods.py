@@ -1,4 +1,4 @@
-"""A method of another package, the example of docs/extending.md: installed, missing and broken.
+"""A method of another package (the example of docs/extending.md) that is installed, missing or broken.
 
 Unexpected warnings fail these tests.
 """

@@ -43,8 +43,8 @@ def test_all_files_have_the_same_placeholder_address() -> None:
     package = json.loads((ROOT / "integrations" / "js" / "package.json").read_text())
     assert package["repository"]["url"] == f"git+{PLACE}.git"
     assert f"{PLACE}/actions/workflows/ci.yml" in (ROOT / "README.md").read_text()
-    # The check before a release passes if grep fails. grep also fails for a missing file. Therefore all files
-    # that the check names must exist and contain the placeholder.
+    # The check before a release passes if grep fails, and grep also fails for a missing file. Therefore all
+    # files that the check names must exist and contain the placeholder.
     steps = read_yaml(".github/workflows/release.yml")["jobs"]["build"]["steps"]
     (check,) = (step["run"] for step in steps if "OWNER" in step.get("run", ""))
     searched = check.partition("OWNER/meshsplatbench ")[2].split()

@@ -46,7 +46,7 @@ def ball(scale: float = 1.0, at: float = 0.0) -> Mesh:
 
 
 def room(height: float, *, inward: bool, lid: bool = False) -> Mesh:
-    """Return a finely divided room of width 2. It has walls and a floor, and with `lid` a ceiling."""
+    """Return a finely divided room of width 2. The room has walls and a floor, and with `lid` a ceiling."""
     steps = np.linspace(-1, 1, 9)
     u, v = (part.ravel() for part in np.meshgrid(steps, steps))
     first = np.flatnonzero((u < 1) & (v < 1))
@@ -228,7 +228,7 @@ def test_nothing_is_judged_where_the_mesh_is_a_speck() -> None:
     ],
 )
 def test_interiors_get_views_from_inside(origin: str, asset: msb.Asset) -> None:
-    asset = replace(asset, opened_from=None)  # some have training cameras beside their file
+    asset = replace(asset, opened_from=None)  # some models have training cameras beside their file
     for scale in (1e-4, 1.0, 1e4):
         positions = asset.buffers["positions"] * np.float32(scale)
         if asset.manifest.method != "mesh":

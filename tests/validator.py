@@ -1,7 +1,7 @@
 """The official glTF-Validator, which checks every GLB that a test writes for errors and warnings.
 
-`make engines` installs it in .engines. Without it the files are not checked, and the test of the validator is
-skipped.
+`make engines` installs it in .engines. Without the validator the files are not checked, and the test of the
+validator is skipped.
 """
 
 import io
@@ -16,10 +16,7 @@ from uuid import uuid4
 from msb.meshes.formats import OURS
 
 WRITTEN = "MSB_TEST_GLBS"
-"""Environment variable.
-
-It names the folder to which tests and their processes copy all GLB files that they write.
-"""
+"""Environment variable with the folder to which tests and their processes copy the GLB files they write."""
 PACKAGE = Path(__file__).parent.parent / ".engines" / "node_modules" / "gltf-validator"
 
 

@@ -73,7 +73,7 @@ def install(requirements: list[str], folder: Path) -> str | None:
         with tempfile.TemporaryDirectory(prefix="lpips-", dir=folder.parent) as temporary:
             target = Path(temporary) / "packages"
             pip = [sys.executable, "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
-            # Temporary files are beside the target. /tmp may be too small, and on another file system.
+            # Temporary files are beside the target, because /tmp may be too small and on another file system.
             environment = {**os.environ, "TMPDIR": temporary}
             done = subprocess.run(
                 [*pip, "--target", str(target), *requirements],
@@ -84,7 +84,7 @@ def install(requirements: list[str], folder: Path) -> str | None:
                 return errors[-1] if errors else f"pip ended with {done.returncode}"
             target.rename(folder)
     except (OSError, subprocess.TimeoutExpired) as error:
-        return None if folder.is_dir() else str(error)  # another session may have installed it
+        return None if folder.is_dir() else str(error)  # another session may have installed the packages
     return None
 
 

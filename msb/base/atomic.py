@@ -67,10 +67,10 @@ def new_file(
 
 @contextlib.contextmanager
 def new_files(paths: Sequence[Path], *, overwrite: bool = True) -> Iterator[Sequence[BinaryIO]]:
-    """Yield a binary file for each of `paths`. When the block ends, either all of them are replaced or none.
+    """Yield a binary file for each of `paths`. When the block ends, either all files are replaced or none.
 
-    They are replaced in the given order: list the file that refers to the others last. A single path is
-    written as by `new_file`; several paths must not include a device or pipe.
+    The files are replaced in the given order, so list the file that refers to the others last. A single path
+    is written as by `new_file`; several paths must not include a device or pipe.
     """
     if len(paths) == 1:
         with new_file(paths[0], overwrite=overwrite) as file:
@@ -178,9 +178,9 @@ def _about_target(error: OutputError, temporary: Path, target: Path) -> OutputEr
 
 
 def check_place(path: str | os.PathLike[str], *, folder: bool = False) -> None:
-    """Check that a file or `folder` can be written at `path`. Call it before a long computation.
+    """Check that a file, or a folder if `folder` is true, can be written at `path`.
 
-    The parent folders need not exist.
+    Call this check before a long computation. The parent folders need not exist.
 
     Raises
     ------
@@ -227,8 +227,8 @@ def _reject_folder(target: Path) -> None:
 def is_stream(path: str | os.PathLike[str]) -> bool:
     """Return whether `path` can only be written directly, because it cannot be replaced by another file.
 
-    This holds for devices, pipes and sockets, for links to them, and for names of an open file of this
-    process, such as ``/dev/stdout``, ``/dev/fd/63`` and ``/proc/self/fd/3``.
+    The result is true for devices, pipes and sockets, for links to them, and for names of an open file of
+    this process, such as ``/dev/stdout``, ``/dev/fd/63`` and ``/proc/self/fd/3``.
     """
     try:
         mode = Path(path).stat().st_mode
@@ -240,7 +240,7 @@ def is_stream(path: str | os.PathLike[str]) -> bool:
 # A write with one of these error numbers failed because of the disk, not because of the program.
 DISK_ERRORS = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO}
 _NO_SPACE = {errno.ENOSPC, errno.EDQUOT}
-# The remedy in errors about existing files. Commands replace it by their option --force.
+# The remedy in errors about existing files. Commands print their option --force in its place.
 REPLACES = "overwrite=True replaces it"
 _LEFTOVER = re.compile(r"\..{1,50}\.[0-9a-f]{12}\.part", re.DOTALL)
 
@@ -251,7 +251,10 @@ def is_leftover(name: str) -> bool:
 
 
 def remove_leftovers(folder: str | os.PathLike[str]) -> None:
-    """Delete temporary files that killed processes left below `folder`. No process may be writing there."""
+    """Delete temporary files that killed processes left below `folder`.
+
+    No other process may write there during the call.
+    """
     for root, folders, files in os.walk(folder):
         for name in [name for name in (*folders, *files) if is_leftover(name)]:
             _remove(Path(root, name))
@@ -285,14 +288,17 @@ def _descriptor(path: str | os.PathLike[str]) -> int | None:
 
 @contextlib.contextmanager
 def _direct_writer(target: Path) -> Iterator[BinaryIO]:
-    """Yield a temporary file, which allows seeking. At the end of the block it is copied to `target`."""
+    """Yield a temporary file, which allows seeking.
+
+    At the end of the block the temporary file is copied to `target`.
+    """
     with tempfile.TemporaryFile() as file:
         yield cast("BinaryIO", file)
         file.seek(0)
         number = _descriptor(target)
         if number == 1:
             sys.stdout.flush()
-        # Write at the current position of a descriptor. Opening its name would start at byte 0.
+        # Write at the current position of a descriptor. Opening the file by its name would write at byte 0.
         flags = os.O_WRONLY | getattr(os, "O_BINARY", 0)
         number = os.open(target, flags) if number is None else os.dup(number)
         with os.fdopen(number, "wb") as stream:
@@ -363,7 +369,7 @@ def _remove(path: Path) -> None:
             path.unlink()
 
 
-# Folders that were created for outputs. Several threads can write into the same one.
+# Folders that were created for outputs. Several threads can create the same folder.
 _CREATED: set[Path] = set()
 
 
@@ -415,7 +421,7 @@ def _output_errors(target: Path, size: int | None) -> Iterator[None]:
 
 
 def _space(target: Path, size: int | None) -> str:
-    """Return the free and the needed space as text. Call it after the temporary file was deleted."""
+    """Return the free and the needed disk space as text. The temporary file must be deleted already."""
     try:
         free = shutil.disk_usage(_above(target.absolute())).free
     except OSError:

@@ -1,23 +1,22 @@
 """Limit the nesting of JSON and TOML documents before a recursive parser reads them.
 
-A parser that reaches Python's recursion limit can fail anywhere. It can even fail inside a destructor, and
-Python prints errors of destructors on standard error. Measuring the nesting first, without recursion, avoids
-this.
+A parser that reaches Python's recursion limit can fail anywhere. If the parser fails inside a destructor,
+Python prints the error on standard error. This module measures the nesting first, without recursion.
 """
 
 import re
 import tomllib
 from typing import Any
 
-# Maximum nesting of a TOML document. Our protocols have 3 levels; 32 leave room for a pyproject.toml, which
+# Maximum nesting of a TOML document. Our protocols have 3 levels. A pyproject.toml can have more, because it
 # also has the tables of other tools.
 MAX_TOML_DEPTH = 32
 _TOO_DEEP = f"nested too deeply ({MAX_TOML_DEPTH} levels are allowed)"
-# Matches a string, even one without an end, or a bracket. The possessive quantifier (++) needs no memory for
-# backtracking, however long a string is.
+# Matches a bracket or a string, even a string without an end. The possessive quantifier (++) needs no memory
+# for backtracking, however long a string is.
 _JSON_TOKEN = re.compile(r'"(?:[^"\\]++|\\.)*+"?|[\[{\]}]', re.DOTALL)
-# The same for TOML. It also matches comments, dots and the characters that end a key. A multi-line string
-# ends with three quotes, which can follow up to two quotes of its text (TOML 1.0, section String).
+# The same for TOML. This pattern also matches comments, dots and the characters that end a key. The text of a
+# multi-line string can end with two quotes, before the three closing quotes (TOML 1.0, section String).
 _TOML_TOKEN = re.compile(
     r'"""(?:[^"\\]++|\\.|"{1,2}+(?!"))*+(?:"{3,5})?+'
     r"|'''(?:[^']++|'{1,2}+(?!'))*+(?:'{3,5})?+"
@@ -27,12 +26,12 @@ _TOML_TOKEN = re.compile(
     r"|[\[{\]}.,=\n]",
     re.DOTALL,
 )
-# Character that ends a key -> change of the nesting.
+# Character that ends a key -> number of levels that it adds to the nesting.
 _STEPS = {"[": 1, "{": 1, "]": -1, "}": -1, ",": 0, "=": 0, "\n": 0}
 
 
 def json_nesting(text: str) -> int:
-    """Return the greatest nesting of brackets outside strings, 0 without brackets."""
+    """Return the greatest nesting of brackets outside strings, or 0 if there are no brackets."""
     return _deepest(_JSON_TOKEN, text)
 
 

@@ -1,7 +1,7 @@
 """Call functions in child processes, with limits of time and memory.
 
-Other libraries can hang, crash or exhaust the memory. In a child process this only costs the result of the
-call. Arguments and results are exchanged as files in a temporary folder.
+Other libraries can hang, crash or exhaust the memory. In a child process such a failure only costs the result
+of the call. Arguments and results are exchanged as files in a temporary folder.
 """
 
 import contextlib
@@ -36,7 +36,7 @@ Work = Callable[[str, Arrays], tuple[Any, Arrays]]
 _POLL = 0.02
 # Names of the two files that a child writes: its result and its standard error.
 _REPLY, _ERRORS = "reply.json", "errors"
-# Maximum number of bytes that are read from these files.
+# Maximum number of bytes that are read from the result and from the standard error of a child.
 _MOST_REPLY, _MOST_ERRORS = 1 << 26, 1 << 16
 # Exit status of a child that could not write its result: EX_IOERR of sysexits.h.
 _UNWRITTEN = 74
@@ -47,7 +47,7 @@ _PR_SET_PDEATHSIG = 1
 
 @dataclass(frozen=True)
 class Reply:
-    """The result of a call, or the reason why it has none."""
+    """The result of a call, or the reason why the call failed."""
 
     # The two values that the function returned.
     data: Any = None
@@ -56,7 +56,8 @@ class Reply:
     why: str = ""
     # What stopped a call that did not return: its time limit, its memory limit or a crash.
     ended_by: Literal["time", "memory", "crash"] | None = None
-    # Duration of the function, or its limit if it was stopped there; None after a crash.
+    # Duration of the function in seconds. After a stop at the time limit this is the limit, after a crash
+    # None.
     seconds: float | None = None
 
 
@@ -71,7 +72,7 @@ def run_in_child(work: Work, word: str, arrays: Arrays, limits: Limits) -> Reply
 def run_in_children(
     work: Work, words: Sequence[str], arrays: Arrays, limits: Limits, *, at_once: int = 1
 ) -> dict[str, Reply]:
-    """Call `work(word, arrays)` for each word as `run_in_child` does, in `at_once` processes at a time."""
+    """Call `work(word, arrays)` for each word in a child process, at most `at_once` of them at a time."""
     replies: dict[str, Reply] = {}
     running: dict[str, tuple[subprocess.Popen[bytes], Path, float]] = {}
     waiting = list(words)
@@ -106,7 +107,7 @@ def run_in_children(
 
 
 def detached_options() -> dict[str, Any]:
-    """Return options of `subprocess.Popen` that keep Ctrl-C from the child. The parent must end it.
+    """Return options of `subprocess.Popen` that keep Ctrl-C from the child. The parent must end the child.
 
     The child gets a new session on POSIX, and a new process group on Windows.
     """
@@ -219,7 +220,7 @@ def _serve(function: str, word: str, folder: Path, memory: float) -> None:
     start = time.perf_counter()
     try:
         data, arrays = work(word, given)
-    except Exception as error:  # its text is reported as the reason
+    except Exception as error:  # the text of the error is reported as the reason
         why = shorten(f"{error}" or type(error).__name__, 200)
         if isinstance(error, MemoryError):
             why = f"MemoryError: {why}"
@@ -246,8 +247,8 @@ def _end_with_parent() -> None:
 def _limit_memory(gib: float) -> None:
     """Limit the memory of this process to `gib` GiB.
 
-    RLIMIT_DATA counts writable memory. RLIMIT_AS would also count address space that libraries only reserve,
-    such as the arenas of threads, and would stop them far below the memory that they use.
+    RLIMIT_DATA counts writable memory. RLIMIT_AS would be too strict, because it also counts address space
+    that libraries only reserve, such as the arenas of threads.
     """
     import resource
 

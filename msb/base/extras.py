@@ -39,7 +39,7 @@ def need_extra(extra: str, *modules: str, what: str, instead: str = "") -> None:
 
 
 def need_extras(extras: Mapping[str, Iterable[str]], *, what: str, instead: str = "") -> None:
-    """Check the modules of several extras as `need_extra` does. One error names all that are missing."""
+    """Check the modules of several extras as `need_extra` does. One error names all missing modules."""
     missing = {
         extra: absent
         for extra, modules in extras.items()

@@ -30,7 +30,7 @@ def regular_file(path: str | os.PathLike[str]) -> Path:
 
 
 def read_file(path: str | os.PathLike[str], most: int | None = None) -> bytes:
-    """Return the bytes of a regular file, at most the first `most` + 1."""
+    """Return the bytes of a regular file, but at most the first `most` + 1 bytes."""
     with _open_regular(given_path(path)) as descriptor, open(descriptor, "rb", closefd=False) as file:
         return file.read() if most is None else file.read(most + 1)
 
@@ -92,7 +92,7 @@ def _reject_special(status: os.stat_result, path: Path) -> None:
 
 
 def is_pointer(descriptor: int) -> bool:
-    """Return whether an open file is a small text that stands for a file in the storage of Git LFS."""
+    """Return whether an open file is a pointer of Git LFS: a small text in place of the real file."""
     if os.fstat(descriptor).st_size > _MAX_POINTER:
         return False
     beginning = os.read(descriptor, len(_BEGINNING))
@@ -134,7 +134,7 @@ def check_folder(path: Path, what: str = "folder") -> None:
 def is_missing(error: OSError | ValueError) -> bool:
     """Return whether an error means that the file does not exist.
 
-    A `ValueError` means that its name is impossible: it holds a NUL, or half of a surrogate pair.
+    A `ValueError` means that the file name is impossible: it contains a NUL or half of a surrogate pair.
     """
     return isinstance(error, FileNotFoundError | NotADirectoryError | ValueError)
 
@@ -147,8 +147,8 @@ def system_reason(error: OSError | ValueError) -> str:
 def library_reason(error: Exception) -> str:
     """Return the reason why a library could not read a file, from the exception that it raised.
 
-    A damaged file can cause any exception. This includes a lack of memory,
-    because a few bytes can declare gigabytes.
+    A damaged file can cause any exception. A lack of memory can also come from a damaged file, because a few
+    bytes can declare gigabytes.
     """
     if isinstance(error, MemoryError):
         return "this machine does not have enough memory for the size that the file declares"

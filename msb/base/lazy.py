@@ -27,7 +27,7 @@ class _LazyPackage(ModuleType):
         return self._function(*args, **kwargs)
 
     @property
-    def __signature__(self) -> inspect.Signature:  # editors and notebooks show it
+    def __signature__(self) -> inspect.Signature:  # editors and notebooks show this signature
         return inspect.signature(self._function)
 
     @property

@@ -1,7 +1,7 @@
 """Annotations that turn the fields of an options dataclass into options of a command.
 
-Example: ``tier: Annotated[Tier, Option("How to draw.")] = "standard"``. A command that takes the object has
-an option for each annotated field.
+Example: ``tier: Annotated[Tier, Option("How to draw.")] = "standard"``. A command that takes such a dataclass
+has an option for each annotated field.
 """
 
 from dataclasses import dataclass

@@ -19,7 +19,7 @@ _SCHEMA = "msb.files/1"
 
 
 def check_own_folder(folder: Path) -> None:
-    """Check that `own_folder` can write a folder. Call it before a long computation.
+    """Check that `own_folder` can write a folder. Call this check before a long computation.
 
     Raises
     ------

@@ -27,7 +27,7 @@ class PackageError(Exception):
 def find_installed(
     kind: str, ours: Mapping[str, str], accept: Callable[[str, str], Plugin], *, pattern: str | None = NAME
 ) -> dict[str, tuple[Plugin, str]]:
-    """Return the plug-ins of installed packages. Each one that cannot be used causes one warning.
+    """Return the plug-ins of installed packages. Each plug-in that cannot be used causes one warning.
 
     Parameters
     ----------
@@ -90,7 +90,7 @@ def _plural(kind: str) -> str:
 
 
 def describe_entry(kind: str, name: str, value: str) -> str:
-    """Return an entry point as messages name it: "method facets of package msb_facets"."""
+    """Return the name of an entry point for messages, such as "method facets of package msb_facets"."""
     return f"{kind} {shorten(name, 40)} of package {shorten(value.partition(':')[0].strip(), 80)}"
 
 

@@ -33,9 +33,9 @@ def real_place(path: Path) -> str:
 def shell_word(text: str | os.PathLike[str]) -> str:
     """Return a path as one word of a command line, quoted for sh, PowerShell and cmd.exe.
 
-    Double quotes work in all three, but not around $, %, backticks and quotes. Such a path gets single
-    quotes, which cmd.exe does not understand. A path that begins with a hyphen gets ``./`` in front, so that
-    it is not taken for an option.
+    Double quotes work in all three shells, unless the path contains $, %, backticks or quotes. A path with
+    these characters gets single quotes, which cmd.exe does not understand. A path that begins with a hyphen
+    gets ``./`` in front, so that it is not taken for an option.
     """
     word = os.fspath(text)
     if word.startswith("-"):
@@ -48,8 +48,8 @@ def shell_word(text: str | os.PathLike[str]) -> str:
 def normal_form(name: str) -> str:
     """Return a file name in Unicode's composed normal form (NFC).
 
-    Archives from macOS store letters and accents separately (NFD). Such a name looks the same, but other
-    systems treat it as a different one. Compare names in this form.
+    Archives from macOS store letters and accents separately (NFD). A name in NFD looks the same, but other
+    systems treat it as a different name. Therefore compare names in NFC.
     """
     return name if name.isascii() else unicodedata.normalize("NFC", name)
 

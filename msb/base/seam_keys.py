@@ -1,4 +1,7 @@
-"""Seam keys: hashes of vertex attributes that are not read, because they explain duplicated vertices."""
+"""Seam keys: hashes of vertex attributes that msb does not read.
+
+Two vertices at one position can differ in these attributes only.
+"""
 
 from collections.abc import Iterable
 from typing import Any
@@ -6,14 +9,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-# Names of entries in `msb.topology.seams.Attributes`. An asset may have a buffer SEAM_KEY.
+# Two names of attributes in `msb.topology.seams.Attributes`. An asset may have a buffer SEAM_KEY.
 SEAM_KEY, TRIANGLE_LIST = "seam_key", "triangle_list"
 # Multiplier of the hash: 2^32 divided by the golden ratio, as in Fibonacci hashing.
 _MULTIPLIER = np.uint32(0x9E3779B1)
 
 
 def hash_attributes(columns: Iterable[NDArray[Any]]) -> NDArray[np.uint32]:
-    """Return a hash (n,) of each row of several arrays (n, k): the seam key of attributes that are not read.
+    """Return the seam keys (n,) of n vertices: a hash of each row of several arrays of attributes (n, k).
 
     Rows with equal values have equal hashes. Different rows have equal hashes with a probability of 2^-32.
     """

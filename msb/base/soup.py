@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 def is_soup(faces: NDArray[Any]) -> bool:
     """Return whether faces (F, 3) are a triangle soup: no two of them use the same vertex.
 
-    A face that lists a vertex twice uses it once.
+    If a face lists a vertex twice, this counts as one use.
     """
     # Number of faces that use each vertex, (V,).
     a, b, c = faces.T
@@ -18,9 +18,9 @@ def is_soup(faces: NDArray[Any]) -> bool:
 
 
 def is_unindexed(faces: NDArray[Any], vertex_count: int) -> bool:
-    """Return whether each of the vertices is exactly one corner of one face.
+    """Return whether every vertex is used exactly once, as a corner of a face.
 
-    This is a soup without unused vertices and without faces that list a vertex twice.
+    Such a mesh is a triangle soup without unused vertices and without faces that list a vertex twice.
     """
     corners = faces.reshape(-1)
     return len(corners) == vertex_count and bool((np.bincount(corners) == 1).all())

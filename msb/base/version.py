@@ -1,3 +1,3 @@
-"""The version of msb. It is written nowhere else."""
+"""The version of msb. No other file contains it."""
 
 __version__ = "0.2.0"

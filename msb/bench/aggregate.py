@@ -75,7 +75,7 @@ def _compute_rate_range(timing: Timing) -> float | None:
 
 
 def why_unsteady(result: Result) -> str | None:
-    """Return why a frame rate is not used, or None; it is not used if its rounds differ by more than 25 %."""
+    """Return why a frame rate is not used: its rounds differ by more than 25 %. None if it is used."""
     if result.timing is None or (_compute_rate_range(result.timing) or 0.0) <= MAX_RATE_RANGE:
         return None
     slow, fast = min(result.timing.round_fps), max(result.timing.round_fps)
@@ -198,7 +198,8 @@ class Mean:
 def expected_scenes(dataset: str, present: Iterable[str]) -> tuple[str, ...]:
     """Return the scenes over which the values of `dataset` are averaged.
 
-    These are the published scenes if any of them is in `present`, otherwise the scenes in `present`.
+    If `present` contains a published scene of the dataset, all published scenes are returned, otherwise the
+    scenes in `present`.
     """
     names = tuple(dict.fromkeys(present))
     published = SCENES.get(dataset, ())

@@ -1,6 +1,7 @@
 """The bakes of a run: computed once per model and scene, and again only if an input changes.
 
-A bake is stored in the results folder. A JSON file beside it holds the hash of its inputs and its report.
+A bake is stored in the results folder. A JSON file beside a bake holds the hash of the inputs and the report
+of the bake.
 """
 
 from collections.abc import Mapping
@@ -109,7 +110,7 @@ def find_known_bake(task: BakeTask, run: str | None = None) -> ModelAsset | None
         )
         if description.key != task.key or run not in (None, description.run):
             return None
-        # Copying the results changes the modification time. If it differs, the content is compared.
+        # Copying the results changes the modification time. If the time differs, the content is compared.
         same = stamp(task.path) == description.stamp or file_sha256(task.path) == description.asset.sha256
     except (MsbError, OSError, ValueError):  # ValueError: a path contains a NUL character
         return None
@@ -119,7 +120,7 @@ def find_known_bake(task: BakeTask, run: str | None = None) -> ModelAsset | None
 def make_bake(task: BakeTask) -> ModelAsset:
     """Bake the model of a task from the training views of the scene, and write the file that describes it.
 
-    If this run has already finished the bake, it is returned. A task can arrive twice because a cluster may
+    A bake that this run has already finished is returned. A task can arrive twice because a cluster may
     repeat the tasks of a lost worker.
     """
     from msb.bake import bake

@@ -26,7 +26,7 @@ from msb.errors import MsbError, shorten
 
 # The error code of an unexpected exception.
 INTERNAL = "INTERNAL"
-# The function that computes each part. It returns keys of `Result` with their values.
+# The function that computes each part. A function returns keys of `Result` with their values.
 MEASURES: dict[PartName, Callable[[Job], dict[str, Any]]] = {
     "quality": measure_quality,
     "audit": measure_audit,
@@ -43,7 +43,7 @@ _KEYS: dict[PartName, tuple[str, ...]] = {
     "quality": ("quality", "setup", "renders", "renderer", "device"),
     "timing": ("timing", "memory", "floor", "device"),
 }
-# Names of inputs that are not rendering options.
+# Names of inputs that do not count as rendering options.
 _NOT_RENDERING = frozenset(
     ("cameras", "photographs", "metrics", "device", "clock", "flight", "definition", "film")
 )
@@ -58,7 +58,8 @@ def compute(job: Job) -> JobOutcome:
     start = time.perf_counter()
     record = _keep_valid_parts(job, _read_old(job))
     if any(part in MAIN for part in job.parts):
-        # From here on, images are replaced. The old record no longer describes them, so it is deleted first.
+        # The following steps replace images. The old record does not describe the new images, so it is
+        # deleted first.
         with contextlib.suppress(FileNotFoundError):
             (job.folder / RESULT).unlink()
     for part, inputs in job.parts.items():
@@ -139,9 +140,9 @@ def _is_valid(part: PartName, job: Job, old: Result) -> bool:
     recorded, requested = old.inputs[part], job.requested.get(part)
     if requested is not None:
         return recorded == requested
-    # The protocol no longer requests the part, so its current inputs are unknown. The part is valid if the
-    # inputs that it shares with images or audit have not changed. Timing and walk must also have the same set
-    # of rendering options as the images.
+    # The protocol no longer requests the part, so its current inputs are unknown. The part is valid if its
+    # inputs are unchanged, as far as they are also inputs of the images or the audit. Timing and walk must
+    # also have the same set of rendering options as the images.
     present = {name: value for main in MAIN for name, value in job.requested.get(main, {}).items()}
     images = job.requested.get("quality", {}).keys()
     same_options = (

@@ -1,7 +1,7 @@
 """The parts of a record that other commands write: audit, bake, trials, repairs and Chamfer distance.
 
-Such a part is stored as the other command writes it. The models below declare only the keys that tables and
-reports read. All other keys are kept unchanged, so the other command may add keys.
+These parts are stored as the other commands write them. The models below declare only the keys that tables
+and reports read. All other keys are kept unchanged, so the other command may add keys.
 """
 
 from dataclasses import asdict
@@ -81,7 +81,7 @@ class TrialDocument(Document):
 class Psnr(Document):
     """PSNR in dB between renderings and photographs.
 
-    It is measured before the bake, after it, and after it with 16 samples per pixel.
+    The PSNR is measured before the bake, after the bake, and after the bake with 16 samples per pixel.
     """
 
     before: Decibels | None

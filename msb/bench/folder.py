@@ -20,7 +20,7 @@ from msb.errors import InputError, MsbError, OutputError, UsageError
 RESULT = "result.json"
 # Folders beside a record with the images of its trials and repairs.
 TRIAL_FOLDER, REPAIRS_FOLDER = "trial", "repairs"
-# The film beside a record. It shows the one second of the walk with the most flicker.
+# The film beside a record. The film shows the one second of the walk with the most flicker.
 WALK_FILM = "walk.mp4"
 _LOCK = ".lock"
 # The file that names the current run, and its maximum size in bytes.

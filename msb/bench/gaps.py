@@ -49,16 +49,16 @@ class Gap:
     signed: float | None = None
     # The reason of `incomparable`.
     reason: str | None = None
-    # The average of the absolute gaps of single scenes. It is never smaller than `value`, because gains
-    # cancel losses in `value`.
+    # The average of the absolute gaps of single scenes. This average is never smaller than `value`, because
+    # gains cancel losses in `value`.
     mean_abs_scene_gap: float | None = None
     scenes: int = 1
     expected: int = 1
-    # The averages of the two conditions over exactly these scenes. They differ from the averages in other
-    # tables if scenes are missing in one condition.
+    # The averages of the two conditions over exactly these scenes. These averages differ from the averages in
+    # other tables if scenes are missing in one condition.
     ends: tuple[float, float] | None = None
-    # The 95 % interval of `signed`, computed from the losses in single views. None if only two numbers are
-    # known.
+    # The 95 % interval of `signed`, computed from the losses in single views. The interval is None if only
+    # the two averages are known.
     interval: Interval | None = None
 
     @property
@@ -168,8 +168,8 @@ def slowdown(
 ) -> Ratio:
     """Return the ratio of the frame rates of two conditions.
 
-    The default is the paper's slowdown, the frame rate of Standard divided by that of Dedicated. The ratio of
-    "dedicated" to "non_engine" compares an engine with the method's own renderer.
+    The default is the paper's slowdown, the frame rate of Standard divided by the frame rate of Dedicated.
+    The ratio of "dedicated" to "non_engine" compares an engine with the method's own renderer.
     """
     expected = tuple(scenes)
     values, reasons = _select_comparable("fps", results, expected, numerator, denominator)
@@ -193,9 +193,9 @@ def incomparable(
     "unsteady" (the rounds of a frame rate differ too much).
 
     The records must have equal images, sizes, ground truth, background and definition of the metric. If both
-    have an asset, it must be the same; a bake counts as the asset that was baked. Speed and memory must be of
-    the same device. Versions of libraries may differ. Two methods (`one_asset` false) may differ in
-    background and camera convention, because these belong to the method.
+    records have an asset, the asset must be the same; a bake counts as the asset that was baked. Speed and
+    memory must be measured on the same device. Versions of libraries may differ. Two methods (`one_asset`
+    false) may differ in background and camera convention, because these belong to the method.
     """
     for result in (first, second):
         if result is None:
@@ -308,7 +308,8 @@ def _compare_devices(first: Result, second: Result) -> str | None:
     native = [record.renderer_timing for record in (first, second) if record.renderer_timing is not None]
     if any(timing.whole_command for timing in native):
         return "whole_command"
-    # A timing that the user measured states only the name of its device. Therefore only names are compared.
+    # A timing that the user measured states only the name of its device. Therefore only device names are
+    # compared.
     if native:
         return None if _get_device_name(first) == _get_device_name(second) else "device_mismatch"
     devices = [

@@ -93,7 +93,7 @@ def find_inputs(job: Job, reader: InputReader) -> dict[PartName, PartInputs]:
     parts: dict[PartName, PartInputs] = {}
     condition = job.cell.condition
     views = {"cameras": job.views.cameras, "photographs": job.views.photographs}
-    # An exported mesh is not rendered. It is audited, and optionally tried, repaired and measured.
+    # An exported mesh is not rendered. Such a mesh is audited, and optionally tried, repaired and measured.
     if condition == "exported_mesh":
         if job.model is not None:
             parts |= _find_mesh_inputs(job)

@@ -18,9 +18,9 @@ from msb.metrics.registry import IMAGE_METRICS
 
 # Significance level of the tests.
 LEVEL = 0.05
-# A difference is tested only if no scene has more than this many times as many views as another. Of
-# differences that are pure noise, the test should call 5 % significant. It calls 4.2 % significant at a ratio
-# of 3, and only 1 % at a ratio of 100.
+# Maximum ratio of the numbers of views in two scenes; with a larger ratio a difference is not tested. Of
+# differences that are pure noise, the test should call 5 % significant. The test calls 4.2 % significant at a
+# ratio of 3, and only 1 % at a ratio of 100.
 MOST_UNEQUAL = 3
 NO_VIEWS = "no values of single views"
 # Maximum relative difference of values that are equal except for rounding.

@@ -24,7 +24,7 @@ from msb.metrics.registry import modules_needed
 from msb.render.backend import why_unavailable
 from msb.scenes.datasets import SceneAt
 
-# The use of inputs that every run needs; they are listed first.
+# The use of inputs that every run needs; these inputs are listed first.
 _ANY = "needed for all cells"
 
 
@@ -37,7 +37,7 @@ class Missing:
     message: str
     # The number of cells that need the input; 0 if it is unknown.
     cells: int
-    # Whether these cells cannot be computed without it. If false, only a part of their records will be
+    # Whether the cells cannot be computed without the input. If false, only a part of their records will be
     # missing.
     blocks: bool
 
@@ -152,7 +152,7 @@ class _Search:
         return needs
 
     def check_inputs(self, planned: Planned) -> Iterator[tuple[MsbError | None, str, bool]]:
-        """Yield the error or None, the use, and whether the cell needs the input, for each input."""
+        """For each input, yield the error or None, the use, and whether the cell needs the input."""
         cell, chamfer = planned.cell, self.file.protocol.chamfer
         pair = self.planner.pairs[cell.names]
         method, model = pair.method, cell.model_name

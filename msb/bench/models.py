@@ -31,14 +31,14 @@ class ModelAsset(Record):
     # The file of the checkpoint. If the checkpoint has several files, the hash is that of the list of their
     # hashes.
     checkpoint: File | None
-    # Its `bytes` is the sum of the sizes of the files in the container.
+    # The asset, with the sum of the sizes of its files in `bytes`.
     asset: File
     # Background colour of the official evaluation, if the checkpoint records it.
     background: tuple[float, float, float] | None
     # The key `training` of the manifest.
     training: dict[str, Any]
-    # Path, size and time of all files of checkpoint and asset. While they are unchanged, the hashes are
-    # valid.
+    # Path, size and time of all files of checkpoint and asset. While these values are unchanged, the hashes
+    # are valid.
     stamps: tuple[tuple[str, int, int], ...]
     # Path and method in the protocol.
     key: str

@@ -23,7 +23,7 @@ class Gpus:
     """The NVIDIA GPUs of this machine, or the reason why they cannot be measured: no library, driver or GPU.
 
     Two numbers are measured: the memory that NVML lists for given processes, and the growth of the memory of
-    the whole device. The second is used if NVML cannot list processes.
+    the whole device. The growth is used if NVML cannot list processes.
     """
 
     def __init__(self) -> None:

@@ -1,7 +1,7 @@
 """The state of a scene's test views, and its ground truth: the photographs prepared for comparison.
 
 The ground truth is written once per scene, resized, masked and rounded to bytes, with a list of hashes. Every
-run verifies it against that list, because a damaged image would falsify all later results.
+run verifies the ground truth against this list, because a damaged image would falsify all later results.
 """
 
 import json
@@ -22,10 +22,11 @@ from msb.render.images import image_names, write_image
 from msb.scenes import Camera
 from msb.scenes.datasets import Scene, SceneAt
 
-# A file in every folder of ground truth. It holds the hash of the sources and the SHA-256 of each image.
+# A file in every folder of ground truth. The file holds the hash of the sources and the SHA-256 of each
+# image.
 HASHES = "hashes.json"
 SCHEMA = "msb.ground_truth/1"
-# Maximum size of that file in bytes.
+# Maximum size of the file of hashes in bytes.
 _MAX_BYTES = 64 << 20
 
 
@@ -35,7 +36,8 @@ class ViewState:
 
     # Hash of names, sizes, intrinsics and poses.
     cameras: str
-    # Hash of photographs, sizes, masks and background. It is the name of the ground truth's folder.
+    # Hash of photographs, sizes, masks and background. The folder of the ground truth has this hash as its
+    # name.
     photographs: str
     setup: Setup
     # Names of photographs, renderings and ground truth, without suffix.

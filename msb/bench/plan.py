@@ -58,7 +58,7 @@ class Planned:
     cell: Cell
     # The job of the cell, or None if it cannot be computed.
     job: Job | None
-    # The reason for each part to compute, or for "bake". It is "new", "failed before", "requested", the
+    # The reason for each part to compute, or for "bake". A reason is "new", "failed before", "requested", the
     # inputs that changed, or the fault of a record or rendering.
     why: Mapping[str, str] = field(default_factory=dict)
     # "done": all parts are recorded and valid. "failed" and "unsupported" have a `reason`.
@@ -409,9 +409,9 @@ def _find_changed_image(folder: Path, old: Result) -> str | None:
 def is_selected(cell: Cell, only: Sequence[str]) -> bool:
     """Return whether `only` selects a cell.
 
-    Each string of `only` consists of patterns (with ``*`` and ``?``) separated by slashes. It selects a cell
-    if every pattern matches the dataset, scene, method, label, condition, variant or renderer. One matching
-    string is enough, and an empty `only` selects every cell.
+    Each string of `only` consists of patterns (with ``*`` and ``?``) separated by slashes. A string selects a
+    cell if every pattern matches the dataset, scene, method, label, condition, variant or renderer. One
+    matching string is enough, and an empty `only` selects every cell.
     """
     return _matches((*cell.names, cell.method, cell.condition), only)
 

@@ -56,10 +56,10 @@ def run_all(
     Workers must be able to import the function. With `alone`, tasks run one after the other, so that other
     tasks of the run do not disturb timings.
 
-    When a process dies, the pool does not know which task killed it. It was one of the tasks in progress: the
-    first unfinished tasks, at most one per worker. These tasks are computed again, one at a time. If a
-    process dies again, its task gets the error RUN_WORKER_DIED, and the other tasks continue. A Dask
-    scheduler repeats the tasks of a dead worker itself.
+    When a process dies, the pool does not know which task killed it. The culprit was in progress, so it is
+    among the first unfinished tasks, at most one per worker. The pool computes these tasks again, one at a
+    time. If a process dies again, its task gets the error RUN_WORKER_DIED, and the other tasks continue. A
+    Dask scheduler repeats the tasks of a dead worker itself.
     """
     waiting = list(tasks)
     while waiting:

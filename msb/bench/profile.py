@@ -26,7 +26,8 @@ if TYPE_CHECKING:
 # The default warm-up ends after this many frames or seconds, whichever comes first.
 WARM_UP_FRAMES = 10
 WARM_UP_SECONDS = 1.0
-# A timing is divided into this many rounds. Their frame rates differ if other programs use the machine.
+# A timing is divided into this many rounds. The frame rates of the rounds differ if other programs use the
+# machine.
 ROUNDS = 5
 
 
@@ -88,7 +89,7 @@ def profile(
             cycle.repeat(SETTLED_AT - cycle.frames, 0)
     elif warm_up:
         cycle.repeat(warm_up, 0)
-    # Only these frames are timed. The remaining cameras are drawn afterwards, only to measure memory.
+    # Only the following frames are timed. The remaining cameras are drawn afterwards, only to measure memory.
     start = time.perf_counter()
     cycle.ends.clear()
     drawn = cycle.repeat(frames, seconds, step=step)
@@ -142,7 +143,7 @@ def _select_frame_times(spans: Sequence[float]) -> tuple[float, ...]:
 
 
 class _CameraCycle:
-    """Draws cameras in turn; `unseen` are those not drawn since the renderer's buffers settled."""
+    """Draws cameras in turn; `unseen` are cameras not drawn since the renderer's buffers settled."""
 
     def __init__(self, renderer: Renderer, cameras: Sequence[Camera], background: Sequence[float]) -> None:
         self.renderer, self.cameras, self.background = renderer, cameras, background
@@ -165,7 +166,7 @@ class _CameraCycle:
         any_of: bool = False,
         step: Callable[[], None] = lambda: None,
     ) -> list[DrawTime]:
-        """Draw the cameras in turn until `frames` and `seconds` are reached, or one of them if `any_of`."""
+        """Draw the cameras in turn until `frames` and `seconds` are reached; with `any_of` one is enough."""
         drawn: list[DrawTime] = []
         start = time.perf_counter()
         while True:

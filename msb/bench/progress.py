@@ -10,8 +10,8 @@ class RemainingTime(NamedTuple):
     """An estimate of the remaining time."""
 
     seconds: float
-    # Whether the estimate is a lower bound. It is a lower bound if a remaining kind has no finished task yet,
-    # or if a task has already taken longer than the average of its kind.
+    # Whether the estimate is a lower bound. The estimate is a lower bound if a remaining kind has no finished
+    # task yet, or if a task has already taken longer than the average of its kind.
     at_least: bool
 
 

@@ -42,7 +42,7 @@ class ProtocolFile:
     # The content of the file, which is copied to the results.
     text: bytes
     protocol: Protocol
-    # If given, it replaces the protocol's results folder.
+    # Folder that replaces the protocol's results folder, if it is given.
     results_instead: Path | None = None
 
     @property

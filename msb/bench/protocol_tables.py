@@ -59,7 +59,7 @@ class MethodTable(SceneOptions):
     name: str = AUTO
     # Distinguishes models of one method, and names the columns and folders of the model.
     label: FolderName | None = None
-    # The checkpoint, .triasset or mesh of each scene. Without it only official renderings are evaluated.
+    # The checkpoint, .triasset or mesh of each scene. Without a model only official renderings are evaluated.
     model: Template | None = None
     # Datasets for the evaluation of the method. Default: all.
     datasets: tuple[FolderName, ...] = ()
@@ -67,7 +67,8 @@ class MethodTable(SceneOptions):
     settings: dict[str, Setting] = Field(default_factory=dict)
     # Default: the conditions of the protocol.
     conditions: Annotated[tuple[Condition, ...], Field(min_length=1)] | None = None
-    # The folder of official renderings, or "reference". Without it the condition non_engine is left out.
+    # The folder of official renderings, or "reference". Without a folder or "reference" the condition
+    # non_engine is left out.
     non_engine: Template | None = None
     # A timing of the method's own renderer (schema msb.renderer_timing/1).
     non_engine_timing: Template | None = None
@@ -80,9 +81,9 @@ class MethodTable(SceneOptions):
 class VariantTable(Record):
     """``[[variants]]``: an additional condition of the dedicated tier, rendered with other options."""
 
-    # The name of the condition. No other condition, engine or variant may have it.
+    # The name of the condition. No other condition, engine or variant may have this name.
     label: FolderName
-    # As ``--order`` of `msb render`. Default: the order of the official renderer.
+    # Like the option ``--order`` of `msb render`. Default: the order of the official renderer.
     order: Order | None = None
     sampling: Sampling | None = None
     # A renderer of the dedicated tier, by its name in `msb devices`. Default: ours.
@@ -100,10 +101,11 @@ class VariantTable(Record):
 class BakeTable(Record):
     """``[[bakes]]``: an additional condition, the result of `msb bake` on the standard tier.
 
-    Its other keys are `BAKE_KEYS`, the options of `msb bake`. Bakes are supervised by training views only.
+    The table also has the keys `BAKE_KEYS`, the options of `msb bake`. Bakes are supervised by training views
+    only.
     """
 
-    # The name of the condition. No other condition, engine, variant or bake may have it.
+    # The name of the condition. No other condition, engine, variant or bake may have this name.
     label: FolderName
     # The datasets whose models are baked. Default: all.
     datasets: tuple[FolderName, ...] = ()
@@ -200,7 +202,8 @@ class Protocol(Record):
 def make_protocol_model(*, bakes: bool) -> type[Protocol]:
     """Return the model of a protocol file.
 
-    With `bakes`, the tables ``[[bakes]]`` accept the options of `msb.bake`. Other protocols do not import it.
+    With `bakes`, the tables ``[[bakes]]`` accept the options of `msb.bake`. Protocols without bakes do not
+    import `msb.bake`.
     """
     if not bakes:
         return Protocol

@@ -149,7 +149,8 @@ class _RenderedImages:
 def open_renderer(job: Job, asset: Asset | None = None) -> Renderer:
     """Return the renderer of a cell for `asset`, by default the model of the cell.
 
-    Its options disable everything that the image does not need, such as buffers for other commands.
+    The options of the renderer disable everything that the image does not need, such as buffers for other
+    commands.
     """
     from msb.render import Renderer
     from msb.render.backend import minimal_options

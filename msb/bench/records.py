@@ -34,7 +34,7 @@ from msb.registry import Tier
 SCHEMA: Literal["msb.result/2"] = "msb.result/2"
 # Maximum size of a record in bytes. An image takes about 400 bytes, so 100,000 test views fit.
 MAX_BYTES = 64 << 20
-# Maximum number of frame times in a record. They take 160 kB; the default timing of 3 s has fewer.
+# Maximum number of frame times in a record. 20,000 times take 160 kB. The default timing of 3 s has fewer.
 MOST_FRAME_TIMES = 20_000
 # Maximum size of a file of the schema msb.renderer_timing/1 in bytes.
 _MAX_TIMING = 1 << 16
@@ -55,7 +55,7 @@ BAKED = "baked"
 # Tolerance for a recorded average: above the rounding error of a sum, below the last digit of the tables.
 _ROUNDING = {"rel_tol": 1e-9, "abs_tol": 1e-9}
 
-# Larger numbers are rejected in any part of a record. Sums and squares of smaller ones do not overflow.
+# Larger numbers are rejected in any part of a record. Sums and squares of accepted numbers do not overflow.
 _MAX_NUMBER = 1e100
 # A positive number; the lower limit keeps quotients finite.
 _Divisor = Annotated[float, Field(ge=1e-9)]
@@ -220,7 +220,7 @@ class Timing(Record):
     # Device time since the first command was queued; None if the renderer does not measure it.
     queued_p50_ms: Amount | None
     queued_p95_ms: Amount | None
-    # Frame rates of up to five consecutive rounds; they differ if other programs use the machine.
+    # Frame rates of up to five consecutive rounds; these rates differ if other programs use the machine.
     round_fps: tuple[Amount, ...]
     # Device time of each frame in units of 0.1 microseconds. Long timings keep only evenly spread frames.
     # Empty in older records.
@@ -314,9 +314,9 @@ class WalkDocument(Record):
     height: Count
     # Root mean square of `msb.metrics.steadiness.unexplained_change` over all frames, in levels of 255.
     flicker: Amount
-    # The same over the one second of the walk with the most flicker.
+    # The flicker over the one second of the walk that flickers most.
     flicker_worst: Amount
-    # Index of the first frame of that second.
+    # Index of the first frame of the worst second.
     worst_frame: Count
     # Share of pixels in holes (`msb.metrics.steadiness.find_holes`) among pixels with the model or a hole.
     holes: Share
@@ -336,7 +336,7 @@ class Training(Record):
 class RendererInfo(Record):
     """The renderer of the images.
 
-    Its `kind` is "upstream" for official renderings, and "msb_reference" for our NumPy renderer.
+    `kind` is "upstream" for official renderings, and "msb_reference" for our NumPy renderer.
     """
 
     name: str
@@ -378,7 +378,7 @@ class Result(Record):
     # Audits and trials exist only for exported meshes and bakes.
     audit: AuditDocument | None = None
     bake: BakeDocument | None = None
-    # Its images are in the folder "trial" beside the record.
+    # The images of a trial are in the folder "trial" beside the record.
     trial: TrialDocument | None = None
     # Only for an exported mesh; images are in the folder "repairs".
     repairs: RepairDocument | None = None

@@ -19,9 +19,9 @@ from msb.scenes import Camera
 from msb.scenes.image_size import IMAGE_SUFFIXES as PHOTOGRAPHS
 from msb.scenes.image_size import image_size
 
-# An optional file in the format of ``sha256sum``. If it exists, it must list the hash of every image.
+# An optional file in the format of ``sha256sum``. If the file exists, it must list the hash of every image.
 SUMS = "SHA256SUMS"
-# Maximum size of that file in bytes, enough for a hundred thousand lines.
+# Maximum size of SHA256SUMS in bytes, enough for a hundred thousand lines.
 _MAX_SUMS = 16 << 20
 # Maximum number of file names in an error message.
 _MAX_NAMES = 4

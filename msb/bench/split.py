@@ -1,8 +1,8 @@
 """The loss from Dedicated to Standard, split into three parts: colours, faces and blending.
 
-Two bakes of the same model separate the parts. Both are rendered on the standard tier with one sample per
-pixel. The first, the ceiling, keeps the triangles and has the best static colours. No exporter that keeps the
-triangles can have a smaller loss. The second has new triangles.
+Two bakes of the same model separate the parts. Both bakes are rendered on the standard tier with one sample
+per pixel. The first bake, the ceiling, keeps the triangles and has the best static colours. No exporter that
+keeps the triangles can have a smaller loss. The second bake has new triangles.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     from msb.bench.gaps import Conditions
 
 StepName = Literal["colors", "faces", "blending"]
-# Colours: loss from the ceiling to Standard. Faces: from the second bake to the ceiling. Blending: from
-# Dedicated to the second bake.
+# Colours: loss from the ceiling to Standard. Faces: loss from the second bake to the ceiling. Blending: loss
+# from Dedicated to the second bake.
 STEPS: tuple[StepName, ...] = ("colors", "faces", "blending")
 
 
@@ -66,7 +66,8 @@ def loss_split(metric: str, results: Mapping[str, Conditions], scenes: Iterable[
         for name, record in conditions.items()
         if record.status == "done"
     }
-    # The four conditions from the largest loss to the smallest. Each part is the loss between two neighbours.
+    # The four conditions from the largest loss to the smallest. Each part of the loss lies between two
+    # neighbours in this order.
     ends = ["standard", ceiling, baked, "dedicated"]
     known = [place for place, name in enumerate(ends) if name in finished]
     pairs = {places: (ends[places[1]], ends[places[0]]) for places in pairwise(known)}

@@ -4,8 +4,9 @@ A submission contains the published fields of the records, the commands that rep
 small images. Published fields are numbers, hashes, versions, and names of scenes, methods and devices.
 Strings that may contain a path or the name of a person are not published.
 
-The file is a ZIP archive with fixed dates, so equal results give equal bytes. It is not compressed, so a
-small file cannot expand to large members. The member submission.json lists the SHA-256 of all other members.
+The file is a ZIP archive with fixed dates, so equal results give equal bytes. The archive is not compressed,
+so a small file cannot expand to large members. The member submission.json lists the SHA-256 of all other
+members.
 """
 
 import hashlib

@@ -36,8 +36,8 @@ if TYPE_CHECKING:
     from msb.scenes import Camera
     from msb.scenes.datasets import Scene
 
-# Number of frames, evenly spread over the walk, that supply surface points. Background at the position of
-# such a point is a hole, in any frame.
+# Number of frames, evenly spread over the walk, that supply surface points. If a frame shows background where
+# one of these points should be visible, the pixel is a hole.
 _SURFACE_FRAMES = 8
 # Brightness factor for the changes shown in the film; without it they would be invisible.
 _CHANGE_GAIN = 16

@@ -103,7 +103,7 @@ app = typer.Typer(
 @app.callback(invoke_without_command=True)
 def _root(context: typer.Context, version: Version = False) -> None:
     """Decide whether a trained triangle or mesh splatting model is a usable graphics asset."""
-    del version  # its callback has handled it
+    del version  # the callback of --version has already printed the version
     if context.invoked_subcommand is None:
         from msb.cli.output import echo
 

@@ -2,10 +2,10 @@
 
 A function that is decorated with `command` has parameters of these kinds:
 
-- A dataclass. Its fields with an `Option` become options, and the function receives the object. If it is
-  annotated with a tuple of names, such as ``Annotated[Views, ("cameras", "size")]``, only these fields become
-  options, and the others keep their defaults. `Output` is such a dataclass. If the function takes it, all
-  paths are checked before the function runs.
+- A dataclass. The fields with an `Option` become options, and the function receives an object of the
+  dataclass. If the parameter is annotated with a tuple of names, such as ``Annotated[Views, ("cameras",
+  "size")]``, only these fields become options, and the others keep their defaults. `Output` is such a
+  dataclass. If the function takes it, all paths are checked before the function runs.
 - Anything else that is annotated with an `Argument` or `Option`.
 - `Typed`, the parameters that are on the command line.
 
@@ -33,7 +33,7 @@ from msb.errors import MsbError, UsageError, shorten
 
 @dataclass(frozen=True)
 class Everywhere:
-    """The options of every command. A command can replace one by an option of the same name."""
+    """The options of every command. A command can replace such an option by an option of the same name."""
 
     color: Annotated[
         Literal["auto", "always", "never"] | None,
@@ -47,7 +47,7 @@ class Everywhere:
 
 
 class Typed(dict[str, str]):
-    """The parameters that are on the command line: their labels by name, such as ``--size`` for ``size``."""
+    """The parameters that are on the command line: name -> label, such as ``size`` -> ``--size``."""
 
     def reject(self, names: Iterable[str], text: str) -> None:
         """Raise a UsageError if one of these parameters is on the command line. `text` follows its label."""
@@ -66,7 +66,7 @@ class _Declared(NamedTuple):
 
     @property
     def label(self) -> str:
-        """The name in the help."""
+        """The name of the parameter in the help."""
         if isinstance(self.option, Argument):
             return str(self.option.metavar).rstrip(".")
         flag = next((flag for flag in self.flags if flag.startswith("--")), self.flags[0])
@@ -74,7 +74,7 @@ class _Declared(NamedTuple):
 
     @property
     def flags(self) -> tuple[str, ...]:
-        """The names on the command line."""
+        """The names of the parameter on the command line."""
         return self.option.flags or (f"--{self.name.replace('_', '-')}",)
 
     @property
@@ -119,7 +119,7 @@ class _Group(NamedTuple):
     declared: tuple[_Declared, ...]
 
     def build(self, values: Mapping[str, Any]) -> Any:
-        """Return the object. Its fields get their values from the options."""
+        """Return an object of the dataclass, with the values of the options."""
         return self.kind(**{parameter.name: values[parameter.name] for parameter in self.declared})
 
 
@@ -277,7 +277,7 @@ def _prepare(everywhere: Everywhere) -> None:
 
 
 def _check_paths(declared: Sequence[_Declared], values: dict[str, Any], output: Output) -> None:
-    """Reject an output that is also an input or another output, that exists, or that has the wrong suffix."""
+    """Reject an output that exists, has the wrong suffix, or is also an input or another output."""
     paths = [
         (parameter, path)
         for parameter in declared
@@ -308,7 +308,7 @@ _DEMO_DATA = "Create the files of the examples with: msb demo-data data_stubs"
 
 
 def epilog(*examples: str) -> str:
-    """Return the end of a help page: examples, exit statuses, and the source of the examples' files."""
+    """Return the end of a help page: examples, exit statuses, and where to get the files of the examples."""
     lines = "\n".join(f"  {example}" for example in examples)
     data = f"\n\n{_DEMO_DATA}" if "data_stubs" in lines else ""
     return f"\b\nExamples:\n{lines}\n\n\b\n{_EXIT_TABLE}{data}"

@@ -1,6 +1,7 @@
 """Find commands: built-in ones in a table, others in the entry-point group `msb.commands`.
 
-The module of a command is imported when the command or its help is used. Listing commands does not import it.
+The module of a command is imported when the command or its help is used. Listing commands does not import
+their modules.
 """
 
 import re
@@ -107,16 +108,17 @@ def find(name: str) -> Any:
 
 
 def _missing_package(module: str) -> str:
-    """Return the package of a command if it is not installed, else an empty text."""
+    """Return the package of a command if the package is not installed, else an empty text."""
     parts = module.split(".")
     package = parts[0] if parts[0] != "msb" else ".".join(parts[:2])
     spec = find_spec(package)
-    # A folder that only holds compiled files of removed modules is a package without an origin.
+    # After the removal of a package, its folder can still hold compiled files. Python then finds a package
+    # without an origin.
     return "" if spec is not None and spec.origin is not None else package
 
 
 def _plugin_commands() -> dict[str, str]:
-    """Return the commands of other packages: the value of the entry point by name."""
+    """Return the commands of other packages: name -> value of the entry point."""
     ours = {name: place.module for places in BUILT_IN.values() for name, place in places.items()}
     plugins = find_installed("command", ours, lambda _, value: value, pattern=_NAME)
     return {name: value for name, (value, _) in plugins.items()}

@@ -24,7 +24,7 @@ def completion(
     fish        ~/.config/fish/completions/msb.fish
     PowerShell  msb completion powershell >> $PROFILE
     """
-    # Typer does not export this function, but its documented option --show-completion guesses the shell.
+    # Typer does not export this function. The documented option --show-completion guesses the shell instead.
     from typer.completion import get_completion_script  # type: ignore[attr-defined]
 
     for name in ("msb", "msb-audit"):

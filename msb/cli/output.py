@@ -43,7 +43,7 @@ Cell = str | tuple[str, str]
 
 
 def file_option(text: str, *flags: str, endings: tuple[str, ...] = ()) -> Option:
-    """Return the `Option` of an output file. Its name must have one of the `endings`, if any are given."""
+    """Return the `Option` of an output file. If `endings` are given, the file name must have one of them."""
     return Option(text, flags, "FILE", output="file", endings=endings)
 
 
@@ -115,8 +115,7 @@ class Output:
     def console(self) -> Console:
         """Return the console for results. Rich applies FORCE_COLOR and TERM=dumb; NO_COLOR gives plain text.
 
-        It has at least 80 columns. So a narrower terminal wraps whole lines of a table, and does not break
-        its numbers.
+        The console has at least 80 columns. With fewer columns, rich would break the numbers of a table.
         """
         from rich.console import Console
 
@@ -226,10 +225,10 @@ class Output:
             tasks: dict[str, Any] = {}
 
             def update(stage: str, done: int, total: int) -> None:
-                # A stage of one step has no count that would say anything.
+                # A percentage is useless for a stage of one step.
                 state[0] = stage if total <= 1 else f"{stage} {100 * done // total} %"
                 if not begun or begun[-1][0] != stage:
-                    if begun and bars is not None:  # the last stage has ended, whatever it reported
+                    if begun and bars is not None:  # the previous stage has ended
                         ended = tasks[begun[-1][0]]
                         bars.update(ended, completed=bars.tasks[ended].total)
                     begun.append((stage, time.perf_counter()))
@@ -248,7 +247,7 @@ class Output:
 
     @contextlib.contextmanager
     def counted(self, text: str, total: int) -> Iterator[Callable[[], None]]:
-        """Yield a function to call after each of `total` steps; they are shown as a bar or as lines."""
+        """Yield a function to call after each of `total` steps. A bar or lines show the progress."""
         done = 0
         with self._bars("MofNCompleteColumn") as bars, self._report(lambda: f"{text} {done}/{total}"):
             task = None if bars is None else bars.add_task(text, total=total)
@@ -269,7 +268,7 @@ class Output:
         from rich import progress
         from rich.console import Console
 
-        # The spinner and the elapsed time move even during the first of few steps.
+        # The spinner and the elapsed time move even during a long step.
         columns = (
             progress.SpinnerColumn("line"),  # ASCII characters only
             progress.TextColumn("{task.description}"),
@@ -282,7 +281,7 @@ class Output:
             yield bars
 
     def add_input(self, path: Path) -> None:
-        """Register a path that is read. Outputs must not be the same file."""
+        """Register the path of an input. No output may be the same file."""
         self._inputs.add(_identity(path))
 
     def add_inputs(self, paths: Iterable[Path]) -> None:
@@ -293,7 +292,7 @@ class Output:
             self._check_apart(path)
 
     def add_output(self, path: Path, label: str) -> None:
-        """Register a path that is written. It must differ from all inputs and other outputs.
+        """Register the path of an output. The path must differ from all inputs and other outputs.
 
         Several outputs may go to the same device or pipe.
         """
@@ -329,8 +328,8 @@ class Output:
     def check_folder(self, folder: Path, *, replace: bool | None = None) -> None:
         """Check a folder that `msb.base.own_folder` will write; `replace` is --force by default.
 
-        The folder must be new or empty. With `replace` it may hold files of an earlier run, unless one of
-        them is an input.
+        The folder must be new or empty. With `replace` the folder may hold files of an earlier run, unless
+        one of these files is an input.
         """
         if folder_is_taken(folder) and not (self.force if replace is None else replace):
             raise UsageError("OUTPUT_EXISTS", f"it exists; {self._remedy}", file=folder)
@@ -338,7 +337,7 @@ class Output:
         self._check_apart(folder)
         files = [folder / name for name in listed_files(folder) or ()]
         for place in {*files, *(above for file in files for above in file.parents)} - {*folder.parents}:
-            self._check_apart(place)  # an input that is a folder has these files
+            self._check_apart(place)  # the place can be inside an input folder
 
     def may_replace(self, path: Path) -> bool:
         """Return whether a file at `path` may be replaced, even if it appears while the command runs."""
@@ -362,7 +361,9 @@ class Output:
         self._write(self.json_file, text)
 
     def write_documents(self, documents: Sequence[dict[str, Any]]) -> None:
-        """Write one document per input: to --json as a document or a list, to --jsonl one per line."""
+        """Write one document per input. --json gets one document or a list, and --jsonl gets a line per
+        document.
+        """
         self.write_json(documents[0] if len(documents) == 1 else list(documents))
         if self.json_lines is not None:
             signed = map(_add_version, documents)
@@ -417,7 +418,7 @@ def _identity(path: Path) -> object:
 
 
 def _add_version(document: dict[str, Any]) -> dict[str, Any]:
-    """Return `document` with the version of msb after its schema."""
+    """Return `document` with the version of msb as its second key, after the schema."""
     return {"schema": document["schema"], "tool_version": __version__, **document}
 
 
@@ -523,7 +524,7 @@ def setting_text(value: object) -> str:
 
 
 def plain_table(*headers: str, right: tuple[int, ...] = (), gap: int = 2) -> Table:
-    """Return a table without a frame; `right` are the right-aligned columns, `gap` the blanks between."""
+    """Return a table without a frame. Columns in `right` are right-aligned; `gap` blanks separate columns."""
     from rich.table import Table
 
     table = Table(box=None, pad_edge=False, padding=(0, gap, 0, 0), header_style="bold")

@@ -61,7 +61,8 @@ def _run(app: typer.Typer, name: str) -> int:
     except KeyboardInterrupt:
         return EXIT_INTERRUPTED
     except (BrokenPipeError, SystemExit) as error:
-        # The reader of a pipe ended, as in `| head`. This is not an error, but typer and rich exit with 1.
+        # The reader of a pipe ended, as in `| head`. The end of a pipe is not an error, but typer and rich
+        # exit with 1.
         if not isinstance(error.__context__ if isinstance(error, SystemExit) else error, BrokenPipeError):
             raise
         silence(sys.stdout)
@@ -77,7 +78,7 @@ def _run(app: typer.Typer, name: str) -> int:
 
 
 def _interruption(error: BaseException) -> int | None:
-    """Return the exit status of the interruption that led to `error`; None if no interruption did.
+    """Return the exit status of the interruption that led to `error`, or None without an interruption.
 
     After an interruption, closing files can raise another error that replaces the interruption, for example
     about an incomplete archive.
@@ -129,8 +130,8 @@ def _open_closed_streams() -> None:
 def _output_error(error: Exception) -> OutputError | None:
     """Return the error to report if `error` comes from writing to standard output, else None.
 
-    Errors of other files are excluded: `msb.base.atomic` raises its own errors, and errors of opening a file
-    have its name.
+    Errors of other files are excluded: `msb.base.atomic` raises errors of msb, and an error of opening a file
+    contains a file name.
     """
     if not isinstance(error, OSError) or error.filename is not None or error.errno not in DISK_ERRORS:
         return None
@@ -153,7 +154,7 @@ def _as_msb_error(error: Exception, name: str) -> MsbError | None:
     if hasattr(error, "format_message"):  # usage errors of typer
         return UsageError("USAGE", _usage_text(error, name))
     if isinstance(error, OSError) and error.filename is not None and error.errno in _NOT_READABLE:
-        # For example Path.exists can raise it. Output files have another error.
+        # For example, Path.exists can raise this error about an input. Errors of outputs have another class.
         from msb.base.files import open_error
 
         return open_error(error, error.filename)
@@ -166,7 +167,7 @@ def _as_msb_error(error: Exception, name: str) -> MsbError | None:
 
 
 def _value_of(option: str) -> str:
-    """Return ":" and the number or "exact" that follows `option` on the command line, else an empty text."""
+    """Return the value of `option` on the command line with a colon before it, such as ":0.5" or ":exact"."""
     words = [word for given in sys.argv[1:] for word in given.split("=", 1)]
     after = words[words.index(option) + 1 :][:1] if option in words else []
     return f":{after[0]}" if after and re.fullmatch(r"exact|[0-9.]+(e-?[0-9]+)?", after[0]) else ""

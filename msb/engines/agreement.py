@@ -1,8 +1,9 @@
-"""Statistics of the differences between two renderers. The largest difference alone would say little.
+"""Statistics of the differences between two renderers.
 
-Graphics hardware snaps triangle corners to a grid of 1/256 pixel, some software renderers to 1/16 pixel, and
-ray tracers do not snap corners at all. Two correct renderers may therefore show different faces in pixels at
-edges and intersections. In the interior of a face they must agree.
+The largest difference of two images says little about their agreement. Graphics hardware snaps triangle
+corners to a grid of 1/256 pixel, some software renderers to 1/16 pixel, and ray tracers do not snap corners
+at all. Two correct renderers may therefore show different faces in pixels at edges and intersections. In the
+interior of a face, two renderers must agree.
 """
 
 from collections.abc import Sequence

@@ -28,7 +28,8 @@ from msb.render.frame import Frame
 from msb.scenes import Camera
 from msb.scenes.colors import Color
 
-# The environment variable with the path of a Python that has bpy. It is needed only if ours has no bpy.
+# The environment variable with the path of a Python that has bpy. The variable is needed only if the Python
+# of msb has no bpy.
 VARIABLE = "MSB_BLENDER"
 # Limits of Blender: smallest and largest width or height in pixels, and largest ratio of a pixel's sides.
 _MIN_SIDE, _MAX_SIDE, _MAX_ASPECT = 4, 65536, 200.0
@@ -39,7 +40,8 @@ _SENSOR = 100.0
 _FLIP = np.diag([1.0, -1.0, -1.0, 1.0])
 # The rotation from y up to z up that Blender's glTF importer applies.
 _GLB_UP = np.array([[1.0, 0, 0, 0], [0, 0, -1.0, 0], [0, 1.0, 0, 0], [0, 0, 0, 1.0]])
-# Maximum time of a request in seconds; then Blender is ended. Cycles takes minutes for large meshes.
+# Maximum time of a request in seconds. After this time Blender is ended. Cycles takes minutes for large
+# meshes.
 _LONGEST_SECONDS = 1800
 # Depths above this value mark pixels without a face in Blender's images.
 _FAR = 1e10
@@ -121,9 +123,9 @@ class _Blender(Engine):
 
     @classmethod
     def missing(cls) -> str | None:
-        """Return what must be installed, or None."""
+        """Return which package is missing, or None."""
         if _python() is not None:
-            # If another Python has bpy, ours needs only the package OpenEXR.
+            # If another Python has bpy, the Python of msb needs only the package OpenEXR.
             return None if is_installed("OpenEXR") else f"OpenEXR is not installed: {install('bench')}"
         if os.environ.get(VARIABLE):
             return f"{VARIABLE} is {shorten(os.environ[VARIABLE], 80)}, which is not an executable file"

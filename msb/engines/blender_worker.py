@@ -111,7 +111,8 @@ class Worker:
         self.mesh.data.materials.append(material)
 
     def _make_unlit(self, material: Any) -> None:
-        """Make `material` emit vertex colours times its texture; below the alpha cutoff it is transparent.
+        """Make `material` emit vertex colours times its texture, and make it transparent below the alpha
+        cutoff.
 
         The importer's nodes that wrap texture coordinates are kept.
         """
@@ -149,7 +150,10 @@ class Worker:
         links.new(surface, output.inputs["Surface"])
 
     def _linear_copy(self, image: Any) -> Any:
-        """Return a float copy in linear light, because Cycles filters byte images before linearising them."""
+        """Return a float copy of an image in linear light.
+
+        Cycles would filter a byte image before linearising it.
+        """
         import numpy as np
 
         texels = np.zeros((image.size[0] * image.size[1], 4), np.float32)

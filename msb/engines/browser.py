@@ -3,7 +3,7 @@
 A local HTTP server passes tasks to the page and takes its answers (web/remote.js), so no driver and no
 debugging protocol is needed. The page's address contains a secret, so that other users of the machine can
 neither read the asset nor answer in place of the page. Other users can see the command line of the browser.
-It therefore contains another address, which redirects to the page only once.
+The command line therefore contains another address, which redirects to the page only once.
 """
 
 import contextlib
@@ -27,7 +27,8 @@ from msb.errors import DeviceError, shorten
 
 # The environment variable with the path of the browser to use.
 VARIABLE = "MSB_BROWSER"
-# Where browsers are searched otherwise: their names on PATH, then usual paths on macOS and Windows.
+# Without the variable, a browser is searched under these names on PATH, then at usual paths on macOS and
+# Windows.
 _NAMES = (
     "chromium",
     "chromium-browser",
@@ -55,7 +56,7 @@ _FLAGS = (
     "--mute-audio",
     "--hide-scrollbars",
     "--window-size=800,600",
-    # Lets the page close its window, which ends the browser, when our server has ended.
+    # With this flag the page can close its window when our server has ended. This ends the browser.
     "--blink-settings=allowScriptsToCloseWindows=true",
 )
 # Flags for WebGL in software, for WebGL on a GPU if there is one, for WebGPU, and for WebGPU in software.
@@ -70,15 +71,15 @@ _WEBGPU_SOFTWARE = (
     # The watchdog would end slow GPU work, such as shaders on a busy machine.
     "--disable-gpu-watchdog",
 )
-# File suffix -> MIME type. Browsers execute a script only if its type is right.
+# File suffix -> MIME type. Browsers execute a script only if its MIME type is right.
 _MIME_TYPES = {
     "html": "text/html",
     "js": "text/javascript",
     "mjs": "text/javascript",
     "wasm": "application/wasm",
 }
-# Seconds to wait for the page to load, and for an answer. Both are generous: software rendering on a busy
-# machine is slow, and compiling WebGPU shaders takes minutes there.
+# Seconds to wait for the page to load, and for an answer. Both times are generous: software rendering on a
+# busy machine is slow, and compiling WebGPU shaders takes minutes there.
 _START_SECONDS = 120
 _ANSWER_SECONDS = 600
 # Maximum size of an answer in bytes: a frame of 89 megapixels, at 24 bytes per pixel.
@@ -124,7 +125,7 @@ class _Server(ThreadingHTTPServer):
 
 
 class Page:
-    """A page in a headless browser, started for it.
+    """A page in a headless browser. The browser is started for this page only.
 
     `content` has the files that the server provides, by name: "page.html", and the files that the page loads.
     `query` is the part of the address after the question mark. With `software` the page draws on the CPU;

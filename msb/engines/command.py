@@ -36,7 +36,7 @@ _IMAGE_ENDINGS = (".png", ".npy")
 
 @dataclass(frozen=True)
 class WebOptions:
-    """The page, its tier, and for the dedicated tier the reductions of the model and the measurement."""
+    """Options of a page: its tier, and on the dedicated tier reductions of the model and the measurement."""
 
     out: Annotated[
         Path | None,
@@ -130,8 +130,8 @@ def web(
     """Write a page that shows a model in any browser, offline.
 
     On the standard tier the page shows the mesh as any engine draws it. Without an ASSET, the page shows a
-    .glb file that the user drops on it. On the dedicated tier it shows the native rendering, drawn with
-    WebGPU, next to that mesh. It also shows the PSNR of these images against the OpenCL renderer.
+    .glb file that the user drops on it. On the dedicated tier the page shows the native rendering, drawn with
+    WebGPU, next to the mesh. The page also shows the PSNR of its images against the OpenCL renderer.
     """
 
     _check_options(path, options, views, typed)
@@ -314,7 +314,9 @@ def _as_bytes(image: NDArray[Any]) -> NDArray[np.uint8]:
 
 
 def _measure_baked(content: PageContent, baked: Asset, tests: Sequence[CheckView]) -> BakedMesh:
-    """Return the baked mesh with its average PSNR on the test views, and that of the standard-tier mesh."""
+    """Return the baked mesh, with the average PSNR on the test views of this mesh and of the standard-tier
+    mesh.
+    """
     from msb.asset.tiers import why_not
     from msb.engines.dedicated_page.page import BakedMesh
     from msb.engines.engine import engine_mesh
@@ -339,7 +341,7 @@ def _read_test_view(camera: Camera, folder: Path, background: tuple[float, float
 
     if camera.name is None:
         raise UsageError("USAGE", "--renders needs cameras with names, to find their images")
-    # The image may lie in the subfolders of the camera's name, or directly in the folder.
+    # A camera's name can contain subfolders. The image may lie in them, or directly in the folder.
     stem = PurePosixPath(camera.name).with_suffix("")
     paths = [folder / f"{base}{suffix}" for base in (stem, stem.name) for suffix in _IMAGE_ENDINGS]
     image = _as_bytes(read_image(next((path for path in paths if path.is_file()), paths[-2])))
@@ -369,7 +371,8 @@ def _reduce(
     total = reduced.manifest.face_count
     if faces is not None and faces < total:
         weights = _sum_contributions(content, [_limit_size(camera) for camera in cameras], output)
-        # Select the faces with the largest contributions; of equal ones the first. Keep their order.
+        # Select the faces with the largest contributions; of faces with equal contributions select the first.
+        # Keep their order.
         selected = np.sort(np.argsort(-weights, kind="stable")[:faces])
         reduced = select_faces(reduced, selected)
         steps.append((f"{faces:,} of {total:,} faces (--faces)", reduced))

@@ -30,7 +30,7 @@ WALL_CLOCK = "draw (wall clock)"
 # Name of the only stage of a frame if the device measured its time.
 DRAW = "draw"
 
-# Use of device memory -> its group in reports.
+# Use of device memory -> group of the use in reports.
 _GROUPS = {
     **dict.fromkeys(("positions", "indices"), "geometry"),
     **dict.fromkeys(("vertex colors", "texture coordinates", "tints"), "appearance"),
@@ -41,9 +41,8 @@ _GROUPS = {
 class Engine(ABC):
     """A renderer that lets another engine draw the standard-tier mesh of an asset.
 
-    It has the options of our renderer of that tier. `device` is "cpu", "gpu" or None; with None the engine
-    chooses. OpenCL device names and
-    MSB_DEVICE do not apply.
+    Such a renderer has the same options as our renderer of the standard tier. `device` is "cpu", "gpu" or
+    None; with None the engine chooses. OpenCL device names and MSB_DEVICE do not apply.
     """
 
     name: ClassVar[str]
@@ -70,7 +69,7 @@ class Engine(ABC):
     @classmethod
     @abstractmethod
     def missing(cls) -> str | None:
-        """Return what must be installed to use this engine, or None. The engine is not started."""
+        """Return which package is missing for this engine, or None. The engine is not started."""
 
     @classmethod
     @abstractmethod
@@ -90,12 +89,12 @@ class Engine(ABC):
         """Return the memory that the asset occupies: name of the use -> bytes."""
 
     def memory_groups(self) -> Mapping[str, str]:
-        """Return the groups of uses in reports of memory: name of the use -> group."""
+        """Return the groups for reports of memory: name of a use -> name of its group."""
         return _GROUPS
 
     @abstractmethod
     def close(self) -> None:
-        """Release everything. A second call does nothing."""
+        """Release everything. A second call of `close` does nothing."""
 
     def render(self, camera: Camera, background: Color) -> Frame:
         """Draw the asset from `camera` over `background` (RGB, in the asset's colour space)."""
@@ -150,10 +149,10 @@ class EngineMesh:
 
     positions: NDArray[np.float32]
     indices: NDArray[np.uint32]
-    # Vertex colours (V, 3), uint8, or float32 in [0, 1]. With textures they are (V, 4): they have an alpha
-    # and are multiplied with the textures in linear light.
+    # Vertex colours (V, 3), uint8, or float32 in [0, 1]. With textures, vertex colours are (V, 4): they have
+    # an alpha and are multiplied with the texture in linear light.
     colors: NDArray[Any]
-    # Number in the asset of each face; None if these are 0, 1, 2, ...
+    # Number of each face in the asset; None if the numbers are 0, 1, 2, ...
     numbers: NDArray[np.uint32] | None
     textured: Textured | None = None
 
@@ -211,7 +210,7 @@ def engine_mesh(asset: Asset, settings: Mapping[str, Any] | None) -> EngineMesh:
 
 
 def _textured_mesh(asset: Asset, skin: Textured) -> EngineMesh:
-    """Return the mesh of an asset with textures; its vertex colours are white if it has none."""
+    """Return the mesh of an asset with textures. An asset without vertex colours gets white ones."""
     check_drawable(asset, ("positions", "color"))
     positions, indices, tint = asset.buffers["positions"], asset.buffers["indices"], tint_of(asset)
     if tint is None:

@@ -48,7 +48,7 @@ struct Between { @builtin(position) place: vec4<f32>, @location(0) color: vec3<f
 
 
 class WgpuRenderer(Engine):
-    """Draws through wgpu-py. With `device` "cpu" a software adapter draws, with "gpu" any other one.
+    """Draws through wgpu-py. With `device` "cpu" a software adapter draws, with "gpu" any other adapter.
 
     Frames have a `face_id` if the adapter supports primitive indices. If the adapter supports timestamps, the
     device measures times. Otherwise times are wall-clock times, in the stage `WALL_CLOCK`.
@@ -88,7 +88,7 @@ class WgpuRenderer(Engine):
 
     @classmethod
     def of_tier(cls, tier: str) -> Any:
-        """Return the renderer class of `tier`; that of the dedicated tier draws the native rendering."""
+        """Return the renderer class of `tier`. The class of the dedicated tier draws the native rendering."""
         if tier == "standard":
             return cls
         from msb.engines.hardware.renderer import HardwareRenderer
@@ -291,8 +291,8 @@ class WgpuRenderer(Engine):
 def pack_camera(camera: Camera) -> NDArray[np.float32]:
     """Return the uniform buffer of the shader, (24,) float32.
 
-    It contains the column-major 4 x 4 clip matrix for points relative to the camera, the camera's centre
-    rounded to float32, and the rounding error of the centre. For a point at pixel (u, v), clip x is
+    The buffer contains the column-major 4 x 4 clip matrix for points relative to the camera, the camera's
+    centre rounded to float32, and the rounding error of the centre. For a point at pixel (u, v), clip x is
     (2u/W - 1) * depth, clip y is (1 - 2v/H) * depth, and clip w is the depth. Clip z is the distance of the
     near plane, so the depth buffer contains near / depth: 1 at the near plane, 0 at infinity.
     """

@@ -71,7 +71,7 @@ def _rank(info: Mapping[str, Any]) -> tuple[int, int]:
 def _runtime_folder() -> Iterator[None]:
     """Set XDG_RUNTIME_DIR in a `with` block if it is not set.
 
-    In containers and on clusters, Mesa would warn otherwise.
+    Without this variable Mesa prints a warning in containers and on clusters.
     """
     if sys.platform != "linux" or os.environ.get("XDG_RUNTIME_DIR"):
         yield
@@ -139,7 +139,7 @@ class Gpu:
     def reporting(self, doing: str) -> Iterator[None]:
         """Convert wgpu errors in a `with` block to a DeviceError.
 
-        The error names the device and what was done (`doing`).
+        The error names the device and the step that failed (`doing`).
         """
         wgpu = self._wgpu
         try:
@@ -153,7 +153,7 @@ class Gpu:
 
     @contextlib.contextmanager
     def setting_up(self) -> Iterator[None]:
-        """Close the device if an error occurs in the block, which opens it and creates its resources."""
+        """Close the device if an error occurs in the block, which opens the device and creates resources."""
         try:
             with self.reporting("opening the device"):
                 yield

@@ -1,6 +1,6 @@
 """A mesh with textures for renderer `wgpu`, with the samplers and mip maps of the hardware.
 
-Faces do not share vertices. They are drawn in the order of the asset, with one draw call for each run of
+Faces do not share vertices. The faces are drawn in the order of the asset, with one draw call for each run of
 consecutive faces with the same texture. Of several faces at equal depths the first is therefore visible, as
 in our renderer.
 """

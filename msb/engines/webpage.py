@@ -1,7 +1,7 @@
-"""The three.js page: one HTML file, with or without an asset. It works offline in any browser with WebGL 2.
+"""The three.js page: one HTML file, with or without an asset.
 
-The page contains the modules of three.js, compressed, and their licence. The folder `web/three` has the
-modules as published.
+The page works offline in any browser with WebGL 2. The page contains the modules of three.js, compressed, and
+their licence. The folder `web/three` has the modules as published.
 """
 
 import base64
@@ -62,8 +62,8 @@ def scene_to_json(
 ) -> dict[str, Any]:
     """Return the scene description that all pages contain, as JSON data.
 
-    `name` is the title of the page, and its user can choose one of `cameras`. `up` is the axis that points
-    up, such as "+y", and `background` is a colour in the asset's colour space. The free camera shows
+    `name` is the title of the page. A user of the page can choose one of `cameras`. `up` is the axis that
+    points up, such as "+y", and `background` is a colour in the asset's colour space. The free camera shows
     everything, except for far outliers that `framing` leaves out.
     """
     listed = [{**camera_to_json(camera), "name": camera.name} for camera in cameras]

@@ -14,8 +14,8 @@ from msb.metrics.sampling import mesh_arrays, sample_surface, thin
 
 # Spacing of the samples and radius of the thinning in mm, as in the benchmark.
 DENSITY = 0.2
-# Points count up to this many mm below the lower corner of the bounding box, and up to twice as many above
-# the upper corner, as in upstream.
+# Points outside the bounding box still count within a margin. The margin is this many mm below the lower
+# corner, and twice as many above the upper corner, as in upstream.
 PATCH = 60.0
 # Distances of at least this many mm are excluded from the averages. They are not clipped.
 MAX_DISTANCE = 20.0
@@ -78,7 +78,7 @@ def chamfer_dtu(
 def chamfer_surface(
     vertices: ArrayLike, faces: ArrayLike, data: DtuScan, seed: int = 0, *, max_distance: float = MAX_DISTANCE
 ) -> dict[str, Any]:
-    """Return the result of `chamfer_dtu` for a mesh given as arrays (V, 3), in mm, and (F, 3).
+    """Return the result of `chamfer_dtu` for a mesh of vertices (V, 3), in mm, and faces (F, 3).
 
     Every vertex is a sample, even if no face uses it. Zero-area faces give no samples.
     """

@@ -14,8 +14,8 @@ from msb.errors import InputError, MetricError
 from msb.meshes import read_mesh
 from msb.metrics.matlab import find_variables
 
-# Maximum number of voxels, more than any scan has. It limits memory, because compressed zeros expand to a
-# thousand times their size.
+# Maximum number of voxels, more than any scan has. The maximum limits memory, because compressed zeros expand
+# to a thousand times their size.
 _MAX_VOXELS = 1 << 29
 # Largest absolute value in a file, far beyond any scan, so that no computation overflows.
 _LARGEST = 1e30

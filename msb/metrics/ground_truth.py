@@ -76,7 +76,7 @@ def find_mask_file(scene: Scene, camera: Camera) -> Path:
 
 
 def _read_mask(scene: Scene, camera: Camera, shape: tuple[int, ...]) -> NDArray[np.uint8]:
-    """Return the mask (H, W, 1) of a camera: the first channel, as for culling."""
+    """Return the mask (H, W, 1) of a camera: the first channel of its mask file, as in culling."""
     path = find_mask_file(scene, camera)
     mask = read_mask(path)
     if mask.shape != shape[:2]:

@@ -22,8 +22,8 @@ INPUT_RULE = "clamp to [0, 1], floor(255 x + 0.5) / 255"
 class Identity:
     """The data to store beside a value so that it can be compared with other values.
 
-    It repeats the `Definition` of the metric, with the versions of its libraries and the hashes of its
-    weights.
+    An identity repeats the `Definition` of the metric, with the versions of its libraries and the hashes of
+    its weights.
     """
 
     name: str

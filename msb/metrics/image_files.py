@@ -90,7 +90,7 @@ def _decode(path: Path, modes: tuple[str, ...]) -> NDArray[np.uint8]:
 
     _check_png_kind(path)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # size warnings; sizes are checked here
+        warnings.simplefilter("ignore")  # Pillow's warnings about sizes; this module checks sizes itself
         image = Image.open(path, formats=("PNG", "JPEG"))
     with image:
         _check_size(path, *image.size)
@@ -113,7 +113,7 @@ def _composite(path: Path, pixels: NDArray[np.uint8], background: Color | None) 
         share = np.count_nonzero(alpha != 255) / alpha.size
         text = f"{share:.0%} of the pixels are not opaque, and no background colour was given"
         raise MetricError("METRIC_IMAGE_ALPHA", text, file=path)
-    # In place, one channel at a time: the largest image has 1.5 GiB of floats.
+    # Compute in place, one channel at a time: the largest image has 1.5 GiB of floats.
     image = color / 255.0
     weight = alpha / 255.0
     image *= weight[..., None]

@@ -64,8 +64,8 @@ def psnr(pred: ArrayLike, gt: ArrayLike, *, quantize: bool = True) -> float:
 def psnr_of_mse(mse: float) -> float:
     """Return the PSNR in dB of a mean squared error of values in [0, 1]; inf if it is 0.
 
-    Divide errors of bytes by 255^2 first. Callers decide how to print or average an infinite PSNR: as
-    `PSNR_CAP`, as None or as "equal".
+    Divide the mean squared error of bytes by 255^2 first. Callers decide how to print or average an infinite
+    PSNR: as `PSNR_CAP`, as None or as "equal".
     """
     return math.inf if mse == 0 else -10 * math.log10(mse)
 
@@ -178,7 +178,10 @@ def check_image(image: ArrayLike, name: str) -> NDArray[Any]:
 
 
 def _to_unit_range(array: NDArray[Any], quantize: bool) -> NDArray[np.float64]:
-    """Return values in [0, 1]. With `quantize` floats are first rounded to bytes, in their precision."""
+    """Return values in [0, 1].
+
+    With `quantize` floats are first rounded to bytes, without a change of their precision.
+    """
     if array.dtype != np.uint8:
         kind = array.dtype if array.dtype.itemsize >= 4 else np.dtype(np.float32)
         clamped = np.clip(array.astype(kind), 0, 1)

@@ -9,5 +9,8 @@ NEARLY = 25.0
 
 
 def decibels(value: float) -> str:
-    """Return "34.9 dB" for 34.998. Rounding down keeps a value below a limit that it does not reach."""
+    """Return "34.9 dB" for 34.998.
+
+    The value is rounded down, so that a value just below a limit is not printed as the limit.
+    """
     return f"{math.floor(10 * value + 1e-9) / 10:.1f} dB"

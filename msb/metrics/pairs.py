@@ -30,8 +30,8 @@ def pair_images(
     """Return the pairs of images in two folders and their subfolders, or of two files, sorted by name.
 
     Names are compared in composed Unicode (NFC) and without suffix. The suffix must be one of
-    `IMAGE_SUFFIXES`. Hidden files are ignored. So are depths and face ids, which `msb render` writes beside
-    an image. With `subset`, `gt` may contain further images, such as training views.
+    `IMAGE_SUFFIXES`. Hidden files are ignored, and also the depths and face ids that `msb render` writes
+    beside an image. With `subset`, `gt` may contain further images, such as training views.
     """
     pred, gt = given_path(pred), given_path(gt)
     folders = [_is_folder(path) for path in (pred, gt)]

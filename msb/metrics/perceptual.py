@@ -2,9 +2,9 @@
 
 Torch is only imported on first use.
 
-The network is written out below instead of using the lpips package. The constructor in that package downloads
-a backbone or fills 138 million parameters with random numbers, and importing the package needs torchvision.
-Only the linear layers come from the package.
+This module defines the network itself and does not use the network of the lpips package. The constructor in
+that package downloads a backbone or fills 138 million parameters with random numbers, and importing the
+package needs torchvision. Only the linear layers come from the lpips package.
 """
 
 from __future__ import annotations

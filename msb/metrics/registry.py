@@ -1,6 +1,6 @@
 """Registry of the image metrics: built-in ones and those of other packages (entry points `msb.metrics`).
 
-Benchmark records, commands and tables read it.
+Benchmark records, commands and tables read this registry.
 """
 
 import math

@@ -1,6 +1,6 @@
 """Sample points on a mesh at a given spacing, and thin them until no two are close.
 
-Both follow eval.py of `jzhangbs/DTUeval-python`, which `hbb1/2d-gaussian-splatting` adapts in
+Both functions follow eval.py of `jzhangbs/DTUeval-python`, which `hbb1/2d-gaussian-splatting` adapts in
 scripts/eval_dtu/eval.py. Unlike eval.py, they use bounded memory and have no loop over faces.
 """
 
@@ -52,7 +52,7 @@ def mesh_arrays(vertices: ArrayLike, faces: ArrayLike) -> tuple[NDArray[np.float
 def sample_surface(
     vertices: NDArray[np.float64], faces: NDArray[np.int64], spacing: float
 ) -> tuple[NDArray[np.float64], int]:
-    """Return points on the faces, in the order of the faces, and the number of faces with an area.
+    """Return points on the faces, in the order of the faces, and the number of faces whose area is not zero.
 
     The points are about `spacing` apart, in the units of the vertices. A face has the edges e1 = v1 - v0 and
     e2 = v2 - v0 of lengths l1 and l2. With step = spacing sqrt(l1 l2 / |e1 x e2|), each of these edges has n
@@ -67,7 +67,7 @@ def sample_surface(
         raise _limit_error(np.inf, spacing)
     proper = double_area > 0
     origin, first, second, double_area = (array[proper] for array in (origin, first, second, double_area))
-    # Number of steps along both edges of each face, and of grid candidates.
+    # Number of steps along both edges of each face, and number of grid candidates.
     lengths = np.linalg.norm(first, axis=1), np.linalg.norm(second, axis=1)
     step = spacing * np.sqrt(lengths[0] * lengths[1] / double_area)
     steps = [np.floor(length / step) for length in lengths]
@@ -111,11 +111,13 @@ def _place_grid_points(
 
 
 def thin(points: NDArray[np.float64], spacing: float) -> NDArray[np.float64]:
-    """Thin points (N, 3): go through the remaining points, and remove all others within `spacing` of each.
+    """Thin points (N, 3): go through the remaining points, and remove all others within `spacing` of each
+    point.
 
-    The order decides which points remain, so shuffle them first. Points at exactly this distance are removed
-    too. Neighbours are searched for one window of remaining points at a time, so that they fit into memory.
-    Windows start small and grow, because in dense regions the first few points remove most others.
+    The order decides which points remain, so shuffle them first. Points at a distance of exactly `spacing`
+    are removed too. Neighbours are searched for one window of remaining points at a time, so that they fit
+    into memory. Windows start small and grow, because in dense regions the first few points remove most
+    others.
     """
     from scipy.spatial import cKDTree
 

@@ -91,7 +91,8 @@ def unexplained_change(before: PreparedFrame, here: PreparedFrame, after: Prepar
     counted = np.ones(len(rows), bool)
     border = (nearest - farthest > SAME * nearest)[rows, columns]
     for layer, inverse_depths in enumerate((inverse, nearest, farthest)):
-        # Follow the pixels as this surface into both adjacent frames; `same` marks the visible ones.
+        # Follow the pixels into both adjacent frames, at the depths of this layer. `same` marks pixels whose
+        # surface is visible in both frames.
         same = np.ones(len(rows), bool)
         places = []
         for other in (before, after):
@@ -127,8 +128,8 @@ def _project_into(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return where another camera sees the surface points of N pixels: positions (2, N), and inverse depths.
 
-    Positions are rows and columns, with integers at pixel centres. Points behind the camera are far outside
-    the image, so NaN does not occur.
+    Positions are rows and columns, with integers at pixel centres. Points behind the camera get positions far
+    outside the image, so NaN does not occur.
     """
     rays, move = (
         _compute_rays(here.camera, rows, columns),

@@ -38,7 +38,7 @@ Weights = dict[str, Any]
 
 
 def weights_source(weights: Mapping[str, Any] | None) -> str:
-    """Return a line about the origin of `LpipsVgg.weights`, and whether they are the published ones.
+    """Return a line about the origin of `LpipsVgg.weights`, and whether these are the published weights.
 
     Without weights, the line names the required file.
     """
@@ -151,7 +151,7 @@ def _read_torch(path: Path, shapes: dict[str, tuple[int, ...]]) -> Weights:
 
 
 def _read_npz(path: Path, shapes: dict[str, tuple[int, ...]]) -> Weights:
-    # Opened here, because NumPy does not close a file that is not an archive.
+    # The file is opened here, because NumPy does not close a file that is not an archive.
     with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
         for key, shape in shapes.items():
             # Check sizes before unpacking: a number has at most 8 bytes.

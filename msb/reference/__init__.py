@@ -1,8 +1,8 @@
 """Reference renderers: the official image formation of each method in readable NumPy. Slow, easy to verify.
 
 In float32 they repeat the official kernels operation by operation, and the OpenCL kernels are tested against
-them. In float64 results differ where a single rounding decides. docs/reference.md describes the formulas and
-the measured agreement.
+them. In float64 a result can differ if it depends on a single rounding. docs/reference.md describes the
+formulas and the measured agreement.
 """
 
 import time

@@ -43,7 +43,7 @@ def cross_2d(a: Reals | tuple[Reals, Reals], b: Reals | tuple[Reals, Reals]) -> 
 
 
 def transform(matrix: Reals, points: Reals) -> Reals:
-    """Return M (x, y, z, 1), (..., R), for a matrix M of R rows (R, 4) and points (..., 3)."""
+    """Return the products M (x, y, z, 1), (..., R), of a matrix M (R, 4) and points (..., 3)."""
     x, y, z = points[..., 0], points[..., 1], points[..., 2]
     return np.stack([row[0] * x + row[1] * y + row[2] * z + row[3] for row in matrix], axis=-1)
 

@@ -41,8 +41,10 @@ class Rule:
     """True: the face that lowers the transmittance T to the threshold is blended, and the sample stops after
     it (2DTS). False: a face that would lower T below the threshold is not blended (3DGS)."""
     weight_first: bool
-    """True: a face of colour c adds c (alpha T) to the sum. False: it adds (c alpha) T, which is rounded
-    differently."""
+    """True: a face of colour c adds c (alpha T) to the sum.
+
+    False: the face adds (c alpha) T, which is rounded differently.
+    """
 
 
 @dataclass(frozen=True)
@@ -169,7 +171,7 @@ def _add(
         color = layers.color * alpha[:, None] * before[:, None]
     totals = (*image.color.T, image.depth, *image.normal.T)
     terms = (*color.T, layers.depth * weight, *(layers.normal * weight[:, None]).T)
-    # add.at adds one pair after the other. It is faster if it is called for each channel.
+    # add.at adds one pair after the other. add.at is faster if each channel has a separate call.
     for total, term in zip(totals, terms, strict=True):
         np.add.at(total, pixels, term)
     # The last pair of each pixel with T > 0.5 in front of the face.
@@ -180,5 +182,5 @@ def _add(
 
 
 def expected_depth(depth: Reals, alpha: Reals) -> Reals:
-    """Return the sum of weight times depth divided by alpha; 0 at samples with alpha 0."""
+    """Return the sum of weight times depth, divided by alpha. The result is 0 at samples with alpha 0."""
     return np.where(alpha > 0, depth / np.where(alpha > 0, alpha, 1), 0).astype(depth.dtype)

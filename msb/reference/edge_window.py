@@ -54,14 +54,15 @@ class Windows:
     dropped: NDArray[np.bool_]
     # (F,) camera z of the centroid: the sort key.
     depth: Reals
-    # (F, 3) normals in camera space, towards the camera. Their length is 1, or less for faces with an area
-    # below 5e-5 square scene units.
+    # (F, 3) normals in camera space, towards the camera. Normals have length 1, or less for faces with an
+    # area below 5e-5 square scene units.
     normal: Reals
     # (F, 3, 2)
     corners: Reals
     # (F, 3, 2) unit normals of the edges from corner k to k + 1, pointing outwards.
     edge_normal: Reals
-    # (F, 3); the point q is at the signed distance n . q + offset from an edge, positive outside.
+    # (F, 3) offsets of the edges: n . q + offset is the signed distance of a point q from an edge, positive
+    # outside.
     edge_offset: Reals
     # (F, 3) signed distance of the incentre from each edge: negative, and equal for the three edges up to
     # rounding.

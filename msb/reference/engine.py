@@ -4,10 +4,10 @@ Fragments exist only at pixel centres inside the projected triangle. Geometry ne
 clipped. Attributes are interpolated with perspective correction. Tiles do not exist, and nothing is culled by
 size or distance. Coverage window, colours and blending follow the method.
 
-Barycentric coordinates divided by depth are affine on the screen, and so is 1 / depth. They are called
-homogeneous edge functions (Olano and Greer, "Triangle scan conversion using 2D homogeneous coordinates",
-1997). With them no polygon has to be clipped, because all three functions are negative where a line of sight
-meets the triangle behind the camera.
+Barycentric coordinates divided by depth are affine on the screen, and so is 1 / depth. These quotients are
+called homogeneous edge functions (Olano and Greer, "Triangle scan conversion using 2D homogeneous
+coordinates", 1997). With these functions no polygon has to be clipped, because all three functions are
+negative where a line of sight meets the triangle behind the camera.
 """
 
 from dataclasses import dataclass
@@ -66,7 +66,7 @@ class EngineTriangles:
 
     @property
     def radius(self) -> Reals:
-        """0, because an engine has no culling by radius."""
+        """The radius for culling: 0, because an engine does not cull by radius."""
         return np.zeros_like(self.depth)
 
     def facing_normal(self) -> Reals:
@@ -76,7 +76,7 @@ class EngineTriangles:
     def phi(self, faces: Integers, x: Reals, y: Reals) -> Reals:
         """Return the least weighted barycentric coordinate of faces at samples.
 
-        It is 0 on the edges, 1 in the middle, and NaN at samples without a fragment.
+        This coordinate is 0 on the edges, 1 in the middle, and NaN at samples without a fragment.
         """
         first, second, third = self._weighted(faces, x, y)
         nearest = np.minimum(np.minimum(first, second), third)
@@ -107,7 +107,7 @@ def _affine(factors: Reals, x: Reals, y: Reals) -> Reals:
 
 
 def project_engine(triangles: Reals, view: SplattingCamera, *, incentre: bool) -> EngineTriangles:
-    """Return triangles (F, 3 corners, 3) in the form in which graphics hardware samples them.
+    """Prepare triangles (F, 3 corners, 3) for sampling by the rules of graphics hardware.
 
     Parameters
     ----------
@@ -166,7 +166,7 @@ def _scale(view: SplattingCamera) -> tuple[Reals, Reals]:
 
 
 def _on_raster(planes: Reals, view: SplattingCamera) -> Reals:
-    """Return (a, b, c) of normals (..., 3): n . ray is a x + b y + c at the sample (x, y)."""
+    """Return (a, b, c) for normals n (..., 3), so that n . ray is a x + b y + c at the sample (x, y)."""
     step, middle = _scale(view)
     a, b = planes[..., 0] * step[0], planes[..., 1] * step[1]
     return np.stack([a, b, (planes[..., 2] - a * middle[0]) - b * middle[1]], axis=-1)

@@ -48,7 +48,7 @@ def grid_size(width: int, height: int) -> Integers:
 
 
 def tile_number(value: Reals, limit: Integers) -> Integers:
-    """Return `value` (..., 2) truncated to integers in [0, `limit`], `limit` being (2,).
+    """Return `value` (..., 2) truncated to integers and clamped to [0, `limit`]. `limit` is (2,).
 
     A GPU converts floats to integers in the same way: it saturates, and maps NaN to 0.
     """
@@ -97,7 +97,7 @@ class Modes:
     """The order of drawing and the rules of sampling; the defaults are official.
 
     With order "tile", triangles are drawn by depth, and each only in its official tiles. With "global" and
-    "none" they are drawn wherever they reach: by depth with "global", and in the order of the asset with
+    "none" triangles are drawn wherever they reach: by depth with "global", and in the order of the asset with
     "none". With sampling "engine" (`msb.reference.engine`) a triangle reaches exactly to its edges, so "tile"
     and "global" give the same image.
     """

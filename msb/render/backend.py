@@ -30,7 +30,7 @@ BUILT_IN = {
 }
 # Tiers whose built-in renderer needs an OpenCL device.
 ON_OPENCL = ("standard", "dedicated")
-# Name -> the renderer that drives another engine.
+# Name of another engine -> the renderer that uses it.
 ENGINES = {
     "wgpu": "msb.engines.webgpu:WgpuRenderer",
     "threejs": "msb.engines.threejs:ThreeJsRenderer",
@@ -69,19 +69,20 @@ class Backend(Protocol):
     A renderer may also have these members:
 
     - The attribute `device_info`: a mapping with `platform`, `name` and `kind` ("cpu" or "gpu") of the
-      drawing device. Renderers need it if they do not draw on an OpenCL device.
+      drawing device. Renderers that do not draw on an OpenCL device need this attribute.
     - The class attribute `tiers`: the tiers that the class draws. The default is all tiers.
     - The class method `of_tier(tier)`: returns the class that draws a tier, if tiers have different classes.
-    - The class method `missing()`: returns which software must be installed first, or None. It must be quick.
+    - The class method `missing()`: returns which software must be installed first, or None. This method must
+      be quick.
     - The class method `installed()`: returns the version string without starting the engine. A renderer needs
-      it if its `version` is known only after the first frame, because `msb run` renders again when the
-      version changes.
+      this method if its `version` is known only after the first frame, because `msb run` renders again when
+      the version changes.
     - The method `memory_groups()`: returns a mapping from each purpose in `memory()` to its `Group`. Purposes
       without an entry count as scratch memory.
     """
 
     name: str
-    """The name that reports show."""
+    """The name of the renderer in reports."""
     version: str
     """The version of the drawing software; results of different versions are not mixed."""
 
@@ -223,7 +224,7 @@ def _check_options(make: Factory, options: Mapping[str, Any], asset: Asset, name
             raise Unsupported("UNSUPPORTED_OPTION", text, file=asset.opened_from)
 
 
-# Option -> a hint at the tiers that accept it.
+# Option -> a hint at the tiers that accept the option.
 _ELSEWHERE = {
     **dict.fromkeys(("order", "sampling"), "; use it with tier dedicated or reference"),
     "supersample": "; use it with tier standard",

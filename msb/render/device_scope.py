@@ -44,7 +44,7 @@ class DeviceScope:
         self._closed = False
 
     def turn(self) -> AbstractContextManager[None]:
-        """Return a context manager with exclusive access to the device; one thread may nest several."""
+        """Return a context manager with exclusive access to the device; a thread may nest such managers."""
         if self._closed:
             raise DeviceError("DEVICE_CLOSED", f"the renderer was closed (on {self.device.record})")
         return self.device.using(self._memory)

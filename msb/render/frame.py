@@ -14,7 +14,10 @@ EXTRAS = ("normal", "depth_median", "face_id", "raw")
 
 
 def parse_outputs(outputs: str | Iterable[str]) -> frozenset[str]:
-    """Return the extras that `outputs` requests: names from `EXTRAS`, or "all" or "auto" for all of them."""
+    """Return the optional parts that `outputs` requests.
+
+    `outputs` has names from `EXTRAS`; "all" or "auto" requests all of them.
+    """
     names = EXTRAS if outputs in ("all", "auto") else tuple(outputs)
     for name in names:
         if name not in EXTRAS:

@@ -45,8 +45,8 @@ def write_image(path: Path, array: NDArray[Any], form: ImageFormat, *, overwrite
     check_format(form)
     with new_file(path, overwrite=overwrite) as file:
         if form == "npy":
-            # Via memory: NumPy's own file output does not report why a write failed, for example on a full
-            # disk.
+            # The bytes go through memory, because NumPy's own file output does not report why a write failed,
+            # for example on a full disk.
             data = io.BytesIO()
             np.save(data, array, allow_pickle=False)
             file.write(data.getbuffer())
@@ -67,8 +67,8 @@ def _write_png(file: Any, array: NDArray[Any]) -> None:
 
     if array.ndim != 3:
         raise UsageError("USAGE", "a PNG stores colours only; write depth and face ids as npy or exr")
-    # Level 1 needs a third of the time of the default, and files are a few percent larger. So rendering need
-    # not wait.
+    # Level 1 needs a third of the time of the default, and files are a few percent larger. With level 1 the
+    # renderer does not wait for the writers.
     Image.fromarray(to_bytes(array)).save(file, format="PNG", compress_level=1)
 
 
@@ -90,7 +90,7 @@ def _encode_exr(array: NDArray[Any]) -> bytes:
         try:
             with OpenEXR.File(header, channels) as file:
                 file.write(name)
-        except RuntimeError as error:  # the library raises nothing else, even if the disk is full
+        except RuntimeError as error:  # the library raises only this error, even if the disk is full
             raise OSError(str(error)) from error
         return Path(name).read_bytes()
 
@@ -134,7 +134,7 @@ def write_film(path: Path, frames: Iterable[NDArray[Any]], fps: int, *, overwrit
 
 
 def check_film(path: Path) -> None:
-    """Raise an error for a suffix of a film that cannot be written here. Call it before rendering."""
+    """Raise an error if this machine cannot write films with this suffix. Call it before rendering."""
     if path.suffix.lower() not in FILM_SUFFIXES:
         wanted = " or ".join(FILM_SUFFIXES)
         raise UsageError("USAGE", f'the film is called "{path.name}"; its name must end in {wanted}')
@@ -157,7 +157,7 @@ def _write_mp4(file: Any, frames: Iterable[NDArray[Any]], fps: int) -> None:
     try:
         _encode_mp4(file, frames, fps)
     except av.FFmpegError as error:
-        if isinstance(error.__context__, OSError):  # the error of the file itself
+        if isinstance(error.__context__, OSError):  # the operating system could not write the file
             raise error.__context__ from error
         raise
 
@@ -197,8 +197,8 @@ def _write_gif(file: Any, frames: Iterable[NDArray[Any]], fps: int) -> None:
 def image_names(views: Sequence[Camera]) -> list[str]:
     """Return a unique file name for each view: its camera's name.
 
-    The suffix is removed unless two names would then be equal. Names that are still equal end with the
-    view's index.
+    The suffix of a name is removed unless two names would then be equal. If names are still equal, the index
+    of the view is added to them.
     """
     whole = [view.name or f"{index:05d}" for index, view in enumerate(views)]
     short = [_without_suffix(name) for name in whole]

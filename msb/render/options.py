@@ -133,7 +133,9 @@ class ViewOptions:
         return factor
 
     def color(self, asset: Asset | None) -> tuple[float, float, float]:
-        """Return the requested background; the default is the asset's, its method's, or black."""
+        """Return the requested background; the default is the asset's background, the method's background, or
+        black.
+        """
         from msb.scenes.colors import BLACK
         from msb.scenes.datasets import default_background
 
@@ -146,7 +148,7 @@ class ViewOptions:
 
 
 def read_scene_of(asset: Asset, path: Path, image_folder: str | None, note: Callable[[str], None]) -> Scene:
-    """Return a scene as `msb run` evaluates the asset on it; call `note` with each of its warnings."""
+    """Return the scene with the rules by which `msb run` evaluates the asset. Pass warnings to `note`."""
     from msb.scenes.datasets import note_scaled_cameras, scene_of
 
     scene = scene_of(asset.manifest, path, image_folder=image_folder)
@@ -203,7 +205,10 @@ class RendererOptions:
 
     @property
     def modes(self) -> dict[str, str]:
-        """The given modes only, because some renderers reject modes, even the official ones."""
+        """The modes that the user gave.
+
+        Default modes are left out, because some renderers reject even official modes.
+        """
         modes = {"order": self.order, "sampling": self.sampling}
         return {name: value for name, value in modes.items() if value is not None}
 

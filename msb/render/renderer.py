@@ -138,8 +138,7 @@ class Renderer:
     def draw(self, camera: Camera, background: Background | None = None) -> DrawTime:
         """Render without reading the frame back, wait until it is complete, and return the time it took.
 
-        A renderer without this ability renders and reads the frame back. Parameters and errors as in
-        `render`.
+        A renderer that cannot do this reads the frame back. Parameters and errors are those of `render`.
         """
         if not hasattr(self._backend, "draw"):
             stages = self.render(camera, background).timings

@@ -70,7 +70,7 @@ class Board(Report):
 def submitted_pictures(results: ResultSet) -> list[tuple[SubmittedImage, bytes]]:
     """Return descriptions and JPEGs of the images of a submission.
 
-    They show the views with the largest and the median loss of each dataset.
+    The images show the views with the largest and the median loss of each dataset.
     """
     pictures: list[tuple[SubmittedImage, bytes]] = []
     for dataset in dict.fromkeys(place.dataset for place in results.places):
@@ -158,8 +158,7 @@ def _name_submissions(submissions: Sequence[Submission]) -> list[str]:
     """Return a unique name for each submission; no name is "the paper".
 
     If two names look the same, digits of the submission's hash are added to them. Letters of other scripts
-    that resemble Latin letters are not recognised. Such names can be told apart by the hashes in the table of
-    files.
+    that resemble Latin letters are not recognised. The hashes in the table of files distinguish such names.
     """
     plain_names = [_plain_name(submission) for submission in submissions]
     count = Counter(map(_visible_form, [THE_PAPER, *plain_names]))

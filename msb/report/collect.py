@@ -231,7 +231,7 @@ def _add_condition(
 
 
 def _floor_number(metric: str, result: Result | None, number: Number) -> Number:
-    """Return the cost of a single triangle, or `number`, the cost of the mesh, if `number` has no value."""
+    """Return the cost of a single triangle, or `number` if that (the cost of the mesh) has no value."""
     if number.value is None:
         return number
     if result is None or result.floor is None:

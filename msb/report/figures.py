@@ -104,7 +104,7 @@ def plot_deployment_gap(numbers: Numbers, dataset: str) -> Figure | None:
 
     Returns None if no method has values of two conditions.
     """
-    # points (condition number, PSNR in dB), by method and by its dedicated tier or variant
+    # points (condition number, PSNR in dB) of each method with its dedicated tier or a variant
     lines = {
         (method, dedicated): points
         for dedicated in ("dedicated", *numbers.variants(dataset, "dedicated"))
@@ -170,10 +170,10 @@ def _condition_means(numbers: Numbers, dataset: str, method: str, dedicated: str
 def plot_loss_split(numbers: Numbers, dataset: str) -> Figure | None:
     """Return the chart of the parts of the loss, or None without bakes.
 
-    The bar of a method reaches from the PSNR of Standard to that of Dedicated. Its parts are the losses due
-    to colours, faces and blending.
+    The bar of a method reaches from the PSNR of Standard to that of Dedicated. The parts of the bar are the
+    losses due to colours, faces and blending.
     """
-    # By method: the step, with the PSNR in dB at its better end and at its worse end.
+    # Method -> the steps of its loss, each with the PSNR in dB at the better and at the worse end.
     bars = {
         method: [(name, *gap.ends) for name, gap in split.steps.items() if gap.ends is not None]
         for method in numbers.methods(dataset)
@@ -215,7 +215,7 @@ def plot_quality_speed(numbers: Numbers, dataset: str) -> Figure | None:
 
     Returns None if there are fewer than two points.
     """
-    # By method: condition, frames per second, and PSNR in dB.
+    # Method -> condition, frames per second, and PSNR in dB.
     points: dict[str, list[tuple[str, float, float]]] = {}
     conditions = [
         name for name in numbers.conditions(dataset) if not name.startswith(("standard/", f"{BAKED}/"))

@@ -306,7 +306,8 @@ def _describe_not_monotone(
     def excess(place: tuple[str, str, str]) -> float:
         return broken[place][0][1].triangle_excess or 0.0
 
-    # The case with the largest excess is described by its first metric. The other cases are only named.
+    # The sentence describes the first metric of the case with the largest excess. The sentence only names the
+    # other cases.
     first, *others = sorted(broken, key=excess, reverse=True)
     (dataset, method, dedicated), cases = first, broken[first]
     title, (key, gaps) = _format_condition(dedicated), cases[0]

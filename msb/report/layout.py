@@ -104,11 +104,11 @@ def make_table(
     notes : tuple of str
         Further notes.
     """
-    # Each row with the keys of its cells.
+    # The rows of the table, each with the keys of its cells.
     grid = [(spec, [Key(**{**of, **column.of, **spec.of}) for column in columns]) for spec in row_specs]
     rows = _make_rows(numbers, grid, best_of)
     if paper is not None:
-        # Insert the paper's rows from the last to the first, so that earlier places stay valid.
+        # Insert the paper's rows from the last to the first. Then the places of earlier rows do not change.
         known = [n for n, (_, keys) in enumerate(grid) if any(paper.value(key) is not None for key in keys)]
         paper_rows = _make_rows(paper, [grid[n] for n in known], best_of)
         for n, row in reversed(list(zip(known, paper_rows, strict=True))):

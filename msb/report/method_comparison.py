@@ -40,8 +40,8 @@ _NOTES = (
     "95 % interval: t interval over the means of the scenes, or over the views of a single scene. An "
     "interval over views applies to that scene only, and is too narrow if neighbouring views are similar",
 )
-# Values of `Gap.reason` for which a comparison has no row. With any other reason, the comparison has a row
-# without a value.
+# A comparison with one of these values of `Gap.reason` has no row. With any other reason, the comparison has
+# a row without a value.
 _NO_COMPARISON = ("missing", "failed", "not_measured", "unsupported")
 
 
@@ -126,7 +126,7 @@ def comparison_findings(comparisons: list[Comparison], other: str) -> Iterator[F
     for dataset in dict.fromkeys(case.key.dataset for case in cases):
         of_dataset = [case for case in cases if case.key.dataset == dataset]
         tiers = [case for case in of_dataset if case.key.condition in DRAWN_CONDITIONS]
-        # The conditions that share a result, by the result in words and its sample of scenes or views.
+        # Result in words, with its sample of scenes or views -> the conditions that have this result.
         conditions: dict[tuple[str, str], list[str]] = {}
         for case in tiers or of_dataset:
             assert case.gap.interval is not None

@@ -6,9 +6,9 @@ from msb.bench.aggregate import METRICS
 from msb.topology.metric_text import format_count, format_metric
 
 # Pairs (limit, decimals) by unit. A value below the limit, in the printed unit, gets this number of decimals.
-# Without them a small value such as 0.04 MiB would print as 0.
+# With the usual decimals a small value such as 0.04 MiB would print as 0.
 _SMALL_VALUE_DECIMALS = {"MiB": ((0.1, 2), (10.0, 1)), "min": ((1.0, 2),)}
-# Metrics that are counts. Only their means over scenes can have a fraction.
+# Metrics that are counts. Counts have a fraction only in means over scenes.
 _COUNTS = ("components", "faces", "tasks")
 # Maximum number of decimals that are tried to make a printed difference agree with its printed ends.
 _MOST_DECIMALS = 6
@@ -58,11 +58,11 @@ def format_digits(value: float, decimals: int, *, sign: bool = False) -> str:
 
 
 def format_change(change: float, ends: tuple[float, float], decimals: int) -> tuple[str, str, str]:
-    """Return a change and its two ends, with so many decimals that the printed ends differ by the change.
+    """Return a change and its two ends, with enough decimals that the printed ends differ by the change.
 
 
-    If the ends do not differ by the change, for example because they are means over other scenes, all three
-    get `decimals` decimals.
+    If the ends do not differ by the change, for example because they are means over other scenes, the change
+    and the ends get `decimals` decimals.
 
     Examples
     --------

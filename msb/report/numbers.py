@@ -1,7 +1,7 @@
 """The numbers of tables, charts and findings, by dataset, scene, method, condition and metric.
 
 Measured numbers come from result records (`msb.report.collect`), the paper's numbers from its published
-tables (`msb.report.paper`). All later code treats both alike.
+tables (`msb.report.paper`). All later code treats measured and published numbers alike.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -21,8 +21,8 @@ from msb.report.table import NOT_AVAILABLE
 
 # Values of `Key.scene` that stand for averages over the scenes of a dataset.
 MEAN = "mean"
-# The cost of a single triangle, averaged over the scenes. This part of a renderer's cost does not depend on
-# the mesh.
+# The cost of a single triangle, averaged over the scenes. The cost of a single triangle is the part of a
+# renderer's cost that does not depend on the mesh.
 FLOOR = "floor_mean"
 # The heading of each row of averages, by the value of `Key.scene`.
 MEANS = {"indoor_mean": "Indoor mean", "outdoor_mean": "Outdoor mean", MEAN: "Mean", FLOOR: "Floor"}
@@ -32,10 +32,11 @@ DRAWN_CONDITIONS = tuple(TIER_OF)
 
 # Image quality metrics. The mapping is filled on first access, because other packages can add metrics.
 QUALITY = IMAGE_METRICS
-# Metrics of the trained model, independent of the renderer. Tables show them with the Non-Engine results.
+# Metrics of the trained model, independent of the renderer. Tables show these metrics with the Non-Engine
+# results.
 ASSET_METRICS = ("train_memory", "train_seconds", "chamfer")
-# First words of the note on frame rates of a CPU. They depend on the other programs of the machine, so they
-# are never marked as the best.
+# First words of the note on frame rates of a CPU. Such frame rates depend on the other programs of the
+# machine, so they are never marked as the best.
 ON_CPU = "measured on a CPU device"
 
 
@@ -67,7 +68,7 @@ class Key(NamedTuple):
     def is_of_asset(self) -> bool:
         """Whether the number describes the trained model.
 
-        Such a number does not imply images of the condition.
+        The condition of a number about the trained model may have no images.
         """
         return self.metric in ASSET_METRICS
 
@@ -265,8 +266,8 @@ def select_variants(conditions: Iterable[str], condition: str) -> list[str]:
 def list_gap_pairs(conditions: Sequence[str], drawn_by: Mapping[str, str]) -> list[tuple[str, str]]:
     """Return the pairs (standard, dedicated) of conditions between which gaps are computed.
 
-    These are the two tiers, and Standard with each variant of Dedicated. Each engine and each bake is paired
-    with Dedicated. If an engine draws both tiers, these two are also a pair.
+    The two tiers are a pair, and also Standard with each variant of Dedicated. Each engine and each bake is
+    paired with Dedicated. If an engine draws both tiers, its two conditions are also a pair.
     """
     variants = select_variants(conditions, "dedicated")
     pairs = [
@@ -281,9 +282,9 @@ def list_gap_pairs(conditions: Sequence[str], drawn_by: Mapping[str, str]) -> li
 def list_ratio_pairs(conditions: Sequence[str], drawn_by: Mapping[str, str]) -> list[tuple[str, str]]:
     """Return the pairs (standard, dedicated) of conditions whose frame rates are compared.
 
-    Dedicated and each of its variants are paired with Standard in the same engine. Without such an engine,
-    they are paired with the standard tier. Frame rates of two engines are not compared, because they may be
-    measured on different devices.
+    Dedicated and each of its variants are paired with Standard in the same engine. If no engine draws both
+    tiers, Dedicated and its variants are paired with the standard tier. Frame rates of two engines are not
+    compared, because they may be measured on different devices.
     """
     engines = {drawn_by.get(name): name for name in select_variants(conditions, "standard")}
     dedicated = ("dedicated", *select_variants(conditions, "dedicated"))

@@ -32,8 +32,8 @@ class LoadedResult:
     # The file of the record, and the results folder that contains it.
     path: Path
     root: Path
-    # The end of the folder's path. It distinguishes the model from another model of the same name, and is ""
-    # if there is no such model.
+    # The end of the folder's path. This text distinguishes models with the same name, and is "" if no other
+    # model has the name.
     folder: str = ""
 
     @property

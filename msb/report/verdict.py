@@ -102,7 +102,7 @@ def judge(place: Place, loaded: Mapping[str, LoadedResult], numbers: Numbers) ->
     variants = [name for name in numbers.variants(place.dataset, "dedicated") if name in records]
     dedicated = ["dedicated", *variants]
     bakes = [name for name in numbers.variants(place.dataset, BAKED) if name in records]
-    # The use of each condition's renderings.
+    # Condition -> the use that its renderings stand for.
     uses = {"standard": "Standard-tier mesh, any engine"}
     uses |= {name: f"Model with its native shaders ({condition_title(name)})" for name in dedicated}
     uses |= {name: f"Baked mesh, any engine ({plain_text(name.partition('/')[2])})" for name in bakes}

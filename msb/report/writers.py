@@ -213,7 +213,7 @@ def _latex_rows(table: Table, marks: dict[str, str]) -> list[str]:
 
 
 def _latex_cell(cell: TableCell, marks: dict[str, str]) -> str:
-    # As in the paper: a dash for missing values, small capitals for N/A.
+    # Like the paper, print a dash for missing values and small capitals for N/A.
     text = {"--": "--", "N/A": r"\textsc{N/A}"}.get(cell.text) or escape_latex(cell.text)
     text = rf"\textbf{{{text}}}" if cell.bold else text
     footnotes = ",".join(marks[note] for note in cell.footnotes)

@@ -22,7 +22,7 @@ _FOV_Y = math.radians(40)
 _FOV_INSIDE = math.radians(60)
 # Quantile on each side that is ignored when the bulk of the faces is located.
 _LEAST = 0.02
-# Largest number of faces that are examined. In a larger asset, surfaces of few faces may be missed.
+# Largest number of faces that are examined. In a larger asset, a surface of few faces may be missed.
 _SAMPLES = 200_000
 # Threshold of the ratio in `is_surrounded`.
 # The ratio is 4 to 6 for captures in front of walls, and 0.7 to 1.5 for objects and empty rooms.
@@ -46,9 +46,9 @@ def make_turntable(
 ) -> list[Camera]:
     """Return a turntable of `count` cameras that see the asset, `elevation` degrees above the horizon.
 
-    `up` is its axis, such as "+y"; the default is the asset's (`up_axis`). `framing` is the visible part, by
-    default everything except far outliers. If the asset is too large or too far away for cameras, CAMERA_PATH
-    is raised.
+    `up` is the axis of the turntable, such as "+y"; the default is the asset's `up_axis`. `framing` is the
+    visible part, by default everything except far outliers. If the asset is too large or too far away for
+    cameras, CAMERA_PATH is raised.
     """
     sphere = framing or find_framing(asset)
     vector = _vector(up or up_axis(asset))
@@ -152,8 +152,8 @@ def place_inside(
     """Return cameras within an asset, halfway between its middle and the faces around it.
 
     The cameras `outside` look at the framed part of the asset. For each of these cameras, a camera on the
-    same side with the same image size is returned. It looks through the middle to the opposite side. The
-    result is empty if most of the asset is flat.
+    same side with the same image size is returned. Each camera looks through the middle to the opposite side.
+    The result is empty if most of the asset is flat.
     """
     low, middle, high = bulk.low, bulk.middle, bulk.high
     if not (low < middle).all() or not (middle < high).all():
@@ -161,8 +161,8 @@ def place_inside(
     vector = _vector(up or up_axis(asset))
     cameras = []
     for camera in outside:
-        # For each axis: the multiple of `away` at which a ray from the middle leaves the bounds of most
-        # faces.
+        # A ray goes from the middle along `away`. Compute for each axis at which multiple of `away` the ray
+        # leaves the bounds of most faces.
         away = camera.center - framing.center
         reach = np.where(away > 0, high - middle, middle - low) / np.maximum(np.abs(away), 1e-300)
         eye = middle + 0.5 * reach.min() * away
@@ -175,7 +175,7 @@ def place_inside(
 def is_surrounded(bulk: Bulk) -> bool:
     """Return whether a few large faces surround many small ones, like walls or hills in a capture.
 
-    In this case, half of the area is much farther from the middle than half of the faces.
+    Large surrounding faces put half of the area much farther from the middle than half of the faces.
     """
     middles = bulk.corners.mean(axis=1)
     kept = ((bulk.low <= middles) & (middles <= bulk.high)).all(axis=1)

@@ -12,7 +12,7 @@ from msb.errors import SceneError, shorten
 Split = Literal["train", "val", "test"]
 SPLITS: tuple[str, ...] = get_args(Split)
 
-# Largest width and height in pixels. This is the limit of JPEG; graphics cards allow less.
+# Largest width and height in pixels, which is the limit of JPEG. Graphics cards allow less.
 MAX_SIDE = 65535
 # Largest number of pixels of an image: as float32 RGB they take 3 GiB.
 MAX_PIXELS = 1 << 28

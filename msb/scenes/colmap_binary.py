@@ -30,7 +30,7 @@ _POINTS_AT_A_TIME = 1 << 14
 
 
 class _Cursor:
-    """A position in a binary file. It never moves past the end of the file."""
+    """A position in a binary file, which never moves past the end of the file."""
 
     def __init__(self, source: Source) -> None:
         self.source = source

@@ -1,6 +1,6 @@
 """The part of an asset that generated views frame: all of it, except for far outliers.
 
-Without this exception, a few stray faces could move all cameras so far away that the mesh covers hardly a
+If outliers were framed, a few stray faces could move all cameras so far away that the mesh covers hardly a
 pixel.
 """
 
@@ -19,7 +19,7 @@ from msb.scenes.dense import find_dense
 # it. At 1 % coverage, the PSNR of a whole image is 20 dB above the PSNR of the mesh's pixels.
 MIN_COVERAGE = 0.01
 # Faces are isolated if they are at least this many times as far from the middle as all other faces. If
-# isolated faces were framed, the others would shrink to about a quarter of their pixels.
+# isolated faces were framed, all other faces would shrink to about a quarter of their pixels.
 _ISOLATED = 2.0
 # Isolated faces are left out if they are at most these shares of the faces and of the area.
 _FEW_FACES, _LITTLE_AREA = 0.1, 0.01
@@ -63,7 +63,9 @@ class Framing:
 
     @property
     def note(self) -> str:
-        """The end of a sentence about generated views: says what they leave out, or "" for nothing."""
+        """The end of a sentence about generated views, which names the faces that they leave out; "" for
+        none.
+        """
         return f"; far outliers are not framed: {self.left_out}" if self.left_out else ""
 
 
@@ -87,7 +89,8 @@ def find_framing(asset: Asset) -> Framing:
     solid = np.flatnonzero(np.isfinite(area) & (area > 0))
     if not len(solid):
         return everything
-    # Repeat this for the n faces with an area: distances (n,) of their nearest and farthest corners.
+    # Repeat the search with only the n faces whose area is not zero. Compute the distances (n,) of their
+    # nearest and farthest corners.
     away = np.linalg.norm(positions - _find_middle(positions, faces[solid]), axis=1)
     corners = away[faces[solid]]
     near, far, area = corners.min(axis=1), corners.max(axis=1), area[solid]
@@ -131,7 +134,7 @@ def _sample(faces: NDArray[np.uint32]) -> NDArray[np.uint32]:
 
 
 def _find_middle(positions: NDArray[np.float32], faces: NDArray[np.uint32]) -> NDArray[np.float64]:
-    """Return the median (3,) of the centroids of the faces. Outliers do not move it."""
+    """Return the median (3,) of the centroids of the faces. Outliers do not move this median."""
     return np.asarray(np.median(positions[_sample(faces)].mean(axis=1, dtype=np.float64), axis=0))
 
 
@@ -143,7 +146,8 @@ def _drop_isolated(
     `near` and `far` (n,) are the distances of the nearest and the farthest corner of each face.
     """
     order = np.argsort(near, kind="stable")
-    # For each position k, the radius and the area of the faces before k, and the share of faces from k on.
+    # For each position k in the order of distance: radius and area of the faces before k, and share of the
+    # faces from k on.
     radius = np.maximum.accumulate(far[order])
     inner = np.cumsum(area[order])
     start = np.arange(1, len(order))
@@ -168,8 +172,8 @@ def _find_dense(far: NDArray[np.float64], area: NDArray[np.float64]) -> NDArray[
     # The sphere around everything has at least half of the largest distance as its radius.
     if _COVERED * area.sum() >= _SPARSE * (far.max() / 2) ** 2:
         return everything
-    # Consider the sphere around the first k faces, for each k. It must hold most of the faces, or most of the
-    # area and half of the faces.
+    # Sort the faces by distance. Consider the spheres around the first k faces that hold most of the faces,
+    # or most of the area and half of the faces.
     order = np.argsort(far, kind="stable")
     radius, inner = far[order], np.cumsum(area[order])
     count = np.arange(1, len(order) + 1)

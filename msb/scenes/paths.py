@@ -89,8 +89,8 @@ def turntable(
 def unit_at(distance: float) -> float:
     """Return the `Camera.unit` for an object at `distance`, so that images do not depend on its scale.
 
-    For ordinary distances the unit is 1, which leaves results unchanged. For other distances it is a power of
-    two, which causes no rounding errors.
+    For ordinary distances the unit is 1, which leaves results unchanged. For other distances the unit is a
+    power of two, which causes no rounding errors.
     """
     return 1.0 if 0.5 <= distance <= 64 else 2.0 ** (round(math.log2(distance)) - 1)
 
@@ -99,8 +99,8 @@ def interpolate_cameras(cameras: Sequence[Camera], count: int, *, closed: bool =
     """Return a smooth flight of `count` frames through at least two cameras, in the size of the first one.
 
     Each segment between two cameras takes the same time, whatever its length. An open flight begins at the
-    first camera and ends at the last; a `closed` one returns to the first camera, one frame after its last.
-    Velocity and angular velocity are continuous.
+    first camera and ends at the last. A `closed` flight is a loop: one frame after its last frame it would be
+    at the first camera again. Velocity and angular velocity are continuous.
 
     Centres follow the uniform Catmull-Rom spline (E. Catmull and R. Rom, A class of local interpolating
     splines, 1974); the ends of an open flight are extended by reflection. Rotations follow the same spline of

@@ -72,8 +72,8 @@ def invert_pose(pose: ArrayLike, what: str = "the camera-to-world matrix") -> ND
 def rigid_inverse(pose: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the inverse of a valid pose.
 
-    The 3 x 3 block is inverted instead of transposed, as in official loaders. For poses rounded to float32
-    the results differ.
+    The 3 x 3 block is inverted instead of transposed, as in official loaders. Inverse and transpose differ
+    for poses that were rounded to float32.
     """
     back = np.eye(4)
     back[:3, :3] = inverse(pose[:3, :3])
@@ -146,9 +146,10 @@ def rotation_from_quaternion(quaternion: ArrayLike) -> NDArray[np.float64]:
 def quaternion_from_rotation(rotation: ArrayLike) -> NDArray[np.float64]:
     """Return the unit quaternion (w, x, y, z), (4,) float64, of a rotation matrix (3, 3), with either sign.
 
-    It is the eigenvector of the largest eigenvalue of a symmetric 4 x 4 matrix. This is stable for every
-    angle. If the matrix is not exactly a rotation, the result is the nearest rotation. Source: I. Y.
-    Bar-Itzhack, New method for extracting the quaternion from a rotation matrix, J. Guidance 23(6), 2000.
+    The quaternion is the eigenvector of the largest eigenvalue of a symmetric 4 x 4 matrix. This computation
+    is stable for every angle. If the matrix is not exactly a rotation, the result is the nearest rotation.
+    Source: I. Y. Bar-Itzhack, New method for extracting the quaternion from a rotation matrix, J. Guidance
+    23(6), 2000.
     """
     (a, b, c), (d, e, f), (g, h, i) = np.asarray(rotation, dtype=np.float64)
     symmetric = np.array(

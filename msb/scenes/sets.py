@@ -48,7 +48,7 @@ def stem(camera: Camera) -> str:
 def sorted_by_stem(cameras: Iterable[Camera]) -> list[Camera]:
     """Return the cameras in the order of the 3DGS family.
 
-    They are sorted by the code points of their `stem` ("DSC_10" before "DSC_2", upper case first); equal
+    Cameras are sorted by the code points of their `stem` ("DSC_10" before "DSC_2", upper case first); equal
     stems keep their order.
 
     Source: `graphdeco-inria/gaussian-splatting`: scene/dataset_readers.py.

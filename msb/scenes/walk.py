@@ -98,12 +98,12 @@ def fill_gaps(cameras: Sequence[Camera], count: int) -> list[Camera]:
     """Return at most `count` additional cameras, each halfway between two neighbours.
 
     Cameras that were added earlier also count. Two cameras are neighbours if no other camera is nearer to the
-    pose halfway between them. Their rotations must differ by less than 120 degrees, because a straight path
-    to the other side of an object could pass through the object. The next camera is the halfway pose with the
-    largest distance to its nearest camera, so the widest gaps are filled first. The distance of two cameras
-    is the angle between their axes in radians, plus the distance of their centres in radii of the capture.
-    Fewer cameras are returned if `cameras` is a single camera, or if its cameras are in one place or opposite
-    each other.
+    pose halfway between them. The rotations of neighbours must differ by less than 120 degrees, because a
+    straight path to the other side of an object could pass through the object. The next camera is the halfway
+    pose with the largest distance to its nearest camera, so the widest gaps are filled first. The distance of
+    two cameras is the angle between their axes in radians, plus the distance of their centres in radii of the
+    capture. Fewer cameras are returned if `cameras` is a single camera, or if its cameras are in one place or
+    opposite each other.
     """
     aim = find_target(cameras)
     every = list(cameras)

@@ -23,7 +23,7 @@ def describe(word: str, arrays: Arrays) -> Result:
 
 
 def misbehave(word: str, arrays: Arrays) -> Result:
-    """Fail in the way that `word` names."""
+    """Fail in the way that `word` selects, such as a hang or a crash."""
     if word == "hang":
         time.sleep(600)
     elif word == "hang with a child":

@@ -1,4 +1,4 @@
-"""The nesting of JSON and TOML is counted like in the parsers, without recursion."""
+"""The nesting of JSON and TOML is counted without recursion, with the same result as in the parsers."""
 
 import tomllib
 
@@ -17,7 +17,7 @@ QUOTED = ['"[[\'\\""', "'[[\"'", "'''['['''", '"""["[\\""""']
 
 @pytest.mark.parametrize("inside", ["[]", "{b = 1}", *QUOTED])
 def test_brackets_in_strings_and_comments_do_not_count(inside: str) -> None:
-    """The limit is exact for all values: brackets in strings do not count."""
+    """The limit of the nesting is exact for all values: brackets in strings do not count."""
     most = MAX_TOML_DEPTH - (inside in ("[]", "{b = 1}"))
     assert parse_toml(nested(inside, most)) == tomllib.loads(nested(inside, most))
     with pytest.raises(ValueError, match="nested too deeply"):

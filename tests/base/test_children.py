@@ -30,7 +30,7 @@ def test_data_and_arrays_travel_both_ways(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: Any
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    for name in ("numpy.py", "json.py"):  # files of the current folder must not be imported
+    for name in ("numpy.py", "json.py"):  # the child must not import files of the current folder
         (tmp_path / name).write_text("raise SystemExit('taken over')")
     given = {"mesh.faces": np.arange(6, dtype=np.int32).reshape(2, 3), "points": np.ones((2, 3), np.float32)}
     reply = run_in_child(describe, "a word", given, Limits())

@@ -25,7 +25,7 @@ CALLS = {
     "window": ("view", "gl.GlProbe.start()"),
     "topology figure": ("view", "figure.write_figure(None, Path('t.png'))"),
 }
-"""For each name, the required extra and the call."""
+"""Name of a case -> the required extra and the call."""
 DRIVER = """
 import json, sys
 from pathlib import Path

@@ -36,7 +36,7 @@ def test_the_inverse_agrees_with_exact_arithmetic(size: int) -> None:
     for number in range(50):
         matrix = rng.normal(size=(size, size)) * 10.0 ** rng.integers(-3, 4, size)
         if number % 2 and size > 1:
-            matrix[0, 0] = 0  # pivoting: the first pivot is not in row 0
+            matrix[0, 0] = 0  # a matrix that needs pivoting: the first pivot is not in row 0
         before = matrix.copy()
         expected = exact_inverse(matrix)
         condition = np.linalg.norm(matrix) * np.linalg.norm(expected)

@@ -22,7 +22,7 @@ def write(folder: Path, *names: str, overwrite: bool = True) -> None:
 
 
 def contents(folder: Path) -> dict[str, str]:
-    """Return the text of all files except the list, by name."""
+    """Return the text of each file in a folder by its name, without the list of files."""
     files = (path for path in folder.rglob("*") if path.is_file() and path.name != LIST)
     return {path.relative_to(folder).as_posix(): path.read_text() for path in files}
 

@@ -55,7 +55,7 @@ def test_an_empty_path_is_not_the_current_folder(
 
 @pytest.fixture
 def both_forms(tmp_path: Path) -> None:
-    """Skip if the file system treats both forms as the same name (macOS)."""
+    """Skip the test if the file system treats both Unicode forms as the same name (macOS)."""
     (tmp_path / COMPOSED).touch()
     if (tmp_path / DECOMPOSED).exists():
         pytest.skip("this file system treats both forms as the same name")

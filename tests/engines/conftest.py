@@ -20,7 +20,7 @@ def need(name: str) -> str:
 
 @pytest.fixture(scope="session")
 def with_webgpu(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[..., Any]]:
-    """Like `in_browser`, but the browser has WebGPU in software, as in measurements of pages."""
+    """Return a browser like that of `in_browser`, but with WebGPU in software, as in page measurements."""
     need("threejs")
     flags = (*engine._WEBGPU, *engine._WEBGPU_SOFTWARE)
     opened = Browser(engine.find_browser(), tmp_path_factory.mktemp("webgpu"), flags)

@@ -83,7 +83,9 @@ def without_mipmaps(asset: Asset) -> Asset:
 @pytest.mark.slow
 @pytest.mark.oracle
 def test_models_look_as_on_the_standard_tier_and_are_exported_unchanged(tmp_path: Path) -> None:
-    """Models of three methods, a baked model of the fourth, and two noise textures times vertex colours."""
+    """The tested models: three methods, a baked model of the fourth method, and two noise textures times
+    vertex colours.
+    """
     pytest.importorskip("xatlas", reason="extra trial is not installed (xatlas)")
     views = [golden_views(method)[0] for method in ("two_dts", "triangle_splatting", "mesh_splatting")]
     models = [(view.folder / "checkpoint", view.camera) for view in views]

@@ -47,8 +47,8 @@ def page_of(views: list[View], **options: Any) -> DedicatedPage:
     return make_page(asset, name="a", settings=views[0].settings, tests=tests, **options)
 
 
-# The pages that are drawn, by the name of their first view. Not all are, because a browser needs seconds to
-# compile the shaders of a page, and test_hardware.py draws every view with the same plans.
+# The pages that are drawn, by the name of their first view. Other pages are not drawn, because a browser
+# needs seconds to compile the shaders of a page. test_hardware.py draws every view with the same plans.
 DRAWN = {
     *("torus_sh0_white/0", "bumpy_sphere_sh3/0"),
     *("ring_solid/1", "soup_everything/2", "soup_everything/3"),
@@ -270,10 +270,10 @@ def test_pages_are_measured_when_written_and_again(msb: Msb, tmp_path: Path) -> 
     checkpoint = golden_views("triangle_splatting")[-1].folder / "checkpoint"
     page = tmp_path / "page.html"
     first = msb("web", "-o", page, "--tier", "dedicated", "--quantise", "--json", "-", checkpoint, status=0)
-    assert first.json["measured"]["worst"] > 40  # rounding costs most at the near training cameras
+    assert first.json["measured"]["worst"] > 40  # the near training cameras lose most by rounding
     assert [cost["psnr"] > 40 for cost in first.json["costs"]] == [True]
     assert "--quantise" in first.err
-    # The case of a page that passes is in tests/test_docs_commands.py.
+    # tests/test_docs_commands.py tests a page that passes.
     again = msb("web", "--verify", page, "--at-least", "99", "-q", "--json", "-", status=1)
     assert again.err.startswith("GATE_FAILED: ")
     assert again.json["measured"]["worst"] == pytest.approx(first.json["measured"]["worst"], abs=0.01)

@@ -60,7 +60,7 @@ def colored_asset(kind: str, dtype: Any = np.uint8) -> Asset:
 def test_agrees_with_our_z_buffer(name: str, kind: str) -> None:
     theirs, ours = draw_both(name, colored_asset(kind), [OFF_CENTRE, TALL])
     result = agreement(theirs, ours)
-    # "everything" has coincident faces, and an engine may show any of them.
+    # "everything" has coincident faces, and an engine may show any of these faces.
     assert result.within_a_level >= (WITHIN[name] if kind != "everything" else 0.95)
     assert result.covered_alike >= (0.999 if name != "threejs" else 0.99)
     if kind == "large":

@@ -31,8 +31,8 @@ from tests.render.random_cases import draw_case
 METHODS = ("two_dts", "triangle_splatting", "mesh_splatting")
 VIEWS = [view for method in METHODS for view in golden_views(method)]
 QUICK = (8, 19, 22)  # numbers of the views that are not marked slow: one of each method
-# Minimum PSNR in dB against the official image, with float32 and with half-float targets. The images are not
-# equal, because a sample stops at the end of a chunk of faces, not at a single face.
+# Minimum PSNR in dB against the official image, with float32 and with half-float targets. The images differ a
+# little, because this renderer stops a sample only at the end of a chunk of faces.
 FLOAT_DB = {"two_dts": 80, "triangle_splatting": 70, "mesh_splatting": 75}
 HALF_DB = {"two_dts": 55, "triangle_splatting": 60, "mesh_splatting": 60}
 
@@ -44,7 +44,7 @@ every_view = pytest.mark.parametrize(
 )
 every_third_view = pytest.mark.parametrize("view", VIEWS[::3], ids=names)
 MODES = (("tile", "engine"), ("none", "engine"), ("global", "official"), ("none", "official"))
-# Every method in every mode, always with a different view.
+# Every method in every mode, each time with a different view.
 VIEW_OF_MODE = [
     (view, *mode)
     for method in METHODS
@@ -239,7 +239,7 @@ def garden(tmp_path_factory: pytest.TempPathFactory, shared: Path) -> Path:
     ("method", "minimum"), [("two_dts", 90), ("triangle_splatting", 75), ("mesh_splatting", 70)]
 )
 def test_a_capture_of_139_000_faces(method: str, minimum: float, garden: Path, shared: Path) -> None:
-    """Compare with the OpenCL renderer, which has at least 140 dB against the official image."""
+    """Compare with the OpenCL renderer, whose images have at least 140 dB against the official images."""
     asset = msb.export(garden / method)
     cameras = msb.read_cameras(shared / "golden" / "garden" / "sparse" / "0")
     with (
@@ -256,7 +256,7 @@ SURFACES = golden_views("diffsoup")
 
 
 def draw_as_opencl(asset: Asset, view: Any, *, tolerance: float = 1e-5, **options: Any) -> Frame:
-    """Return a frame; check that it equals that of our OpenCL renderer, up to `tolerance` in colours."""
+    """Return a frame. Check that it equals the OpenCL renderer's frame, up to `tolerance` in colours."""
     frame = draw_by(HardwareRenderer, asset, view, **options)
     opencl = draw_by(DiffSoupPipeline, asset, view, outputs=(), **options)
     for name in ("alpha", "depth", "visible"):
@@ -315,9 +315,9 @@ def test_a_far_plane_before_the_near_plane_is_rejected() -> None:
 def test_random_models_of_diffsoup_are_drawn_as_in_opencl(seed: int) -> None:
     """The models have slivers, degenerate and coincident faces, and faces all around the camera.
 
-    The official renderer computes view directions with a float32 inverse. If near and far plane are far
-    apart, its error exceeds the rounding of the decoder. This renderer takes directions from the rotation of
-    the camera, so the tolerance of colours is larger here.
+    The official renderer computes view directions with a float32 inverse. If the near and far planes are far
+    apart, the error of this inverse exceeds the rounding of the decoder. This renderer takes directions from
+    the rotation of the camera, so the tolerance of colours is larger here.
     """
     case = draw_case("diffsoup", seed)
     options = {name: case.options[name] for name in ("order", "sampling")}

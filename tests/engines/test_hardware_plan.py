@@ -1,4 +1,4 @@
-"""The plan of a frame for graphics hardware. It is plain data, so these tests need no graphics adapter."""
+"""The plan of a frame for graphics hardware. Plans are plain data, so these tests need no adapter."""
 
 import json
 

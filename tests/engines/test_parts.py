@@ -117,7 +117,7 @@ def test_agreement_counts_pixels() -> None:
     ours = make_frame(image, faces)
     same = agreement([ours], [ours])
     assert (same.within_a_level, same.psnr, same.covered_alike, same.interior_max) == (1, np.inf, 1, 0)
-    # 3 x 3 neighbourhoods within one face: rows 2..8, columns 1..3 and 6..8.
+    # Pixels whose 3 x 3 neighbourhood lies within one face: rows 2 to 8, columns 1 to 3 and 6 to 8.
     assert same.interior == 7 * 6
     assert interior(faces).sum() == 42
     changed = image.copy()
@@ -215,7 +215,7 @@ def test_the_public_address_works_once_and_closing_ends_all_threads() -> None:
     waiting = HTTPConnection(*server.server_address[:2], timeout=30)
     waiting.request("GET", "/s/next")
     thread = tasks.waiting.get(timeout=30)
-    waiting.close()  # like a browser that is ended
+    waiting.close()  # a browser that is ended also drops its connection
     assert thread.is_alive()
     browser._end(None, server, tasks, io.BytesIO(), tempfile.TemporaryDirectory())
     thread.join(30)

@@ -217,7 +217,7 @@ def test_each_malformed_file_has_its_message(ask: Ask, tmp_path: Path) -> None:
         return with_manifest(good, lambda manifest: manifest.update(values))
 
     last = good.index(b"PK\1\2")
-    header = good.rindex(b"buffers/positions.bin", 0, last)  # the manifest has the name, too
+    header = good.rindex(b"buffers/positions.bin", 0, last)  # the manifest contains the name, too
     at = header + len("buffers/positions.bin") + struct.unpack_from("<H", good, header - 2)[0]
     nan = good[:at] + struct.pack("<f", np.nan) + good[at + 4 :]
     bad = [

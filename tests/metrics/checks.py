@@ -28,7 +28,7 @@ def images(kind: str, height: int, width: int, seed: int = 0) -> tuple[Bytes, By
     a, b = random.integers(0, 256, (2, height, width, 3), dtype=np.uint8)
     if kind == "extremes":
         a, b = 255 * (a > 127).astype(np.uint8), 255 * (b > 127).astype(np.uint8)
-    elif kind == "flat":  # variances are 0, and rounding must not make them negative
+    elif kind == "flat":  # the variances are 0, and rounding must not make variances negative
         a[:], b[:] = a[0, 0], b[0, 0]
     elif kind == "a level apart":
         b = a ^ (random.random(a.shape) < 0.01).astype(np.uint8)
@@ -48,7 +48,7 @@ def check_metric(
 ) -> None:
     """Compare a metric with another computation of it, and check what records and tables require.
 
-    `smallest` is the minimum side of an image in pixels; values may differ by `rel` or `abs`.
+    `smallest` is the minimum side of an image in pixels. Values may differ by `rel` (relative) or `abs`.
     """
     for kind in KINDS:
         for height, width in ((smallest, smallest), (smallest + 9, smallest + 12), (33, 50)):

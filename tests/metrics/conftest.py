@@ -21,7 +21,7 @@ DTU = GOLDEN / "dtu_synthetic"
 def needs_torch(test: Test) -> Test:
     """Mark a test that imports torch, which takes seconds. Only `make test-all` installs torch.
 
-    It runs in a separate session, because torch has crashed together with libraries of other tests.
+    Such a test runs in a separate session, because torch has crashed together with libraries of other tests.
     """
     absent = not (find_spec("torch") and find_spec("lpips"))
     marked = pytest.mark.skipif(absent, reason="extra lpips (torch, lpips) is not installed")(test)

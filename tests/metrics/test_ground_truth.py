@@ -99,7 +99,10 @@ def cubic(x: Any) -> Any:
 
 
 def halved(image: Any) -> Any:
-    """Return an image of even size at half the size. The cubic is twice as wide, normalised at borders."""
+    """Return an image of even size at half the size.
+
+    The cubic filter is twice as wide as for an unchanged size, and normalised at borders.
+    """
     for axis in (0, 1):
         size = image.shape[axis]
         weights = cubic((np.arange(size) - (2 * np.arange(size // 2)[:, None] + 0.5)) / 2)

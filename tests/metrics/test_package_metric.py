@@ -1,4 +1,6 @@
-"""The image metric of docs/extending.md in a separate package: valid, failing, and with invalid fields."""
+"""The image metric of docs/extending.md in a separate package: a valid one, a failing one, and one with
+invalid fields.
+"""
 
 import re
 import sys

@@ -28,7 +28,9 @@ def camera(place: float) -> Camera:
 
 
 def boards(at: Camera, samples: int) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
-    """Return image, alpha and depth of a small board before a large one; pixels have `samples`^2 samples."""
+    """Return image, alpha and depth of a small board in front of a large board; pixels have `samples`^2
+    samples.
+    """
     big = at.resized(WIDTH * samples, HEIGHT * samples)
     y, x = np.mgrid[: big.height, : big.width] + 0.5
     rays = np.stack([(x - big.cx) / big.fx, (y - big.cy) / big.fy, np.ones_like(x)], axis=-1)

@@ -80,7 +80,7 @@ def names(view: View) -> str:
 
 
 def psnr(image: np.ndarray, wanted: np.ndarray) -> float:
-    """Return the PSNR in dB for a peak of 1. It is infinite for equal images."""
+    """Return the PSNR in dB for a peak of 1, which is infinite for equal images."""
     error = float(np.square(image.astype(np.float64) - wanted).mean())
     return float("inf") if error == 0 else -10 * float(np.log10(error))
 

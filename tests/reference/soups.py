@@ -85,7 +85,7 @@ def soup(
 
 
 def weld(triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the distinct corners of triangles (F, 3, 3), and the corners' numbers among them (F, 3)."""
+    """Return the distinct corners of triangles (F, 3, 3), and for each corner its index in them (F, 3)."""
     corners = np.asarray(triangles, np.float32).reshape(-1, 3)
     positions, numbers = np.unique(corners, axis=0, return_inverse=True)
     return positions, numbers.reshape(-1, 3).astype(np.uint32)

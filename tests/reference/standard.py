@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 NEAR = float(np.float32(0.01))
 # Steps per pixel of the grid that projected corners are snapped to.
 UNITS = 4096
-# The guard band extends this many grid steps from the corner of the image. Triangles are clipped to it, so
-# that products fit into 64 bits.
+# The guard band extends this many grid steps from the corner of the image. Triangles are clipped to the guard
+# band, so that products fit into 64 bits.
 GUARD = 0.75 * 2**29
 
 
@@ -134,8 +134,8 @@ def cover_pixels(corners: Reals, normal: Reals, camera: Camera) -> Iterator[Pixe
 def nearest_corner(corners: Reals) -> int:
     """Return the index of the corner of a face (3, 3), in camera coordinates, nearest to the camera.
 
-    At a corner that is a million times farther away, both edges have nearly the same direction. Their cross
-    product would not give the face's plane.
+    At a corner that is a million times farther away, both edges have nearly the same direction. The cross
+    product of these edges would not give the face's plane.
     """
     return int(np.argmin(np.abs(corners).max(axis=1)))
 
@@ -173,7 +173,7 @@ def inside(
     """Return rows and columns of the pixels whose centres a snapped triangle (3, 2) covers, exactly.
 
     A centre on an edge belongs to the triangle if that is a left or a top edge. So exactly one of two
-    triangles that share an edge covers it.
+    triangles that share an edge covers the centre.
     """
     low = np.maximum((corners.min(axis=0) + UNITS // 2 - 1) // UNITS, 0)
     high = np.minimum((corners.max(axis=0) - UNITS // 2) // UNITS, (width - 1, height - 1))
@@ -236,10 +236,11 @@ class Surface:
 
 
 def steps_at(corners: Reals, rays: Reals, camera: Camera) -> Reals:
-    """Return by how much the corner weights at rays (n, 3) change to the next pixels: (n, 2, 3).
+    """Return the differences (n, 2, 3) of the corner weights between rays (n, 3) and those of the next
+    pixels.
 
-    The changes are the derivatives at the sample. A weight is V / sum V, and each volume V is affine on the
-    screen.
+    The differences are the derivatives at the sample. A weight is V / sum V, and each volume V is affine on
+    the screen.
     """
     normals = np.cross(corners[[1, 2, 0]], corners[[2, 0, 1]])
     if corners[0] @ normals[0] < 0:

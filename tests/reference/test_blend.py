@@ -53,7 +53,9 @@ def blend_columns(alphas: np.ndarray, colors: np.ndarray, depths: np.ndarray, ru
     ("faces", "scale"), [(1, 1.0), (7, 1.0), (32, 0.3), (33, 0.5), (100, 0.1), (500, 0.02)]
 )
 def test_composite_equals_the_loop(rule: Rule, faces: int, scale: float) -> None:
-    """Bit-identical, even if there are more faces than are evaluated at once, or samples stop early."""
+    """The results are bit-identical, even if there are more faces than are evaluated at once, or samples stop
+    early.
+    """
     rng = np.random.default_rng(faces)
     alphas = np.minimum(rng.random((faces, 16)) * scale, 0.99).astype(F)
     alphas[rng.random(alphas.shape) < 0.3] = 0

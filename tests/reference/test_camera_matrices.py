@@ -23,7 +23,7 @@ def test_full_projection_is_official_bit_for_bit(view: View) -> None:
     half = [float(stored[name]) / 2 for name in ("fovx", "fovy")]
     np.testing.assert_array_equal(matrices.tan_fov, np.tan(half).astype(np.float32))
     np.testing.assert_array_equal(matrices.shift, [0, 0])
-    # Official code inverts in float32, and its library decides the last bits. Ours inverts in float64 and
+    # Official code inverts in float32, and its library decides the last bits. Our code inverts in float64 and
     # rounds once.
     offset = max(1, np.linalg.norm(stored["world_to_camera"][:3, 3]))
     np.testing.assert_allclose(matrices.center, stored["camera_center"], atol=3e-7 * offset, rtol=0)

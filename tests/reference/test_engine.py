@@ -182,7 +182,7 @@ def test_in_an_engine_there_are_no_tiles(method: str) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("method", SPLATTING)
 def test_without_order_faces_are_blended_as_stored(method: str) -> None:
-    """Two faces cover the middle; the first in the asset is in front, although it is farther away."""
+    """Two faces cover the middle. The first face in the asset is in front, although it is farther away."""
     triangle = np.array([[-2, 2, 3], [2, 2, 3], [0, -2.5, 3]], np.float32)
     pair = np.stack([triangle * (1, 1, 1.5), triangle]).astype(np.float32)
     rows = 3 if method == "mesh_splatting" else 1
@@ -232,7 +232,7 @@ def test_diffsoup_in_an_engine_matches_its_official_viewer(view: View) -> None:
 
 @pytest.mark.parametrize("method", SPLATTING)
 def test_samples_stop_like_in_the_official_code(method: str) -> None:
-    """With many nearly opaque layers, only the last blended one lowers T below the threshold."""
+    """With many nearly opaque layers, only the last blended layer lowers T below the threshold."""
     layer, depths = np.array([[-9, 9, 3], [9, 9, 3], [0, -12, 3]]), 0.01 * np.arange(40)
     layers = layer + np.stack([0 * depths, 0 * depths, depths], axis=-1)[:, None]
     rows = 3 * len(layers) if method == "mesh_splatting" else len(layers)

@@ -55,9 +55,9 @@ def test_frame_is_in_image_order(view: View) -> None:
 
 @pytest.mark.parametrize("view", VIEWS, ids=names)
 def test_the_web_export_matches_the_official_viewer(view: View) -> None:
-    """Bytes mean value / 255. The viewer rounds features to bytes once more before decoding.
+    """A byte b stands for the value b / 255. The viewer rounds features to bytes once more before decoding.
 
-    It also clips triangles across the camera plane, which the evaluator drops; the soup contains such
+    The viewer also clips triangles across the camera plane, which the evaluator drops. The soup contains such
     triangles.
     """
     viewer_image = view.viewer["viewer_image"] / np.float32(255)

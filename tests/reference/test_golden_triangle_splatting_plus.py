@@ -28,7 +28,7 @@ def test_reference_and_kernels_give_the_golden_views(number: int) -> None:
     with msb.Renderer(model, tier="dedicated", settings=view.settings) as renderer:
         drawn = renderer.render(view.camera, view.background)
     assert worst(drawn.image, stored["image"]) <= 5e-6
-    assert worst(frame.image, view.image) > 0.01  # the image by MeshSplatting's rules differs
+    assert worst(frame.image, view.image) > 0.01  # an image by the rules of MeshSplatting is different
 
 
 def render_black(method: str, camera: Camera) -> ReferenceFrame:

@@ -63,7 +63,7 @@ def test_shapes_and_dtypes(
 @pytest.mark.slow
 @variants
 def test_order_of_the_faces_does_not_matter(method: str, settings: dict[str, Any]) -> None:
-    """This does not hold for equal depths, which do not occur here."""
+    """The order would matter at equal depths, which do not occur here."""
     triangles = random_triangles(4, size=0.5)
     asset = soup(method, triangles)
     order = np.random.default_rng(0).permutation(len(triangles))
@@ -134,13 +134,13 @@ def test_both_orders_of_f_rest_are_read(method: str) -> None:
 
 @pytest.mark.parametrize(("method", "settings"), [case for case in VARIANTS if case != ("diffsoup", {})])
 def test_a_small_face_appears_where_the_camera_projects_it(method: str, settings: dict[str, Any]) -> None:
-    """This also holds with off-centre principal points. Pixel centres are at half-integers.
+    """The test includes off-centre principal points. Pixel centres are at half-integers.
 
     DiffSoup's COLMAP layout has the opposite sign of cy, which the next test covers.
     """
     center = np.array([0.31, -0.22, 3.0])
-    # Triangles of 2DTS extend beyond their edges. Other methods drop tiny triangles, so theirs are larger
-    # here.
+    # Triangles of 2DTS extend beyond their edges. Other methods drop tiny triangles, so the triangles for
+    # them are larger here.
     size = 0.1 if method == "two_dts" and "rasterizer" not in settings else 1.0
     triangle = center + size * np.array([[-0.3, 0.2, 0], [0.3, 0.2, 0], [0, -0.4, 0]])
     opaque = {"features.opacity": np.ones((1, 6), np.float32)} if method == "diffsoup" else {}

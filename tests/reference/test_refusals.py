@@ -26,7 +26,7 @@ def rejection(asset: Asset, tier: Any, code: str) -> MsbError:
 
 
 def replace_value(asset: Asset, name: str, index: Any, value: float) -> Asset:
-    """Return `asset` with one value of a buffer replaced. Like in a file, any value is possible."""
+    """Return `asset` with one value of a buffer replaced. Any value is possible, as in a file."""
     array = asset.buffers[name].copy()
     array[index] = value
     return replace(asset, buffers={**asset.buffers, name: array})

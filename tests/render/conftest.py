@@ -10,7 +10,7 @@ from tests.cl.conftest import SELECTOR, fresh, styled
 __all__ = ["fresh", "styled"]
 
 device = styled
-"""A device in the CPU style, then in the GPU style; modules may override it."""
+"""Run a test on a device in the CPU style, then in the GPU style. Test modules may override this fixture."""
 
 
 @pytest.fixture(scope="module")

@@ -28,8 +28,9 @@ from tests.render.frames import frame_of
 from tests.render.random_cases import STANDARD, Case
 
 OFF = 2e-3
-"""The tolerance: absolute, but relative to the largest value for planes with values above 1.
+"""The tolerance of differences.
 
+If the largest value of a plane is above 1, the tolerance is relative to this value, otherwise absolute.
 Rounding explains a difference if it moves the reference by a quarter of the tolerance.
 """
 MOVES = 16
@@ -186,7 +187,7 @@ def fields_apart(frame: Any, wanted: ReferenceFrame, limit: float = OFF) -> dict
 def apart(values: Any, right: Any, limit: float) -> NDArray[np.bool_]:
     """Return a mask (H, W) of pixels where two arrays (H, W, ...) differ by more than `limit`, or one is NaN.
 
-    If the largest number of `right` is above 1, the limit is relative to it.
+    If the largest number of `right` is above 1, the limit is relative to this number.
     """
     first, second = np.asarray(values, np.float64), np.asarray(right, np.float64)
     finite = np.abs(second[np.isfinite(second)])

@@ -37,9 +37,9 @@ KINDS = (
     "around",
     "behind",
 )
-"""Kinds of triangle sets; `draw_triangles` generates them."""
+"""Kinds of triangle sets that `draw_triangles` can generate."""
 STANDARD = "standard"
-"""This replaces the name of a method for assets of any kind that the standard tier supports."""
+"""The name in place of a method, for cases with assets of any kind that the standard tier supports."""
 FACES = 90
 
 
@@ -69,7 +69,7 @@ class Case:
 
 
 def draw_case(method: str, seed: int) -> Case:
-    """Return the case of `seed` for a method with a native renderer, or for `STANDARD`; reproducible."""
+    """Return the case of `seed` for a method with a native renderer, or for `STANDARD`."""
     random = np.random.default_rng((seed, *method.encode()))
     kind = str(random.choice(KINDS))
     camera = draw_camera(random, aligned=kind == "aligned")
@@ -110,7 +110,7 @@ def draw_case(method: str, seed: int) -> Case:
 
 
 def draw_settings(random: Random, method: str) -> dict[str, Any]:
-    """Return a random value for every setting of `method`; limits are among them."""
+    """Return a random value for every setting of `method`. The value can be a limit of the setting."""
     choices: dict[str, list[Any]] = {
         "rasterizer": ["2D", "3D"],
         "sh_degree": [0, 1, 2, 3],
@@ -177,7 +177,7 @@ def draw_triangles(random: Random, kind: str, camera: Camera) -> Triangles:
     shape = random.normal(size=(count, 3, 3)) * size[:, None, None]
     shape[..., 2] *= random.choice([0.0, 0.01, 0.3])
     place = random.uniform(-1.2, 1.2, (count, 1, 2))
-    # Corners as shares of half the image, and of the depth.
+    # Corners relative to half the size of the image, and multiplied by the depth.
     flat = middle + half * (place + shape[..., :2])
     z = depth[:, None] * (1 + shape[..., 2])
     if kind == "equal depths":

@@ -37,7 +37,9 @@ def test_json(devices: Here) -> None:
 def test_a_device_that_cannot_build_is_listed_with_reason_and_remedy(
     msb: Msb, unknown: dict[str, str]
 ) -> None:
-    """Then renderers on OpenCL cannot draw, and choosing the device fails with the same message."""
+    """Without such a device, renderers on OpenCL cannot draw, and choosing the device fails with the same
+    message.
+    """
     off = {**unknown, "MSB_MEND_POCL": "0"}
     result = msb("devices", "--device", "pocl", **off, status=5)
     assert "pocl:0 " in result.out

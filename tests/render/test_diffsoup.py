@@ -15,7 +15,10 @@ from tests.render.frames import frame_of
 
 VIEWS = golden_views("diffsoup")
 TAME = [view for view in VIEWS if not view.name.startswith("soup")]
-"""Views without triangles that cross the camera plane: the viewer clips those, the evaluator drops them."""
+"""Views in which no triangle crosses the camera plane.
+
+The viewer clips such triangles, and the evaluator drops them.
+"""
 
 
 def draw(device: Device, view: View, web: bool = False, **options: Any) -> Frame:
@@ -86,7 +89,7 @@ def test_official_viewer(device: Device, view: View) -> None:
 
 @pytest.mark.slow
 def test_a_gpu_without_64_bit_atomics_draws_with_its_work_groups() -> None:
-    """The CPU style would also be correct there, but much slower."""
+    """On these devices the CPU style would also be correct, but much slower."""
     asset = exported(VIEWS[0].folder / "checkpoint")
     with open_styled(WITHOUT_ATOMICS) as device:
         assert DiffSoupPipeline(asset, device=device)._program.name.endswith("/diffsoup_gpu.cl")

@@ -29,8 +29,8 @@ def device(request: pytest.FixtureRequest) -> Iterator[Device]:
 def soup(seed: int) -> tuple[np.ndarray, np.ndarray]:
     """Return triangles of all sizes in front of, across and behind the camera, with shared vertices.
 
-    Some triangles are duplicated, with the same or a rotated vertex order. Some are stacked more closely than
-    the depth key can resolve. Some are slivers, and some have no area.
+    Some triangles are duplicated, with the same or a rotated vertex order. Some triangles are stacked more
+    closely than the depth key can resolve. Some triangles are slivers, and some have no area.
     """
     rng = np.random.default_rng(seed)
     center = rng.normal(0, 1, (150, 1, 3)) * (1.5, 1.2, 3) + (0, 0, 4)
@@ -104,7 +104,7 @@ def test_opacity_threshold_keeps_a_half(device: Device) -> None:
 
 @pytest.mark.slow
 def test_many_triangles_in_one_tile(device: Device) -> None:
-    """Each covers the whole image; the nearest of the 100,000 is visible."""
+    """Each of 100,000 triangles covers the whole image, and the nearest one is visible."""
     count = 100_000
     depth = np.random.default_rng(0).permutation(np.linspace(3, 9, count))
     corners = np.array([[-20, -20], [20, -20], [0, 20]]) * depth[:, None, None] / 9

@@ -87,7 +87,10 @@ def test_one_triangle_through_the_camera_plane_covers_everything(method: str, de
 @pytest.mark.slow
 @pytest.mark.parametrize("view", [VIEWS[5], VIEWS[6], TAME[0]], ids=names)
 def test_diffsoup_clips_as_its_official_viewer(view: Any, device: Device) -> None:
-    """Golden images of a rasterizer. The official evaluator drops triangles across the camera plane."""
+    """Compare with golden images of a rasterizer.
+
+    The official evaluator drops triangles across the camera plane.
+    """
     asset, camera, settings = view.web, view.camera, view.settings
     wanted = render_reference(asset, camera, view.background, settings, sampling="engine")
     equal = {}

@@ -63,7 +63,7 @@ def test_a_film_contains_every_frame(tmp_path: Path) -> None:
     with av.open(str(tmp_path / "f.mp4")) as film:
         decoded = [frame.to_ndarray(format="rgb24") for frame in film.decode(video=0)]
         assert film.streams.video[0].average_rate == 10
-    assert [frame.shape for frame in decoded] == [(94, 128, 3)] * 7  # H.264 in 4:2:0 has even sizes
+    assert [frame.shape for frame in decoded] == [(94, 128, 3)] * 7  # H.264 films have even sizes
     assert np.abs(decoded[0].astype(int) - to_bytes(SMOOTH[:94])).mean() < 3
 
 

@@ -182,7 +182,7 @@ def test_eight_threads_may_draw_with_one_renderer(asset: Asset, tier: Any) -> No
 
 @pytest.mark.parametrize("tier", TIERS)
 def test_memory_counts_only_the_renderer_itself(asset: Asset, tier: Any) -> None:
-    """Other renderers on the same device do not count."""
+    """Memory of other renderers on the same device does not count."""
 
     def memory_after_small(renderer: msb.Renderer) -> dict[str, int]:
         image_bytes(renderer, 0)
@@ -201,7 +201,7 @@ def test_memory_counts_only_the_renderer_itself(asset: Asset, tier: Any) -> None
 @pytest.mark.slow
 @pytest.mark.parametrize("tier", TIERS)
 def test_renderers_leave_nothing_on_the_device(asset: Asset, tier: Any) -> None:
-    """Neither buffers nor programs stay, because PoCL keeps a megabyte per program and context."""
+    """Closing releases buffers and programs, because PoCL keeps a megabyte per program and context."""
     device = shared_device(SELECTOR)
     msb.render(asset, SMALL, tier=tier, device=SELECTOR)
     held, programs = device.memory(), len(device._programs)

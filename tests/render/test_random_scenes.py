@@ -30,8 +30,8 @@ DRAWS = int(os.environ.get("MSB_RANDOM_SCENES", 5))
 def test_equals_the_reference(method: str, cpu: Device, gpu: Device) -> None:
     """Differences are explained by rounding: at most 0.1 % of the pixels differ, and PSNR is above 60 dB.
 
-    Most scenes also match the reference in double precision. In some, rounding changes the order of all
-    faces.
+    Most scenes also match the reference in double precision. In some scenes, rounding changes the order of
+    all faces.
     """
     pixels = explained = 0
     shares = []
@@ -107,7 +107,7 @@ def test_depth_of_a_needle_that_leads_away(cpu: Device, gpu: Device) -> None:
 def test_an_engine_keeps_the_same_faces_at_the_edge_of_a_sample(
     method: str, cpu: Device, gpu: Device
 ) -> None:
-    """The faces are small, and the box of each begins just after a sample."""
+    """The faces are small, and the bounding box of each face begins just after a sample."""
     camera = Camera(32, 32, 32.0, 32.0, 15.5, 15.5, np.eye(4))
     corners = np.array([[0, 0], [0.02, 0], [0, 0.02]])
     flat = 0.1 + 10.0 ** np.arange(-5.0, -2.0, 0.25)[:, None, None] - 5 + corners

@@ -111,7 +111,7 @@ def test_both_tiers_and_names_of_files(here: Here, demo_asset: Path, cameras: Pa
     here(*base, "--name", "{tier}/{index}", demo_asset, status=0)
     assert len(list((tmp_path / "standard").iterdir())) == 3
     for args in (
-        ("--name", "x"),  # the same name for all images
+        ("--name", "x"),  # this pattern gives all images the same name
         ("--tier", "both", "--name", "{camera}"),
         ("--name", "{frame}"),
         ("--name", "../{camera}"),

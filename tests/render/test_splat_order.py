@@ -53,7 +53,7 @@ def interleave(cells: NDArray[np.uint64]) -> NDArray[np.uint64]:
 
 
 def split_words(words: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Return the two numbers in each word, radius and inradius."""
+    """Return the two numbers in each word: radius and inradius."""
     bits = words.view(np.uint32)
     return (bits & np.uint32(0xFFFF0000)).view(np.float32), (bits << np.uint32(16)).view(np.float32)
 
@@ -124,7 +124,7 @@ def test_spheres_contain_their_faces(pipeline: SplattingPipeline) -> None:
 def test_equal_depths_are_sorted_by_number(
     pipeline: SplattingPipeline, order: Order, different: int, device: Device
 ) -> None:
-    """Runs of equal depths have two faces, some faces, more faces than are sorted in place, or all faces."""
+    """A run of equal depths has two faces, some faces, more faces than are sorted in place, or all faces."""
     random = np.random.default_rng(different)
     places = np.sort(random.choice(COUNT, 3001, replace=False)).astype(np.uint32)
     numbers = random.permutation(COUNT)

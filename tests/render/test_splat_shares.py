@@ -95,8 +95,8 @@ def test_the_heaviest_faces_match_the_reference(method: str, cpu: Device) -> Non
     wanted = sum(frame.contribution for frame in frames) / settings.get("supersample", 1) ** 2
     assert (wanted > 0).sum() > 100
     # Rounding may decide whether alpha reaches 1/255 in a sample, so faces of nearly equal weight may change
-    # places. So compare the total weight of the selected faces, measured by the reference, with that of its
-    # own selection.
+    # places. Therefore compare the total weights of the faces that both select. The reference measures both
+    # weights.
     for kept in (50, 100):
         chosen, best = (np.argsort(-weights, kind="stable")[:kept] for weights in (weights_drawn, wanted))
         assert wanted[chosen].sum() >= (1 - 1e-4) * wanted[best].sum()

@@ -127,7 +127,7 @@ def test_optimisations_change_no_pixel(
 @pytest.mark.slow
 @pytest.mark.parametrize("style", ["cpu", "gpu"])
 def test_depth_keys_and_sample_positions_are_the_official_bits(style: Any) -> None:
-    """Depth keys decide the order. Official sample positions are doubles, ours are pairs of floats."""
+    """Depth keys decide the order of faces. Official sample positions are doubles, ours pairs of floats."""
     asset, camera = model("mesh_splatting", 8), front_camera(731, 533)
     with open_styled(style) as device:
         pipeline = SplattingPipeline(asset, device=device, settings={"supersample": 3})
@@ -157,7 +157,9 @@ def test_depth_keys_and_sample_positions_are_the_official_bits(style: Any) -> No
 def test_bounding_spheres_drop_no_visible_face(
     method: str, sampling: Any, offset: float, cpu: Device, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Slivers, pixel-sized and huge faces all around the camera, near the origin and far from it."""
+    """Draw slivers, pixel-sized and huge faces all around the camera, near the origin and far from the
+    origin.
+    """
     random = np.random.default_rng(5)
     count = 30_000
     corners = random.normal(size=(count, 3, 3)) * np.exp(random.uniform(-7, 0, (count, 1, 3)))

@@ -33,7 +33,7 @@ from tests.render.standard_scenes import (
 
 @pytest.fixture(scope="module")
 def devices() -> Iterator[dict[str, Device]]:
-    """Return a device per style; CPU-style tests use the GPU style on devices that support only that."""
+    """Return a device per style; CPU-style tests use the GPU style on devices without the CPU style."""
     opened = {"cpu": open_device(SELECTOR), **{style: open_styled(style) for style in STYLES[1:]}}
     yield opened
     for device in opened.values():
@@ -100,7 +100,7 @@ BIG: NDArray[np.float64] = np.array([[[-9.0, -9, 2], [9, -9, 2], [0, 12, 2]]])
 
 @pytest.mark.parametrize("corners", [[0, 1, 2], [2, 0, 1], [1, 0, 2]])
 def test_equal_depths_go_to_the_lowest_face(device: Device, corners: list[int]) -> None:
-    for size in (0.06, 0.5, 4.0):  # drawn by blocks, by rows, by spans
+    for size in (0.06, 0.5, 4.0):  # these sizes are drawn by blocks, by rows and by spans
         triangles = scattered(5, 40, size, 0.5, 4)
         doubled = np.concatenate([triangles[::-1][:, corners], triangles, triangles])
         frame = draw(device, mesh_asset(unshared(doubled)), camera())
@@ -209,7 +209,10 @@ def test_coordinates_with_an_overflowing_sum_are_drawn(styled: Device) -> None:
 
 
 def test_supersample_is_an_option_of_the_standard_tier_only(cpu: Device) -> None:
-    """MeshSplatting has a setting of the same name. It belongs to native rendering and has no effect here."""
+    """MeshSplatting has a setting of the same name.
+
+    The setting belongs to native rendering and has no effect here.
+    """
     asset = soup("mesh_splatting", random_triangles(1, 20), welded=True)
     plain = draw(cpu, asset, camera())
     with_setting = msb.render(asset, camera(), "standard", BACKGROUND, {"supersample": 2}, cpu)

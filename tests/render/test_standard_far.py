@@ -71,7 +71,7 @@ def unit(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def far_triangles(kind: str, size: float, random: np.random.Generator) -> NDArray[np.float64]:
-    """Return triangles (n, 3, 3) in camera space with corners at distance `size`, the others at 1 to 5."""
+    """Return triangles (n, 3, 3) in camera space: some corners at distance `size`, the others at 1 to 5."""
     near = random.normal(size=(10, 3, 3)) * 1.2 + (0, 0, 4)
     away = size * random.uniform(0.5, 2, (10, 2, 1))
     match kind:
@@ -87,7 +87,7 @@ def far_triangles(kind: str, size: float, random: np.random.Generator) -> NDArra
             ahead = np.cross(up, right)
             a, b, c, d = (up * random.uniform(0.3, 3) + size * (right * i + ahead * j) for i, j in CORNERS)
             near = np.concatenate([near[:4], [[a, b, c], [a, c, d]]])
-        case "strip":  # three units wide, passes the camera, and extends by `size` in both directions
+        case "strip":  # a strip, three units wide, that passes the camera
             along = unit(random.normal(size=(10, 3)))
             across = 3 * unit(np.cross(along, random.normal(size=(10, 3))))
             middle = random.normal((0, 0, 3), size=(10, 3))
@@ -110,7 +110,7 @@ def random_camera(random: np.random.Generator) -> Camera:
 
 
 def to_world(view: Camera, triangles: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return points given in camera space in world coordinates."""
+    """Return the world coordinates of points in camera space."""
     return (triangles - view.world_to_camera[:3, 3]) @ view.world_to_camera[:3, :3]
 
 
@@ -128,7 +128,7 @@ CASES = [
     (kind, size)
     for kind in ("one corner", "two corners", "along an axis", "floor", "strip")
     for size in (1e4, 1e6, 7e7, 1e9)
-    if not (kind == "strip" and size > 1e7)  # at that distance float32 cannot resolve three units
+    if not (kind == "strip" and size > 1e7)  # float32 cannot resolve the strip's width
 ]
 
 

@@ -31,7 +31,7 @@ def fan(
     local = np.concatenate([(points - (VIEW.cx, VIEW.cy)) / (VIEW.fx, VIEW.fy) * 2, depth], axis=1)
     number = np.arange(corners)
     faces = np.stack([np.zeros(corners, int), 1 + number, 1 + (number + 1) % corners], axis=-1)
-    faces[::2] = faces[::2][:, [1, 0, 2]]  # windings differ: faces are two-sided
+    faces[::2] = faces[::2][:, [1, 0, 2]]  # the windings differ, because faces are two-sided
     return local[faces].astype(np.float32)
 
 
@@ -50,7 +50,7 @@ def coverage(device: Device, triangles: NDArray[Any], view: Camera = VIEW) -> ND
 @pytest.mark.parametrize(
     ("radius", "middle"),
     [
-        (20.0, (30.5, 25.5)),  # the common corner on a sample
+        (20.0, (30.5, 25.5)),  # the common corner lies on a sample
         (25.0, (33.123, 27.871)),
         (6.0, (40.0, 20.0)),  # between samples
         (2.2, (12.37, 44.4)),
@@ -97,7 +97,10 @@ points = st.tuples(coordinates, coordinates)
 @settings(max_examples=100)
 @given(points, points, points, points)
 def test_rule_of_the_twin(a: Any, b: Any, c: Any, d: Any) -> None:
-    """Two triangles have a common edge. They are anywhere on the grid, and samples lie on their edges."""
+    """Two triangles have a common edge.
+
+    The triangles are anywhere on the grid, and samples lie on their edges.
+    """
 
     def side(p: Any) -> int:
         return (b[0] - a[0]) * (p[1] - a[1]) - (b[1] - a[1]) * (p[0] - a[0])

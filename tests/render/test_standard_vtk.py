@@ -41,14 +41,15 @@ np.save(f"{folder}/image.npy", np.asarray(plotter.screenshot(None, return_img=Tr
 def test_images_match_vtk(cpu: Device, tmp_path: Path) -> None:
     pytest.importorskip("pyvista")
     triangles = np.concatenate([scene(kind, 31)[0].reshape(-1, 3, 3) for kind in ("small", "large")])
-    # One depth for each face: where faces cross, the precision of the depths would decide which is visible.
+    # Each face has one depth. If faces crossed, the precision of the depths would decide which face is
+    # visible.
     triangles[..., 2] = 3 + np.arange(len(triangles))[:, None] * 0.002 + triangles[..., 2] * 0.0001
     mesh = unshared(triangles)
     colors = random_colors(31, len(mesh[0]))
     view = replace(camera(320, 240, 300.0), fy=300.0)  # VTK has one focal length for both axes
     for name, array in zip(("positions", "indices", "colors"), (*mesh, colors), strict=True):
         np.save(tmp_path / f"{name}.npy", array)
-    # A separate process, because VTK aborts where it finds no OpenGL.
+    # VTK runs in a separate process, because it aborts the process if it finds no OpenGL.
     command = [sys.executable, "-c", SCRIPT, str(tmp_path), str(view.width), str(view.height), str(view.fy)]
     try:
         done = subprocess.run(command, capture_output=True, text=True, timeout=60)

@@ -63,7 +63,7 @@ def test_training_improves_psnr_and_msb_measures_the_same(
 @pytest.mark.parametrize("method", METHODS)
 def test_a_resumed_training_gives_the_same_model(method: str, tmp_path: Path) -> None:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(loop, "EVERY", 14)  # one change of structure before the interruption, and one after it
+        patch.setattr(loop, "EVERY", 14)  # changes the mesh before and after the interruption
         whole = training(tmp_path / "whole", method, iterations=32)
         whole.run(lambda: False)
         part = training(tmp_path / "part", method, iterations=32)

@@ -18,7 +18,7 @@ from tests.conftest import ROOT
 HAS_PYVISTA = importlib.util.find_spec("pyvista") is not None
 
 
-@pytest.hookimpl(tryfirst=True)  # before tests are selected by marks
+@pytest.hookimpl(tryfirst=True)  # this must run before tests are selected by marks
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Mark tests that open a window as slow."""
     for item in items:

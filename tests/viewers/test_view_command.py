@@ -164,7 +164,7 @@ def test_comparisons_need_neither_vtk_nor_a_display(tmp_path: Path, no_pyvista: 
         pixels = np.asarray(image.convert("RGB")).reshape(-1, 3).astype(int)
     assert (
         np.abs(pixels - scale_colors()[0]).max(axis=1) <= 1
-    ).sum() > 10_000  # most pixels of the map have no difference
+    ).sum() > 10_000  # most pixels of the map show no difference
     meta = meta_of(page.read_text())
     assert [view["name"] for view in meta["views"]] == ["turntable_00002", "turntable_00005"]
     assert (meta["views"][0]["width"], meta["layout"]) == (64, "difference")
@@ -190,7 +190,7 @@ def test_views_have_the_size_of_their_photographs_and_psnrs(tmp_path: Path) -> N
         assert (stored["width"], stored["height"]) == (WIDTH, HEIGHT)
         assert stored["name"] == expected.name
     white, black = (stored["decibels"]["standard truth"] for stored in meta["views"])
-    assert white < 6 < black  # the dark asset on black is more similar to the black photograph
+    assert white < 6 < black  # on a black background, the dark asset is more similar to the black photograph
 
 
 @pytest.mark.parametrize(("scale", "factor"), [((), 1), (("--scale", "0.25"), 0.25)])

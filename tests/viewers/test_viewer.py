@@ -20,7 +20,10 @@ FRONT = Pose(np.array([0.0, 0.0, 4.2]), np.zeros(3), np.array([0.0, 1.0, 0.0]))
 
 @pytest.fixture
 def opened(gl: None) -> Iterator[Any]:
-    """Return a function that opens a viewer without panels, looking along -z. It is closed after the test."""
+    """Return a function that opens a viewer without panels, looking along -z.
+
+    The viewer is closed after the test.
+    """
     with ExitStack() as stack:
 
         def start(

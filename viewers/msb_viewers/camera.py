@@ -11,11 +11,12 @@ from msb_viewers.model import ViewModel
 
 # Vertical field of view in radians.
 FOV_Y = math.radians(30)
-# Angles of the first view in radians. It shows three sides of an object, none of them edge-on.
+# Angles of the first view in radians. The first view shows three sides of an object, none of them edge-on.
 AZIMUTH, ELEVATION = math.radians(35), math.radians(20)
 # Distance of the first view, as a multiple of the smallest distance at which the whole mesh is visible.
 _MARGIN = 1.04
-# Distance from an element, in radii of the faces around it. These then fill about half of the window.
+# Distance from an element, in radii of the faces around it. The faces around the element then fill about half
+# of the window.
 _NEIGHBOURHOOD = 4.5
 
 
@@ -63,8 +64,8 @@ def element_pose(model: ViewModel, vertices: NDArray[Any], current: Pose) -> Pos
 
     The result is None if the element has no finite position. The direction is chosen among about 100
     candidates. The most important criterion is that no faces are between element and camera. Among the
-    directions with the fewest such faces, those are preferred that see the faces at the element frontally,
-    and that are close to the `current` view.
+    directions with the fewest faces in between, the function prefers frontal views of the faces at the
+    element, and views close to the `current` view.
     """
     if not bool(model.finite(vertices[None])[0]):
         return None
@@ -89,7 +90,7 @@ def element_pose(model: ViewModel, vertices: NDArray[Any], current: Pose) -> Pos
     spots = [target, *(target + 0.7 * (points[vertices].astype(np.float64) - target))]
     triangles = points[faces[blockers]].astype(np.float64)
     hidden = sum(_hits(triangles, spot, directions, distance) for spot in spots)
-    if len(vertices) > 1:  # do not look along an edge
+    if len(vertices) > 1:  # the view must not look along an edge
         along = _unit(points[vertices[1]].astype(np.float64) - points[vertices[0]])
         facing = facing + 1 - np.abs(directions @ along)
     score = facing + 0.5 * (directions @ prefer) - 10.0 * np.minimum(hidden, 9)
@@ -137,7 +138,7 @@ def _hits(
     directions: NDArray[np.float64],
     reach: float,
 ) -> NDArray[Any]:
-    """Return how many of the triangles (n, 3, 3) a ray hits, (m,), for rays along unit directions (m, 3).
+    """Return the number of triangles (n, 3, 3) that each of m rays hits, for unit directions (m, 3).
 
     Rays start at `origin` and have the length `reach`.
     """
@@ -150,7 +151,7 @@ def _hits(
         sides = np.stack([np.cross(p, q) @ direction for p, q in ((a, b), (b, c), (c, a))])
         inside = (sides > 0).all(axis=0) | (sides < 0).all(axis=0)
         along = normal @ direction
-        # The distance is height / along. Compare without dividing.
+        # The distance along the ray is height / along. Compare it without a division.
         counts[row] = np.count_nonzero(
             inside & (height * along > 0) & (np.abs(height) < reach * np.abs(along))
         )

@@ -15,10 +15,10 @@ if TYPE_CHECKING:
 _BOX = 1.02
 # Maximum distance in pixels between press and release of a click.
 _CLICK = 4
-# Priority of these handlers. They must run before those of VTK's interactor style, because that style also
-# uses most keys.
+# Priority of these handlers. These handlers must run before those of VTK's interactor style, because that
+# style also uses most keys.
 _FIRST = 10.0
-# Names of keys in VTK or X11, and second keys for an action -> names in `TopologyControls.keys`.
+# Name of a key in VTK or X11, or a second key for an action -> name in `TopologyControls.keys`.
 _NAMES = {
     "[": "bracketleft",
     "]": "bracketright",
@@ -63,7 +63,7 @@ class TopologyControls:
         self._widget: Any = None
 
     def key(self, name: str) -> bool:
-        """Perform the action of a key; return whether it has one."""
+        """Perform the action of a key; return whether the key has an action."""
         name = key_name(name)
         if name == "q":
             if self.interactor is not None:
@@ -164,7 +164,7 @@ class TopologyControls:
         return False
 
     def _toggle_box(self) -> None:
-        """Switch the clipping box on or off. In a window it has handles to drag."""
+        """Switch the clipping box on or off. In a window the box has handles to drag."""
         viewer = self.viewer
         if viewer.stage.box is not None:
             viewer.set_box(None)
@@ -205,7 +205,7 @@ class TopologyControls:
 
 
 def _listen(target: Any, event: str, handler: Callable[[], bool]) -> None:
-    """Call `handler` for an event of VTK. If it returns True, no other handler is called."""
+    """Call `handler` for an event of VTK. If the handler returns True, no other handler is called."""
     tag: list[int] = []
 
     def handle(caller: Any, _name: str) -> None:

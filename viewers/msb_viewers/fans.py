@@ -17,9 +17,9 @@ from msb_viewers.sheet import Panel, list_panel
 
 # Minimum displacement of a fan, in radii of the faces at the vertex.
 _APART = 0.6
-# Length of the arc that each fan takes on the circle, in the same radii.
+# Length of the arc that each fan takes on the circle, in radii of the faces at the vertex.
 _ROOM = 0.9
-# Maximum number of fans that are drawn. More would overlap; the text counts all of them.
+# Maximum number of fans that are drawn. More fans would overlap; the text counts all fans.
 _MOST_FANS = 12
 # Maximum number of lines of text.
 _MOST_LINES = 8
@@ -82,7 +82,7 @@ def find_neighbourhood(model: ViewModel, vertex: int) -> Neighbourhood:
     fan_of = analysis.fans.corner_fan[3 * rows + corners]
     proper = (fan_of >= 0) & model.drawn[rows]
     rows, corners, fan_of = rows[proper], corners[proper], fan_of[proper]
-    # Their corners (n, 3, 3) relative to the vertex, scaled to radius 1.
+    # The corners (n, 3, 3) of these faces relative to the vertex, scaled to radius 1.
     center = model.points[vertex].astype(np.float64)
     triangles = model.points[faces[rows]].astype(np.float64) - center
     radius = float(np.linalg.norm(triangles, axis=2).max(initial=0.0)) or 1.0
@@ -115,7 +115,7 @@ def _fan(
     triangles: NDArray[np.float64],
     offset: NDArray[np.float64],
 ) -> Fan:
-    """Return a fan of the faces `rows` (n,); `corners` (n,) tells which corner of each is at the vertex."""
+    """Return a fan of the faces `rows` (n,); `corners` (n,) tells which of their corners is at the vertex."""
     # The two half-edges that each face has at the vertex, and the vertices at their other ends.
     leaving, coming = 3 * rows + corners, 3 * rows + (corners + 2) % 3
     faces_at_edge = model.analysis.mesh.multiplicity
@@ -139,7 +139,7 @@ def _fan(
 
 
 def _spread(directions: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return offsets (n, 2) at equal angles on a circle, in the same order around it as `directions` (n, 2).
+    """Return offsets (n, 2) at equal angles on a circle, in the angular order of `directions` (n, 2).
 
     The circle is large enough for fans of radius 1.
     """
@@ -218,7 +218,7 @@ class Inset:
         return f"Vertex {vertex}: {around.verdict}"
 
     def _set_camera(self, around: Neighbourhood) -> None:
-        """Look at all fans along the frame of the neighbourhood."""
+        """Point the camera at all fans, along the third axis of the neighbourhood's frame."""
         parts = [fan.triangles.reshape(-1, 3) for fan in around.fans]
         points = np.concatenate(parts) if parts else np.zeros((1, 3))
         frame = around.frame
@@ -229,7 +229,7 @@ class Inset:
         camera.SetFocalPoint(*middle)
         camera.SetPosition(*(middle + 10 * frame[2]))
         camera.SetViewUp(*frame[1])
-        # Without perspective, so that fans side by side do not cover each other.
+        # Draw without perspective, so that fans side by side do not cover each other.
         camera.SetParallelProjection(True)
         camera.SetParallelScale(1.1 * max(float((high - low)[:2].max()) / 2, 1e-3))
         self.renderer.ResetCameraClippingRange()

@@ -126,7 +126,7 @@ def _close_up(viewer: TopologyViewer, column: Column) -> Pose | None:
     else:
         if len(model.sizes) < 2:
             return None
-        # One of the 12 largest components after the first.
+        # The element is one of the 12 largest components after the first.
         first = np.flatnonzero((model.face_component >= 1) & (model.face_component <= 12) & model.drawn)
         candidates = model.faces[first]
     if len(candidates) == 0:
@@ -141,7 +141,7 @@ def _close_up(viewer: TopologyViewer, column: Column) -> Pose | None:
 
 def compose(model: ViewModel, images: list[tuple[NDArray[np.uint8], NDArray[np.uint8] | None]]) -> Figure:
     """Return the matplotlib figure of four columns with titles, counts and legends."""
-    logging.getLogger("matplotlib").setLevel(logging.ERROR)  # it would warn about a read-only cache
+    logging.getLogger("matplotlib").setLevel(logging.ERROR)  # matplotlib would warn about a read-only cache
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 

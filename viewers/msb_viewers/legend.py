@@ -55,7 +55,7 @@ def _layer_row(sheet: Sheet, state: ViewState, kind: str) -> None:
     middle = (sheet.px(51), top + sheet.px(ROW) / 2)
     draw_symbol(sheet.draw, style, middle, sheet.px(28), sheet.scale)
     sheet.text(72, style.label, 12.5, color, bold=active)
-    if active:  # mark the layer of the keys N and P
+    if active:  # mark the layer through which the keys N and P step
         x, y, r = sheet.px(4), top + sheet.px(ROW) / 2, sheet.px(5)
         sheet.draw.polygon([(x, y - r), (x, y + r), (x + r, y)], HIGHLIGHT)
     sheet.text(-28, f"{count:,}", 12.5, color)

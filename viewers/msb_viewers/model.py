@@ -1,4 +1,4 @@
-"""The data of the topology viewer as arrays. It needs neither VTK nor a display."""
+"""The data of the topology viewer as arrays. This module needs neither VTK nor a display."""
 
 from dataclasses import dataclass, replace
 from typing import Any
@@ -30,8 +30,8 @@ _WORST_FIRST = (
 _VISIBLE_AT_FIRST = 12_000
 # Number of vertices that are sampled for the first view.
 _FRAMING_SAMPLE = 100_000
-# The first view ignores distant vertices if the sphere around all vertices is much larger than the sphere
-# around 95 % of them: by more than this factor.
+# If the sphere around all vertices is larger than the sphere around 95 % of them by more than this factor,
+# the first view ignores distant vertices.
 _FAR_OUT = 4.0
 
 
@@ -104,7 +104,8 @@ class ViewModel:
         return np.asarray(self.drawable[vertices].all(axis=1))
 
     def default_layers(self) -> set[str]:
-        """Return the layers that are visible at first: the most severe ones, up to a number of elements.
+        """Return the layers that are visible at first: the most severe layers, up to a total number of
+        elements.
 
         In a triangle soup all edges are boundary edges, and they are never visible at first.
         """
@@ -160,7 +161,7 @@ class ViewModel:
 
     def size_class_of_faces(self) -> NDArray[np.uint8]:
         """Return the number of the size class of each face (F,), as in `_class_of_components`."""
-        # Faces that list a vertex twice have component -1, which uses the last entry. They are invisible.
+        # Faces that list a vertex twice have component -1, which selects the last entry. They are invisible.
         return np.asarray(np.append(self._class_of_components(), np.uint8(0))[self.face_component])
 
     def component_colors(self) -> NDArray[np.uint8]:
@@ -169,7 +170,10 @@ class ViewModel:
         return np.asarray(table[self.size_class_of_faces()])
 
     def size_classes(self) -> list[SizeClass]:
-        """Return the classes of all components except the largest, smallest first, without empty classes."""
+        """Return the size classes of all components except the largest, in ascending order.
+
+        Empty classes are omitted.
+        """
         of_component = self._class_of_components()
         classes = []
         for place, (low, high, color) in enumerate(SIZE_CLASSES, 1):
@@ -224,7 +228,7 @@ def _layers(analysis: Analysis, groups: dict[str, Any]) -> dict[str, Layer]:
     mesh = analysis.mesh
     layers = {}
     for kind, style in STYLES.items():
-        if kind == "degenerate_faces":  # this layer has two counts of the audit
+        if kind == "degenerate_faces":  # this layer combines two groups of the audit
             both = [groups["repeated_index_faces"], groups["zero_area_faces"]]
             numbers = np.sort(np.concatenate([group.numbers for group in both]))
             vertices = mesh.faces[numbers]
@@ -239,9 +243,9 @@ def frame_vertices(
 ) -> tuple[NDArray[np.float64], float, str | None]:
     """Return centre and radius of the sphere of the first view, and a note if some vertices are outside.
 
-    Only `vertices` (V, 3) with a true value in `use` (V,) count. Usually the sphere is centred in their
-    bounding box and contains all of them. A few distant vertices, such as an outdoor background, can make it
-    very large. Then a sphere of 95 % of the vertices is used.
+    Only `vertices` (V, 3) with a true value in `use` (V,) count. Usually the sphere is centred in the
+    bounding box of these vertices and contains all of them. A few distant vertices, such as an outdoor
+    background, can make the sphere very large. In this case the sphere contains only 95 % of the vertices.
     """
     # The sphere of all vertices.
     rows = np.flatnonzero(use)
@@ -251,7 +255,7 @@ def frame_vertices(
     low, high = used.min(axis=0), used.max(axis=0)
     center = low / 2 + high / 2
     radius = _largest_distance(used, center)
-    # The sphere around the median of a sample that contains 95 % of it.
+    # The sphere around the median of a sample of vertices, with the radius that contains 95 % of the sample.
     sample = used[:: max(len(used) // _FRAMING_SAMPLE, 1)]
     middle = np.median(sample, axis=0)
     with np.errstate(over="ignore"):

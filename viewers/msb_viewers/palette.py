@@ -100,8 +100,8 @@ REPAIR_STYLES: dict[str, Style] = {
 
 # Size classes of components other than the largest: number of faces from, to (inclusive), colour.
 SIZE_CLASSES: tuple[tuple[int, int | None, Color], ...] = (
-    # From light to dark, so that the order is visible without hue. The colours are from the plasma scale of
-    # matplotlib (S. van der Walt and N. Smith, 2015), and none is similar to the neutral grey.
+    # Colours go from light to dark, so that the order is visible without hue. The colours are from the plasma
+    # scale of matplotlib (S. van der Walt and N. Smith, 2015), and none is similar to the neutral grey.
     (1, 1, (240, 249, 33)),
     (2, 3, (253, 180, 47)),
     (4, 9, (237, 121, 83)),

@@ -1,4 +1,4 @@
-"""Find the face and vertex under a pixel, in NumPy. It works for triangle soups and without OpenGL."""
+"""Find the face and vertex under a pixel, in NumPy. It needs no OpenGL."""
 
 from dataclasses import dataclass
 from typing import Any

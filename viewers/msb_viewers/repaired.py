@@ -13,7 +13,8 @@ from msb_viewers.model import CLEAN_NOTE, SOUP_NOTE, Layer, ViewModel, build_mod
 from msb_viewers.palette import ADDED, DELETED, REPAIR_STYLES
 from msb_viewers.viewed_mesh import Colors, ViewedMesh
 
-# Grey values that replace black and white. They are light, so that the colours of the layers stand out.
+# Grey values that replace black and white. Both values are light, so that the colours of the layers stand
+# out.
 _DARKEST, _LIGHTEST = 140, 230
 
 

@@ -64,7 +64,10 @@ def font(size: int, *, bold: bool = False) -> FreeTypeFont | ImageFont:
 
 
 class Sheet:
-    """An image that is written from top to bottom. `draw_panel` draws it twice, first to find its height."""
+    """An image that is written from top to bottom.
+
+    `draw_panel` draws the image twice, the first time to find the height.
+    """
 
     def __init__(self, width: int, height: int, scale: float) -> None:
         from PIL import Image, ImageDraw
@@ -142,7 +145,7 @@ def help_panel(rows: Iterable[tuple[str, str]], scale: float = 1.0) -> Panel:
 
 
 def line_panel(text: str, width: int, scale: float = 1.0) -> Panel:
-    """Return one line of text. It is shortened in the middle if it is wider than `width` pixels."""
+    """Return one line of text. The line is shortened in the middle if it is wider than `width` pixels."""
     face = font(max(round(13 * scale), 8))
     short = shorten_text(text, face, width - 24 * scale)
     wide = min(int(face.getlength(short) + 24 * scale), width) / scale

@@ -23,12 +23,13 @@ _MARKS = 5
 _FULL_SIZE = 40.0
 # Minimum scale of lines and markers.
 _LEAST = 0.2
-# Strength of shading of components in [0, 1]. It is weak, because lightness indicates their size.
+# Strength of shading of components in [0, 1]. The shading is weak, because the lightness of a component
+# indicates its size.
 _SHADE_COMPONENTS = 0.25
 
 
 class Stage:
-    """The actors of a model. They are created when they are needed, and kept as long as they are valid.
+    """The actors of a model. Actors are created when they are needed, and kept as long as they are valid.
 
     While the view is `moving`, simplified meshes are drawn if `seconds`, the time of the last full frame, is
     too long.
@@ -59,7 +60,7 @@ class Stage:
             self._remove(self._surface + self._stand_in)
             self._surface_of, self._stand_in = key, []
             self._surface = [self._add(actor) for actor in self._make_surface(state, faces)]
-        # While the view moves, a simplified mesh replaces the surface if that is too slow.
+        # While the view moves, a simplified mesh replaces the surface if the surface is too slow to draw.
         if self.moving and not self._stand_in:
             self._budget = face_budget(len(faces), self.seconds)
         simplified = self.moving and self._budget is not None
@@ -80,7 +81,7 @@ class Stage:
     def resize(self, pixels_per_unit: float) -> None:
         """Adapt the size of lines and markers to the zoom.
 
-        They are smaller if the edges of the mesh are short on the screen.
+        Lines and markers are smaller if the edges of the mesh are short on the screen.
         """
         size = float(np.clip(self._edge * pixels_per_unit / _FULL_SIZE, _LEAST, 1.0))
         if abs(size - self._size) > 0.02:
@@ -140,7 +141,7 @@ class Stage:
         appearance.SetPointSize(max(style.size * self._size, 3.0) * self.boost)
 
     def _make_surface(self, state: ViewState, rows: NDArray[Any]) -> list[Any]:
-        """Return the actors of the faces `rows`: one, or one for each of their textures."""
+        """Return the actors of the faces `rows`: a single actor, or one for each texture."""
         everything = len(rows) == len(self.model.faces)
         faces = self.model.faces if everything else self.model.faces[rows]
         colors = self.model.colors
@@ -226,11 +227,10 @@ def median_edge(model: ViewModel) -> float:
 
 
 def face_budget(faces: int, seconds: float) -> int | None:
-    """Return the number of faces to draw while the view moves. All faces need `seconds`; None means all.
+    """Return the number of faces to draw while the view moves. Drawing all faces takes `seconds`.
 
-    >>> face_budget(1_000_000, 0.02), face_budget(1_000_000, 0.5), face_budget(4_000_000, 0.1)
-    (None, 100000, 300000)
-    >>> face_budget(10_000, 1.0)
+    The result None means all faces. >>> face_budget(1_000_000, 0.02), face_budget(1_000_000, 0.5),
+    face_budget(4_000_000, 0.1) (None, 100000, 300000) >>> face_budget(10_000, 1.0)
     """
     if seconds <= _FLUID_SECONDS or faces <= _LEAST_FACES:
         return None
@@ -267,7 +267,7 @@ def simplify(
     stand_in = np.zeros(len(points), some.dtype)
     stand_in[used] = used[first][inverse]
     coarse = stand_in[some]
-    # Keep faces with three different vertices, and each of them once.
+    # Keep faces with three different vertices, and remove repeated faces.
     a, b, c = coarse.T
     whole = np.flatnonzero((a != b) & (b != c) & (c != a))
     rows = np.sort(coarse[whole], axis=1).astype(np.int64)

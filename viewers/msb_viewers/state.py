@@ -45,8 +45,7 @@ class ViewState:
     model: ViewModel
     # Kinds of the visible layers.
     visible: set[str] = field(default_factory=set)
-    # The layer in which the keys N and P go to elements, and the last element that they went to in each
-    # layer.
+    # The layer through which the keys N and P step, and the last selected element of each layer.
     active: str = "nonmanifold_edges"
     cursor: dict[str, int] = field(default_factory=dict)
     coloring: Coloring = "own"
@@ -100,7 +99,7 @@ class ViewState:
         return state
 
     def toggle(self, kind: str) -> None:
-        """Show or hide a layer. A layer that is shown becomes the active one."""
+        """Show or hide a layer. A layer that is shown becomes the active layer."""
         layer = self.model.layers[kind]
         if kind in self.visible:
             self.visible.discard(kind)
@@ -201,7 +200,10 @@ class ViewState:
         return f"component {component + 1:,} of {count:,}, {size:,} face{'' if size == 1 else 's'}"
 
     def component_of(self, kind: str, place: int) -> int | None:
-        """Return the component of an element. A vertex can be in several: return the largest one."""
+        """Return the component of an element.
+
+        A vertex can be in several components: return the largest of them.
+        """
         layer, model = self.model.layers[kind], self.model
         number = int(layer.numbers[place])
         if layer.style.of == "vertex":
@@ -218,7 +220,7 @@ class ViewState:
         return int(at.min()) if len(at) else None
 
     def isolate_selection(self) -> None:
-        """Show only the component of the selection, or the largest one without a selection.
+        """Show only the component of the selection, or without a selection the largest component.
 
         If a component is isolated already, show all components again.
         """

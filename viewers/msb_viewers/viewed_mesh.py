@@ -28,7 +28,7 @@ class Colors:
 class Skin:
     """The textures of a mesh, and colours `tint` (3F, 4) of its corners, sRGB bytes and alpha.
 
-    They are multiplied in linear light.
+    Texture and colours are multiplied in linear light.
     """
 
     textured: Textured
@@ -78,7 +78,7 @@ def read_viewed_mesh(path: Path) -> ViewedMesh:
 def viewed_mesh(mesh: StoredMesh, path: Path) -> ViewedMesh:
     """Return a mesh from the file `path` with the colours of the standard tier.
 
-    It has all stored faces, including faces that an STE threshold hides, because the audit counts them.
+    The mesh has all stored faces, including faces that an STE threshold hides, because the audit counts them.
     """
     from msb.asset.look import static_colors
     from msb.errors import AssetError

@@ -27,7 +27,7 @@ from msb_viewers.state import HELP, ViewState
 _GAP = 12
 # Samples per pixel that smooth the edges of faces and lines while the view rests.
 _SAMPLES = 4
-# Frames of a flight to an element; at 60 frames per second a quarter of a second.
+# Number of frames of a flight to an element, which takes a quarter of a second at 60 frames per second.
 _FLIGHT_FRAMES = 14
 
 
@@ -167,7 +167,7 @@ class TopologyViewer:
         self.camera.SetWindowCenter((right - self._taken()) / self.size[0], 0.0)
 
     def fly(self, pose: Pose) -> None:
-        """Go to a pose; in a window with an animation."""
+        """Move the camera to a pose. In a window the movement is animated."""
         start = self.pose
         for step in range(1, _FLIGHT_FRAMES if not self.off_screen else 0):
             t = step / _FLIGHT_FRAMES
@@ -212,7 +212,7 @@ class TopologyViewer:
         return np.stack([(device[:, 0] + 1) / 2 * width, (1 - device[:, 1]) / 2 * height], axis=1)
 
     def pick(self, x: float, y: float) -> int | None:
-        """Select the vertex nearest to a pixel on the face at this pixel; return it, or None."""
+        """Of the face at a pixel, select the vertex nearest to the pixel. Return the vertex, or None."""
         # The ray through the pixel, from its points on the near and far planes.
         width, height = self.size
         back = inverse(self._matrix())
@@ -244,7 +244,7 @@ class TopologyViewer:
     # --- legend and end
 
     def close(self) -> None:
-        """Release the window and everything that VTK holds. It can be called twice."""
+        """Release the window and everything that VTK holds. `close` can be called twice."""
         self.window.RemoveRenderer(self.front)
         self.window.RemoveRenderer(self.inset.renderer)
         self.plotter.close()

@@ -1,4 +1,4 @@
-"""Measures a page: a headless browser draws its test views, and they are compared with the stored images."""
+"""Measures a page: a headless browser draws the test views, and msb compares them with the stored images."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence

@@ -36,10 +36,10 @@ SCRIPTS = (
 # The limits that WebGPU guarantees on every device.
 _GUARANTEED = Limits(binding=1 << 27, buffer=1 << 28, side=8192)
 # Limits of most desktop graphics cards. The page requests the limits it needs, and reports an error if the
-# device has lower ones.
+# device has lower limits.
 _LARGER = Limits(binding=1 << 30, buffer=1 << 31, side=8192)
-# Number of chunks of faces for blending (see `program.STOPS`). It is lower than in the renderer, because a
-# pass before each chunk reads all samples, which is slow in browsers.
+# Number of chunks of faces for blending (see `program.STOPS`). The page has fewer chunks than the renderer,
+# because a pass before each chunk reads all samples, which is slow in browsers.
 STOPS = 8
 # The combinations of order and sampling that a page offers.
 MODES: tuple[tuple[Order, Sampling], ...] = (
@@ -72,7 +72,9 @@ class CheckView:
 
 @dataclass(frozen=True)
 class Cost:
-    """A reduction of the asset: its description, and the lowest PSNR in dB against the images before it."""
+    """A reduction of the asset: its description, and the lowest PSNR in dB against images of the unreduced
+    asset.
+    """
 
     what: str
     psnr: float
@@ -197,7 +199,7 @@ def make_page(
     DeviceError
         DEVICE_MEMORY: the asset is too large for WebGPU.
     """
-    # Prefer a plan for all devices; larger assets need the limits of a graphics card.
+    # Prefer a plan that runs on all devices. Larger assets need the limits of a graphics card.
     packed = pack(asset, settings)
     try:
         limits = _GUARANTEED
@@ -205,7 +207,8 @@ def make_page(
     except DeviceError:
         limits = _LARGER
         plans = _make_plans(packed, limits, "WebGPU on most graphics cards")
-    # Store the arrays of the first plan. The other plans refer to them and add arrays that differ.
+    # Store the arrays of the first plan. The other plans refer to these arrays and add only arrays that
+    # differ.
     arrays = _Arrays()
     first = plans[MODES[0]]
     for array_name, array in first.data.items():
@@ -220,7 +223,7 @@ def make_page(
         for buffer, array in plan.data.items():
             same = buffer in first.data and np.array_equal(array, first.data[buffer])
             names[buffer] = buffer if same else arrays.add(f"{buffer}, {order}, {sampling}", array)
-        # Modules are shared by text: a record has their numbers in the list `modules`.
+        # Modules with equal text are stored once in the list `modules`, and a record has their numbers.
         record = plan.record()
         modules += [text for text in record["modules"].values() if text not in modules]
         record["modules"] = {key: modules.index(text) for key, text in record["modules"].items()}
@@ -310,8 +313,8 @@ def _live_settings(
 ) -> list[dict[str, Any]]:
     """Return the settings that the page can change, because they affect only the camera record.
 
-    Each entry has `name`, the current `value` and `options`: possible values with their members of the
-    record.
+    Each entry has `name`, the current `value` and `options`. An option is a possible value, with the members
+    of the record that it sets.
     """
     live = []
     values = effective_settings(asset.manifest, settings)
@@ -334,7 +337,7 @@ def _live_settings(
 
 
 def _differ_in_record_only(model: SplatModel | Surface, other: SplatModel | Surface) -> bool:
-    """Return whether two models differ at most in the method's values in the camera record."""
+    """Return whether two models are equal except for values that the method stores in the camera record."""
     for name, value in vars(model).items():
         second = getattr(other, name)
         if name == "projection":
@@ -347,7 +350,8 @@ def _differ_in_record_only(model: SplatModel | Surface, other: SplatModel | Surf
 
 
 def _orbit_sphere(asset: Asset) -> dict[str, Any]:
-    """Return the sphere that a free camera orbits: the framed part, or a smaller one of most vertices.
+    """Return the sphere that a free camera orbits: around the framed part, or a smaller one around most
+    vertices.
 
     In captures some faces are far away. A camera that orbits the whole bounding sphere would be too far from
     the model.
@@ -363,7 +367,9 @@ def _orbit_sphere(asset: Asset) -> dict[str, Any]:
 
 
 def _required_limit(buffers: Iterable[tuple[int, tuple[str, ...]]], maximum: int, guaranteed: int) -> int:
-    """Return the device limit that the page requests: the size of the largest buffer, within both bounds."""
+    """Return the device limit that the page requests: the size of the largest buffer, but at least
+    `guaranteed` and at most `maximum`.
+    """
     return min(maximum, max(guaranteed, *(size for size, _ in buffers)))
 
 

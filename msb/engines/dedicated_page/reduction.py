@@ -16,15 +16,16 @@ from numpy.typing import NDArray
 from msb.asset import Asset
 from msb.engines.dedicated_page.storage import CHUNK, LEVELS, find_exponents
 
-# Maximum extent of a chunk of positions in grid steps. It is below 65,535 because rounding may add a step.
+# Maximum extent of a chunk of positions in grid steps. The extent is below 65,535 because rounding may add a
+# step.
 GRID = 65000
 # Buffers that are rounded to 256 values per column.
 _ROUNDED = ("f_dc", "f_rest", "opacity", "sigma")
-# Lattices with values from 0 to 1. They are rounded to bytes, as in the official web export.
+# Lattices with values from 0 to 1. The lattices are rounded to bytes, as in the official web export.
 _BYTES = ("features.lattice", "features.opacity")
 # Number of histogram bins for choosing the 256 values.
 _BINS = 4096
-# A column with at most this many rows may have at most 256 distinct values already. This is tested first.
+# Only a column with at most this many rows is tested for having at most 256 distinct values already.
 _FEW = 4 * LEVELS
 
 
@@ -56,8 +57,8 @@ def quantise(asset: Asset) -> Asset:
 def _round_to_levels(values: NDArray[np.float32]) -> NDArray[np.float32]:
     """Return values (N,) rounded to 256 levels.
 
-    The density of the levels is the cube root of the density of the values. This minimises the squared error
-    (Panter and Dite, 1951). The minimum and the maximum are kept.
+    The density of the levels is the cube root of the density of the values. Such a density minimises the
+    squared error (Panter and Dite, 1951). The minimum and the maximum are kept.
     """
     finite = values[np.isfinite(values)]
     if not len(finite):
@@ -119,7 +120,9 @@ def _morton_keys(points: NDArray[np.float32]) -> NDArray[np.uint64]:
 
 
 def select_faces(asset: Asset, faces: NDArray[np.integer[Any]]) -> Asset:
-    """Return `asset` with only the faces of these numbers, in this order, and the vertices that they use."""
+    """Return `asset` with only the faces numbered `faces`, in this order, and with the vertices that they
+    use.
+    """
     buffers = dict(asset.buffers)
     indices = buffers["indices"][faces].astype(np.int64)
     vertices, number = np.unique(indices, return_inverse=True)

@@ -24,11 +24,12 @@ from numpy.typing import NDArray
 
 # Rows per chunk of "grid": the corners of 64 faces.
 CHUNK = 192
-# Values per column of "palette".
+# Number of values per column in the encoding "palette".
 LEVELS = 256
-# Maximum number of distinct rows of "rows".
+# Maximum number of distinct rows in the encoding "rows".
 _MAX_ROWS = 1 << 16
-# Number of rows that are tested first. Most arrays that an encoding cannot store fail on these rows already.
+# Number of rows that are tested first. If an encoding cannot store an array, the test of the first rows
+# usually shows it.
 _SAMPLE = 4096
 _HIGHEST_CODE = 65535
 # Bits of the mantissa of a float32.
@@ -69,7 +70,7 @@ def store(array: NDArray[Any]) -> Stored:
 
 
 def restore(head: Mapping[str, Any], data: bytes) -> NDArray[Any]:
-    """Return the array of a head and a stream.
+    """Return the array that a head and a stream encode.
 
     Raises
     ------
@@ -182,7 +183,7 @@ def find_exponents(table: NDArray[np.float32], codes: int) -> NDArray[np.int32]:
 
 
 def _as_grid(table: NDArray[np.float32]) -> tuple[dict[str, Any], list[bytes]] | None:
-    """Return the encoding "grid" of a table, or None if its values do not lie on such a grid."""
+    """Return the encoding "grid" of a table, or None if its values do not lie on a grid."""
     if table.shape[1] != 3 or not np.isfinite(table).all():
         return None
     if len(table) > 2 * _SAMPLE and _as_grid(table[: _SAMPLE // CHUNK * CHUNK]) is None:

@@ -33,9 +33,9 @@ class Binding:
 class ComputePass:
     """A compute dispatch of the entry point `entry`.
 
-    `groups` is the number of workgroups. If it is None, the number is read at byte `indirect` of the buffer
-    `arguments`. If both are None, there is one invocation for each pixel of the band, in workgroups of 64
-    pixels of a row.
+    `groups` is the number of workgroups. If `groups` is None, the number is read at byte `indirect` of the
+    buffer `arguments`. If `groups` and `indirect` are None, each pixel of the band gets one invocation. A
+    workgroup then has 64 pixels of a row.
     """
 
     stage: str
@@ -70,9 +70,9 @@ class Plan:
 
     # Name -> WGSL.
     modules: Mapping[str, str]
-    # Name -> size in bytes and usages.
+    # Name of a buffer -> its size in bytes and its usages.
     buffers: Mapping[str, tuple[int, tuple[str, ...]]]
-    # Name -> content of the buffers that are uploaded once.
+    # Name of a buffer -> its content, if it is uploaded only once.
     data: Mapping[str, NDArray[Any]]
     passes: tuple[ComputePass, ...]
     band_passes: tuple[DrawPass | ComputePass, ...]

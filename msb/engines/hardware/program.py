@@ -35,10 +35,10 @@ _MAX_GROUPS = 65535
 _BLOCK = 2048
 _DIGIT_BITS = 4
 _KEY_BITS = 32
-# Number of chunks of faces for methods that stop a sample, which means that they skip its remaining faces
-# once its transmittance is below a threshold. Here the transmittance is known only between chunks, so more
-# chunks are more accurate and slower. With 32 all golden views have at least 70 dB; docs/dedicated.md has
-# measurements.
+# Some methods stop a sample: once its transmittance is below a threshold, they skip the remaining faces. For
+# such a method the faces are drawn in this number of chunks. Here the transmittance is known only between
+# chunks, so more chunks are more accurate and slower. With 32 all golden views have at least 70 dB;
+# docs/dedicated.md has measurements.
 STOPS = 32
 _STOPS_EARLY = re.compile(r"^const STOP = ", re.MULTILINE)
 _TYPES = {"float32": "f32", "int32": "i32", "uint32": "u32"}
@@ -149,7 +149,7 @@ def make_plan(
     def text(*files: str, **more: bool | int | str) -> str:
         return assemble(files, model.package, {**defines, **more})
 
-    # Members of the method's record of a face, each a vec4.
+    # Names of the vec4 members in the method's record of a face.
     members = find_face_members(text(method_file))
     record_bytes = 16 * len(members)
     modules = {
@@ -214,7 +214,7 @@ def _plan_blending(
     """Return the passes of a band that blend faces and average samples to pixels.
 
     If there are several chunks, the pass "hold" before each chunk copies the alpha of samples to the texture
-    `covered`. The draw pass of the chunk reads it and skips samples that are opaque already.
+    `covered`. The draw pass of the chunk reads this texture and skips samples that are already opaque.
     """
     textures = tuple(Binding(2 + k, "texture", target) for k, target in enumerate(targets))
     resolve = ComputePass("resolve", "resolve", "resolve", (VIEW_BINDING, _BAND, *textures, _PIXELS))
@@ -261,7 +261,9 @@ def _plan_z_buffer(
 
 
 def _upload_parts(planner: _Planner, name: str, lattices: NDArray[Any]) -> Iterator[tuple[str, Binding]]:
-    """Upload the lattices of faces (F, ...) in parts that fit a binding; yield each name and rows."""
+    """Upload the lattices of faces (F, ...) in parts that fit a binding; yield the name and the rows of each
+    part.
+    """
     room = planner.limits.storage // lattices[0].nbytes
     parts = _split_range(len(lattices), max(room, 1))
     for number, (first, count) in enumerate(parts):
@@ -331,7 +333,7 @@ def _plan_sorting(planner: _Planner, order: Order, chunks: int, parts: int) -> l
     """Return the passes of the radix sort by depth key.
 
     Each digit takes three passes: count the digits of each block, scan the counts, and move keys and face
-    numbers. Order "none" has only a single step without digits, which removes the culled faces.
+    numbers. With order "none" there is one step without digits, which removes the culled faces.
     """
     faces = planner.packed.faces
     blocks = max(-(-faces // _BLOCK), 1)

@@ -26,18 +26,18 @@ from msb.scenes.colors import Color
 # Texture formats of the targets: float32 or half floats for blending, or face numbers for a z-buffer.
 FLOAT, HALF, NUMBERS = "rgba32float", "rgba16float", "r32uint"
 _BLENDS = {FLOAT: "float32", HALF: "half floats"}
-# Maximum number of samples of a band, by format. It limits the memory of the targets: 256 MiB for blending
-# (colour and depth), 128 MiB for face numbers with their depths.
+# Maximum number of samples of a band, by format. This maximum limits the memory of the targets: 256 MiB for
+# blending (colour and depth), 128 MiB for face numbers with their depths.
 _ROOM = {FLOAT: 1 << 23, HALF: 1 << 24, NUMBERS: 1 << 24}
 
 
-# First word of the name of a use of memory -> its group in reports.
+# First word in the name of a memory use -> group of the use in reports.
 _GROUPS = {
     **dict.fromkeys(("positions", "indices"), "geometry"),
     **dict.fromkeys(("coverage", "f_dc", "f_rest", "opacity", "features", "decoder"), "appearance"),
     **dict.fromkeys(("image", "depth", "covered", "nearest", "z-buffer", "pixels,", "pixels"), "targets"),
 }
-# Limits for which the adapter's maximum is requested. The first three are the members of `Limits`.
+# Limits for which the adapter's maximum is requested. The first three limits are the members of `Limits`.
 _LIMITS = (
     "max-storage-buffer-binding-size",
     "max-buffer-size",
@@ -46,8 +46,8 @@ _LIMITS = (
     "max-vertex-attributes",
     "max-color-attachment-bytes-per-sample",
 )
-# Minimum limits of the passes. WebGPU guarantees them, but adapters in compatibility mode may have lower
-# ones.
+# Minimum limits of the passes. WebGPU guarantees these limits, but adapters in compatibility mode may have
+# lower limits.
 _NEEDED = {
     "max-storage-buffers-per-shader-stage": 8,
     "max-vertex-attributes": 9,
@@ -216,8 +216,8 @@ class HardwareRenderer:
         """Return the depth keys (F,) and the tile rectangles (F, 4) of the last frame; needs `debug`.
 
         A key is the bit pattern of the float32 depth. 0xffffffff marks faces removed by the official culling,
-        0xfffffffe other faces that are not drawn. The rectangle of a kept face is its range of official
-        tiles, x0, y0, x1, y1; x1 and y1 are exclusive.
+        0xfffffffe other faces that are not drawn. The rectangle of a drawn face is x0, y0, x1, y1: the range
+        of the official tiles that the face covers. x1 and y1 are exclusive.
         """
         count = self._packed.faces
         keys = self._device_plan.read("keys").view(np.uint32)[:count]
@@ -228,7 +228,7 @@ class HardwareRenderer:
         return self._gpu.memory()
 
     def memory_groups(self) -> Mapping[str, str]:
-        """Return the groups of uses in reports of memory: name of the use -> group."""
+        """Return the groups for reports of memory: name of a use -> name of its group."""
         return {name: _GROUPS[word] for name in self._gpu.resources if (word := name.split()[0]) in _GROUPS}
 
     def close(self) -> None:

@@ -276,7 +276,8 @@ class _Images:
             {"camera": camera, "tier": tier, "index": f"{index:05d}"}
             for index, camera in enumerate(image_names(views))
         ]
-        # Parts at odd positions are names in braces, the others are text between them.
+        # Parts at odd positions were names in braces; parts at even positions are the text between these
+        # names.
         return ["".join(row[part] if i % 2 else part for i, part in enumerate(parts)) for row in values]
 
     def place(self, name: str, kind: str) -> Path:

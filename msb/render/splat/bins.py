@@ -1,7 +1,7 @@
 """From projected primitives to depth order and tile lists, all on the device.
 
-The host reads only two counts: the number of listed faces, and the total length of all lists. That length
-decides how much memory the lists need.
+The host reads only two counts: the number of listed faces, and the total length of all lists. The total
+length decides how much memory the lists need.
 """
 
 from typing import NamedTuple
@@ -56,8 +56,8 @@ class DepthSort:
     """Sorts the places of listed faces into blending order: by depth, and by face number at equal depth.
 
     The official sort is stable, so faces of equal depth keep the order of their numbers. With order "none"
-    the numbers alone decide. `by_rows` tells whether the rows on the device are in the order of the face
-    numbers (as stored) or in the order of `msb.render.splat.order`.
+    faces are sorted by number only. `by_rows` tells whether the rows on the device are in the order of the
+    face numbers (as stored) or in the order of `msb.render.splat.order`.
     """
 
     def __init__(self, device: Device, program: Program, order: Order) -> None:
@@ -105,7 +105,7 @@ class DepthSort:
 def bin_faces(
     device: Device, projected: Projected, chunk: int, columns: int, rows: int, sort: DepthSort
 ) -> TileLists:
-    """Return the depth-ordered tile lists of projected faces; each work-item projected `chunk` of them.
+    """Return the depth-ordered tile lists of projected faces. Each work-item projected `chunk` faces.
 
     The function waits for the device twice, to read the two counts.
     """
@@ -176,6 +176,6 @@ def _sort_by_tile(
         pair_tiles, places = sort_pairs(
             device, pair_tiles, places, count=pairs, bits=bits, name="splat pair sort"
         )
-    # A tile's list starts at the first sorted pair with its number.
+    # The pairs are sorted by tile number, so the list of tile t starts at the first pair with number t.
     program.find_starts(pairs + 1, WORK_GROUP, pair_tiles, starts, np.uint32(pairs), np.uint32(tiles))
     return TileLists(starts, places, listed, pairs)

@@ -84,14 +84,15 @@ class SplatModel:
     def pixel_samples(self) -> tuple[int, int]:
         """The first and the last sample along each axis that are averaged into a pixel.
 
-        With `box_mean` these are all samples of the pixel. Otherwise they are the one or two samples in its
-        middle, which gives bilinear interpolation at the pixel's centre.
+        With `box_mean` these are all samples of the pixel. Without `box_mean` these are the one or two
+        samples in the pixel's middle, which gives bilinear interpolation at its centre.
         """
         return (0, self.scale - 1) if self.box_mean else ((self.scale - 1) // 2, self.scale // 2)
 
 
 def rim(opacity: NDArray[np.float32], sigma: NDArray[np.float32] | np.float32) -> NDArray[np.float32]:
-    """Return the phi below which alpha is less than 1/255, or 2 if it is less in the whole face.
+    """Return the phi below which alpha is less than 1/255, or 2 if alpha is less than 1/255 in the whole
+    face.
 
     A face with opacity o has alpha = o phi^sigma, where phi is 0 on its edges and 1 at its incentre. Samples
     with a smaller phi are skipped, so the result is slightly reduced to allow for rounding.

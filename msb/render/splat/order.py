@@ -28,7 +28,7 @@ _AXIS_BITS = 18
 _SIZE_BITS = 8
 # Rows that are permuted at a time; this number fits into the processor's cache.
 _PIECE = 1 << 14
-# Placeholder for an array that a method's kernels do not read.
+# Placeholder for an array that the kernels of a method do not read.
 _NOTHING = np.zeros(1, np.float32)
 # A model is sorted if it takes at most this share of the device's memory, because sorting needs a copy.
 _MODEL_SHARE = 1 / 4
@@ -41,7 +41,10 @@ _few: ContextVar[bool] = ContextVar("_few", default=False)
 
 @contextmanager
 def few_frames() -> Iterator[None]:
-    """Do not sort models within this block. Use it if too few frames are rendered to repay the sort."""
+    """Do not sort models within this block.
+
+    Use this block for few frames, when sorting would take longer than it saves.
+    """
     token = _few.set(True)
     try:
         yield
@@ -167,7 +170,7 @@ def _renumber(
 
 def _permute(array: NDArray[np.generic], order: NDArray[np.uint32]) -> NDArray[np.generic]:
     """Return the rows of `array` in the given order."""
-    # Unlike zeros, empty allocates huge pages.
+    # numpy.empty allocates huge pages, but numpy.zeros does not.
     ordered = np.empty(array.shape, array.dtype)  # noqa: TID251 - filled below
     for start in range(0, len(order), _PIECE):
         here = slice(start, start + _PIECE)

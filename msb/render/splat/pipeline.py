@@ -63,7 +63,7 @@ class _Listed(NamedTuple):
 
 
 class _Band(NamedTuple):
-    """Planes of samples for some rows of tiles, which hold whole rows of pixels."""
+    """Planes of samples for a band: some rows of tiles, which contain whole rows of pixels."""
 
     samples: Buffer
     first_tile_row: int
@@ -128,7 +128,7 @@ class SplattingPipeline(OnDevice):
         }
         # The official background depth is the distance of the farthest stored corner.
         self._stored_positions = asset.buffers["positions"]
-        axes = model.positions.T  # NumPy reduces along the first axis 20 times more slowly
+        axes = model.positions.T  # reducing along the first axis takes NumPy 20 times as long
         self._extent = np.array([max(axis.max(), -axis.min()) for axis in axes], np.float32)
 
         soup = not model.vertex_colors  # positions then have one row of three corners per face

@@ -25,7 +25,8 @@ LIMITS = np.dtype(
     ]
 )
 
-# Members of `View` for every method. Each takes a multiple of four bytes, so the compiler adds no padding.
+# Members of `View` for every method. Each member takes a multiple of four bytes, so the compiler adds no
+# padding.
 VIEW = np.dtype(
     [
         ("world_to_camera", np.float32, 12),
@@ -62,9 +63,9 @@ class Culling:
 
     # Smallest depth (camera z, scene units): faces at or below it are dropped.
     nearest: float
-    # How far a face reaches, as a multiple of the distances of its corners from the centroid.
+    # Reach of a face from its centroid, as a multiple of the distances of its corners.
     dilation: float
-    # Number of samples that a face may reach beyond that distance.
+    # Number of samples that a face may reach beyond the distance that `dilation` gives.
     margin: float = 2.0
     # True: compare the largest depth of the face with `nearest`, because the face is clipped. False: compare
     # the depth of its centroid.

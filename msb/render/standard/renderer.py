@@ -41,7 +41,7 @@ _GROUPS, _GROUPS_A_UNIT, _ROWS = 256, 32, 16
 class StandardRenderer(OnDevice):
     """Renders any asset with static colours as an opaque mesh; docs/standard.md has the rules.
 
-    Each pixel has one sample at its centre. Faces are two-sided. They are clipped at a near plane of 0.01
+    Each pixel has one sample at its centre. Faces are two-sided. Faces are clipped at a near plane of 0.01
     scene units, and there is no far plane. Colours are interpolated with perspective correction. If two faces
     share an edge, exactly one of them covers each sample. At equal depths the face with the lowest number is
     visible.
@@ -92,9 +92,9 @@ class StandardRenderer(OnDevice):
         """Draw the asset from `camera` over `background` (RGB, in the asset's colour space).
 
         With supersampling, image and alpha are means over the samples of a pixel; depth and face are taken
-        from its nearest sample. Without it, `out` may be a frame of this size that is no longer needed. Its
-        arrays are overwritten. This saves time, because the first access to new memory takes longer than the
-        copy.
+        from its nearest sample. Without supersampling, `out` may be a frame of this size that is no longer
+        needed. The arrays of `out` are overwritten. Passing `out` saves time, because the first access to new
+        memory takes longer than the copy.
         """
         reused = {} if out is None or self._supersample > 1 else vars(out)
         with self._device.timing() as timing:

@@ -66,7 +66,7 @@ def _boxes(plane: NDArray[Any], scale: int, combine: np.ufunc) -> NDArray[Any]:
 
 
 def _reduce(parts: NDArray[Any], combine: np.ufunc) -> NDArray[Any]:
-    """Combine all parts, one after the other. This is faster here than `ufunc.reduce`."""
+    """Combine all parts, one after the other. This loop is faster than `ufunc.reduce`."""
     total: NDArray[Any] = parts[0].copy()
     for part in parts[1:]:
         combine(total, part, out=total)

@@ -56,7 +56,7 @@ def put_texels(device: Device, textured: Textured, slots: int, *, tinted: bool) 
     if count > _MOST:
         text = f"the textures have {count:,} texels with their mip levels; a device accepts {_MOST:,}"
         raise DeviceError("DEVICE_MEMORY", text)
-    # NumPy allocates huge pages, which a device that shares the host's memory then uses.
+    # NumPy allocates huge pages. A device that shares the host's memory then uses these pages.
     texels = device.share(np.zeros((count, 4), np.uint16), "standard textures", "appearance")
     rows = np.zeros((_FIRST_ROW + _TEXTURE_ROWS * len(sizes), 4), np.int32)
     wraps = (_WRAPS[wrap] for wrap in (sampler.wrap_u, sampler.wrap_v))
@@ -86,7 +86,7 @@ def put_texels(device: Device, textured: Textured, slots: int, *, tinted: bool) 
 
 
 def _add_border(image: NDArray[np.uint8], sampler: Sampler) -> NDArray[np.uint8]:
-    """Return a level with one more column and row: the texels that follow the last ones in the wrap mode."""
+    """Return a mip level with one more column and row, which hold the next texels in the wrap mode."""
     for axis, wrap in enumerate((sampler.wrap_v, sampler.wrap_u)):
         widths = [(0, 0)] * 3
         widths[axis] = (0, 1)

@@ -15,7 +15,7 @@ from msb.render.standard.texels import Texels, put_texels
 
 # Bits of the grid that corners are snapped to: steps of 1/4096 pixel.
 SUBPIXEL_BITS = 12
-# Floats of a triangle's record.
+# Number of floats in a triangle's record.
 WORDS = 16
 # Kinds of colours: RGBA8 per corner (in the record), RGB per face (in the record), RGB floats per corner (in
 # a separate buffer), textures.
@@ -92,9 +92,9 @@ def make_triangles(
 ) -> Triangles:
     """Upload the triangles of `asset` to `device` in drawing order.
 
-    If they are `moving`, the sources stay on the device: write to them and call `fill`. The drawing order
-    follows the first positions. Moved triangles are drawn correctly in any case, and fast as long as they
-    stay near their first positions.
+    If `moving` is true, the source arrays stay on the device. To move triangles, write to these arrays and
+    call `fill`. The drawing order follows the first positions. Moved triangles are drawn correctly in any
+    case, and fast as long as they stay near their first positions.
     """
     positions, indices = asset.buffers["positions"], asset.buffers["indices"]
     listed = select_faces(asset, settings.get("ste_threshold"))
@@ -181,8 +181,8 @@ def _cells(asset: Asset) -> tuple[NDArray[np.float32], np.float32]:
     """Return the origin and the cells per unit of the grid that orders triangles.
 
     The grid spans the bounds, but at most 1.5 times the range from the 2nd to the 98th percentile of the
-    vertices. Captures have a few triangles far away, which would otherwise leave a single cell for all
-    others.
+    vertices. Captures have a few triangles far away, which would otherwise leave a single cell for all other
+    triangles.
     """
     positions, bounds = asset.buffers["positions"], asset.manifest.bounds
     step = max(1, len(positions) // _SAMPLES)

@@ -153,7 +153,7 @@ def report(
         check_folder(folders[0], "folder of results")
     overwrite = _check_target(target, output)
     if not {"md", "tex", "html"}.isdisjoint(formats):
-        # Check this first, so that the error does not come after a long computation.
+        # Check the packages first, so that the error does not come after a long computation.
         need_extra("bench", "jinja2", "matplotlib", what="a report", instead="--format csv,json needs none")
     # Build and write the report.
     built = _build(folders, options, output, pictures=True)
@@ -231,7 +231,7 @@ def _build(folders: tuple[Path, ...], options: ReportOptions, output: Output, *,
 def _check_target(target: Path, output: Output) -> bool:
     """Check the output folder; return whether files of an earlier report in it are replaced.
 
-    Such files are replaced even without --force, because a report is usually made many times.
+    Files of an earlier report are replaced even without --force, because a report is usually made many times.
     """
     from msb.base.own_folder import listed_files
 

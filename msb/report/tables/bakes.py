@@ -46,7 +46,7 @@ BAKES_NOTES = (
     "verdict: verdict of the audit; if it differs between scenes, each verdict with its number of scenes",
 )
 _METRICS = ("psnr", "psnr_16", "faces", "asset_size", "memory", "p50_ms", "bake_seconds", "tasks")
-# Metrics in the record of the exported mesh. All other metrics are in the record of its renderings.
+# Metrics in the record of the exported mesh. All other metrics are in the record of the mesh's renderings.
 _OF_MESH = ("faces", "tasks")
 # Audit verdicts from the best to the worst.
 _LEVELS = ("ok", "limited", "bad")
@@ -147,7 +147,7 @@ def _make_bakes_table(label: str, caption: str, heads: tuple[str, ...], rows: li
 
 
 def _asset_rows(numbers: Numbers, place: tuple[str, str, str], *labels: str) -> list[TableRow]:
-    """Return the row of the exported mesh and one per bake; `place` is dataset, scene and method."""
+    """Return a row for the exported mesh and a row per bake; `place` is dataset, scene and method."""
     # The exported mesh is drawn as Standard; a bake is drawn and audited under its own condition.
     bakes = numbers.variants(place[0], BAKED)
     rows = []

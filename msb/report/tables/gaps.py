@@ -72,7 +72,7 @@ def gaps_table(numbers: Numbers, dataset: str, paper: Numbers | None = None) -> 
                 gaps = numbers.gaps.get(key)
                 if not key.is_between_tiers and gaps is None:
                     continue
-                # Bakes have many rows: those without any value are omitted.
+                # Rows of bakes without any value are omitted, because bakes have many rows.
                 if (
                     standard.startswith(f"{BAKED}/")
                     and gaps
@@ -245,6 +245,6 @@ def absent_cell(ends: Iterable[Number], reason: str | None, metric: str) -> Tabl
         for end in missing:
             if end.absent == absent:
                 return TableCell(absent, None, metric, unit, reason=end.reason)
-    if reason == "unsteady":  # the reason comes from the scenes that both conditions have
+    if reason == "unsteady":  # the reason of the gap itself, from the scenes that both conditions have
         return TableCell(UNSTEADY, None, metric, unit, reason=REASONS[reason])
     return TableCell(NOT_AVAILABLE, None, metric, unit, reason=REASONS.get(reason or "", reason))

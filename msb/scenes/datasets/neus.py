@@ -82,7 +82,7 @@ def read_neus(path: Path, images: Sequence[Path]) -> list[Camera]:
 
     Cameras are in the normalised frame. An RQ decomposition gives (world_mat_i scale_mat_i)[:3] = K [R | t],
     where K has a positive diagonal and is then divided by K[2, 2]. The skew K[0, 1] is some tenths of a pixel
-    in DTU. It is dropped, because our cameras have no skew.
+    in DTU. The skew is dropped, because our cameras have no skew.
     """
     world, scale = read_matrices(path)
     source = Source(path, b"")

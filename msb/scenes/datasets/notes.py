@@ -26,7 +26,7 @@ _FAR = 1.5
 def note_scaled_cameras(scenes: Iterable[Scene]) -> str | None:
     """Return a sentence about scenes whose recorded image sizes far exceed their photographs, or None.
 
-    It describes the first such scene and counts the others.
+    The sentence describes the first such scene and counts the others.
     """
     sentences = {scene.root: text for scene in scenes if (text := _describe_scaling(scene)) is not None}
     if not sentences:
@@ -149,7 +149,7 @@ def _training_size(training: Mapping[str, Any], scene: Scene) -> Size | None:
     view, folder = scene.test[0], training.get("images")
     if folder in (None, "..") or scene.layout != "colmap":  # other layouts ignore the folder
         return None
-    # Size of the stored photographs, or of the published folder images_N if it is missing here.
+    # Size of the stored photographs. If the folder images_N is missing, use the size in the published folder.
     stored: Size | None = None
     with contextlib.suppress(MsbError):
         stored = image_size(SpelledFiles(scene.root / folder).find(str(view.name)))

@@ -31,10 +31,11 @@ def choose_photographs(
 ) -> tuple[Photographs, Rounding]:
     """Return which photographs of the scene at `root` are used, and how their size is rounded.
 
-    The rules give the defaults. The caller's arguments replace them, and a missing folder may be substituted.
-    Notes for the user are appended to `warnings`.
+    The rules give the defaults, and the caller's arguments replace them. Another folder can take the place of
+    a missing one. Notes for the user are appended to `warnings`.
     """
-    # Rule of the dataset and, for Mip-NeRF 360, of the group of scenes. Unknown scenes use the first group.
+    # Rule of the dataset and, for Mip-NeRF 360, of the group of scenes. Unknown scenes use the rule of the
+    # first group.
     group = ""
     if dataset in DATASETS:
         scenes = DATASETS[dataset].scenes
@@ -77,7 +78,7 @@ def photograph_sizes(root: Path, views: Sequence[Camera], warnings: list[Finding
     """Return the stored (width, height) of each view's photograph.
 
     Cameras with equal recorded sizes must have photographs of equal size. A missing training photograph is
-    assumed to have this size too. Test photographs must exist.
+    assumed to have the same size. Test photographs must exist.
     """
     sizes: dict[Size, tuple[Size, Camera]] = {}
     missing: list[Camera] = []
@@ -94,7 +95,7 @@ def photograph_sizes(root: Path, views: Sequence[Camera], warnings: list[Finding
             )
             raise SceneError("SCENE_IMAGE", text, file=view.image_path)
     # A missing photograph is an error if the view is a test view, or if no camera of the same recorded size
-    # has a photograph. Otherwise it is a warning.
+    # has a photograph. Otherwise a missing photograph is a warning.
     if missing:
         needed = [view for view in missing if view.split == "test" or (view.width, view.height) not in sizes]
         reported = needed or missing
@@ -137,7 +138,8 @@ def find_masks(
 ) -> tuple[MaskSource | None, Mapping[str, Path]]:
     """Return the kind of masks of the test photographs and, for a mask folder, the file of each camera.
 
-    An alpha channel takes precedence over a folder. Captures outside the masked datasets may have neither.
+    An alpha channel takes precedence over a folder. Captures outside the masked datasets may have neither an
+    alpha channel nor a folder of masks.
     """
     tests = {str(view.name): view.image_path for view in views if view.split == "test" and view.image_path}
     bare = [name for name, path in tests.items() if not has_alpha(path)]

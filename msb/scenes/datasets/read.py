@@ -136,7 +136,7 @@ def missing_photographs(
 ) -> dict[str, int]:
     """Return how many training and test photographs are missing, also for a scene that is rejected.
 
-    The parameters are those of `read_scene`, whose errors about cameras and folders are raised.
+    Parameters are those of `read_scene`. Errors of `read_scene` about cameras and folders are raised, too.
     """
     root = given_path(path)
     layout, by = _require_layout(root), rules_of(rules)

@@ -47,8 +47,9 @@ RULES: Mapping[str, Rules] = _EveryRules()
 def evaluation_background(dataset: str, method: str | None = None, recorded: Color | None = None) -> Color:
     """Return the background of a model in the benchmark.
 
-    Masked datasets are evaluated over white for every method. Otherwise the model keeps its `recorded`
-    background, that of its official evaluation. Without a record, the method's background is used, or black.
+    Masked datasets are evaluated over white for every method. On other datasets the model keeps its
+    `recorded` background, which is that of its official evaluation. Without a record, the method's background
+    is used, or black.
     """
     fixed = DATASETS[dataset].background if dataset in DATASETS else None
     return fixed or recorded or RULES.get(method or OURS, RULES[OURS]).background_of(dataset)
@@ -62,6 +63,6 @@ def stated_background(manifest: Manifest) -> Color | None:
 def default_background(manifest: Manifest) -> Color:
     """Return the default background of a model: the asset's, else its method's, else black.
 
-    All commands and the Python interface use it if neither the user nor a dataset chooses a background.
+    All commands and the Python interface use this background if neither the user nor a dataset chooses one.
     """
     return evaluation_background(CUSTOM, manifest.method, stated_background(manifest))

@@ -1,7 +1,7 @@
 """Rules of loaders: their choice of photographs, image sizes, cameras and backgrounds.
 
-"ours" is the benchmark's rule for all methods. The others describe the methods' official code, as each method
-declares it (`msb.registry`). They are used to list deviations and to reproduce official numbers.
+"ours" is the benchmark's rule for all methods. All other rules describe the official code of a method, which
+declares them (`msb.registry`). These rules serve to list deviations and to reproduce official numbers.
 docs/datasets.md prints the rules as a table.
 
 A `resolution` has the meaning of ``-r`` in the 3DGS family: 1, 2, 4 or 8 divides the size, -1 reduces only
@@ -152,8 +152,8 @@ def floor(size: Size, resolution: int) -> Size:
 
     Sides are truncated. At -1 the longer side is at most `LARGEST`.
 
-    Source: `GaodeRender/triangle-splatting`: the datasets' `target_res`. It does not support widths, for
-    which the rule of the 3DGS family is used.
+    Source: `GaodeRender/triangle-splatting`: the datasets' `target_res`. This method's code does not support
+    widths, so widths follow the rule of the 3DGS family.
     """
     width, height = size
     if resolution in _DIVISORS:

@@ -15,7 +15,7 @@ from msb_viewers.commands.window import Window
 
 @dataclass(frozen=True)
 class CompareOptions:
-    """Compared tiers and photographs, and the first layout."""
+    """The tiers and photographs to compare, and the first layout."""
 
     scene: Annotated[
         Path | None,
@@ -29,7 +29,7 @@ class CompareOptions:
         Path | None,
         Option(
             "Folder of the photographs: its name in the scene, e.g. images_2, or any path. Default: the "
-            "folder of the dataset, or else the one with the largest images.",
+            "folder of the dataset, or else the folder with the largest images.",
             ("--image-folder", "--images"),
             metavar="NAME|FOLDER",
         ),
@@ -52,9 +52,9 @@ class CompareOptions:
     baked: Annotated[
         Path | None, Option("Also show this mesh, which msb bake made from the model.", metavar="FILE")
     ] = None
-    pair: Annotated[str | None, Option("The two tiers that wipe and difference compare.", metavar="A,B")] = (
-        None
-    )
+    pair: Annotated[
+        str | None, Option("The two tiers to compare in the layouts wipe and difference.", metavar="A,B")
+    ] = None
 
     def __post_init__(self) -> None:
         if self.scale is not None:
@@ -83,8 +83,8 @@ def compare(
 
     Images are shown side by side, with a wipe, or as a map of their difference with the PSNR. --html writes a
     page of all views, which can switch between these layouts. --screenshot writes an image of the first view.
-    Without --cameras and --scene the cameras of the training are used, if they are found next to the model,
-    otherwise a turntable.
+    Without --cameras and --scene the command uses the cameras of the training if it finds them next to the
+    model, and otherwise a turntable.
     """
     if options.scene is not None:
         typed.reject(["cameras"], "cannot be combined with --scene, which has its own cameras")

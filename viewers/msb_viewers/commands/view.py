@@ -44,7 +44,7 @@ def view(
     degenerate_faces, duplicate_faces, inconsistent_winding_edges, unreferenced_vertices; with --repaired
     deleted_faces (red), added_faces (green), cut_edges.
 
-    To compare the rendering of tiers use msb compare; for a page of the mesh as in engines use msb web.
+    Use msb compare to compare the tiers of a model, and msb web to show the mesh as engines draw it.
     """
     both = repaired is not None and window.figure is not None
     require(not both, "--figure cannot be combined with --repaired; use --screenshot")

@@ -85,7 +85,7 @@ def arrange(
 
 
 def _grid(tiers: Sequence[str], area: Box, gap: int, caption: int, aspect: float) -> list[Cell]:
-    """Return the cells of a grid. Its number of columns makes the images as large as possible."""
+    """Return the cells of a grid. The number of columns makes the images as large as possible."""
     best: tuple[float, list[Cell]] = (-1.0, [])
     for columns in range(1, len(tiers) + 1):
         rows = -(-len(tiers) // columns)

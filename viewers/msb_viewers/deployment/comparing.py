@@ -190,7 +190,8 @@ def compare(
 class Request:
     """The views, tiers and options of a comparison.
 
-    `cameras` selects the views, in a file of cameras or in the folder `scene` of a dataset's scene.
+    `cameras` selects the views, either from a file of cameras or from a dataset's scene in the folder
+    `scene`.
     """
 
     cameras: ViewOptions
@@ -290,7 +291,8 @@ def write(
     only_first = html is None and screenshot is not None
     views = scene.views[:1] if only_first else scene.views
     with TierRenderers(scene) as renderers:
-        # Render all views for the page, or else the tiers that the image shows of the first view.
+        # The page needs all views on all tiers. An image needs only the first view, on the tiers that it
+        # shows.
         rows: list[dict[str, Any]] = []
         first: dict[str, Shot] = {}
         with counted("drawing", len(views)) as step:
@@ -313,7 +315,7 @@ def write(
 
 
 def _read_decibels(values: Mapping[str, float | str]) -> dict[tuple[str, str], float]:
-    """Return pair of tiers -> PSNR in dB. The page has both tiers in one text, and a word for infinity."""
+    """Return the PSNR in dB of each pair of tiers. In the page each pair is one text."""
     pairs = {}
     for names, value in values.items():
         a, b = names.split()

@@ -209,7 +209,7 @@ def camera_text(state: CompareState, size: tuple[int, ...] | None) -> str:
 
 
 def caption_lines(shot: Shot | None) -> list[str]:
-    """Return the lines below an image: time, device memory, size, and what computed it."""
+    """Return the lines below an image: time, device memory and size, then the device."""
     if shot is None or shot.image is None:
         return []
     parts = []

@@ -17,21 +17,24 @@ ERROR_SCALE = (
 )  # fmt: skip
 # Choices for the top of the colour scale: the smallest difference, in [0, 1], with the brightest colour.
 TOPS = (1.0, 0.5, 0.25, 0.1, 0.05, 0.02)
-# A page shows this choice first. An image has no other choice.
+# The choice that a page shows first. An image always uses this choice.
 TOP = 0.25
 
 
 def squared_error(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> NDArray[np.float32]:
     """Return the squared difference of each pixel (H, W), averaged over channels, in [0, 1].
 
-    Its average over all pixels is the mean squared error of the PSNR.
+    The average over all pixels is the mean squared error from which the PSNR follows.
     """
     away = a.astype(np.float32) - b.astype(np.float32)
     return np.asarray(np.einsum("hwc,hwc->hw", away, away) / np.float32(3 * 255**2))
 
 
 def colorize(squared: NDArray[np.float32], top: float) -> NDArray[np.uint8]:
-    """Return colours (H, W, 3) for squared differences (H, W). Differences from `top` on are brightest."""
+    """Return colours (H, W, 3) for squared differences (H, W).
+
+    Differences of at least `top` get the brightest colour.
+    """
     place = np.sqrt(squared) * np.float32(255 / top)
     return scale_colors()[np.minimum(place, 255).astype(np.uint8)]
 

@@ -122,7 +122,7 @@ def choose_tiers(
         if BAKED in names and baked is None:
             raise UsageError("NAME_UNKNOWN", "the tier baked needs a baked mesh; pass --baked FILE")
         chosen = tuple(tier for tier in LABELS if tier in names)
-    # Tiers that the method does not support are missing. If all are, raise the first reason.
+    # Tiers that the method does not support are missing. If all tiers are missing, raise the first reason.
     missing: dict[str, str] = {}
     first: Unsupported | None = None
     for tier in chosen:
@@ -140,9 +140,9 @@ def choose_tiers(
 
 
 class TierRenderers:
-    """The renderers of a comparison. They are created when they are needed.
+    """The renderers of a comparison. Each renderer is created at its first use.
 
-    Call `close`, or use it in a ``with`` block.
+    Call `close`, or use the object in a ``with`` block.
     """
 
     def __init__(self, comparison: Comparison) -> None:
@@ -170,7 +170,7 @@ class TierRenderers:
         return {tier: self.shoot(tier, view) for tier in chosen}
 
     def close(self) -> None:
-        """Release all renderers. It can be called twice."""
+        """Release all renderers. `close` can be called twice."""
         for renderer in self._renderers.values():
             renderer.close()
         self._renderers.clear()

@@ -42,8 +42,8 @@ def dataset_views(
     """Return a view for each camera, with its photograph if there is one.
 
     Photographs in the folder `images` have the names of the cameras, with any suffix. By default the dataset
-    gives their paths, or they are in the folder `beside`. A view has the size of its photograph. With
-    `scale` it has the size of its camera times `scale`, as in `msb render`.
+    gives the paths of photographs, or the photographs are in the folder `beside`. A view has the size of its
+    photograph. With `scale` a view has the size of its camera times `scale`, as in `msb render`.
     """
     if images is not None and not images.is_dir():
         raise UsageError("USAGE", "--image-folder: the folder does not exist", file=images)
@@ -68,7 +68,7 @@ def dataset_views(
 
 
 def scene_views(scene: Scene, cameras: Sequence[Camera], scale: float | None = None) -> list[View]:
-    """Return views of some cameras of a scene, at their evaluated size or times `scale`."""
+    """Return views of some cameras of a scene. If `scale` is given, it multiplies the size of the views."""
     return [
         View(
             camera.name or f"camera {index}",
