@@ -27,7 +27,7 @@ def find_dense(points: NDArray[np.floating], weight: NDArray[np.floating]) -> ND
     points = points.astype(np.float64)
     order = [np.argsort(points[:, axis], kind="stable") for axis in range(3)]
     shares = [np.cumsum(weight[rows], dtype=np.float64) for rows in order]
-    if not shares[0][-1] > 0:
+    if not len(points) or not shares[0][-1] > 0:
         return np.ones(len(points), bool)
     # The range of most of the opacity, and a grid around it with one more cell on each side.
     low, high = (
@@ -59,23 +59,12 @@ def find_dense(points: NDArray[np.floating], weight: NDArray[np.floating]) -> ND
 
 
 def _keep_large_parts(dense: NDArray[np.bool_], mass: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return the dense cells that belong to parts with enough opacity. Parts may have gaps of one cell."""
-    left, kept, largest = dense.copy(), np.zeros_like(dense), 0.0
-    while left.any():
-        # Grow a part from the heaviest cell that is left.
-        part = np.zeros_like(dense)
-        part.reshape(-1)[np.argmax(np.where(left, mass, -1))] = True
-        grown = _grow(_grow(part)) & left
-        while grown.sum() > part.sum():
-            part, grown = grown, _grow(_grow(grown)) & left
-        total = float(mass[part].sum())
-        largest = max(largest, total)
-        if total >= _MIN_PART * largest:
-            kept |= part
-        left &= ~part
-        if mass[left].sum() < _MIN_PART * largest:
-            break
-    return kept
+    """Return the dense cells that belong to parts with enough opacity. Parts may have gaps of two cells."""
+    from scipy.ndimage import label
+
+    parts, count = label(_grow(dense))
+    totals = np.bincount(parts[dense], mass[dense], count + 1)
+    return np.asarray(dense & (totals >= _MIN_PART * totals.max())[parts])
 
 
 def _grow(cells: NDArray[np.bool_]) -> NDArray[np.bool_]:
