@@ -12,13 +12,16 @@ from typing import NamedTuple
 import numpy as np
 
 from msb.bake.arrays import Floats, Ints
+from msb.bake.color_fit import make_edge_laplacian
 
 # Width of the filter of normals, as a length of the difference of two unit normals. Normals that differ by 30
 # degrees (0.52) have a weight of 0.59, and at a crease of 90 degrees (1.41) the weight is 0.02.
 _NORMAL_WIDTH = 0.5
 # Turns of `fair`. Each turn filters the normals and moves the vertices. After ten turns the dents of the demo
 # surfaces are gone, and further turns round their rims.
-_TURNS = 10
+TURNS = 10
+# Shares of the way to the average of the neighbours in the two halves of a turn of `smooth`.
+_SHARES = 0.5, -0.53
 # Rounds of the filter, and rounds of moving the vertices, in a turn of `fair`.
 _FILTER_ROUNDS, _MOVE_ROUNDS = 3, 3
 
@@ -46,7 +49,21 @@ def find_neighbours(faces: Ints, count: int) -> Neighbours:
     return Neighbours(np.repeat(np.arange(len(faces)), np.diff(starts)), pairs.indices, starts)
 
 
-def fair(points: Floats, faces: Ints, turns: int = _TURNS) -> Floats:
+def smooth(points: Floats, faces: Ints, turns: int) -> Floats:
+    """Return the points (V, 3) of a surface after `turns` turns of smoothing that keep its volume.
+
+    A turn moves each vertex towards the average of its neighbours, then away from it (Taubin 1995). It
+    removes the noise of single cells.
+    """
+    laplacian = make_edge_laplacian(faces, len(points))
+    degree = np.maximum(laplacian.diagonal(), 1)[:, None]
+    for _ in range(turns):
+        for share in _SHARES:
+            points = points - share * (laplacian @ points) / degree
+    return points
+
+
+def fair(points: Floats, faces: Ints, turns: int = TURNS) -> Floats:
     """Return the points (V, 3) of a surface after `turns` turns of filtering normals and moving vertices."""
     neighbours = find_neighbours(faces, len(points))
     for _ in range(turns):

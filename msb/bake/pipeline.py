@@ -132,6 +132,7 @@ class BakePipeline:
             progress,
             is_mesh,
             options.step_factor,
+            self._is_splat,
         )
         self._soups: dict[int | None, tuple[Mesh, list[str]]] = {}
         self._untextured: Mesh | None = None
