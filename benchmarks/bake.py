@@ -21,12 +21,14 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image as Pillow
+from PIL import ImageDraw, ImageFont
 
 import msb
 from benchmarks.measure import keep, machine
@@ -154,6 +156,17 @@ def as_wide(picture: Image, wide: int) -> Image:
     return np.pad(larger, ((0, 0), (0, wide - larger.shape[1]), (0, 0)), constant_values=1)
 
 
+def add_headings(picture: Pillow.Image, titles: Sequence[str]) -> Pillow.Image:
+    """Return the image below a white band with the title of each of its columns, which are equally wide."""
+    width, band = picture.width // len(titles), 36
+    headed = Pillow.new("RGB", (picture.width, picture.height + band), "white")
+    headed.paste(picture, (0, band))
+    draw, font = ImageDraw.Draw(headed), ImageFont.load_default(24)
+    for number, title in enumerate(titles):
+        draw.text((width * (number + 0.5), band / 2), title, "black", font, anchor="mm")
+    return headed
+
+
 def main() -> int:
     """Run all bakes and print the tables; return 1 if a repeated bake differs."""
     parser = argparse.ArgumentParser(
@@ -214,7 +227,11 @@ def _all(options: argparse.Namespace, folder: Path) -> int:
         rows_of = [np.concatenate(each, axis=1) for each in pictures]
         wide = max(one.shape[1] for one in rows_of)
         whole = np.concatenate([as_wide(one, wide) for one in rows_of])
-        Pillow.fromarray(np.uint8(np.floor(whole.clip(0, 1) * 255 + 0.5))).save(options.picture)
+        picture = Pillow.fromarray(np.uint8(np.floor(whole.clip(0, 1) * 255 + 0.5)))
+        titles = ["photograph", "native rendering", "exported mesh"]
+        add_headings(picture, [*titles, *(f"baked, {name}" for name in options.geometry)]).save(
+            options.picture
+        )
     keep({"machine": facts, "rows": rows}, options.json)
     return 0 if same else 1
 

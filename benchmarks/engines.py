@@ -175,11 +175,11 @@ def print_table(scene: str, rows: list[dict[str, Any]]) -> None:
 
 PICTURES: list[tuple[str, str, dict[str, Any]]] = [
     ("MeshSplatBench", "standard", {}),
-    ("three.js, set right", "threejs", {}),
-    ("three.js as it comes, sRGB GLB", "threejs", {"defaults": True}),
-    ("Blender, set right", "blender_cycles", {}),
-    ("Blender as it comes, PLY", "blender_cycles", {"defaults": True}),
-    ("Blender as it comes, sRGB GLB", "blender_cycles", {"defaults": True, "source": "glb"}),
+    ("three.js, correct settings", "threejs", {}),
+    ("three.js, default settings, sRGB GLB", "threejs", {"defaults": True}),
+    ("Blender, correct settings", "blender_cycles", {}),
+    ("Blender, default settings, PLY", "blender_cycles", {"defaults": True}),
+    ("Blender, default settings, sRGB GLB", "blender_cycles", {"defaults": True, "source": "glb"}),
 ]
 
 
@@ -187,16 +187,16 @@ def write_pictures(folder: Path) -> None:
     """Write engine_colors.png: a mesh in several engines, with correct and with default colour settings."""
     from PIL import Image, ImageDraw, ImageFont
 
-    size, margin = 250, 24
+    size, margin, gap = 250, 24, 10
     camera = Camera.look_at(
         (1.3, 0.8, 2.6), (0.5, 0.5, 0.5), up=(0, 1, 0), width=size, height=size, fov_y=0.4
     )
     task = Task(splat_like_asset(36), [(camera, (1.0, 1.0, 1.0))], {})
-    sheet = Image.new("RGB", (3 * size, 2 * (size + margin)), "white")
+    sheet = Image.new("RGB", (3 * size + 2 * gap, 2 * (size + margin)), "white")
     draw, font = ImageDraw.Draw(sheet), ImageFont.load_default(14)
     for number, (title, name, options) in enumerate(PICTURES):
         frame = drawn(name, task, **options)[1][0]
-        left, top = number % 3 * size, number // 3 * (size + margin)
+        left, top = number % 3 * (size + gap), number // 3 * (size + margin)
         sheet.paste(Image.fromarray(to_bytes(frame.image)), (left, top + margin))
         draw.text((left + size / 2, top + margin / 2), title, "black", font, anchor="mm")
     folder.mkdir(parents=True, exist_ok=True)

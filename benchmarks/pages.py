@@ -21,6 +21,7 @@ TITLES = {
     "bake": "Baked meshes",
     "before": "Speed against an earlier commit",
     "dedicated": "Speed of the dedicated tier",
+    "card": "The paper's tables on a graphics card",
     "delivery": "Compressed GLB files",
     "diffsoup": "DiffSoup on the dedicated tier",
     "endurance": "Resources of long processes",

@@ -141,7 +141,7 @@ class MeshFileError(MsbError):
 class MeshError(MsbError):
     """Arrays do not form a valid mesh."""
 
-    codes = _names("MESH_ARRAY MESH_INDEX_OUT_OF_RANGE MESH_NONFINITE WELD_DISTANCE")
+    codes = _names("MESH_ARRAY MESH_INDEX_OUT_OF_RANGE MESH_NONFINITE MESH_ORIGIN MESH_ROUNDED WELD_DISTANCE")
 
 
 class MetricError(MsbError):

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from msb.asset import Asset
 from msb.asset.tiers import why_not
+from msb.base.origin import Origin
 from msb.errors import DeviceError, UsageError
 from msb.meshes.assets import asset_from_mesh
 from msb.meshes.mesh import Mesh
@@ -105,6 +106,10 @@ class ChosenViews:
         if self.origin == "given":
             return f"{text}; pass cameras that look at it, in its coordinates"
         return f"{text}; pass --cameras"
+
+    def relative_to(self, origin: Origin) -> ChosenViews:
+        """Return the views in coordinates relative to the origin of an asset."""
+        return replace(self, cameras=[camera.relative_to(origin) for camera in self.cameras])
 
     def without_blind(self, asset: Asset, device: str | None = None) -> ChosenViews:
         """Return the views that see a pixel of the asset, on the standard or on the dedicated tier."""
@@ -355,6 +360,7 @@ def _test_visibility(
     # Centres (n, 3) and normals (n, 3) of an evenly spread sample of the faces.
     faces = asset.buffers["indices"]
     corners = asset.buffers["positions"][faces[:: max(1, len(faces) // _TESTED_FACES)]].astype(np.float64)
+    corners += asset.manifest.origin
     middle = corners.mean(axis=1)
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     front, back = np.zeros((2, len(middle)), bool)
@@ -386,9 +392,10 @@ def render_standard(
     supersample: int = 1,
 ) -> list[NDArray[np.float32]]:
     """Return the standard-tier images (H, W, 3) of a mesh."""
-    renderer = StandardRenderer(asset_from_mesh(mesh), device=device, supersample=supersample)
-    with contextlib.closing(renderer):
-        return [renderer.render_image(camera.in_units(), background) for camera in cameras]
+    asset = asset_from_mesh(mesh)
+    with contextlib.closing(StandardRenderer(asset, device=device, supersample=supersample)) as renderer:
+        views = (camera.in_units(asset.manifest.origin) for camera in cameras)
+        return [renderer.render_image(view, background) for view in views]
 
 
 def squared_errors(images: Sequence[Any], references: Sequence[Any]) -> NDArray[np.float64]:

@@ -11,6 +11,7 @@ export interface Manifest {
   vertex_count: number;
   bounds: { min: number[]; max: number[] };
   bounding_sphere: { center: number[]; radius: number };
+  origin?: number[];
   sh_degree: number;
   color_space: "srgb" | "linear";
   coordinate_frame: { handedness: string; up: string; units: string };
@@ -29,7 +30,7 @@ export interface TriassetBuffer {
 /** Reads a packed `.triasset`. Throws an Error whose message starts with `name` if the file is invalid. */
 export function readTriasset(data: ArrayBuffer, name?: string): { manifest: Manifest; buffers: Map<string, TriassetBuffer> };
 
-/** The standard-tier mesh of an asset. `up` is its up axis, `userData.triasset` its `Manifest`. */
+/** The standard-tier mesh of an asset. `position` is its origin, `up` its up axis, `userData.triasset` its `Manifest`. */
 export type TriassetMesh = Mesh<BufferGeometry, MeshBasicMaterial | MeshBasicMaterial[]>;
 
 /** Loads packed `.triasset` files, versions 1.0 and 1.1. */

@@ -282,6 +282,11 @@ function meshOf({ manifest, buffers }) {
   const mesh = new Mesh(geometry, materials.length > 1 ? materials : materials[0]);
   mesh.up.set(0, 0, 0)[up[1]] = up[0];
   mesh.userData.triasset = manifest;
+  if (manifest.origin !== undefined) {
+    const { origin } = manifest;
+    insist(Array.isArray(origin) && origin.length === 3 && origin.every(Number.isFinite), "has an origin that is not three finite numbers");
+    mesh.position.set(...origin);
+  }
   return mesh;
 }
 

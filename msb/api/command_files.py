@@ -136,6 +136,6 @@ def check_asset_place(target: Path, form: str | None, output: Output) -> None:
     """Check the path of a `.triasset` that will be written. A folder is only replaced if it is an asset."""
     from msb.asset.writer import check_asset_folder
 
-    output.check_free(target, folder=form == "folder")
+    output.check_free(target, folder=form == "folder", label="OUT")
     if form == "folder":
         check_asset_folder(target)

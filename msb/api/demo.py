@@ -13,6 +13,7 @@ CONTENTS = (
     "models",
     "protocol.toml",
     "protocol_all.toml",
+    "published.json",
     "scenes",
     "splat_like.triasset",
     "views.json",

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from msb.asset import Asset, is_asset, load
 from msb.asset.arguments import AN_ASSET, check_type
+from msb.asset.origin import world_positions
 from msb.asset.texture import Sampler, is_textured
 from msb.asset.tiers import reject_gaussians
 from msb.base.paths import PATH_TYPES, given_path
@@ -41,8 +42,9 @@ def open(path: str | os.PathLike[str], *, method: str | None = None) -> Asset:
     Returns
     -------
     Asset
-        The result of `load` or `export`. Coordinates are float32, even if a mesh file has float64. Faces of
-        mesh files and checkpoints with values that are not finite are left out, with a warning.
+        The result of `load` or `export`. Positions are float32, even if a mesh file has float64, and relative
+        to an origin if the mesh is far away from zero for its size. Faces of mesh files and checkpoints with
+        values that are not finite are left out, with a warning.
 
     Raises
     ------
@@ -220,10 +222,11 @@ def stored_object(given: object) -> StoredMesh:
 
 
 def stored_mesh(asset: Asset) -> StoredMesh:
-    """Return the stored mesh of an asset."""
+    """Return the stored mesh of an asset, with coordinates in the scene (`world_positions`)."""
     manifest = asset.manifest
     reject_gaussians(manifest.primitive, asset.opened_from)
     domains = {name: spec.domain for name, spec in manifest.buffers.items()}
     up = manifest.coordinate_frame.up
     sampler = Sampler.of(manifest.appearance) if is_textured(asset) else None
-    return StoredMesh(asset.path, asset.buffers, domains, manifest.method, up, asset.warnings, sampler)
+    buffers = {**asset.buffers, "positions": world_positions(asset)}
+    return StoredMesh(asset.path, buffers, domains, manifest.method, up, asset.warnings, sampler)

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msb.asset.manifest import Manifest
+from msb.base.origin import to_world
 from msb.errors import Finding, one_line
 from msb.registry import Tier, lookup
 
@@ -73,10 +74,12 @@ class Asset:
 
     @property
     def vertices(self) -> NDArray[np.float64]:
-        """The coordinates (V, 3), a new array: `positions`, plus any `origin` of the manifest."""
-        positions = self.buffers["positions"].astype(np.float64)
-        origin = getattr(self.manifest, "origin", None)
-        return positions if origin is None else positions + np.asarray(origin, np.float64)
+        """The coordinates (V, 3) in the scene, a new array: the buffer `positions` plus the `origin`.
+
+        The buffer is float32. The origin in the manifest is (0, 0, 0), unless the mesh is far away from zero
+        for its size (docs/triasset.md).
+        """
+        return to_world(self.buffers["positions"].astype(np.float64), self.manifest.origin)
 
     @property
     def faces(self) -> NDArray[np.int64]:

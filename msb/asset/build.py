@@ -32,6 +32,7 @@ from msb.asset.manifest import (
 from msb.asset.progress import Meter, Progress
 from msb.asset.texture import KIND, PASS
 from msb.asset.tiers import passes_of
+from msb.base.origin import NO_ORIGIN, Origin
 from msb.base.version import __version__
 from msb.errors import AssetError
 from msb.registry import TIERS
@@ -66,6 +67,7 @@ class Description:
     source: Source = field(default_factory=Source)
     training: Parameters = field(default_factory=dict)
     primitive: Primitive = "triangle"
+    origin: Origin = NO_ORIGIN
 
 
 def build_asset(
@@ -80,8 +82,8 @@ def build_asset(
     Parameters
     ----------
     buffers : mapping of str to ndarray
-        `positions` (V, 3) float32, `indices` (F, 3) uint32; others are float32, uint32 or uint8. Contiguous
-        little-endian arrays are not copied.
+        `positions` (V, 3) float32 relative to the origin of `description`, `indices` (F, 3) uint32; others
+        are float32, uint32 or uint8. Contiguous little-endian arrays are not copied.
     domains : mapping of str to str
         The domains of all buffers except `positions` and `indices`.
     description : Description, optional
@@ -115,7 +117,7 @@ def build_asset(
     # Derive the other keys of the manifest.
     bounds, sphere = measure_bounds(positions)
     textured = description.appearance.get("kind") == KIND
-    is_splat = description.primitive == "gaussian"
+    is_splat, is_extended = description.primitive == "gaussian", textured or any(description.origin)
     passes = {"standard": (PASS,)} if textured else passes_of(description.method, description.primitive)
     meter = Meter("hashing buffers", sum(array.nbytes for array in arrays.values()), progress)
     all_domains: dict[str, Any] = {"positions": "vertex", "indices": "face", **domains}
@@ -128,7 +130,7 @@ def build_asset(
         bounds=bounds,
         bounding_sphere=sphere,
         required_passes={tier: passes[tier] for tier in TIERS if tier in passes},
-        version=VERSION if is_splat else TEXTURE_VERSION if textured else PLAIN_VERSION,
+        version=VERSION if is_splat else TEXTURE_VERSION if is_extended else PLAIN_VERSION,
         buffers={name: _spec(name, array, all_domains.get(name), meter) for name, array in arrays.items()},
     )
     raise_first_error(check_manifest(manifest.to_dict()), None)

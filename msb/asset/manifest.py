@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
 import numpy as np
 
+from msb.base.origin import NO_ORIGIN, Origin
 from msb.registry import TIERS, SettingSource, SettingValue
 
 FORMAT = "triasset"
-# The newest supported version. An asset is written as the oldest version that has what it needs.
+# The newest supported version. An asset is written as the oldest version that has what it needs: 1.1 has
+# textures and origins, 1.2 has Gaussians.
 VERSION = "1.2"
 TEXTURE_VERSION = "1.1"
 PLAIN_VERSION = "1.0"
@@ -38,7 +41,7 @@ DTYPES: dict[str, np.dtype[Any]] = {
 
 @dataclass(frozen=True)
 class Bounds:
-    """The axis-aligned bounding box of all finite vertices, in scene units."""
+    """The axis-aligned bounding box of all finite positions, relative to the origin, in scene units."""
 
     min: tuple[float, float, float]
     max: tuple[float, float, float]
@@ -46,7 +49,7 @@ class Bounds:
 
 @dataclass(frozen=True)
 class BoundingSphere:
-    """A bounding sphere of all finite vertices, in scene units (paper: R_bound)."""
+    """A bounding sphere of all finite positions, relative to the origin, in scene units (paper: R_bound)."""
 
     center: tuple[float, float, float]
     radius: float
@@ -133,6 +136,8 @@ class Manifest:
     """Properties of the training, read from its config files. An empty dict is not written."""
     primitive: Primitive = "triangle"
     """What a face is: a triangle, which is not written, or the stand-in of a Gaussian."""
+    origin: Origin = NO_ORIGIN
+    """The point of the scene that the positions are relative to. The origin (0, 0, 0) is not written."""
     format: str = FORMAT
     version: str = PLAIN_VERSION
     extra: Parameters = field(default_factory=dict, repr=False)
@@ -153,6 +158,8 @@ class Manifest:
             del data["training"]
         if self.primitive == "triangle":
             del data["primitive"]
+        if not any(self.origin):
+            del data["origin"]
         ordered = {"format": data.pop("format"), "version": data.pop("version")}
         buffers = data.pop("buffers")
         return {**ordered, **data, **extra, "buffers": buffers}
@@ -180,12 +187,13 @@ class Manifest:
                 tuple(SourceFile(f["path"], f["sha256"], f["byte_length"]) for f in data["source"]["files"])
             ),
             buffers={name: _buffer_spec(spec) for name, spec in data["buffers"].items()},
+            origin=_vector(data.get("origin", NO_ORIGIN)),
             extra={key: value for key, value in data.items() if key not in keys},
         )
         return cls(**known)
 
 
-def _vector(values: list[float]) -> tuple[float, float, float]:
+def _vector(values: Sequence[float]) -> tuple[float, float, float]:
     x, y, z = map(float, values)
     return x, y, z
 

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msb.bake.arrays import Floats, Ints, Singles
+from msb.bake.chart_merging import merge_small_charts
 from msb.base.children import run_in_child
 from msb.base.extras import need_extra
 from msb.base.limits import Limits
@@ -235,7 +236,7 @@ def unwrap_in_child(word: str, arrays: Arrays) -> tuple[Any, Arrays]:
 
     packing = xatlas.PackOptions()
     packing.resolution, packing.padding, packing.bilinear = int(word), _PADDING, True
-    plane, faces, chart = _cut_charts(arrays["vertices"], arrays["faces"])
+    plane, faces, chart = _merge_charts(arrays, *_cut_charts(arrays["vertices"], arrays["faces"]))
     # Scale each chart so that its area is the number of pixels of its faces, within limits.
     face_chart = chart[faces[:, 0]]
     area, pixels = (
@@ -257,6 +258,22 @@ def unwrap_in_child(word: str, arrays: Arrays) -> tuple[Any, Arrays]:
     places = np.rint(uv.astype(np.float64) * sides / sides.max() * _COORDINATE_STEPS)[faces]
     uvs = (places / _COORDINATE_STEPS).reshape(-1, 2).astype(np.float32)
     return {"charts": int(packed.chart_count)}, {"uv": uvs}
+
+
+def _merge_charts(arrays: Arrays, plane: Floats, faces: Ints, chart: Ints) -> tuple[Floats, Ints, Ints]:
+    """Return flat charts as `_cut_charts` does, with small charts merged into their neighbours."""
+    vertices, whole = arrays["vertices"].astype(np.float64), arrays["faces"].astype(np.int64)
+    corners, face_chart = merge_small_charts(vertices, whole, plane[faces], chart[faces[:, 0]])
+    # Corners of one vertex at one place of a chart are one vertex of the chart.
+    keys = np.column_stack([np.repeat(face_chart, 3), whole.reshape(-1), corners.reshape(-1, 2)])
+    rows, joined = np.unique(keys, axis=0, return_inverse=True)
+    # Number the charts without gaps.
+    numbers = np.unique(rows[:, 0], return_inverse=True)[1]
+    return (
+        np.ascontiguousarray(rows[:, 2:]),
+        joined.reshape(-1, 3).astype(np.int64),
+        numbers.reshape(-1).astype(np.int64),
+    )
 
 
 def _cut_charts(vertices: Singles, faces: NDArray[np.uint32]) -> tuple[Floats, Ints, Ints]:

@@ -96,7 +96,7 @@ def bake(
     else:
         endings = list_endings(len(options.lod_shares), has_collision=options.collision is not None)
         for place in list_output_files(files.outputs, endings):
-            output.check_free(place)
+            output.check_free(place, label="--out")
     asset = open_asset(path, output)
     cameras = None if views.cameras is None else views.read(output.note)
     scene: Scene | Path | None = files.scene

@@ -11,6 +11,7 @@ import numpy as np
 
 from msb.bake.arrays import Floats, Mask, Singles
 from msb.bake.space import EDGE
+from msb.base.origin import NO_ORIGIN
 from msb.meshes.assets import asset_from_mesh
 from msb.meshes.mesh import Mesh
 from msb.render import Renderer
@@ -86,7 +87,7 @@ class DepthRenderer(StandardRenderer):
     """Draws depth maps of a mesh and lets them vote on cells."""
 
     def __init__(self, mesh: Mesh, device: str | Device | None = None) -> None:
-        super().__init__(asset_from_mesh(mesh), device=device)
+        super().__init__(asset_from_mesh(mesh, origin=NO_ORIGIN), device=device)
         self._fuse = self._device.program("bake_fuse", {"RECORD": _RECORD, "UNKNOWN": UNKNOWN})
 
     def read_depth(self, camera: Camera) -> Singles:

@@ -7,12 +7,15 @@ like crumpled paper, because the depths of a fitted soup are uneven.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from msb.bake.arrays import Floats, Ints
-from msb.bake.color_fit import make_edge_laplacian
+from msb.bake.closed_mesh import make_neighbour_average
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_matrix
 
 # Width of the filter of normals, as a length of the difference of two unit normals. Normals that differ by 30
 # degrees (0.52) have a weight of 0.59, and at a crease of 90 degrees (1.41) the weight is 0.02.
@@ -22,6 +25,10 @@ _NORMAL_WIDTH = 0.5
 TURNS = 10
 # Shares of the way to the average of the neighbours in the two halves of a turn of `smooth`.
 _SHARES = 0.5, -0.53
+# A face is folded if the cosine of an angle is below this limit: the angle between its normal and the sum of
+# the normals around it, weighted by area. At the rim of a thin sheet, the sum includes both sides, and the
+# cosine is near 0.
+_FOLDED = -0.3
 # Rounds of the filter, and rounds of moving the vertices, in a turn of `fair`.
 _FILTER_ROUNDS, _MOVE_ROUNDS = 3, 3
 
@@ -55,22 +62,41 @@ def smooth(points: Floats, faces: Ints, turns: int) -> Floats:
     A turn moves each vertex towards the average of its neighbours, then away from it (Taubin 1995). It
     removes the noise of single cells.
     """
-    laplacian = make_edge_laplacian(faces, len(points))
-    degree = np.maximum(laplacian.diagonal(), 1)[:, None]
+    average = make_neighbour_average(faces, len(points))
     for _ in range(turns):
         for share in _SHARES:
-            points = points - share * (laplacian @ points) / degree
+            points = points + share * (average @ points - points)
     return points
 
 
 def fair(points: Floats, faces: Ints, turns: int = TURNS) -> Floats:
     """Return the points (V, 3) of a surface after `turns` turns of filtering normals and moving vertices."""
     neighbours = find_neighbours(faces, len(points))
+    average = make_neighbour_average(faces, len(points))
     for _ in range(turns):
+        points = _unfold(points, faces, neighbours, average)
         normals = filter_normals(points, faces, neighbours, _FILTER_ROUNDS)
         for _ in range(_MOVE_ROUNDS):
             points = follow_normals(points, faces, normals)
     return points
+
+
+def _unfold(points: Floats, faces: Ints, neighbours: Neighbours, average: csr_matrix) -> Floats:
+    """Return the points (V, 3) with folded faces opened.
+
+    A folded face lies upside down between its neighbours. The filter cannot turn it, as its normal differs
+    too much from theirs. Its corners move half way to the average of their neighbours instead.
+    """
+    corners = points[faces]
+    vectors = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    sums = np.add.reduceat(vectors[neighbours.faces], neighbours.starts[:-1]) - vectors
+    products = np.einsum("fk,fk->f", vectors, sums)
+    lengths = np.linalg.norm(vectors, axis=1) * np.linalg.norm(sums, axis=1)
+    moved = np.zeros(len(points), bool)
+    moved[faces[products < _FOLDED * lengths]] = True
+    result = points.copy()
+    result[moved] = ((points + average @ points) / 2)[moved]
+    return result
 
 
 def filter_normals(points: Floats, faces: Ints, neighbours: Neighbours, rounds: int) -> Floats:

@@ -90,7 +90,7 @@ def _make_page(
     preview = baked.preview
     views = [
         camera.scaled(max(1.0, _MIN_PAGE_SIDE / max(camera.width, camera.height)))
-        for camera in preview.cameras
+        for camera in (camera.relative_to(baked.asset.manifest.origin) for camera in preview.cameras)
     ]
     scene = scene_to_json(name, views, up_axis(baked.asset), report.background, find_framing(baked.asset))
     rows = "held-out views" if report.test else "training views, as no view was held out"

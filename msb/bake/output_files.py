@@ -70,17 +70,20 @@ def list_output_files(paths: Sequence[Path], endings: Sequence[str] = ("",)) -> 
     UsageError
         USAGE: two outputs would write the same file.
     """
-    files = []
+    written: dict[Path, Path] = {}  # file -> the path of `paths` that it belongs to
     for path in paths:
         suffix = output_suffix(path)
         for ending in endings:
             place = add_ending(path, ending)
             others = companion_files(_SMALLEST_TEXTURED, place, Style()) if suffix != ASSET_SUFFIX else {}
-            files += [place, *others]
-    if len(set(files)) < len(files):
-        twice = next(path for path in files if files.count(path) > 1)
-        raise UsageError("USAGE", "two outputs would both write it; use different names", file=twice)
-    return files
+            for file in (place, *others):
+                if file in written:
+                    both = f"--out {written[file]} and --out {path}"
+                    raise UsageError(
+                        "USAGE", f"{both} would both write this file; use different names", file=file
+                    )
+                written[file] = path
+    return list(written)
 
 
 def write_assets(

@@ -33,6 +33,7 @@ from msb.bake.requirements import choose_color_target
 from msb.bake.texture import fit_texture, select_first_pass
 from msb.bake.vertex_colors import fit_vertex_colors
 from msb.bake.views import BakeViews
+from msb.base.origin import NO_ORIGIN
 from msb.errors import AssetError, UsageError
 from msb.meshes.assets import asset_from_mesh
 from msb.meshes.mesh import Mesh
@@ -201,7 +202,7 @@ class BakePipeline:
                 mesh = candidates[name]
                 colored = self._fit_colors(name, mesh, self._choose_color_target(name, mesh), self._training)
                 self._progress("comparing", 0, 1)
-                asset = asset_from_mesh(colored)
+                asset = asset_from_mesh(colored, origin=NO_ORIGIN)
                 tried[name] = measure_psnr(asset, targets, SAMPLES_PER_SIDE, self._device)[0]
         chosen, why = self._choose_candidate(candidates, tried)
         notes += candidate_notes[chosen]
@@ -232,7 +233,7 @@ class BakePipeline:
 
         def measure(size: int | None) -> tuple[int, float]:
             fitted = self._fit_colors(name, mesh, "texture", self._training, size)
-            asset = asset_from_mesh(fitted)
+            asset = asset_from_mesh(fitted, origin=NO_ORIGIN)
             values = [measure_psnr(asset, targets, samples, self._device)[0] for samples in _SAMPLES]
             return fitted.textures[0].shape[0], sum(values) / len(values)
 
@@ -423,5 +424,5 @@ class BakePipeline:
 
     def measure(self, mesh: Mesh) -> tuple[Psnr | None, Psnr | None]:
         """Return the PSNR of a mesh on the test views, to native renderings and to photographs."""
-        baked = asset_from_mesh(mesh)
+        baked = asset_from_mesh(mesh, origin=NO_ORIGIN)
         return measure_quality(self._asset, baked, self._views, self._source, self._device)

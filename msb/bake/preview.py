@@ -1,6 +1,8 @@
 """The preview image of a bake: target images, the unbaked standard-tier mesh, and the baked mesh."""
 
-from dataclasses import dataclass
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -9,6 +11,7 @@ from msb.asset.tiers import why_not
 from msb.bake.arrays import Singles
 from msb.bake.image_source import SAMPLES_PER_SIDE, ImageSource
 from msb.bake.views import BakeViews
+from msb.base.origin import Origin
 from msb.render import Renderer
 from msb.scenes import Camera
 from msb.views import spread_evenly
@@ -37,6 +40,11 @@ class Preview:
     image: Singles
     columns: tuple[str, ...]
     cameras: tuple[Camera, ...]
+
+    def moved_back(self, origin: Origin) -> Preview:
+        """Return the preview with its cameras in the scene, from cameras relative to `origin`."""
+        to_scene = -np.asarray(origin)
+        return replace(self, cameras=tuple(camera.relative_to(to_scene) for camera in self.cameras))
 
 
 def make_preview(

@@ -307,10 +307,10 @@ class Report:
             is_same = self.before.level == self.after.level
             change = "as before" if is_same else f"was {self.before.level.upper()}"
         text = f"Audit: {self.after.level.upper()}, {change}"
-        text += f" ({self.after.reason})" if self.after.reason else ""
+        text += f": {self.after.reason}" if self.after.reason else ""
         # If a surface was already made or tried, there is nothing else to advise.
         can_help = self.after.level != "ok" and "surface" not in (self.geometry, *self.tried)
-        return text + (": use --geometry surface for a watertight mesh" if can_help else "")
+        return text + ("; use --geometry surface for a watertight mesh" if can_help else "")
 
     def to_dict(self) -> dict[str, Any]:
         """Return the report as JSON data (schema msb.bake/1)."""

@@ -6,13 +6,16 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Unpack
+
+import numpy as np
 
 from msb.api.auditing import audit
 from msb.api.opening import as_asset
 from msb.asset import Asset
+from msb.asset.origin import with_origin, without_origin
 from msb.bake.folder import is_folder_output, write_folder
 from msb.bake.image_cache import SUFFIX
 from msb.bake.options import BakeKeywords, BakeOptions, Material, need_libraries
@@ -32,6 +35,7 @@ from msb.bake.shape import compare_with_truth, measure_visible_bending
 from msb.bake.supervision import BakeInputs, make_best_attempt
 from msb.bake.views import BakeViews
 from msb.base.atomic import check_place, room_for_temporaries
+from msb.base.origin import NO_ORIGIN, Origin
 from msb.base.paths import given_path
 from msb.base.soup import is_soup
 from msb.cl.devices import choose_device
@@ -169,20 +173,11 @@ def bake(
         The number of steps of each search: a quarter of the normal number, the normal number, or 2.5 times
         as many. The result does not depend on the speed or the load of the machine.
     seconds : float, optional
-        Upper limit of the time to move fitted triangles; a note reports the steps that were left out. By
-        default there is no limit. The limit applies to each search:
-
-        ========================  ==================
-        candidates                time
-        ========================  ==================
-        fitted                    `seconds`
-        surface                   1.5 times as long
-        fitted and surface        2 times as long
-        each level of detail      `seconds` more
-        ========================  ==================
-
-        With a limit the result depends on the speed of the machine. If `seconds` is 0, triangles move by a
-        single step, and the face selection still runs. The time for `collision` is not included.
+        Upper limit of the time to move fitted triangles, no limit by default. A surface takes 1.5 times as
+        long, fitted triangles and a surface together 2 times as long. Each level of detail takes `seconds`
+        more. A note gives the number of steps that were left out, and the result then depends on the speed of
+        the machine. If `seconds` is 0, triangles move by a single step, and the face selection still runs.
+        The time for `collision` is not included.
     seed : int, default 0
         Seed of the search. Without a limit of `seconds`, bakes with one seed on one device have the same
         result.
@@ -238,16 +233,19 @@ def bake(
             attempt, supervisions, supervision_notes = make_best_attempt(inputs, settings, stack, stopped)
             views, source, pipeline = attempt.views, attempt.source, attempt.pipeline
             mesh, choice = attempt.mesh, attempt.choice
+            # All stages compute in float32, so they use coordinates relative to the origin of the model.
+            origin = model.manifest.origin
+            model = without_origin(model)
             report_progress("measuring", 0, 1)
             native, photographs = pipeline.measure(mesh)
-            shape_report = _measure_shape(mesh, views, settings, device)
+            shape_report = _measure_shape(mesh, views, settings, origin, device)
             levels, level_notes = pipeline.make_levels(choice.geometry, mesh, settings.lod_shares)
             kind = settings.collision
             collision = None if kind is None else pipeline.make_collision(mesh, kind)
             if choice.geometry == "surface" and is_interior(mesh):
                 mesh = add_outer_skin(mesh, settings.thickness)
                 levels = [(level, add_outer_skin(lod, settings.thickness)) for level, lod in levels]
-            baked = asset_from_mesh(mesh)
+            baked = asset_from_mesh(mesh, origin=NO_ORIGIN)
             report_progress("preview", 0, 1)
             preview = make_preview(model, baked, views, source, device)
             cache_notes = [] if source.cache is None else source.cache.notes()
@@ -284,15 +282,23 @@ def bake(
         collision=None if collision is None else CollisionReport.of(collision),
         path=None if model.opened_from is None else str(model.opened_from),
     )
-    lods = tuple(asset_from_mesh(lod) for _, lod in levels)
-    shape = None if collision is None else asset_from_mesh(collision.mesh)
-    return Baked(baked, report, preview, lods, shape, settings.material)
+    # Move the results back into the scene.
+    lods = tuple(with_origin(asset_from_mesh(lod, origin=NO_ORIGIN), origin) for _, lod in levels)
+    shape = None
+    if collision is not None:
+        shape = with_origin(asset_from_mesh(collision.mesh, origin=NO_ORIGIN), origin)
+    return Baked(
+        with_origin(baked, origin), report, preview.moved_back(origin), lods, shape, settings.material
+    )
 
 
 def _measure_shape(
-    mesh: Mesh, views: BakeViews, settings: BakeOptions, device: str | None
+    mesh: Mesh, views: BakeViews, settings: BakeOptions, origin: Origin, device: str | None
 ) -> ShapeReport | None:
-    """Return the shape of a connected mesh in the test views, or in all views if there are none."""
+    """Return the shape of a connected mesh in the test views, or in all views if there are none.
+
+    The mesh and the views are relative to `origin`.
+    """
     if is_soup(mesh.faces):
         return None
     cameras = views.test or views.all_but_test
@@ -300,6 +306,7 @@ def _measure_shape(
     if settings.truth is None:
         return ShapeReport(bending)
     truth = mesh_from_asset(as_asset(settings.truth))
+    truth = replace(truth, vertices=(truth.vertices - np.array(origin)).astype(np.float32))
     return ShapeReport(bending, compare_with_truth(mesh, truth, cameras, device))
 
 

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msb.bake.arrays import Floats, Ints, Mask
+from msb.base.origin import NO_ORIGIN
 from msb.cl import Device
 from msb.meshes.assets import asset_from_mesh
 from msb.meshes.mesh import Mesh
@@ -208,7 +209,7 @@ def _draw_views(mesh: Mesh, cameras: Sequence[Camera], device: str | Device | No
     """Yield the visible faces and depths of a mesh in each view, one sample at the middle of each pixel."""
     # Without colours the mesh would be lit.
     black = Mesh(mesh.vertices, mesh.faces, np.zeros((len(mesh.vertices), 3), np.uint8))
-    with Renderer(asset_from_mesh(black), "standard", device) as renderer:
+    with Renderer(asset_from_mesh(black, origin=NO_ORIGIN), "standard", device) as renderer:
         for camera in cameras:
             frame = renderer.render(camera)
             assert frame.face_id is not None

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from msb.asset import Asset
 from msb.bake.arrays import Floats, Mask, Singles
 from msb.bake.images import ViewImages
+from msb.base.origin import NO_ORIGIN
 from msb.cl import Buffer, Device, sort_pairs
 from msb.meshes.assets import asset_from_mesh
 from msb.meshes.mesh import Mesh
@@ -106,7 +107,7 @@ class SoupRenderer(SupervisedRenderer):
     ) -> None:
         count = len(corners)
         soup = Mesh(corners.reshape(-1, 3), np.arange(3 * count).reshape(-1, 3), colors.reshape(-1, 3))
-        super().__init__(asset_from_mesh(soup), images, device)
+        super().__init__(asset_from_mesh(soup, origin=NO_ORIGIN), images, device)
         self._count = count
         wide = self._device.record.int64_atomics
         self._total_type = np.int64 if wide else np.int32

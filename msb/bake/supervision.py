@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from msb.asset import Asset
+from msb.asset.origin import without_origin
 from msb.asset.tiers import why_not
 from msb.bake.context import ProgressHook
 from msb.bake.image_source import SAMPLES_PER_SIDE, ImageSource
@@ -16,6 +17,7 @@ from msb.bake.options import BakeOptions, Supervision
 from msb.bake.pipeline import BakePipeline, Choice
 from msb.bake.quality import measure_psnr
 from msb.bake.views import BakeViews, choose_bake_views
+from msb.base.origin import NO_ORIGIN
 from msb.meshes.assets import asset_from_mesh
 from msb.meshes.mesh import Mesh
 from msb.scenes import Camera
@@ -73,7 +75,7 @@ def make_best_attempt(
     psnr = {}
     with native.source.photographs(cameras) as targets:
         for name, attempt in attempts.items():
-            asset = asset_from_mesh(attempt.mesh)
+            asset = asset_from_mesh(attempt.mesh, origin=NO_ORIGIN)
             psnr[name] = measure_psnr(asset, [targets], SAMPLES_PER_SIDE, inputs.device)[0]
     values = ", ".join(f"{name} {value:.1f} dB" for name, value in psnr.items())
     if psnr["photographs"] < psnr["native"] + _MIN_GAIN:
@@ -93,7 +95,7 @@ def _make_attempt(
     stack: ExitStack,
     stopped: Callable[[], bool],
 ) -> Attempt:
-    """Bake with a supervision."""
+    """Bake with a supervision, in coordinates relative to the origin of the model."""
     inputs.progress("views", 0, 1)
     views = choose_bake_views(
         inputs.model,
@@ -106,9 +108,10 @@ def _make_attempt(
         kind=options.views,
     )
     inputs.progress("views", 1, 1)
-    source = stack.enter_context(ImageSource(inputs.model, views, supervision, inputs.device, inputs.cache))
+    model, views = without_origin(inputs.model), views.relative_to(inputs.model.manifest.origin)
+    source = stack.enter_context(ImageSource(model, views, supervision, inputs.device, inputs.cache))
     pipeline = stack.enter_context(
-        closing(BakePipeline(inputs.model, views, source, options, inputs.device, inputs.progress))
+        closing(BakePipeline(model, views, source, options, inputs.device, inputs.progress))
     )
     mesh, choice = pipeline.make_mesh(stopped)
     return Attempt(views, source, pipeline, mesh, choice)

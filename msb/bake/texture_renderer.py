@@ -7,6 +7,7 @@ import numpy as np
 from msb.bake.images import ViewImages
 from msb.bake.soup_renderer import SupervisedRenderer
 from msb.bake.texture_equations import TextureEquations
+from msb.base.origin import NO_ORIGIN
 from msb.cl import Buffer, Device, sort_pairs
 from msb.meshes.assets import asset_from_mesh
 from msb.meshes.mesh import Mesh
@@ -22,7 +23,7 @@ class TextureRenderer(SupervisedRenderer):
     """Draws a mesh with a square texture from the cameras of target images."""
 
     def __init__(self, mesh: Mesh, images: ViewImages, device: str | Device | None = None) -> None:
-        super().__init__(asset_from_mesh(mesh), images, device)
+        super().__init__(asset_from_mesh(mesh, origin=NO_ORIGIN), images, device)
         assert mesh.corner_uvs is not None
         self._kernels = self._device.program("bake_texture", self._triangles.defines)
         with self._scope.setting_up():

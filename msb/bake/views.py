@@ -3,15 +3,19 @@
 Test views are rendered last and are only used for the final measurement.
 """
 
+from __future__ import annotations
+
 import math
 import os
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 from msb.asset import Asset
 from msb.asset.look import up_axis
 from msb.asset.tiers import why_not
+from msb.base.origin import Origin
 from msb.errors import MetricError, UsageError
 from msb.render.options import ViewKind
 from msb.scenes import Camera
@@ -95,6 +99,14 @@ class BakeViews:
     def background_of(self, camera: Camera) -> Color:
         """Return the colour behind the model in the view of a camera, which may be scaled."""
         return self.backgrounds.get(str(camera.name), self.background)
+
+    def relative_to(self, origin: Origin) -> BakeViews:
+        """Return the views in coordinates relative to the origin of a model. `scene` stays as it is."""
+        kinds = ("training", "validation", "test", "interpolated")
+        moved: dict[str, Any] = {
+            kind: tuple(camera.relative_to(origin) for camera in getattr(self, kind)) for kind in kinds
+        }
+        return replace(self, **moved)
 
     @property
     def all_but_test(self) -> tuple[Camera, ...]:

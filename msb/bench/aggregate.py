@@ -79,8 +79,9 @@ def why_unsteady(result: Result) -> str | None:
     if result.timing is None or (_compute_rate_range(result.timing) or 0.0) <= MAX_RATE_RANGE:
         return None
     slow, fast = min(result.timing.round_fps), max(result.timing.round_fps)
-    rates = f"the slowest of {len(result.timing.round_fps)} rounds had {slow:.3g} frames per second"
-    return f"{rates}, the fastest {fast:.3g}; run the timing again on an idle machine"
+    slowest, fastest = (f"{rate:,.0f}" if rate >= 100 else f"{rate:.3g}" for rate in (slow, fast))
+    rates = f"the slowest of {len(result.timing.round_fps)} rounds had {slowest} frames per second"
+    return f"{rates}, the fastest {fastest}; run the timing again on an idle machine"
 
 
 def _get_memory(result: Result) -> float | None:

@@ -287,8 +287,12 @@ def _combine(metric: str, gaps: Mapping[GapName, Gap], *, same_scenes: bool = Tr
 
 
 def _find_commonest(reasons: list[str]) -> str:
-    """Return the most frequent reason."""
-    return max(dict.fromkeys(reasons), key=reasons.count) if reasons else "missing"
+    """Return the most frequent reason; "missing" only if no scene has another one.
+
+    Otherwise an incomplete dataset would hide why its measured scenes are not comparable.
+    """
+    others = [reason for reason in reasons if reason != "missing"]
+    return max(dict.fromkeys(others), key=others.count) if others else "missing"
 
 
 def _get_photograph_setup(result: Result) -> tuple[str, bool] | None:

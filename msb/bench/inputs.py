@@ -23,11 +23,16 @@ from msb.bench.protocol_tables import ChamferTable, TrialTable, WalkTable
 from msb.bench.quality import hash_metrics
 from msb.bench.renders import find_renders
 from msb.bench.walk import plan_walk
-from msb.errors import MsbError
+from msb.errors import Finding, MsbError
 from msb.metrics.identity import defined
 from msb.metrics.steadiness import BLUR, REACH, SAME
-from msb.scenes.datasets import Scene, SceneAt, compare_training, note_scaled_cameras
+from msb.scenes.datasets import Scene, SceneAt, compare_training, note_scaled_cameras, warn_unknown_split
 
+# The note on a model whose split the user vouches for.
+VOUCHED = (
+    "its training does not record which views it held out; the protocol vouches that it saw no test view "
+    "(held_out)"
+)
 # Hexadecimal digits of a hash in a record. 16 digits are 64 bits, enough to detect a changed input.
 _SHORT_DIGITS = 16
 # Paths in the folder of DTU's official evaluation data: point cloud, observation mask and ground plane of a
@@ -62,12 +67,23 @@ class InputReader:
         self._scenes[scene.root] = scene
         return scene
 
-    def find_training_differences(self, model: ModelAsset, at: SceneAt, place: Path | None) -> Iterator[str]:
+    def find_training_differences(
+        self, model: ModelAsset | None, at: SceneAt, place: Path | None, *, held_out: bool
+    ) -> Iterator[str]:
         """Yield each difference between a model's training and the evaluation, and add it as a warning.
 
-        `place` is the path of the model.
+        `model` is None for official renderings without a model, and `place` is the path of the model.
+        `held_out` is the key of the protocol that vouches for a training which does not record its split.
         """
-        for note in compare_training(model.training, model.background, self.read_scene(at)):
+        notes: list[Finding] = []
+        if model is not None:
+            notes += compare_training(model.training, model.background, self.read_scene(at))
+        if model is None or "eval" not in model.training:
+            if held_out:
+                yield VOUCHED
+            else:
+                notes.append(warn_unknown_split())
+        for note in notes:
             self.warnings[note.to_line(place)] = None
             yield note.message
 

@@ -8,6 +8,7 @@ from typing import Any, get_args
 from numpy.typing import NDArray
 
 from msb.asset import Asset
+from msb.asset.origin import world_positions
 from msb.base.atomic import new_folder
 from msb.base.limits import Limits
 from msb.bench.documents import AuditDocument, ChamferDocument, RepairDocument, TrialDocument
@@ -154,8 +155,8 @@ def _read_mesh(job: Job) -> tuple[NDArray[Any], NDArray[Any], str]:
         mesh = read_mesh(job.mesh)
         return mesh.vertices, mesh.faces, str(job.mesh)
     assert job.model is not None
-    buffers = job.model.open().buffers
-    return buffers["positions"], buffers["indices"], job.model.asset.path
+    asset = job.model.open()
+    return world_positions(asset), asset.buffers["indices"], job.model.asset.path
 
 
 def parse_scan_number(scene: str) -> int:
@@ -192,14 +193,25 @@ def read_training(job: Job) -> dict[str, Any]:
     assert job.training is not None
     track = read_training_record(job.training)
     if isinstance(track, TrainingLog):
-        training = Training(seconds=track.seconds, peak_memory_bytes=None, source=str(job.training))
-        return {"training": training}
+        why = "our trainer runs on a CPU and records no memory"
+        return {
+            "training": Training(
+                seconds=track.seconds,
+                peak_memory_bytes=None,
+                source=str(job.training),
+                memory_reason=why,
+                trainer="ours",
+            )
+        }
     if track.exit_status:
         text = (
             f"the training failed with exit status {track.exit_status}, so its time and memory are not used"
         )
         raise InputError("TRAINING_FAILED", text, file=job.training)
     training = Training(
-        seconds=track.seconds, peak_memory_bytes=track.peak_gpu_memory_bytes, source=str(job.training)
+        seconds=track.seconds,
+        peak_memory_bytes=track.peak_gpu_memory_bytes,
+        source=str(job.training),
+        memory_reason=track.gpu_reason,
     )
     return {"training": training}

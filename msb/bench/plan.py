@@ -293,8 +293,12 @@ class Planner:
             return None if template is None else self.file.resolve(template, **names)
 
         scene = self.scene_at(pair, model, cell.method)
-        trained = (
-            () if model is None else tuple(self.reader.find_training_differences(model, scene, pair.model))
+        trained = tuple(
+            self.reader.find_training_differences(
+                model, scene, pair.model or path(method.non_engine), held_out=method.held_out
+            )
+            if model is not None or pair.model is None  # a dry run does not read models
+            else ()
         )
         renders = path(method.non_engine) if cell.condition == "non_engine" else None
         variant = self._find_variant(cell)

@@ -74,6 +74,8 @@ class MethodTable(SceneOptions):
     non_engine_timing: Template | None = None
     # A record of `msb track`.
     training: Template | None = None
+    # The user's word that no test view was seen by trainings that do not record their split.
+    held_out: bool = False
     # The mesh for the Chamfer distance. Default: the triangles of the asset.
     mesh: Template | None = None
 

@@ -326,11 +326,15 @@ class WalkDocument(Record):
 
 
 class Training(Record):
-    """Time and memory of a training, from a record of `msb track`."""
+    """Time and memory of a training, from a record of `msb track` or from the log of our own trainer."""
 
     seconds: Amount | None
     peak_memory_bytes: Count | None
     source: str
+    # Why the memory is unknown.
+    memory_reason: str | None = None
+    # "ours" for models of our own trainer (docs/training.md), which runs on a CPU.
+    trainer: Literal["official", "ours"] = "official"
 
 
 class RendererInfo(Record):

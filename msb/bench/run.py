@@ -200,6 +200,8 @@ class _Run:
         for planned in cells:
             if planned.reason is not None:
                 self.record(planned)
+            elif planned.status == "done" and planned.job is not None:
+                self.update_notes(planned.job)
         # Timings run alone after all other parts, and only for cells whose other parts did not fail.
         pending = [
             planned.job for planned in cells if planned.job is not None and planned.status == "pending"
@@ -298,6 +300,12 @@ class _Run:
         assert planned.status in ("failed", "unsupported")
         result = Result(cell=planned.cell, status=planned.status, reason=planned.reason, seconds=0.0)
         write_result(self.results.cell(planned.cell), result)
+
+    def update_notes(self, job: Job) -> None:
+        """Write the record of a finished cell again if only the notes on its training changed."""
+        result = self.results.read(job.cell)
+        if result.trained != job.trained:
+            write_result(job.folder, result.model_copy(update={"trained": job.trained}))
 
     def write_videos(self, cells: list[Planned]) -> None:
         """Write the films of the protocol, if it has any."""

@@ -124,7 +124,8 @@ def _list_published_fields() -> dict[str, Any]:
             "frames", "width", "height", "flicker", "flicker_worst", "worst_frame", "holes", "seconds"
         )
         | {"film": None},
-        "training": _keep("seconds", "peak_memory_bytes") | {"source": WITHHELD},
+        "training": _keep("seconds", "peak_memory_bytes", "trainer")
+        | dict.fromkeys(("source", "memory_reason"), WITHHELD),
         "trained": _KEEP,
         "renderer_timing": _keep(
             "schema", "frames", "seconds", "device", "whole_command", "peak_gpu_memory_bytes"

@@ -16,9 +16,10 @@ from msb import metrics
 from msb.base.atomic import new_file
 from msb.bench.aggregate import CONDITION_TITLES
 from msb.bench.digest import digest
-from msb.bench.folder import Results, check_run
+from msb.bench.folder import RESULT, Results, check_run
 from msb.bench.photographs import read_planned_scene
 from msb.bench.quality import open_renderer
+from msb.bench.records import Cell, read_result
 from msb.bench.validation import read_json
 from msb.errors import MsbError
 from msb.registry import METHODS
@@ -134,7 +135,7 @@ def write_video(task: FilmTask) -> None:
     first = task.jobs[0]
     check_run(first.root, first.run)
     scene = read_planned_scene(first.scene, first.views)
-    titles = [CONDITION_TITLES.get(job.cell.condition_name, job.cell.condition_name) for job in task.jobs]
+    titles = [_get_condition_title(job.cell) for job in task.jobs]
     with contextlib.ExitStack() as stack:
         if task.options.path == "test":
             titles = [PHOTOGRAPH.capitalize(), *titles]
@@ -160,9 +161,33 @@ def write_grid(task: FilmTask) -> None:
     )
     panels = [_read_panels(film, titles) for film, titles in zip(films, captions, strict=True)]
     rows = zip(*panels, strict=False)
-    titles = [METHODS[model].title if model in METHODS else model for model in models]
-    write_film(task.path, (_draw_grid(row, columns, titles) for row in rows), task.options.fps)
+    titles = [_get_model_title(job.cell) for job in task.jobs]
+    absent = [_find_unsupported_titles(job) for job in task.jobs]
+    write_film(task.path, (_draw_grid(row, columns, titles, absent) for row in rows), task.options.fps)
     _write_description(task, columns=columns, rows=models)
+
+
+def _get_condition_title(cell: Cell) -> str:
+    """Return the title of a condition, such as "Standard" or "Dedicated, engine" for a variant."""
+    tier, _, name = cell.condition_key.partition("/")
+    return f"{CONDITION_TITLES[tier]}, {name}" if name else CONDITION_TITLES[tier]
+
+
+def _get_model_title(cell: Cell) -> str:
+    """Return the title of a method, after the label of the model if it has one."""
+    method = METHODS[cell.method].title if cell.method in METHODS else cell.method
+    return f"{cell.label} ({method})" if cell.label else method
+
+
+def _find_unsupported_titles(job: Job) -> set[str]:
+    """Return the titles of the conditions that a model does not support."""
+    titles = set()
+    for path in sorted(Results(job.root).cell(job.cell).parent.glob(f"*/{RESULT}")):
+        with contextlib.suppress(MsbError):
+            result = read_result(path)
+            if result.status == "unsupported":
+                titles.add(_get_condition_title(result.cell))
+    return titles
 
 
 def _read_panels(film: Path, titles: Sequence[str]) -> Iterator[dict[str, NDArray[np.uint8]]]:
@@ -173,22 +198,29 @@ def _read_panels(film: Path, titles: Sequence[str]) -> Iterator[dict[str, NDArra
 
 
 def _draw_grid(
-    rows: Sequence[dict[str, NDArray[np.uint8]]], columns: Sequence[str], titles: Sequence[str]
+    rows: Sequence[dict[str, NDArray[np.uint8]]],
+    columns: Sequence[str],
+    titles: Sequence[str],
+    absent: Sequence[set[str]],
 ) -> NDArray[np.float32]:
     """Return one frame of a grid, (H, W, 3) with values from 0 to 1.
 
     `rows` holds the images of each method, by the title of the condition. `columns` are the titles of all
-    conditions, and `titles` the titles of the methods.
+    conditions, `titles` the titles of the methods, and `absent` the titles of the conditions that each method
+    does not support.
     """
     from PIL import Image
 
-    # All panels are scaled to the largest one; a missing condition stays black.
+    # All panels are scaled to the largest one. A missing one is black and says whether it is not supported.
     width, height = (max(panel.shape[axis] for row in rows for panel in row.values()) for axis in (1, 0))
     picture = Image.new("RGB", (width * len(columns), height * len(rows)))
-    for y, (row, name) in enumerate(zip(rows, titles, strict=True)):
-        for title, panel in row.items():
-            x = columns.index(title)
-            picture.paste(Image.fromarray(panel).resize((width, height)), (x * width, y * height))
+    for y, (row, name, unsupported) in enumerate(zip(rows, titles, absent, strict=True)):
+        for x, title in enumerate(columns):
+            if title in row:
+                picture.paste(Image.fromarray(row[title]).resize((width, height)), (x * width, y * height))
+            else:
+                why = "N/A" if title in unsupported else "not rendered"
+                _draw_title(picture, f"{title}: {why}", (x * width, y * height), height)
         _draw_title(picture, name, (0, (y + 1) * height - 2 * round(height * _TITLE_HEIGHT)), height)
     return np.asarray(picture, np.float32) / np.float32(255)
 

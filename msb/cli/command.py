@@ -295,7 +295,7 @@ def _check_paths(declared: Sequence[_Declared], values: dict[str, Any], output: 
             text = f'{parameter.label} is "{path.name}"; it must end in {endings}'
             raise UsageError("USAGE", text)
         if parameter.option.output == "file":
-            output.check_free(path)
+            output.check_free(path, label=parameter.label)
 
 
 _EXIT_TABLE = (

@@ -74,7 +74,7 @@ class Output:
     fail_fast: Annotated[bool, Option("Stop at the first input that fails.")] = False
     _inputs: set[object] = field(default_factory=set, init=False)
     _outputs: dict[object, tuple[str, Path]] = field(default_factory=dict, init=False)
-    _checked: set[str] = field(default_factory=set, init=False)
+    _checked: dict[str, str] = field(default_factory=dict, init=False)
     _progress_lines: ProgressLines = field(
         default_factory=lambda: ProgressLines(_print_progress), init=False, compare=False
     )
@@ -303,10 +303,13 @@ class Output:
         if other != label:
             raise UsageError("USAGE", f"{label} and {other} name the same file", file=path)
 
-    def check_free(self, path: Path | None, *, folder: bool = False) -> None:
+    def check_free(
+        self, path: Path | None, *, folder: bool = False, label: str = "a file beside the output"
+    ) -> None:
         """Reject an output that is also an input, that cannot be written, or that may not be replaced.
 
-        Without --force an existing `folder` must be empty. Devices and pipes are always accepted.
+        `label` names the option in the message about two outputs with the same file. Without --force an
+        existing `folder` must be empty. Devices and pipes are always accepted.
         """
         if path is None or is_stdout(path):
             return
@@ -320,10 +323,11 @@ class Output:
         if not is_stream(path):
             place = os.path.join(os.path.realpath(path.parent), path.name)  # noqa: PTH118 - a link is replaced
             if place in self._checked:
-                raise UsageError(
-                    "USAGE", "two outputs would be written to it; use different names", file=path
-                )
-            self._checked.add(place)
+                other = self._checked[place]
+                text = f"{other} and {label} would both write" if other != label else f"{label} would write"
+                twice = "" if other != label else " twice"
+                raise UsageError("USAGE", f"{text} this file{twice}; use different names", file=path)
+            self._checked[place] = label
 
     def check_folder(self, folder: Path, *, replace: bool | None = None) -> None:
         """Check a folder that `msb.base.own_folder` will write; `replace` is --force by default.

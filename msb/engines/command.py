@@ -80,7 +80,10 @@ class WebOptions:
 
 
 class PageContent(NamedTuple):
-    """The asset of a page, and how the page shows it."""
+    """The asset of a page, how the page shows it, and the mesh that was baked from it.
+
+    Meshes and cameras are relative to the origin of the asset.
+    """
 
     name: str
     asset: Asset
@@ -88,6 +91,7 @@ class PageContent(NamedTuple):
     cameras: list[Camera]
     up: str
     background: tuple[float, float, float]
+    baked: Asset | None = None
 
 
 def _check_options(path: Path | None, options: WebOptions, views: ViewOptions, typed: Typed) -> None:
@@ -146,8 +150,9 @@ def web(
         if not output.quiet:
             echo(str(target))
         return
-    from msb.api.command_files import open_asset
+    from msb.api.command_files import open_asset, open_baked
     from msb.asset.look import up_axis
+    from msb.asset.origin import without_origin
     from msb.views import choose_views
 
     asset = open_asset(path, output)
@@ -159,7 +164,11 @@ def web(
         cameras, origin = [] if chosen.origin == "turntable" else chosen.cameras, chosen.description
     axis = options.up or up_axis(asset)
     color = views.color(asset)
-    content = PageContent(path.name, asset, drawing.settings(asset), cameras, axis, color)
+    # A page computes in float32, so its mesh and cameras are relative to the origin of the asset.
+    baked = None if options.baked is None else open_baked(options.baked, asset, output)
+    cameras = [camera.relative_to(asset.manifest.origin) for camera in cameras]
+    place = path.name, without_origin(asset), drawing.settings(asset), cameras, axis, color
+    content = PageContent(*place, None if baked is None else without_origin(baked))
     if options.up is None and asset.manifest.coordinate_frame.up == "unknown":
         output.note(f"{path}: the up axis is unknown; {axis} is used. Set it with --up, for example --up=-y")
     if origin:
@@ -205,7 +214,6 @@ def _write(target: Path, data: bytes, output: Output) -> None:
 
 def write_page(content: PageContent, options: WebOptions, target: Path, output: Output) -> None:
     """Write the page of the dedicated tier and print a summary; measure the page if there is a browser."""
-    from msb.api.command_files import open_baked
     from msb.engines.dedicated_page.page import CheckView, make_page
     from msb.engines.hardware.packing import pack
     from msb.scenes.around import make_turntable
@@ -214,7 +222,6 @@ def write_page(content: PageContent, options: WebOptions, target: Path, output: 
     asset, background = content.asset, content.background
     with output.progress("checking the model"):
         pack(asset, content.settings)  # reports unsupported models before the slow steps
-    baked_asset = None if options.baked is None else open_baked(options.baked, asset, output)
     cameras = content.cameras or make_turntable(
         asset, 2 * TEST_VIEWS, TEST_SIDE, TEST_SIDE * 3 // 4, content.up
     )
@@ -226,7 +233,7 @@ def write_page(content: PageContent, options: WebOptions, target: Path, output: 
         small = [_limit_size(camera) for camera in spread_evenly(cameras, TEST_VIEWS)]
         images, against = _draw_native(content, asset, small, output, "drawing test views")
         tests = [CheckView(camera, background, image) for camera, image in zip(small, images, strict=True)]
-    baked = None if baked_asset is None else _measure_baked(content, baked_asset, tests)
+    baked = None if content.baked is None else _measure_baked(content, content.baked, tests)
     reduced, costs = _reduce(content, options, spread_evenly(cameras, WEIGHING_VIEWS), tests, output)
     with output.progress(f"packing {content.name}"):
         page = make_page(

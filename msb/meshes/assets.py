@@ -1,7 +1,7 @@
 """Convert meshes to assets, and assets to standard-tier meshes."""
 
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,34 +11,47 @@ from msb.asset.drawable import first_bad
 from msb.asset.finite import select_vertices
 from msb.asset.look import stored_threshold, tint_of, visible_faces, written_up
 from msb.asset.manifest import CoordinateFrame, Domain, Parameters
+from msb.asset.origin import world_positions
 from msb.asset.texture import Sampler, is_textured, texture_images
 from msb.asset.tiers import refusal, reject_gaussians
+from msb.base.origin import Origin, find_origin, to_local, to_world
 from msb.base.seam_keys import SEAM_KEY, hash_attributes
 from msb.errors import AssetError, Unsupported
 from msb.meshes.charts import with_sampled_colors, with_vertex_uvs, without_textures
 from msb.meshes.formats import FORMATS
 from msb.meshes.mesh import Mesh
 from msb.meshes.transform import rotate_axis, rotate_upright
-from msb.meshes.writing import as_float32, check_indices, check_writable
+from msb.meshes.writing import as_float32, as_local, check_indices, check_writable
 
 
-def asset_from_mesh(mesh: Mesh) -> Asset:
-    """Return `mesh` as an asset of method "mesh", with float32 positions and the colours as stored."""
-    buffers, domains, appearance = make_mesh_buffers(mesh)
-    description = Description(
-        appearance=appearance, coordinate_frame=CoordinateFrame(up=mesh.up or "unknown")
-    )
-    return build_asset(buffers, domains, description)
+class MeshBuffers(NamedTuple):
+    """The asset buffers of a mesh, their domains, the appearance for the manifest, and the origin."""
+
+    buffers: dict[str, NDArray[Any]]
+    domains: dict[str, Domain]
+    appearance: Parameters
+    origin: Origin
 
 
-def make_mesh_buffers(mesh: Mesh) -> tuple[dict[str, NDArray[Any]], dict[str, Domain], Parameters]:
-    """Return the asset buffers of `mesh`, their domains, and the appearance for the manifest.
+def asset_from_mesh(mesh: Mesh, *, origin: Origin | None = None) -> Asset:
+    """Return `mesh` as an asset of method "mesh", with float32 positions and the colours as stored.
+
+    The positions are relative to `origin`. Default: zero, unless the mesh needs an origin (`find_origin`).
+    """
+    made = make_mesh_buffers(mesh, origin)
+    frame = CoordinateFrame(up=mesh.up or "unknown")
+    description = Description(appearance=made.appearance, coordinate_frame=frame, origin=made.origin)
+    return build_asset(made.buffers, made.domains, description)
+
+
+def make_mesh_buffers(mesh: Mesh, origin: Origin | None = None) -> MeshBuffers:
+    """Return the asset buffers of `mesh`; see `asset_from_mesh`.
 
     Vertex colours take precedence over face colours. Textures are kept with their coordinates.
     """
     check_indices(mesh)
-    with np.errstate(over="ignore"):
-        positions = mesh.vertices.astype(np.float32)
+    origin = find_origin(mesh.vertices) if origin is None else origin
+    positions = to_local(mesh.vertices, origin)
     overflow = np.isinf(positions) & np.isfinite(mesh.vertices)
     if overflow.any():
         row = int(np.argmax(overflow.any(axis=1)))
@@ -65,7 +78,7 @@ def make_mesh_buffers(mesh: Mesh) -> tuple[dict[str, NDArray[Any]], dict[str, Do
     for keys, domain in ((mesh.vertex_keys, "vertex"), (mesh.corner_keys, "corner")):
         if keys is not None and SEAM_KEY not in buffers and _needs_keys(positions, buffers, domains):
             buffers[SEAM_KEY], domains[SEAM_KEY] = keys, domain  # type: ignore[assignment]
-    return buffers, domains, appearance
+    return MeshBuffers(buffers, domains, appearance, origin)
 
 
 def _needs_keys(
@@ -90,7 +103,8 @@ def mesh_from_asset(asset: Asset) -> Mesh:
 
     `msb.asset.look` computes the colours. An asset without colours gives a mesh without colours. Corner
     colours, and the face colours of a triangle soup, become vertex colours. A vertex is split if its corners
-    have different colours. Textures are kept. Faces below the asset's STE threshold are removed.
+    have different colours. Textures are kept. Faces below the asset's STE threshold are removed. Coordinates
+    are float32, or float64 if the asset has an origin.
 
     Raises
     ------
@@ -101,7 +115,7 @@ def mesh_from_asset(asset: Asset) -> Mesh:
     text = refusal(asset.manifest, "standard")
     if text is not None:
         raise Unsupported("UNSUPPORTED_TIER", text, file=asset.opened_from)
-    vertices, up = asset.buffers["positions"], written_up(asset)
+    vertices, up = world_positions(asset), written_up(asset)
     faces = asset.buffers["indices"].astype(np.int64)
     mesh, colors = Mesh(vertices, faces, up=up), tint_of(asset)
     if is_textured(asset):
@@ -133,14 +147,14 @@ def _with_textures(mesh: Mesh, asset: Asset) -> Mesh:
 
 
 def align_baked(baked: Asset, asset: Asset) -> Asset:
-    """Return a mesh that was baked from `asset`, in the coordinates of `asset`.
+    """Return a mesh that was baked from `asset`, in the coordinates and with the origin of `asset`.
 
     Files of baked meshes are rotated upright, because their formats require it. This function rotates the
     vertices back.
     """
     mesh, up = mesh_from_asset(baked), written_up(asset)
     vertices = rotate_axis(mesh.vertices, mesh.up or "unknown", up or "unknown")
-    return asset_from_mesh(replace(mesh, vertices=vertices, up=up))
+    return asset_from_mesh(replace(mesh, vertices=vertices, up=up), origin=asset.manifest.origin)
 
 
 def with_vertex_colors(mesh: Mesh) -> Mesh:
@@ -159,7 +173,7 @@ def fit_to_format(mesh: Mesh, suffix: str) -> Mesh:
     Colours and UVs are moved to the elements for which the format stores them, usually vertices. Textures
     become vertex colours if the format has no textures. The mesh is rotated upright if the format defines an
     up axis and the up axis of the mesh is known. If the format cannot share vertices between faces, every
-    face gets three separate vertices.
+    face gets three separate vertices. Coordinates are rounded as the format rounds them.
     """
     mesh = replace(mesh, vertex_keys=None, corner_keys=None)  # files are written without these attributes
     form = FORMATS[suffix]
@@ -176,7 +190,11 @@ def fit_to_format(mesh: Mesh, suffix: str) -> Mesh:
         mesh = rotate_upright(mesh, mesh.up)
     if form.is_soup and len(mesh.vertices) != 3 * len(mesh.faces):
         mesh = _separate_faces(mesh)
-    return replace(mesh, vertices=as_float32(mesh.vertices, form.title)) if form.is_single else mesh
+    if not form.is_single:
+        return mesh
+    if form.has_origin:
+        return replace(mesh, vertices=to_world(*as_local(mesh.vertices, form.title)))
+    return replace(mesh, vertices=as_float32(mesh.vertices, form.title))
 
 
 def with_faces(mesh: Mesh, keep: NDArray[np.bool_]) -> Mesh:

@@ -114,6 +114,9 @@ class Format:
         True if the format stores three vertices per face, so that faces never share vertices.
     is_single : bool
         True if the format always stores coordinates as float32.
+    has_origin : bool
+        For `is_single`: True if the format stores them relative to a point in float64, such as the
+        translation of a node (`msb.meshes.writing.as_local`).
     is_linear : bool
         True if the format defines vertex colours as linear light.
     up : str, optional
@@ -131,6 +134,7 @@ class Format:
     list_lost: Callable[[Mesh], list[str]] | None = None
     is_soup: bool = False
     is_single: bool = False
+    has_origin: bool = False
     is_linear: bool = False
     up: str | None = None
 

@@ -16,12 +16,13 @@ from numpy.typing import NDArray
 
 from msb.asset.texture import linear_to_srgb, srgb_to_linear
 from msb.base.extras import need_extra
+from msb.base.origin import to_world
 from msb.base.soup import is_unindexed
 from msb.meshes.colors import as_floats, with_alpha
 from msb.meshes.formats import Style, Web
 from msb.meshes.glb_write import INDICES, VERTICES, GlbBuilder, Primitive, add_mesh, finish, split, start_root
 from msb.meshes.mesh import Mesh
-from msb.meshes.writing import as_float32
+from msb.meshes.writing import as_local
 
 _MESHOPT, _QUANTIZATION = "EXT_meshopt_compression", "KHR_mesh_quantization"
 # Finest precision of positions, in quarters of a bit. Mantissas of 24 bits cannot represent the coordinates
@@ -44,12 +45,14 @@ class Grid:
     """Positions (V, 3) rounded to a grid.
 
     The position of vertex v is corner + step * whole[v], and whole[v] is a multiple of 2 ** exponents[v].
+    `origin` (3,) is the origin of `corner`.
     """
 
     whole: NDArray[np.int64]
     exponents: NDArray[np.int64]
     corner: NDArray[np.float64]
     step: float
+    origin: NDArray[np.float64]
 
     @classmethod
     def of(cls, mesh: Mesh, web: Web) -> Grid:
@@ -58,7 +61,8 @@ class Grid:
         The step is a power of two times 8, 7, 6 or 5 eighths. It is at least the float32 spacing at the
         farthest vertex. Different grid positions then stay different after decoding.
         """
-        positions = as_float32(mesh.vertices, "GLB").astype(np.float64)
+        local, origin = as_local(mesh.vertices, "GLB")
+        positions = local.astype(np.float64)
         coarser = np.zeros(len(positions), np.int64)
         if web.by_distance and is_unindexed(mesh.faces, len(mesh.vertices)):
             coarser = _coarsen_by_distance(mesh, positions)
@@ -73,12 +77,12 @@ class Grid:
         exponents = coarser - coarser.min()
         multiple = 2 ** exponents[:, None]
         whole = np.rint((positions - corner) / step / multiple).astype(np.int64) * multiple
-        return cls(whole, exponents, corner, step)
+        return cls(whole, exponents, corner, step, np.array(origin))
 
     @property
-    def positions(self) -> NDArray[np.float32]:
-        """The decoded positions (V, 3)."""
-        return (self.whole * self.step + self.corner).astype(np.float32)
+    def positions(self) -> NDArray[Any]:
+        """The decoded positions (V, 3): float32, or float64 with an origin."""
+        return to_world((self.whole * self.step + self.corner).astype(np.float32), self.origin)
 
     @property
     def stored(self) -> NDArray[Any]:
@@ -112,7 +116,10 @@ def write_web(mesh: Mesh, stream: BinaryIO, style: Style) -> None:
         web = replace(web, by_distance=False)  # `Grid.exponents` covers the whole mesh, not single primitives
     # Positions: grid coordinates, and a node transform that maps them back.
     grid = Grid.of(mesh, web)
-    builder.root["nodes"][0] |= {"translation": grid.corner.tolist(), "scale": [grid.step] * 3}
+    builder.root["nodes"][0] |= {
+        "translation": (grid.origin + grid.corner).tolist(),
+        "scale": [grid.step] * 3,
+    }
     attributes: dict[str, NDArray[Any]] = {"POSITION": grid.stored}
     if mesh.vertex_colors is not None:
         attributes["COLOR_0"] = with_alpha(quantize_light(mesh.vertex_colors, web.levels))

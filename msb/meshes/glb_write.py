@@ -17,7 +17,7 @@ from msb.meshes.gltf import CHUNK, COMPONENTS, HEADER
 from msb.meshes.image_files import encode_image
 from msb.meshes.mesh import Mesh
 from msb.meshes.normals import vertex_normals
-from msb.meshes.writing import as_float32
+from msb.meshes.writing import as_local
 
 _UNLIT = "KHR_materials_unlit"
 _WEBP = "EXT_texture_webp"
@@ -89,6 +89,7 @@ def write(mesh: Mesh, stream: BinaryIO, style: Style) -> None:
     """Write a two-sided mesh with one primitive per texture, unlit by default. Face colours are not written.
 
     Positions and texture coordinates are float32, because some programs do not scale normalized integers.
+    An origin of the positions is the translation of the node.
     Colours are linear light as uint8 or uint16. If the style requests sRGB, they are written as stored.
     """
     if not len(mesh.faces):
@@ -100,7 +101,10 @@ def write(mesh: Mesh, stream: BinaryIO, style: Style) -> None:
         write_web(mesh, stream, style)
         return
     builder = GlbBuilder(start_root(mesh, style))
-    attributes: dict[str, NDArray[Any]] = {"POSITION": as_float32(mesh.vertices, "GLB")}
+    positions, origin = as_local(mesh.vertices, "GLB")
+    if any(origin):
+        builder.root["nodes"][0]["translation"] = list(origin)
+    attributes: dict[str, NDArray[Any]] = {"POSITION": positions}
     if mesh.vertex_colors is not None:
         attributes["COLOR_0"] = _encode_colors(mesh.vertex_colors, style)
     if mesh.vertex_uvs is not None:

@@ -381,6 +381,7 @@ FORMATS = (
         begins=_BEGINS,
         keeps=("vertex_colors", "vertex_uvs"),
         is_single=True,
+        has_origin=True,
         up="+y",
     ),
     Format(
@@ -391,6 +392,7 @@ FORMATS = (
         begins=re.compile(rb"glTF"),
         keeps=("vertex_colors", "vertex_uvs", "normals", "textures"),
         is_single=True,
+        has_origin=True,
         is_linear=True,
         up="+y",
     ),

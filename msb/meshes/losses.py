@@ -7,8 +7,9 @@ import numpy as np
 from msb.asset import Asset
 from msb.asset.look import select_faces, stored_threshold
 from msb.asset.texture import Sampler
+from msb.base.origin import NO_ORIGIN, describe_origin, find_origin, round_coordinates
 from msb.meshes.formats import FORMATS
-from msb.meshes.mesh import Mesh
+from msb.meshes.mesh import Mesh, describe_rounding
 
 # Asset buffer that no mesh format can store -> its description.
 _UNWRITTEN = {"opacity": "opacity", "sigma": "soft edges (sigma)"}
@@ -60,6 +61,8 @@ def list_losses(
         yield f"{suffix} has no textures; they were converted to vertex colours{image_loss}"
     if suffix == ".obj" and mesh.textures and mesh.sampler != Sampler(alpha_cutoff=mesh.sampler.alpha_cutoff):
         yield f"{suffix} cannot store texture filtering and wrapping"
+    if form.is_single:
+        yield from _describe_coordinates(mesh, written, suffix)
     # `left_out` lists UVs without a texture. A GLB stores them nevertheless.
     lost = [part for part in left_out if part != "UVs" or not _has_uvs(written)]
     lost += form.list_lost(written) if form.list_lost else []
@@ -70,6 +73,21 @@ def list_losses(
         lost.append(f"colours ({suffix} cannot store them)")
     if lost:
         yield f"not written: {', '.join(lost)}"
+
+
+def _describe_coordinates(mesh: Mesh, written: Mesh, suffix: str) -> Iterator[str]:
+    """Yield notes on the coordinates in a file of `suffix`, which stores them as float32."""
+    if any(stored := find_origin(written.vertices)):
+        yield f"coordinates are float32 relative to {describe_origin(stored)}, the translation of the mesh"
+    origin = find_origin(mesh.vertices) if FORMATS[suffix].has_origin else NO_ORIGIN
+    if (loss := describe_rounding(mesh, round_coordinates(mesh.vertices, origin))) is not None:
+        yield f"{loss}; use {_list_exact_formats()} to keep coordinates"
+
+
+def _list_exact_formats() -> str:
+    """Return the suffixes of formats that store the coordinates of any mesh, as a list in words."""
+    names = [name for name, form in FORMATS.items() if form.write and not form.is_single]
+    return " or ".join(filter(None, (", ".join(names[:-1]), *names[-1:])))
 
 
 def _list_lost_parts(mesh: Mesh, written: Mesh, suffix: str) -> Iterator[str]:

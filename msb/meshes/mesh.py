@@ -9,8 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msb.asset.texture import Sampler
+from msb.base.origin import describe_origin, find_origin, round_coordinates
 from msb.base.seam_keys import SEAM_KEY, TRIANGLE_LIST
 from msb.errors import Finding, MeshError, finding
+
+# Number of faces whose rounded corners are compared, evenly spread over all.
+_SAMPLED_FACES = 200_000
+# Rounding is reported above this share of the size of a typical face. It turns normals by 0.1 degrees.
+_SEEN = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,6 +129,41 @@ def report_left_out(mesh: Mesh) -> tuple[Finding, ...]:
         return ()
     text = f"Ignored: {', '.join(mesh.left_out)}. Only triangles, their colours and textures are read"
     return (finding("MESH_FILE_LEFT_OUT", text, severity="info", value=list(mesh.left_out)),)
+
+
+def report_origin(mesh: Mesh) -> tuple[Finding, ...]:
+    """Return the findings about coordinates with more digits than float32 has: an origin, and the rest."""
+    origin = find_origin(mesh.vertices)
+    findings = []
+    if any(origin):
+        text = (
+            f"Coordinates are far from zero: they are kept as float32 relative to {describe_origin(origin)}"
+        )
+        findings.append(finding("MESH_ORIGIN", text, severity="info", value=list(origin)))
+    if (loss := describe_rounding(mesh, round_coordinates(mesh.vertices, origin))) is not None:
+        text = f"{loss}. Split the mesh into parts that are closer together, or move it closer to zero"
+        findings.append(finding("MESH_ROUNDED", text, severity="warning"))
+    return tuple(findings)
+
+
+def describe_rounding(mesh: Mesh, rounded: NDArray[Any]) -> str | None:
+    """Return how far `rounded` (V, 3) moves the vertices of `mesh`, as text; None if no image shows it."""
+    if rounded is mesh.vertices:
+        return None
+    faces = mesh.faces[:: max(1, len(mesh.faces) // _SAMPLED_FACES)]
+    inside = ((faces >= 0) & (faces < len(mesh.vertices))).all(axis=1)
+    with np.errstate(over="ignore", invalid="ignore"):
+        corners = mesh.vertices[faces[inside]].astype(np.float64)
+        moved = np.abs(corners - rounded[faces[inside]])
+        edges = np.ptp(corners, axis=1).max(axis=1)
+    # Compare the distances with the typical size of a face.
+    known = np.isfinite(moved).all(axis=(1, 2)) & (edges > 0)
+    if not known.any():
+        return None
+    largest, size = float(moved[known].max()), float(np.median(edges[known]))
+    if largest <= _SEEN * size:
+        return None
+    return f"float32 moves vertices by up to {largest:.2g}, {100 * largest / size:.2g} % of a typical face"
 
 
 def _check(

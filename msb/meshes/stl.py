@@ -2,11 +2,12 @@
 
 import re
 import struct
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
+from msb.base.origin import NO_ORIGIN, find_origin, to_local
 from msb.meshes.formats import Format, Style
 from msb.meshes.mesh import Mesh
 from msb.meshes.source import Source
@@ -28,8 +29,8 @@ _FACE_CODES = [_CODES[keyword] for keyword in _LINES]
 def read(source: Source) -> Mesh:
     """Read a binary or text STL file. Several solids are concatenated; normals and attributes are ignored.
 
-    Vertices of text files are float32, too. With float64, the areas of published files would change by 2e-8.
-    There are 3F vertices, and the faces are (0, 1, 2), (3, 4, 5), and so on.
+    Vertices of text files are float32, too, unless they need an origin. With float64, the areas of published
+    files would change by 2e-8. There are 3F vertices, and the faces are (0, 1, 2), (3, 4, 5), and so on.
     """
     data = source.data
     declared = struct.unpack_from("<I", data, 80)[0] if len(data) >= _HEADER_BYTES else 0
@@ -66,13 +67,13 @@ def write(mesh: Mesh, stream: BinaryIO, _style: Style) -> None:
         stream.write(records.tobytes())
 
 
-def _make_soup(corners: NDArray[np.float32]) -> Mesh:
+def _make_soup(corners: NDArray[Any]) -> Mesh:
     """Return the mesh of consecutive `corners` (3F, 3) or (F, 3, 3), three per face."""
-    rows = np.ascontiguousarray(corners, np.float32).reshape(-1, 3)
+    rows = np.ascontiguousarray(corners).reshape(-1, 3)
     return Mesh(rows, np.arange(len(rows)).reshape(-1, 3))
 
 
-def _read_text(text: Source) -> NDArray[np.float32]:
+def _read_text(text: Source) -> NDArray[Any]:
     """Return the corners (3F, 3) of a text file."""
     corners, codes, places = [np.zeros((0, 3))], [], []
     for words in word_blocks(Source(text.path, text.data.lower())):
@@ -81,8 +82,8 @@ def _read_text(text: Source) -> NDArray[np.float32]:
         codes.append(code)
         places.append(words.base + words.start[words.first])
     _check_order(text, np.concatenate(codes), np.concatenate(places))
-    with np.errstate(over="ignore"):
-        return np.concatenate(corners).astype(np.float32)
+    rows = np.concatenate(corners)
+    return rows if any(find_origin(rows)) else to_local(rows, NO_ORIGIN)
 
 
 def _classify_lines(words: Words) -> NDArray[np.uint8]:

@@ -164,6 +164,7 @@ def _declare_format(title: str, suffixes: tuple[str, ...], kind: Kind, begins: b
         list_stored=list_stored,
         list_lost=list_lost,
         is_single=True,
+        has_origin=True,
         is_linear=True,
         up="+y",
     )

@@ -15,7 +15,7 @@ from msb.meshes.formats import Style
 from msb.meshes.image_files import name_images
 from msb.meshes.mesh import Mesh
 from msb.meshes.usd_looks import WHITE, FaceGroup, corner_light, encode_used_images, group_faces
-from msb.meshes.writing import as_float32
+from msb.meshes.writing import as_local
 
 Kind = Literal["usda", "usdc", "usdz"]
 
@@ -74,10 +74,13 @@ def _build_stage(mesh: Mesh, images: list[str], style: Style) -> Any:
 
 def _add_mesh(stage: Any, path: str, mesh: Mesh) -> Any:
     """Define a mesh prim with the triangles of `mesh` at `path`, and return it."""
-    from pxr import UsdGeom, Vt
+    from pxr import Gf, UsdGeom, Vt
 
     prim = UsdGeom.Mesh.Define(stage, path)
-    prim.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(np.ascontiguousarray(as_float32(mesh.vertices, "USD"))))
+    points, origin = as_local(mesh.vertices, "USD")
+    if any(origin):
+        prim.AddTranslateOp().Set(Gf.Vec3d(*origin))
+    prim.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(np.ascontiguousarray(points)))
     prim.CreateFaceVertexCountsAttr(Vt.IntArray.FromNumpy(np.full(len(mesh.faces), 3, np.int32)))
     prim.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(mesh.faces.astype(np.int32).reshape(-1)))
     prim.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)

@@ -5,6 +5,7 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
+from msb.base.origin import Origin, find_origin
 from msb.errors import MeshError, OutputError
 from msb.meshes.mesh import Mesh
 
@@ -38,6 +39,12 @@ def as_float32(vertices: NDArray[Any], name: str) -> NDArray[np.float32]:
     _require_finite(vertices, "is not finite")
     _require_finite(narrow, f"does not fit into float32, the precision of {name}")
     return narrow
+
+
+def as_local(vertices: NDArray[Any], name: str) -> tuple[NDArray[np.float32], Origin]:
+    """Return `vertices` (V, 3) as float32 relative to their origin, and the origin, for the format `name`."""
+    origin = find_origin(vertices)
+    return as_float32(vertices - np.asarray(origin) if any(origin) else vertices, name), origin
 
 
 def write_rows(stream: BinaryIO, form: str, columns: NDArray[Any]) -> None:

@@ -15,6 +15,7 @@ import numpy as np
 from msb.asset import Asset
 from msb.asset.arguments import A_CAMERA, AN_ASSET, check_type
 from msb.asset.drawable import check_drawable
+from msb.asset.origin import without_origin
 from msb.asset.settings import check_modes, effective_settings
 from msb.base.version import __version__
 from msb.errors import Unsupported, UsageError, shorten
@@ -93,9 +94,8 @@ def render_reference(
     color = np.asarray(check_background(background, asset.manifest.appearance.get("background")), real)
     # Culled faces take part in the array operations, so their divisions by zero are expected.
     with np.errstate(all="ignore"):
-        frame: ReferenceFrame = module.render(
-            asset, camera.in_units(), color, values, real, Modes(order, sampling)
-        )
+        view = camera.in_units(asset.manifest.origin)
+        frame: ReferenceFrame = module.render(asset, view, color, values, real, Modes(order, sampling))
     return camera.in_world(frame)
 
 
@@ -126,7 +126,8 @@ class ReferenceRenderer:
     ) -> None:
         check_modes(order, sampling)
         rules: dict[str, Any] = {"order": order, "sampling": sampling, "dtype": precision(dtype)}
-        self._draw = partial(render_reference, asset, settings=settings, **rules)
+        # The camera of a backend is already relative to the origin.
+        self._draw = partial(render_reference, without_origin(asset), settings=settings, **rules)
 
     def render(self, camera: Camera, background: tuple[float, float, float]) -> ReferenceFrame:
         """Draw the asset from `camera` over `background`; `timings` contains the time of NumPy."""

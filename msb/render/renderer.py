@@ -89,6 +89,7 @@ class Renderer:
         self.tier = tier
         self._drawn = f"{asset.manifest.method}, {asset.manifest.face_count:,} faces"
         self._is_closed = False
+        self._origin = asset.manifest.origin
         self._official = asset.manifest.appearance.get("background")
         self._background = default_background(asset.manifest)
         self._by = name or tier
@@ -149,7 +150,7 @@ class Renderer:
 
     def _check_view(self, camera: Camera, background: Background | None) -> tuple[Camera, Color]:
         check_type("camera", camera, Camera, A_CAMERA)
-        seen = camera.in_units()
+        seen = camera.in_units(self._origin)
         if background is None:
             return seen, self._background
         return seen, check_background(background, self._official)

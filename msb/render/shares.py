@@ -52,7 +52,7 @@ def shares_by_view(
     if tier == "dedicated" and pipeline_of(asset) is SplattingPipeline:
         with closing(SplattingPipeline(asset, device=device, settings=settings, outputs=())) as pipeline:
             for camera, picture in views:
-                yield pipeline.shares(camera.in_units(), picture)
+                yield pipeline.shares(camera.in_units(asset.manifest.origin), picture)
         return
     with Renderer(asset, tier, device, settings) as renderer:
         for camera, picture in views:

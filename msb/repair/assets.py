@@ -14,7 +14,9 @@ from msb.api.opening import as_asset
 from msb.asset import Asset, Description, build_asset
 from msb.asset.look import colors_of, stored_threshold, visible_faces
 from msb.asset.manifest import Domain
+from msb.asset.origin import world_positions
 from msb.asset.tiers import refusal
+from msb.base.origin import to_local
 from msb.base.seam_keys import SEAM_KEY
 from msb.errors import Unsupported, about
 from msb.meshes import Mesh
@@ -127,7 +129,7 @@ def repair_asset(asset: Asset, options: Options, weights: NDArray[Any] | None = 
         level = manifest.appearance.get("level")
         level = level if isinstance(level, int) and 0 <= level <= 8 else None
         done = run_plan(
-            base.buffers,
+            {**base.buffers, "positions": world_positions(base)},
             domains,
             options,
             level=level,
@@ -139,7 +141,8 @@ def repair_asset(asset: Asset, options: Options, weights: NDArray[Any] | None = 
             repaired = asset
         else:
             described = {f.name: getattr(manifest, f.name) for f in fields(Description)}
-            repaired = build_asset(done.buffers, done.domains, Description(**described))
+            buffers = {**done.buffers, "positions": _find_positions(base, done)}
+            repaired = build_asset(buffers, done.domains, Description(**described))
             repaired = replace(
                 repaired,
                 manifest=replace(repaired.manifest, extra=manifest.extra),
@@ -154,6 +157,16 @@ def repair_asset(asset: Asset, options: Options, weights: NDArray[Any] | None = 
         for name, audit in (("before", done.before), ("after", done.after))
     }
     return Repaired(**outcome | audits | {"buffers": repaired.buffers}, asset=repaired, plan=plan)
+
+
+def _find_positions(asset: Asset, done: Outcome) -> NDArray[np.float32]:
+    """Return the positions of a repaired asset relative to its origin; vertices that stay keep their bits."""
+    positions = to_local(done.buffers["positions"], asset.manifest.origin)
+    if not any(asset.manifest.origin):
+        return positions
+    stays = done.vertex_map >= 0
+    positions[stays] = asset.buffers["positions"][done.vertex_map[stays]]
+    return positions
 
 
 def repair_mesh(mesh: Mesh, options: Options) -> tuple[Mesh, Outcome]:
@@ -215,6 +228,7 @@ def _convert_to_mesh(asset: Asset) -> tuple[Asset, Change | None]:
         color_space=manifest.color_space,
         coordinate_frame=manifest.coordinate_frame,
         source=manifest.source,
+        origin=manifest.origin,
     )
     visible = visible_faces(asset, stored_threshold(asset))
     if visible is None:

@@ -143,7 +143,7 @@ class _Repair:
         self.suffix = output_suffix(target, "OUT")
         if views.cameras is not None and not {"debris", "drop"} & set(plan.plan):
             raise UsageError("USAGE", "--cameras needs debris or drop in --plan")
-        output.check_free(target)
+        output.check_free(target, label="OUT")
         self.to_asset = self.suffix == ASSET_SUFFIX
         self.in_file_precision = not self.to_asset and is_mesh_file(source) and views.cameras is None
 

@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from msb.asset import Asset, build_asset
+from msb.asset import Asset, Description, build_asset
 from msb.asset.look import drawn_colors
+from msb.asset.origin import world_positions
 from msb.meshes.colors import as_floats
 from msb.render import Renderer
 from msb.render.images import write_image
@@ -44,7 +45,7 @@ def draw_picture(
         frame = renderer.render(camera, background=(1.0, 1.0, 1.0))
     image = frame.image.copy()
     edges = done.cut_edges
-    ends = original.buffers["positions"][edges] if len(edges) else np.zeros((0, 2, 3))
+    ends = world_positions(original)[edges] if len(edges) else np.zeros((0, 2, 3))
     _draw_edges(image, frame.depth, ends, camera)
     return image
 
@@ -70,6 +71,7 @@ def _color_faces(original: Asset, done: Repaired) -> Asset:
             "color": colors.astype(np.float32),
         },
         {"color": "face"},
+        Description(origin=original.manifest.origin),
     )
 
 

@@ -27,11 +27,11 @@ from msb.report.tables.reproducibility import SOURCES, reproducibility, reproduc
 
 OTHER_SCENES = (
     "{}: none of the scenes belongs to the published dataset. Means are over the scenes of this run, and the "
-    "paper's numbers are not shown"
+    "paper's numbers are not shown."
 )
 ONE_SCENE = (
-    "significance tests on one scene apply to that scene only, and overstate certainty when neighbouring "
-    "views are similar"
+    "Significance tests on one scene apply to that scene only. They overstate certainty when neighbouring "
+    "views are similar."
 )
 NO_COMPARISON = "--against {}: no other method was measured under the same condition on the same scene"
 # Datasets with few scenes. The paper's tables show these scenes side by side. The scenes of other datasets
@@ -125,11 +125,11 @@ def build_report(
     numbers = collect(results)
     comparisons = [] if against is None else compare_methods(results, numbers, against)
     paper = paper_numbers() if with_paper else Numbers({}, of_paper=True)
-    if published:
-        paper = replace(paper, values={**paper.values, **published})
     # If a dataset has a name from the paper but other scenes, the paper's numbers for it are dropped.
     others = [dataset for dataset in numbers.datasets() if numbers.has_other_scenes(dataset)]
     paper = _drop_datasets(paper, others)
+    if published:
+        paper = replace(paper, values={**paper.values, **published})
     findings = tuple(derive_findings(numbers, first=comparison_findings(comparisons, against or "")))
     charts = make_figures(numbers, paper) if pictures else []
     places = list_places(results, numbers) if pictures else []

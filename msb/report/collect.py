@@ -66,6 +66,7 @@ REFERENCE = "rendered by our reference renderer, not by the method's own code"
 SOUP = "a triangle soup: its triangles share no vertices, so its connectivity cannot be judged"
 LPIPS = "LPIPS version 0.1 with VGG16 features, on images scaled to [-1, 1]"
 RESIZED = "against photographs that msb resized; the dataset does not provide them at this size"
+OUR_TRAINER = "trained by our own trainer on a CPU, not by the method's official code"
 STE = "ste_threshold is set: Standard, which otherwise ignores opacity, omits faces below this opacity"
 WHITE = "photographs and renderings are composited over white, as in the dataset's protocol"
 # Datasets whose protocol composites over white.
@@ -288,7 +289,8 @@ def _why_missing(metric: str, result: Result) -> str:
     if needs_weights and result.quality is not None and result.quality.lpips_reason:
         return f"{IMAGE_METRICS[metric].title}: {result.quality.lpips_reason}; {weights_source(None)}"
     if metric == "train_memory" and result.training is not None:
-        return "the record of the training has no peak GPU memory"
+        reason = result.training.memory_reason
+        return "the record of the training has no peak GPU memory" + (f": {reason}" if reason else "")
     if metric == "driver_memory" and result.memory is not None and result.memory.driver_reason:
         return f"by the driver: {result.memory.driver_reason}"
     if metric == "chamfer" and result.cell.dataset != "dtu":
@@ -325,6 +327,8 @@ def _notes_on(metric: str, result: Result) -> Iterable[str]:
     elif metric in ("fps", "memory") and result.renderer_timing is not None:
         timing = result.renderer_timing
         yield f"measured separately, on {timing.device}: {timing.timed}"
+    elif metric == "train_seconds" and result.training is not None and result.training.trainer == "ours":
+        yield OUR_TRAINER
     elif metric in WALK and result.walk is not None:
         walk = result.walk
         yield f"on a walk of {walk.frames} frames of {walk.width} x {walk.height} pixels"

@@ -17,11 +17,14 @@ from functools import cached_property, partial
 from itertools import cycle
 from typing import TYPE_CHECKING, Any, Literal
 
+import numpy as np
+
 from msb.base.extras import need_extra
 from msb.bench.aggregate import CONDITION_TITLES, expected_scenes
 from msb.bench.records import BAKED
 from msb.bench.split import STEPS
 from msb.registry import METHODS
+from msb.report.compared_views import GROUND_TRUTH
 from msb.report.numbers import (
     DRAWN_CONDITIONS,
     MEAN,
@@ -35,11 +38,13 @@ from msb.report.numbers import (
 )
 from msb.report.safe_names import plain_text, slug
 from msb.report.tables.bakes import STEP_TITLES
-from msb.report.tables.reproducibility import SOURCES, PublishedPair, pair_with_published
+from msb.report.tables.reproducibility import SOURCES, PublishedPair, list_notes, pair_with_published
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure as Canvas
 
+    from msb.report.compared_views import ComparedView
 
 _COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#999999", "#E69F00")
 _MARKERS = ("o", "s", "^", "D", "v", "P", "X")
@@ -51,6 +56,8 @@ _VARIANT_MARKERS = ("D", "P", "X", "v")
 _INK, _PAPER = "#010203", "#fdfcfb"
 # Width and height of a chart in inches, about the width of a phone's screen.
 _SIZE = (4.6, 3.3)
+# Width of a sheet of images (the text width of a paper) and height of a row's labels, in inches.
+_SHEET_WIDTH, _LABEL_HEIGHT = 7.0, 0.2
 # A legend with more rows than this makes the chart taller, by `_ROW_HEIGHT` inches for each further row.
 _LEGEND_ROWS, _ROW_HEIGHT = 4, 0.19
 # Minimum number of bars for which a chart has room, so that a single bar does not fill it.
@@ -317,7 +324,10 @@ def plot_differences(pairs: Sequence[PublishedPair], dataset: str) -> Figure | N
         _draw_legend(axes)
 
     of = "per scene" if scenes else "of the means over scenes"
-    return _make_figure("reproducibility", dataset, f"PSNR of this run minus published PSNR, {of}.", draw)
+    caption = " ".join(
+        [f"PSNR of this run minus published PSNR, {of}.", *(f"{note}." for note in list_notes(drawn))]
+    )
+    return _make_figure("reproducibility", dataset, caption, draw)
 
 
 def _choose_styles(numbers: Numbers) -> dict[str, dict[str, Any]]:
@@ -375,8 +385,66 @@ def _make_figure(
     return Figure(f"{kind}-{slug(dataset)}", f"{title}: {caption}", partial(_write_chart, title, draw))
 
 
+def make_sheet(view: ComparedView) -> Figure:
+    """Return a sheet for LaTeX: a row per method, with the photograph and all renderings of a test view."""
+    stem = view.view.rpartition(".")[0] or view.view
+    name = "-".join(("qualitative", slug(view.dataset), slug(view.scene), slug(stem)))
+    return Figure(name, view.title, partial(_write_sheet, view))
+
+
+def _write_sheet(view: ComparedView, form: Literal["svg", "pdf"]) -> bytes:
+    """Return the bytes of a sheet's file."""
+    from PIL import Image
+
+    headings = [GROUND_TRUTH, *view.headings]
+    pixels = {
+        image.name: np.asarray(Image.open(io.BytesIO(image.data)))
+        for image in {image.name: image for image in view.images}.values()
+    }
+    ratio = max((array.shape[0] / array.shape[1] for array in pixels.values()), default=1.0)
+    width = _SHEET_WIDTH / len(headings)
+
+    def lay_out(canvas: Canvas) -> None:
+        grid = canvas.subplots(len(view.renderings), len(headings), squeeze=False)
+        for axes_row, (method, renderings) in zip(grid, view.renderings.items(), strict=True):
+            cells = {rendering.heading: (rendering.image, rendering.psnr) for rendering in renderings}
+            cells[GROUND_TRUTH] = (view.ground_truth, None)
+            for axes, heading in zip(axes_row, headings, strict=True):
+                image, psnr = cells.get(heading, (None, None))
+                if image is not None:
+                    axes.imshow(pixels[image.name])
+                else:
+                    tier = heading.partition(",")[0].lower()
+                    known = METHODS[method].unsupported if method in METHODS else {}
+                    axes.text(0.5, 0.5, "N/A" if tier in known else "--", ha="center", va="center")
+                    axes.set_box_aspect(ratio)
+                axes.set_xticks([])
+                axes.set_yticks([])
+                axes.set_xlabel("" if psnr is None else f"{psnr:.2f} dB", fontsize=7, labelpad=1)
+            axes_row[0].set_ylabel(method_title(method), fontsize=7)
+        for axes, heading in zip(grid[0], headings, strict=True):
+            axes.set_title(heading, fontsize=7)
+
+    return _write_canvas(
+        form, (_SHEET_WIDTH, (width * ratio + _LABEL_HEIGHT) * len(view.renderings)), lay_out
+    )
+
+
 def _write_chart(title: str, draw: Callable[[Axes], None], form: Literal["svg", "pdf"]) -> bytes:
-    """Return the bytes of a chart's file; equal numbers give equal bytes."""
+    """Return the bytes of a chart's file."""
+
+    def lay_out(canvas: Canvas) -> None:
+        axes = canvas.add_subplot()
+        axes.set_title(title, fontsize=10, fontweight="bold")
+        draw(axes)
+
+    return _write_canvas(form, _SIZE, lay_out)
+
+
+def _write_canvas(
+    form: Literal["svg", "pdf"], size: tuple[float, float], lay_out: Callable[[Canvas], None]
+) -> bytes:
+    """Return the bytes of a file with what `lay_out` draws; equal content gives equal bytes."""
     # hides warnings about a cache that cannot be written
     logging.getLogger("matplotlib").setLevel(logging.ERROR)
     need_extra("bench", "matplotlib", what="a figure")
@@ -407,10 +475,8 @@ def _write_chart(title: str, draw: Callable[[Axes], None], form: Literal["svg", 
         # Ignore glyphs that matplotlib's font lacks, because browsers draw the text of the SVG with their own
         # fonts.
         warnings.filterwarnings("ignore", "Glyph", UserWarning)
-        canvas = Canvas(figsize=_SIZE, layout="constrained")
-        axes = canvas.add_subplot()
-        axes.set_title(title, fontsize=10, fontweight="bold")
-        draw(axes)
+        canvas = Canvas(figsize=size, layout="constrained")
+        lay_out(canvas)
         # Without dates and program versions, equal charts give equal files.
         omitted = {"svg": ("Date", "Creator"), "pdf": ("CreationDate", "Creator", "Producer")}
         canvas.savefig(file, format=form, metadata=dict.fromkeys(omitted[form]))

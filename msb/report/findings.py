@@ -13,6 +13,7 @@ from msb.report.collect import REFERENCE, SOUP
 from msb.report.metric_format import format_change, format_digits, format_value
 from msb.report.numbers import (
     MEAN,
+    ON_CPU,
     QUALITY,
     GapKey,
     Key,
@@ -487,7 +488,16 @@ def _speed_findings(numbers: Numbers) -> Iterator[Finding]:
         else:
             kind = "against_native"
             sentence = f"The average frame rate of Dedicated is {times} that of Non-Engine{where}."
-        yield Finding(kind, sentence, "slowdown")
+        yield Finding(kind, sentence + _describe_cpu(numbers, cases, above), "slowdown")
+
+
+def _describe_cpu(numbers: Numbers, cases: Sequence[_Case], condition: str) -> str:
+    """Return a sentence if frame rates of a condition were measured on a CPU, else ""."""
+    rates = [numbers.number(Key(case.dataset, MEAN, case.method, condition, "fps")) for case in cases]
+    on_cpu = [any(note.startswith(ON_CPU) for note in rate.notes) for rate in rates]
+    if not any(on_cpu):
+        return ""
+    return f" {'The' if all(on_cpu) else 'Some'} frame rates were measured on a CPU."
 
 
 def _describe_engine_loss(numbers: Numbers, standard: str, dedicated: str) -> str:

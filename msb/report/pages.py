@@ -15,6 +15,7 @@ from msb.base.extras import need_extra
 from msb.base.version import __version__
 from msb.bench.folder import WALK_FILM, Results
 from msb.report.compared_views import GROUND_TRUTH, data_uri, select_views
+from msb.report.figures import make_sheet
 from msb.report.mesh_trials import read_repairs, read_task_outcomes
 from msb.report.numbers import condition_title, dataset_title, method_title, scene_title
 from msb.report.safe_names import slug
@@ -55,8 +56,9 @@ def report_files(
     Notes
     -----
     ``report.json`` is always written. Other files by format: ``report.md``, ``figures/*.svg`` and
-    ``images/*.jpg`` (md), ``figures/*.pdf`` (tex), ``tables/LABEL.*`` (md, tex, csv, json), ``index.html``
-    and ``verdict-DATASET-SCENE-METHOD.html`` (html). The pages embed everything except large films.
+    ``images/*.jpg`` (md), ``figures/*.pdf`` and ``figures/topology-*.png`` (tex), ``tables/LABEL.*`` (md,
+    tex, csv, json), ``index.html`` and ``verdict-DATASET-SCENE-METHOD.html`` (html). The pages embed
+    everything except large films.
     """
     # Write the JSON of the whole report, and all tables in the text formats.
     text = json.dumps(report.to_dict(), indent=1, allow_nan=False, ensure_ascii=False) + "\n"
@@ -67,7 +69,12 @@ def report_files(
     # Charts: PDF for LaTeX, SVG beside the Markdown.
     if "tex" in formats:
         for section in report.sections:
-            files |= {f"figures/{figure.name}.pdf": figure.pdf() for figure in section.figures}
+            sheets = [make_sheet(view) for view in section.views]
+            files |= {f"figures/{figure.name}.pdf": figure.pdf() for figure in (*section.figures, *sheets)}
+        files |= {
+            f"figures/topology-{'-'.join(map(slug, place))}.png": image
+            for place, image in (topology or {}).items()
+        }
     if "md" in formats:
         files["report.md"] = _render("report.md", report=report).rstrip("\n") + "\n"
         for section in report.sections:

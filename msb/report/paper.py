@@ -96,6 +96,8 @@ class _PublishedTable(BaseModel):
     model_config = ConfigDict(extra="ignore", frozen=True, strict=True)
 
     schema_: Literal["msb-paper-table/1"] = Field(alias="schema")
+    # A footnote of every number.
+    note: Annotated[str, Field(min_length=1, max_length=200)] | None = None
     cells: tuple[_PublishedCell, ...]
 
 
@@ -153,14 +155,16 @@ def published_numbers(path: str | os.PathLike[str]) -> dict[Key, Number]:
     """Return published numbers from a JSON file with the schema of ``paper_tables/*.json``.
 
     With such a file, results can be compared with published values of single scenes, which the paper does
-    not print. `Key.source` is "paper" unless the file names another source.
+    not print. `Key.source` is "paper" unless the file names another source. Every number has the note of the
+    file.
     """
-    cells = validate(_PublishedTable, read_json(path, 1 << 24), file=Path(path), code="RECORD_INVALID").cells
+    table = validate(_PublishedTable, read_json(path, 1 << 24), file=Path(path), code="RECORD_INVALID")
+    notes = () if table.note is None else (table.note,)
     numbers = {}
-    for cell in cells:
+    for cell in table.cells:
         if cell.value is not None and (cell.metric in METRICS or cell.metric in _OUR_METRICS):
             key, number = _convert_cell(cell)
-            numbers[key._replace(source=key.source or "paper")] = number
+            numbers[key._replace(source=key.source or "paper")] = replace(number, notes=notes)
     return numbers
 
 

@@ -44,7 +44,7 @@ def make_turntable(
     elevation: float = ELEVATION,
     framing: Framing | None = None,
 ) -> list[Camera]:
-    """Return a turntable of `count` cameras that see the asset, `elevation` degrees above the horizon.
+    """Return a turntable of `count` cameras in the scene that see the asset, `elevation` degrees high.
 
     `up` is the axis of the turntable, such as "+y"; the default is the asset's `up_axis`. `framing` is the
     visible part, by default everything except far outliers. If the asset is too large or too far away for
@@ -65,7 +65,9 @@ def make_turntable(
         fov_y=_FOV_Y,
         elevation=math.radians(elevation),
     )
-    return [replace(camera, name=f"{index:05d}") for index, camera in enumerate(cameras)]
+    to_world = -np.asarray(asset.manifest.origin)
+    named = (replace(camera, name=f"{index:05d}") for index, camera in enumerate(cameras))
+    return [camera.relative_to(to_world) for camera in named]
 
 
 def make_rings(
@@ -127,7 +129,7 @@ class Bulk(NamedTuple):
     Outliers are ignored.
     """
 
-    # (n, 3, 3) corners of all sampled faces, outliers included.
+    # (n, 3, 3) corners of all sampled faces, outliers included, relative to the asset's origin.
     corners: NDArray[np.float64]
     # (3,) bounds and median of the faces' centroids, without outliers.
     low: NDArray[np.float64]
@@ -159,16 +161,16 @@ def place_inside(
     if not (low < middle).all() or not (middle < high).all():
         return []
     vector = _vector(up or up_axis(asset))
-    cameras = []
+    cameras, origin = [], np.asarray(asset.manifest.origin)
     for camera in outside:
         # A ray goes from the middle along `away`. Compute for each axis at which multiple of `away` the ray
         # leaves the bounds of most faces.
-        away = camera.center - framing.center
+        away = camera.relative_to(origin).center - framing.center
         reach = np.where(away > 0, high - middle, middle - low) / np.maximum(np.abs(away), 1e-300)
         eye = middle + 0.5 * reach.min() * away
         pose = look_at_pose(eye, middle, vector)
         lens = Camera.from_fov(camera.width, camera.height, pose, fov_y=_FOV_INSIDE, name=camera.name)
-        cameras.append(replace(lens, unit=unit_at(math.dist(eye, middle))))
+        cameras.append(replace(lens, unit=unit_at(math.dist(eye, middle))).relative_to(-origin))
     return cameras
 
 

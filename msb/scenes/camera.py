@@ -11,6 +11,7 @@ from typing import Any, TypeVar, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from msb.base.origin import NO_ORIGIN
 from msb.errors import SceneError, shorten
 from msb.scenes.checks import (
     MAX_SIDE,
@@ -222,8 +223,21 @@ class Camera:
         sides = (max(1, math.floor(side * factor + 0.5)) for side in (self.width, self.height))
         return self.resized(*sides)
 
-    def in_units(self) -> Camera:
-        """Return the camera that renderers use: lengths and depths are multiples of `unit`."""
+    def relative_to(self, origin: ArrayLike) -> Camera:
+        """Return the camera in coordinates relative to `origin`, such as the origin of an asset."""
+        if not np.any(origin):
+            return self
+        pose = self.world_to_camera.copy()
+        pose[:3, 3] += pose[:3, :3] @ np.asarray(origin, np.float64)
+        return replace(self, world_to_camera=pose)
+
+    def in_units(self, origin: ArrayLike = NO_ORIGIN) -> Camera:
+        """Return the camera that renderers use: lengths and depths are multiples of `unit`.
+
+        Its coordinates are relative to `origin`, as the positions of an asset are.
+        """
+        if np.any(origin):
+            return self.relative_to(origin).in_units()
         if self.unit == 1:
             return self
         pose = self.world_to_camera.copy()

@@ -40,7 +40,7 @@ _SAMPLES = 200_000
 
 @dataclass(frozen=True, eq=False)
 class Framing:
-    """The sphere that generated views frame, and the faces outside of it.
+    """The sphere that generated views frame, relative to the asset's origin, and the faces outside of it.
 
     Attributes
     ----------

@@ -35,9 +35,9 @@ def find_difference(
     """Return the faces that were deleted or added and the edges that were cut.
 
     `before` and `after` are vertices and faces as `mesh_arrays` returns them. Corners are equal if their
-    float32 coordinates are equal. Vertex numbers, vertex order, duplicated vertices and the winding of faces
-    are ignored. If k of n coincident faces were deleted or added, the last k of them are returned. Takes
-    O((V + F) log (V + F)) time.
+    stored coordinates are equal (`weld_vertices`). Vertex numbers, vertex order, duplicated vertices and the
+    winding of faces are ignored. If k of n coincident faces were deleted or added, the last k of them are
+    returned. Takes O((V + F) log (V + F)) time.
     """
     # Number the positions of both meshes together. Describe each face by its sorted position numbers.
     _, place = merge_coincident(

@@ -9,6 +9,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from msb.base.origin import find_origin, to_local
 from msb.errors import MeshError
 from msb.topology.components import label_components
 
@@ -38,10 +39,11 @@ def weld_vertices(
 ) -> tuple[NDArray[Any], NDArray[Any]]:
     """Return vertices (W, 3) and faces (F, 3) after merging coincident vertices; all face rows are kept.
 
-    "exact" merges vertices with equal float32 coordinates (-0 equals +0, NaN equals nothing). A length merges
-    vertices that are connected by a chain of steps of at most this length. The result therefore does not
-    depend on the order of the vertices. The first vertex of each merged set is kept. The order of the
-    vertices does not change. Faces that collapse become repeated-index rows.
+    "exact" merges vertices with equal stored coordinates: float32, relative to the origin that an asset of
+    the mesh has (`msb.base.origin`). -0 equals +0, NaN equals nothing. A length merges vertices that are
+    connected by a chain of steps of at most this length. The result therefore does not depend on the order of
+    the vertices. The first vertex of each merged set is kept. The order of the vertices does not change.
+    Faces that collapse become repeated-index rows.
     """
     first, number = merge_coincident(vertices, weld)
     return vertices[first], number.astype(faces.dtype)[faces]
@@ -54,7 +56,7 @@ def merge_coincident(vertices: NDArray[Any], weld: Weld) -> tuple[NDArray[Any], 
     """
     if len(vertices) == 0:
         return np.zeros(0, np.int64), np.zeros(0, np.int64)
-    labels = _label_exact(vertices) if weld == "exact" else _label_near(vertices, float(weld))
+    labels = _label_exact(_to_stored(vertices)) if weld == "exact" else _label_near(vertices, float(weld))
     _, first, number = np.unique(labels, return_index=True, return_inverse=True)
     return first, number.reshape(-1)
 
@@ -86,12 +88,13 @@ def find_coincident_vertices(vertices: NDArray[Any]) -> tuple[NDArray[Any], NDAr
 
     A group is numbered by the position of its lowest vertex in the first array.
     """
-    hashes, repeated = _hash_rows(_to_stored(vertices).view(np.uint32))
+    points = _to_stored(vertices)
+    hashes, repeated = _hash_rows(points.view(np.uint32))
     bucket = np.zeros(1 << 20, bool)  # this filter rejects most rows of typical meshes
     bucket[repeated >> 12] = True
     rows = np.flatnonzero(bucket[hashes >> 12])
     rows = rows[np.isin(hashes[rows], repeated)]
-    labels = _label_exact(vertices[rows])
+    labels = _label_exact(points[rows])
     several = np.bincount(labels, minlength=len(rows))[labels] > 1
     return rows[several], (np.cumsum(several) - 1)[labels[several]]
 
@@ -113,13 +116,8 @@ def _hash_rows(
     return hashes, ordered[1:][ordered[1:] == ordered[:-1]]
 
 
-def _label_exact(vertices: NDArray[Any]) -> NDArray[Any]:
-    """Return for each vertex (V,) the lowest vertex with the same float32 coordinates.
-
-    Double-precision coordinates are rounded to float32 first. Assets store float32, so a mesh gives the same
-    result as its asset.
-    """
-    points = _to_stored(vertices)
+def _label_exact(points: NDArray[np.float32]) -> NDArray[Any]:
+    """Return for each of the `_to_stored` points (V, 3) the lowest vertex with the same coordinates."""
     bits = points.view(np.uint32)
     order = np.lexsort(bits.T[::-1])
     rows = bits[order]
@@ -133,11 +131,11 @@ def _label_exact(vertices: NDArray[Any]) -> NDArray[Any]:
 
 
 def _to_stored(vertices: NDArray[Any]) -> NDArray[np.float32]:
-    """Return the vertices (V, 3) as float32, like an asset, with +0 for -0, so that equal values have equal
-    bits.
+    """Return the vertices (V, 3) as an asset stores them, so that a mesh gives the same result as its asset.
+
+    They are float32 relative to their origin, with +0 for -0, so that equal values have equal bits.
     """
-    with np.errstate(over="ignore"):
-        return np.ascontiguousarray(vertices.astype(np.float32) + np.float32(0.0))  # -0 becomes +0
+    return np.ascontiguousarray(to_local(vertices, find_origin(vertices)) + np.float32(0.0))
 
 
 def _label_near(vertices: NDArray[Any], distance: float) -> NDArray[Any]:

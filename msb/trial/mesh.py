@@ -105,6 +105,7 @@ class TrialMesh:
 def prepare_mesh(asset: Asset, weld: Weld | None = None) -> TrialMesh:
     """Return the mesh of `asset` for trials: seams are merged, and faces below the STE threshold removed.
 
+    Its coordinates are float32 relative to the origin of the asset.
     Face and corner colours are averaged at each vertex, so that no vertex needs to be split. A mesh without
     colours is white. Vertices are merged at seams and by `weld`. A merged vertex gets the average of the
     colours.

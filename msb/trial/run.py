@@ -14,6 +14,7 @@ from msb.asset.look import written_up
 from msb.base.atomic import new_file
 from msb.base.extras import install
 from msb.base.limits import Limits
+from msb.base.origin import Origin, to_world
 from msb.errors import AssetError, about, shorten
 from msb.meshes import write_mesh
 from msb.meshes.assets import fit_to_format
@@ -185,16 +186,16 @@ def try_asset(
     limits = Limits() if limits is None else limits
     weld = None if weld is None else parse_weld(weld)
     plan = None if repair is None else parse_plan(repair)
-    # Prepare the mesh and the renderings of it.
-    mesh = prepare_mesh(asset, weld)
+    # Prepare the mesh and the renderings of it, relative to the origin of the asset.
+    mesh, origin = prepare_mesh(asset, weld), asset.manifest.origin
     if plan is not None:
         with about(asset.path):
             mesh = _repair(mesh, plan)
     views = choose_views(asset, cameras, size=(960, 720), device=device, kind=view_kind)
-    renderings = Renderings(mesh, views, device)
+    renderings = Renderings(mesh, views.relative_to(origin), device)
     results, up = [], written_up(asset)
     for task in selected:
-        results.append(_TaskRun(task, mesh, renderings, limits, up).run(keep, meshes=meshes))
+        results.append(_TaskRun(task, mesh, renderings, limits, up, origin).run(keep, meshes=meshes))
         watch(results[-1])
     # Describe the cameras and the tried mesh.
     seen_by: dict[str, Any] = {
@@ -226,12 +227,19 @@ def _repair(mesh: TrialMesh, options: Options) -> TrialMesh:
 
 
 class _TaskRun:
-    """One task on one mesh."""
+    """One task on one mesh, whose coordinates are relative to `origin`."""
 
     def __init__(
-        self, task: Task, mesh: TrialMesh, renderings: Renderings, limits: Limits, up: str | None
+        self,
+        task: Task,
+        mesh: TrialMesh,
+        renderings: Renderings,
+        limits: Limits,
+        up: str | None,
+        origin: Origin,
     ) -> None:
-        self.task, self.mesh, self.renderings, self.limits, self.up = task, mesh, renderings, limits, up
+        self.task, self.mesh, self.renderings, self.limits = task, mesh, renderings, limits
+        self.up, self.origin = up, origin
 
     def run(self, keep: Path | None, *, meshes: bool) -> Trial:
         """Run the attempts, judge and save their outputs, and return the result of the task."""
@@ -359,8 +367,9 @@ class _TaskRun:
                 if len(mesh.faces):
                     files.append(self.file_name(library, key))
                     with new_file(folder / files[-1]) as stream:
-                        upright = fit_to_format(replace(mesh.to_mesh(), up=self.up), ".glb")
-                        write_mesh(upright, stream, suffix=".glb")
+                        vertices = to_world(mesh.vertices, self.origin)
+                        placed = replace(mesh.to_mesh(), vertices=vertices, up=self.up)
+                        write_mesh(fit_to_format(placed, ".glb"), stream, suffix=".glb")
         draw = self.task.picture
         image = draw(self.mesh, outputs, self.renderings) if draw and outputs else None
         if image is None:

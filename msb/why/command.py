@@ -56,7 +56,7 @@ def why(
         typed.reject(["kind"], ONLY_GENERATED)
     if save is not None:
         for definition in CAUSES:
-            output.check_free(save / f"{definition.name}.png")
+            output.check_free(save / f"{definition.name}.png", label="--save")
     size = views.pixels(640, 480) if views.cameras is None else (640, 480)
     asset = open_asset(path, output)
     cameras = None if views.cameras is None else views.read(output.note)

@@ -131,7 +131,7 @@ class CauseViews:
         """Return all images of the standard tier. One renderer draws them, because it is slow to create."""
         no_native = why_not(self.asset.manifest, "dedicated") is not None
         samples = max(self.samples.values(), default=4 if no_native else 1)
-        units = [camera.in_units() for camera in cameras]
+        units = [camera.in_units(self.asset.manifest.origin) for camera in cameras]
         with contextlib.closing(_CullingRenderer(self.asset, device=self.device)) as renderer:
             frames = [renderer.render(camera, self.background) for camera in units]
             supersampled, culled = [frame.image for frame in frames], []
@@ -148,11 +148,12 @@ class CauseViews:
     def _front_faces(self, cameras: Sequence[Camera]) -> NDArray[np.bool_]:
         """Return a mask (cameras, F) of the faces that each camera sees from the front."""
         positions, indices = self.asset.buffers["positions"], self.asset.buffers["indices"]
+        centers = [camera.relative_to(self.asset.manifest.origin).center for camera in cameras]
         front = np.zeros((len(cameras), len(indices)), bool)
         # Process blocks of faces, with the first corner and the normal of each face, both (f, 3).
         for block, first, normals in normals_of(positions, indices):
             plane = np.einsum("fi,fi->f", first, normals)
-            front[:, block] = [normals @ camera.center > plane for camera in cameras]
+            front[:, block] = [normals @ center > plane for center in centers]
         return front
 
     def _check(self, tier: Tier) -> None:

@@ -112,6 +112,13 @@ def test_frame_rates_of_two_devices_are_not_compared() -> None:
     assert (ratio.value, ratio.reason, ratio.partial) == (None, "device_mismatch", True)
 
 
+def test_missing_scenes_do_not_hide_the_reason_of_the_others() -> None:
+    here, there = ({"device": {"device": {"name": name}}} for name in ("a", "b"))
+    records = {"s0": {"dedicated": result(**here), "standard": result("standard", **there)}}
+    assert slowdown(records, ["s0", "s1", "s2"]).reason == "device_mismatch"
+    assert slowdown(records, ["s1"]).reason == "missing"
+
+
 def test_the_slowdown_of_a_dataset_is_the_ratio_of_averages() -> None:
     rates = {"s0": {"dedicated": 100.0, "standard": 1000.0}, "s1": {"dedicated": 300.0, "standard": 600.0}}
     records = {

@@ -4,6 +4,7 @@ import json
 import shutil
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 from PIL import Image
@@ -15,8 +16,11 @@ from msb.bench.models import detect_method
 from msb.bench.protocol import ProtocolFile, parse_protocol, read_example
 from msb.bench.run import Report, run_protocol
 from msb.errors import UsageError
+from msb.report.collect import collect
+from msb.report.numbers import Key
+from msb.report.results import read_results
 from msb.scenes import read_scene
-from tests.bench.protocols import PEBBLE, STUBS, make_protocol
+from tests.bench.protocols import PEBBLE, STUBS, change_tables, make_protocol
 
 
 def find(report: Report, word: str) -> Missing:
@@ -29,8 +33,9 @@ def test_the_paper_in_an_empty_folder_lists_each_dataset_and_method_once(tmp_pat
     report = run_protocol(parse_protocol(read_example("paper"), tmp_path / "paper.toml"), dry=True)
     assert report.exit_status == 3
     assert list(tmp_path.iterdir()) == []
-    # Extras depend on this machine and are not counted.
-    assert len([missing for missing in report.missing if missing.code != "EXTRA_MISSING"]) == 17
+    # Extras and engines depend on this machine and are not counted.
+    files = [m for m in report.missing if m.code not in ("EXTRA_MISSING", "ENGINE_MISSING")]
+    assert len(files) == 27
     for name, scenes in (("360_v2", 9), ("tandt", 2), ("nerf_synthetic", 8), ("dtu", 15)):
         missing = find(report, f"{tmp_path / 'data' / name}: ")
         assert f"{scenes} scenes: {missing.cells} cells" in missing.message
@@ -42,8 +47,30 @@ def test_the_paper_in_an_empty_folder_lists_each_dataset_and_method_once(tmp_pat
         model = f"{tmp_path / 'output' / method}: "
         assert any(missing.blocks for missing in report.missing if missing.message.startswith(model))
         assert find(report, f"renderings of {method} on ").blocks
+        timing = find(report, f"{tmp_path / 'timing' / method}: ")
+        assert not timing.blocks
+        if method != "two_dgs":
+            assert not find(report, f"{tmp_path / 'training' / method}: ").blocks
     scan = find(report, "data for the Chamfer")
     assert (scan.cells, scan.blocks) == (60, False)
+
+
+@pytest.mark.slow
+def test_a_run_of_the_paper_goes_on_without_trainings_and_timings(tmp_path: Path) -> None:
+    garden, model = tmp_path / "data" / "360_v2" / "garden", tmp_path / "output/two_dts/mipnerf360/garden"
+    shutil.copytree(STUBS / "scenes" / "mipnerf360" / "pebble", garden)
+    shutil.copytree(PEBBLE / "two_dts", model)
+    file = parse_protocol(read_example("paper"), tmp_path / "paper.toml")
+    tables: dict[str, Any] = {"timing": {"frames": 1, "seconds": 0.0}}
+    file = change_tables(file, metrics={"vgg_weights": None}, videos=None, engines=(), variants=(), **tables)
+    report = run_protocol(file, only=["two_dts/garden/dedicated", "two_dts/garden/standard"])
+    assert {row.planned.cell.condition_key for row in report.rows} == {"dedicated", "standard"}
+    for row in report.rows:
+        assert row.result is not None
+        assert (row.result.status, row.result.reasons["training"].code) == ("done", "FILE_NOT_FOUND")
+    numbers = collect(read_results(file.results))
+    key = Key("mipnerf360", "garden", "two_dts", "non_engine", "train_seconds")
+    assert str(tmp_path / "training") in str(numbers.number(key).reason)
 
 
 def test_all_missing_inputs_are_listed(tmp_path: Path) -> None:

@@ -18,6 +18,7 @@ from msb import metrics
 from msb.bench.commands.run import RunOutput
 from msb.bench.folder import Results, lock_results
 from msb.bench.gaps import scene_gaps
+from msb.bench.inputs import VOUCHED
 from msb.bench.protocol import ProtocolFile, parse_protocol, read_example
 from msb.bench.protocol_tables import MethodTable
 from msb.bench.records import CONDITIONS, read_result
@@ -250,6 +251,14 @@ def test_differences_of_a_training_are_recorded_with_one_warning(tmp_path: Path)
         for name in ("dedicated", "exported_mesh"):
             sentences = read_cell(file, f"triangle_splatting/{name}").trained
             assert sum(text in sentence for sentence in sentences) == 1
+
+
+def test_an_unknown_split_is_noted_until_the_protocol_vouches_for_it(again: ProtocolFile) -> None:
+    # The record of the finished run has the note, and no part is computed again.
+    assert "held out" in read_cell(again, "two_dts/dedicated").trained[0]
+    report = run_protocol(change_tables(again, method={"held_out": True}), only=["two_dts/dedicated"])
+    assert [row.planned.status for row in report.rows] == ["done"]
+    assert read_cell(again, "two_dts/dedicated").trained == (VOUCHED,)
 
 
 @pytest.mark.slow

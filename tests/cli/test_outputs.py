@@ -10,6 +10,7 @@ import sys
 import threading
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -195,6 +196,24 @@ def test_a_file_is_not_a_folder(here: Here, tmp_path: Path, line: str) -> None:
     assert (tmp_path / "file").read_text() == "mine"
 
 
+@pytest.mark.parametrize(
+    ("line", "file", "names"),
+    [
+        ("bake {} -o a.glb --lods 0.5 --json a_lod1.glb", "a_lod1.glb", ("--json", "--out")),
+        ("bake {} -o a.glb -o a_lod1.glb --lods 0.5", "a_lod1.glb", ("--out a.glb", "--out a_lod1.glb")),
+        ("why {} --save why --json why/shading.png", "shading.png", ("--json", "--save")),
+    ],
+)
+def test_two_outputs_with_the_same_file_are_both_named(
+    here: Here, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, line: str, file: str, names: tuple[str, str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    result = here(*line.format(ASSET).split())
+    assert result.status == 2
+    assert all(word in result.err for word in (file, *names))
+    assert not any(tmp_path.iterdir())
+
+
 def test_a_link_is_replaced_and_its_target_stays(here: Here, tmp_path: Path) -> None:
     (tmp_path / "target").write_text("mine")
     (tmp_path / "link").symlink_to("target")
@@ -209,8 +228,8 @@ def test_a_file_that_appears_during_the_run_is_kept(
 ) -> None:
     out, mesh, check = tmp_path / name, mesh_file(tmp_path / "m.off", *TETRAHEDRON), Output.check_free
 
-    def check_and_lose(output: Output, path: Path | None, *, folder: bool = False) -> None:
-        check(output, path, folder=folder)
+    def check_and_lose(output: Output, path: Path | None, **options: Any) -> None:
+        check(output, path, **options)
         out.write_text("precious")
 
     monkeypatch.setattr(Output, "check_free", check_and_lose)

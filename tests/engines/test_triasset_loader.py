@@ -17,6 +17,7 @@ import msb
 from msb import metrics
 from msb.asset import Asset
 from msb.asset.manifest import StoredSetting
+from msb.asset.origin import with_origin
 from msb.engines import browser
 from msb.engines.agreement import agreement
 from msb.engines.dedicated_page.measurement import FAITHFUL
@@ -181,6 +182,17 @@ def test_textures_look_as_on_the_standard_tier(case: str, ask: Ask, tmp_path: Pa
 
 @pytest.mark.slow
 @pytest.mark.oracle
+def test_an_origin_is_the_position_of_the_mesh(ask: Ask, tmp_path: Path) -> None:
+    origin = (500_000.0, 4_649_776.0, 100.0)
+    asset = with_origin(mesh_asset(scene("large", 7)), origin)
+    result = compare_images(ask, asset, [OFF_CENTRE.relative_to(-np.array(origin))], tmp_path)
+    assert result.interior > 100
+    assert result.interior_max <= 1
+    assert result.covered_alike > 0.99
+
+
+@pytest.mark.slow
+@pytest.mark.oracle
 def test_native_rendering_is_that_of_the_page(ask: Ask) -> None:
     view = golden_views("triangle_splatting")[0]
     page = make_page(exported(view.folder / "checkpoint"), name="a", settings=view.settings).to_bytes()
@@ -238,6 +250,7 @@ def test_each_malformed_file_has_its_message(ask: Ask, tmp_path: Path) -> None:
         nan,
         with_key(method="diffsoup", required_passes={}),
         with_key(required_passes={"standard": ["other"]}),
+        with_key(origin=[1, 2]),
     ]
     messages = [ask(data).head["message"] for data in bad]
     assert len(set(messages)) == len(bad)

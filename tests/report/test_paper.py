@@ -1,6 +1,7 @@
 """Our builders reproduce all cells of the paper's tables, and the registry agrees with its feature tables."""
 
 import json
+import re
 from functools import cache
 from pathlib import Path
 from typing import Any, get_args
@@ -10,7 +11,7 @@ import pytest
 from msb.bench.aggregate import METRICS, SCENES, mean_over, scene_groups
 from msb.errors import InputError
 from msb.registry import METHODS, PASSES, TIERS, Method
-from msb.report.build import paper_report
+from msb.report.build import EQUIVALENTS, paper_report
 from msb.report.layout import number_cell
 from msb.report.metric_format import metric_title
 from msb.report.numbers import MEAN, GapKey, Key, condition_title, dataset_title, scene_title
@@ -25,6 +26,7 @@ from msb.report.paper import (
 )
 from msb.report.table import Table, TableCell
 from msb.report.tables.reproducibility import SOURCES
+from msb.report.writers import to_latex
 from tests.cli.conftest import Here
 from tests.conftest import ROOT
 
@@ -113,6 +115,26 @@ def test_every_cell_is_printed_as_in_the_paper(label: str) -> None:
             )
 
 
+def numbers_in(latex: str) -> list[str]:
+    """Return all numbers between the first and the last rule of a LaTeX table, without layout and names."""
+    body = latex.partition(r"\midrule")[2].partition(r"\bottomrule")[0]
+    layout = (
+        r"\\(?:multirow|multicolumn)\{\d+\}|\\cmidrule\S*|\\addlinespace\[.*?\]|\\ding\{\d+\}"
+        r"|\\textsuperscript\{.*?\}|\\citep\{.*?\}|Mip-NeRF[~ ]360|2DTS"
+    )
+    return re.findall(r"\d+(?:\.\d+)?", re.sub(layout, "", body))
+
+
+@pytest.mark.parametrize("label", PAPER_TABLES)
+def test_numbers_stand_in_the_papers_order(shared: Path, label: str) -> None:
+    source = (shared / "paper" / "meshsplatbench.tex").read_text()
+    floats = re.findall(r"\\begin\{table\*?\}.*?\\end\{table\*?\}", source, re.DOTALL)
+    (published,) = [table for table in floats if rf"\label{{tab:{label}}}" in table]
+    ours = numbers_in(to_latex(paper_tables()[label]))
+    assert len(ours) >= 50
+    assert ours == numbers_in(published)
+
+
 @pytest.mark.parametrize("label", ["method_attributes", "feature_mapping"])
 def test_feature_matrices_are_the_papers(label: str) -> None:
     lookup, cells = Lookup(paper_tables()[label]), raw_cells(label)
@@ -125,6 +147,17 @@ def test_feature_matrices_are_the_papers(label: str) -> None:
         attribute = words.get(cell["attribute"], cell["attribute"].replace("_", " ").capitalize())
         tier = [tiers[cell["condition"]]] if "condition" in cell else []
         assert lookup.find(title_of(cell), attribute, *tier).text == cell["raw"], cell
+
+
+def test_the_documentation_maps_every_table_and_figure_of_the_paper(shared: Path) -> None:
+    page = (ROOT / "docs" / "paper.md").read_text()
+    source = (shared / "paper" / "meshsplatbench.tex").read_text()
+    labels = {label: kind for kind, label in re.findall(r"\\label\{(tab|fig):(\w+)\}", source)}
+    assert len(labels) == 17
+    rows = [line for line in page.splitlines() if line.startswith("| `")]
+    assert {label for row in rows for label in re.findall(r"`(\w+)`", row.split("|")[1])} == set(labels)
+    for label, kind in labels.items():  # a label of a table selects it
+        assert kind == "fig" or label in EQUIVALENTS or label in paper_tables()
 
 
 @pytest.mark.parametrize("label", PAPER_TABLES)

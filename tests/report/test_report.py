@@ -15,7 +15,7 @@ import pytest
 from msb.bench.documents import AuditDocument
 from msb.bench.records import Cell, File, read_result
 from msb.report.build import build_report, paper_report
-from msb.report.figures import plot_deployment_gap, plot_differences
+from msb.report.figures import make_sheet, plot_deployment_gap, plot_differences
 from msb.report.numbers import MEAN, Key, Number, Numbers
 from msb.report.pages import report_files
 from msb.report.report import Report
@@ -25,6 +25,7 @@ from tests.cli.conftest import Msb
 from tests.report.factory import (
     AUDIT,
     make_result,
+    measure,
     write,
     write_results,
 )
@@ -299,11 +300,29 @@ def test_latex_charts_are_pdf_without_dates_and_type_3_fonts(report: Report) -> 
     files = report_files(report, formats=["tex"])
     charts = [name for name in files if name.startswith("figures/")]
     figures = [figure for section in report.sections for figure in section.figures]
-    assert charts == [f"figures/{figure.name}.pdf" for figure in figures]
+    sheets = [make_sheet(view) for section in report.sections for view in section.views]
+    assert set(charts) == {f"figures/{figure.name}.pdf" for figure in (*figures, *sheets)}
     for name in charts:
         assert files[name].startswith(b"%PDF-")
         assert not re.search(rb"/(CreationDate|Producer|Creator|Type3)\b", files[name])
         assert b"/TrueType" in files[name] or b"/CIDFontType2" in files[name]
+
+
+def test_a_sheet_shows_the_photograph_and_every_condition_of_each_method(tmp_path: Path) -> None:
+    for method in ("two_dts", "diffsoup"):
+        for condition, psnr in (("non_engine", 30.0), ("dedicated", 28.0), ("standard", 20.0)):
+            if (method, condition) != ("diffsoup", "standard"):  # which it does not support
+                measure(tmp_path, condition, psnr, images=True, method=method)
+    report = build_report(read_results(tmp_path), with_paper=False)
+    (view, *_) = [view for section in report.sections for view in section.views]
+    svg = make_sheet(view).svg
+    assert svg.count("<image") == 2 * 3 + 2 - 1  # a photograph and three conditions each, one of them missing
+    assert ">N/A<" in svg
+    for text in ("Ground truth", "Non-Engine", "Standard", "2DTS", "DiffSoup"):
+        assert f">{text}<" in svg
+    files = report_files(report, formats=["tex"], topology={Place("capture", "desk", "two_dts"): b"png"})
+    assert files["figures/topology-capture-desk-two_dts.png"] == b"png"
+    assert any(name.startswith("figures/qualitative-capture-desk-") for name in files)
 
 
 def test_a_dataset_with_means_only_does_not_count_as_other_scenes() -> None:

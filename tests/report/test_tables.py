@@ -14,12 +14,12 @@ from msb.bench.documents import AuditDocument
 from msb.bench.records import Reason, Training
 from msb.errors import UsageError
 from msb.report.build import EQUIVALENTS, build_report
-from msb.report.collect import SOUP
+from msb.report.collect import OUR_TRAINER, SOUP
 from msb.report.findings import Finding, derive_findings
 from msb.report.layout import mark_best
 from msb.report.method_comparison import adjust_by_holm
 from msb.report.metric_format import format_change, format_value
-from msb.report.numbers import MEAN, Key, Number, Numbers
+from msb.report.numbers import MEAN, ON_CPU, Key, Number, Numbers
 from msb.report.paper import contradictions, paper_numbers
 from msb.report.report import Report
 from msb.report.results import Place as ResultPlace
@@ -27,6 +27,7 @@ from msb.report.results import read_results
 from msb.report.table import Table, TableCell, TableColumn, TableRow
 from msb.report.tables import measurements
 from msb.report.tables.asset import asset_tables
+from msb.report.tables.gaps import PAPER_NOTE
 from msb.report.tables.measurements import DRIVER_NOTE
 from msb.report.tables.reproducibility import reproducibility_statistics
 from tests.report.factory import (
@@ -124,6 +125,60 @@ def test_unsteady_frame_rates_are_not_printed_ranked_or_compared(tmp_path: Path)
     assert (cells["two_dts"].text, cells["two_dts"].value, cells["two_dts"].bold) == ("unsteady", None, False)
     assert cells["mesh_splatting"].value == 100
     assert not any("2DTS" in f.sentence for f in report.findings if f.kind in ("slowdown", "leaders"))
+
+
+def test_ratios_of_a_cpu_name_it_in_the_table_and_in_the_sentence(tmp_path: Path) -> None:
+    for condition, fps in (("dedicated", 10.0), ("standard", 40.0)):
+        record = make_result("mipnerf360", "garden", "two_dts", condition, timing=timing(fps))
+        write(tmp_path, record)
+    report = build_report(read_results(tmp_path), with_paper=False, pictures=False)
+    table = report.tables["slowdown"]
+    assert row_of(table, "Mip-NeRF 360", "2DTS").cells[0].value == 4
+    assert any(note.startswith(ON_CPU) for note in table.notes)
+    (sentence,) = [finding.sentence for finding in report.findings if finding.kind == "slowdown"]
+    assert "CPU" in sentence
+
+
+@pytest.mark.parametrize("trainer", ["official", "ours"])
+def test_training_memory_that_was_not_measured_has_the_reason_of_its_record(
+    tmp_path: Path, trainer: str
+) -> None:
+    why = "nvidia-ml-py is not installed"
+    trained = Training(
+        seconds=90.0, peak_memory_bytes=None, source="t.json", memory_reason=why, trainer=trainer
+    )
+    write(tmp_path, make_result("capture", "desk", "two_dts", "non_engine", training=trained))
+    numbers = numbers_of(tmp_path)
+    key = Key("capture", MEAN, "two_dts", "non_engine", "train_memory")
+    assert why in str(numbers.number(key).reason)
+    minutes = numbers.number(key._replace(metric="train_seconds"))
+    assert (minutes.value, OUR_TRAINER in minutes.notes) == (90.0, trainer == "ours")
+
+
+def test_gaps_beside_the_papers_say_that_these_could_not_be_reproduced(whole: Report) -> None:
+    assert PAPER_NOTE in whole.tables["gaps-mipnerf360"].notes
+    assert not any(row.paper for row in whole.tables["gaps-dtu"].rows)
+    assert PAPER_NOTE not in whole.tables["gaps-dtu"].notes
+
+
+def test_published_numbers_of_other_scenes_are_shown_with_their_note(tmp_path: Path) -> None:
+    measure(tmp_path, "non_engine", 30.0, dataset="mipnerf360", scene="pebble")
+    key = Key("mipnerf360", "pebble", "two_dts", "non_engine", "psnr", "paper")
+    published = {
+        key: Number(29.0, notes=("invented",)),
+        key._replace(scene=MEAN): Number(29.0, notes=("invented",)),
+    }
+    report = build_report(read_results(tmp_path), published=published)
+    row = row_of(report.tables["reproducibility"], "Mip-NeRF 360", "2DTS")
+    assert [cell.text for cell in row.cells if cell.metric == "psnr"] == ["29.00", "30.00"]
+    assert "invented" in report.tables["reproducibility_statistics"].notes
+    (figure,) = [
+        figure
+        for section in report.sections
+        for figure in section.figures
+        if "reproducibility" in figure.name
+    ]
+    assert "invented" in figure.caption
 
 
 def test_comprehensive_native_results_have_every_scene_and_the_means(whole: Report) -> None:

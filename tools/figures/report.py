@@ -1,4 +1,7 @@
-"""Create images of the demo's report: `python -m tools.figures.report`; needs Chromium."""
+"""Create images of the demo's report: `python -m tools.figures.report`; needs Chromium.
+
+`python -m tools.figures.report out/demo/report` draws the pages of a report that `make demo` wrote earlier.
+"""
 
 from __future__ import annotations
 
@@ -44,10 +47,10 @@ def screenshot(page: Path, width: int, height: int, name: str) -> None:
 
 if __name__ == "__main__":
     with tempfile.TemporaryDirectory() as temporary:
-        made = demo_report(Path(temporary))
-        screenshot(made / "index.html", 1280, 1900, "report.png")
-        screenshot(made / "index.html", 390, 1400, "report_phone.png")
-        screenshot(made / VERDICT, 1280, 1640, "report_verdict.png")
-        screenshot(
-            made / VERDICT, 390, 704, "report_verdict_phone.png"
-        )  # style.css shows it on narrow screens
+        pages = Path(sys.argv[1]).resolve() if len(sys.argv) > 1 else demo_report(Path(temporary))
+        # The heights end between two blocks of the pages.
+        screenshot(pages / "index.html", 1280, 2140, "report.png")
+        screenshot(pages / "index.html", 390, 1340, "report_phone.png")
+        screenshot(pages / VERDICT, 1280, 1600, "report_verdict.png")
+        # style.css of the site shows this image on narrow screens.
+        screenshot(pages / VERDICT, 390, 730, "report_verdict_phone.png")

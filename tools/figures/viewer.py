@@ -31,6 +31,8 @@ STUBS = ROOT / "data_stubs"
 ASSET = STUBS / "splat_like.triasset"
 TRAINED = STUBS / "models" / "pebble" / "triangle_splatting"
 SCENE = STUBS / "scenes" / "nerf_synthetic" / "pebble"
+GAP = 12
+"""Largest height of an empty band of an image, in pixels."""
 SHADES = 5
 """Bits per channel in the figure. The file has a third of the bytes, without a visible change."""
 
@@ -85,6 +87,16 @@ def compare_picture(layout: Layout, size: tuple[int, int]) -> Image.Image:
     return Image.fromarray(compose_tiers(state, shots, size).image)
 
 
+def shorten_empty_bands(picture: Image.Image) -> Image.Image:
+    """Return the image with at most `GAP` rows of each band of rows in one colour."""
+    pixels = np.asarray(picture)
+    is_empty = (pixels == pixels[:, :1]).all(axis=(1, 2))
+    # Number of empty rows up to each row, counted from the last row that is not empty.
+    rows = np.arange(len(pixels))
+    run = rows - np.maximum.accumulate(np.where(is_empty, -1, rows))
+    return Image.fromarray(pixels[run <= GAP])
+
+
 def repaired_picture() -> Image.Image:
     """Return the image of `msb view --repaired` with the demo asset without debris and small holes."""
     before = read_viewed_mesh(ASSET)
@@ -121,7 +133,8 @@ if __name__ == "__main__":
     demo = demo_model()
     viewer_picture(demo).save(IMAGES / "viewer.png", optimize=True)
     figure_picture(demo).save(IMAGES / "viewer_topology.png", optimize=True)
-    compare_picture("side", (1200, 460)).save(IMAGES / "viewer_side.png", optimize=True)
-    compare_picture("difference", (1100, 680)).save(IMAGES / "viewer_difference.png", optimize=True)
+    side = shorten_empty_bands(compare_picture("side", (1000, 640)))
+    side.save(IMAGES / "viewer_side.png", optimize=True)
+    compare_picture("difference", (900, 680)).save(IMAGES / "viewer_difference.png", optimize=True)
     repaired_picture().save(IMAGES / "viewer_repaired.png", optimize=True)
     tutorial_picture().save(IMAGES / "tutorial.png", optimize=True)

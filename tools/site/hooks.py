@@ -24,6 +24,7 @@ PAGES = {
 """The pages on the site of files outside of docs/."""
 TAGS = re.compile(r"(<[^>]*>)")
 OPTION = re.compile(r"(?<![\w-])--?[a-z][\w-]*")
+BREAKABLE = re.compile(r"(?<=\w\w)(?:[/_|](?=\w\w)|[.,=](?=[a-zA-Z]\w))")
 BEFORE_A_UNIT = re.compile(r"(?<=\d) (?=(?:%|dB|[kKMGT]i?B|ms|s)(?!\w))")
 
 
@@ -64,16 +65,21 @@ def _by_title(folder: Path, target: str, anchor: str | None) -> str:
 
 
 def on_page_content(html: str, **_: Any) -> str:
-    """Prevent line breaks inside an option, and between a number and its unit."""
+    """Allow or prevent line breaks in code of tables, in options, and between a number and its unit."""
     pieces = TAGS.split(html)
-    in_code = False
+    in_code = in_table = False
     for number, piece in enumerate(pieces):
         if number % 2:
             in_code = piece.startswith("<code") or (in_code and piece != "</code>")
+            in_table = piece.startswith("<table") or (in_table and piece != "</table>")
         elif in_code:
-            pieces[number] = OPTION.sub(r'<span class="option">\g<0></span>', piece)
+            # A name in a table is broken behind a separator only (style.css), so that columns can be narrow.
+            text = BREAKABLE.sub(r"\g<0><wbr>", piece) if in_table else piece
+            pieces[number] = OPTION.sub(r'<span class="option">\g<0></span>', text)
         else:
-            pieces[number] = BEFORE_A_UNIT.sub("\N{NO-BREAK SPACE}", piece)
+            text = BEFORE_A_UNIT.sub("\N{NO-BREAK SPACE}", piece)
+            text = BREAKABLE.sub(r"\g<0><wbr>", text) if in_table else text
+            pieces[number] = OPTION.sub(r'<span class="option">\g<0></span>', text) if in_table else text
     return "".join(pieces)
 
 

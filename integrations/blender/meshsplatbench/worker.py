@@ -29,7 +29,9 @@ import msb
 from msb.api.auditing import audit_stored
 from msb.api.opening import stored_mesh
 from msb.asset.look import lit_grey, up_axis
+from msb.asset.origin import without_origin
 from msb.asset.texture import Sampler, decode_texels, encode_texels, linear_to_srgb, srgb_to_linear
+from msb.base.origin import NO_ORIGIN, to_world
 from msb.meshes import Mesh
 from msb.meshes.assets import asset_from_mesh, mesh_from_asset, with_corner_colors
 from msb.meshes.transform import rotate_axis
@@ -45,9 +47,11 @@ COUNTS = ("vertices", "faces", "components", "boundary_edges", "nonmanifold_edge
 def read(path: str) -> tuple[Arrays, dict[str, Any]]:
     """Return the standard-tier mesh of the model at `path`, with its audit."""
     asset = msb.open(path)
-    mesh, up = mesh_from_asset(asset), up_axis(asset)  # `mesh.up` may be unknown (None)
+    # Blender stores float32, so the object stays at the origin of the asset, which `about` keeps.
+    mesh, up = mesh_from_asset(without_origin(asset)), up_axis(asset)  # `mesh.up` may be unknown (None)
     arrays: Arrays = {"vertices": mesh.vertices, "faces": mesh.faces}
     about: dict[str, Any] = {"method": asset.manifest.method, "up": mesh.up, "bytes": False}
+    about["origin"] = list(asset.manifest.origin)
     about["turn"] = rotate_axis(np.eye(3), up, "+z").T.tolist()
     if mesh.vertex_colors is not None:
         colors = mesh.vertex_colors[mesh.faces.reshape(-1)]
@@ -102,7 +106,8 @@ def read_mesh_arrays(path: str) -> tuple[msb.Asset, Arrays, dict[str, Any]]:
         arrays = dict(file)
     about = json.loads(str(arrays.pop("about")))
     names = [f"texture.{number}" for number in range(len(arrays)) if f"texture.{number}" in arrays]
-    mesh = Mesh(arrays["vertices"], arrays["faces"], up=about["up"])
+    vertices = to_world(arrays["vertices"], about.get("origin", NO_ORIGIN))
+    mesh = Mesh(vertices, arrays["faces"], up=about["up"])
     if names:
         mesh = replace(
             mesh,

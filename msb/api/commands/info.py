@@ -6,6 +6,7 @@ from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from msb.base.origin import describe_origin
 from msb.cli.command import command
 from msb.cli.output import JsonOutput, Output, echo, setting_text
 from msb.errors import shorten
@@ -33,6 +34,11 @@ def info(path: Source, output: JsonOutput) -> None:
     size = sum(spec.byte_length for spec in asset.manifest.buffers.values())
     manifest, textures = asset.manifest.to_dict(), _textures(asset.manifest)
     document = {"schema": "msb.info/1", "path": str(path), "buffer_bytes": size, "manifest": manifest}
+    if any(asset.manifest.origin):  # the bounds in the manifest are relative to it
+        bounds, sphere = asset.manifest.bounds, asset.manifest.bounding_sphere
+        center = _in_scene(sphere.center, asset.manifest)
+        document["bounds"] = {key: _in_scene(getattr(bounds, key), asset.manifest) for key in ("min", "max")}
+        document["bounding_sphere"] = {"center": center, "radius": sphere.radius}
     output.write_json({**document, "textures": textures} if textures else document)
     if output.prints_text:
         _print(asset, path, size, output)
@@ -60,8 +66,9 @@ def _print(asset: Asset, path: Path, size: int, output: Output) -> None:
         ),
         ("method", m.method if m.method == method.title else f"{m.method} ({method.title})"),
         ("topology", _topology(m)),
-        ("bounds", f"{_point(m.bounds.min)} to {_point(m.bounds.max)}"),
-        ("sphere", f"radius {m.bounding_sphere.radius:.6g}, centre {_point(m.bounding_sphere.center)}"),
+        *([("origin", describe_origin(m.origin))] if any(m.origin) else []),
+        ("bounds", f"{_point(m.bounds.min, m)} to {_point(m.bounds.max, m)}"),
+        ("sphere", f"radius {m.bounding_sphere.radius:.6g}, centre {_point(m.bounding_sphere.center, m)}"),
         ("appearance", f"{_parameters(look)}; SH degree {m.sh_degree}; {m.color_space}"),
         *([("textures", skin)] if skin else []),
         ("coverage", f"{_parameters(m.coverage)}; opacity {_parameters(m.opacity)}"),
@@ -146,8 +153,13 @@ def _tier(manifest: Manifest, tier: Tier) -> str:
     return ", ".join(passes.get(tier, ("opaque_unlit",)))
 
 
-def _point(values: tuple[float, float, float]) -> str:
-    return "(" + ", ".join(f"{value:.5g}" for value in values) + ")"
+def _in_scene(point: tuple[float, float, float], manifest: Manifest) -> list[float]:
+    return [value + start for value, start in zip(point, manifest.origin, strict=True)]
+
+
+def _point(point: tuple[float, float, float], manifest: Manifest) -> str:
+    digits = 10 if any(manifest.origin) else 5
+    return "(" + ", ".join(f"{value:.{digits}g}" for value in _in_scene(point, manifest)) + ")"
 
 
 def _parameters(values: dict[str, Any]) -> str:

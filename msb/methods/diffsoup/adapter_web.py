@@ -3,6 +3,7 @@
 Layout: kenji-tojo/diffsoup at c74e35d (examples/06_export_web.py).
 """
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -36,7 +37,7 @@ def read(place: Place, content: Content, options: Options) -> Model:
         if not (folder / name).is_file():
             text = f"{name} is missing; the web export of DiffSoup contains it beside mesh.ply"
             raise CheckpointError("CHECKPOINT_FILE_MISSING", text, file=folder, pointer=name)
-    buffers, _, _ = make_mesh_buffers(read_mesh(place.file))
+    buffers, _, _, origin = make_mesh_buffers(read_mesh(place.file))
     buffers.pop("color", None)
     faces = len(buffers["indices"])
     if not faces:
@@ -49,7 +50,7 @@ def read(place: Place, content: Content, options: Options) -> Model:
     settings = Settings("diffsoup", options.settings)
     white = meta.get("background") == [1, 1, 1]
     settings.add("layout", "synthetic" if white else "colmap", "config" if meta else "default")
-    description = describe(settings, level, direction(meta.get("up")), "lut")
+    description = replace(describe(settings, level, direction(meta.get("up")), "lut"), origin=origin)
     files = tuple(folder / name for name in (*METHOD.bundle, *(["meta.json"] if meta else [])))
     return Model(buffers, domains(buffers), description, place.root, files, tuple(warnings))
 

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msb.asset import Asset
+from msb.asset.origin import world_positions
 from msb.base.atomic import new_folder
 from msb.meshes.files import write_mesh
 from msb.meshes.mesh import Mesh
@@ -44,7 +45,7 @@ def write(asset: Asset, path: Path) -> None:
         "num_verts": asset.manifest.vertex_count,
     }
     with new_folder(path) as folder:
-        mesh = Mesh(buffers["positions"], buffers["indices"].astype(np.int64), None, None)
+        mesh = Mesh(world_positions(asset), buffers["indices"].astype(np.int64), None, None)
         write_mesh(mesh, folder / "mesh.ply", suffix=".ply")
         _write_png(folder / "lut0.png", lattice[:, :, :4])
         _write_png(folder / "lut1.png", np.concatenate([lattice[:, :, 4:], opacity[:, :, None]], axis=2))

@@ -11,7 +11,7 @@ from msb.errors import about
 from msb.meshes.assets import make_mesh_buffers
 from msb.meshes.files import read_mesh
 from msb.meshes.gltf import uses_gaussians
-from msb.meshes.mesh import report_left_out
+from msb.meshes.mesh import report_left_out, report_origin
 from msb.registry import METHODS
 
 
@@ -27,11 +27,11 @@ def read(place: Place, content: Content, options: Options) -> Model:
     Settings("mesh", options.settings)  # a mesh has no settings, so any name is an error
     mesh = read_mesh(place.file)
     with about(place.file):
-        buffers, domains, appearance = make_mesh_buffers(mesh)
-    description = Description(
-        appearance=appearance, coordinate_frame=CoordinateFrame(up=mesh.up or "unknown")
-    )
-    return Model(buffers, domains, description, place.root, (place.file,), report_left_out(mesh))
+        made = make_mesh_buffers(mesh)
+    frame = CoordinateFrame(up=mesh.up or "unknown")
+    description = Description(appearance=made.appearance, coordinate_frame=frame, origin=made.origin)
+    notes = (*report_left_out(mesh), *report_origin(mesh))
+    return Model(made.buffers, made.domains, description, place.root, (place.file,), notes)
 
 
 @dataclass(frozen=True)

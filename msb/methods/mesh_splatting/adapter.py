@@ -7,6 +7,7 @@ per vertex; sigma is global. Files of Triangle Splatting+ are also read here. Th
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,7 @@ from msb.asset.sh import SH_C0
 from msb.errors import CheckpointError, about
 from msb.meshes.assets import make_mesh_buffers
 from msb.meshes.files import read_mesh
+from msb.meshes.mesh import report_origin
 
 KEYS = ("triangles_points", "_triangle_indices", "vertex_weight", "features_dc", "sigma")
 # The opacity floor that the official code sets when it imports a PLY.
@@ -82,19 +84,21 @@ def _read_mesh(method: str, place: Place, options: Options) -> Model:
     settings = Settings(method, options.settings)
     mesh = read_mesh(place.file)
     with about(place.file):
-        buffers, _, _ = make_mesh_buffers(mesh)
+        made = make_mesh_buffers(mesh)
     if mesh.vertex_colors is None:
         text = "vertex colours are missing; the PLY of the official exporter has red, green, blue, alpha"
         raise CheckpointError("CHECKPOINT_LAYOUT", text, file=place.file, pointer="red")
     colors = mesh.vertex_colors[:, :3].astype(np.float32)
     if mesh.vertex_colors.dtype == np.uint8:
         colors /= np.float32(255)
-    del buffers["color"]
+    buffers = {name: values for name, values in made.buffers.items() if name != "color"}
     buffers["f_dc"] = np.clip((colors - np.float32(0.5)) / np.float32(SH_C0), -4, 4)
     buffers["opacity"] = np.full(len(colors), np.inf, np.float32)
     settings.add("opacity_floor", _FLOOR_OF_MESHES, "default")
     description = _description(method, settings, 0, {}, mesh.up or "unknown")
-    return Model(buffers, domains_of(buffers, "vertex"), description, place.root, (place.file,))
+    description = replace(description, origin=made.origin)
+    notes = report_origin(mesh)
+    return Model(buffers, domains_of(buffers, "vertex"), description, place.root, (place.file,), notes)
 
 
 def _description(

@@ -257,7 +257,7 @@ class _Images:
                 raise UsageError("USAGE", text)
             for name in names:
                 for kind in self.kinds:
-                    self.output.check_free(self.place(name, kind))
+                    self.output.check_free(self.place(name, kind), label="--out")
         if self.options.film is not None and len({(view.width, view.height) for view in views}) > 1:
             raise UsageError("USAGE", "the cameras differ in size; pass --size WxH to make a film")
 

@@ -189,8 +189,11 @@ def native_comprehensive_results(numbers: Numbers, paper: Numbers | None = None)
 
 
 def renderer_comparison(numbers: Numbers, dataset: str, paper: Numbers | None = None) -> Table:
-    """Return a row per condition and metric, and a column per method; the best condition is bold."""
-    conditions = numbers.conditions(dataset)
+    """Return a row per condition and metric, and a column per method; the best condition is bold.
+
+    As in the paper, Standard comes before Dedicated.
+    """
+    conditions = sorted(numbers.conditions(dataset), key=_comparison_order)
     return make_table(
         numbers,
         paper,
@@ -217,6 +220,11 @@ def renderer_comparison(numbers: Numbers, dataset: str, paper: Numbers | None = 
         {"dataset": dataset, "scene": MEAN},
         best_of=("method",),
     )
+
+
+def _comparison_order(condition: str) -> int:
+    """Return the sort key of a condition in `renderer_comparison`."""
+    return ("non_engine", "standard", "dedicated", BAKED).index(condition.partition("/")[0])
 
 
 def scene_comparison(numbers: Numbers, dataset: str, paper: Numbers | None = None) -> Table:

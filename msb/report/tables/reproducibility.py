@@ -1,6 +1,7 @@
 """Tables of the differences between our numbers and published ones."""
 
 import math
+from collections.abc import Iterable
 from typing import NamedTuple
 
 from msb.bench.aggregate import METRICS
@@ -29,12 +30,14 @@ SOURCES = {"paper": "Paper", "public": "Public", "meshsplatbench": "MeshSplatBen
 class PublishedPair(NamedTuple):
     """One of our numbers and its published counterpart, both in the unit of the records.
 
-    `key` is the key of our number, but its `source` names the publication.
+    `key` is the key of our number, but its `source` names the publication. `notes` are those of the published
+    number.
     """
 
     key: Key
     ours: float
     published: float
+    notes: tuple[str, ...] = ()
 
     @property
     def difference(self) -> float:
@@ -47,7 +50,7 @@ def reproducibility(numbers: Numbers, paper: Numbers | None = None) -> Table:
     published = {} if paper is None else {key: number for key, number in paper.values.items() if key.source}
     both = numbers if paper is None else Numbers({**numbers.values, **published})
     known = {(key.dataset, key.method) for key in both.values if key.source}
-    sources = {key.source for key in both.values}
+    sources = {key.source for key in both.values if key.dataset in numbers.datasets()}
     return make_table(
         both,
         None,
@@ -79,8 +82,14 @@ def pair_with_published(numbers: Numbers, paper: Numbers) -> list[PublishedPair]
         ours = numbers.number(key._replace(source=""))
         if ours.value is not None and ours.present == ours.expected:
             source = key.source or "meshsplatbench"
-            pairs.append(PublishedPair(key._replace(source=source), ours.value, published.value))
+            notes = tuple(note for note in published.notes if note != PUBLISHED_LPIPS)
+            pairs.append(PublishedPair(key._replace(source=source), ours.value, published.value, notes))
     return pairs
+
+
+def list_notes(pairs: Iterable[PublishedPair]) -> list[str]:
+    """Return the notes of published numbers, each once."""
+    return list(dict.fromkeys(note for pair in pairs for note in pair.notes))
 
 
 def reproducibility_statistics(numbers: Numbers, paper: Numbers) -> Table:
@@ -100,7 +109,13 @@ def reproducibility_statistics(numbers: Numbers, paper: Numbers) -> Table:
         ("Compared with", "Of", "Metric"),
         tuple(map(TableColumn, ("n", "mean |d|", "max |d|", "max |d| / published (%)", "Worst pair"))),
         tuple(_statistics_row(*group, groups[group]) for group in order if group in groups),
-        ("partial means are not compared", *([f"LPIPS: {PUBLISHED_LPIPS}"] if lpips else [])),
+        (
+            "partial means are not compared",
+            *([f"LPIPS: {PUBLISHED_LPIPS}"] if lpips else []),
+            *list_notes(
+                pair for group in groups.values() for pair in group if pair.key.source != "meshsplatbench"
+            ),
+        ),
     )
 
 

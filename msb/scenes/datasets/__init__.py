@@ -14,6 +14,7 @@ from msb.scenes.datasets.notes import (
     note_recorded_size,
     note_scaled_cameras,
     warn_background,
+    warn_unknown_split,
 )
 from msb.scenes.datasets.read import SceneAt, dataset_of, read_scene, scene_at, scene_of
 from msb.scenes.datasets.rulebook import (
@@ -49,4 +50,5 @@ __all__ = [
     "scene_of",
     "stated_background",
     "warn_background",
+    "warn_unknown_split",
 ]

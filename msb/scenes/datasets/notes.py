@@ -129,6 +129,14 @@ def warn_test_views() -> Finding:
     )
 
 
+def warn_unknown_split() -> Finding:
+    """Return the warning about a model that does not record which views its training held out."""
+    return _warn_training(
+        "its training does not record which views it held out; if it saw the test views, its results are too "
+        "good"
+    )
+
+
 def warn_background(background: Color, drawn: Color) -> Finding:
     """Return the warning about a model rendered over another background than in its training."""
     return _warn_training(

@@ -1,0 +1,33 @@
+"""Move an asset to another origin. `msb.base.origin` says which meshes need one."""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from msb.asset.asset import Asset
+from msb.asset.manifest import TEXTURE_VERSION
+from msb.base.origin import NO_ORIGIN, Origin, to_world
+
+
+def world_positions(asset: Asset) -> NDArray[np.floating]:
+    """Return the coordinates (V, 3) in the scene: the stored float32 array, or float64 with an origin."""
+    return to_world(asset.buffers["positions"], asset.manifest.origin)
+
+
+def with_origin(asset: Asset, origin: Origin) -> Asset:
+    """Return `asset` with its positions relative to `origin`, in a scene of its own.
+
+    The positions stay the same, so the mesh moves in the scene. Cameras move with it by `Camera.relative_to`.
+    """
+    if origin == asset.manifest.origin:
+        return asset
+    version = asset.manifest.version
+    if any(origin):
+        version = max(version, TEXTURE_VERSION)
+    return replace(asset, manifest=replace(asset.manifest, origin=origin, version=version))
+
+
+def without_origin(asset: Asset) -> Asset:
+    """Return `asset` with its positions as coordinates, for code that computes with them."""
+    return with_origin(asset, NO_ORIGIN)
