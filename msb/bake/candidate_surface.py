@@ -28,7 +28,7 @@ from msb.bake.depth_fusion import (
     pull_in,
 )
 from msb.bake.descent import StepSchedule
-from msb.bake.fairing import TURNS, fair, smooth
+from msb.bake.fairing import fair, smooth
 from msb.bake.options import MIN_CLOSED_FACES
 from msb.bake.shape import measure_bending
 from msb.bake.soup import Soup
@@ -64,9 +64,9 @@ _TWO_STEP_FACES = 4_000
 # The error of a state is multiplied by this power of its bending, relative to the start of the search. So
 # 10 % more bending must gain 0.2 dB.
 _BENDING_POWER = 0.5
-# A surface from a model's own depths: turns of smoothing before faces are removed, turns of fairing
-# afterwards, and steps that move the vertices. More fairing or steps cost time or detail and gain nothing.
-_SMOOTH_TURNS, _FAIR_TURNS, _STEPS = 10, 2, 60
+# A surface from a model's own depths: turns of smoothing before faces are removed, and steps that move the
+# vertices. Fairing and more steps cost detail, such as the features of a face, and gain nothing.
+_SMOOTH_TURNS, _OWN_DEPTH_STEPS = 10, 30
 # A part that covers less than this share of the pixels of all views is a speck and is removed.
 MIN_PART_SHARE = 1e-4
 
@@ -270,7 +270,9 @@ def _fit_surface(
         best = BestState(validation, _make_shape_weight(points, faces, space))
         best.evaluate(soup)
         progress = partial(context.progress, "moving vertices")
-        normal = steps or (_STEPS if context.has_own_depths else vertex_descent.STEPS)
+        normal = steps or vertex_descent.STEPS
+        if context.has_own_depths:
+            normal = min(normal, _OWN_DEPTH_STEPS)
         schedule = StepSchedule(context.count_steps(normal), time.monotonic() + seconds, progress)
         random = context.make_random()
         vertex_descent.move_vertices(points, soup, renderer, best, space, random, schedule)
@@ -333,8 +335,8 @@ def _reduce_uncrossed(surface: ClosedSurface, count: int, context: SearchContext
     """Reduce a surface to about `count` faces by quadric error, and remove crossing faces and specks."""
     points, faces, space = surface
     points, faces = closed_mesh.reduce_faces(points, faces, count, space)
-    turns = _FAIR_TURNS if context.has_own_depths else TURNS
-    points = space.clamp(space.from_world(fair(space.to_world(points), faces, turns)))
+    if not context.has_own_depths:
+        points = space.clamp(space.from_world(fair(space.to_world(points), faces)))
     reduced = closed_mesh.remove_crossings(points, faces, space)
     # Thin parts fall apart with fewer faces and leave specks.
     return _drop_specks(ClosedSurface(*reduced, space), context.training.cameras, context.device)

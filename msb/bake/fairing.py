@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 _NORMAL_WIDTH = 0.5
 # Turns of `fair`. Each turn filters the normals and moves the vertices. After ten turns the dents of the demo
 # surfaces are gone, and further turns round their rims.
-TURNS = 10
+_TURNS = 10
 # Shares of the way to the average of the neighbours in the two halves of a turn of `smooth`.
 _SHARES = 0.5, -0.53
 # A face is folded if the cosine of an angle is below this limit: the angle between its normal and the sum of
@@ -69,7 +69,7 @@ def smooth(points: Floats, faces: Ints, turns: int) -> Floats:
     return points
 
 
-def fair(points: Floats, faces: Ints, turns: int = TURNS) -> Floats:
+def fair(points: Floats, faces: Ints, turns: int = _TURNS) -> Floats:
     """Return the points (V, 3) of a surface after `turns` turns of filtering normals and moving vertices."""
     neighbours = find_neighbours(faces, len(points))
     average = make_neighbour_average(faces, len(points))
