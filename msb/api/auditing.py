@@ -106,13 +106,13 @@ def audit_stored(mesh: StoredMesh, *, weld: Weld | None = None) -> tuple[Audit, 
     return replace(report, path=path, method=mesh.method), analysis
 
 
-def next_command(audit: Audit, source: str, output: str | None = None) -> str | None:
+def next_command(audit: Audit, source: str, output: str | None = None, plan: str | None = None) -> str | None:
     """Return the command that improves a mesh, or None if the mesh is OK or no command is known to help.
 
     `source` is the path of the mesh, and `output` is the path of the file to write. Both are quoted for a
-    shell. Default: a file in the current folder.
+    shell. Default: a file in the current folder. `plan` replaces the plan of the verdict.
     """
-    plan = judge(audit).plan
+    plan = judge(audit).plan if plan is None else plan
     if not plan:
         return None
     if plan == "bake":

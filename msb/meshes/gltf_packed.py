@@ -6,6 +6,7 @@ message. The memory limit of the child is proportional to the declared sizes of 
 
 import json
 from collections.abc import Iterator
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -14,15 +15,17 @@ from numpy.typing import NDArray
 from msb.base.children import Arrays, run_in_child
 from msb.base.extras import need_extra
 from msb.base.limits import Limits
-from msb.errors import shorten
+from msb.errors import MeshFileError, shorten
 from msb.meshes.gltf import Document
 
 MESHOPT = ("KHR_meshopt_compression", "EXT_meshopt_compression")
 DRACO = "KHR_draco_mesh_compression"
 _MODES = ("ATTRIBUTES", "TRIANGLES", "INDICES")
 _FILTERS = ("NONE", "OCTAHEDRAL", "QUATERNION", "EXPONENTIAL", "COLOR")
-# Prefixes of the attributes that are read.
+# Prefixes of the attributes that are read, and names of those that only explain duplicated vertices. If the
+# latter cannot be decoded, the mesh is read without them.
 _READ = ("POSITION", "COLOR_0", "TEXCOORD_", "JOINTS_", "WEIGHTS_")
+_EXPLAINING = ("NORMAL", "TANGENT")
 # Time limit of the child process, in seconds.
 _SECONDS = 300
 # Memory limit of the child process: 1 GiB, plus 16 times the size of the decoded arrays.
@@ -38,7 +41,7 @@ def unpack(document: Document, meshes: list[int]) -> None:
     in `document.packed`. Their total size is limited by `document.limit`.
     """
     jobs = list(_list_jobs(document, meshes))
-    if not jobs:
+    if all(job.get("optional") for job in jobs):
         return
     # Check the declared sizes. Compute the limit after all buffers are read, so that linked files count for
     # it.
@@ -62,7 +65,7 @@ def unpack(document: Document, meshes: list[int]) -> None:
     for number, job in enumerate(jobs):
         if job["mode"] == "DRACO":
             _store_primitive(document, job, number, reply.arrays)
-        else:
+        elif f"{number}" in reply.arrays:
             document.views[job["view"]] = memoryview(reply.arrays[f"{number}"].tobytes())
 
 
@@ -83,6 +86,8 @@ def unpack_here(word: str, arrays: Arrays) -> tuple[Any, Arrays]:
         except MemoryError:
             raise
         except Exception as error:
+            if job.get("optional"):
+                continue
             text = f"{job['pointer']}: {error or type(error).__name__}"
             raise ValueError(text) from error
     return None, decoded
@@ -96,6 +101,8 @@ def _decode_draco(job: Job, data: bytes) -> Iterator[tuple[str, NDArray[Any]]]:
     yield "indices", np.ascontiguousarray(mesh.faces)
     for name, number in job["attributes"].items():
         attribute = mesh.get_attribute_by_unique_id(number)
+        if attribute is None and name in _EXPLAINING:
+            continue
         if attribute is None:
             message = f"attribute {number} ({name}) does not exist in the compressed data"
             raise ValueError(message)
@@ -107,6 +114,7 @@ def _list_jobs(document: Document, meshes: list[int]) -> Iterator[Job]:
     use.
     """
     views: set[int] = set()
+    explaining: set[int] = set()
     for mesh in meshes:
         owner, where = document.entry("meshes", mesh)
         for number, primitive in enumerate(document.array(owner, "primitives", where)):
@@ -115,6 +123,8 @@ def _list_jobs(document: Document, meshes: list[int]) -> Iterator[Job]:
                 continue  # `parse_primitives` reports it
             attributes = document.object(primitive, "attributes", pointer)
             used = {name: index for name, index in attributes.items() if name.startswith(_READ)}
+            for name in _EXPLAINING:
+                explaining |= _list_views(document, attributes.get(name))
             packed = document.object(document.object(primitive, "extensions", pointer), DRACO, pointer)
             if packed and "bufferView" not in _find_accessor(document, used.get("POSITION")):
                 yield _make_draco_job(document, primitive, packed, pointer)
@@ -129,6 +139,9 @@ def _list_jobs(document: Document, meshes: list[int]) -> Iterator[Job]:
             views |= _list_views(document, skin.get("inverseBindMatrices"))
     for view in sorted(views):
         yield from _list_meshopt_jobs(document, view)
+    for view in sorted(explaining - views):
+        with suppress(MeshFileError):
+            yield from [job | {"optional": True} for job in _list_meshopt_jobs(document, view)]
 
 
 def _find_accessor(document: Document, number: Any) -> dict[str, Any]:
@@ -194,7 +207,8 @@ def _make_draco_job(
     where = f"{pointer}/extensions/{DRACO}"
     data, _, _ = document.view(document.integer(packed, "bufferView", where))
     numbers = document.object(packed, "attributes", where)
-    names = [name for name in numbers if name.startswith(_READ)]
+    names = [name for name in numbers if name.startswith(_READ) or name in _EXPLAINING]
+    names = [name for name in names if name not in _EXPLAINING or type(numbers[name]) is int]
     attributes = {name: document.integer(numbers, name, f"{where}/attributes") for name in names}
     if "POSITION" not in attributes:
         raise document.error("MESH_FILE_INVALID", where, "the attributes have no POSITION")
@@ -202,6 +216,10 @@ def _make_draco_job(
     accessors = document.object(primitive, "attributes", pointer)
     counts = {name: _find_accessor(document, accessors.get(name)).get("count") for name in attributes}
     counts["indices"] = _find_accessor(document, primitive.get("indices")).get("count")
+    for name in _EXPLAINING:
+        if counts.get(name) != counts["POSITION"]:
+            counts.pop(name, None)
+            attributes.pop(name, None)
     for name, count in counts.items():
         if type(count) is not int or count < 0:
             text = f"{name} has no accessor with a 'count'"
@@ -220,9 +238,11 @@ def _store_primitive(document: Document, job: Job, number: int, arrays: Arrays) 
     """Store the decoded arrays of a primitive after checking their lengths."""
     stored = {}
     for name, count in job["counts"].items():
-        array = arrays[f"{number}.{name}"]
+        array = arrays.get(f"{number}.{name}", np.zeros((0, 1)))
         if name == "indices":
             array = array.reshape(-1, 1)
+        if len(array) != count and name in _EXPLAINING:
+            continue
         if len(array) != count:
             text = f"the accessor of {name} declares {count} elements, but {len(array)} were decoded"
             raise document.error("MESH_FILE_INVALID", job["pointer"], text)

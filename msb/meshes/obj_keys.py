@@ -57,10 +57,9 @@ def _read_keys(text: Source) -> NDArray[np.uint32] | None:
     for word, stored in values.items():
         table = np.concatenate([*stored, np.full((1, 3), np.inf)])
         row = np.concatenate(rows[word])
-        if row.size and row.max() >= above[word]:
-            return None
-        columns.append(table[row])
-    return hash_attributes(columns)
+        if not row.size or row.max() < above[word]:  # else lines are missing, as in files without any vt
+            columns.append(table[row])
+    return hash_attributes(columns) if columns else None
 
 
 def _read_lines(words: Words, is_line: NDArray[np.bool_]) -> NDArray[np.float64]:

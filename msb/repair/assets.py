@@ -82,8 +82,8 @@ def repair(
         The asset, or a path that `msb.open` accepts. It is not changed.
     plan : sequence of str, or str, optional
         The steps in order, as a sequence or separated by commas: "orient", "pair", "cut", "drop", "weld",
-        "debris", "close". They are repeated until nothing changes. A step may have numbers:
-        "weld:0.01,orient,pair".
+        "debris", "close", "dedupe", "outward". They are repeated until nothing changes. A step may have
+        numbers: "weld:0.01,orient,pair".
     weights : (F,) non-negative numbers, optional
         The importance of each face for `debris` and `drop`, such as the number of pixels that it covers in
         images. Default: its area.
@@ -99,7 +99,7 @@ def repair(
     UsageError
         `USAGE`, `EXTRA_MISSING`.
     MeshError
-        `MESH_NONFINITE`: a coordinate is not finite; `MESH_INDEX_OUT_OF_RANGE`, `WELD_DISTANCE`.
+        `MESH_NONFINITE`: no face has finite coordinates; `MESH_INDEX_OUT_OF_RANGE`, `WELD_DISTANCE`.
     Unsupported
         `UNSUPPORTED_REPAIR`: a step would leave values of a buffer undefined; `UNSUPPORTED_TIER`: a triangle
         soup without static colours cannot be welded; `PEER_FAILED`: the other library failed.

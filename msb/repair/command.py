@@ -274,6 +274,7 @@ class _Repair:
         separately.
         """
         from msb.api.auditing import next_command
+        from msb.repair.plan import parse_plan
         from msb.topology.verdict import judge
 
         source, target = (one_line(str(path)) for path in (self.source, self.target))
@@ -299,11 +300,11 @@ class _Repair:
         echo(f"To see the changes: msb view {source} --repaired {target}")
         # The last line names the remaining defects. Running the same plan again would change nothing.
         plan = judge(after).plan
+        if plan not in ("", "bake") and self.plan.covers(parse_plan(plan)):
+            plan = "bake"
         suffix = ".glb" if plan == "bake" else self.suffix
-        command = next_command(
-            after, target, shell_word(one_line(str(self.target.with_suffix(""))) + f"_next{suffix}")
-        )
-        if command and not set(plan.split(",")) <= {*self.plan.plan}:
+        output = shell_word(one_line(str(self.target.with_suffix(""))) + f"_next{suffix}")
+        if command := next_command(after, target, output, plan):
             echo(f"Next, for the remaining defects: {command}")
 
 
@@ -393,7 +394,7 @@ def _print_comparison(rows: list[StrategyResult], views: str, output: Output) ->
     for row in rows:
         if row.why is not None:
             echo(f"{row.strategy}: {row.why}")
-    if advice := _recommend(rows):
+    if advice := recommend(rows):
         echo(advice)
     tried = [trial.task for trial in stored.trials if trial.outcome != "not_run"]
     if tried:
@@ -408,7 +409,7 @@ def _print_comparison(rows: list[StrategyResult], views: str, output: Output) ->
         echo(f"Standard, Dedicated: PSNR in dB against the asset as stored, averaged over {views}.")
 
 
-def _recommend(rows: list[StrategyResult]) -> str:
+def recommend(rows: list[StrategyResult]) -> str:
     """Return the recommended row: the best verdict, then the most tasks, fewest defects and best likeness."""
     from msb.topology.verdict import judge
     from msb.trial.repairs import count_passed

@@ -66,6 +66,15 @@ class Options:
     peer: Peer | None = None
     limits: Limits = field(default_factory=Limits)
 
+    def covers(self, other: Options) -> bool:
+        """Return whether this plan has all steps of `other`, and closes and welds at least as much."""
+        ours, theirs = (0.0 if plan.weld == "exact" else float(plan.weld) for plan in (self, other))
+        return (
+            set(other.plan) <= set(self.plan)
+            and ("weld" not in other.plan or ours >= theirs)
+            and ("close" not in other.plan or self.close_share >= other.close_share)
+        )
+
     def check(self) -> Options:
         """Return the validated options; raise USAGE or WELD_DISTANCE if they are invalid."""
         numbers = {

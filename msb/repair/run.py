@@ -18,12 +18,13 @@ from msb.repair.buffers import carry
 from msb.repair.plan import BY_PEER
 from msb.topology import audit_arrays
 from msb.topology.arrays import mesh_arrays
+from msb.topology.faces import face_areas
 from msb.topology.halfedge import NONE
 from msb.topology.seams import find_seams, seam_attributes
 from msb.topology.steps import close, cut, debris, dedupe, drop, orient, outward, pair, weld
-from msb.topology.steps.change import followed_by, unchanged, with_vertices
+from msb.topology.steps.change import followed_by, unchanged, with_faces, with_vertices
 from msb.topology.steps.cut import cut_edges
-from msb.topology.verdict import is_worth_merging
+from msb.topology.verdict import is_worth_merging, judge
 
 if TYPE_CHECKING:
     from msb.asset.manifest import Domain
@@ -225,7 +226,6 @@ def run_plan(
     """
     plan = options.plan
     points, faces = mesh_arrays(buffers["positions"], buffers["indices"])
-    reject_nonfinite(points)
     if weights is not None:
         weights = np.asarray(weights)
         if weights.shape != (len(faces),) or not (np.isfinite(weights) & (weights >= 0)).all():
@@ -253,6 +253,7 @@ def run_plan(
     if seams is not None:
         first = with_vertices(seams.merged(faces), seams.first)
     state.apply(first or unchanged(faces, len(points)))
+    dropped = _drop_nonfinite(state)
     # Run the steps. Repetitions that change nothing are not reported.
     for name in _order_steps(plan, state, options.peer):
         state.run_step(name, lambda name=name: _compute_change(name, state, options))  # type: ignore[misc]
@@ -260,7 +261,8 @@ def run_plan(
         raise AssetError("TRIASSET_EMPTY", f"the plan {','.join(plan)} would remove all faces")
     steps = [step for turn, step in enumerate(state.steps) if turn < len(plan) or step.changed]
     kept = seams is None or not seams.unexplained
-    if (first is None or seams is not None) and kept and not any(step.changed for step in steps):
+    changed = dropped or any(step.changed for step in steps)
+    if (first is None or seams is not None) and kept and not changed:
         same = (np.arange(len(points)), np.arange(len(faces)), np.zeros(len(faces), bool))
         return Outcome(buffers, domains, *same, tuple(steps), before, before)
     if seams is not None:
@@ -268,6 +270,8 @@ def run_plan(
         by_corner = "; UVs are stored per corner now" if new_domains.get("uv") == "corner" else ""
         note = f"{seams.doubles:,} {vertices} merged at seams{by_corner}"
         steps[0] = replace(steps[0], notes=(note, *steps[0].notes))
+    if dropped:
+        steps[0] = replace(steps[0], notes=(dropped, *steps[0].notes))
     # Audit the result.
     state.flush()
     attributes = seam_attributes(state.buffers, new_domains, triangle_list=not trained)
@@ -318,13 +322,22 @@ def _order_steps(plan: Sequence[str], state: _State, peer: str | None) -> Iterat
             return
 
 
-def reject_nonfinite(points: NDArray[Any]) -> None:
-    """Raise MESH_NONFINITE for the first vertex of `points` (V, 3) that is not finite."""
-    finite = np.isfinite(points)
-    if not finite.all():
-        row = int(np.argmin(finite.all(axis=1)))
-        text = f"vertex {row} is {points[row].tolist()}; repairs need finite coordinates"
-        raise MeshError("MESH_NONFINITE", text, pointer=f"vertices[{row}]")
+def _drop_nonfinite(state: _State) -> str:
+    """Drop the faces without a finite area, and the vertices that are not finite. Return a note, or ""."""
+    points, faces = state.points, state.pending.faces
+    keep = face_areas(points, faces)[1] & np.isfinite(points).all(axis=1)[faces].all(axis=1)
+    used = np.isfinite(points).all(axis=1)
+    if keep.all() and used.all():
+        return ""
+    if len(faces) and not keep.any():
+        text = f"no face has finite coordinates; vertex {int(np.argmin(used))} is the first that has not"
+        raise MeshError("MESH_NONFINITE", text, pointer=f"vertices[{int(np.argmin(used))}]")
+    state.apply(with_faces(faces, keep, len(points), lost=~used))
+    count, first = len(keep) - int(keep.sum()), int(np.argmin(keep))
+    if not count:
+        return "vertices that no face uses are not finite; they were dropped"
+    are = "face has" if count == 1 else "faces have"
+    return f"{count:,} {are} NaN, infinite or too large coordinates; dropped (the first one: face {first})"
 
 
 def list_defects(after: Audit, split: str | None = None) -> list[str]:
@@ -341,7 +354,7 @@ def list_defects(after: Audit, split: str | None = None) -> list[str]:
         if not after.corners_coincide:
             hint = "faces share no vertices, and no two corners coincide, so weld cannot merge them"
     elif after.closed_once_merged or is_worth_merging(after):
-        hint = 'add "weld" to the plan to merge coincident vertices'
+        hint = f'add "{judge(after).plan.partition(",")[0]}" to the plan to merge vertices'
     if split is not None:
         hint = f"faces share no vertices: {split}"
     for key, singular, plural, text in (

@@ -15,7 +15,7 @@ from msb.topology.arrays import mesh_arrays
 from msb.topology.dispatch import find_findings
 from msb.topology.faces import find_duplicate_faces, names_vertex_twice
 from msb.topology.findings import Counts, Findings
-from msb.topology.seams import Attributes, SeamKind, audit_merged, find_seams, is_closed
+from msb.topology.seams import Attributes, Merged, SeamKind, audit_merged, find_seams, is_closed
 from msb.topology.solids import Bodies, check_bodies
 from msb.topology.verdict import Level, judge, percent
 from msb.topology.weld import Weld, corners_coincide, parse_weld, weld_vertices
@@ -88,15 +88,16 @@ class Audit:
     without_seams : Audit or None
         The audit of the mesh with merged seams; None without seams.
     closed_once_merged : bool
-        Whether the mesh is open as stored, but closed, manifold and consistently wound after an exact weld.
+        Whether the mesh is open as stored, but closed, manifold and consistently wound after this weld.
         False if this was not tested: a mesh with more than 200,000 faces is tested only if the exact weld is
         requested.
-    merged : Counts or None
-        The counts of an open mesh of at most 200,000 faces after an exact weld. None if no vertices coincide.
+    merged : Merged or None
+        The counts of an open mesh of at most 200,000 faces after an exact weld, or after merging vertices of
+        boundary edges that differ by rounding. None if there are none.
     without_duplicates : Counts or None
         The counts of a non-manifold mesh without its duplicate faces. None without duplicates.
     bodies : Bodies or None
-        Whether the bodies of a closed mesh are inside out, touch or cross; None for other meshes.
+        Whether the bodies of a closed mesh are inside out, flat, touch or cross; None for other meshes.
     corners_coincide : bool or None
         For a triangle soup, whether an exact weld would join any two faces; otherwise None.
     cross_check : list or None
@@ -126,7 +127,7 @@ class Audit:
     seams: SeamKind | None = None
     without_seams: Audit | None = None
     closed_once_merged: bool = False
-    merged: Counts | None = None
+    merged: Merged | None = None
     without_duplicates: Counts | None = None
     bodies: Bodies | None = None
     corners_coincide: bool | None = None
@@ -274,22 +275,22 @@ def audit_arrays(
         report = replace(report, counts=counts, seams=seams.kind, without_seams=without)
     # The mesh after an exact weld; reuse a weld that was already audited.
     if report.welded is not None and chosen == "exact":
-        after_weld = report.welded.counts if report.counts.boundary_edges else None
+        after_weld = Merged("exact", report.welded.counts) if report.counts.boundary_edges else None
     elif report.without_seams is not None:
-        after_weld = report.without_seams.counts
-        if not is_closed(after_weld):
+        after_weld = Merged("exact", report.without_seams.counts)
+        if not is_closed(after_weld.counts):
             after_weld = report.without_seams.merged
     else:
         after_weld = audit_merged(findings, points, triangles)
-    closes = after_weld is not None and is_closed(after_weld)
+    closes = after_weld is not None and is_closed(after_weld.counts)
     report = replace(report, merged=after_weld)
     # The counts without duplicate faces, and the bodies of a closed mesh.
     if report.counts.duplicate_faces and report.counts.nonmanifold_vertices:
         single = triangles[~find_duplicate_faces(triangles)]
         report = replace(report, without_duplicates=find_findings(points, single)[0].counts)
     if check_crossings and is_closed(report.counts) and not report.counts.nonfinite_faces:
-        report = replace(report, bodies=check_bodies(points, triangles))
-    # Whether any corners of a triangle soup coincide; repeated-index rows are ignored.
+        report = replace(report, bodies=check_bodies(points, triangles, report.counts.components))
+    # Whether the corners of a triangle soup meet, ignoring its repeated-index rows.
     coincide = None
     if report.counts.all_apart:
         degenerate = report.counts.repeated_index_faces > 0

@@ -7,8 +7,8 @@ only touch do not cross. Neighbours do not cross at their shared corner or edge.
 even if they overlap.
 """
 
-from collections.abc import Iterator, Sequence
-from typing import Any
+from collections.abc import Iterator
+from typing import Any, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,18 +16,37 @@ from numpy.typing import NDArray
 # Error bound of a 3 x 3 determinant of differences, relative to its permanent. It is (7 + 56 eps) eps with
 # eps = 2^-53 (Shewchuk, "Adaptive Precision Floating-Point Arithmetic", 1997, for orient3d).
 _ROUNDING = 7.8e-16
-# Candidate pairs per batch. Their arrays fit into the processor cache. Batches of millions of pairs take
-# twice as long.
-_PAIRS_AT_ONCE = 1 << 16
-# Maximum number of grid cells per face, on average. A finer grid would put large faces into too many cells.
-_CELLS_PER_FACE = 64
+# Pairs of nodes per batch. Their children's arrays fit into the cache of the processor, which is twice as
+# fast as batches of millions.
+_PAIRS_AT_ONCE = 1 << 14
+# Shifts and masks that move each bit of a 21-bit number to every third place.
+_SPREAD = tuple(
+    (np.uint64(shift), np.uint64(mask))
+    for shift, mask in (
+        (32, 0x1F00000000FFFF),
+        (16, 0x1F0000FF0000FF),
+        (8, 0x100F00F00F00F00F),
+        (4, 0x10C30C30C30C30C3),
+        (2, 0x1249249249249249),
+    )
+)
 
 
+@overload
 def find_crossing_pairs(
     corners: NDArray[np.float64],
     places: NDArray[np.float64] | None = None,
     of: NDArray[np.bool_] | None = None,
-) -> NDArray[np.int64]:
+) -> NDArray[np.int64]: ...
+@overload
+def find_crossing_pairs(corners: NDArray[np.float64], *, most: int) -> NDArray[np.int64] | None: ...
+def find_crossing_pairs(
+    corners: NDArray[np.float64],
+    places: NDArray[np.float64] | None = None,
+    of: NDArray[np.bool_] | None = None,
+    *,
+    most: int | None = None,
+) -> NDArray[np.int64] | None:
     """Return the pairs (n, 2) of faces that cross, sorted, each pair once with the lower number first.
 
     Parameters
@@ -36,90 +55,89 @@ def find_crossing_pairs(
         The corners of the faces, all finite.
     places : (F, n, 3) float64, optional
         Points that define the bounding boxes instead of `corners`. Pass the faces mapped to a space in which
-        they have similar sizes, because the search is slow if sizes differ widely.
+        they have similar sizes if their sizes differ by many orders of magnitude.
     of : (F,) bool, optional
         Return only pairs with at least one of these faces.
+    most : int, optional
+        The maximum number of pairs of overlapping bounding boxes to test. Long, thin faces have many.
+
+    Returns
+    -------
+    (n, 2) int64, or None if there are more than `most` pairs to test
     """
-    near = _find_near_pairs(corners if places is None else places, of)
-    crossing = [pairs[_test_pairs(corners[pairs[:, 0]], corners[pairs[:, 1]])] for pairs in near]
-    pairs = np.concatenate([np.zeros((0, 2), np.int64), *crossing])
-    return np.asarray(pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))])
+    boxes = corners if places is None else places
+    crossing, tested = [np.zeros((0, 2), np.int64)], 0
+    for pairs in _find_near_pairs(boxes.min(axis=1), boxes.max(axis=1), of):
+        tested += len(pairs)
+        if most is not None and tested > most:
+            return None
+        crossing.append(pairs[_test_pairs(corners[pairs[:, 0]], corners[pairs[:, 1]])])
+    found = np.concatenate(crossing)
+    return np.asarray(found[np.lexsort((found[:, 1], found[:, 0]))])
 
 
 def _find_near_pairs(
-    corners: NDArray[np.float64], of: NDArray[np.bool_] | None
+    low: NDArray[np.float64], high: NDArray[np.float64], of: NDArray[np.bool_] | None
 ) -> Iterator[NDArray[np.int64]]:
-    """Yield batches (n, 2) of face pairs whose bounding boxes overlap, each pair once.
+    """Yield batches (n, 2) of boxes that overlap, each pair once with the lower number first.
 
-    If `of` is given, each pair has at least one of these faces.
+    `low` and `high` (F, 3) are the corners of the boxes. If `of` (F,) is given, each pair has at least one of
+    these boxes. The boxes are the leaves of a binary tree in Morton order (Karras, "Maximizing Parallelism in
+    the Construction of BVHs, Octrees, and k-d Trees", 2012), which is walked from pairs of nodes to pairs of
+    their children.
     """
-    if len(corners) < 2:
+    count = len(low)
+    if count < 2:
         return
-    low, high = (np.ascontiguousarray(edge.T) for edge in (corners.min(axis=1), corners.max(axis=1)))
-    origin = low.min(axis=1)
-    extent = np.maximum((high.max(axis=1) - origin).max(), np.finfo(np.float64).tiny)
-    sizes = (high - low).max(axis=0)
-    # Cell size: the 75 % quantile of the face sizes, but no less than 1/1024 of the extent.
-    cell = max(float(np.quantile(sizes, 0.75)), float(extent) / 1024, np.finfo(np.float64).tiny)
-    while True:
-        # There are at most 1025 cells along each axis, so that cell numbers fit into 32 bits.
-        first, last = (np.floor((edge - origin[:, None]) / cell).astype(np.int32) for edge in (low, high))
-        spans = last - first + 1
-        cells = spans.prod(axis=0, dtype=np.int64)
-        if int(cells.sum()) <= max(_CELLS_PER_FACE * len(corners), 1 << 20):
-            break
-        cell *= 2
-    # One entry (face, cell) for each cell that a bounding box overlaps, sorted by cell number.
-    count = last.max(axis=1) + 1
-    face = np.repeat(np.arange(len(corners), dtype=np.int32), cells)
-    offset = (np.arange(len(face)) - np.repeat(np.cumsum(cells) - cells, cells)).astype(np.int32)
-    columns = []
-    for axis in (2, 1):
-        offset, column = np.divmod(offset, spans[axis][face])
-        columns.append(first[axis][face] + column)
-    key = _number_cells((first[0][face] + offset, *reversed(columns)), count)
-    del offset, column, columns
-    order = np.argsort(key, kind="stable")
-    key, face = key[order], face[order]
-    if of is not None:
-        # Drop cells without a face of `of`.
-        starts = np.flatnonzero(np.append(True, key[1:] != key[:-1]))
-        shared = np.logical_or.reduceat(of[face], starts)
-        keep = np.repeat(shared, np.diff(starts, append=len(key)))
-        key, face = key[keep], face[keep]
-        if not len(key):
-            return
-    # Pair each entry with the later entries of its cell. `total` is the cumulative number of pairs. A batch
-    # has about _PAIRS_AT_ONCE pairs.
-    ends = np.flatnonzero(np.append(key[1:] != key[:-1], True)) + 1
-    stop = np.repeat(ends, np.diff(ends, prepend=0))
-    total = np.cumsum(stop - np.arange(len(face)) - 1)
-    start = 0
-    while start < len(face):
-        done = total[start - 1] if start else 0
-        end = max(start + 1, int(np.searchsorted(total, done + _PAIRS_AT_ONCE, side="right")))
-        many = np.diff(total[start:end], prepend=done)
-        left = np.repeat(np.arange(end - start), many)
-        right = np.arange(len(left)) - np.repeat(total[start:end] - many - done, many) + left + 1
-        faces = face[start : stop[end - 1]]
+    # The lowest level, padded to a power of two with boxes that overlap nothing. Each level has half as many
+    # nodes as the one below it.
+    depth = (count - 1).bit_length()
+    order = np.argsort(_number_along_curve((low + high) / 2), kind="stable")
+    boxes = [np.full((6, 1 << depth), np.inf)]  # rows: the low corner, and the negated high corner
+    boxes[0][:, :count] = np.concatenate([low[order].T, -high[order].T])
+    wanted = [np.zeros(1 << depth, bool)]
+    wanted[0][:count] = True if of is None else of[order]
+    for _ in range(depth):
+        boxes.append(np.minimum(boxes[-1][:, ::2], boxes[-1][:, 1::2]))
+        wanted.append(wanted[-1][::2] | wanted[-1][1::2])
+    # Pairs of nodes that overlap, with their level. The last batch is taken first, which bounds the memory.
+    waiting = [(depth, np.zeros(1, np.int64), np.zeros(1, np.int64))]
+    while waiting:
+        level, first, second = waiting.pop()
+        level -= 1
+        first, second = (
+            np.concatenate([2 * first + i for i in (0, 0, 1, 1)]),
+            np.concatenate([2 * second + j for j in (0, 1, 0, 1)]),
+        )
+        # A node and itself have three pairs of children; a leaf and itself are no pair.
+        keep = first <= second if level else first < second
         if of is not None:
-            keep = of[faces[left]] | of[faces[right]]
-            left, right = left[keep], right[keep]
-        for axis in range(3):
-            lowest, highest = low[axis][faces], high[axis][faces]
-            overlap = (lowest[left] <= highest[right]) & (lowest[right] <= highest[left])
-            left, right = left[overlap], right[overlap]
-        # Two boxes may share several cells. Keep their pair only in the lowest of these cells.
-        pairs = np.stack([faces[left], faces[right]])
-        shared = np.maximum(first[:, pairs[0]], first[:, pairs[1]])
-        keep = key[start + left] == _number_cells(shared, count)
-        yield np.sort(pairs[:, keep].T.astype(np.int64), axis=1)
-        start = end
+            keep &= wanted[level][first] | wanted[level][second]
+        first, second = first[keep], second[keep]
+        for lows, highs in zip(boxes[level][:3], boxes[level][3:], strict=True):
+            keep = (lows[first] <= -highs[second]) & (lows[second] <= -highs[first])
+            first, second = first[keep], second[keep]
+        if level:
+            for start in range(0, len(first), _PAIRS_AT_ONCE):
+                rows = slice(start, start + _PAIRS_AT_ONCE)
+                waiting.append((level, first[rows], second[rows]))
+        elif len(first):
+            yield np.sort(order[np.stack([first, second], axis=1)], axis=1)
 
 
-def _number_cells(cell: Sequence[NDArray[np.int32]], count: NDArray[np.int32]) -> NDArray[np.int32]:
-    x, y, z = cell
-    return np.asarray((x * count[1] + y) * count[2] + z)
+def _number_along_curve(points: NDArray[np.float64]) -> NDArray[np.uint64]:
+    """Return the place (n,) of each point on a Morton curve: its coordinates with interleaved bits."""
+    origin = points.min(axis=0)
+    extent = max(float((points.max(axis=0) - origin).max()), np.finfo(np.float64).tiny)
+    numbers = np.zeros(len(points), np.uint64)
+    for axis in range(3):
+        # 21 bits, each moved to every third place.
+        bits = np.minimum((points[:, axis] - origin[axis]) / extent * (1 << 21), (1 << 21) - 1)
+        spread = bits.astype(np.uint64)
+        for shift, mask in _SPREAD:
+            spread = (spread | (spread << shift)) & mask
+        numbers |= spread << np.uint64(axis)
+    return numbers
 
 
 def _test_pairs(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.bool_]:

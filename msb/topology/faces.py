@@ -7,6 +7,8 @@ from numpy.typing import NDArray
 
 # Faces per batch; their corners take 19 MB (nine doubles each).
 _CHUNK = 1 << 18
+# Faces per batch for volumes.
+_VOLUMES_AT_ONCE = 1 << 15
 
 
 def face_areas(vertices: NDArray[Any], faces: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
@@ -28,15 +30,28 @@ def face_areas(vertices: NDArray[Any], faces: NDArray[Any]) -> tuple[NDArray[np.
 
 
 def signed_volume(vertices: NDArray[Any], faces: NDArray[np.int64]) -> float:
-    """Return the volume of a closed mesh in cubed length units.
+    """Return the volume of a closed mesh in cubed length units; negative if it is wound inwards."""
+    return float(signed_volumes(vertices, faces).sum())
 
-    It is negative if the mesh is wound inside out. Adds the signed volumes of the tetrahedra between each
-    face and the first corner of the mesh. A point of the mesh as apex keeps rounding errors small.
+
+def signed_volumes(vertices: NDArray[Any], faces: NDArray[Any]) -> NDArray[np.float64]:
+    """Return the signed volume (F,) of the tetrahedron between each face and the first corner of the mesh.
+
+    The sum over a closed body is its volume, in cubed length units, and negative if it is wound inwards. A
+    point of the mesh as apex keeps rounding errors small.
     """
+    volumes = np.zeros(len(faces))
     if not len(faces):
-        return 0.0
-    corners = vertices[faces].astype(np.float64) - vertices[faces[0, 0]].astype(np.float64)
-    return float(np.einsum("fi,fi->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6)
+        return volumes
+    apex = vertices[faces[0, 0]].astype(np.float64)
+    x, y, z = (vertices[:, axis].astype(np.float64) - apex[axis] for axis in range(3))
+    # Batches whose columns fit into the cache of the processor are twice as fast.
+    for start in range(0, len(faces), _VOLUMES_AT_ONCE):
+        rows = slice(start, start + _VOLUMES_AT_ONCE)
+        a, b, c = np.ascontiguousarray(faces[rows].T)
+        u, v, w, p, q, r = x[b], y[b], z[b], x[c], y[c], z[c]
+        volumes[rows] = (x[a] * (v * r - w * q) + y[a] * (w * p - u * r) + z[a] * (u * q - v * p)) / 6
+    return volumes
 
 
 def sum_areas(area: NDArray[np.float64], group: NDArray[Any], groups: int) -> NDArray[np.float64]:

@@ -18,7 +18,8 @@ from msb.topology.components import label_components
 from msb.topology.dispatch import find_findings
 from msb.topology.faces import names_vertex_twice
 from msb.topology.findings import Counts, Findings
-from msb.topology.weld import find_coincident_vertices, weld_vertices
+from msb.topology.verdict import helps
+from msb.topology.weld import Weld, find_coincident_vertices, merge_coincident, weld_vertices
 
 # Attributes that make a file duplicate vertices. By vertex: "uv" (V, 2), "color" (V, n) and "seam_key" (V,).
 # By corner: "corner_uv" (3F, 2), "corner_color" (3F, n) and "corner_seam_key" (3F,). By face: "face_texture"
@@ -33,6 +34,10 @@ _COINCIDING = 0.5
 # Two faces that fold onto each other at an edge are two sides of a sheet, and not a seam. They fold if the
 # cosine of the angle between their normals is below this limit (0.08 degrees away from opposite).
 _FOLDED = -0.999999
+
+# Vertices whose distance is below this share of the largest coordinate may differ by rounding: four units in
+# the last place of float32. The distance must be a small share of the size of the mesh.
+_ROUNDING, _MOST_ROUNDING = 2.0**-21, 1e-5
 
 # Up to this number of faces, the audit tests an exact weld even if --weld is not given. The test takes about
 # as long as the audit itself.
@@ -294,12 +299,51 @@ def is_closed(counts: Counts) -> bool:
     )
 
 
-def audit_merged(findings: Findings, points: NDArray[Any], faces: NDArray[Any]) -> Counts | None:
-    """Return the counts after an exact weld of an open mesh of at most `MOST_FACES` faces, or None.
+@dataclass(frozen=True)
+class Merged:
+    """The counts of a mesh after a weld."""
 
-    `findings` describe the mesh as stored. The result is also None if no two vertices coincide.
+    weld: Weld
+    counts: Counts
+
+
+def audit_merged(findings: Findings, points: NDArray[Any], faces: NDArray[Any]) -> Merged | None:
+    """Return the counts after the weld that closes an open mesh of at most `MOST_FACES` faces, or None.
+
+    `findings` describe the mesh as stored. The weld is exact, or if that does not help, of the vertices of
+    boundary edges that differ by rounding. The result is None if no such vertices exist.
     """
     counts = findings.counts
-    if not counts.boundary_edges or counts.faces > MOST_FACES or not len(find_coincident_vertices(points)[0]):
+    if not counts.boundary_edges or counts.faces > MOST_FACES:
         return None
-    return find_findings(*weld_vertices(points, faces, "exact"))[0].counts
+    exact = None
+    if len(find_coincident_vertices(points)[0]):
+        exact = Merged("exact", find_findings(*weld_vertices(points, faces, "exact"))[0].counts)
+    if counts.all_apart or (exact is not None and helps(exact.counts, counts)):
+        return exact
+    near = _weld_rounded(points, faces)
+    return near if near is not None and helps(near.counts, counts) else exact
+
+
+def _weld_rounded(points: NDArray[Any], faces: NDArray[Any]) -> Merged | None:
+    """Return the counts after merging vertices of boundary edges that differ by rounding, or None."""
+    # Boundary edges: vertex pairs that occur once.
+    ends = np.stack([faces, np.roll(faces, -1, axis=1)], axis=-1).reshape(-1, 2).astype(np.int64)
+    edges, times = np.unique(ends.min(axis=1) * len(points) + ends.max(axis=1), return_counts=True)
+    rim = np.unique(np.divmod(edges[times == 1], len(points)))
+    rim = rim[np.isfinite(points[rim]).all(axis=1)]
+    if not len(rim):
+        return None
+    places = points[rim].astype(np.float64)
+    largest = np.abs(places).max()
+    distance = float(f"{_ROUNDING * largest:.1e}")
+    if not 0 < distance < _MOST_ROUNDING * np.ptp(places, axis=0).max():
+        return None
+    first, number = merge_coincident(points[rim], distance)
+    if len(first) == len(rim):
+        return None
+    label = np.arange(len(points))
+    label[rim] = rim[first][number]
+    kept, renumbered = np.unique(label, return_inverse=True)
+    merged = renumbered.reshape(-1)[faces].astype(faces.dtype)
+    return Merged(distance, find_findings(points[kept], merged)[0].counts)

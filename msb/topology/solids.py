@@ -8,12 +8,14 @@ from numpy.typing import NDArray
 
 from msb.topology.components import label_components
 from msb.topology.crossings import find_crossing_pairs
+from msb.topology.faces import signed_volumes
 from msb.topology.weld import find_coincident_vertices
 
-# Larger meshes are checked for crossing faces only on request. The check takes about 8 us per face on one
-# core.
-MOST_FACES = 200_000
-# A body whose volume is below this share of (area)^1.5 is flat. A sphere has the share 0.094.
+# Maximum number of faces for finding crossing faces without a request: about 8 us per face on one core. Long,
+# thin faces take longer, so the number of tested pairs (0.7 us each) is limited as well.
+MOST_FACES, MOST_PAIRS = 200_000, 1 << 23
+# A body is flat if its volume is below this share of the cubed diagonal of its bounding box, such as a sheet
+# with two sides. A cube has the share 0.19.
 _FLAT = 1e-9
 
 
@@ -25,37 +27,48 @@ class Bodies:
     ----------
     inside_out : int
         Number of bodies that are wound inside out. A cavity, which lies inside another body, is not.
+    flat : int
+        Number of bodies without a volume, such as a sheet with two sides.
     touching_vertices : int
         Number of vertices that coincide with a vertex of another body.
     crossing_faces : int or None
-        Number of faces that cross another face; None if this was not checked (more than 200,000 faces).
+        Number of faces that cross another face; None if this was not checked, because the mesh has more than
+        200,000 faces, or too many pairs of faces with overlapping bounding boxes.
     """
 
     inside_out: int
+    flat: int
     touching_vertices: int
     crossing_faces: int | None
 
 
-def check_bodies(points: NDArray[Any], faces: NDArray[Any]) -> Bodies:
-    """Return the state of the bodies of a closed mesh with finite coordinates."""
-    label = label_bodies(faces, len(points))
-    # Find coincident vertices that belong to different bodies.
-    used = np.unique(faces)
-    rows, group = find_coincident_vertices(points[used])
-    body = np.full(len(points), -1)
-    body[faces.reshape(-1)] = np.repeat(label, 3)
-    of_row = body[used[rows]]
-    touching = np.zeros(len(rows), bool)
-    if len(rows):
-        lowest, highest = np.full(len(rows), len(faces)), np.full(len(rows), -1)
-        np.minimum.at(lowest, group, of_row)
-        np.maximum.at(highest, group, of_row)
-        touching = (lowest != highest)[group]
+def check_bodies(points: NDArray[Any], faces: NDArray[Any], components: int) -> Bodies:
+    """Return the state of the bodies of a closed mesh with finite coordinates and this many components."""
+    # label (F,): the body of each face. A single component is a single body.
+    label = np.zeros(len(faces), np.int64) if components == 1 else label_bodies(faces, len(points))
+    touching = 0 if components == 1 else _count_touching(points, faces, label)
+    inside_out, flat = find_inside_out(points, faces, label)
     crossing = None
     if len(faces) <= MOST_FACES:
-        crossing = len(np.unique(find_crossing_pairs(points[faces].astype(np.float64))))
-    inside_out = int(find_inside_out(points, faces, label).sum())
-    return Bodies(inside_out, int(touching.sum()), crossing)
+        pairs = find_crossing_pairs(points[faces].astype(np.float64), most=MOST_PAIRS)
+        crossing = None if pairs is None else len(np.unique(pairs))
+    return Bodies(int(inside_out.sum()), int(flat.sum()), touching, crossing)
+
+
+def _count_touching(points: NDArray[Any], faces: NDArray[Any], label: NDArray[Any]) -> int:
+    """Return the number of vertices that coincide with a vertex of another body."""
+    body = np.full(len(points), -1)
+    body[faces.reshape(-1)] = np.repeat(label, 3)
+    used = np.flatnonzero(body >= 0)
+    rows, group = find_coincident_vertices(points[used])
+    if not len(rows):
+        return 0
+    # The lowest and the highest body in each place.
+    of_row = body[used[rows]]
+    lowest, highest = np.full(len(rows), len(faces)), np.full(len(rows), -1)
+    np.minimum.at(lowest, group, of_row)
+    np.maximum.at(highest, group, of_row)
+    return int((lowest != highest)[group].sum())
 
 
 def label_bodies(faces: NDArray[Any], vertex_count: int) -> NDArray[Any]:
@@ -65,27 +78,25 @@ def label_bodies(faces: NDArray[Any], vertex_count: int) -> NDArray[Any]:
     return np.asarray(np.unique(of_vertex[faces[:, 0]], return_inverse=True)[1].reshape(-1))
 
 
-def find_inside_out(points: NDArray[Any], faces: NDArray[Any], label: NDArray[Any]) -> NDArray[np.bool_]:
-    """Return which closed bodies (n,) are wound inside out; `label` (F,) is the body of each face.
+def find_inside_out(
+    points: NDArray[Any], faces: NDArray[Any], label: NDArray[Any]
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return which closed bodies (n,) are wound inside out, and which are flat.
 
-    A body of negative volume inside the bounding box of a larger body of positive volume is a cavity.
+    `label` (F,) is the body of each face. A body of negative volume inside the bounding box of a larger body
+    of positive volume is a cavity.
     """
-    count = int(label.max(initial=-1)) + 1
-    corners = points[faces].astype(np.float64)
-    corners -= corners.reshape(-1, 3).mean(axis=0)
-    a, b, c = corners.transpose(1, 0, 2)
-    cross = np.cross(b - a, c - a)
-    volume = np.bincount(label, (a * cross).sum(axis=1) / 6, count)
-    area = np.bincount(label, np.linalg.norm(cross, axis=1) / 2, count)
-    # low, high (n, 3): bounding boxes.
-    order = np.argsort(label, kind="stable")
-    starts = np.flatnonzero(np.diff(label[order], prepend=-1))
-    low = np.minimum.reduceat(corners.min(axis=1)[order], starts)
-    high = np.maximum.reduceat(corners.max(axis=1)[order], starts)
-    negative = volume < -_FLAT * area**1.5
-    solid = volume > 0
-    for body in np.flatnonzero(negative):
-        around = solid & (volume > -volume[body])
-        around &= (low <= low[body]).all(axis=1) & (high >= high[body]).all(axis=1)
-        negative[body] = not around.any()
-    return np.asarray(negative)
+    if not len(faces):
+        return np.zeros(0, bool), np.zeros(0, bool)
+    volume = np.bincount(label, signed_volumes(points, faces))
+    # low, high (n, 3): bounding boxes, from the corners in the order of their bodies.
+    order = slice(None) if len(volume) == 1 else np.argsort(label, kind="stable")
+    corners = points[faces[order].reshape(-1)].astype(np.float64)
+    starts = 3 * (np.cumsum(np.bincount(label)) - np.bincount(label))
+    low, high = (pick.reduceat(corners, starts) for pick in (np.minimum, np.maximum))
+    flat = np.abs(volume) <= _FLAT * np.linalg.norm(high - low, axis=1) ** 3
+    inside_out = (volume < 0) & ~flat
+    for body in np.flatnonzero(inside_out):
+        around = (volume > -volume[body]) & (low <= low[body]).all(axis=1) & (high >= high[body]).all(axis=1)
+        inside_out[body] = not around.any()
+    return inside_out, flat

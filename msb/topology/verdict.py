@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Literal
 
 if TYPE_CHECKING:
     from msb.topology.audit import Audit, Sample
+    from msb.topology.findings import Counts
 
 Level = Literal["ok", "limited", "bad"]
 
@@ -21,12 +22,13 @@ SOLID_TOOLS = "subdivision, booleans or printing"
 MANY, MOST = 0.01, 1000
 # The verdict advises merging vertices if a weld removes more than this share of the boundary edges.
 _WORTH_MERGING = 0.5
+# The plan for a mesh with faces that are not finite: every repair drops them, and `close` fills the holes.
+_DROPPING = "orient,pair,close"
+# The step that removes single triangles, which cannot be parts of a solid; the share of a cap of any size.
+_NO_STRAYS, _ANY_CAP = "debris:2", 99
 # The sentence calls pieces too small if there are more than FEW_PIECES of them, with fewer than SMALL_PIECE
 # faces on average. The level does not depend on this.
 SMALL_PIECE, FEW_PIECES = 10, 10
-
-# This clause is for a mesh that is open only because of duplicated vertices that are not seams.
-MERGED = "closed once coincident vertices are merged"
 
 
 @dataclass(frozen=True)
@@ -75,8 +77,9 @@ def judge(audit: Audit) -> Verdict:
         text = f"{verdict.sentence}; {_describe_seams(audit)}"
         return replace(verdict, sentence=text)
     if reason := _describe_invisible(audit):
-        return Verdict("bad", f"{reason}; nothing to display", reason, renders=False)
-    merged = f"; {MERGED}" if audit.closed_once_merged else ""
+        plan = _DROPPING if 0 < counts.nonfinite_faces < counts.faces else ""
+        return Verdict("bad", f"{reason}; nothing to display", reason, renders=False, plan=plan)
+    merged = f"; closed once {_name_merged(audit)} are merged" if audit.closed_once_merged else ""
     if counts.all_apart:
         plan = "weld,orient,pair" if audit.corners_coincide else "bake"
         text = f"displays correctly, but {_describe_soup(audit)}"
@@ -95,9 +98,9 @@ def judge(audit: Audit) -> Verdict:
     # The tasks of an open mesh already include the advice to merge vertices.
     advice = "" if gravest.tasks is _list_tasks_if_open else merged
     sentence = f"displays correctly, but {reasons}; {gravest.tasks(audit)}{advice or _describe_merged(audit)}"
-    level = "limited" if gravest.level == "bad" and _is_nearly_manifold(audit) else gravest.level
+    mild = gravest.level == "bad" and (_is_nearly_manifold(audit) or _is_manifold_once_merged(audit))
     reason = first.removeprefix("it is ").removeprefix("it ") + merged
-    return Verdict(level, sentence, reason, plan=_choose_plan(audit, gravest))
+    return Verdict("limited" if mild else gravest.level, sentence, reason, plan=_choose_plan(audit))
 
 
 def _describe_seams(audit: Audit) -> str:
@@ -120,21 +123,31 @@ def _duplicates_are_cause(audit: Audit) -> bool:
 
 def _is_nearly_manifold(audit: Audit) -> bool:
     counts = audit.counts
-    return all(
-        bad <= min(MANY * whole, MOST)
-        for bad, whole in (
-            (counts.nonmanifold_edges, counts.edges),
-            (counts.nonmanifold_vertices, counts.vertices),
-        )
+    return _are_few(counts.nonmanifold_edges, counts.edges) and _are_few(
+        counts.nonmanifold_vertices, counts.vertices
+    )
+
+
+def _are_few(bad: int, whole: int) -> bool:
+    return bad <= min(MANY * whole, MOST)
+
+
+def _is_manifold_once_merged(audit: Audit) -> bool:
+    """Return whether the mesh is non-manifold only because vertices are not merged."""
+    return (
+        is_worth_merging(audit) and audit.merged is not None and not audit.merged.counts.nonmanifold_vertices
     )
 
 
 def is_worth_merging(audit: Audit) -> bool:
-    """Return whether an exact weld removes most boundary edges and adds no non-manifold ones."""
-    merged, counts = audit.merged, audit.counts
+    """Return whether a weld removes most boundary edges and adds no non-manifold ones."""
+    return audit.merged is not None and helps(audit.merged.counts, audit.counts)
+
+
+def helps(merged: Counts, counts: Counts) -> bool:
+    """Return whether a weld from `counts` to `merged` removes most boundary edges and adds no faults."""
     return (
-        merged is not None
-        and merged.boundary_edges < _WORTH_MERGING * counts.boundary_edges
+        merged.boundary_edges < _WORTH_MERGING * counts.boundary_edges
         and merged.nonmanifold_edges <= counts.nonmanifold_edges
         and merged.nonmanifold_vertices <= counts.nonmanifold_vertices
         and merged.duplicate_faces <= counts.duplicate_faces
@@ -145,25 +158,36 @@ def _describe_merged(audit: Audit) -> str:
     """Return the result of merging coincident vertices, if it helps without closing the mesh."""
     if audit.closed_once_merged or not is_worth_merging(audit) or audit.merged is None:
         return ""
-    edges, pieces = audit.merged.boundary_edges, audit.merged.components
+    edges, pieces = audit.merged.counts.boundary_edges, audit.merged.counts.components
     left = f"{edges:,} boundary edge{'' if edges == 1 else 's'}"
-    return f"; merging coincident vertices leaves {left}, in {pieces:,} piece{'' if pieces == 1 else 's'}"
+    return f"; merging {_name_merged(audit)} leaves {left}, in {pieces:,} piece{'' if pieces == 1 else 's'}"
 
 
-def _choose_plan(audit: Audit, gravest: _Fault) -> str:
-    """Return the plan that improves a mesh whose gravest fault is `gravest`."""
-    counts = audit.counts
-    if audit.closed_once_merged or is_worth_merging(audit):
-        return "weld,orient,pair"
+def _name_merged(audit: Audit) -> str:
+    """Return the vertices that the weld of `audit.merged` merges: "coincident vertices" or those nearby."""
+    within = "exact" if audit.merged is None else audit.merged.weld
+    return "coincident vertices" if within == "exact" else f"vertices within {within:g}"
+
+
+def _choose_plan(audit: Audit) -> str:
+    """Return the plan that improves a mesh which has faults, but is no soup."""
+    counts, bodies = audit.counts, audit.bodies
+    if is_worth_merging(audit) or audit.closed_once_merged:
+        within = "exact" if audit.merged is None else audit.merged.weld
+        return f"weld{'' if within == 'exact' else f':{within:g}'},orient,pair"
+    if counts.nonfinite_faces and not counts.boundary_edges:
+        return _DROPPING
     if counts.duplicate_faces:
-        return "dedupe,orient,pair"
-    if counts.nonmanifold_vertices:
+        return f"dedupe,orient,pair,{_NO_STRAYS}"
+    if counts.nonmanifold_vertices or counts.nonfinite_faces:
         return "orient,pair"
+    turns = "orient" if counts.inconsistent_winding_edges else ""
     if counts.boundary_edges:
-        return f"orient,pair,close:{counts.boundary_edges}:1"
-    if counts.inconsistent_winding_edges:
-        return "orient"
-    return "outward" if audit.bodies is not None and audit.bodies.inside_out else "bake"
+        strays = "" if counts.components == 1 else f",{_NO_STRAYS}"
+        return f"{turns and 'orient,'}close:{counts.boundary_edges}:{_ANY_CAP}{strays},outward"
+    if turns or bodies is None:
+        return turns
+    return "bake" if bodies.flat or bodies.crossing_faces or bodies.touching_vertices else "outward"
 
 
 def _describe_invisible(audit: Audit) -> str:
@@ -174,12 +198,23 @@ def _describe_invisible(audit: Audit) -> str:
     counts = audit.counts
     if counts.faces == counts.repeated_index_faces:
         return "no valid triangles"
-    if counts.nonfinite_faces:
-        share = percent(counts.nonfinite_faces, counts.faces)
-        return f"{share} of the faces have NaN, infinite or too large coordinates"
+    if not _are_few(counts.nonfinite_faces, counts.faces):
+        return _describe_nonfinite(audit)
     if counts.faces == counts.repeated_index_faces + counts.zero_area_faces:
         return "all faces have zero area"
     return ""
+
+
+def _describe_nonfinite(audit: Audit) -> str:
+    counts = audit.counts
+    if not counts.nonfinite_faces:
+        return ""
+    share = percent(counts.nonfinite_faces, counts.faces)
+    place = ""
+    if _are_few(counts.nonfinite_faces, counts.faces):
+        face = audit.samples["nonfinite_faces"][0]
+        place = f" (face {face.element}, vertices {' '.join(map(str, face.vertices))})"
+    return f"{share} of the faces have NaN, infinite or too large coordinates{place}"
 
 
 def _describe_soup(audit: Audit) -> str:
@@ -230,7 +265,7 @@ def _describe_open(audit: Audit) -> str:
 
 def _list_tasks_if_open(audit: Audit) -> str:
     if audit.closed_once_merged:
-        merge = f"merge coincident vertices before {SOLID_TOOLS}, which closes it"
+        merge = f"merge {_name_merged(audit)} before {SOLID_TOOLS}, which closes it"
         return f"usable for UV unwrapping; {merge}"
     faces, pieces = audit.counts.faces, audit.metrics.components
     solid = "not usable as a solid for collision or printing"
@@ -289,8 +324,17 @@ def _describe_inside_out(audit: Audit) -> str:
     if bodies is None or not bodies.inside_out:
         return ""
     if bodies.inside_out == audit.counts.components:
-        return "it is wound inside out"
+        return "it is wound inside out, as a room seen from inside is"
     return f"{bodies.inside_out:,} of its {audit.counts.components:,} bodies are wound inside out"
+
+
+def _describe_flat(audit: Audit) -> str:
+    bodies = audit.bodies
+    if bodies is None or not bodies.flat:
+        return ""
+    if bodies.flat == audit.counts.components:
+        return "it encloses no volume"
+    return f"{bodies.flat:,} of its {audit.counts.components:,} bodies enclose no volume"
 
 
 def _describe_touching(audit: Audit) -> str:
@@ -314,6 +358,7 @@ def _list_tasks_if_crossing(_: Audit) -> str:
 # The gravest fault comes first.
 _FAULTS = (
     _Fault("bad", _describe_nonmanifold, _list_tasks_if_nonmanifold),
+    _Fault("limited", _describe_nonfinite, lambda _: "many tools reject it; delete these faces first"),
     _Fault("limited", _describe_open, _list_tasks_if_open),
     _Fault("limited", _describe_pieces, _list_tasks_if_open),
     _Fault(
@@ -329,6 +374,7 @@ _FAULTS = (
         _describe_inside_out,
         lambda _: "turn its faces before back-face culling, booleans or printing",
     ),
+    _Fault("limited", _describe_flat, lambda _: "not usable as a solid for booleans, printing or collision"),
     _Fault("limited", _describe_crossing, _list_tasks_if_crossing),
     _Fault("limited", _describe_touching, _list_tasks_if_crossing),
 )
@@ -364,7 +410,7 @@ def percent(part: int, whole: int) -> str:
 def _describe_welded(audit: Audit) -> str:
     """Return the result of the requested weld, or of the exact weld if it closes the mesh."""
     if audit.welded is None:
-        return f"; {MERGED}" if audit.closed_once_merged else ""
+        return "; closed once coincident vertices are merged" if audit.closed_once_merged else ""
     counts = audit.welded.counts
     if counts.vertices == audit.counts.vertices:
         return "; welding merges no vertices"

@@ -14,6 +14,7 @@ from msb.api.gates import PROFILES, parse_gate
 from msb.asset import build_asset
 from tests.cli.conftest import Here, here, mesh_file
 from tests.conftest import BOOK, ROOT, TETRAHEDRON
+from tests.topology.test_verdict import ball
 
 __all__ = ["here"]
 
@@ -82,6 +83,21 @@ BALL = (
 FOUR = np.concatenate([BALL[0] + [4 * step, 0, 0] for step in range(4)])
 FOUR_FACES = np.concatenate([BALL[1] + 6 * step for step in range(4)])
 # The lower half of a ball has its own vertices, and one face is missing.
+# A flat sheet of eight triangles; a bent one whose winding is inconsistent.
+SHEET = (
+    np.array([[x, y, 0] for x in range(3) for y in range(3)], np.float64),
+    np.array([[q, q + 3, q + 4, q, q + 4, q + 1] for q in (0, 1, 3, 4)]).reshape(-1, 3),
+)
+BENT = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 1.0]]), np.array([[0, 1, 2], [1, 2, 3]])
+# A ball with a single triangle beside it; one with 200 faces and a vertex that is not a number; one whose
+# lower half has its own vertices, which differ by rounding.
+STRAY = np.concatenate([BALL[0], BALL[0][:3] + 5]), np.concatenate([BALL[1], [[6, 7, 8]]])
+LOST = ball(24)
+LOST[0][30] = np.nan
+ROUNDED = (
+    np.concatenate([BALL[0] + 0, BALL[0] * (1 + 1e-7)]),
+    np.concatenate([BALL[1][:4], BALL[1][4:] + 6]),
+)
 PATCHED = np.concatenate([BALL[0]] * 2), np.concatenate([BALL[1][1:4], BALL[1][4:] + 6])
 
 
@@ -90,8 +106,13 @@ PATCHED = np.concatenate([BALL[0]] * 2), np.concatenate([BALL[1][1:4], BALL[1][4
     [
         ((BALL[0], BALL[1][:, ::-1]), "outward", "ok"),
         ((BALL[0], np.concatenate([BALL[1][:1, ::-1], BALL[1][1:]])), "orient", "ok"),
-        ((BALL[0], np.tile(BALL[1], (2, 1))), "dedupe,orient,pair", "ok"),
-        ((BALL[0], BALL[1][1:]), "orient,pair,close:3:1", "ok"),
+        ((BALL[0], np.tile(BALL[1], (2, 1))), "dedupe,orient,pair,debris:2", "ok"),
+        ((BALL[0], BALL[1][1:]), "close:3:99,outward", "ok"),
+        (BENT, "orient,close:4:99,outward", "ok"),
+        (SHEET, "close:8:99,outward", "limited"),
+        (STRAY, "close:3:99,debris:2,outward", "ok"),
+        (LOST, "orient,pair,close", "ok"),
+        (ROUNDED, "weld:4.8e-07,orient,pair", "ok"),
         (PATCHED, "weld,orient,pair", "limited"),
         (
             (np.tile(BALL[0], (2, 1)), np.concatenate([BALL[1][:4], BALL[1][4:] + 6])),
@@ -108,7 +129,10 @@ PATCHED = np.concatenate([BALL[0]] * 2), np.concatenate([BALL[1][1:4], BALL[1][4
 def test_the_last_line_is_a_command_that_improves_the_mesh(
     here: Here, tmp_path: Path, mesh: tuple[np.ndarray, np.ndarray], plan: str, after: str | None
 ) -> None:
-    path, repaired = mesh_file(tmp_path / "in.off", *mesh), tmp_path / "repaired.glb"
+    path, repaired = tmp_path / "in.off", tmp_path / "repaired.glb"
+    rows = [f"{x!r} {y!r} {z!r}" for x, y, z in np.asarray(mesh[0], float).tolist()]
+    rows += [f"3 {a} {b} {c}" for a, b, c in mesh[1].tolist()]
+    path.write_text("\n".join(["OFF", f"{len(mesh[0])} {len(mesh[1])} 0", *rows, ""]))
     last = here("audit", path).out.splitlines()[-1]
     words = last.removeprefix("Next: msb ").split()
     assert words[0] == "repair"
@@ -119,7 +143,8 @@ def test_the_last_line_is_a_command_that_improves_the_mesh(
     levels = ["ok", "limited", "bad"]
     assert levels.index(result["verdict"]["level"]) <= levels.index(before["verdict"]["level"])
     assert after in (None, result["verdict"]["level"])
-    faults = ("nonmanifold_vertices", "boundary_edges", "duplicate_faces", "inconsistent_winding_edges")
+    faults = ("nonmanifold_vertices", "boundary_edges", "duplicate_faces", "nonfinite_faces")
+    faults += ("inconsistent_winding_edges",)
     sums = [sum(data["counts"][key] for key in faults) for data in (before, result)]
     assert plan == "outward" or sums[1] < sums[0]
     assert before["verdict"]["plan"] == plan

@@ -9,6 +9,8 @@ import msb
 from fuzz.readers import run_here
 from msb.errors import MeshFileError, UsageError
 from msb.meshes import Mesh
+from msb.topology import audit_arrays
+from tests.topology.seamed import CUBE
 
 from .builders import TEXELS, Glb, Read, picture
 
@@ -109,6 +111,55 @@ def by_draco() -> Glb:
     glb.root["meshes"][0]["primitives"][0]["extensions"] = about
     glb.root["extensionsRequired"] = ["KHR_draco_mesh_compression"]
     return glb
+
+
+def hard_cube() -> tuple[Glb, np.ndarray, np.ndarray, np.ndarray]:
+    """Return a cube of 24 vertices whose normals differ at its edges: a GLB, positions, normals and faces."""
+    points, corners = CUBE[0][CUBE[1]], CUBE[0][CUBE[1]].astype(np.float64)
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    rows = np.concatenate([points.reshape(-1, 3), np.repeat(normals, 3, axis=0)], axis=1)
+    rows, number = np.unique(rows.astype(np.float32), axis=0, return_inverse=True)
+    faces = number.reshape(-1, 3).astype(np.uint32)
+    glb = Glb()
+    position, normal = (glb.accessor(rows[:, place], "f4", "VEC3") for place in (slice(3), slice(3, 6)))
+    attributes = {"NORMAL": normal}
+    glb.primitive(position, glb.accessor(faces.reshape(-1), "u4", "SCALAR"), attributes=attributes)
+    return glb, rows[:, :3], rows[:, 3:], faces
+
+
+def pack_hard_cube(lost: bool = False) -> Glb:
+    """Return the cube as a Draco primitive. If `lost`, its normals have a wrong number."""
+    glb, points, normals, faces = hard_cube()
+    content = DracoPy.encode(
+        points, faces, quantization_bits=8, preserve_order=True, normals=normals.astype(np.float64)
+    )
+    ids = {entry["attribute_type"]: entry["unique_id"] for entry in DracoPy.decode(content).attributes}
+    view = glb.view(content)
+    for entry in glb.root["accessors"]:
+        del entry["bufferView"]
+    attributes = {"POSITION": ids[0], "NORMAL": 99 if lost else ids[1]}
+    about = {"KHR_draco_mesh_compression": {"bufferView": view, "attributes": attributes}}
+    glb.root["meshes"][0]["primitives"][0]["extensions"] = about
+    glb.root["extensionsRequired"] = ["KHR_draco_mesh_compression"]
+    return glb
+
+
+@pytest.mark.usefixtures("here")
+def test_compressed_normals_explain_duplicated_vertices(read: Read) -> None:
+    damaged = by_meshopt(hard_cube()[0])
+    view = damaged.root["bufferViews"][1]["extensions"]["EXT_meshopt_compression"]
+    start, size = view["byteOffset"], view["byteLength"]
+    damaged.binary = damaged.binary[:start] + b"\7" * size + damaged.binary[start + size :]
+    for glb, verdict in (
+        (pack_hard_cube(), "ok"),
+        (by_meshopt(hard_cube()[0]), "ok"),
+        # Normals that cannot be decoded do not reject the mesh.
+        (pack_hard_cube(lost=True), "limited"),
+        (damaged, "limited"),
+    ):
+        mesh = read(glb.bytes(), ".glb")
+        assert len(mesh.vertices) == 24
+        assert audit_arrays(mesh.vertices, mesh.faces, attributes=mesh.attributes)[0].verdict == verdict
 
 
 def rotate_to_smallest(faces: np.ndarray) -> np.ndarray:

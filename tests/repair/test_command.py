@@ -12,9 +12,12 @@ import pytest
 from rich.console import Console
 
 import msb as library
-from msb.meshes import read_mesh, write_mesh
+from msb.meshes import Mesh, read_mesh, write_mesh
 from msb.meshes.assets import asset_from_mesh
-from msb.repair.command import print_table
+from msb.repair.assets import repair_asset
+from msb.repair.command import print_table, recommend
+from msb.repair.plan import parse_plan
+from msb.trial.repairs import StrategyResult, TierLikeness
 from tests.cli.conftest import Here, here, mesh_file
 from tests.conftest import BOOK, ROOT, TETRAHEDRON
 from tests.topology.seamed import textured_cube
@@ -181,6 +184,25 @@ def test_compare_continues_if_a_plan_fails(here: Here, tmp_path: Path) -> None:
     assert why["orient,pair,debris"].startswith("TRIASSET_EMPTY")
     assert why["orient,pair"] is None
     assert all(row["looks"]["dedicated"]["why"] for row in rows if "looks" in row), "it has no method"
+
+
+def test_a_comparison_recommends_one_of_its_rows() -> None:
+    points, faces = TETRAHEDRON
+    torn = np.concatenate([points, points[faces[0]]]), np.concatenate([[[4, 5, 6]], faces[1:]])
+    asset = asset_from_mesh(Mesh(*torn))
+    looks = {"standard": TierLikeness(None, same=True)}
+    rows = []
+    for plan in ("orient,pair", "orient,pair,close", "weld,orient,pair", "drop,orient"):
+        done = repair_asset(asset, parse_plan(plan))
+        before = done.before
+        if not rows:
+            rows.append(StrategyResult("as stored", before=before, after=before, looks=looks))
+        rows.append(StrategyResult(plan, before=before, after=done.after, looks=looks))
+    rows.append(StrategyResult("cut by igl", why="it failed"))
+    assert [row.after.verdict for row in rows[:-1]] == [*["limited"] * 3, "ok", "limited"]
+    assert recommend(rows).startswith("Recommended: weld,orient,pair (")
+    assert recommend(rows[:1]).startswith("Recommended: as stored (")
+    assert recommend(rows[-1:]) == ""
 
 
 @pytest.mark.parametrize(

@@ -189,6 +189,20 @@ def test_non_finite_positions_are_rejected() -> None:
     assert caught.value.code == "MESH_NONFINITE"
 
 
+def test_faces_that_are_not_finite_are_dropped_with_their_values() -> None:
+    positions = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0], [np.nan, 0, 1], [np.inf, 0, 0]])
+    buffers = {
+        "positions": positions,
+        "indices": np.array([[0, 1, 2], [1, 3, 4], [1, 3, 2]]),
+        "color": np.arange(18, dtype=np.uint8).reshape(6, 3),
+    }
+    done = run_plan(buffers, {"color": "vertex"}, Options(plan=("orient", "pair")))
+    assert done.after.counts.nonfinite_faces == 0
+    assert (done.face_map.tolist(), done.vertex_map.tolist()) == ([0, 2], [0, 1, 2, 3])
+    assert np.array_equal(done.buffers["color"], buffers["color"][:4])
+    assert "face 1" in done.steps[0].notes[0]
+
+
 @pytest.mark.parametrize("faces", [np.zeros((0, 3), int), np.array([[0, 0, 1]]), np.array([[0, 1, 2]] * 3)])
 def test_meshes_with_degenerate_or_duplicate_faces_are_repaired(faces: np.ndarray) -> None:
     buffers = {"positions": np.eye(4, 3), "indices": faces}

@@ -74,6 +74,14 @@ def test_crossings_equal_cgal() -> None:
     assert set(map(tuple, result.tolist())) == {tuple(sorted(map(int, row))) for row in theirs.tolist()}
 
 
+def test_long_thin_faces_are_searched_within_a_limit() -> None:
+    rng = np.random.default_rng(2)
+    ends = rng.integers(0, 1000, (120, 2, 3)).astype(np.float64)
+    corners = np.concatenate([ends, ends[:, :1] + rng.integers(-1, 2, (120, 1, 3))], axis=1)
+    assert find_crossing_pairs(corners).tolist() == every_pair(corners)
+    assert find_crossing_pairs(corners, most=10) is None
+
+
 def test_empty_and_single_face_meshes_have_no_crossings() -> None:
     assert find_crossing_pairs(np.zeros((0, 3, 3))).shape == (0, 2)
     assert find_crossing_pairs(np.zeros((1, 3, 3))).shape == (0, 2)

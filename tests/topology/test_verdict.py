@@ -7,7 +7,7 @@ import pytest
 
 from msb import audit
 from msb.errors import UsageError
-from msb.topology import dispatch
+from msb.topology import dispatch, solids
 from msb.topology.audit import Metrics
 from msb.topology.explain import EXPLANATIONS, explain
 from msb.topology.findings import Counts
@@ -97,6 +97,44 @@ def test_ok_means_that_bodies_are_outwards_and_neither_touch_nor_cross() -> None
     assert crossing.bodies.crossing_faces > 0
     assert touching.bodies.touching_vertices == 8
     assert audit(points, faces[1:]).bodies is None
+
+
+def test_a_sheet_with_two_sides_encloses_no_volume() -> None:
+    thick = audit(*TETRAHEDRON)
+    thin = audit(TETRAHEDRON[0] * [1, 1, 0], TETRAHEDRON[1])
+    assert (thick.bodies.flat, thin.bodies.flat, thin.verdict) == (0, 1, "limited")
+    assert judge(thin).plan == "bake"
+
+
+def test_one_face_that_is_not_finite_is_limited_and_located() -> None:
+    points, faces = ball(40)
+    points[500] = np.nan
+    result = audit(points, faces)
+    assert (result.counts.nonfinite_faces, result.verdict) == (6, "limited")
+    assert "500" in result.sentence
+    assert judge(result).renders
+    assert judge(result).plan == "orient,pair,close"
+    points[500:800] = np.nan
+    assert audit(points, faces).verdict == "bad"
+
+
+def test_vertices_that_differ_by_rounding_are_named() -> None:
+    points, faces = ball(12)
+    low = faces.mean(axis=1) > len(points) / 2
+    apart = np.concatenate([points, points * (1 + 1e-7)])
+    torn = np.where(low[:, None], faces + len(points), faces)
+    result = audit(apart, torn)
+    assert result.closed_once_merged
+    assert (result.verdict, result.merged.weld) == ("limited", 4.8e-07)
+    assert judge(result).plan == "weld:4.8e-07,orient,pair"
+    assert not audit(np.concatenate([points, points * 1.001]), torn).closed_once_merged
+
+
+def test_crossings_of_too_many_pairs_are_not_checked(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(solids, "MOST_PAIRS", 10)
+    result = audit(*ball(12))
+    assert (result.verdict, result.bodies.crossing_faces) == ("ok", None)
+    assert "not checked" in result.sentence
 
 
 def test_one_bad_vertex_is_limited_and_located() -> None:

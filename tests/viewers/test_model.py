@@ -5,14 +5,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from msb_viewers.model import CLEAN_NOTE, EMPTY_NOTE, SOUP_NOTE, ViewModel
+from msb.topology import audit_arrays
+from msb_viewers.model import CLEAN_NOTE, EMPTY_NOTE, SOUP_NOTE, ViewModel, build_model
 from msb_viewers.page import page
 from msb_viewers.palette import ADDED, DELETED, REPAIR_STYLES, STYLES
 from msb_viewers.repaired import build_repaired_model
 from msb_viewers.stage import simplify
 from msb_viewers.state import ViewState
-from msb_viewers.viewed_mesh import ViewedMesh, read_viewed_mesh
+from msb_viewers.viewed_mesh import Colors, ViewedMesh, merge_seams, read_viewed_mesh
 from tests.conftest import BOOK, TETRAHEDRON
+from tests.topology.seamed import CUBE, CUBE_UVS, doubled
 from tests.viewers.conftest import model_of
 
 
@@ -21,6 +23,8 @@ def test_layers_count_what_the_audit_counts(demo: ViewModel) -> None:
     for kind, layer in demo.layers.items():
         if kind == "degenerate_faces":
             assert len(layer) == counts.repeated_index_faces + counts.zero_area_faces
+        elif kind == "seam_edges":
+            assert not len(layer)
         else:
             assert len(layer) == getattr(counts, kind), kind
     assert len(demo.sizes) == counts.components
@@ -86,6 +90,28 @@ def test_notes_describe_clean_empty_and_soup_meshes() -> None:
     soup = model_of(np.random.default_rng(0).normal(size=(9, 3)), np.arange(9).reshape(3, 3))
     assert SOUP_NOTE in soup.notes
     assert "boundary_edges" not in soup.default_layers()
+
+
+def test_seams_are_a_layer_that_is_off_at_first_and_no_defect() -> None:
+    points, faces, uvs = doubled(*CUBE, CUBE_UVS)
+    colors = Colors(np.arange(3 * len(points), dtype=np.uint8).reshape(-1, 3), "vertex")
+    mesh = ViewedMesh("a.ply", None, points, faces, colors, attributes={"uv": uvs})
+    audit, stored = audit_arrays(points, faces, attributes=mesh.attributes)
+    merged, analysis = merge_seams(mesh)
+    model = build_model(merged, audit, analysis, stored)
+    state = ViewState.first(model)
+    assert audit.without_seams is not None
+    assert {kind: len(layer) for kind, layer in model.layers.items() if len(layer)} == {"seam_edges": 12}
+    assert len(model.sizes) == audit.without_seams.counts.components == 1
+    assert "seam_edges" not in state.visible
+    assert model.colors is not None
+    assert np.array_equal(model.colors.values, colors.values[faces.reshape(-1)])
+    assert model.seams is not None
+    # Vertices have the numbers of the file, and every row of the file selects its vertex.
+    assert [model.row_in_file(vertex) for vertex in range(8)] == sorted(set(model.seams.first.tolist()))
+    assert {model.vertex_of_row(row) for row in range(len(points))} == set(range(8))
+    assert model.vertex_of_row(len(points)) is None
+    assert b"stored_rows" in page(model, state, "+y")
 
 
 def test_no_two_layers_differ_by_colour_alone() -> None:

@@ -214,8 +214,9 @@ class Inset:
             (text, FAN_COLORS[index % len(FAN_COLORS)] if index < len(around.fans) else None)
             for index, text in enumerate(around.lines())
         ]
-        self.panel = list_panel(f"Vertex {vertex:,}", around.verdict, lines[:_MOST_LINES], scale)
-        return f"Vertex {vertex}: {around.verdict}"
+        row = model.row_in_file(vertex)
+        self.panel = list_panel(f"Vertex {row:,}", around.verdict, lines[:_MOST_LINES], scale)
+        return f"Vertex {row}: {around.verdict}"
 
     def _set_camera(self, around: Neighbourhood) -> None:
         """Point the camera at all fans, along the third axis of the neighbourhood's frame."""

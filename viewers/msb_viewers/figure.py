@@ -187,7 +187,7 @@ def _placeholder(model: ViewModel, column: Column) -> str:
 def _count(model: ViewModel, column: Column) -> str:
     from msb.topology.verdict import percent
 
-    counts = model.audit.counts
+    counts = model.audit.judged.counts
     if column.coloring == "components":
         largest = percent(counts.largest_component_faces, counts.faces)
         return f"{counts.components:,}; the largest has {largest} of the faces"

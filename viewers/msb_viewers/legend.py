@@ -26,7 +26,7 @@ def _legend(sheet: Sheet, state: ViewState) -> None:
     title = shorten_text(model.name, face, sheet.width - 2 * sheet.px(PAD))
     sheet.draw.text((sheet.px(PAD), sheet.y), title, INK, face)
     sheet.y += sheet.px(23)
-    counts = model.audit.counts
+    counts = model.audit.judged.counts
     method = f"{model.method}: " if model.method else ""
     sheet.paragraph(f"{method}{counts.vertices:,} vertices, {counts.faces:,} faces", 12, FAINT)
     sheet.y += sheet.px(4)

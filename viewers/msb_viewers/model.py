@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 from msb.asset.look import known_up
 from msb.topology import Audit
 from msb.topology.analysis import Analysis
+from msb.topology.seams import Seams
 from msb_viewers.palette import NEUTRAL, SIZE_CLASSES, STYLES, Style
-from msb_viewers.viewed_mesh import Colors, Skin, ViewedMesh
+from msb_viewers.viewed_mesh import Colors, Skin, ViewedMesh, find_seam_edges
 
 SOUP_NOTE = (
     "Triangle soup: the triangles share no vertices, so every edge is a boundary edge and none is drawn."
@@ -88,11 +89,21 @@ class ViewModel:
     sizes: NDArray[Any]
     notes: tuple[str, ...] = ()
     skin: Skin | None = None
+    seams: Seams | None = None
 
     @property
     def soup(self) -> bool:
         """Whether there are at least two faces, and no two of them share a vertex."""
-        return self.audit.topology == "triangle_soup" and len(self.faces) > 1
+        return self.audit.judged.topology == "triangle_soup" and len(self.faces) > 1
+
+    def row_in_file(self, vertex: int) -> int:
+        """Return the number of a vertex in the file; the first one if vertices are merged at seams."""
+        return vertex if self.seams is None else int(self.seams.first[vertex])
+
+    def vertex_of_row(self, row: int) -> int | None:
+        """Return the vertex that is stored in a row of the file, or None if the file has no such row."""
+        rows = np.arange(len(self.points)) if self.seams is None else self.seams.number
+        return int(rows[row]) if row < len(rows) else None
 
     @property
     def extent(self) -> float:
@@ -183,12 +194,16 @@ class ViewModel:
         return classes
 
 
-def build_model(mesh: ViewedMesh, audit: Audit, analysis: Analysis) -> ViewModel:
+def build_model(
+    mesh: ViewedMesh, audit: Audit, analysis: Analysis, stored: Analysis | None = None
+) -> ViewModel:
     """Return the data of a view of `mesh`, with its `audit` and `analysis` from `audit_arrays`.
+
+    If the seams of `mesh` are merged (`merge_seams`), `stored` is the analysis of the mesh in the file.
 
     O(V + F) time, and about 12 V + 17 F bytes besides the memory of the audit and the layers.
     """
-    from msb.topology.elements import find_elements
+    from msb.topology.elements import ElementGroup, find_elements
 
     elements = find_elements(analysis)
     drawable = np.isfinite(analysis.vertices).all(axis=1)
@@ -201,7 +216,12 @@ def build_model(mesh: ViewedMesh, audit: Audit, analysis: Analysis) -> ViewModel
     points[~drawable] = 0
     faces = analysis.mesh.faces
     sizes = np.sort(analysis.components.sizes)[::-1]
-    layers = _layers(analysis, {group.kind: group for group in elements.groups})
+    groups = {group.kind: group for group in elements.groups}
+    torn = np.zeros(0, np.intp)
+    if mesh.seams is not None and stored is not None:
+        torn = find_seam_edges(mesh.seams, stored, analysis)
+    groups["seam_edges"] = ElementGroup("seam_edges", torn, analysis.mesh.edge_vertices[torn])
+    layers = _layers(analysis, groups)
     model = ViewModel(
         name=mesh.name,
         method=mesh.method,
@@ -219,6 +239,7 @@ def build_model(mesh: ViewedMesh, audit: Audit, analysis: Analysis) -> ViewModel
         face_component=elements.face_component,
         sizes=sizes,
         skin=mesh.skin,
+        seams=mesh.seams,
     )
     return replace(model, notes=(*mesh.notes, *_notes(model), *([cropped] if cropped else [])))
 
@@ -288,6 +309,8 @@ def _notes(model: ViewModel) -> list[str]:
         notes.append(SOUP_NOTE)
     elif model.audit.verdict == "ok":
         notes.append(CLEAN_NOTE)
+    if model.seams is not None:
+        notes.append(f"Vertices are merged at seams: the file has {model.audit.counts.vertices:,} vertices.")
     if hidden:
         faces = "face" if hidden == 1 else "faces"
         notes.append(f"Not drawn: {hidden:,} {faces} with coordinates that are not finite.")

@@ -331,7 +331,7 @@ function legend() {
   }
   box.append(buttons);
 }
-const help = () => showKeys([["1 ... 8", "show or hide a layer"], ["0", "show or hide all layers"], ["Tab", "select the layer for N and P"], ["N / P", "go to its next / previous element"],
+const help = () => showKeys([["1 ... 9", "show or hide a layer"], ["0", "show or hide all layers"], ["Tab", "select the layer for N and P"], ["N / P", "go to its next / previous element"],
     ["C", "colours: mesh, components, grey"], ["L", "show or hide the legend"], ["Home", "first view"], ["arrows", "rotate"], ["+ / -", "zoom"],
     ["drag", "rotate; with Shift: move; wheel: zoom"], ["H", "this help"]]);
 const layerOf = (kind) => meta.layers.find((layer) => layer.kind === kind);
@@ -353,7 +353,7 @@ function step(by) {
   mark = [drawable(vertices, corners, style), { style: { ...style, marker: "ring" }, points: upload(new Float32Array(target)), marks: 1 }];
   Object.assign(camera, { target, distance: 8 * meta.edge, near: 0.6 });
   const stored = target.map((x, i) => (meta.center[i] + meta.scale * x).toPrecision(6));
-  say(`${layer.label}: ${(at + 1).toLocaleString("en")} of ${count.toLocaleString("en")} · ${corners === 1 ? "vertex" : "vertices"} ${Array.from(vertices).join(" ")} · at ${stored.join(", ")}`);
+  say(`${layer.label}: ${(at + 1).toLocaleString("en")} of ${count.toLocaleString("en")} · ${corners === 1 ? "vertex" : "vertices"} ${Array.from(vertices, (v) => data.stored_rows ? data.stored_rows[v] : v).join(" ")} · at ${stored.join(", ")}`);
   legend(); redraw();
 }
 function orbit(dx, dy) {

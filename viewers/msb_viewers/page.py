@@ -77,6 +77,8 @@ def page_arrays(model: ViewModel) -> dict[str, NDArray[Any]]:
         elif model.colors.domain == "corner":
             values = values.reshape(-1, 9)[rows]
         arrays["colors"] = values.reshape(-1)
+    if model.seams is not None:
+        arrays["stored_rows"] = model.seams.first.astype("<u4")
     for kind, layer in model.layers.items():
         arrays[kind] = layer.vertices[model.rows(kind)].reshape(-1).astype("<u4")
     return arrays
@@ -105,7 +107,7 @@ def _meta(model: ViewModel, state: ViewState, up: str) -> dict[str, Any]:
     from msb.topology.verdict import judge
     from msb_viewers.stage import median_edge
 
-    counts = model.audit.counts
+    counts = model.audit.judged.counts
     method = f"{model.method}: " if model.method else ""
     pose = default_pose(up, 1.0)
     sizes = {(group.low, group.high): group.components for group in model.size_classes()}

@@ -22,6 +22,7 @@ YELLOW: Color = (240, 228, 66)
 BLUE: Color = (0, 114, 178)
 VERMILLION: Color = (213, 94, 0)
 PURPLE: Color = (204, 121, 167)
+SEAM: Color = (150, 230, 30)
 
 BACKGROUND: Color = (246, 246, 244)
 # The colour of a mesh without colours, and of the largest component.
@@ -83,6 +84,7 @@ STYLES: dict[str, Style] = {
             marker="ring",
             size=9,
         ),
+        Style("seam_edges", "Seams (no defect)", "9", SEAM, "edge", width=4.0, line="dashed"),
     )
 }
 

@@ -17,7 +17,7 @@ COLORINGS: tuple[Coloring, ...] = ("own", "components", "grey")
 
 # Key and its action, as listed in the help of the viewer.
 HELP: tuple[tuple[str, str], ...] = (
-    ("1 ... 8", "show or hide a layer (or click its row)"),
+    ("1 ... 9", "show or hide a layer (or click its row)"),
     ("0", "show or hide all layers"),
     ("Tab", "select the layer for N and P"),
     ("N / P", "go to its next / previous element"),
@@ -90,10 +90,11 @@ class ViewState:
                 raise UsageError("NAME_UNKNOWN", text)
             state.isolate(options.component - 1)
         if options.at is not None and options.at.isascii() and options.at.isdigit():
-            last = len(model.points) - 1
-            if len(options.at) > 12 or int(options.at) > last:
+            last = len(model.points if model.seams is None else model.seams.number) - 1
+            vertex = None if len(options.at) > 12 else model.vertex_of_row(int(options.at))
+            if vertex is None:
                 raise UsageError("NAME_UNKNOWN", f"--at is {options.at[:12]}, but the last vertex is {last}")
-            state.choose_vertex(int(options.at))
+            state.choose_vertex(vertex)
         elif options.at is not None:
             state.choose(*parse_element(model, options.at))
         return state
@@ -176,14 +177,15 @@ class ViewState:
     def describe(self, kind: str, place: int) -> str:
         """Return the status line about an element."""
         layer = self.model.layers[kind]
-        number, vertices = int(layer.numbers[place]), layer.vertices[place].tolist()
+        number = int(layer.numbers[place])
+        vertices = [self.model.row_in_file(vertex) for vertex in layer.vertices[place].tolist()]
         words = [f"{layer.style.label}: {place + 1:,} of {len(layer):,}"]
         if layer.style.of == "edge":
             mesh = self.model.analysis.mesh
             words.append(f"edge {vertices[0]} to {vertices[1]}, {int(mesh.multiplicity[number])} faces")
         elif layer.style.of == "vertex":
             fans = int(self.model.analysis.fans.fans_per_vertex[number])
-            words.append(f"vertex {number}, {fans} fan{'' if fans == 1 else 's'}")
+            words.append(f"vertex {vertices[0]}, {fans} fan{'' if fans == 1 else 's'}")
         else:
             words.append(f"face {number}: {' '.join(map(str, vertices))}")
         component = self.component_of(kind, place)

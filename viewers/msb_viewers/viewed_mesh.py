@@ -1,6 +1,6 @@
 """The mesh of a viewer: the stored mesh with its colours and textures."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -10,7 +10,9 @@ from numpy.typing import NDArray
 from msb.api.opening import StoredMesh
 from msb.asset.look import StaticColors
 from msb.asset.texture import ROUNDING, Textured
-from msb.topology.seams import Attributes
+from msb.topology.analysis import Analysis
+from msb.topology.arrays import mesh_arrays
+from msb.topology.seams import Attributes, Seams, find_seams
 
 Domain = Literal["vertex", "face", "corner"]
 NO_COLOR = "its colours depend on the direction of view; drawn in grey"
@@ -53,7 +55,7 @@ class ViewedMesh:
 
     For a mesh with a `skin` the `colors` are sampled at the corners, for drawing without textures. `up` is an
     axis such as "+y", or "unknown". `notes` are messages about the drawing. `attributes` are vertex
-    attributes that can have seams, where vertices are duplicated.
+    attributes that can have seams, where vertices are duplicated. `seams` is set if they are merged.
     """
 
     name: str
@@ -66,6 +68,7 @@ class ViewedMesh:
     notes: tuple[str, ...] = ()
     attributes: Attributes = field(default_factory=dict)
     skin: Skin | None = None
+    seams: Seams | None = None
 
 
 def read_viewed_mesh(path: Path) -> ViewedMesh:
@@ -95,6 +98,32 @@ def viewed_mesh(mesh: StoredMesh, path: Path) -> ViewedMesh:
     notes += [f"{warning.code}: {warning.message}" for warning in mesh.warnings]
     place = (path.name, path, mesh.vertices, mesh.faces)
     return ViewedMesh(*place, colors, mesh.method, mesh.up, tuple(notes), mesh.attributes, skin)
+
+
+def merge_seams(mesh: ViewedMesh) -> tuple[ViewedMesh, Analysis]:
+    """Return `mesh` with its seams merged, as the verdict judges it, and its analysis.
+
+    Colours of vertices move to corners, so that nothing looks different.
+    """
+    points, faces = mesh_arrays(mesh.vertices, mesh.faces)
+    seams = find_seams(points, faces, mesh.attributes)
+    if seams is None:
+        return mesh, Analysis(points, faces)
+    colors = mesh.colors
+    if colors is not None and colors.domain == "vertex":
+        colors = Colors(colors.values[faces.reshape(-1)], "corner")
+    points, merged = points[seams.first], seams.merged(faces)
+    return replace(mesh, vertices=points, faces=merged, colors=colors, seams=seams), Analysis(points, merged)
+
+
+def find_seam_edges(seams: Seams, stored: Analysis, merged: Analysis) -> NDArray[Any]:
+    """Return the edges (n,) of the `merged` mesh that are boundary edges in the `stored` mesh alone."""
+    torn = np.sort(seams.number[stored.mesh.edge_vertices[stored.boundary.edges]], axis=1)
+    count = len(merged.vertices)
+    edges = merged.mesh.edge_vertices.astype(np.int64)
+    inside = np.isin(edges[:, 0] * count + edges[:, 1], torn[:, 0].astype(np.int64) * count + torn[:, 1])
+    inside[merged.boundary.edges] = False
+    return np.flatnonzero(inside)
 
 
 def _skin(mesh: StoredMesh, tint: StaticColors | None) -> tuple[Skin | None, StaticColors | None]:

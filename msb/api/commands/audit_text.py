@@ -33,6 +33,10 @@ _DEFECTS = (
     ("boundary_edges", "edge", "edges", "boundary edges"),
     ("seam_vertices", "vertex", "vertices", "vertices duplicated at seams"),
     ("inconsistent_winding_edges", "edge", "edges", "edges with inconsistent winding"),
+    ("inside_out", "body", "components", "bodies that are inside out"),
+    ("flat", "body", "components", "bodies without a volume"),
+    ("crossing_faces", "face", "faces", "faces that cross others"),
+    ("touching_vertices", "vertex", "vertices", "vertices where bodies touch"),
     ("duplicate_faces", "face", "faces", "duplicate faces"),
     ("repeated_index_faces", "face", "faces", "faces listing a vertex twice"),
     ("zero_area_faces", "face", "faces", "zero-area faces"),
@@ -134,6 +138,7 @@ def totals(audits: Sequence[Audit | dict[str, Any]], failed_gates: int | None = 
 def _print_defects(audit: Audit, output: Output) -> None:
     judged = audit.judged
     counts = {**vars(judged.counts), "seam_vertices": audit.counts.seam_vertices}
+    counts |= {} if judged.bodies is None else vars(judged.bodies)
     soup = judged.counts.all_apart
     if audit.without_seams is not None:
         stored = audit.counts.boundary_edges
@@ -146,8 +151,8 @@ def _print_defects(audit: Audit, output: Output) -> None:
     rows: list[tuple[str, ...]] = []
     above: list[str] = []
     for key, noun, whole, label in _DEFECTS:
-        count = counts[key]
-        if count == 0 or (key == "boundary_edges" and soup):
+        count = counts.get(key)
+        if not count or (key == "boundary_edges" and soup):
             continue
         places = [_where(noun, sample) for sample in judged.samples.get(key, ())]
         # these elements are also in the row above, so their positions are not repeated

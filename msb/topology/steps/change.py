@@ -75,11 +75,20 @@ def with_vertices(faces: NDArray[Any], vertex_map: NDArray[Any], notes: tuple[st
     return Change(faces, vertex_map, np.arange(face_count), np.zeros(face_count, bool), notes=notes)
 
 
-def with_faces(faces: NDArray[Any], keep: NDArray[np.bool_], vertex_count: int) -> Change:
-    """Return a change that keeps the faces `keep` (F,) and removes the vertices that only other faces use."""
-    if keep.all():
+def with_faces(
+    faces: NDArray[Any],
+    keep: NDArray[np.bool_],
+    vertex_count: int,
+    *,
+    lost: NDArray[np.bool_] | None = None,
+) -> Change:
+    """Return a change that keeps the faces `keep` (F,) and removes the vertices that only other faces use.
+
+    It also removes the vertices `lost` (V,), which kept faces do not use.
+    """
+    if keep.all() and lost is None:
         return unchanged(faces, vertex_count)
-    lost = np.zeros(vertex_count, bool)
+    lost = np.zeros(vertex_count, bool) if lost is None else lost.copy()
     lost[faces[~keep]] = True
     lost[faces[keep]] = False
     number = np.cumsum(~lost, dtype=faces.dtype) - 1

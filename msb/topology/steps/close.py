@@ -30,7 +30,8 @@ def close(
     one, unless it is already an edge. A longer rim gets a vertex in its middle. Rims stay open if
 
     - the area of their cap exceeds the share `most_share` of the area of their component. Such a rim is the
-      outline of a piece. The cap of a single triangle has the share 1, the cap of a hemisphere 1/2;
+      outline of a piece. The cap of a flat piece has the share 1, the cap of a hemisphere 1/2;
+    - they are the outline of a single triangle;
     - they pass through a vertex twice, change their winding, or end at an edge with more than two faces.
 
     Edges keep at most two faces, and vertices keep their number of fans. Takes O(F log F) time.
@@ -44,6 +45,12 @@ def close(
     around = np.zeros(len(rim.sizes))
     around[rim.loop] = parts.areas[parts.face_component[face_of(rim.halfedge)]]
     small &= cap <= most_share * around
+    # A cap over the outline of a single triangle would only repeat it.
+    face = face_of(rim.halfedge)
+    lowest, highest = np.full(len(small), len(faces)), np.full(len(small), -1)
+    np.minimum.at(lowest, rim.loop, face)
+    np.maximum.at(highest, rim.loop, face)
+    small &= lowest != highest
     if not small.any():
         return unchanged(faces, len(points))
     # first: a rim edge of each loop, where the construction of its cap starts.

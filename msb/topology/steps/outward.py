@@ -22,7 +22,7 @@ def outward(points: NDArray[Any], faces: NDArray[Any]) -> Change:
     good = np.zeros(mesh.edge_count, bool)
     good[np.flatnonzero(mesh.multiplicity == 2)] = mesh.origin[first] != mesh.origin[second]
     bad = (~good[mesh.edge]).reshape(-1, 3).any(axis=1) | mesh.repeated_index
-    turns = find_inside_out(points, faces, label)
+    turns, _ = find_inside_out(points, faces, label)
     turns[label[bad]] = False
     turned = turns[label] if len(label) else np.zeros(0, bool)
     new = np.where(turned[:, None], faces[:, (0, 2, 1)], faces)

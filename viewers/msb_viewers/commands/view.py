@@ -123,7 +123,12 @@ def _read_mesh(path: Path, output: Output) -> ViewedMesh:
 def _audit_mesh(path: Path, output: Output) -> ViewModel:
     from msb.topology import audit_arrays
     from msb_viewers.model import build_model
+    from msb_viewers.viewed_mesh import merge_seams
 
     mesh = _read_mesh(path, output)
     with output.progress(f"auditing {mesh.name}: {len(mesh.faces):,} faces"), about(mesh.path):
-        return build_model(mesh, *audit_arrays(mesh.vertices, mesh.faces, attributes=mesh.attributes))
+        audit, stored = audit_arrays(mesh.vertices, mesh.faces, attributes=mesh.attributes)
+        if audit.without_seams is None:
+            return build_model(mesh, audit, stored)
+        merged, analysis = merge_seams(mesh)
+        return build_model(merged, audit, analysis, stored)
