@@ -115,6 +115,7 @@ COMMAND_PAGES = {
     "web": ("engines",),
     "bench": ("rendering",),
     "scenes": ("datasets",),
+    "capture": ("datasets",),
     "run": ("protocol",),
     "eval": ("metrics",),
     "submit": ("report",),

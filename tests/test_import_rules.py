@@ -106,6 +106,7 @@ These packages parse arguments, open files and choose renderers.
 """
 COMMANDS: dict[str, set[str]] = {
     "repair": {"trial", "views", "delivery", "adapters"},
+    "scenes": {"metrics"},
     "api": {"report", "viewers", "delivery"},
     "engines": {"views"},
     "viewers": {"delivery"},
@@ -141,10 +142,12 @@ LAZY = {
     "pxr",
     "usd_validation_nvidia",
     "zstandard",
+    "cv2",
+    "pycolmap",
 }
 """Packages that are imported inside functions only, never when a module loads."""
 FOREIGN: dict[str, set[str]] = {
-    "scenes": {"numpy", "PIL"},
+    "scenes": {"numpy", "PIL", "cv2", "pycolmap"},
     "topology": {"numpy", "scipy", "igl", "pymeshlab", "manifold3d", "networkx", "trimesh"}
     | {"pxr", "usd_validation_nvidia"},
     "meshes": {"numpy", "PIL", "meshopt", "DracoPy", "pxr"},
@@ -181,6 +184,7 @@ DISTRIBUTIONS = {
     "pynvml": "nvidia-ml-py",
     "mathutils": "bpy",
     "gpu": "bpy",
+    "cv2": "opencv-python-headless",
 }
 """Names of the pip packages of modules, if they differ."""
 When = Literal["loaded", "called", "never"]

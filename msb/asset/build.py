@@ -1,8 +1,10 @@
 """Build an asset in memory from arrays, with bounds, topology, hashes and the manifest."""
 
+from __future__ import annotations
+
 import hashlib
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from types import MappingProxyType
 from typing import Any
 
@@ -12,6 +14,7 @@ from numpy.typing import NDArray
 from msb.asset.asset import Asset
 from msb.asset.check import check_manifest, raise_first_error
 from msb.asset.drawable import check_indices, first_bad
+from msb.asset.frame import Frame, frame_of, with_frame
 from msb.asset.manifest import (
     DTYPES,
     PLAIN_VERSION,
@@ -68,6 +71,13 @@ class Description:
     training: Parameters = field(default_factory=dict)
     primitive: Primitive = "triangle"
     origin: Origin = NO_ORIGIN
+    frame: Frame | None = None
+
+    @classmethod
+    def of(cls, manifest: Manifest) -> Description:
+        """Return the description of an asset that was built before."""
+        names = (known.name for known in fields(cls) if known.name != "frame")
+        return cls(**{name: getattr(manifest, name) for name in names}, frame=frame_of(manifest))
 
 
 def build_asset(
@@ -122,7 +132,7 @@ def build_asset(
     meter = Meter("hashing buffers", sum(array.nbytes for array in arrays.values()), progress)
     all_domains: dict[str, Any] = {"positions": "vertex", "indices": "face", **domains}
     manifest = Manifest(
-        **vars(description),
+        **{key: value for key, value in vars(description).items() if key != "frame"},
         generator=f"meshsplatbench {__version__}",
         topology=_topology(positions, indices),
         face_count=len(indices),
@@ -134,7 +144,7 @@ def build_asset(
         buffers={name: _spec(name, array, all_domains.get(name), meter) for name, array in arrays.items()},
     )
     raise_first_error(check_manifest(manifest.to_dict()), None)
-    return Asset(manifest, MappingProxyType(arrays))
+    return with_frame(Asset(manifest, MappingProxyType(arrays)), description.frame)
 
 
 def measure_bounds(positions: NDArray[np.float32]) -> tuple[Bounds, BoundingSphere]:

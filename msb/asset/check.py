@@ -92,7 +92,7 @@ def _check_version(data: Json) -> list[Finding]:
 def _newer_minor(data: Json) -> list[Finding]:
     if _version(data)[1] <= MINOR:
         return []
-    text = f"version {data['version']} is newer than {VERSION}: its additions are ignored"
+    text = f"version {data['version']} is newer than {MAJOR}.{MINOR}: its additions are ignored"
     return [
         finding("TRIASSET_VERSION_NEWER", text, severity="warning", pointer="/version", value=data["version"])
     ]

@@ -14,10 +14,12 @@ from msb.registry import TIERS, SettingSource, SettingValue
 
 FORMAT = "triasset"
 # The newest supported version. An asset is written as the oldest version that has what it needs: 1.1 has
-# textures and origins, 1.2 has Gaussians.
+# textures and origins, 1.2 has Gaussians and frames.
 VERSION = "1.2"
 TEXTURE_VERSION = "1.1"
 PLAIN_VERSION = "1.0"
+# Assets that record up direction, unit or floor of a capture.
+FRAME_VERSION = "1.2"
 MAJOR = 1
 MINOR = 2
 ASSET_SUFFIX = ".triasset"
@@ -136,6 +138,12 @@ class Manifest:
     """Properties of the training, read from its config files. An empty dict is not written."""
     primitive: Primitive = "triangle"
     """What a face is: a triangle, which is not written, or the stand-in of a Gaussian."""
+    up: str | None = None
+    """The precise up direction: an axis, or three numbers "X,Y,Z". None is not written."""
+    unit: Parameters | None = None
+    """The length of the unit: "meters_per_unit", which may be None, and its "source". None is not written."""
+    floor: float | None = None
+    """The height along up, in scene units, that files put at zero. None is not written."""
     origin: Origin = NO_ORIGIN
     """The point of the scene that the positions are relative to. The origin (0, 0, 0) is not written."""
     format: str = FORMAT
@@ -158,6 +166,9 @@ class Manifest:
             del data["training"]
         if self.primitive == "triangle":
             del data["primitive"]
+        for key in ("up", "unit", "floor"):
+            if data[key] is None:
+                del data[key]
         if not any(self.origin):
             del data["origin"]
         ordered = {"format": data.pop("format"), "version": data.pop("version")}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -11,7 +11,15 @@ from msb.base.option import Option
 from msb.cli.command import Typed, command, require
 from msb.cli.output import JsonOutput, Output, echo, is_stdout
 from msb.errors import one_line
-from msb.render.options import NO_CAMERAS, ImageFolder, RendererOptions, Source, ViewOptions
+from msb.render.options import (
+    NO_CAMERAS,
+    NO_SCENE,
+    SCENE_OPTIONS,
+    RendererOptions,
+    SceneOptions,
+    Source,
+    ViewOptions,
+)
 
 if TYPE_CHECKING:
     from msb.bake import Baked
@@ -41,6 +49,13 @@ class BakeFiles:
             output="own",
         ),
     ] = ()
+    size: Annotated[
+        str | None,
+        Option(
+            "Size of the images of --cameras in pixels, or a factor of the cameras' size.",
+            metavar="WxH|FACTOR",
+        ),
+    ] = None
     scene: Annotated[
         Path | None,
         Option(
@@ -49,7 +64,6 @@ class BakeFiles:
             metavar="DIR",
         ),
     ] = None
-    image_folder: ImageFolder = None
 
 
 @command(
@@ -64,8 +78,9 @@ class BakeFiles:
 def bake(
     path: Source,
     files: BakeFiles,
+    reading: SceneOptions,
     options: BakeOptions,
-    views: Annotated[ViewOptions, ("cameras", "size", "background")],
+    views: Annotated[ViewOptions, ("cameras", "background")],
     drawing: Annotated[RendererOptions, ("device",)],
     output: JsonOutput,
     typed: Typed,
@@ -82,6 +97,7 @@ def bake(
     """
     require(files.outputs, "Missing output. Pass -o with the file to write, for example -o model.glb")
     _check_files(files, views, typed)
+    views = replace(views, size=files.size)
     from msb.api.command_files import open_asset
     from msb.bake import bake as run_bake
     from msb.bake.folder import PAGE, is_folder_output
@@ -100,8 +116,8 @@ def bake(
     asset = open_asset(path, output)
     cameras = None if views.cameras is None else views.read(output.note)
     scene: Scene | Path | None = files.scene
-    if files.scene is not None and files.image_folder is not None:
-        scene = scene_of(asset.manifest, files.scene, image_folder=files.image_folder)
+    if files.scene is not None:
+        scene = scene_of(asset.manifest, files.scene, **reading.given)
     with output.bars("steps") as progress:
         baked = run_bake(
             asset,
@@ -127,24 +143,26 @@ def _check_files(files: BakeFiles, views: ViewOptions, typed: Typed) -> None:
     if files.scene is not None:
         typed.reject(["cameras"], "cannot be combined with --scene, which has its own cameras")
     else:
-        typed.reject(["image_folder"], "needs --scene DIR")
+        typed.reject(SCENE_OPTIONS, NO_SCENE)
     if views.cameras is None:
         typed.reject(["size"], NO_CAMERAS)
     if files.scene is not None or views.cameras is not None:
-        typed.reject(["up", "views"], "only applies to generated views, without --scene and --cameras")
+        typed.reject(["views"], "only applies to generated views, without --scene and --cameras")
 
 
 def _note_losses(baked: Baked, paths: tuple[Path, ...], output: Output) -> None:
     """Print a note for each property of the mesh that a format cannot store."""
     from msb.asset import ASSET_SUFFIX
     from msb.meshes.assets import fit_to_format, mesh_from_asset
-    from msb.meshes.losses import list_losses
+    from msb.meshes.losses import describe_placement, list_losses
 
     mesh = mesh_from_asset(baked.asset)
     for path in paths:
         suffix = path.suffix.lower()
         if suffix != ASSET_SUFFIX:
             for text in list_losses(mesh, fit_to_format(mesh, suffix), suffix, ()):
+                output.note(f"{path}: {text}")
+            for text in describe_placement(fit_to_format(mesh, suffix), suffix):
                 output.note(f"{path}: {text}")
 
 

@@ -9,10 +9,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal, TypedDict
 
+from msb.asset.frame import Frame, make_frame
 from msb.base.extras import need_extras
 from msb.base.option import Option, check_values, label_of
 from msb.errors import UsageError, shorten
-from msb.render.options import Up, ViewKind
+from msb.render.options import Floor, KnownDistance, Scale, UpDirection, ViewKind
 
 Geometry = Literal["kept", "fitted", "surface"]
 GeometryChoice = Literal["auto", "kept", "fitted", "surface"]
@@ -139,9 +140,16 @@ class BakeOptions:
     ] = None
     seed: Annotated[int, Option("Set the seed of the random search.", least=0)] = 0
     up: Annotated[
-        Up | None,
-        Option("Set the up axis for generated views. Default: the up axis of the asset."),
+        UpDirection | None,
+        Option(
+            "Set the direction that is up, for generated views and in mesh files: an axis such as +z, or "
+            "three numbers. Default: that of the asset, else of the cameras of --scene.",
+            metavar="AXIS|X,Y,Z",
+        ),
     ] = None
+    scale: Scale = None
+    known_distance: KnownDistance = None
+    floor: Floor = False
     views: Annotated[
         ViewKind | None,
         Option("Generate views around the model, inside it, or both. Default: the views that see more."),
@@ -167,11 +175,17 @@ class BakeOptions:
         if self.collision is not None:
             parse_collision(self.collision)
         _ = self.lod_shares
+        _ = self.frame
 
     @property
     def lod_shares(self) -> tuple[float, ...]:
         """The levels of detail as falling shares of the faces; empty by default."""
         return () if self.lods is None else parse_lods(self.lods)
+
+    @property
+    def frame(self) -> Frame | None:
+        """The up direction and the unit that are given, without the floor; None if nothing is given."""
+        return make_frame(self.up, self.scale, self.known_distance)
 
     @property
     def step_factor(self) -> float:
@@ -201,7 +215,10 @@ class BakeKeywords(TypedDict, total=False):
     seconds: float | None
     truth: str | os.PathLike[str] | None
     seed: int
-    up: Up | None
+    up: UpDirection | None
+    scale: float | None
+    known_distance: tuple[str, str, str] | None
+    floor: bool
     views: ViewKind | None
     keep_best: bool
     cache: str | os.PathLike[str] | None

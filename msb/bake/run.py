@@ -15,12 +15,14 @@ import numpy as np
 from msb.api.auditing import audit
 from msb.api.opening import as_asset
 from msb.asset import Asset
+from msb.asset.frame import with_frame
 from msb.asset.origin import with_origin, without_origin
 from msb.bake.folder import is_folder_output, write_folder
 from msb.bake.image_cache import SUFFIX
 from msb.bake.options import BakeKeywords, BakeOptions, Material, need_libraries
 from msb.bake.outer_skin import add_outer_skin, is_interior
 from msb.bake.output_files import OutputAsset, list_endings, write_assets
+from msb.bake.placing import choose_frame, move_frame
 from msb.bake.preview import Preview, make_preview
 from msb.bake.report import (
     CollisionReport,
@@ -185,7 +187,14 @@ def bake(
         A mesh of the true surface, in the coordinates of the model. The report then has the differences of
         the normals and depths (`msb.bake.shape`).
     up : str, optional
-        The up axis, such as "+z", for generated views.
+        The direction that is up, an axis such as "+z" or "X,Y,Z", for generated views and in mesh files.
+        Default: that of the asset, else the one that the cameras of the scene suggest.
+    scale : float, optional
+        The length of the scene's unit in metres. Mesh files are then written in metres.
+    known_distance : (str, str, str), optional
+        In place of `scale`: two points "X,Y,Z" of the scene and their distance, such as "1.2m".
+    floor : bool, default False
+        Put the lowest visible point at height 0 in mesh files.
     views : {"outside", "inside", "both"}, optional
         Generate views around the asset, inside it, or both, even if training cameras lie beside it. Default:
         training cameras, else the views that see more of the area.
@@ -246,6 +255,7 @@ def bake(
                 mesh = add_outer_skin(mesh, settings.thickness)
                 levels = [(level, add_outer_skin(lod, settings.thickness)) for level, lod in levels]
             baked = asset_from_mesh(mesh, origin=NO_ORIGIN)
+            frame = choose_frame(model, baked, views, settings, device)
             report_progress("preview", 0, 1)
             preview = make_preview(model, baked, views, source, device)
             cache_notes = [] if source.cache is None else source.cache.notes()
@@ -282,14 +292,16 @@ def bake(
         collision=None if collision is None else CollisionReport.of(collision),
         path=None if model.opened_from is None else str(model.opened_from),
     )
-    # Move the results back into the scene.
-    lods = tuple(with_origin(asset_from_mesh(lod, origin=NO_ORIGIN), origin) for _, lod in levels)
-    shape = None
-    if collision is not None:
-        shape = with_origin(asset_from_mesh(collision.mesh, origin=NO_ORIGIN), origin)
-    return Baked(
-        with_origin(baked, origin), report, preview.moved_back(origin), lods, shape, settings.material
-    )
+    # Move the results back into the scene, with what is known about its frame.
+    frame = move_frame(frame, origin)
+
+    def in_scene(asset: Asset) -> Asset:
+        return with_frame(with_origin(asset, origin), frame)
+
+    lods = tuple(in_scene(asset_from_mesh(lod, origin=NO_ORIGIN)) for _, lod in levels)
+    shape = None if collision is None else in_scene(asset_from_mesh(collision.mesh, origin=NO_ORIGIN))
+    moved = preview.moved_back(origin)
+    return Baked(in_scene(baked), report, moved, lods, shape, settings.material)
 
 
 def _measure_shape(

@@ -17,7 +17,6 @@ from msb.bench.digest import describe_file, digest, stamp
 from msb.bench.documents import BakeDocument
 from msb.bench.folder import Results, check_run
 from msb.bench.models import ModelAsset, measure_size
-from msb.bench.parts import find_mask_files
 from msb.bench.photographs import ViewState, describe_camera, read_planned_scene
 from msb.bench.protocol_tables import BakeTable
 from msb.bench.records import File
@@ -90,7 +89,7 @@ def hash_bake_inputs(
     """
     training = [describe_camera(camera) for camera in scene.train]
     photographs = scene.train if options["supervision"] == "photographs" else ()
-    masks = find_mask_files(scene) if photographs and scene.mask_source == "mask_folder" else ()
+    masks = [scene.masks.get(str(camera.name)) for camera in photographs]
     paths = (*(camera.image_path for camera in photographs), *masks)
     hashes = [file_sha256(path) for path in paths if path is not None and Path(path).is_file()]
     asset = model.asset.sha256

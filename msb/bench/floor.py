@@ -1,7 +1,6 @@
 """The fixed cost of a renderer: time and memory for a single triangle at the size of the test views."""
 
 import contextlib
-from dataclasses import fields
 from typing import Any, Literal
 
 import numpy as np
@@ -67,5 +66,4 @@ def take_one_triangle(asset: Asset) -> Asset:
     domains = {name: spec.domain for name, spec in manifest.buffers.items()}
     buffers = {name: array[rows[domains[name]]] for name, array in asset.buffers.items()}
     buffers["indices"] = np.arange(3, dtype=np.uint32)[None]
-    kept = {field.name: getattr(manifest, field.name) for field in fields(Description)}
-    return build_asset(buffers, domains, Description(**kept))
+    return build_asset(buffers, domains, Description.of(manifest))

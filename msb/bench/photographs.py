@@ -48,7 +48,7 @@ def describe_views(scene: Scene) -> ViewState:
     """Return the state of a scene's test views; every test photograph is read once."""
     files = [(str(camera.name), _hash_sources(scene, camera)) for camera in scene.test]
     # Everything else that affects the ground truth.
-    rules = [
+    rules: list[object] = [
         list(scene.background),
         scene.compositing,
         scene.mask_source,
@@ -56,6 +56,11 @@ def describe_views(scene: Scene) -> ViewState:
         scene.quantized,
         [(camera.width, camera.height) for camera in scene.test],
     ]
+    # Turned and undistorted photographs; without any, hashes are those of earlier versions.
+    if readings := [
+        _describe_reading(scene, camera) for camera in scene.test if camera.name in scene.readings
+    ]:
+        rules.append(readings)
     return ViewState(
         cameras=digest([describe_camera(camera) for camera in scene.test]),
         photographs=digest([files, rules]),
@@ -68,6 +73,15 @@ def describe_views(scene: Scene) -> ViewState:
         ),
         names=tuple(image_names(scene.test)),
     )
+
+
+def _describe_reading(scene: Scene, camera: Camera) -> list[object]:
+    """Return how the photograph of a view is turned and undistorted, as JSON data."""
+    reading = scene.readings[str(camera.name)]
+    lens, about = reading.lens, list[object]((camera.name, reading.orientation))
+    if lens is None or lens.distortion is None:
+        return about
+    return [*about, describe_camera(lens), lens.distortion.model, *lens.distortion.coefficients]
 
 
 def _hash_sources(scene: Scene, camera: Camera) -> list[str]:

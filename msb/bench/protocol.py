@@ -92,12 +92,15 @@ def make_single_protocol(
     scene: str | os.PathLike[str],
     *,
     non_engine: str | None = None,
+    dataset: str | None = None,
     image_folder: str | None = None,
+    resolution: int | None = None,
+    camera_convention: str | None = None,
 ) -> ProtocolFile:
     """Return a protocol that evaluates one model on one scene, as if its file were in the current folder.
 
     The results folder is named by the model and the scene. `non_engine` is a folder of official renderings,
-    or "reference" for our reference renderer.
+    or "reference" for our reference renderer. The other options are those of `read_scene`.
     """
     from msb.scenes.datasets import dataset_of
 
@@ -107,14 +110,17 @@ def make_single_protocol(
         f"results = {_quote(folder.replace('{', '{{').replace('}', '}}'))}",
         "",
         "[[datasets]]",
-        f"name = {_quote(dataset_of(scene))}",
+        f"name = {_quote(dataset or dataset_of(scene))}",
         f"path = {_format_path(scene)}",
         "",
         "[[methods]]",
         f"model = {_format_path(model)}",
     ]
-    if image_folder is not None:
-        lines.append(f"image_folder = {_quote(image_folder)}")
+    for key, text in (("image_folder", image_folder), ("camera_convention", camera_convention)):
+        if text is not None:
+            lines.append(f"{key} = {_quote(text)}")
+    if resolution is not None:
+        lines.append(f"resolution = {resolution}")
     if non_engine is not None:
         lines.append(
             f"non_engine = {_quote(REFERENCE) if non_engine == REFERENCE else _format_path(non_engine)}"

@@ -37,7 +37,7 @@ class SceneOptions(Record):
     # Downsampling factor or width in pixels, as the option ``-r`` of code derived from 3DGS.
     resolution: int | None = None
     background: Color | None = None
-    # Principal point during training. Default: "full_K" for DiffSoup, and "gs_fov" otherwise.
+    # Principal point during training. Default: "full_K" for DiffSoup and meshes, else "gs_fov".
     camera_convention: Literal["gs_fov", "full_K"] | None = None
 
 

@@ -134,7 +134,7 @@ class Setup(Record):
     gt_resized: bool
     # Colour behind the model and behind a masked photograph, RGB from 0 to 1.
     background: tuple[float, float, float]
-    mask_source: Literal["png_alpha", "mask_folder"] | None = None
+    mask_source: Literal["png_alpha", "mask_folder", "mask_path"] | None = None
     render_masked_by_gt_alpha: bool = False
 
 

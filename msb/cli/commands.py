@@ -50,7 +50,8 @@ BUILT_IN: dict[str, dict[str, Entry]] = {
         "bench": Entry("msb.bench.commands.bench", "Measure frame rate and memory of an asset."),
     },
     "Benchmark": {
-        "scenes": Entry("msb.scenes.command", "Check scenes: images, splits, missing files."),
+        "scenes": Entry("msb.scenes.commands.scenes", "Check scenes: images, splits, missing files."),
+        "capture": Entry("msb.scenes.commands.capture", "Make a scene from photographs alone."),
         "run": Entry("msb.bench.commands.run", "Evaluate methods on scenes under one protocol."),
         "eval": Entry("msb.bench.commands.eval", "Compare images with photographs: PSNR, SSIM, LPIPS."),
         "submit": Entry("msb.report.commands.submit", "Package results into a single file for publication."),

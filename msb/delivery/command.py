@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from msb.asset.frame import make_frame
 from msb.base.option import Argument, Option
 from msb.cli.command import Typed, command
 from msb.cli.output import Output, PlainOutput, echo
 from msb.delivery import Engine
 from msb.errors import EXIT_OK, MsbError, UsageError, about
-from msb.render.options import Up
+from msb.render.options import Floor, KnownDistance, Scale, UpDirection
 
 if TYPE_CHECKING:
     from msb.delivery.converting import Conversion
@@ -31,12 +32,16 @@ class ConvertOptions:
         Option("Write a .triasset as a single file or as a folder. Default: packed."),
     ] = None
     up: Annotated[
-        Up | None,
+        UpDirection | None,
         Option(
-            "Axis that points up in IN. OUT is rotated so that +y points up. COLMAP scenes: -y. "
-            "Default: no rotation; for .glb the up axis of IN, if it is known."
+            "Axis or direction that points up in IN. A mesh file is rotated so that +y points up. COLMAP "
+            "scenes: about -y. Default: no rotation; for .glb and USD the up axis of IN, if it is known.",
+            metavar="AXIS|X,Y,Z",
         ),
     ] = None
+    scale: Scale = None
+    known_distance: KnownDistance = None
+    floor: Floor = False
     color: Annotated[
         Literal["linear", "srgb"] | None,
         Option("Colour space of vertex colours. Default: linear in .glb, as glTF specifies, else srgb."),
@@ -91,7 +96,8 @@ def convert(
     merged vertices.
     """
     if options.official:
-        typed.reject(["form", "up", "color", "texture", "engine"], "cannot be combined with --official")
+        names = ["form", "up", "scale", "known_distance", "floor", "color", "texture", "engine"]
+        typed.reject(names, "cannot be combined with --official")
     if options.engine is not None:
         typed.reject(["color", "texture"], "cannot be combined with --for, which sets it")
     from msb.api.command_files import check_asset_place
@@ -101,10 +107,11 @@ def convert(
 
     conversion = Conversion(
         options.form,
-        options.up,
+        make_frame(options.up, options.scale, options.known_distance),
         options.color,
         options.texture,
         options.engine,
+        floor=options.floor,
         official=options.official,
         overwrite=output.force,
         stage=output.progress,

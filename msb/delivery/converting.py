@@ -7,10 +7,15 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import get_args
 
+import numpy as np
+
 from msb.adapters.locate import is_mesh_file
 from msb.adapters.official import write_official
 from msb.api.opening import describe_opened, open
 from msb.asset import ASSET_SUFFIX, Asset, write_asset
+from msb.asset.frame import Frame, frame_of, make_frame, nearest_axis, parse_up, with_frame
+from msb.asset.look import up_axis
+from msb.asset.origin import world_positions
 from msb.asset.writer import Form
 from msb.base.atomic import check_new
 from msb.base.paths import given_path, real_place
@@ -19,13 +24,19 @@ from msb.delivery.saving import check_choice, choose_style, output_suffix
 from msb.delivery.web_quality import ImageLoss
 from msb.errors import UsageError, about
 from msb.meshes import Mesh, read_mesh
-from msb.meshes.assets import fit_to_format, mesh_from_asset, without_bad_faces
+from msb.meshes.assets import asset_from_mesh, fit_to_format, mesh_from_asset, without_bad_faces
 from msb.meshes.files import write_whole
 from msb.meshes.formats import FORMATS, Color, Picture
 from msb.meshes.image_files import describe_counts
-from msb.meshes.losses import describe_up_axis, list_dropped_features, list_engine_losses, list_losses
-from msb.meshes.transform import rotate_upright
-from msb.render.options import Up
+from msb.meshes.losses import (
+    describe_placement,
+    describe_up_axis,
+    list_dropped_features,
+    list_engine_losses,
+    list_losses,
+)
+from msb.render.options import UpDirection
+from msb.scenes.framing import find_framing
 
 Stage = Callable[[str], AbstractContextManager[None]]
 
@@ -55,7 +66,10 @@ def convert(
     *,
     overwrite: bool = False,
     form: Form | None = None,
-    up: Up | None = None,
+    up: UpDirection | None = None,
+    scale: float | None = None,
+    known_distance: tuple[str, str, str] | None = None,
+    floor: bool = False,
     color: Color | None = None,
     texture: Picture | None = None,
     engine: Engine | None = None,
@@ -77,9 +91,16 @@ def convert(
         Replace an existing file. The file of `source` is never replaced.
     form : {"packed", "folder"}, optional
         The form of a `.triasset`. Default: packed.
-    up : {"+x", "-x", "+y", "-y", "+z", "-z"}, optional
-        The axis that points up in `source`. The output is rotated so that +y points up. Default: no rotation;
-        for `.glb` the up axis of `source`, if it is known.
+    up : str, optional
+        The direction that points up in `source`: an axis such as "-y", or "X,Y,Z". A mesh file is rotated so
+        that +y points up, a `.triasset` records the direction. Default: no rotation; for `.glb` and USD the
+        up axis of `source`, if it is known.
+    scale : float, optional
+        The length of the unit of `source` in metres. Mesh files are written in metres.
+    known_distance : (str, str, str), optional
+        In place of `scale`: two points "X,Y,Z" of `source` and their distance, such as "1.2m".
+    floor : bool
+        Put the lowest point at height 0; far outliers are ignored.
     color, texture, engine : str, optional
         As in `msb.save`.
     official : bool
@@ -109,13 +130,15 @@ def convert(
     ('2,582 vertices', '5,159 faces', 'vertex colours')
     """
     place, output_path = given_path(source), given_path(target)
-    for name, value, known in (("form", form, Form), ("up", up, Up)):
-        if value is not None:
-            check_choice(name, value, get_args(known))
-    if official and (form, up, color, texture, engine) != (None,) * 5:
-        text = "form, up, color, texture and engine cannot be combined with official"
+    if form is not None:
+        check_choice("form", form, get_args(Form))
+    frame = make_frame(up, scale, known_distance)
+    if official and (floor or (form, frame, color, texture, engine) != (None,) * 5):
+        text = "form, up, scale, floor, color, texture and engine cannot be combined with official"
         raise UsageError("USAGE", text)
-    conversion = Conversion(form, up, color, texture, engine, official=official, overwrite=overwrite)
+    conversion = Conversion(
+        form, frame, color, texture, engine, floor=floor, official=official, overwrite=overwrite
+    )
     conversion.check_target(output_path)
     if real_place(place) == real_place(output_path):
         raise UsageError("USAGE", "it is an input; write the output to another file", file=output_path)
@@ -136,10 +159,11 @@ class Conversion:
     """The options of a conversion. `stage` shows the stages of the work while they run."""
 
     form: Form | None = None
-    up: Up | None = None
+    frame: Frame | None = None
     color: Color | None = None
     texture: Picture | None = None
     engine: Engine | None = None
+    floor: bool = False
     official: bool = False
     overwrite: bool = False
     stage: Stage = _silent
@@ -167,10 +191,8 @@ class Conversion:
         if self.official:
             return self._write_official(source, target)
         if target.suffix.lower() == ASSET_SUFFIX:
-            if (self.up, self.color, self.texture, self.engine) != (None,) * 4:
-                text = (
-                    "--up, --color, --texture and --for apply to mesh files; a .triasset is stored unchanged"
-                )
+            if (self.color, self.texture, self.engine) != (None,) * 3:
+                text = "--color, --texture and --for apply to mesh files; a .triasset stores what IN has"
                 raise UsageError("USAGE", text)
             return self._write_asset(source, target)
         if self.form is not None:
@@ -187,9 +209,25 @@ class Conversion:
 
     def _write_asset(self, source: Path, target: Path) -> Converted:
         asset = self._open(source)
+        if self.frame is not None or self.floor:
+            asset = with_frame(asset, self._choose_frame(asset, frame_of(asset.manifest)))
         with self.stage(f"writing {target.name}"):
             write_asset(asset, target, self.form or "packed", overwrite=self.overwrite)
         return Converted(target, asset.manifest.counts, ())
+
+    def _choose_frame(self, asset: Asset, known: Frame | None) -> Frame:
+        """Return the frame that `asset` or a mesh records, with the given parts and the floor."""
+        frame, given = known or Frame(), self.frame or Frame()
+        frame = replace(frame, up=given.up or frame.up)
+        if given.meters_per_unit is not None:
+            frame = replace(frame, meters_per_unit=given.meters_per_unit, source=given.source)
+        if self.floor:
+            up = frame.up or parse_up(up_axis(asset))
+            faces, framed = asset.buffers["indices"], find_framing(asset).framed
+            faces = faces if framed is None else faces[framed]
+            heights = world_positions(asset).astype(np.float64) @ np.array(up)
+            frame = replace(frame, up=up, floor=float(heights[np.unique(faces)].min()))
+        return frame
 
     def _write_official(self, source: Path, target: Path) -> Converted:
         asset = self._open(source)
@@ -209,17 +247,25 @@ class Conversion:
         else:
             asset = self._open(source)
             mesh, ignored = mesh_from_asset(asset), list_dropped_features(asset)
-            known = self.up is not None or asset.manifest.coordinate_frame.known_up is not None
-        mesh = rotate_upright(mesh, self.up) if self.up else mesh
+            known = asset.manifest.coordinate_frame.known_up is not None
+        is_upright = False
+        if self.frame is not None or self.floor:
+            frame = self._choose_frame(asset or asset_from_mesh(mesh), mesh.frame)
+            axis = mesh.up if frame.up is None else nearest_axis(frame.up)
+            is_upright = self.frame is not None and self.frame.up is not None
+            mesh, known = replace(mesh, frame=frame, up=axis), known or is_upright
         with self.stage(f"choosing the encoding of {target.name}"), about(source):
             style, quality = choose_style(
                 mesh, target, asset, color=self.color, texture=self.texture, engine=self.engine
             )
         # Errors about coordinates and indices name the source, not the target.
         with self.stage(f"writing {target.name}"), about(source):
-            storable = fit_to_format(mesh, suffix)
+            storable = fit_to_format(mesh, suffix, is_upright=is_upright)
             write_whole(storable, target, style, overwrite=self.overwrite, check_companion=self.check_free)
         changes = [f"rotated upright (the up axis was {mesh.up})"] if mesh.up != storable.up else []
+        unit = None if mesh.frame is None else mesh.frame.meters_per_unit
+        changes += [f"scaled to metres (a unit was {unit:g} m)"] if unit is not None else []
+        changes += ["lowered to the floor"] if self.floor else []
         if mesh.meters_per_unit not in (None, 1.0):
             changes.append(f"scaled to metres (a unit was {mesh.meters_per_unit:g} m)")
         contents = (*_list_contents(storable, suffix), *changes, *([quality] if quality else []))
@@ -228,7 +274,8 @@ class Conversion:
             loss = ImageLoss.of(mesh, asset).describe(replace(storable, vertices=mesh.vertices))
         notes = [*list_losses(mesh, storable, suffix, ignored, loss)]
         notes += list_engine_losses(storable, self.engine) if self.engine else ()
-        notes += describe_up_axis(mesh, suffix, known=known)
+        notes += describe_placement(storable, suffix)
+        notes += describe_up_axis(storable if is_upright else mesh, suffix, known=known)
         return Converted(target, contents, tuple(f"{target}: {text}" for text in notes))
 
 

@@ -173,7 +173,7 @@ def as_glb(mesh: Mesh) -> Mesh:
     """Return `mesh` with the data that a GLB can store, in its original coordinates."""
     from msb.meshes.assets import fit_to_format
 
-    return fit_to_format(replace(mesh, up=None), ".glb")
+    return fit_to_format(replace(mesh, up=None, frame=None), ".glb")
 
 
 def _encode(mesh: Mesh, style: Style) -> bytes:

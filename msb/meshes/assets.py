@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from msb.asset import Asset, Description, build_asset
 from msb.asset.drawable import first_bad
 from msb.asset.finite import select_vertices
+from msb.asset.frame import frame_of
 from msb.asset.look import stored_threshold, tint_of, visible_faces, written_up
 from msb.asset.manifest import CoordinateFrame, Domain, Parameters
 from msb.asset.origin import world_positions
@@ -20,7 +21,8 @@ from msb.errors import AssetError, Unsupported
 from msb.meshes.charts import with_sampled_colors, with_vertex_uvs, without_textures
 from msb.meshes.formats import FORMATS
 from msb.meshes.mesh import Mesh
-from msb.meshes.transform import rotate_axis, rotate_upright
+from msb.meshes.placement import place
+from msb.meshes.transform import rotate_axis
 from msb.meshes.writing import as_float32, as_local, check_indices, check_writable
 
 
@@ -40,7 +42,9 @@ def asset_from_mesh(mesh: Mesh, *, origin: Origin | None = None) -> Asset:
     """
     made = make_mesh_buffers(mesh, origin)
     frame = CoordinateFrame(up=mesh.up or "unknown")
-    description = Description(appearance=made.appearance, coordinate_frame=frame, origin=made.origin)
+    description = Description(
+        appearance=made.appearance, coordinate_frame=frame, origin=made.origin, frame=mesh.frame
+    )
     return build_asset(made.buffers, made.domains, description)
 
 
@@ -117,7 +121,7 @@ def mesh_from_asset(asset: Asset) -> Mesh:
         raise Unsupported("UNSUPPORTED_TIER", text, file=asset.opened_from)
     vertices, up = world_positions(asset), written_up(asset)
     faces = asset.buffers["indices"].astype(np.int64)
-    mesh, colors = Mesh(vertices, faces, up=up), tint_of(asset)
+    mesh, colors = Mesh(vertices, faces, up=up, frame=frame_of(asset.manifest)), tint_of(asset)
     if is_textured(asset):
         mesh = _with_textures(mesh, asset)
     if colors is not None and colors.domain == "vertex":
@@ -167,13 +171,14 @@ def with_vertex_colors(mesh: Mesh) -> Mesh:
     return with_corner_colors(mesh, np.repeat(mesh.face_colors, 3, axis=0))
 
 
-def fit_to_format(mesh: Mesh, suffix: str) -> Mesh:
+def fit_to_format(mesh: Mesh, suffix: str, *, is_upright: bool = False) -> Mesh:
     """Return `mesh` reduced to the data that files of `suffix` can store. The audit of a file sees this mesh.
 
     Colours and UVs are moved to the elements for which the format stores them, usually vertices. Textures
-    become vertex colours if the format has no textures. The mesh is rotated upright if the format defines an
-    up axis and the up axis of the mesh is known. If the format cannot share vertices between faces, every
-    face gets three separate vertices. Coordinates are rounded as the format rounds them.
+    become vertex colours if the format has no textures. The mesh is in metres if its unit is known. It is
+    rotated upright if its up axis is known, and if the format defines an up axis or `is_upright` requests it.
+    If the format cannot share vertices between faces, every face gets three separate vertices. Coordinates
+    are rounded as the format rounds them.
     """
     mesh = replace(mesh, vertex_keys=None, corner_keys=None)  # files are written without these attributes
     form = FORMATS[suffix]
@@ -186,8 +191,7 @@ def fit_to_format(mesh: Mesh, suffix: str) -> Mesh:
         mesh = with_vertex_colors(mesh)
     if "vertex_uvs" in form.keeps:
         mesh = with_vertex_uvs(mesh)
-    if form.up and mesh.up:
-        mesh = rotate_upright(mesh, mesh.up)
+    mesh = place(mesh, is_upright=is_upright or form.up is not None)
     if form.is_soup and len(mesh.vertices) != 3 * len(mesh.faces):
         mesh = _separate_faces(mesh)
     if not form.is_single:
@@ -248,4 +252,4 @@ def _separate_faces(mesh: Mesh) -> Mesh:
     """Return the triangle soup of `mesh`: three vertices per face, without colours and textures."""
     corners = mesh.faces.reshape(-1)
     faces = np.arange(len(corners), dtype=np.int64).reshape(-1, 3)
-    return Mesh(mesh.vertices[corners], faces, up=mesh.up)
+    return Mesh(mesh.vertices[corners], faces, up=mesh.up, placement=mesh.placement)

@@ -12,6 +12,7 @@ from msb.errors import InputError, MeshFileError, OutputError
 from msb.meshes import gltf_scene, obj, off, ply, stl, usd
 from msb.meshes.formats import FORMATS, OURS, Format, Style, list_written_suffixes
 from msb.meshes.mesh import Mesh
+from msb.meshes.placement import find_comment, take_back
 from msb.meshes.source import Source
 from msb.meshes.transform import with_linear_colors
 from msb.meshes.writing import check_writable
@@ -65,7 +66,7 @@ def read_mesh(path: str | os.PathLike[str], *, images: bool = True) -> Mesh:
         chosen = _find_format(name, Path(name).suffix)
         if not source.data:
             raise source.error("MESH_FILE_INVALID", "the file is empty")
-        return _shorten_left_out(chosen.read(source))
+        return take_back(_shorten_left_out(chosen.read(source)), find_comment(source.data))
     except MemoryError:
         message = "not enough memory to read the file"
         raise MeshFileError("MESH_FILE_TOO_LARGE", message, file=name) from None

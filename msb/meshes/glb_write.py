@@ -17,6 +17,7 @@ from msb.meshes.gltf import CHUNK, COMPONENTS, HEADER
 from msb.meshes.image_files import encode_image
 from msb.meshes.mesh import Mesh
 from msb.meshes.normals import vertex_normals
+from msb.meshes.placement import KEY
 from msb.meshes.writing import as_local
 
 _UNLIT = "KHR_materials_unlit"
@@ -119,6 +120,8 @@ def start_root(mesh: Mesh, style: Style) -> dict[str, Any]:
     """Return the JSON of a new file: a scene with a node for one mesh, which is added later."""
     asset: dict[str, Any] = {"version": "2.0", "generator": "MeshSplatBench"}
     extras = dict(style.extras or {})
+    if mesh.placement is not None:
+        extras[KEY] = mesh.placement.to_json()
     if style.color == "srgb" and mesh.vertex_colors is not None:
         extras["color_space"] = "srgb"
     asset |= {"extras": extras} if extras else {}

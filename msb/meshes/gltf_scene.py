@@ -37,6 +37,7 @@ from msb.meshes.gltf_parts import PrimitiveArrays, parse_primitives, read_arrays
 from msb.meshes.gltf_poses import Poses
 from msb.meshes.images import Decoder, describe_lost_image
 from msb.meshes.mesh import Mesh
+from msb.meshes.placement import KEY, take_back
 from msb.meshes.polygons import join_faces
 from msb.meshes.source import Source
 
@@ -128,7 +129,9 @@ def read_scene(document: Document) -> Mesh:
     if poses.is_skinned and "a skin" in left_out:
         del left_out["a skin"]
         left_out["a skin beyond its pose"] = None
-    return replace(joined, left_out=tuple(left_out), up="+y")
+    extras = document.root.get("asset", {}).get("extras")
+    frame = extras.get(KEY) if isinstance(extras, dict) else None
+    return take_back(replace(joined, left_out=tuple(left_out), up="+y"), frame)
 
 
 def _check_extensions(document: Document) -> None:

@@ -15,6 +15,10 @@ from msb.meshes.mesh import Mesh, describe_rounding
 _UNWRITTEN = {"opacity": "opacity", "sigma": "soft edges (sigma)"}
 
 
+# Formats that are written without a comment.
+_WITHOUT_COMMENTS = (".stl", ".off")
+
+
 def list_dropped_features(asset: Asset) -> list[str]:
     """Return descriptions of everything in `asset` that its standard-tier mesh lacks."""
     manifest, beyond = asset.manifest, []
@@ -116,6 +120,12 @@ def list_engine_losses(mesh: Mesh, engine: str) -> Iterator[str]:
 
 def _has_uvs(mesh: Mesh) -> bool:
     return mesh.vertex_uvs is not None or mesh.corner_uvs is not None
+
+
+def describe_placement(written: Mesh, suffix: str) -> Iterator[str]:
+    """Yield a note if a file of `suffix` cannot record how `written` was turned or scaled."""
+    if written.placement is not None and suffix in _WITHOUT_COMMENTS:
+        yield f"{suffix} cannot record the rotation and the unit; cameras of the capture do not fit the file"
 
 
 def describe_up_axis(mesh: Mesh, suffix: str, *, known: bool) -> Iterator[str]:

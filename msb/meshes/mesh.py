@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from msb.asset.frame import Frame
 from msb.asset.texture import Sampler
 from msb.base.origin import describe_origin, find_origin, round_coordinates
 from msb.base.seam_keys import SEAM_KEY, TRIANGLE_LIST
 from msb.errors import Finding, MeshError, finding
+
+if TYPE_CHECKING:
+    from msb.meshes.placement import Placement
 
 # Number of faces whose rounded corners are compared, evenly spread over all.
 _SAMPLED_FACES = 200_000
@@ -56,6 +60,11 @@ class Mesh:
         The axis that points up, such as "+y"; None if unknown.
     meters_per_unit : float, optional
         The length of the file's unit in metres, by which the positions were multiplied; None if unknown.
+    frame : Frame, optional
+        The precise up direction, the unit and the floor of the capture that the positions belong to. None if
+        nothing but `up` is known.
+    placement : Placement, optional
+        How the positions were turned and scaled for a file (`msb.meshes.placement`).
     wrong_face : str, optional
         For text files: a text about the first face with an invalid vertex index, with its line number.
 
@@ -80,6 +89,8 @@ class Mesh:
     left_out: tuple[str, ...] = ()
     up: str | None = None
     meters_per_unit: float | None = None
+    frame: Frame | None = None
+    placement: Placement | None = None
     wrong_face: str | None = None
 
     def __post_init__(self) -> None:

@@ -149,6 +149,8 @@ def write(mesh: Mesh, stream: BinaryIO, style: Style) -> None:
     Colours follow the coordinates as 0..1 with nine digits. A textured mesh refers to its materials if the
     style has a stem for companion files.
     """
+    if mesh.placement is not None:
+        stream.write(f"# {mesh.placement.comment}\n".encode())
     has_materials = bool(mesh.textures) and style.stem is not None
     if has_materials:
         stream.write(f"mtllib {simplify_stem(style)}.mtl\n".encode())

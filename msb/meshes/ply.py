@@ -82,6 +82,7 @@ def write(mesh: Mesh, stream: BinaryIO, _style: Style) -> None:
     coordinate = "double" if mesh.vertices.dtype == np.float64 else "float"
     index = "int" if len(mesh.vertices) <= _MAX_INT else "uint"
     lines = ["ply", "format binary_little_endian 1.0", "comment written by MeshSplatBench"]
+    lines += [f"comment {mesh.placement.comment}"] if mesh.placement is not None else []
     lines += [f"element vertex {len(mesh.vertices)}"]
     lines += [f"property {coordinate} {axis}" for axis in "xyz"]
     lines += _declare_colors(mesh.vertex_colors)

@@ -1,6 +1,7 @@
 """USD: read meshes with usd-core, and declare the formats."""
 
 import io
+import json
 import re
 import zipfile
 from collections.abc import Mapping
@@ -24,6 +25,7 @@ from msb.meshes.formats import Format
 from msb.meshes.images import MAX_FILE, Decoder
 from msb.meshes.linked_files import read_linked_file
 from msb.meshes.mesh import Mesh
+from msb.meshes.placement import take_back
 from msb.meshes.source import Source
 from msb.meshes.usd_looks import encode_used_images, list_lost, list_stored
 from msb.meshes.usd_stage import read_stage
@@ -80,7 +82,12 @@ def read(source: Source) -> Mesh:
         mesh = with_corner_colors(mesh, colors["corner"])
     if "corner_normals" in arrays:
         mesh = replace(mesh, corner_keys=hash_attributes([arrays["corner_normals"]]))
-    return _with_textures(mesh, source, data) if data["textures"] and source.images else mesh
+    mesh = _with_textures(mesh, source, data) if data["textures"] and source.images else mesh
+    try:
+        frame = json.loads(data["frame"] or "null")
+    except (ValueError, RecursionError):
+        frame = None
+    return take_back(mesh, frame)
 
 
 def _check_whole(source: Source) -> None:

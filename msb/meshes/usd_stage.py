@@ -69,6 +69,7 @@ def read_stage(word: str, _: Arrays) -> tuple[Any, Arrays]:
         "wraps": wraps,
         "cutoff": cutoff,
         "left_out": list(reader.left_out),
+        "frame": str(layer.customLayerData.get("frame", ""))[:4000],
     }
     return data, _join_parts(parts, len(images))
 

@@ -1,5 +1,6 @@
 """USD: write a stage with one mesh, its materials and optional collision shapes."""
 
+import json
 import zipfile
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -14,6 +15,7 @@ from msb.meshes.colors import linear_light
 from msb.meshes.formats import Style
 from msb.meshes.image_files import name_images
 from msb.meshes.mesh import Mesh
+from msb.meshes.placement import KEY
 from msb.meshes.usd_looks import WHITE, FaceGroup, corner_light, encode_used_images, group_faces
 from msb.meshes.writing import as_local
 
@@ -57,6 +59,8 @@ def _build_stage(mesh: Mesh, images: list[str], style: Style) -> Any:
     stage = Usd.Stage.Open(layer)
     UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.y)
     UsdGeom.SetStageMetersPerUnit(stage, 1.0)
+    if mesh.placement is not None:
+        layer.customLayerData = {KEY: json.dumps(mesh.placement.to_json())}
     root = UsdGeom.Xform.Define(stage, "/asset")
     stage.SetDefaultPrim(root.GetPrim())
     Usd.ModelAPI(root.GetPrim()).SetKind(Kinds.Tokens.component)

@@ -1,6 +1,6 @@
-"""Prepare a photograph for comparison with a rendering: mask, resize and round it."""
+"""Prepare a photograph for comparison with a rendering: turn, undistort, mask, resize and round it."""
 
-from pathlib import Path
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -9,12 +9,16 @@ from numpy.typing import NDArray
 from msb.errors import MetricError
 from msb.metrics.image_files import read_mask, read_pixels
 from msb.scenes import Camera
-from msb.scenes.datasets import Scene
-from msb.scenes.datasets.photographs import find_mask
+from msb.scenes.datasets import DATASETS, Scene
+from msb.scenes.datasets.photographs import PHOTOGRAPH_MODES
+from msb.scenes.datasets.scene import Reading
+from msb.scenes.lenses import undistort_image
 
 
 def ground_truth(scene: Scene, camera: Camera) -> NDArray[np.float32]:
     """Return the photograph of `camera`, prepared for comparison with a rendering.
+
+    It is turned and undistorted first (`read_photograph`).
 
     Parameters
     ----------
@@ -34,7 +38,7 @@ def ground_truth(scene: Scene, camera: Camera) -> NDArray[np.float32]:
     InputError
         FILE_NOT_FOUND or FILE_UNREADABLE.
     SceneError
-        SCENE_IMAGE: the photograph of a training view has no mask of its size.
+        CAMERA_DISTORTED: the lens cannot be undistorted.
     MetricError
         METRIC_IMAGE: a file is damaged or of another kind. METRIC_SIZES_DIFFER: mask and photograph differ in
         size.
@@ -49,10 +53,10 @@ def ground_truth(scene: Scene, camera: Camera) -> NDArray[np.float32]:
     if camera.image_path is None:
         raise ValueError("the camera has no image_path; use a camera of a scene")
     size = camera.width, camera.height
-    pixels = read_pixels(camera.image_path)
+    pixels = read_photograph(scene, camera)
     color, alpha = pixels[..., :3], pixels[..., 3:]
-    if scene.mask_source == "mask_folder":
-        alpha = _read_mask(scene, camera, color.shape)
+    if scene.mask_source in ("mask_folder", "mask_path"):
+        alpha = read_photograph_mask(scene, camera, color.shape[:2])
     elif scene.mask_source is None:
         alpha = alpha[..., :0]
     if alpha.shape[2] == 0:
@@ -68,21 +72,60 @@ def ground_truth(scene: Scene, camera: Camera) -> NDArray[np.float32]:
     return image.astype(np.float32)
 
 
-def find_mask_file(scene: Scene, camera: Camera) -> Path:
-    """Return the mask file of a camera in a scene with a mask folder."""
+def read_photograph(scene: Scene, camera: Camera) -> NDArray[np.uint8]:
+    """Return the photograph of a view of a scene as its pinhole camera takes it, before masks and resizing.
+
+    The result is (H, W, 3), or (H, W, 4) with alpha. The EXIF orientation is applied where the scene says so,
+    grey becomes R = G = B, and lens distortion is removed. Raises like `ground_truth`.
+    """
     assert camera.image_path is not None
-    # `scene.masks` only has the masks of test views, because a run evaluates only these.
-    return scene.masks.get(str(camera.name)) or find_mask(scene.root, camera.image_path)
+    pixels = read_pixels(camera.image_path, PHOTOGRAPH_MODES)
+    if pixels.ndim == 2:
+        pixels = pixels[..., None]
+    if pixels.shape[2] < 3:  # grey, perhaps with alpha
+        pixels = np.concatenate([pixels[..., :1].repeat(3, axis=2), pixels[..., 1:]], axis=2)
+    reading = scene.readings.get(str(camera.name), Reading())
+    return _apply_reading(pixels, reading)
 
 
-def _read_mask(scene: Scene, camera: Camera, shape: tuple[int, ...]) -> NDArray[np.uint8]:
-    """Return the mask (H, W, 1) of a camera: the first channel of its mask file, as in culling."""
-    path = find_mask_file(scene, camera)
-    mask = read_mask(path)
-    if mask.shape != shape[:2]:
-        text = f"it has {mask.shape[1]} x {mask.shape[0]} pixels, its photograph {shape[1]} x {shape[0]}"
-        raise MetricError("METRIC_SIZES_DIFFER", text, file=path)
-    return mask[..., None]
+def _apply_reading(pixels: NDArray[np.uint8], reading: Reading) -> NDArray[np.uint8]:
+    """Return an image (H, W, C) turned and undistorted."""
+    if reading.orientation != 1:
+        pixels = np.ascontiguousarray(_TURNS[reading.orientation](pixels))
+    return pixels if reading.lens is None else undistort_image(pixels, reading.lens)
+
+
+# EXIF orientation -> function that turns an image upright (EXIF 2.3: Orientation). Only those that swap the
+# axes are ever applied.
+_TURNS: dict[int, Callable[[NDArray[np.uint8]], NDArray[np.uint8]]] = {
+    5: lambda image: image.swapaxes(0, 1),
+    6: lambda image: np.rot90(image, -1),
+    7: lambda image: np.rot90(image.swapaxes(0, 1), 2),
+    8: np.rot90,
+}
+
+
+def read_photograph_mask(scene: Scene, camera: Camera, shape: tuple[int, ...]) -> NDArray[np.uint8]:
+    """Return the mask (H, W, 1) of a view, like its photograph of (H, W) = `shape`: turned and undistorted.
+
+    It is the first channel of the file, as for culling; a view without a mask is opaque. Masks of captures
+    may be smaller or larger than the photographs, and are then resized.
+    """
+    path = scene.masks.get(str(camera.name))
+    if path is None:
+        return np.full((*shape, 1), 255, np.uint8)
+    mask, reading = read_mask(path)[..., None], scene.readings.get(str(camera.name), Reading())
+    lens = reading.lens
+    height, width = shape if lens is None else (lens.height, lens.width)
+    # A mask with the shape of the turned photograph was made for it; another is turned as well.
+    if reading.orientation != 1 and (mask.shape[0] > mask.shape[1]) != (height > width):
+        mask = _apply_reading(mask, Reading(reading.orientation))
+    if mask.shape[:2] != (height, width):
+        if scene.dataset in DATASETS:
+            text = f"it has {mask.shape[1]} x {mask.shape[0]} pixels, its photograph {width} x {height}"
+            raise MetricError("METRIC_SIZES_DIFFER", text, file=path)
+        mask = _resize(mask, (width, height), "bilinear")
+    return _apply_reading(mask, Reading(lens=lens))
 
 
 def _composite(color: NDArray[np.uint8], alpha: NDArray[np.uint8], background: Any) -> NDArray[np.float64]:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from msb.base.extras import need_extra
 from msb.base.files import library_reason, regular_file
 from msb.errors import MetricError, shorten
+from msb.scenes.image_size import image_formats
 
 Color = tuple[float, float, float]
 
@@ -70,9 +71,9 @@ def _check_size(path: Path, width: int, height: int) -> None:
 
 
 def read_pixels(path: Path, modes: tuple[str, ...] = ("RGB", "RGBA")) -> NDArray[np.uint8]:
-    """Return the pixels of a PNG or JPEG as stored, (H, W, 3), or (H, W, 4) with alpha.
+    """Return the pixels of an image file as stored, (H, W, 3), or (H, W, 4) with alpha.
 
-    `modes` are the accepted Pillow modes; "L", grey, gives (H, W).
+    `modes` are the accepted Pillow modes; "L", grey, gives (H, W), and "LA" (H, W, 2).
     """
     path = regular_file(path)
     with _decoding(path):
@@ -91,7 +92,7 @@ def _decode(path: Path, modes: tuple[str, ...]) -> NDArray[np.uint8]:
     _check_png_kind(path)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # Pillow's warnings about sizes; this module checks sizes itself
-        image = Image.open(path, formats=("PNG", "JPEG"))
+        image = Image.open(path, formats=image_formats())
     with image:
         _check_size(path, *image.size)
         if "transparency" in image.info:

@@ -18,10 +18,23 @@ if TYPE_CHECKING:
     from msb.scenes.datasets import Scene
 
 Source = Annotated[Path, Argument("A .triasset, checkpoint or mesh file.", metavar="ASSET")]
-ImageFolder = Annotated[
-    str | None, Option("With --scene: the photographs' folder, e.g. images_2.", metavar="NAME")
-]
 Up = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
+# An axis such as "+z", or a direction "X,Y,Z".
+UpDirection = str
+# How mesh files are placed, for commands that write them.
+Scale = Annotated[
+    float | None,
+    Option("Length of the scene's unit in metres. Mesh files are then written in metres.", metavar="X"),
+]
+KnownDistance = Annotated[
+    tuple[str, str, str] | None,
+    Option(
+        "Two points of the scene and the distance between them, such as 0,0,0 0,0,1 1.2m, in place of "
+        "--scale.",
+        metavar="X,Y,Z X,Y,Z LENGTH",
+    ),
+]
+Floor = Annotated[bool, Option("Put the lowest visible point of the mesh at height 0 in mesh files.")]
 # Where generated views are placed.
 ViewKind = Literal["outside", "inside", "both"]
 NO_CAMERAS = "needs --cameras PATH"
@@ -75,6 +88,10 @@ class ViewOptions:
         from msb.scenes.datasets import note_recorded_size
 
         cameras = read_cameras(str(self.cameras))
+        models = sorted({camera.distortion.model for camera in cameras if camera.distortion is not None})
+        if models:
+            left_out = f"lens distortion ({', '.join(models)}) is left out; images show the pinhole part"
+            note(f"{self.cameras}: {left_out}")
         if self.size is None and (text := note_recorded_size(str(self.cameras), cameras)) is not None:
             note(f"{self.cameras}: {text}")
         return self.of(cameras)
@@ -147,16 +164,55 @@ class ViewOptions:
         return parse_color_option(self.background, official)
 
 
-def read_scene_of(asset: Asset, path: Path, image_folder: str | None, note: Callable[[str], None]) -> Scene:
-    """Return the scene with the rules by which `msb run` evaluates the asset. Pass warnings to `note`."""
-    from msb.scenes.datasets import note_scaled_cameras, scene_of
+@dataclass(frozen=True)
+class SceneOptions:
+    """How the scene of --scene is read."""
 
-    scene = scene_of(asset.manifest, path, image_folder=image_folder)
-    for warning in scene.warnings:
-        note(warning.to_line(warning.file or path))
-    if (text := note_scaled_cameras([scene])) is not None:
-        note(f"{path}: {text}")
-    return scene
+    dataset: Annotated[
+        str | None,
+        Option(
+            "mipnerf360, tanksandtemples, nerf_synthetic, dtu, or any other name for a capture without their "
+            "rules. Default: recognised by folders and photographs.",
+            metavar="NAME",
+        ),
+    ] = None
+    image_folder: Annotated[
+        str | None, Option("Folder of the scene's photographs, for example images_2.", metavar="NAME")
+    ] = None
+    resolution: Annotated[
+        int | None,
+        Option(
+            "1, 2, 4, 8: divide the size by it; -1: keep it; else: width in pixels.", ("--resolution", "-r")
+        ),
+    ] = None
+    camera_convention: Annotated[
+        Literal["gs_fov", "full_K"] | None,
+        Option(
+            "full_K: recorded principal point; gs_fov: in the middle of the image. Default: that of the "
+            "method's training."
+        ),
+    ] = None
+
+    @property
+    def given(self) -> dict[str, Any]:
+        """The options that were given, as arguments of `scene_of`."""
+        return {key: value for key, value in vars(self).items() if value is not None}
+
+    def read(self, asset: Asset, path: Path, note: Callable[[str], None]) -> Scene:
+        """Return a scene as `msb run` evaluates the asset on it; call `note` with each of its warnings."""
+        from msb.scenes.datasets import note_scaled_cameras, scene_of
+
+        scene = scene_of(asset.manifest, path, **self.given)
+        for warning in scene.warnings:
+            note(warning.to_line(warning.file or path))
+        if (text := note_scaled_cameras([scene])) is not None:
+            note(f"{path}: {text}")
+        return scene
+
+
+# Names of these options, which need a scene.
+SCENE_OPTIONS = tuple(SceneOptions.__dataclass_fields__)
+NO_SCENE = "needs --scene DIR"
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from msb.api.opening import as_asset
 from msb.asset import Asset, Description, build_asset
+from msb.asset.frame import frame_of
 from msb.asset.look import colors_of, stored_threshold, visible_faces
 from msb.asset.manifest import Domain
 from msb.asset.origin import world_positions
@@ -140,9 +141,8 @@ def repair_asset(asset: Asset, options: Options, weights: NDArray[Any] | None = 
         if done.unchanged:
             repaired = asset
         else:
-            described = {f.name: getattr(manifest, f.name) for f in fields(Description)}
             buffers = {**done.buffers, "positions": _find_positions(base, done)}
-            repaired = build_asset(buffers, done.domains, Description(**described))
+            repaired = build_asset(buffers, done.domains, Description.of(manifest))
             repaired = replace(
                 repaired,
                 manifest=replace(repaired.manifest, extra=manifest.extra),
@@ -228,6 +228,7 @@ def _convert_to_mesh(asset: Asset) -> tuple[Asset, Change | None]:
         color_space=manifest.color_space,
         coordinate_frame=manifest.coordinate_frame,
         source=manifest.source,
+        frame=frame_of(manifest),
         origin=manifest.origin,
     )
     visible = visible_faces(asset, stored_threshold(asset))

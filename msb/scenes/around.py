@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msb.asset import Asset
+from msb.asset.frame import parse_up
 from msb.asset.look import up_axis
 from msb.errors import SceneError
 from msb.scenes.camera import Camera
@@ -195,7 +196,5 @@ def is_surrounded(bulk: Bulk) -> bool:
 
 
 def _vector(axis: str) -> list[float]:
-    """Return the unit vector of an axis such as "-y"."""
-    vector = [0.0, 0.0, 0.0]
-    vector["xyz".index(axis[1])] = -1.0 if axis[0] == "-" else 1.0
-    return vector
+    """Return the unit vector of an axis such as "-y", or of three numbers "X,Y,Z"."""
+    return list(parse_up(axis))

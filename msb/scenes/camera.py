@@ -23,6 +23,7 @@ from msb.scenes.checks import (
     check_size,
     focal_from_fov,
 )
+from msb.scenes.distortion import Distortion
 from msb.scenes.poses import check_pose, look_at_pose, rigid_inverse
 
 _Frame = TypeVar("_Frame", bound=Any)
@@ -45,7 +46,7 @@ class Camera:
         Principal point in pixels; (width / 2, height / 2) is the centre.
     world_to_camera : (4, 4) array_like
         The matrix W for column vectors, stored as a read-only float64 copy. Its rotation must be orthonormal
-        to 1e-4 with determinant +1, and its last row 0 0 0 1.
+        to 2e-4 with determinant +1, and its last row 0 0 0 1. Beyond 1e-4 the nearest rotation is stored.
     name : str, optional
         A relative path with forward slashes, usually the image's file name below its folder.
     image_path : Path, optional
@@ -58,6 +59,9 @@ class Camera:
         The length in the world that renderers use as unit of depth, for example for the near plane of 0.01
         on the standard tier. It is 1, except for cameras made for very small or large objects
         (`msb.scenes.turntable`).
+    distortion : Distortion, optional
+        The distortion of the lens that took the photograph at `image_path`. Projection and renderers ignore
+        it; `msb.scenes.lenses` undistorts photographs.
 
     Raises
     ------
@@ -85,6 +89,7 @@ class Camera:
     source_size: tuple[int, int] | None = None
     split: Split | None = None
     unit: float = 1.0
+    distortion: Distortion | None = None
 
     def __post_init__(self) -> None:
         width, height = check_size((self.width, self.height))

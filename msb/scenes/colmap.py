@@ -1,5 +1,6 @@
 """COLMAP models: a folder with the files cameras, images and points3D, all .bin or all .txt."""
 
+import contextlib
 import math
 import os
 from collections.abc import Iterable, Iterator
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 
 from msb.base.files import is_file, is_folder
 from msb.base.paths import SpelledFiles
-from msb.errors import shorten
+from msb.errors import MsbError, shorten
 from msb.scenes import colmap_binary, colmap_text
 from msb.scenes.camera import Camera
 from msb.scenes.checks import check_name
@@ -32,19 +33,49 @@ MIN_QUATERNION = 1e-9
 
 
 def find_model(folder: Path) -> Path | None:
-    """Return the folder of a scene's COLMAP model (the scene, sparse/0 or sparse), or None without model."""
-    names = [f"{part}{suffix}" for part in ("cameras", "images", "points3D") for suffix in _FORMS]
-    for place in (folder, folder / "sparse" / "0", folder / "sparse"):
-        if any(is_file(place / name) for name in names):
-            return place
-    return None
+    """Return the folder of a scene's COLMAP model, or None if it has no model.
+
+    It is the folder itself, else the model with the most images in `sparse` (COLMAP numbers them: 0, 1, ...;
+    the lowest number if several have as many), else `sparse`.
+    """
+    if _is_model(folder):
+        return folder
+    if models := list_models(folder):
+        return models[0]
+    return folder / "sparse" if _is_model(folder / "sparse") else None
+
+
+def list_models(folder: Path) -> list[Path]:
+    """Return the numbered models in the folder `sparse` of a scene, the one with the most images first."""
+    try:
+        numbered = [child for child in (folder / "sparse").iterdir() if child.name.isascii()]
+    except OSError:
+        return []
+    numbered = [child for child in numbered if child.name.isdigit() and _is_model(child)]
+    numbered.sort(key=lambda child: (int(child.name), child.name))
+    return sorted(numbered, key=count_images, reverse=True) if len(numbered) > 1 else numbered
+
+
+def count_images(model: Path) -> int:
+    """Return the number of images of a model without reading them; 0 if its file is missing or damaged."""
+    with contextlib.suppress(MsbError):
+        for suffix, form in _FORMS.items():
+            if is_file(model / f"images{suffix}"):
+                return int(form.count_shots(Source.open(model / f"images{suffix}")))
+    return 0
+
+
+def _is_model(folder: Path) -> bool:
+    """Return whether a folder has a file of a COLMAP model."""
+    names = (f"{part}{suffix}" for part in ("cameras", "images", "points3D") for suffix in _FORMS)
+    return any(is_file(folder / name) for name in names)
 
 
 def read_model(folder: Path) -> list[Camera]:
     """Return a camera for each image of the COLMAP model in `folder`, in the file's order.
 
-    The principal point is kept as recorded. If the folder is a scene's `sparse/0` or `sparse`, `image_path`
-    is the name below the scene's folder `images`.
+    The principal point and the lens distortion are kept as recorded. If the folder is a scene's `sparse/0` or
+    `sparse`, `image_path` is the name below the scene's folder `images`.
     """
     suffix = _find_suffix(folder, ("cameras", "images"))
     form = _FORMS[suffix]
@@ -121,7 +152,7 @@ def _find_suffix(folder: Path, parts: tuple[str, ...]) -> str:
 def _image_folder(model: Path) -> Path | None:
     """Return the folder of the photographs if `model` is in a scene's usual place."""
     place = Path(os.path.abspath(model))  # noqa: PTH100 - resolve() would follow links
-    if place.name == "0":
+    if place.name.isdigit():
         place = place.parent
     return place.parent / "images" if place.name == "sparse" else None
 
@@ -141,7 +172,7 @@ def _camera(
         text = f"{what} refers to camera id {shot.lens}, which is missing in {lens_file.path.name}"
         raise shot_file.error("COLMAP_INVALID", text, pointer=shot.pointer)
     with lens_file.locating(lens.pointer, f"camera id {lens.number}"):
-        intrinsics = lens.pinhole()
+        intrinsics, distortion = lens.intrinsics(), lens.distortion()
     if not MIN_QUATERNION < math.hypot(*shot.quaternion) < math.inf:
         numbers = " ".join(f"{value:g}" for value in shot.quaternion)
         text = f"{what} has the quaternion {numbers}; it must be finite and not zero"
@@ -150,5 +181,6 @@ def _camera(
     pose[:3, :3] = rotation_from_quaternion(shot.quaternion)
     pose[:3, 3] = shot.translation
     with shot_file.locating(shot.pointer, what):
-        check_name(name)  # check the name before a file of this name is searched
-        return Camera(*intrinsics, pose, name, None if images is None else images.find(name))
+        check_name(name)  # before a file of this name is searched
+        image = None if images is None else images.find(name)
+        return Camera(*intrinsics, pose, name, image, distortion=distortion)

@@ -85,6 +85,11 @@ def read_lenses(source: Source) -> Iterator[Lens]:
     cursor.finish()
 
 
+def count_shots(source: Source) -> int:
+    """Return the declared number of images of images.bin."""
+    return _Cursor(source).count("images", _SHOT.size + 1 + _COUNT.size)
+
+
 def read_shots(source: Source) -> Iterator[Shot]:
     """Yield the records of images.bin; the 2D points are skipped."""
     cursor = _Cursor(source)

@@ -1,4 +1,4 @@
-"""COLMAP's camera models, and which of them are pinhole cameras.
+"""COLMAP's camera models: the order of their parameters, and their pinhole part.
 
 Names, ids and the order of parameters: `colmap/colmap`: src/colmap/sensor/models.h. Parameters are the focal
 lengths (one for both axes, or fx and fy), cx, cy, and the distortion coefficients.
@@ -9,18 +9,15 @@ from typing import NamedTuple
 
 from msb.errors import SceneError, shorten
 from msb.scenes.checks import MIN_FOCAL, check_pixels, check_size
+from msb.scenes.distortion import Distortion, make_distortion
 
 
 class LensModel(NamedTuple):
-    """A camera model of COLMAP: its id, and the number of focal lengths and distortion coefficients.
-
-    `fisheye` marks projections that differ from a pinhole camera even without distortion.
-    """
+    """A camera model of COLMAP: its id, and the number of focal lengths and distortion coefficients."""
 
     number: int
     focals: int
     distortions: int
-    fisheye: bool = False
 
     @property
     def parameters(self) -> int:
@@ -34,12 +31,18 @@ MODELS = {
     "SIMPLE_RADIAL": LensModel(2, 1, 1),
     "RADIAL": LensModel(3, 1, 2),
     "OPENCV": LensModel(4, 2, 4),
-    "OPENCV_FISHEYE": LensModel(5, 2, 4, fisheye=True),
+    "OPENCV_FISHEYE": LensModel(5, 2, 4),
     "FULL_OPENCV": LensModel(6, 2, 8),
     "FOV": LensModel(7, 2, 1),
-    "SIMPLE_RADIAL_FISHEYE": LensModel(8, 1, 1, fisheye=True),
-    "RADIAL_FISHEYE": LensModel(9, 1, 2, fisheye=True),
-    "THIN_PRISM_FISHEYE": LensModel(10, 2, 8, fisheye=True),
+    "SIMPLE_RADIAL_FISHEYE": LensModel(8, 1, 1),
+    "RADIAL_FISHEYE": LensModel(9, 1, 2),
+    "THIN_PRISM_FISHEYE": LensModel(10, 2, 8),
+    "RAD_TAN_THIN_PRISM_FISHEYE": LensModel(11, 2, 12),
+    "SIMPLE_DIVISION": LensModel(12, 1, 1),
+    "DIVISION": LensModel(13, 2, 1),
+    "SIMPLE_FISHEYE": LensModel(14, 1, 0),
+    "FISHEYE": LensModel(15, 2, 0),
+    "EUCM": LensModel(16, 2, 2),
 }
 MODEL_NAMES = {model.number: name for name, model in MODELS.items()}
 
@@ -47,8 +50,10 @@ MODEL_NAMES = {model.number: name for name, model in MODELS.items()}
 def model_parameters(name: str | None, given: str) -> int:
     """Return the number of parameters of model `name`; `given` is its spelling in the file."""
     if name not in MODELS:
-        known = " or ".join(f"{number} {name}" for number, name in sorted(MODEL_NAMES.items())[:2])
-        text = f"the camera model {shorten(given, 40)} is unknown; undistorted images have {known}"
+        text = (
+            f"the camera model {shorten(given, 40)} is not a known lens (pinhole, radial, OpenCV, fisheye, "
+            "FOV, division or EUCM); cut panoramas into perspective images"
+        )
         raise SceneError("CAMERA_DISTORTED", text)
     return MODELS[name].parameters
 
@@ -67,22 +72,18 @@ class Lens:
     parameters: tuple[float, ...]
     pointer: str
 
-    def pinhole(self) -> tuple[int, int, float, float, float, float]:
+    def intrinsics(self) -> tuple[int, int, float, float, float, float]:
         """Return width, height, fx, fy, cx, cy."""
         model = MODELS[self.model]
-        distortion = self.parameters[model.focals + 2 :]
-        if model.fisheye:
-            text = f"the camera model is {self.model}, a fisheye lens; undistort the images"
-            raise SceneError("CAMERA_DISTORTED", text)
-        if any(value != 0 for value in distortion):
-            coefficients = ", ".join(f"{value:g}" for value in distortion)
-            text = f"the camera model is {self.model} with distortion {coefficients}; undistort the images"
-            raise SceneError("CAMERA_DISTORTED", text)
         width, height = check_size((self.width, self.height))
         focals = (self.parameters[0], self.parameters[model.focals - 1])
         fx, fy = (check_pixels("the focal length", value, MIN_FOCAL) for value in focals)
         cx, cy = (check_pixels("the principal point", p) for p in self.parameters[model.focals :][:2])
         return width, height, fx, fy, cx, cy
+
+    def distortion(self) -> Distortion | None:
+        """Return the distortion; None for a pinhole camera, also if all coefficients are 0."""
+        return make_distortion(self.model, self.parameters[MODELS[self.model].focals + 2 :])
 
 
 @dataclass(frozen=True)

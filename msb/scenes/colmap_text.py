@@ -40,6 +40,12 @@ def read_lenses(source: Source) -> Iterator[Lens]:
         yield Lens(number, name, width, height, tuple(map(line.number, words[4:])), line.pointer)
 
 
+def count_shots(source: Source) -> int:
+    """Return the number of images of images.txt, which has two lines for each."""
+    lines = _lines(source)
+    return sum(1 for line in lines if line.is_record() and next(lines, True))
+
+
 def read_shots(source: Source) -> Iterator[Shot]:
     """Yield the records of images.txt: ID QW QX QY QZ TX TY TZ CAMERA_ID NAME, then a line of 2D points.
 

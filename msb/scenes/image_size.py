@@ -1,4 +1,4 @@
-"""Size and channels of a PNG or JPEG image, from its header, without decoding pixels."""
+"""Size, channels and orientation of a photograph, from its header, without decoding pixels."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import contextlib
 import os
 import warnings
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,39 +18,85 @@ if TYPE_CHECKING:
     from PIL import Image
 
 # Suffixes of photographs, in lower case.
-IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg")
+IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".webp", ".tif", ".tiff", ".avif", ".heic", ".heif")
 # Bytes that are searched for a header: colour profiles, thumbnails and depth maps before it take a few MiB.
 _MOST_BYTES = 1 << 23
+# Beginnings of formats whose header may be anywhere in the file: TIFF, WebP, and after four bytes AVIF, HEIC.
+_SCATTERED = (b"II*\0", b"MM\0*", b"RIFF")
+_BOX = b"ftyp"
+_HEIC = (b"heic", b"heix", b"hevc", b"heim", b"heis", b"mif1", b"msf1")
+# EXIF's tag of the orientation; 1 is upright, 5 to 8 swap the axes.
+_ORIENTATION = 0x0112
+
+
+@dataclass(frozen=True)
+class ImageHeader:
+    """The header of an image: (width, height) as stored, Pillow's format and mode, EXIF orientation."""
+
+    size: tuple[int, int]
+    format: str
+    mode: str
+    orientation: int = 1
+
+    @property
+    def has_alpha(self) -> bool:
+        """Whether the image has an alpha channel; a transparent palette colour does not count."""
+        return self.mode in ("LA", "RGBA")
+
+
+def image_formats() -> tuple[str, ...]:
+    """Return Pillow's names of the formats of photographs that it can read."""
+    from PIL import Image
+
+    Image.init()
+    return tuple(name for name in ("PNG", "JPEG", "WEBP", "TIFF", "AVIF", "HEIF") if name in Image.OPEN)
 
 
 def image_size(path: str | os.PathLike[str]) -> tuple[int, int]:
     """Return (width, height) in pixels as stored, ignoring an orientation in the metadata."""
-    with _header(path) as image:
-        return check_size(image.size)
+    return read_header(path).size
 
 
-def has_alpha(path: str | os.PathLike[str]) -> bool:
-    """Return whether an image has an alpha channel; a transparent palette colour does not count."""
-    with _header(path) as image:
-        return image.mode in ("LA", "RGBA")
+def read_header(path: str | os.PathLike[str]) -> ImageHeader:
+    """Return the header of an image; CAMERA_IMAGE and CAMERA_INVALID report damaged and too large ones."""
+    with _open_header(path) as image:
+        return ImageHeader(check_size(image.size), str(image.format), image.mode, _read_orientation(image))
+
+
+def _read_orientation(image: Image.Image) -> int:
+    """Return the EXIF orientation; 1 if it is missing or damaged, and for TIFF, which Pillow turns itself."""
+    from PIL import Image
+
+    value: Any = 1
+    with contextlib.suppress(Exception):  # damaged EXIF data raise various exceptions
+        if image.format != "TIFF" and (data := image.info.get("exif")):
+            exif = Image.Exif()
+            exif.load(data)
+            value = exif.get(_ORIENTATION, 1)
+    return value if value in range(1, 9) else 1
 
 
 @contextlib.contextmanager
-def _header(path: str | os.PathLike[str]) -> Iterator[Image.Image]:
+def _open_header(path: str | os.PathLike[str]) -> Iterator[Image.Image]:
     """Yield an image after Pillow has read only its header."""
     from PIL import Image, UnidentifiedImageError
 
     source = Source(Path(path), map_file(Path(path), _MOST_BYTES))
+    start = bytes(source.data[:12])
+    if start.startswith(_SCATTERED) or start[4:8] == _BOX:
+        source = Source(Path(path), map_file(Path(path)))
     file: Any = source.data  # a memory mapping, which is read like a file
     try:
         if not file:
             raise ValueError("it is empty")
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # warnings about large sizes (checked here) and odd metadata
-            image = Image.open(file, formats=("PNG", "JPEG"))
+            image = Image.open(file, formats=image_formats())
     except Exception as error:  # damaged files raise various exceptions
         reason = "" if isinstance(error, UnidentifiedImageError) else f" ({library_reason(error)})"
-        text = f"it is not a PNG or JPEG image, or its header is damaged{reason}"
+        text = f"it is not a PNG, JPEG, WebP, TIFF or AVIF image, or its header is damaged{reason}"
+        if start[4:8] == _BOX and start[8:12] in _HEIC:
+            text = "it is a HEIC image, which Pillow cannot read; convert it to JPEG"
         raise source.error("CAMERA_IMAGE", text) from None
     with source.locating(None):
         yield image

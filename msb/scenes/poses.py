@@ -11,9 +11,10 @@ from numpy.typing import ArrayLike, NDArray
 from msb.base.matrices import inverse
 from msb.errors import SceneError, shorten
 
-# Largest allowed magnitude of an entry of R R^T - I. Float32 poses that were inverted a few times are well
-# below it.
-MAX_ROTATION_ERROR = 1e-4
+# Largest magnitudes of an entry of R R^T - I: of rotations that are stored as given, and of those that are
+# replaced by the nearest rotation. Float32 poses that were inverted a few times are well below the first,
+# matrices rounded to four decimals (at most 1.8e-4) below the second.
+EXACT_ROTATION_ERROR, MAX_ROTATION_ERROR = 1e-4, 2e-4
 
 # Largest coordinate in scene units. Squares of larger distances do not fit into float32, which renderers use.
 MAX_COORDINATE = 1e18
@@ -48,6 +49,9 @@ def check_pose(matrix: ArrayLike, what: str) -> NDArray[np.float64]:
     if np.linalg.det(rotation) < 0:
         text = f"the rotation of {what} is mirrored (determinant -1); the determinant must be +1"
         raise SceneError("CAMERA_INVALID", text)
+    if error > EXACT_ROTATION_ERROR:
+        left, _, right = np.linalg.svd(rotation)
+        pose[:3, :3] = left @ right
     return pose
 
 

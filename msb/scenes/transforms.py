@@ -4,7 +4,10 @@ Sources: `bmild/nerf`: load_blender.py; `NVlabs/instant-ngp`: src/nerf_loader.cu
 Data conventions.
 """
 
+import contextlib
 import re
+from collections.abc import Callable
+from functools import cache, partial
 from pathlib import Path, PurePosixPath
 from typing import cast
 
@@ -12,14 +15,14 @@ from msb.base.paths import SpelledFiles
 from msb.errors import InputError, SceneError
 from msb.scenes.camera import Camera
 from msb.scenes.checks import Split, check_name, check_size, focal_from_fov
-from msb.scenes.image_size import image_size
+from msb.scenes.image_size import IMAGE_SUFFIXES, image_size
 from msb.scenes.json_node import Node
 from msb.scenes.poses import from_opengl
+from msb.scenes.transforms_lens import read_distortion
 
-_SPLIT = re.compile(r"transforms_(train|val|test)\.json", re.IGNORECASE)
-_IMAGE_SUFFIXES = {".png", ".jpg", ".jpeg", ".webp", ".exr", ".bmp", ".tif", ".tiff"}
-_PINHOLE_MODELS = {"PINHOLE", "SIMPLE_PINHOLE", "OPENCV", "FULL_OPENCV", "SIMPLE_RADIAL", "RADIAL"}
-_DISTORTIONS = ("k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2")
+SPLIT_NAME = re.compile(r"transforms_(train|val|test)\.json", re.IGNORECASE)
+# Suffixes that are kept; another end of a name, as in "frame.0001", is part of it.
+_KEPT_SUFFIXES = {*IMAGE_SUFFIXES, ".exr", ".bmp"}
 
 
 def read(root: Node) -> list[Camera]:
@@ -28,13 +31,30 @@ def read(root: Node) -> list[Camera]:
     `split` is set if the file is called transforms_train.json, _val or _test.
     """
     path = root.source.path
-    match = _SPLIT.fullmatch(path.name)
+    match = SPLIT_NAME.fullmatch(path.name)
     split = cast("Split", match[1].lower()) if match else None
     files = SpelledFiles(path.parent)
-    return [_camera(root, frame, files, split) for frame in root["frames"].items()]
+    usual_size = cache(partial(_first_size, root, files))
+    return [_camera(root, frame, files, split, usual_size) for frame in root["frames"].items()]
 
 
-def _camera(root: Node, frame: Node, files: SpelledFiles, split: Split | None) -> Camera:
+def _first_size(root: Node, files: SpelledFiles) -> tuple[int, int] | None:
+    """Return the size of the first image that can be read; None if there is no such image."""
+    for frame in root["frames"].items():
+        with contextlib.suppress(InputError, SceneError):
+            name = image_name(frame["file_path"].text())
+            check_name(name)
+            return image_size(files.find(name))
+    return None
+
+
+def _camera(
+    root: Node,
+    frame: Node,
+    files: SpelledFiles,
+    split: Split | None,
+    usual_size: Callable[[], tuple[int, int] | None],
+) -> Camera:
     """Return the camera of one frame; its keys take precedence over the same keys of the document."""
 
     def find(key: str) -> Node | None:
@@ -49,12 +69,12 @@ def _camera(root: Node, frame: Node, files: SpelledFiles, split: Split | None) -
         of_angle = None if angle is None else focal_from_fov(angle, side, f"camera_angle_{axis}")
         return of_angle if (given := number(f"fl_{axis}")) is None else given
 
-    _check_distortion(find("camera_model"), find("is_fisheye"), [find(key) for key in _DISTORTIONS])
+    distortion = read_distortion(find)
     with frame["file_path"].locating():
-        name = _image_name(frame["file_path"].text())
+        name = image_name(frame["file_path"].text())
         check_name(name)
     image = files.find(name)
-    width, height = _size(frame, find("w"), find("h"), image)
+    width, height = _size(frame, find("w"), find("h"), image, usual_size)
     with frame["transform_matrix"].locating():
         pose = from_opengl(frame["transform_matrix"].array(4, 4), "the camera-to-world matrix")
     with frame.locating():
@@ -75,37 +95,31 @@ def _camera(root: Node, frame: Node, files: SpelledFiles, split: Split | None) -
             name,
             image,
             split=split,
+            distortion=distortion,
         )
 
 
-def _check_distortion(model: Node | None, fisheye: Node | None, distortions: list[Node | None]) -> None:
-    """Raise CAMERA_DISTORTED for fisheye cameras and lenses with distortion."""
-    if model is not None and model.text() not in _PINHOLE_MODELS:
-        known = ", ".join(sorted(_PINHOLE_MODELS))
-        text = f"the camera model is {model.abbreviated()}; supported without distortion are {known}"
-        raise model.error("CAMERA_DISTORTED", text)
-    if fisheye is not None and fisheye.value is not False:
-        text = f"it is {fisheye.abbreviated()}; only pinhole cameras are supported"
-        raise fisheye.error("CAMERA_DISTORTED", text)
-    for distortion in distortions:
-        if distortion is not None and distortion.number() != 0:
-            text = f"it is {distortion.abbreviated()}, a lens distortion; undistort the images"
-            raise distortion.error("CAMERA_DISTORTED", text)
-
-
-def _image_name(path: str) -> str:
+def image_name(path: str) -> str:
     """Return the image's name below the file's folder: without "./", with ".png" if it has no suffix."""
     path = re.sub(r"^(?:\./)++", "", path)
-    return path if PurePosixPath(path).suffix.lower() in _IMAGE_SUFFIXES else f"{path}.png"
+    return path if PurePosixPath(path).suffix.lower() in _KEPT_SUFFIXES else f"{path}.png"
 
 
-def _size(frame: Node, width: Node | None, height: Node | None, image: Path) -> tuple[int, int]:
-    """Return the recorded size or, if it is missing, the size of the image file."""
+def _size(
+    frame: Node,
+    width: Node | None,
+    height: Node | None,
+    image: Path,
+    usual_size: Callable[[], tuple[int, int] | None],
+) -> tuple[int, int]:
+    """Return the recorded size, else the size of the image file; for a missing file that of another frame."""
     if width is not None and height is not None:
         with width.locating():
             return check_size((width.whole(), height.whole()))
     try:
         return image_size(image)
     except (InputError, SceneError) as error:
+        if error.code == "FILE_NOT_FOUND" and (size := usual_size()) is not None:
+            return size
         text = f"the image size is missing; set w and h, or add the image ({image.name}: {error.message})"
         raise frame.error("CAMERA_IMAGE", text) from None

@@ -112,7 +112,6 @@ class _Run:
         output: Output,
     ) -> None:
         from msb.repair.plan import parse_plan
-        from msb.scenes import read_cameras
         from msb.topology.weld import parse_weld
         from msb.trial.registry import check_libraries, select_tasks
 
@@ -130,7 +129,7 @@ class _Run:
         self.arguments: dict[str, Any] = {
             "weld": weld,
             "repair": options.plan,
-            "cameras": None if views.cameras is None else views.of(read_cameras(str(views.cameras))),
+            "cameras": None if views.cameras is None else views.read(output.note),
             "view_kind": views.kind,
             "limits": limits,
             "device": drawing.device,

@@ -1,6 +1,6 @@
 """Colours and face selection of the standard tier are the same everywhere."""
 
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
 
@@ -84,9 +84,8 @@ def test_the_same_faces_are_shown_everywhere(tmp_path: Path) -> None:
 def test_a_threshold_needs_opacity_of_faces(domain: str) -> None:
     asset = soup("two_dts", random_triangles(1, 2))
     buffers = {**asset.buffers, "opacity": np.zeros(6, np.float32)}
-    kept = {field.name: getattr(asset.manifest, field.name) for field in fields(Description)}
     domains = {name: spec.domain for name, spec in asset.manifest.buffers.items()} | {"opacity": domain}
-    built = build_asset(buffers, domains, Description(**kept))
+    built = build_asset(buffers, domains, Description.of(asset.manifest))
     with pytest.raises(AssetError, match="TRIASSET_BUFFER"):
         select_faces(built, 0.75)
 

@@ -95,7 +95,7 @@ USAGE = {
     "photographs": ["-o", "a.glb", "--supervision", "photographs"],
     "both": ["-o", "a.glb", "--scene", "x", "--cameras", "y"],
     "image folder without scene": ["-o", "a.glb", "--image-folder", "images_3"],
-    "up with cameras": ["-o", "a.glb", "--up", "+z", "--cameras", "cameras.json"],
+    "resolution without scene": ["-o", "a.glb", "--resolution", "2"],
     "views with cameras": ["-o", "a.glb", "--views", "both", "--cameras", "cameras.json"],
     "size without cameras": ["-o", "a.glb", "--size", "9x9"],
     "same file twice": ["-o", "a.obj", "-o", "b/../a.obj"],

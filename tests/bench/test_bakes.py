@@ -82,7 +82,9 @@ def test_the_key_of_a_bake_does_not_depend_on_its_path() -> None:
 
 def test_masks_are_inputs_of_a_bake_from_photographs(tmp_path: Path) -> None:
     root = Path(shutil.copytree(STUBS / "scenes" / "dtu" / "scan1", tmp_path / "scan1"))
-    scene = replace(read_scene(root, dataset="dtu"), mask_source="mask_folder")
+    scene = read_scene(root, dataset="dtu")
+    masks = dict.fromkeys((str(camera.name) for camera in scene.train), next((root / "mask").iterdir()))
+    scene = replace(scene, mask_source="mask_folder", masks=masks)
     model: Any = SimpleNamespace(asset=File(path="a.triasset", bytes=1, sha256="0" * 64))
     views: Any = SimpleNamespace(cameras="", photographs="")
     before, after = [], []

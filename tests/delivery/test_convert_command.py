@@ -15,6 +15,7 @@ from msb.meshes import read_mesh
 from tests.adapters.models import GOLDEN
 from tests.cli.conftest import Here, here
 from tests.conftest import ROOT
+from tests.meshes.glb_json import read_positions
 
 __all__ = ["here"]
 
@@ -79,7 +80,9 @@ def test_up_rotates_the_axis_to_y_without_mirroring(
     text = "\n".join(" ".join(map(repr, row)) for row in rows.tolist())
     (tmp_path / "in.off").write_text(f"OFF\n4 2 0\n{text}\n3 0 1 2\n3 1 2 3\n")
     assert here("convert", tmp_path / "in.off", tmp_path / "out.obj", f"--up={up}").status == 0
-    turned = read_mesh(tmp_path / "out.obj").vertices
+    lines = (tmp_path / "out.obj").read_text().splitlines()
+    turned = np.array([line.split()[1:] for line in lines if line.startswith("v ")], float)
+    assert np.array_equal(read_mesh(tmp_path / "out.obj").vertices, rows)  # in the frame of the input
     assert turned[0].tolist() == [0, 1, 0]
     assert np.linalg.det(turned[[0, 2, 3]]) == pytest.approx(np.linalg.det(rows[[0, 2, 3]]))
 
@@ -89,8 +92,8 @@ def test_a_colmap_model_is_rotated_upright(here: Here, tmp_path: Path) -> None:
     for name in ("m.glb", "m.ply"):
         assert here("convert", COLMAP, tmp_path / name).status == 0
         frames[name] = here("info", "--json", "-", tmp_path / name).json["manifest"]["coordinate_frame"]["up"]
-    assert frames == {"m.glb": "+y", "m.ply": "unknown"}
-    turned, stored = read_mesh(tmp_path / "m.glb").vertices, read_mesh(tmp_path / "m.ply").vertices
+    assert frames == {"m.glb": "-y", "m.ply": "unknown"}
+    turned, stored = read_positions(tmp_path / "m.glb"), read_mesh(tmp_path / "m.ply").vertices
     np.testing.assert_allclose(turned, stored * (1, -1, -1), atol=1e-6)
 
 
@@ -128,7 +131,12 @@ def test_invalid_arguments_are_rejected(here: Here, demo_asset: Path, tmp_path: 
     for name, *options in (
         ("x.xyz",),
         ("x.glb", "--form", "folder"),
-        ("x.triasset", "--up=-y"),
+        ("x.triasset", "--color", "srgb"),
+        ("x.glb", "--up=y"),
+        ("x.glb", "--scale", "0"),
+        ("x.glb", "--known-distance", "0,0,0", "0,0,0", "1m"),
+        ("x.glb", "--known-distance", "0,0,0", "1,0,0", "1"),
+        ("x.glb", "--scale", "2", "--known-distance", "0,0,0", "1,0,0", "1m"),
         ("x.ply", "--for", "web"),
     ):
         here("convert", demo_asset, tmp_path / name, *options).ends(2, "USAGE: ")

@@ -50,7 +50,7 @@ def test_a_mesh_file_keeps_its_precision_and_its_losses_are_returned(tmp_path: P
     [
         ("a.exe", {}),
         ("a.glb", {"form": "folder"}),
-        ("a.triasset", {"up": "+z"}),
+        ("a.triasset", {"color": "srgb"}),
         ("a.glb", {"up": "z"}),
         ("a.stl", {"color": "linear"}),
         ("a.off", {"texture": "png"}),

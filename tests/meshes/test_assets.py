@@ -12,6 +12,7 @@ from msb.meshes import Mesh, read_mesh
 from msb.meshes.assets import asset_from_mesh, fit_to_format, mesh_from_asset, without_bad_faces
 from msb.meshes.transform import rotate_axis
 from tests.conftest import ROOT, TETRAHEDRON
+from tests.meshes.glb_json import read_positions
 
 AXES = ("+x", "-x", "+y", "-y", "+z", "-z")
 POINTS = np.random.default_rng(0).normal(size=(4, 3)).astype(np.float32)
@@ -30,11 +31,14 @@ def test_a_glb_is_rotated_upright_and_otherwise_unchanged(up: str, tmp_path: Pat
     path = tmp_path / "up.glb"
     msb.save(asset_from_mesh(mesh), path)
     again = read_mesh(path)
-    assert np.array_equal(rotate_axis(again.vertices, "+y", up), POINTS)
-    assert np.array_equal(again.vertices[:, 1], POINTS[:, "xyz".index(up[1])] * (1 if up[0] == "+" else -1))
+    stored = read_positions(path)
+    assert np.array_equal(rotate_axis(stored, "+y", up), POINTS)
+    assert np.array_equal(stored[:, 1], POINTS[:, "xyz".index(up[1])] * (1 if up[0] == "+" else -1))
+    assert np.array_equal(again.vertices, POINTS)  # in the frame of the capture
     assert np.array_equal(again.vertex_colors[:, :3], COLORS)
     assert volume(again) == pytest.approx(volume(mesh), rel=1e-6)
-    assert (again.up, up_axis(msb.open(path))) == ("+y", "+y")
+    assert volume(replace(mesh, vertices=stored)) == pytest.approx(volume(mesh), rel=1e-6)
+    assert (again.up, up_axis(msb.open(path))) == (up, up)
     assert np.array_equal(mesh_from_asset(msb.open(path)).vertices, again.vertices)  # not rotated twice
     for suffix in (".ply", ".obj", ".off"):  # these define no up axis
         assert np.array_equal(fit_to_format(mesh, suffix).vertices, POINTS)
@@ -49,7 +53,8 @@ def test_models_of_colmap_and_nerf_synthetic_scenes_are_rotated_upright(
     assert asset.manifest.coordinate_frame.up == up
     msb.save(asset, tmp_path / "a.glb")
     expected = rotate_axis(mesh_from_asset(asset).vertices, up)
-    assert np.array_equal(read_mesh(tmp_path / "a.glb").vertices, expected)
+    assert np.array_equal(read_positions(tmp_path / "a.glb"), expected)
+    assert np.array_equal(read_mesh(tmp_path / "a.glb").vertices, mesh_from_asset(asset).vertices)
 
 
 def test_a_mesh_with_unknown_up_axis_is_not_rotated() -> None:
@@ -67,7 +72,8 @@ def test_as_held_equals_the_mesh_read_from_the_file(suffix: str, tmp_path: Path)
     with path.open("wb") as file:
         msb.meshes.write_mesh(held, file, suffix=suffix)
     again = read_mesh(path)
-    assert np.array_equal(again.vertices, held.vertices)
+    stored = read_positions(path) if suffix == ".glb" else again.vertices
+    assert np.array_equal(stored, held.vertices)
     assert np.array_equal(again.faces, held.faces)
     assert (len(held.vertices) == 12) is (suffix in (".obj", ".stl", ".glb"))
 

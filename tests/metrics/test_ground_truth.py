@@ -153,7 +153,7 @@ def test_mask_folder_equals_alpha(dtu: Path) -> None:
         Image.fromarray(alpha).save(masks[index])  # this mask is grey; those of the stub are RGB
         color.save(path)
     scene = read_scene(dtu, resolution=1)
-    assert (scene.mask_source, len(scene.masks)) == ("mask_folder", 2)
+    assert (scene.mask_source, len(scene.masks)) == ("mask_folder", 16)
     for camera, image in zip(scene.test, expected, strict=True):
         assert np.array_equal(ground_truth(scene, camera), image)
 

@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 
 from msb.scenes import read_cameras, read_points
-from msb.scenes.colmap_models import MODELS
 
 from .builders import (
     Bad,
@@ -55,7 +54,7 @@ BAD_COLMAP: dict[str, Bad] = {
     "empty cameras": colmap(b""),
     "huge count of cameras": colmap(many(count=2**64 - 1)),
     "image name without end": colmap(images=many(shot_bin()[:64] + b"a.png" * 5)),
-    "model unknown": with_lens(1, 11, code="CAMERA_DISTORTED"),
+    "model unknown": with_lens(1, 18, code="CAMERA_DISTORTED"),
     "camera id twice": colmap(many(lens_bin(), lens_bin())),
     "image name twice": colmap(images=many(shot_bin(), shot_bin(2)), code="CAMERA_FILE"),
     "no image": colmap(images=many(), code="CAMERA_NONE"),
@@ -70,16 +69,7 @@ BAD_COLMAP: dict[str, Bad] = {
         "COLMAP_FILE_MISSING",
     ),
     "a file of the model": ({"images.bin": SHOTS}, "images.bin", "CAMERA_SOURCE"),
-    **{
-        f"{name} distorted": with_lens(
-            1,
-            model.number,
-            parameters=lens_parameters(name, 0 if model.fisheye else 0.01),
-            code="CAMERA_DISTORTED",
-        )
-        for name, model in MODELS.items()
-        if model.distortions
-    },
+    "panorama": with_lens(1, 17, parameters=(40, 30), code="CAMERA_DISTORTED"),
     "distortion nan": with_lens(
         1, 2, parameters=lens_parameters("SIMPLE_RADIAL", math.nan), code="CAMERA_DISTORTED"
     ),
@@ -171,8 +161,9 @@ BAD_JSON: dict[str, Bad] = {
     "path twice": in_transforms("frames/1/file_path", "././part/view_0.png"),
     "width fraction": in_transforms("frames/0/w", 40.5),
     "focal missing": in_transforms("frames/0/fl_x"),
-    "distorted": in_transforms("k1", 0.01, code="DISTORTED"),
-    "fisheye": in_transforms("camera_model", "OPENCV_FISHEYE", code="DISTORTED"),
+    "distortion not a number": in_transforms("k1", "0.01"),
+    "distortion of three numbers": in_transforms("distortion_params", [1, 2, 3]),
+    "panorama": in_transforms("camera_model", "EQUIRECTANGULAR", code="DISTORTED"),
     "image missing": of_json(bare(), "transforms.json", code="IMAGE"),
     "image of no lines": of_json(bare("a.jpg"), "transforms.json", jpg=jpeg(5, 0), code="IMAGE"),
     # --- cameras.json

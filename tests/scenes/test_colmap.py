@@ -7,16 +7,17 @@ import pytest
 
 import msb
 from msb.scenes import colmap_binary, read_points
+from msb.scenes.colmap import find_model
 from msb.scenes.colmap_models import MODEL_NAMES, MODELS
 
 from .builders import lens_bin, lens_parameters, many, point_bin, shot_bin, write
 
-PINHOLES = [name for name, model in MODELS.items() if not model.fisheye]
+PINHOLES = [name for name in MODELS if "FISHEYE" not in name and name != "EUCM"]
 
 
 def test_the_models_have_the_ids_and_parameters_of_colmap() -> None:
-    counts = [3, 4, 4, 5, 8, 8, 12, 5, 4, 5, 12]
-    assert [MODELS[MODEL_NAMES[number]].parameters for number in range(11)] == counts
+    counts = [3, 4, 4, 5, 8, 8, 12, 5, 4, 5, 12, 16, 4, 5, 3, 4, 6]
+    assert [MODELS[MODEL_NAMES[number]].parameters for number in range(17)] == counts
 
 
 @pytest.mark.parametrize("model", PINHOLES)
@@ -37,6 +38,35 @@ def test_models_without_distortion_are_pinhole_cameras(model: str, form: str, tm
     fy = 50.0 if MODELS[model].focals == 1 else 49.0
     assert (camera.fx, camera.fy, camera.cx, camera.cy) == (50.0, fy, 20.0, 15.0)
     assert (camera.width, camera.height, camera.name) == (40, 30, "a.png")
+    assert camera.distortion is None
+
+
+@pytest.mark.parametrize("model", [name for name, model in MODELS.items() if model.distortions])
+def test_distortion_is_read_with_the_pinhole_part(model: str, tmp_path: Path) -> None:
+    parameters = lens_parameters(model, 0.01)
+    lenses = many(lens_bin(1, MODELS[model].number, parameters=parameters))
+    (camera,) = msb.read_cameras(write(tmp_path, {"cameras.bin": lenses, "images.bin": many(shot_bin())}))
+    assert camera.distortion is not None
+    assert camera.distortion.model == model
+    assert camera.distortion.coefficients == (0.01,) * MODELS[model].distortions
+    assert (camera.fx, camera.cx) == (50.0, 20.0)
+
+
+def test_of_several_models_the_largest_is_read(tmp_path: Path) -> None:
+    def model(count: int) -> dict[str, bytes]:
+        shots = (shot_bin(i, name=f"{i}.png\0".encode()) for i in range(count))
+        return {"cameras.bin": many(lens_bin()), "images.bin": many(*shots)}
+
+    for folder, count in (("0", 2), ("1", 5), ("2", 5)):
+        write(tmp_path / "sparse" / folder, model(count))
+    assert find_model(tmp_path) == tmp_path / "sparse/1"
+    cameras = msb.read_cameras(tmp_path)
+    assert len(cameras) == 5
+    assert cameras[0].image_path == tmp_path / "images/0.png"
+    text = b"# list\n" + b"".join(b"%d 1 0 0 0 0 0 0 1 %d.png\n\n" % (i, i) for i in range(6))
+    write(tmp_path / "sparse/2", {"images.txt": text})
+    (tmp_path / "sparse/2/images.bin").unlink()
+    assert find_model(tmp_path) == tmp_path / "sparse/2"
 
 
 def test_an_unused_distorted_camera_is_ignored(tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ from PIL import Image
 
 from msb.errors import SceneError
 from msb.scenes import image_size
-from msb.scenes.image_size import has_alpha
+from msb.scenes.image_size import read_header
 
 from .builders import jpeg, png
 
@@ -32,14 +32,25 @@ def test_an_orientation_is_not_applied(tmp_path: Path) -> None:
     exif, stream = Image.Exif(), io.BytesIO()
     exif[0x0112] = 6
     Image.new("RGB", (7, 5)).save(stream, "JPEG", exif=exif, icc_profile=bytes(150_000))
-    assert image_size(write_image(stream.getvalue(), tmp_path)) == (7, 5)
+    header = read_header(write_image(stream.getvalue(), tmp_path))
+    assert (header.size, header.orientation, header.format) == ((7, 5), 6, "JPEG")
+
+
+@pytest.mark.parametrize("kind", ["WEBP", "TIFF", "AVIF"])
+def test_other_formats(kind: str, tmp_path: Path) -> None:
+    stream = io.BytesIO()
+    try:
+        Image.new("RGB", (7, 5)).save(stream, kind)
+    except (KeyError, OSError):
+        pytest.skip(f"this Pillow does not write {kind}")
+    assert read_header(write_image(stream.getvalue(), tmp_path)).size == (7, 5)
 
 
 @pytest.mark.parametrize(("mode", "alpha"), [("RGBA", True), ("LA", True), ("RGB", False)])
 def test_alpha_is_a_channel(mode: str, alpha: bool, tmp_path: Path) -> None:
     stream = io.BytesIO()
     Image.new(mode, (2, 2)).save(stream, "PNG", **({} if alpha else {"transparency": (0, 0, 0)}))
-    assert has_alpha(write_image(stream.getvalue(), tmp_path)) is alpha
+    assert read_header(write_image(stream.getvalue(), tmp_path)).has_alpha is alpha
 
 
 BAD = {

@@ -86,7 +86,7 @@ def test_a_real_capture(msb: Msb, shared: Path) -> None:
 
 
 def test_missing_photographs_of_training_and_test_views_are_counted_apart(msb: Msb, tmp_path: Path) -> None:
-    root = tmp_path / "pebble"
+    root = tmp_path / "mipnerf360/pebble"
     shutil.copytree(STUBS / "mipnerf360/pebble", root)
     (whole,) = msb("scenes --json -", root).json["scenes"]
     assert whole["missing"] == {"training": 0, "test": 0}

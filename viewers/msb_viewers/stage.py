@@ -229,8 +229,11 @@ def median_edge(model: ViewModel) -> float:
 def face_budget(faces: int, seconds: float) -> int | None:
     """Return the number of faces to draw while the view moves. Drawing all faces takes `seconds`.
 
-    The result None means all faces. >>> face_budget(1_000_000, 0.02), face_budget(1_000_000, 0.5),
-    face_budget(4_000_000, 0.1) (None, 100000, 300000) >>> face_budget(10_000, 1.0)
+    The result None means all faces.
+
+    >>> face_budget(1_000_000, 0.02), face_budget(1_000_000, 0.5), face_budget(4_000_000, 0.1)
+    (None, 100000, 300000)
+    >>> face_budget(10_000, 1.0)
     """
     if seconds <= _FLUID_SECONDS or faces <= _LEAST_FACES:
         return None

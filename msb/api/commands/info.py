@@ -56,6 +56,11 @@ def _print(asset: Asset, path: Path, size: int, output: Output) -> None:
     apart = {"background", *(Sampler.__dataclass_fields__ if skin else ())}
     look = {name: value for name, value in m.appearance.items() if name not in apart}
     axis = frame.up if frame.up != "unknown" else f"unknown (drawn with {up_axis(asset)} up)"
+    axis += f" (precisely {m.up})" if m.up not in (None, frame.up) else ""
+    length = None if m.unit is None else m.unit["meters_per_unit"]
+    unit = (
+        f"{frame.units} units" if length is None else f"a unit is {length:g} m ({(m.unit or {})['source']})"
+    )
     # A row per property; rows that do not apply are omitted.
     rows: list[tuple[str, str]] = [
         (
@@ -75,7 +80,7 @@ def _print(asset: Asset, path: Path, size: int, output: Output) -> None:
         ("compositing", _parameters(m.compositing)),
         ("background", _background(m)),
         *([("training", _training(m))] if m.training else []),
-        ("frame", f"{frame.handedness}-handed, up axis {axis}, {frame.units} units"),
+        ("frame", f"{frame.handedness}-handed, up axis {axis}, {unit}"),
         *((f"tier {tier}", _tier(m, tier)) for tier in TIERS),
         *(("setting", f"{name} = {setting_text(s.value)} ({s.source})") for name, s in m.settings.items()),
         *(

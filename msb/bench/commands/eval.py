@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+import tempfile
 from collections import Counter
+from collections.abc import Mapping
 from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +16,7 @@ from msb.base.option import Argument, Option
 from msb.cli.command import Typed, command
 from msb.cli.output import Cell, Output, report_error
 from msb.errors import EXIT_STATUS, MsbError, about, shorten
-from msb.render.options import parse_color_option
+from msb.render.options import SCENE_OPTIONS, SceneOptions, parse_color_option
 
 if TYPE_CHECKING:
     from msb.metrics import ImagePair
@@ -52,8 +54,12 @@ class EvalOptions:
 )
 def evaluate(
     pred: Annotated[Path, Argument("Folder of images, or one image.", metavar="PRED")],
-    gt: Annotated[Path, Argument("The ground truth, with the same file names.", metavar="GT")],
+    gt: Annotated[
+        Path,
+        Argument("The ground truth: an image, a folder with the same file names, or a scene.", metavar="GT"),
+    ],
     options: EvalOptions,
+    reading: SceneOptions,
     output: Annotated[Output, ("json_file", "csv_file", "fail_fast", "force", "quiet", "verbose")],
     typed: Typed,
 ) -> int:
@@ -63,23 +69,63 @@ def evaluate(
     differ. The images of a pair must have equal sizes, because nothing is resized. All values are clamped and
     rounded to 8 bits. An invalid image gives one line on standard error and the exit status 3. The other
     images are still compared.
+
+    With a scene, the ground truth is its test photographs, undistorted, masked and resized as in msb run.
     """
     color = None if options.background is None else parse_color_option(options.background)
     from msb.metrics import pair_images
+    from msb.scenes.datasets.layout import find_layout
 
-    pairs = pair_images(pred, gt, subset=options.subset)
-    return _Comparison(output, pred, gt, options.vgg_weights, color).run(pairs)
+    if not gt.is_dir() or find_layout(gt) is None:
+        typed.reject(SCENE_OPTIONS, "needs a scene as GT")
+        pairs = pair_images(pred, gt, subset=options.subset)
+        return _Comparison(output, pred, gt, options.vgg_weights, color).run(pairs)
+    with tempfile.TemporaryDirectory(prefix="msb-eval-") as folder:
+        photographs = _write_photographs(gt, Path(folder), reading, color, output)
+        pairs = pair_images(pred, folder, subset=options.subset)
+        return _Comparison(output, pred, gt, options.vgg_weights, color, photographs).run(pairs)
+
+
+def _write_photographs(
+    path: Path, folder: Path, reading: SceneOptions, color: Color | None, output: Output
+) -> dict[Path, Path]:
+    """Write the test photographs of a scene as they are compared; return written file -> photograph."""
+    from msb.metrics.ground_truth import ground_truth
+    from msb.render.images import image_names, write_image
+    from msb.scenes import read_scene
+
+    scene = read_scene(path, background=color, **reading.given)
+    for warning in scene.warnings:
+        output.note(warning.to_line(warning.file or path))
+    photographs: dict[Path, Path] = {}
+    with output.counted("reading photographs", len(scene.test)) as step:
+        for name, camera in zip(image_names(scene.test), scene.test, strict=True):
+            file = folder / f"{name}.png"
+            file.parent.mkdir(parents=True, exist_ok=True)
+            write_image(file, ground_truth(scene, camera), "png")
+            if camera.image_path is not None:
+                photographs[file] = camera.image_path
+            step()
+    return photographs
 
 
 class _Comparison:
     """Compares pairs of images, prints the results and writes files."""
 
     def __init__(
-        self, output: Output, pred: Path, gt: Path, vgg_weights: Path | None, color: Color | None
+        self,
+        output: Output,
+        pred: Path,
+        gt: Path,
+        vgg_weights: Path | None,
+        color: Color | None,
+        photographs: Mapping[Path, Path] | None = None,
     ) -> None:
         from msb.metrics import IMAGE_METRICS, Measures
 
         self.output, self.pred, self.gt, self.background = output, pred, gt, color
+        # Written ground truth of a scene -> its photograph.
+        self.photographs = photographs or {}
         self.reason = NO_WEIGHTS if vgg_weights is None else None
         self.metrics = IMAGE_METRICS
         with nullcontext() if vgg_weights is None else output.progress(f"reading {vgg_weights.name}"):
@@ -144,7 +190,7 @@ class _Comparison:
             return {
                 "name": pair.name,
                 "pred": str(pair.pred),
-                "gt": str(pair.gt),
+                "gt": str(self.photographs.get(pair.gt, pair.gt)),
                 "width": int(gt.shape[1]),
                 "height": int(gt.shape[0]),
                 **self.measures(pred, gt),

@@ -17,7 +17,7 @@ from msb.cli.command import Typed, command, require
 from msb.cli.output import Output, echo, say
 from msb.cli.progress import format_duration
 from msb.errors import UsageError
-from msb.render.options import ImageFolder, RendererOptions
+from msb.render.options import SCENE_OPTIONS, RendererOptions, SceneOptions
 
 if TYPE_CHECKING:
     from rich.console import Group
@@ -46,7 +46,6 @@ class RunOptions:
             metavar="DIR|reference",
         ),
     ] = None
-    image_folder: ImageFolder = None
     out: Annotated[
         Path | None,
         Option(
@@ -83,15 +82,13 @@ class RunOptions:
         Option("Print an example protocol and exit: for the paper, or for msb demo-data."),
     ] = None
 
-    def read_protocol(self, path: Path) -> ProtocolFile:
+    def read_protocol(self, path: Path, reading: SceneOptions) -> ProtocolFile:
         """Return the protocol at `path`; with --scene, a protocol for the asset at `path` on that scene."""
         from msb.bench.protocol import make_single_protocol, read_protocol
 
         if self.scene is not None:
             non_engine = None if self.non_engine is None else str(self.non_engine)
-            file = make_single_protocol(
-                path, self.scene, non_engine=non_engine, image_folder=self.image_folder
-            )
+            file = make_single_protocol(path, self.scene, non_engine=non_engine, **reading.given)
         elif path.suffix.lower() != ".toml" and path.exists():
             text = f'"{path.name}" is not a .toml file; pass --scene DIR to evaluate an asset on a scene'
             raise UsageError("USAGE", text)
@@ -130,6 +127,7 @@ def run(
     ] = None,
     *,
     options: RunOptions,
+    reading: SceneOptions,
     drawing: Annotated[RendererOptions, ("device",)],
     output: Annotated[RunOutput, ("json_file", "quiet", "verbose")],
     typed: Typed,
@@ -146,7 +144,9 @@ def run(
         typed.reject(others, "cannot be combined with --example")
     require(path or options.example, "Missing PROTOCOL. Print an example with: msb run --example paper")
     if options.scene is None:
-        typed.reject(["non_engine", "image_folder"], "needs --scene; a protocol has a key of that name")
+        keys = ["non_engine", *(name for name in SCENE_OPTIONS if name != "dataset")]
+        typed.reject(keys, "needs --scene; a protocol has a key of that name")
+        typed.reject(["dataset"], "needs --scene; a protocol names its datasets")
     if options.example is not None:
         from msb.bench.protocol import read_example
 
@@ -156,7 +156,7 @@ def run(
     from msb.bench.models import detect_method
     from msb.bench.run import run_protocol
 
-    file = options.read_protocol(path)
+    file = options.read_protocol(path, reading)
     if drawing.device is not None:
         file = replace(file, protocol=file.protocol.model_copy(update={"device": drawing.device}))
     dry = options.dry_run

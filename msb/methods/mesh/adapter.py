@@ -29,7 +29,9 @@ def read(place: Place, content: Content, options: Options) -> Model:
     with about(place.file):
         made = make_mesh_buffers(mesh)
     frame = CoordinateFrame(up=mesh.up or "unknown")
-    description = Description(appearance=made.appearance, coordinate_frame=frame, origin=made.origin)
+    description = Description(
+        appearance=made.appearance, coordinate_frame=frame, origin=made.origin, frame=mesh.frame
+    )
     notes = (*report_left_out(mesh), *report_origin(mesh))
     return Model(made.buffers, made.domains, description, place.root, (place.file,), notes)
 

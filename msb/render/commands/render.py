@@ -14,13 +14,14 @@ from msb.cli.command import Typed, command, require
 from msb.cli.output import JsonOutput, Output, echo, file_option
 from msb.errors import UsageError, shorten
 from msb.render.options import (
-    ImageFolder,
+    NO_SCENE,
+    SCENE_OPTIONS,
     RendererOptions,
+    SceneOptions,
     Source,
     Tier,
     Up,
     ViewOptions,
-    read_scene_of,
 )
 
 if TYPE_CHECKING:
@@ -56,7 +57,6 @@ class RenderOptions:
             metavar="DIR",
         ),
     ] = None
-    image_folder: ImageFolder = None
     turntable: Annotated[
         str | None,
         Option(
@@ -100,7 +100,7 @@ def _check_options(options: RenderOptions, views: ViewOptions, typed: Typed) -> 
     if options.scene is not None:
         typed.reject(["cameras", "turntable", "flight", "size"], _SCENE_CONFLICT)
     else:
-        typed.reject(["image_folder"], "needs --scene DIR")
+        typed.reject(SCENE_OPTIONS, NO_SCENE)
     if options.turntable is not None:
         typed.reject(["cameras", "camera", "flight"], "cannot be used with --turntable")
     else:
@@ -122,6 +122,7 @@ def _check_options(options: RenderOptions, views: ViewOptions, typed: Typed) -> 
 def render(
     path: Source,
     options: RenderOptions,
+    reading: SceneOptions,
     views: Annotated[ViewOptions, ("cameras", "camera", "size", "background")],
     drawing: RendererOptions,
     output: JsonOutput,
@@ -143,7 +144,7 @@ def render(
     color = views.color(asset)
     about: dict[str, Any] = {}
     if options.scene is not None:
-        scene = read_scene_of(asset, options.scene, options.image_folder, output.note)
+        scene = reading.read(asset, options.scene, output.note)
         if views.background is None:
             color = scene.background
         _note_training(asset, replace(scene, background=color), path, output)

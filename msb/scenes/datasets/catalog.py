@@ -1,6 +1,7 @@
 """The datasets of the benchmark, their scenes and groups of scenes."""
 
-from collections.abc import Mapping
+import re
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
@@ -23,6 +24,10 @@ class Dataset:
     title : str
     scenes : mapping of str to str
         Scene -> its group, which is "" in datasets without groups.
+    names : pattern
+        File names of the published photographs, without folders.
+    sizes : mapping of str to set of (int, int)
+        Scene -> recorded sizes of its published cameras; "" stands for scenes that are not listed.
     masked : bool
         Whether only the object is evaluated: photographs have a mask and are composited over `background`.
     background : Color, optional
@@ -31,14 +36,19 @@ class Dataset:
         Names, in lower case, of the folder above the scenes in published packages.
     views : (int, int), optional
         The numbers of training and test views, if they are equal for all scenes.
+    layouts : tuple of Layout
+        The layouts of published packages.
     """
 
     title: str
     scenes: Mapping[str, str]
+    names: re.Pattern[str]
+    sizes: Mapping[str, set[tuple[int, int]]]
     masked: bool = False
     background: Color | None = None
     folders: tuple[str, ...] = ()
     views: tuple[int, int] | None = None
+    layouts: tuple[Layout, ...] = ("colmap",)
 
 
 _INDOOR, _OUTDOOR = (
@@ -53,42 +63,81 @@ DATASETS: dict[str, Dataset] = {
     "mipnerf360": Dataset(
         "Mip-NeRF 360",
         dict.fromkeys(_OUTDOOR, "outdoor") | dict.fromkeys(_INDOOR, "indoor"),
+        re.compile(r"_?DSCF?\d{4,5}\.JPG"),
+        {
+            "bicycle": {(4946, 3286)},
+            "flowers": {(5025, 3312)},
+            "garden": {(5187, 3361)},
+            "stump": {(4978, 3300)},
+            "treehill": {(5068, 3326)},
+            "room": {(3114, 2075)},
+            "counter": {(3115, 2076)},
+            "kitchen": {(3115, 2078)},
+            "bonsai": {(3118, 2078)},
+        },
         folders=("mipnerf360", "mip-nerf-360", "mip-nerf360", "360_v2", "360"),
     ),
     "tanksandtemples": Dataset(
         "Tanks and Temples",
         dict.fromkeys(("train", "truck"), ""),
+        re.compile(r"\d{5,6}\.jpg"),
+        {"train": {(1959, 1090), (980, 545)}, "truck": {(1957, 1091), (979, 546)}},
         folders=("tanksandtemples", "tanks_and_temples", "tandt"),
     ),
     "nerf_synthetic": Dataset(
         "NeRF-Synthetic",
         dict.fromkeys(_OBJECTS, ""),
+        re.compile(r"r_\d+\.png"),
+        {"": {(800, 800), (400, 400)}},
         masked=True,
         background=WHITE,
         folders=("nerf_synthetic", "nerf-synthetic"),
         views=(100, 200),
+        layouts=("blender",),
     ),
     "dtu": Dataset(
         "DTU",
         {f"scan{number}": "" for number in _SCANS},
+        re.compile(r"\d{3,6}\.(png|jpg)"),
+        {"": {(1600, 1200), (1554, 1162)}},
         masked=True,
         background=WHITE,
         folders=("dtu",),
+        layouts=("colmap", "neus"),
     ),
 }
+# Pixels by which a recorded side may differ from the published one: undistortion and rounding differ by one.
+_ROUNDING = 1
 
 
-def guess_dataset(layout: Layout, name: str, above: str) -> str:
-    """Return the dataset of a scene called `name` in a folder called `above`, or `CUSTOM`.
+def name_datasets(layout: Layout, name: str, above: str) -> Iterator[tuple[str, bool]]:
+    """Yield the datasets that the name of a scene, or of the folder `above` it, suggests.
 
-    The name of the folder above takes precedence. The scene's name is used only if the dataset has the
-    layout.
+    The flag states whether it is the folder above, which takes precedence.
     """
     for key, dataset in DATASETS.items():
         if above.lower() in dataset.folders:
-            return key
-    fits = {"nerf_synthetic": ("blender",), "dtu": ("colmap", "neus")}
+            yield key, True
     for key, dataset in DATASETS.items():
-        if name in dataset.scenes and layout in fits.get(key, ("colmap",)):
-            return key
-    return CUSTOM
+        if name in dataset.scenes and layout in dataset.layouts:
+            yield key, False
+
+
+def is_published(
+    key: str, scene: str, photographs: Iterable[str], sizes: Iterable[tuple[int, int]], *, below: bool
+) -> bool:
+    """Return whether photographs have the names, and recorded sizes, of those that a dataset publishes.
+
+    `below` states that the scene is in a folder of the dataset's name; then names are enough, so that
+    resized copies are recognised. Folders of DTU's scenes are called scan1 to scan128.
+    """
+    dataset = DATASETS[key]
+    if not all(dataset.names.fullmatch(name.rsplit("/", 1)[-1]) for name in photographs):
+        return False
+    if below:
+        return key != "dtu" or re.fullmatch(r"scan\d{1,3}", scene) is not None
+    published = dataset.sizes.get(scene, dataset.sizes.get("", set()))
+    return all(
+        any(abs(w - width) <= _ROUNDING and abs(h - height) <= _ROUNDING for w, h in published)
+        for width, height in sizes
+    )

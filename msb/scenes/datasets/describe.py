@@ -9,11 +9,12 @@ from msb.base.files import is_file
 from msb.errors import Finding, MsbError, error_finding, finding
 from msb.scenes.camera import Camera
 from msb.scenes.colmap import find_model, read_points
+from msb.scenes.colmap_models import MODELS
 from msb.scenes.colors import NAMED
 from msb.scenes.datasets.catalog import DATASETS, Layout
 from msb.scenes.datasets.layout import TRAIN, find_layout, folders, images_in
 from msb.scenes.datasets.neus import MATRICES
-from msb.scenes.datasets.photographs import MASKS, count_missing
+from msb.scenes.datasets.photographs import MASKS
 from msb.scenes.datasets.read import dataset_of, missing_photographs, read_scene
 from msb.scenes.datasets.rulebook import OURS, RULES
 from msb.scenes.datasets.rules import Size
@@ -64,12 +65,44 @@ class SceneReport:
             "error": None if error is None else {"code": error.code, "message": error.message},
             "evaluated": None if self.scene is None else _describe_evaluation(self.scene),
             "points": self.points,
+            **_describe_capture(self.scene),
             "missing": self.missing,
             "image_folders": [asdict(folder) for folder in self.image_folders],
             "warnings": [{"code": f.code, "file": f.file, "message": f.message} for f in self.findings],
             "unused": self.unused,
             "deviations": self.deviations,
         }
+
+
+def _describe_capture(scene: Scene | None) -> dict[str, Any]:
+    """Return JSON data about the lens, axes, masks and split of a capture; None where it was rejected."""
+    if scene is None or scene.lens is None:
+        return dict.fromkeys(("lens", "up", "unit", "masks", "split"))
+    return {
+        "lens": describe_lens(scene.lens),
+        "up": scene.up,
+        "unit": "unknown",
+        "masks": scene.mask_source,
+        "split": scene.split,
+    }
+
+
+def describe_lens(camera: Camera) -> dict[str, Any]:
+    """Return the model and parameters of a recorded camera as JSON data, in COLMAP's order.
+
+    `undistorted` states that its photographs are undistorted when they are read.
+    """
+    model: str = "PINHOLE"
+    coefficients: tuple[float, ...] = ()
+    if camera.distortion is not None:
+        model, coefficients = camera.distortion.model, camera.distortion.coefficients
+    has_one_focal = model in MODELS and MODELS[model].focals == 1
+    focals = (camera.fx,) if has_one_focal else (camera.fx, camera.fy)
+    return {
+        "model": model,
+        "parameters": [*focals, camera.cx, camera.cy, *coefficients],
+        "undistorted": camera.distortion is not None,
+    }
 
 
 def _describe_evaluation(scene: Scene) -> dict[str, Any]:
@@ -113,7 +146,7 @@ def describe_scene(path: Path, **options: Any) -> SceneReport:
     findings = [*(scene.warnings if scene else ()), *of_points]
     missing: dict[str, int] | None = None
     if scene is not None:
-        missing = count_missing([*scene.train, *scene.test])
+        missing = dict(scene.missing)
     else:
         with contextlib.suppress(MsbError):  # the cameras cannot be read, so their photographs are unknown
             missing = missing_photographs(path, **options)

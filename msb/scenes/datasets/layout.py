@@ -14,9 +14,11 @@ from msb.scenes.datasets.neus import MATRICES, read_neus
 from msb.scenes.datasets.rules import Rules
 from msb.scenes.image_size import IMAGE_SUFFIXES
 from msb.scenes.read import read_cameras
-from msb.scenes.sets import split_every_8th, stem
+from msb.scenes.sets import check_set
+from msb.scenes.source import Source
 
 TRAIN, TEST, SINGLE = "transforms_train.json", "transforms_test.json", "transforms.json"
+VALIDATION = "transforms_val.json"
 
 
 def find_layout(folder: Path) -> Layout | None:
@@ -64,7 +66,7 @@ def folders(path: Path) -> Iterator[Path]:
 
 
 def images_in(folder: Path) -> list[Path]:
-    """Return the PNG and JPEG files in `folder`, sorted by name; empty if the folder does not exist."""
+    """Return the image files in `folder`, sorted by name; empty if the folder does not exist."""
     images = (child for child in _children(folder) if child.suffix.lower() in IMAGE_SUFFIXES)
     return [image for image in images if is_file(image)]
 
@@ -77,31 +79,27 @@ def _children(folder: Path) -> list[Path]:
 
 
 def read_views(root: Path, layout: Layout, rules: Rules, image_folder: str) -> list[Camera]:
-    """Return the recorded cameras of the scene at `root`, training views first, each with its split."""
+    """Return the recorded cameras of the scene at `root`; only the layout "blender" states their split."""
     if layout == "blender":
-        views = _read_blender(root)
-    else:
-        # Layouts without a split: every eighth view is a test view.
-        views = _read_unsplit(root, layout, image_folder)
-        if rules.first_lens:
-            views = [_with_lens(view, views[0]) for view in views]
-        train, test = split_every_8th(views, stem if rules.order == "stem" else lambda view: view.name or "")
-        views = [*train, *test]
-    for split, what in (("train", "training"), ("test", "test")):
-        if not any(view.split == split for view in views):
-            text = f"its {len(views)} views include no {what} view"
-            raise SceneError("SCENE_LAYOUT", text, file=root)
-    return views
+        return _read_blender(root)
+    views = _read_unsplit(root, layout, image_folder)
+    return [_with_lens(view, views[0]) for view in views] if rules.first_lens else views
 
 
 def _read_blender(root: Path) -> list[Camera]:
-    """Return the cameras of both JSON files, which must exist."""
-    for name in (TRAIN, TEST):
-        if not is_file(root / name):
-            other = TEST if name == TRAIN else TRAIN
-            text = f"{name} is missing; a scene with {other} needs both files"
-            raise SceneError("SCENE_LAYOUT", text, file=root, pointer=name)
-    return read_cameras(root)
+    """Return the cameras of the JSON files for training and tests.
+
+    Without a file for tests, the validation views are test views.
+    """
+    if is_file(root / TRAIN) and is_file(root / TEST):
+        return read_cameras(root)
+    if is_file(root / TRAIN) and is_file(root / VALIDATION):
+        views = [*read_cameras(root / TRAIN), *read_cameras(root / VALIDATION)]
+        check_set(views, Source(root / VALIDATION, b""))
+        return [replace(view, split="test" if view.split == "val" else view.split) for view in views]
+    name, other = (TEST, TRAIN) if is_file(root / TRAIN) else (TRAIN, TEST)
+    text = f"{name} is missing; a scene with {other} needs both files"
+    raise SceneError("SCENE_LAYOUT", text, file=root, pointer=name)
 
 
 def _read_unsplit(root: Path, layout: Layout, image_folder: str) -> list[Camera]:

@@ -1,20 +1,32 @@
 """The photographs of a scene: which files are used, their sizes, and their masks."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
-from pathlib import Path
+from dataclasses import dataclass, replace
+from pathlib import Path, PurePosixPath
 
 from msb.base.files import is_file, is_folder
-from msb.errors import Finding, SceneError, finding, shorten
+from msb.base.paths import SpelledFiles, shell_word
+from msb.errors import Finding, SceneError, Severity, finding, shorten
 from msb.scenes.camera import Camera
 from msb.scenes.datasets.catalog import DATASETS, Layout
 from msb.scenes.datasets.layout import folders, images_in
 from msb.scenes.datasets.rules import Photographs, Rounding, Rules, Size
-from msb.scenes.datasets.scene import MaskSource
-from msb.scenes.image_size import has_alpha, image_size
+from msb.scenes.datasets.scene import MaskSource, Reading
+from msb.scenes.image_size import ImageHeader, image_size, read_header
+from msb.scenes.lenses import undistorted
 
 # Folder of masks in the DTU packages of 2DGS and NeuS: one image per photograph, in the same sorted order.
 MASKS = "mask"
+# Folder of masks in other captures, where a mask has the name of its photograph.
+MASK_FOLDER = "masks"
+# Pillow's modes of photographs: 8 bits per channel, with or without alpha.
+PHOTOGRAPH_MODES = ("RGB", "RGBA", "L", "LA")
+# Pillow's format -> name of the kinds of images that are read to be converted only.
+_OTHER_KINDS = {"WEBP": "WebP", "AVIF": "AVIF", "HEIF": "HEIC"}
+# EXIF orientations from this one on swap width and height.
+_FIRST_SWAP = 5
+# Missing photographs that a message names, and how many of them with a file of almost the same name.
+_MAX_NAMES, _MAX_HINTS = 4, 2
 # Tolerated difference in pixels between the heights of a photograph and its camera, scaled to equal width.
 _ROUNDED_AWAY = 1.5
 
@@ -74,19 +86,107 @@ def _missing_folder(root: Path, folder: str) -> SceneError:
     return SceneError("SCENE_IMAGE_MISSING", text, file=root)
 
 
-def photograph_sizes(root: Path, views: Sequence[Camera], warnings: list[Finding]) -> list[Size]:
-    """Return the stored (width, height) of each view's photograph.
+def locate_photographs(
+    root: Path, layout: Layout, views: Sequence[Camera], folder: str, *, is_requested: bool
+) -> list[Camera]:
+    """Return the views with the paths of their photographs, which need not exist.
 
-    Cameras with equal recorded sizes must have photographs of equal size. A missing training photograph is
-    assumed to have the same size. Test photographs must exist.
+    Names are below `folder`. In JSON files they begin with a folder themselves; a requested folder such as
+    images_2 takes its place unless the names are found below it.
+    """
+    files = SpelledFiles(root / folder)
+    located = [replace(view, image_path=files.find(str(view.name))) for view in views]
+    if layout in ("blender", "transforms") and is_requested and not any(map(_has_photograph, located)):
+        below = [
+            replace(v, image_path=files.find(str(v.name).partition("/")[2] or str(v.name))) for v in views
+        ]
+        if any(map(_has_photograph, below)):
+            return below
+    return located
+
+
+def _has_photograph(view: Camera) -> bool:
+    return view.image_path is not None and is_file(view.image_path)
+
+
+def check_missing(
+    root: Path, views: Sequence[Camera], warnings: list[Finding], *, are_left_out: bool
+) -> None:
+    """Report views without a photograph: as an error if too many are missing, else as a warning.
+
+    If they are left out, one photograph is enough. Else test views, and one view of each recorded size, must
+    have one.
+    """
+    missing = [view for view in views if not _has_photograph(view)]
+    if not missing:
+        return
+    sizes = {(view.width, view.height) for view in views if _has_photograph(view)}
+    needed = [view for view in missing if view.split == "test" or (view.width, view.height) not in sizes]
+    is_error = not sizes if are_left_out else bool(needed)
+    reported = needed if is_error and needed else missing
+    # Name the first photographs, and files whose names differ by their suffix or by upper and lower case.
+    names = []
+    alike = 0
+    for number, view in enumerate(reported[:_MAX_NAMES]):
+        near = _find_near_miss(view)
+        alike += near is not None
+        hint = f" ({shorten(near, 60)} exists)" if near is not None and number < _MAX_HINTS else ""
+        names.append(f"{shorten(str(view.name), 60)}{hint}")
+    more = ", ..." if len(missing) > len(names) else ""
+    text = f"{_count_by_split(missing, views)} are missing: {', '.join(names)}{more}"
+    text += "; rename the files or the views" if alike else ""
+    text += "; these views are left out" if are_left_out and not is_error else ""
+    folder = root if reported[0].image_path is None else reported[0].image_path.parent
+    if is_error:
+        raise SceneError("SCENE_IMAGE_MISSING", text, file=folder)
+    warnings.append(finding("SCENE_IMAGE_MISSING", text, severity="warning", file=str(folder)))
+
+
+def _find_near_miss(view: Camera) -> str | None:
+    """Return a file beside a missing photograph whose name differs by suffix or case only."""
+    assert view.image_path is not None
+    wanted = view.image_path
+    beside = images_in(wanted.parent)
+    same_name = (file.name for file in beside if file.name.casefold() == wanted.name.casefold())
+    same_stem = (file.name for file in beside if file.stem.casefold() == wanted.stem.casefold())
+    return next(same_name, None) or next(same_stem, None)
+
+
+@dataclass(frozen=True)
+class StoredPhotographs:
+    """The photographs of the views: their size after turning and undistortion, and how each is read.
+
+    `views` are pinhole cameras: of the size of the photograph if it is undistorted, else of the recorded
+    size. `sizes` has an item for each view, `readings` only for views whose photographs are changed.
+    """
+
+    views: list[Camera]
+    sizes: list[Size]
+    readings: dict[str, Reading]
+
+
+def inspect_photographs(
+    root: Path, views: Sequence[Camera], warnings: list[Finding], *, converts: bool
+) -> StoredPhotographs:
+    """Read the headers of the photographs, and return how they are read.
+
+    Photographs of cameras with one recorded size must have one size; missing ones are assumed to have it.
+    `converts` accepts kinds of images that cannot be compared as they are.
     """
     sizes: dict[Size, tuple[Size, Camera]] = {}
-    missing: list[Camera] = []
+    turned: dict[str, int] = {}
+    verdicts: dict[tuple[str, int], list[Camera]] = {}
     for view in views:
-        if view.image_path is None or not is_file(view.image_path):
-            missing.append(view)
+        if not _has_photograph(view) or view.image_path is None:
             continue
-        size, record = image_size(view.image_path), (view.width, view.height)
+        header, record = read_header(view.image_path), (view.width, view.height)
+        _check_kind(root, view.image_path, header, converts=converts)
+        # Apply the orientation if the recorded size asks for it.
+        size, verdict = _choose_orientation(header, record)
+        if verdict is not None:
+            verdicts.setdefault((verdict, header.orientation), []).append(view)
+        if verdict == "applied":
+            turned[str(view.name)] = header.orientation
         known, first = sizes.setdefault(record, (size, view))
         if known != size:
             text = (
@@ -94,33 +194,73 @@ def photograph_sizes(root: Path, views: Sequence[Camera], warnings: list[Finding
                 f"{known[0]} x {known[1]}; photographs of one camera must have one size"
             )
             raise SceneError("SCENE_IMAGE", text, file=view.image_path)
-    # A missing photograph is an error if the view is a test view, or if no camera of the same recorded size
-    # has a photograph. Otherwise a missing photograph is a warning.
-    if missing:
-        needed = [view for view in missing if view.split == "test" or (view.width, view.height) not in sizes]
-        reported = needed or missing
-        names = ", ".join(shorten(str(view.name), 60) for view in reported[:4])
-        text = f"{_count_by_split(missing, views)} are missing: {names}"
-        text += ", ..." if len(missing) > len(reported[:4]) else ""
-        folder = root if reported[0].image_path is None else reported[0].image_path.parent
-        if needed:
-            raise SceneError("SCENE_IMAGE_MISSING", text, file=folder)
-        warnings.append(finding("SCENE_IMAGE_MISSING", text, severity="warning", file=str(folder)))
+    warnings += [_note_orientation(*key, group) for key, group in verdicts.items()]
     # Compare the aspect ratios of photographs and cameras.
-    for (width, height), (size, first) in sizes.items():
-        expected = height * size[0] / width
-        if abs(size[1] - expected) > _ROUNDED_AWAY:
+    for record, (size, first) in sizes.items():
+        if not _fits(size, record):
             text = (
-                f"it has {size[0]} x {size[1]} pixels, but its camera {width} x {height}, another aspect "
-                "ratio; the recorded angles of view are kept"
+                f"it has {size[0]} x {size[1]} pixels, but its camera {record[0]} x {record[1]}, another "
+                "aspect ratio; the recorded angles of view are kept"
             )
             warnings.append(finding("SCENE_IMAGE", text, severity="warning", file=str(first.image_path)))
-    return [sizes[view.width, view.height][0] for view in views]
+    # Undistorted photographs have the size of their pinhole camera.
+    cameras, stored, readings = [], [], {}
+    for view in views:
+        name, size = str(view.name), sizes[view.width, view.height][0]
+        lens = None if view.distortion is None else replace(view.resized(*size), source_size=None)
+        if lens is not None or name in turned:
+            readings[name] = Reading(turned.get(name, 1), lens)
+        cameras.append(view if lens is None else undistorted(lens))
+        stored.append(size if lens is None else (cameras[-1].width, cameras[-1].height))
+    return StoredPhotographs(cameras, stored, readings)
+
+
+def _check_kind(root: Path, path: Path, header: ImageHeader, *, converts: bool) -> None:
+    """Raise SCENE_IMAGE for a kind of image that renderings are not compared with."""
+    if header.mode not in PHOTOGRAPH_MODES:
+        text = f"it has the pixel format {header.mode}; convert it to an 8-bit RGB or RGBA image"
+        raise SceneError("SCENE_IMAGE", text, file=path)
+    kind = "grey" if header.mode in ("L", "LA") else _OTHER_KINDS.get(header.format)
+    if kind is not None and not converts:
+        name = "grey image" if kind == "grey" else f"{kind} image"
+        text = f"it is a {name}; photographs are compared as colour PNG, JPEG or TIFF. Convert them with: "
+        raise SceneError("SCENE_IMAGE", f"{text}msb scenes {shell_word(root)} --undistort OUT", file=path)
+
+
+def _choose_orientation(header: ImageHeader, record: Size) -> tuple[Size, str | None]:
+    """Return the size of a photograph as it is read, and the verdict on its EXIF orientation.
+
+    COLMAP records the size of the pixels as stored, other programs that of the turned image. The verdict is
+    "applied", "as stored" or "undecided", None without an orientation.
+    """
+    size, turned = header.size, header.size[::-1]
+    if header.orientation == 1:
+        return size, None
+    if header.orientation < _FIRST_SWAP or _fits(size, record) == _fits(turned, record):
+        return size, "undecided"
+    return (turned, "applied") if _fits(turned, record) else (size, "as stored")
+
+
+def _fits(size: Size, record: Size) -> bool:
+    """Return whether a photograph has the aspect ratio of its recorded camera."""
+    return abs(size[1] - record[1] * size[0] / record[0]) <= _ROUNDED_AWAY
+
+
+def _note_orientation(verdict: str, orientation: int, views: Sequence[Camera]) -> Finding:
+    """Return the note about the EXIF orientation of some photographs."""
+    count = f"{len(views)} photograph{'s' if len(views) > 1 else ''}"
+    width, height = views[0].width, views[0].height
+    recorded = f"because the cameras were recorded at {width} x {height} pixels"
+    undecided = "is not applied; the recorded size of the cameras does not decide whether it should be"
+    ends = {"applied": f"is applied, {recorded}", "as stored": f"is not applied, {recorded}"}
+    text = f"the EXIF orientation {orientation} of {count} {ends.get(verdict, undecided)}"
+    severity: Severity = "warning" if verdict == "undecided" else "info"
+    return finding("SCENE_IMAGE", text, severity=severity, file=str(views[0].image_path))
 
 
 def count_missing(views: Sequence[Camera]) -> dict[str, int]:
     """Return how many photographs of training views and of test views are missing."""
-    missing = [view.split for view in views if view.image_path is None or not is_file(view.image_path)]
+    missing = [view.split for view in views if not _has_photograph(view)]
     return {"training": len(missing) - missing.count("test"), "test": missing.count("test")}
 
 
@@ -134,41 +274,89 @@ def _count_by_split(missing: Sequence[Camera], views: Sequence[Camera]) -> str:
 
 
 def find_masks(
-    root: Path, dataset: str, views: Sequence[Camera]
+    root: Path,
+    dataset: str,
+    views: Sequence[Camera],
+    paths: Mapping[str, str],
+    image_folder: str,
+    warnings: list[Finding],
 ) -> tuple[MaskSource | None, Mapping[str, Path]]:
-    """Return the kind of masks of the test photographs and, for a mask folder, the file of each camera.
+    """Return the kind of masks of the photographs, and for mask files camera name -> file.
 
-    An alpha channel takes precedence over a folder. Captures outside the masked datasets may have neither an
-    alpha channel nor a folder of masks.
+    An alpha channel takes precedence over files. `paths` are the masks that transforms.json names. Captures
+    outside the masked datasets may have no masks.
     """
-    tests = {str(view.name): view.image_path for view in views if view.split == "test" and view.image_path}
-    bare = [name for name, path in tests.items() if not has_alpha(path)]
+    shot = {str(v.name): v.image_path for v in views if v.image_path is not None and _has_photograph(v)}
+    tests = {
+        str(view.name): shot[str(view.name)] for view in views if view.split == "test" and view.name in shot
+    }
+    bare = [name for name, path in tests.items() if not read_header(path).has_alpha]
     if not bare:
         return "png_alpha", {}
     masked = dataset in DATASETS and DATASETS[dataset].masked
     files = images_in(root / MASKS) if dataset == "dtu" else []
     if len(bare) == len(tests) and files:
-        return "mask_folder", _pair_masks(root, tests, files)
-    if masked or len(bare) < len(tests):
-        text = (
-            f"{len(bare)} of {len(tests)} test photographs have no alpha channel, for example "
-            f"{shorten(bare[0], 60)}; they must be RGBA PNG"
-        )
-        text += f", or have masks in a folder {MASKS}" if dataset == "dtu" else ""
-        raise SceneError("SCENE_IMAGE", text, file=root)
-    return None, {}
+        return "mask_folder", _pair_masks(root, shot, files)
+    if not masked and len(bare) == len(tests):
+        return _find_mask_files(root, views, shot, paths, image_folder, warnings)
+    text = (
+        f"{len(bare)} of {len(tests)} test photographs have no alpha channel, for example "
+        f"{shorten(bare[0], 60)}; they must be RGBA PNG"
+    )
+    text += f", or have masks in a folder {MASKS}" if dataset == "dtu" else ""
+    raise SceneError("SCENE_IMAGE", text, file=root)
 
 
-def find_mask(root: Path, photograph: Path) -> Path:
-    """Return the mask of a photograph (also of a training view) in the mask folder of the scene at `root`.
+def _find_mask_files(
+    root: Path,
+    views: Sequence[Camera],
+    shot: Mapping[str, Path],
+    paths: Mapping[str, str],
+    image_folder: str,
+    warnings: list[Finding],
+) -> tuple[MaskSource | None, Mapping[str, Path]]:
+    """Return the masks of a capture by their names; a few views may lack one.
 
-    Raises
-    ------
-    SceneError
-        SCENE_IMAGE: the numbers of masks and photographs differ, or the mask has another size.
+    The mask of images/a.jpg is called masks/a.jpg, masks/a.jpg.png (as COLMAP names it) or masks/a.png; of
+    images_2/a.jpg it may also be in masks_2.
     """
-    name = photograph.name
-    return _pair_masks(root, {name: photograph}, images_in(root / MASKS))[name]
+    files = SpelledFiles(root)
+    masks: dict[str, Path] = {}
+    named = {name: files.find(path) for name, path in paths.items() if name in shot}
+    source: MaskSource = "mask_path" if any(map(is_file, named.values())) else "mask_folder"
+    folders = [image_folder.replace("images", MASK_FOLDER, 1), MASK_FOLDER, MASKS]
+    present = [
+        folder for folder in dict.fromkeys(folders) if folder != image_folder and is_folder(root / folder)
+    ]
+    for name, path in shot.items():
+        below = name if image_folder != "." else name.partition("/")[2] or name
+        spellings = (below, f"{below}.png", str(PurePosixPath(below).with_suffix(".png")))
+        places = [files.find(f"{folder}/{spelling}") for folder in present for spelling in spellings]
+        candidates = [named[name]] if source == "mask_path" and name in named else places
+        mask = next((place for place in candidates if is_file(place) and place != path), None)
+        if mask is not None:
+            _check_mask(mask, read_header(path).size)
+            masks[name] = mask
+    if not masks:
+        if paths or present:
+            what = "the paths mask_path" if paths else f"the files in {', '.join(present)}"
+            text = f"no photograph has a mask: {what} do not belong to the photographs"
+            warnings.append(finding("SCENE_IMAGE", text, severity="warning", file=str(root)))
+        return None, {}
+    if lacking := [name for name in shot if name not in masks]:
+        text = f"{len(lacking)} of {len(shot)} photographs have no mask and are not masked, for example "
+        warnings.append(
+            finding("SCENE_IMAGE", text + shorten(lacking[0], 60), severity="warning", file=str(root))
+        )
+    return source, masks
+
+
+def _check_mask(mask: Path, size: Size) -> None:
+    """Raise SCENE_IMAGE if a mask has another aspect ratio than its photograph, stored or turned."""
+    stored = read_header(mask).size
+    if not (_fits(stored, size) or _fits(stored, size[::-1])):
+        text = f"it has {stored[0]} x {stored[1]} pixels, but its photograph {size[0]} x {size[1]}"
+        raise SceneError("SCENE_IMAGE", text, file=mask)
 
 
 def _pair_masks(root: Path, photographs: Mapping[str, Path], masks: Sequence[Path]) -> dict[str, Path]:

@@ -1,28 +1,36 @@
 """Read a `Scene` from its folder: combine layout, rules, photographs and cameras."""
 
+import contextlib
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
+from typing import Any
 
 from msb.asset.manifest import Manifest
-from msb.base.files import check_folder
+from msb.base.files import check_folder, is_folder
 from msb.base.paths import SpelledFiles, given_path
-from msb.errors import Finding, SceneError, finding, shorten
+from msb.errors import Finding, MsbError, SceneError, finding, shorten
 from msb.scenes.camera import Camera
+from msb.scenes.colmap import count_images, list_models
 from msb.scenes.colors import Color
-from msb.scenes.datasets.catalog import Layout, guess_dataset
+from msb.scenes.datasets.catalog import CUSTOM, DATASETS, Layout, is_published, name_datasets
 from msb.scenes.datasets.layout import find_layout, find_scenes, read_views
 from msb.scenes.datasets.photographs import (
+    MASKS,
+    check_missing,
     choose_photographs,
     count_missing,
     find_masks,
-    photograph_sizes,
+    inspect_photographs,
+    locate_photographs,
 )
 from msb.scenes.datasets.rulebook import OURS, RULES, evaluation_background, stated_background
 from msb.scenes.datasets.rules import CONVENTIONS, ROUNDINGS, Convention, Rules, check_resolution
-from msb.scenes.datasets.scene import Scene
+from msb.scenes.datasets.scene import MaskSource, Scene
+from msb.scenes.datasets.splits import SplitViews, check_split, read_mask_paths, split_views
+from msb.scenes.image_size import read_header
 
 # Distance in pixels that gs_fov may move the principal point without a warning.
 MAX_SHIFT = 0.5
@@ -37,6 +45,7 @@ def read_scene(
     camera_convention: Convention | None = None,
     background: Sequence[float] | None = None,
     rules: str = OURS,
+    converts: bool = False,
 ) -> Scene:
     """Read a scene of a dataset. docs/datasets.md describes the layouts and the rules.
 
@@ -46,7 +55,8 @@ def read_scene(
         The scene's folder.
     dataset : str, optional
         An id of `DATASETS`, or any other name for another capture, which is read by the rules of "custom".
-        Default: derived from the names of the folder and its parent.
+        Default: recognised by the names of the folder and its parent, together with the names and recorded
+        sizes of the photographs.
     image_folder : str, optional
         The folder below the scene to use instead of the rules' folder.
     resolution : int, optional
@@ -55,18 +65,21 @@ def read_scene(
     camera_convention : {"gs_fov", "full_K"}, optional
         "gs_fov" uses the recorded angles of view and a principal point in the middle; "full_K" uses the
         recorded principal point. It must be the convention that the checkpoint was trained with
-        (`RULES[method].convention`). Default: the convention of the rules, which is "gs_fov" for ours.
+        (`RULES[method].convention`). Default: the convention of the rules, which is "full_K" for ours.
     background : (float, float, float), optional
         The background colour in [0, 1]. Default: white for masked datasets, else the rules' background, black
         for ours. `evaluation_background` returns the benchmark's background for a method.
     rules : str
         A key of `RULES`: "ours", or a method, to read the scene like its official code.
+    converts : bool
+        Accept photographs that are only read to be converted: grey, WebP, AVIF and HEIC images.
 
     Returns
     -------
     Scene
-        The scene. Only the headers of photographs are read. A missing training photograph causes a warning;
-        test photographs must exist.
+        The scene. Only the headers of photographs are read; `msb.metrics.ground_truth` turns, undistorts and
+        masks them. Views without a photograph are left out before the split, with a warning. In scenes of
+        the benchmark they stay, and test photographs must exist.
 
     Raises
     ------
@@ -78,40 +91,51 @@ def read_scene(
     root = given_path(path)
     layout = _require_layout(root)
     by = rules_of(rules)
-    place = _absolute_path(root)
-    key = dataset or guess_dataset(layout, place.name, place.parent.name)
     convention = camera_convention or by.convention
     if convention not in CONVENTIONS:
         text = f"the camera convention is {shorten(repr(convention), 40)}; it must be "
         raise SceneError("SCENE_ARGUMENT", text + " or ".join(CONVENTIONS))
     wish = None if resolution is None else check_resolution(resolution)
-    color = evaluation_background(key) if rules == OURS else by.background_of(key)
     warnings: list[Finding] = []
-    # Choose the folder and the size of the photographs.
-    chosen, how = choose_photographs(root, key, layout, place.name, by, image_folder, wish, warnings)
-    files = SpelledFiles(root / chosen.folder)
-    # Read the recorded cameras, and find the photograph of each.
-    views = _find_photographs(root, layout, by, chosen.folder, files)
-    native = photograph_sizes(root, views, warnings)
-    masks = (None, {}) if chosen.compositing == "none" else find_masks(root, key, views)
+    key = dataset or _recognise(root, layout, warnings)
+    color = evaluation_background(key) if rules == OURS else by.background_of(key)
+    # Choose the folder of the photographs, read the recorded cameras, and split them.
+    chosen, how = choose_photographs(root, key, layout, root_name(root), by, image_folder, wish, warnings)
+    every = _locate_views(root, layout, by, chosen.folder, is_requested=image_folder is not None)
+    warnings += note_models(root, layout)
+    split = partial(_split, root, layout, key, by)
+    views, missing = split(every), count_missing([])
+    if any(count_missing(views.views).values()):
+        missing = count_missing(views.views)
+        are_left_out = key not in DATASETS and rules == OURS
+        check_missing(root, views.views, warnings, are_left_out=are_left_out)
+        if are_left_out:
+            views = split([view for view in every if count_missing([view]) == count_missing([])])
+    warnings += views.notes
+    check_split(root, views.views)
+    # Find how photographs are turned, undistorted and masked.
+    stored = inspect_photographs(root, views.views, warnings, converts=converts)
+    masks: tuple[MaskSource | None, Mapping[str, Path]] = (None, {})
+    if chosen.compositing != "none":
+        paths = {} if key in DATASETS else read_mask_paths(root, layout)
+        masks = find_masks(root, key, views.views, paths, chosen.folder, warnings)
     # Resize the cameras to the evaluated size of their photographs.
-    rounding = ROUNDINGS[how]
-    cameras = [
-        view.resized(*rounding(size, chosen.resolution)) for view, size in zip(views, native, strict=True)
-    ]
-    resized = any((c.width, c.height) != size for c, size in zip(cameras, native, strict=True))
+    is_divided = wish is None and set(stored.sizes) == {chosen.divided_size}
+    ratio = 1 if is_divided else chosen.resolution
+    sizes = [ROUNDINGS[how](size, ratio) for size in stored.sizes]
+    cameras = [view.resized(*size) for view, size in zip(stored.views, sizes, strict=True)]
     # Like the 3DGS family, move the principal point to the middle; warn if the move is visible.
     if convention == "gs_fov":
         warnings += _warn_shift(root, cameras)
         cameras = [camera.centered() for camera in cameras]
     return Scene(
         dataset=key,
-        name=place.name,
+        name=root_name(root),
         root=root,
         layout=layout,
         rules=rules,
         image_folder=chosen.folder,
-        resolution=chosen.resolution,
+        resolution=ratio,
         train=tuple(camera for camera in cameras if camera.split == "train"),
         test=tuple(camera for camera in cameras if camera.split == "test"),
         background=color if background is None else _check_color(background),
@@ -119,9 +143,51 @@ def read_scene(
         compositing="none" if masks[0] is None else chosen.compositing,
         mask_source=masks[0],
         masks=masks[1],
+        readings=stored.readings,
+        lens=views.views[0],
+        split=views.source,
+        missing=missing,
         resampling=by.resampling,
         quantized=by.quantized,
-        gt_resized=resized,
+        gt_resized=sizes != stored.sizes,
+        warnings=tuple(warnings),
+    )
+
+
+def _split(root: Path, layout: Layout, key: str, by: Rules, views: Sequence[Camera]) -> SplitViews:
+    """Split the views of a scene; only our rules use recorded splits of captures outside the benchmark."""
+    is_fixed = key in DATASETS or by is not RULES[OURS]
+    return split_views(root, layout, views, by_name=by.order == "name", is_benchmark=is_fixed)
+
+
+def _locate_views(root: Path, layout: Layout, by: Rules, folder: str, *, is_requested: bool) -> list[Camera]:
+    """Return the recorded cameras of a scene, each with the path of its photograph."""
+    views = read_views(root, layout, by, folder)
+    return locate_photographs(root, layout, views, folder, is_requested=is_requested)
+
+
+def scene_of_cameras(folder: Path, cameras: Sequence[Camera]) -> Scene:
+    """Return a capture whose photographs lie in `folder`; all views are training views at their full size."""
+    warnings: list[Finding] = []
+    located = locate_photographs(folder, "colmap", cameras, ".", is_requested=False)
+    views = [replace(view, split="train") for view in located]
+    stored = inspect_photographs(folder, views, warnings, converts=True)
+    sized = [view.resized(*size) for view, size in zip(stored.views, stored.sizes, strict=True)]
+    return Scene(
+        dataset=CUSTOM,
+        name=root_name(folder),
+        root=folder,
+        layout="colmap",
+        rules=OURS,
+        image_folder=".",
+        resolution=1,
+        train=tuple(sized),
+        test=(),
+        background=evaluation_background(CUSTOM),
+        camera_convention="full_K",
+        compositing="none",
+        readings=stored.readings,
+        lens=views[0],
         warnings=tuple(warnings),
     )
 
@@ -133,6 +199,7 @@ def missing_photographs(
     image_folder: str | None = None,
     resolution: int | None = None,
     rules: str = OURS,
+    **_others: Any,
 ) -> dict[str, int]:
     """Return how many training and test photographs are missing, also for a scene that is rejected.
 
@@ -140,31 +207,82 @@ def missing_photographs(
     """
     root = given_path(path)
     layout, by = _require_layout(root), rules_of(rules)
-    place = _absolute_path(root)
-    key = dataset or guess_dataset(layout, place.name, place.parent.name)
+    key = dataset or _recognise(root, layout, [])
     try:
-        chosen, _ = choose_photographs(root, key, layout, place.name, by, image_folder, resolution, [])
+        chosen, _ = choose_photographs(root, key, layout, root_name(root), by, image_folder, resolution, [])
     except SceneError as error:
         if error.code != "SCENE_IMAGE_MISSING":
             raise
-        return count_missing([replace(view, image_path=None) for view in read_views(root, layout, by, "")])
-    files = SpelledFiles(root / chosen.folder)
-    return count_missing(_find_photographs(root, layout, by, chosen.folder, files))
+        views = [replace(view, image_path=None) for view in read_views(root, layout, by, "")]
+    else:
+        views = _locate_views(root, layout, by, chosen.folder, is_requested=image_folder is not None)
+    return count_missing(_split(root, layout, key, by, views).views)
 
 
-def _find_photographs(
-    root: Path, layout: Layout, by: Rules, folder: str, files: SpelledFiles
-) -> list[Camera]:
-    """Return the recorded cameras of a scene, each with the path of its photograph."""
-    views = read_views(root, layout, by, folder)
-    return [replace(view, image_path=files.find(str(view.name))) for view in views]
+def note_models(root: Path, layout: Layout) -> list[Finding]:
+    """Return a note if the folder `sparse` has several COLMAP models, of which the largest is read."""
+    models = list_models(root) if layout == "colmap" else []
+    if len(models) < 2:
+        return []
+    first, second = (f"{count_images(model)} images" for model in models[:2])
+    text = (
+        f"sparse contains {len(models)} models; {models[0].name} with {first} is read, the next largest has "
+        f"{second}"
+    )
+    return [finding("SCENE_LAYOUT", text, severity="info", file=str(root))]
 
 
 def dataset_of(path: str | os.PathLike[str]) -> str:
-    """Return the dataset of a scene, derived from the names of its folder and its parent."""
+    """Return the dataset of a scene, as `read_scene` recognises it."""
     root = given_path(path)
-    layout, place = _require_layout(root), _absolute_path(root)
-    return guess_dataset(layout, place.name, place.parent.name)
+    return _recognise(root, _require_layout(root), [])
+
+
+def _recognise(root: Path, layout: Layout, warnings: list[Finding]) -> str:
+    """Return the dataset of a scene, or `CUSTOM`.
+
+    A dataset is suggested by the name of the scene or of the folder above, and confirmed by the names and
+    recorded sizes of the photographs. A note is added to `warnings` if they do not confirm it.
+    """
+    place = _absolute_path(root)
+    suggested: dict[str, bool] = {}
+    for key, below in name_datasets(layout, place.name, place.parent.name):
+        suggested.setdefault(key, below)
+    if not suggested:
+        return CUSTOM
+    try:
+        views = read_views(root, layout, RULES[OURS], "images")
+    except MsbError:  # reading the scene reports the error
+        return next(iter(suggested))
+    names = [str(view.name) for view in views]
+    sizes = {(view.width, view.height) for view in views}
+    for key, below in suggested.items():
+        if not is_published(key, place.name, names, sizes, below=below):
+            continue
+        if below or not DATASETS[key].masked or _is_masked(root, layout, views[0]):
+            return key
+    key = next(iter(suggested))
+    text = (
+        f"its name is that of a {DATASETS[key].title} scene, but its photographs have other names or sizes; "
+        f"it is read as another capture. Pass --dataset {key} to apply the rules of the benchmark"
+    )
+    warnings.append(finding("SCENE_UNKNOWN", text, severity="info", file=str(root)))
+    return CUSTOM
+
+
+def _is_masked(root: Path, layout: Layout, view: Camera) -> bool:
+    """Return whether the photograph of a view has an alpha channel, or the scene a folder of masks."""
+    if is_folder(root / MASKS):
+        return True
+    folder = "." if layout == "blender" else "images"
+    with contextlib.suppress(MsbError):
+        return read_header(SpelledFiles(root / folder).find(str(view.name))).has_alpha
+    return False
+
+
+def root_name(root: Path) -> str:
+    """Return the name of a scene: that of its folder."""
+    return _absolute_path(root).name
 
 
 def _absolute_path(root: Path) -> Path:
@@ -208,7 +326,7 @@ def _warn_shift(root: Path, cameras: Sequence[Camera]) -> list[Finding]:
         return []
     text = (
         f"gs_fov moves the recorded principal point by up to {far:.1f} pixels to the middle of the image; "
-        "checkpoints trained with the recorded point need camera_convention full_K"
+        "models trained with the recorded point need full_K: pass --camera-convention full_K"
     )
     return [finding("SCENE_PRINCIPAL_POINT", text, severity="warning", file=str(root), value=far)]
 
@@ -263,17 +381,22 @@ def scene_of(
     manifest: Manifest,
     path: str | os.PathLike[str],
     *,
+    dataset: str | None = None,
     image_folder: str | None = None,
     resolution: int | None = None,
+    camera_convention: Convention | None = None,
 ) -> Scene:
     """Return the scene in a folder as it is used to evaluate a model's method; raises like `read_scene`."""
     place = given_path(path)
+    notes: list[Finding] = []
     at = scene_at(
         place,
-        dataset_of(place),
+        dataset or _recognise(place, _require_layout(place), notes),
         manifest.method,
         official_background=stated_background(manifest),
         image_folder=image_folder,
         resolution=resolution,
+        camera_convention=camera_convention,
     )
-    return at.read()
+    scene = at.read()
+    return replace(scene, warnings=(*notes, *scene.warnings)) if notes else scene

@@ -12,11 +12,12 @@ OURS = "ours"
 _OURS = Rules(
     "MeshSplatBench",
     "docs/datasets.md",
+    convention="full_K",
     photographs={
         "mipnerf360/outdoor": Photographs("images_4", instead=("images", 4)),
         "mipnerf360/indoor": Photographs("images_2", instead=("images", 2)),
         "tanksandtemples": Photographs(),
-        "nerf_synthetic": Photographs(".", 2, "before_resize"),
+        "nerf_synthetic": Photographs(".", 2, "before_resize", divided_size=(400, 400)),
         "dtu": Photographs(resolution=2, compositing="after_resize"),
         CUSTOM: Photographs(compositing="before_resize"),
     },

@@ -44,12 +44,16 @@ class Photographs:
     instead : (str, int), optional
         The folder and divisor to use if `folder` does not exist; sizes are then rounded like in the
         published folder.
+    divided_size : (int, int), optional
+        The size of the published photographs after the division. Copies that already have it are used as
+        they are.
     """
 
     folder: str = "images"
     resolution: int = AS_IS
     compositing: Compositing = "none"
     instead: tuple[str, int] | None = None
+    divided_size: Size | None = None
 
 
 @dataclass(frozen=True)

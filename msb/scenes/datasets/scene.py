@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Literal
 
@@ -10,8 +11,28 @@ from msb.scenes.camera import Camera
 from msb.scenes.colors import Color
 from msb.scenes.datasets.catalog import Layout
 from msb.scenes.datasets.rules import Compositing, Convention
+from msb.scenes.datasets.splits import SplitSource
+from msb.scenes.upright import find_up
 
-MaskSource = Literal["png_alpha", "mask_folder"]
+# Masks are the alpha channels of the photographs, files of a folder, or files that transforms.json names.
+MaskSource = Literal["png_alpha", "mask_folder", "mask_path"]
+
+
+@dataclass(frozen=True)
+class Reading:
+    """How a stored photograph becomes the image of its view's pinhole camera, before it is resized.
+
+    Attributes
+    ----------
+    orientation : int
+        The EXIF orientation that is applied; 1 keeps the pixels as stored.
+    lens : Camera, optional
+        The camera of the photograph, with the distortion that is removed. Its size is that of the turned
+        photograph.
+    """
+
+    orientation: int = 1
+    lens: Camera | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,10 +54,19 @@ class Scene:
         `image_path`, `split`, and `source_size` if the intrinsics were recorded for another size.
     background : (float, float, float)
         The background of the model, and of masked photographs.
-    mask_source : {"png_alpha", "mask_folder"}, optional
+    mask_source : {"png_alpha", "mask_folder", "mask_path"}, optional
         The kind of masks; None if masks are missing or not used.
     masks : mapping of str to Path
-        Camera name -> the file of its mask, for "mask_folder".
+        Camera name -> the file of its mask, for "mask_folder" and "mask_path". A view without one is not
+        masked.
+    readings : mapping of str to Reading
+        Camera name -> how its photograph is turned and undistorted, where this is necessary.
+    lens : Camera, optional
+        The first view as recorded, before undistortion.
+    split : {"recorded", "every 8th", "benchmark"}
+        How the test views were chosen.
+    missing : mapping
+        The numbers of "training" and "test" views without a photograph.
     resampling : {"bicubic", "bilinear"}
         The filter for resizing photographs.
     quantized : bool
@@ -59,7 +89,17 @@ class Scene:
     compositing: Compositing
     mask_source: MaskSource | None = None
     masks: Mapping[str, Path] = field(default_factory=dict)
+    readings: Mapping[str, Reading] = field(default_factory=dict)
+    lens: Camera | None = None
+    split: SplitSource = "every 8th"
+    missing: Mapping[str, int] = field(default_factory=dict)
     resampling: Literal["bicubic", "bilinear"] = "bicubic"
     quantized: bool = True
     gt_resized: bool = False
     warnings: tuple[Finding, ...] = ()
+
+    @cached_property
+    def up(self) -> tuple[float, float, float]:
+        """The direction that is up in the world of the capture, a unit vector; see `find_up`."""
+        x, y, z = find_up([*self.train, *self.test]).tolist()
+        return x, y, z

@@ -58,7 +58,7 @@ BAD: dict[str, tuple[str, Callable[[Path], Any], str, str]] = {
     "no layout": (MIP, remove("sparse"), "SCENE_LAYOUT", ""),
     "half a model": (MIP, remove("sparse/0/cameras.bin"), "COLMAP_FILE_MISSING", "sparse/0"),
     "test JSON missing": (NERF, remove("transforms_test.json"), "SCENE_LAYOUT", ""),
-    "photograph of a JSON missing": (NERF, remove("test/r_1.png"), "CAMERA_IMAGE", "transforms_test.json"),
+    "photograph of a JSON missing": (NERF, remove("test/r_1.png"), "SCENE_IMAGE_MISSING", "test"),
     "all photographs missing": (
         MIP,
         lambda root: [path.unlink() for path in (root / "images_4").iterdir()],
@@ -72,9 +72,9 @@ BAD: dict[str, tuple[str, Callable[[Path], Any], str, str]] = {
         "SCENE_IMAGE",
         "images_4/DSC07953.JPG",
     ),
-    "distorted": (
+    "panorama": (
         MIP,
-        keep_one_image("SIMPLE_RADIAL 256 192 270 128 96 0.01"),
+        keep_one_image("EQUIRECTANGULAR 256 192"),
         "CAMERA_DISTORTED",
         "sparse/0/cameras.txt",
     ),

@@ -188,7 +188,7 @@ def test_conventions_differ_by_the_principal_point(copy: Copy) -> None:
     root = copy("mipnerf360/pebble")
     shots = [f"{i} 1 0 0 0 0 0 4 1 DSC{7949 + i:05d}.JPG\n\n" for i in range(1, 17)]
     text_model(root, "1 PINHOLE 256 192 270 271 140 90\n", "".join(shots))
-    fov, full = read_scene(root), read_scene(root, camera_convention="full_K")
+    fov, full = read_scene(root, camera_convention="gs_fov"), read_scene(root)
     assert codes(fov) == ["SCENE_PRINCIPAL_POINT"]
     assert "3.0 pixels" in fov.warnings[-1].message
     assert codes(full) == []

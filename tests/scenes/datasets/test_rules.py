@@ -8,7 +8,7 @@ import pytest
 from msb.registry import METHODS
 from msb.scenes.colors import BLACK, WHITE
 from msb.scenes.datasets import DATASETS, RULES, evaluation_background
-from msb.scenes.datasets.catalog import guess_dataset
+from msb.scenes.datasets.catalog import is_published, name_datasets
 from msb.scenes.datasets.rules import floor, half_even, half_up
 from tests.conftest import ROOT
 
@@ -46,8 +46,28 @@ def test_datasets_have_the_scenes_of_the_benchmark() -> None:
         ("colmap", "scan1", "DTU", "dtu"),
     ],
 )
-def test_a_dataset_is_recognised_by_names(layout: Any, name: str, above: str, dataset: str) -> None:
-    assert guess_dataset(layout, name, above) == dataset
+def test_names_suggest_a_dataset(layout: Any, name: str, above: str, dataset: str) -> None:
+    assert next(iter(name_datasets(layout, name, above)), ("custom", False))[0] == dataset
+
+
+@pytest.mark.parametrize(
+    ("key", "scene", "photograph", "size", "below", "published"),
+    [
+        ("mipnerf360", "garden", "DSC07956.JPG", (5187, 3361), False, True),
+        ("mipnerf360", "garden", "DSC07956.JPG", (5186, 3361), False, True),
+        ("mipnerf360", "garden", "DSC07956.JPG", (1297, 840), False, False),
+        ("mipnerf360", "garden", "DSC07956.JPG", (1297, 840), True, True),
+        ("mipnerf360", "garden", "IMG_0001.JPG", (5187, 3361), True, False),
+        ("nerf_synthetic", "chair", "test/r_0.png", (400, 400), False, True),
+        ("nerf_synthetic", "chair", "test/r_0.png", (640, 480), False, False),
+        ("dtu", "teapot", "0000.png", (1600, 1200), True, False),
+        ("dtu", "scan1", "0000.png", (72, 54), True, True),
+    ],
+)
+def test_photographs_confirm_a_dataset(
+    key: str, scene: str, photograph: str, size: Any, below: bool, published: bool
+) -> None:
+    assert is_published(key, scene, [photograph], [size], below=below) is published
 
 
 def test_rules_are_named_like_methods_and_cover_their_datasets() -> None:

@@ -9,7 +9,17 @@ from typing import Annotated, Literal
 from msb.base.option import Option
 from msb.cli.command import Typed, command, require
 from msb.cli.output import PlainOutput, echo
-from msb.render.options import NO_CAMERAS, ONLY_GENERATED, RendererOptions, Source, ViewOptions, check_factor
+from msb.render.options import (
+    NO_CAMERAS,
+    NO_SCENE,
+    ONLY_GENERATED,
+    SCENE_OPTIONS,
+    RendererOptions,
+    SceneOptions,
+    Source,
+    ViewOptions,
+    check_factor,
+)
 from msb_viewers.commands.window import Window
 
 
@@ -75,6 +85,7 @@ def compare(
     window: Annotated[Window, ("screenshot", "html", "up", "size")],
     views: Annotated[ViewOptions, ("cameras", "camera", "background", "kind")],
     options: CompareOptions,
+    reading: Annotated[SceneOptions, ("dataset", "resolution", "camera_convention")],
     drawing: Annotated[RendererOptions, ("assignments", "supersample", "device")],
     output: PlainOutput,
     typed: Typed,
@@ -90,6 +101,8 @@ def compare(
         typed.reject(["cameras"], "cannot be combined with --scene, which has its own cameras")
     elif views.cameras is None:
         typed.reject(["camera", "image_folder", "scale"], f"{NO_CAMERAS} or --scene DIR")
+    if options.scene is None:
+        typed.reject([name for name in SCENE_OPTIONS if name != "image_folder"], NO_SCENE)
     if options.scene is not None or views.cameras is not None:
         typed.reject(["kind"], ONLY_GENERATED)
     require(window.written, "Missing output. Pass --html FILE.html or --screenshot FILE.png")
@@ -100,6 +113,7 @@ def compare(
     request = Request(
         cameras=views,
         scene=options.scene,
+        reading=reading,
         background=None if views.background is None else views.color(asset),
         image_folder=options.image_folder,
         scale=options.scale,

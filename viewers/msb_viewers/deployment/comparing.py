@@ -17,8 +17,7 @@ from msb.base.atomic import check_new, check_place, new_file
 from msb.base.paths import given_path
 from msb.errors import UsageError, about
 from msb.meshes.assets import align_baked
-from msb.render.options import Up, ViewOptions, check_factor, read_scene_of
-from msb.scenes import read_cameras
+from msb.render.options import SceneOptions, Up, ViewOptions, check_factor
 from msb.scenes.around import make_turntable
 from msb.scenes.colors import Color, check_background
 from msb.scenes.datasets import default_background, stated_background, warn_background
@@ -196,6 +195,7 @@ class Request:
 
     cameras: ViewOptions
     scene: Path | None = None
+    reading: SceneOptions = field(default_factory=SceneOptions)
     background: Color | None = None  # default: the background of the scene, else of the asset
     image_folder: Path | None = None
     scale: float | None = None
@@ -214,12 +214,12 @@ class Request:
         color = self.background or default_background(asset.manifest)
         if self.scene is not None:
             folder = None if self.image_folder is None else str(self.image_folder)
-            scene = read_scene_of(asset, self.scene, folder, note)
+            scene = replace(self.reading, image_folder=folder).read(asset, self.scene, note)
             views = scene_views(scene, self.cameras.of_scene(scene)[1], self.scale)
             color = self.background or scene.background
         elif self.cameras.cameras is not None:
             source_path = self.cameras.cameras
-            cameras = self.cameras.of(read_cameras(source_path))
+            cameras = self.cameras.read(note)
             views = views_at(cameras, source_path, self.image_folder, self.scale)
         else:
             views, source = self._choose(asset)

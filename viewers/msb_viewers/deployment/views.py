@@ -16,6 +16,7 @@ from msb.scenes.datasets import Scene
 from msb_viewers.deployment.difference import resize
 
 _NO_PHOTOGRAPH = "the dataset has no photograph for this camera"
+_DISTORTED = "the photograph has lens distortion; pass --scene, which removes it"
 
 
 @dataclass(frozen=True)
@@ -52,15 +53,17 @@ def dataset_views(
     files = None if folder is None else SpelledFiles(folder)
     for index, camera in enumerate(cameras):
         photograph = _find_photograph(camera, files, by_name=images is not None)
+        why = _NO_PHOTOGRAPH if images is None else f"{images.name} holds no image with its name"
+        if photograph is not None and camera.distortion is not None:
+            photograph, why = None, _DISTORTED
         if scale is not None:
             camera = camera.scaled(scale)
         elif photograph is not None:
             from msb.scenes import image_size
 
             camera = camera.resized(*image_size(photograph))
-        why = _NO_PHOTOGRAPH if images is None else f"{images.name} holds no image with its name"
         views.append(View(camera.name or f"camera {index}", camera, photograph, why))
-    if images is not None and not any(view.photograph for view in views):
+    if images is not None and not any(view.photograph or view.why == _DISTORTED for view in views):
         names = ", ".join(view.name for view in views[:3])
         text = f"--image-folder: it holds no image with the name of a camera ({names}, ...)"
         raise UsageError("USAGE", text, file=images)

