@@ -143,8 +143,11 @@ class BakePipeline:
 
         Larger images show the borders of faces more precisely, so the images of small views are larger than
         the views. If no face moves, no texture is fitted and faces have enough pixels, a scale of 1 suffices.
-        The images are then rendered in a quarter of the time.
+        The images are then rendered in a quarter of the time. Gaussians are dilated by a part of a pixel, so
+        larger images would show other, thinner ones.
         """
+        if self._is_splat:
+            return 1
         if (2 * _IMAGE_SCALE) ** 2 * self._pixels <= PIXELS_TO_MOVE:
             return 2 * _IMAGE_SCALE
         options = self._options
