@@ -135,12 +135,66 @@ def _diffsoup(folder: Path, surface: Surface, white: bool, layout: str) -> None:
     write_torch(folder / "final_params.pt", values, "final_params")
 
 
+def _three_dgs(folder: Path, surface: Surface, white: bool, layout: str) -> None:
+    _write_gaussians(folder, surface, 3, white)
+
+
+def _two_dgs(folder: Path, surface: Surface, white: bool, layout: str) -> None:
+    _write_gaussians(folder, surface, 2, white)
+
+
+def _write_gaussians(folder: Path, surface: Surface, axes: int, white: bool) -> None:
+    """Write a Gaussian for each face: flat, in its plane, with noisy colours that blending averages."""
+    random = np.random.default_rng(4)
+    corners = surface.vertices[surface.faces]
+    first = corners[:, 1] - corners[:, 0]
+    normal = np.cross(first, corners[:, 2] - corners[:, 0])
+    edge = np.linalg.norm(first, axis=1, keepdims=True)
+    first, normal = first / edge, normal / np.linalg.norm(normal, axis=1, keepdims=True)
+    # Quaternions w, x, y, z of the rotations whose columns are an edge, the direction across it, the normal.
+    matrix = np.stack([first, np.cross(normal, first), normal], axis=2)
+    scale = np.log(np.concatenate([0.45 * edge, 0.45 * edge, 0.05 * edge], axis=1))[:, :axes]
+    color = surface.color[surface.faces].mean(axis=1) + random.normal(0, NOISE, (len(edge), 3))
+    rest = _f_rest(surface.gloss[surface.faces].mean(axis=1), surface.light)
+    columns = [corners.mean(axis=1), np.zeros((len(edge), 3)), _f_dc(color)[:, 0]]
+    columns += [rest.transpose(0, 2, 1).reshape(-1, 9), np.full((len(edge), 1), 2.0), scale]
+    values = np.concatenate([*columns, _quaternions(matrix)], axis=1).astype("<f4")
+    names = ["x", "y", "z", "nx", "ny", "nz", *(f"f_dc_{k}" for k in range(3))]
+    names += [*(f"f_rest_{k}" for k in range(9)), "opacity", *(f"scale_{k}" for k in range(axes))]
+    lines = ["ply", "format binary_little_endian 1.0", f"element vertex {len(values)}"]
+    lines += [f"property float {name}" for name in (*names, *(f"rot_{k}" for k in range(4)))]
+    model = folder / "point_cloud" / "iteration_30000"
+    model.mkdir(parents=True, exist_ok=True)
+    (model / "point_cloud.ply").write_bytes("\n".join([*lines, "end_header\n"]).encode() + values.tobytes())
+    _write_arguments(folder, white)
+
+
+def _quaternions(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return quaternions (n, 4) of rotation matrices (n, 3, 3), from the largest of four candidates each."""
+    trace = np.stack([matrix[:, k, k] for k in range(3)], axis=1)
+    turns = matrix - matrix.transpose(0, 2, 1)
+    turn = np.stack([turns[:, 2, 1], turns[:, 0, 2], turns[:, 1, 0]], axis=1)
+    sums = matrix + matrix.transpose(0, 2, 1)
+    # Candidate k (n, 4, 4) is four times component k times the quaternion.
+    found = np.zeros((len(matrix), 4, 4))
+    found[:, 0, 0] = 1 + trace.sum(axis=1)
+    found[:, 0, 1:] = found[:, 1:, 0] = turn
+    found[:, 1:, 1:] = sums
+    for k in range(3):
+        found[:, k + 1, k + 1] = 1 + 2 * trace[:, k] - trace.sum(axis=1)
+    best = np.einsum("nkk->nk", found).argmax(axis=1)
+    chosen = np.take_along_axis(found, best[:, None, None], axis=1)[:, 0]
+    return chosen / np.linalg.norm(chosen, axis=1, keepdims=True)
+
+
 _WRITERS: dict[str, Callable[[Path, Surface, bool, str], None]] = {
     "two_dts": _two_dts,
     "triangle_splatting": _triangle_splatting,
     "mesh_splatting": _mesh_splatting,
     "triangle_splatting_plus": _triangle_splatting_plus,
     "diffsoup": _diffsoup,
+    "two_dgs": _two_dgs,
+    "three_dgs": _three_dgs,
 }
 
 
@@ -175,6 +229,10 @@ def _write_state_dict(folder: Path, values: dict[str, Any], white: bool) -> None
     model = folder / "point_cloud" / "iteration_30000"
     model.mkdir(parents=True, exist_ok=True)
     write_torch(model / "point_cloud_state_dict.pt", values, "point_cloud_state_dict")
+    _write_arguments(folder, white)
+
+
+def _write_arguments(folder: Path, white: bool) -> None:
     arguments = (
         "sh_degree=1, source_path='data/pebble', model_path='output/pebble', images='images', resolution=-1, "
         f"white_background={white}, data_device='cuda', eval=True"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import gzip
 import hashlib
 import io
 import json
@@ -31,6 +32,8 @@ from tests.meshes.builders import SMALL as MESHES
 from tests.meshes.builders import SQUARE, SQUARE_FACES, glb_file, glb_square
 from tests.scenes.bad_cameras import BAD as BAD_CAMERAS
 from tests.scenes.bad_cameras import SMALL as CAMERAS
+from tests.splats.builders import FILES as SPLATS
+from tests.splats.builders import gaussians, sog_files
 
 STUBS = ROOT / "tests" / "tiny"
 MODELS = STUBS / "models" / "pebble"
@@ -111,6 +114,29 @@ def meshes(suffix: str) -> Iterator[bytes]:
         yield stream.getvalue()
     yield from (content for key, content in MESHES.items() if key.lower() == suffix)
     yield from (content for key, content, *_ in BAD_MESHES.values() if key.lower() == suffix)
+
+
+def splats(*names: str) -> list[bytes]:
+    """Return valid files of Gaussians by their names."""
+    return [SPLATS[name](20) for name in names]
+
+
+def spz_columns() -> list[bytes]:
+    """Return the decompressed content of .spz files; `gzip.compress` packs a mutated one."""
+    return [gzip.decompress(SPLATS[name](20)) for name in ("v1.spz", "v2.spz", "v3.spz")]
+
+
+def sog_texts() -> list[bytes]:
+    return [sog_files(gaussians(1, count=40), version)["meta.json"] for version in (1, 2)]
+
+
+def around_meta(text: bytes) -> bytes:
+    """Return a .sog with this meta.json and valid images."""
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w") as archive:
+        for name, data in {**sog_files(gaussians(1, count=40)), "meta.json": text}.items():
+            archive.writestr(name, data)
+    return stream.getvalue()
 
 
 def packed() -> list[bytes]:

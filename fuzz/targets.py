@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 from collections.abc import Callable
 from importlib.util import find_spec
 from pathlib import Path
@@ -40,6 +41,11 @@ def web_target(name: str) -> Target:
     )
 
 
+def splat_target(name: str, *files: str) -> Target:
+    """Return the target of a format of Gaussian splats; `files` are seeds."""
+    return Target(readers.export, lambda: seeds.splats(*files), name)
+
+
 def mesh_target(suffix: str) -> Target:
     """Return the target of a mesh format."""
     return Target(readers.mesh, lambda: seeds.meshes(suffix), f"mesh{suffix}")
@@ -68,6 +74,14 @@ TARGETS: dict[str, Target] = {
     "checkpoint": Target(readers.checkpoint, seeds.checkpoints, "a.pt"),
     "checkpoint_pickle": Target(readers.checkpoint, seeds.pickles, "a.pt", wrap=assemble.archive),
     **{f"model_{method}": model_target(method) for method in METHODS},
+    "splats_ply": splat_target("a.ply", "three.ply", "text.ply", "big_endian.ply", "discs.ply"),
+    "splats_compressed_ply": splat_target("a.ply", "small.compressed.ply", "sh.compressed.ply"),
+    "splats_rows": splat_target("a.splat", "a.splat"),
+    "splats_spz": splat_target("a.spz", "v1.spz", "v2.spz", "v3.spz", "v4.spz"),
+    "splats_spz_columns": Target(readers.export, seeds.spz_columns, "a.spz", wrap=gzip.compress),
+    "splats_sog": splat_target("a.sog", "v1.sog", "v2.sog"),
+    "splats_sog_meta": Target(readers.export, seeds.sog_texts, "a.sog", wrap=seeds.around_meta),
+    "splats_glb": splat_target("a.glb", "a.glb"),
     "web_texture": web_target("lut0.png"),
     "web_weights": web_target("mlp_weights.json"),
     "web_meta": web_target("meta.json"),

@@ -164,6 +164,8 @@ class Method:
     """Tier -> the passes of the tier's renderer, in order."""
     coverage: str = "solid"
     """The value of `coverage.kernel` in manifests: the function that gives the weight inside a primitive."""
+    primitive: Literal["triangle", "gaussian"] = "triangle"
+    """What the method trains. Assets of extracted meshes of a method of Gaussians consist of triangles."""
     files: tuple[str, ...] = ()
     """Paths of the method's models in an output folder, such as ``ckpt/{n}.ckpt``.
 
@@ -191,6 +193,9 @@ class Method:
 # Declarations that several methods share.
 
 SH_DEGREE = Setting(default=3, kind="int", minimum=0, maximum=3)
+SPLAT_SH_DEGREE = Setting(default=3, kind="int", minimum=0, maximum=4)
+# The rules of drawing Gaussians: those of the method's own code, or those of gsplat.
+SPLAT_RASTERIZER = Setting("official", "choice", choices=("official", "gsplat"))
 BAKED_DC = Retained("Fallback", "baked SH-DC")
 AWARE: dict[str, Any] = {"view_dependence": True, "opacity": True, "depth_sort": True}
 BAKED: tuple[str, ...] = ("bake_dc", "opaque_unlit")
@@ -199,6 +204,7 @@ OTHER_LPIPS = PaperNote(
     "the paper cites this LPIPS from other work; it is of images in [0, 1], not comparable with [-1, 1]",
     ("lpips",),
 )
+NO_TRIANGLES = "its primitives are Gaussians, not triangles"
 NO_APPEARANCE = "it is a mesh with static colours and has no native rendering"
 
 

@@ -25,6 +25,7 @@ import msb
 from msb.cli.app import app
 from msb.render.backend import why_unavailable
 from tests.conftest import ROOT, shorten
+from tests.splats import builders
 from tests.tiny import link_demo
 
 pytestmark = pytest.mark.slow
@@ -41,6 +42,7 @@ NOT_RUN = {
     r"msb trial (?!.*--task )": "takes minutes; tests/trial runs every task",
     r"msb repair --compare ": "takes minutes; a shorter one is an example of --help, which is run",
     r"msb bake --(for-solid|scene) ": "takes minutes; it is an example of --help, which is run",
+    r"msb bake scene.compressed.ply ": "takes minutes; tests/bake bakes Gaussians",
     r"msb run --scheduler ": "needs a cluster; tests/bench/test_interruption.py starts one",
 }
 """Patterns of commands that are not run, with the reason. Options of our commands are at least parsed."""
@@ -149,6 +151,7 @@ def stand_ins(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for name in (*assets, "mesh.ply", "scan.obj", "soup.stl"):
         (folder / name).parent.mkdir(exist_ok=True)
         msb.save(asset, folder / name)
+    (folder / "scene.spz").write_bytes(builders.spz(builders.gaussians()))
     (folder / "train.py").write_text("print('trained')\n")
     (folder / "protocol.toml").write_text(PROTOCOL)
     pytest.importorskip("msb.bench", reason="msb.bench was removed")

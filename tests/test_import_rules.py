@@ -46,6 +46,8 @@ ALLOWED: dict[str, set[str]] = {
     "asset.asset": GROUND | {"msb"},
     "scenes": GROUND,
     "meshes": GROUND,
+    # Decodes bytes and arrays of splat files, and the Gaussians of an asset; opens no files.
+    "splats": GROUND,
     "adapters": GROUND | {"meshes"},
     "cl": {"errors", "base"},
     "topology": {"errors", "base", "cl"},
@@ -56,10 +58,10 @@ ALLOWED: dict[str, set[str]] = {
     "engines": GROUND | {"render", "meshes", "metrics"},
     # The folder of a method, by role. Renderers do not import checkpoints, and the reference does not import
     # renderers.
-    "methods.adapter": GROUND | {"adapters", "meshes"},
-    "methods.official": GROUND | {"adapters", "meshes", "methods.adapter"},
-    "methods.reference": GROUND | {"reference"},
-    "methods.native": GROUND | {"render", "cl"},
+    "methods.adapter": GROUND | {"adapters", "meshes", "splats"},
+    "methods.official": GROUND | {"adapters", "meshes", "splats", "methods.adapter"},
+    "methods.reference": GROUND | {"reference", "splats"},
+    "methods.native": GROUND | {"render", "cl", "splats"},
     # report uses records and derived numbers of bench, and number formats of metrics and topology.
     "report": {"errors", "base", "registry", "bench", "metrics", "topology"},
     "bench": GROUND
@@ -139,6 +141,7 @@ LAZY = {
     "DracoPy",
     "pxr",
     "usd_validation_nvidia",
+    "zstandard",
     "cv2",
     "pycolmap",
 }
@@ -148,6 +151,7 @@ FOREIGN: dict[str, set[str]] = {
     "topology": {"numpy", "scipy", "igl", "pymeshlab", "manifold3d", "networkx", "trimesh"}
     | {"pxr", "usd_validation_nvidia"},
     "meshes": {"numpy", "PIL", "meshopt", "DracoPy", "pxr"},
+    "splats": {"numpy", "zstandard"},
     "cl": {"numpy", "pyopencl"},
     "adapters": {"numpy", "yaml", "PIL"},
     "methods.adapter": {"numpy", "yaml", "PIL"},

@@ -32,14 +32,14 @@ def _arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="python -m data_stubs.training", description=__doc__)
     add = parser.add_argument
     add("--scene", type=Path, required=True, help="folder of a scene, in a layout of docs/datasets.md")
-    add("--method", required=True, help="two_dts, triangle_splatting, mesh_splatting or diffsoup")
+    add("--method", required=True, help="two_dts, triangle_splatting, mesh_splatting, diffsoup or three_dgs")
     add("--minutes", type=float, default=30, help="minutes to train (30)")
     add(
         "--iterations",
         type=int,
         help="number of iterations instead of a time; the result then does not depend on the machine",
     )
-    add("--faces", type=int, default=8000, help="most triangles (8000)")
+    add("--faces", type=int, default=8000, help="most triangles or Gaussians (8000)")
     add(
         "--image-folder", help="folder of the photographs, such as images_2, instead of the dataset's default"
     )

@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from data_stubs.torch_file import write_torch
 from msb.base.atomic import new_file
 
@@ -17,6 +19,32 @@ def write_state_dict(
     folder: Path, iteration: int, values: Mapping[str, Any], capture: Capture, degree: int
 ) -> None:
     """Write the output files of Triangle-Splatting or MeshSplatting."""
+    _write_arguments(folder, capture, degree)
+    place = folder / "point_cloud" / f"iteration_{iteration}"
+    _torch(place / "point_cloud_state_dict.pt", dict(values), "point_cloud_state_dict")
+
+
+def write_gaussians(
+    folder: Path, iteration: int, values: Mapping[str, Any], capture: Capture, degree: int
+) -> None:
+    """Write the output files of 3DGS."""
+    _write_arguments(folder, capture, degree)
+    count, rest = len(values["xyz"]), values["f_rest"].transpose(0, 2, 1)
+    normals, color = np.zeros((count, 3)), values["f_dc"][:, 0]
+    parts = [values["xyz"], normals, color, rest.reshape(count, -1)]
+    parts += [values[name] for name in ("opacity", "scale", "rotation")]
+    names = ["x", "y", "z", "nx", "ny", "nz", *(f"f_dc_{k}" for k in range(3))]
+    names += [f"f_rest_{k}" for k in range(3 * rest.shape[2])]
+    names += ["opacity", *(f"scale_{k}" for k in range(3)), *(f"rot_{k}" for k in range(4))]
+    lines = ["ply", "format binary_little_endian 1.0", f"element vertex {count}"]
+    lines += [*(f"property float {name}" for name in names), "end_header\n"]
+    with new_file(folder / "point_cloud" / f"iteration_{iteration}" / "point_cloud.ply") as file:
+        file.write("\n".join(lines).encode())
+        file.write(np.concatenate(parts, axis=1).astype("<f4").tobytes())
+
+
+def _write_arguments(folder: Path, capture: Capture, degree: int) -> None:
+    """Write `cfg_args`, the arguments of a training of the 3DGS family."""
     arguments = {
         "sh_degree": degree,
         **capture.about,
@@ -28,8 +56,6 @@ def write_state_dict(
     }
     words = ", ".join(f"{name}={value!r}" for name, value in arguments.items())
     _text(folder / "cfg_args", f"Namespace({words})")
-    place = folder / "point_cloud" / f"iteration_{iteration}"
-    _torch(place / "point_cloud_state_dict.pt", dict(values), "point_cloud_state_dict")
 
 
 def write_2dts(

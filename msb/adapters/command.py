@@ -94,11 +94,12 @@ def _print(asset: Asset, target: Path, output: Output) -> None:
     from msb.registry import lookup
 
     m = asset.manifest
+    kind = () if m.primitive == "gaussian" else (m.topology.replace("_", " "),)
     files = [path for path in (target, *target.rglob("*")) if path.is_file()]
     size = sum(path.stat().st_size for path in files)
     output.console().print(
-        f"{escape(str(target))}: [bold]{lookup(m.method).title}[/bold], {m.topology.replace('_', ' ')}, "
-        f"{m.vertex_count:,} vertices, {m.face_count:,} faces, SH degree {m.sh_degree}, {size:,} bytes",
+        f"{escape(str(target))}: [bold]{lookup(m.method).title}[/bold], {', '.join((*kind, *m.counts))}, "
+        f"SH degree {m.sh_degree}, {size:,} bytes",
         soft_wrap=True,
     )
     if output.quiet or not m.settings:

@@ -167,7 +167,7 @@ def _without_bad_faces(model: Model, reject: str) -> Model:
     bad, names = find_bad_faces(model.buffers, model.domains)
     # An unused vertex with such a value is also rejected or dropped.
     is_odd = find_bad_rows(model.buffers["positions"]) is not None
-    if not (bad.any() or is_odd) or reject == "everything":
+    if not (len(bad) and (bad.any() or is_odd)) or reject == "everything":
         return model
     count, first = int(np.count_nonzero(bad)), int(np.argmax(bad))
     what = f"{count:,} of {len(bad):,} faces have values that are not finite ({', '.join(names)}"

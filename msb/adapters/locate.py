@@ -16,6 +16,7 @@ from msb.base.files import is_file, is_folder, open_error
 from msb.base.paths import given_path
 from msb.errors import CheckpointError, InputError, MsbError
 from msb.meshes import MESH_SUFFIXES
+from msb.meshes.gltf import uses_gaussians
 from msb.meshes.ply_table import read_ply_names
 from msb.registry import METHODS, Method
 
@@ -23,6 +24,8 @@ Kind = Literal["torch", "ply", "mesh", "bundle", "other"]
 TORCH_SUFFIXES = (".pt", ".ckpt", ".pth")
 STATE_DICT = "point_cloud_state_dict.pt"
 SPLATS = "point_cloud.ply"
+# Vertex properties of a PLY with primitives: of 2DTS, of Gaussians, and of SuperSplat's compressed Gaussians.
+PRIMITIVE_PROPERTIES = {"x1", "rot_0", "packed_position"}
 # File names of the meshes of 2DGS; cleaned meshes come first (hbb1/2d-gaussian-splatting: render.py).
 FUSED = ("fuse_post.ply", "fuse_unbounded_post.ply", "fuse.ply", "fuse_unbounded.ply")
 
@@ -250,11 +253,11 @@ def is_mesh_file(path: Path) -> bool:
 
 
 def _is_primitive_table(path: Path) -> bool:
-    """Return whether `path` is a PLY table of primitives, as written by 2DTS and Gaussian methods."""
+    """Return whether `path` is a PLY table of primitives (2DTS, Gaussians), or a GLB file of Gaussians."""
     if path.suffix.lower() != ".ply":
-        return False
+        return uses_gaussians(path)
     try:
         names, has_faces = read_ply_names(path)
     except MsbError:  # the mesh reader will report the error
         return False
-    return not has_faces and bool({"x1", "rot_0"} & set(names))
+    return not has_faces and bool(PRIMITIVE_PROPERTIES & set(names))

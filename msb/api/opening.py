@@ -18,6 +18,7 @@ from msb.asset import Asset, is_asset, load
 from msb.asset.arguments import AN_ASSET, check_type
 from msb.asset.origin import world_positions
 from msb.asset.texture import Sampler, is_textured
+from msb.asset.tiers import reject_gaussians
 from msb.base.paths import PATH_TYPES, given_path
 from msb.base.seam_keys import SEAM_KEY
 from msb.errors import CheckpointError, Finding, MeshError, about
@@ -150,6 +151,7 @@ def read_stored(path: str | os.PathLike[str], *, images: bool = False) -> Stored
         return _stored_file(place, images=images)
     model = read_model(place, check_values=False)
     description = model.description
+    reject_gaussians(description.primitive, place)
     up = description.coordinate_frame.up
     return StoredMesh(place, model.buffers, model.domains, description.method, up)
 
@@ -222,6 +224,7 @@ def stored_object(given: object) -> StoredMesh:
 def stored_mesh(asset: Asset) -> StoredMesh:
     """Return the stored mesh of an asset, with coordinates in the scene (`world_positions`)."""
     manifest = asset.manifest
+    reject_gaussians(manifest.primitive, asset.opened_from)
     domains = {name: spec.domain for name, spec in manifest.buffers.items()}
     up = manifest.coordinate_frame.up
     sampler = Sampler.of(manifest.appearance) if is_textured(asset) else None

@@ -18,6 +18,7 @@ from msb.asset.frame import Frame, frame_of, with_frame
 from msb.asset.manifest import (
     DTYPES,
     PLAIN_VERSION,
+    TEXTURE_VERSION,
     VERSION,
     BoundingSphere,
     Bounds,
@@ -26,16 +27,18 @@ from msb.asset.manifest import (
     Domain,
     Manifest,
     Parameters,
+    Primitive,
     Source,
     StoredSetting,
     Topology,
 )
 from msb.asset.progress import Meter, Progress
 from msb.asset.texture import KIND, PASS
+from msb.asset.tiers import passes_of
 from msb.base.origin import NO_ORIGIN, Origin
 from msb.base.version import __version__
 from msb.errors import AssetError
-from msb.registry import TIERS, lookup
+from msb.registry import TIERS
 
 # Number of rows of a buffer that are processed at a time. Chunks bound the memory and cost no time.
 CHUNK_ROWS = 1 << 20
@@ -66,6 +69,7 @@ class Description:
     coordinate_frame: CoordinateFrame = field(default_factory=CoordinateFrame)
     source: Source = field(default_factory=Source)
     training: Parameters = field(default_factory=dict)
+    primitive: Primitive = "triangle"
     origin: Origin = NO_ORIGIN
     frame: Frame | None = None
 
@@ -123,7 +127,8 @@ def build_asset(
     # Derive the other keys of the manifest.
     bounds, sphere = measure_bounds(positions)
     textured = description.appearance.get("kind") == KIND
-    passes = {"standard": (PASS,)} if textured else lookup(description.method).passes
+    is_splat, is_extended = description.primitive == "gaussian", textured or any(description.origin)
+    passes = {"standard": (PASS,)} if textured else passes_of(description.method, description.primitive)
     meter = Meter("hashing buffers", sum(array.nbytes for array in arrays.values()), progress)
     all_domains: dict[str, Any] = {"positions": "vertex", "indices": "face", **domains}
     manifest = Manifest(
@@ -135,7 +140,7 @@ def build_asset(
         bounds=bounds,
         bounding_sphere=sphere,
         required_passes={tier: passes[tier] for tier in TIERS if tier in passes},
-        version=VERSION if textured or any(description.origin) else PLAIN_VERSION,
+        version=VERSION if is_splat else TEXTURE_VERSION if is_extended else PLAIN_VERSION,
         buffers={name: _spec(name, array, all_domains.get(name), meter) for name, array in arrays.items()},
     )
     raise_first_error(check_manifest(manifest.to_dict()), None)

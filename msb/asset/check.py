@@ -7,20 +7,19 @@ import math
 from collections.abc import Iterator
 from typing import Any
 
-from msb.asset.manifest import ALIGNMENT, DTYPES, FORMAT, MAJOR, MINOR, VERSION
+from msb.asset.manifest import ALIGNMENT, DTYPES, FORMAT, MAJOR, MINOR, TEXTURE_VERSION, VERSION
 from msb.asset.schema import check_schema, describe, escape, manifest_schema
 from msb.asset.texture import CHOICES, KIND, MAX_SIDE, NAME, PASS, Sampler
 from msb.errors import Finding, finding, shorten
 from msb.registry import METHODS
-
-# Minor version of the format that added textures.
-_TEXTURES = 1
 
 Json = dict[str, Any]
 
 # Names of devices on Windows, with any suffix.
 _RESERVED = {"con", "prn", "aux", "nul", *(f"{port}{i}" for port in ("com", "lpt") for i in range(10))}
 
+# Highest SH degree of triangles. Gaussians can have 4.
+MAX_TRIANGLE_DEGREE = 3
 # Orders of the columns of f_rest. In the first order, coefficient k = 1..K of channel c = 0..2 is in column 3
 # (k - 1) + c. In the second order, it is in column c K + k - 1.
 F_REST_ORDERS = ("coefficient_major", "channel_major")
@@ -30,9 +29,12 @@ _STANDARD: dict[str, tuple[tuple[str, ...], tuple[int, ...] | None, tuple[str, .
     "positions": (("float32",), (3,), ("vertex",)),
     "indices": (("uint32",), (3,), ("face",)),
     "f_dc": (("float32",), (3,), ("vertex", "face", "corner")),
-    "f_rest": (("float32",), (9, 24, 45), ("vertex", "face", "corner")),
+    "f_rest": (("float32",), (9, 24, 45, 72), ("vertex", "face", "corner")),
     "opacity": (("float32",), None, ("vertex", "face", "corner")),
     "sigma": (("float32",), None, ("vertex", "face", "corner", "global")),
+    "gauss.mean": (("float32",), (3,), ("face",)),
+    "gauss.scale": (("float32",), (2, 3), ("face",)),
+    "gauss.rotation": (("float32",), (4,), ("face",)),
     "color": (("uint8", "float32"), (3, 4), ("vertex", "face", "corner")),
     "uv": (("float32",), (2,), ("vertex", "corner")),
     "face_texture": (("uint32",), None, ("face",)),
@@ -54,6 +56,7 @@ def check_manifest(data: Any) -> list[Finding]:
         return _newer_minor(data) + findings
     findings += _check_counts(data)
     findings += _check_bounds(data)
+    findings += _check_primitive(data)
     findings += _check_method(data)
     findings += _check_settings(data)
     for name, spec in data["buffers"].items():
@@ -98,6 +101,23 @@ def _newer_minor(data: Json) -> list[Finding]:
 def _version(data: Json) -> tuple[int, int]:
     major, minor = data["version"].split(".")
     return int(major), int(minor)
+
+
+def _check_minor(data: Json, what: str, needed: str) -> Iterator[Finding]:
+    """Yield a finding if the version of a manifest with `what` is older than the `needed` one."""
+    if _version(data) < _version({"version": needed}):
+        text = f"version is {data['version']}; {what} need {needed}"
+        yield finding("TRIASSET_FIELD", text, pointer="/version", value=data["version"], limit=needed)
+
+
+def _check_primitive(data: Json) -> Iterator[Finding]:
+    """Yield findings about the primitive and the SH degree that it allows."""
+    is_splat, degree = data.get("primitive") == "gaussian", data["sh_degree"]
+    if is_splat:
+        yield from _check_minor(data, "Gaussians", VERSION)
+    elif degree > MAX_TRIANGLE_DEGREE:
+        text = f"sh_degree is {degree}; for triangles it must be at most {MAX_TRIANGLE_DEGREE}"
+        yield finding("TRIASSET_FIELD", text, pointer="/sh_degree", value=degree, limit=MAX_TRIANGLE_DEGREE)
 
 
 def _check_counts(data: Json) -> Iterator[Finding]:
@@ -211,7 +231,10 @@ def _check_standard(name: str, spec: Json) -> Iterator[Finding]:
 
 def _check_required_buffers(data: Json) -> Iterator[Finding]:
     buffers, degree = data["buffers"], data["sh_degree"]
-    for name in ("positions", "indices"):
+    required = ["positions", "indices"]
+    if data.get("primitive") == "gaussian":
+        required += ["gauss.mean", "gauss.scale", "gauss.rotation"]
+    for name in required:
         if name not in buffers:
             text = f"the manifest does not declare the buffer {name}"
             yield finding("TRIASSET_BUFFER", text, pointer=f"/buffers/{name}")
@@ -243,9 +266,7 @@ def _check_textures(data: Json) -> Iterator[Finding]:
             text = f"the pass {PASS} requires appearance.kind {KIND}"
             yield finding("TRIASSET_FIELD", text, pointer="/required_passes/standard")
         return
-    if _version(data)[1] < _TEXTURES:
-        text = f"version is {data['version']}; textures need {VERSION}"
-        yield finding("TRIASSET_FIELD", text, pointer="/version", value=data["version"], limit=VERSION)
+    yield from _check_minor(data, "textures", TEXTURE_VERSION)
     if PASS not in passes:
         text = f"/required_passes/standard is {describe(passes)}; textures need {PASS}"
         yield finding("TRIASSET_FIELD", text, pointer="/required_passes/standard")

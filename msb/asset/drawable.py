@@ -55,7 +55,7 @@ def first_bad(array: NDArray[Any], *, infinite: bool = False) -> tuple[int, ...]
 
 def check_indices(indices: NDArray[np.uint32], vertices: int, file: object = None) -> None:
     """Check that faces (F, 3) only use existing vertices. Raise TRIASSET_INDEX_OUT_OF_RANGE otherwise."""
-    if int(indices.max()) >= vertices:
+    if indices.size and int(indices.max()) >= vertices:
         face, corner = map(int, np.argwhere(indices >= vertices)[0])
         text = f"face {face} uses vertex {indices[face, corner]}, but there are {vertices} vertices"
         pointer = f"indices[{face}, {corner}]"

@@ -13,8 +13,10 @@ from msb.base.origin import NO_ORIGIN, Origin
 from msb.registry import TIERS, SettingSource, SettingValue
 
 FORMAT = "triasset"
-# The newest supported version. Assets without textures and origin are written as `PLAIN_VERSION`.
-VERSION = "1.1"
+# The newest supported version. An asset is written as the oldest version that has what it needs: 1.1 has
+# textures and origins, 1.2 has Gaussians and frames.
+VERSION = "1.2"
+TEXTURE_VERSION = "1.1"
 PLAIN_VERSION = "1.0"
 # Assets that record up direction, unit or floor of a capture.
 FRAME_VERSION = "1.2"
@@ -27,6 +29,7 @@ MANIFEST_NAME = "manifest.json"
 ALIGNMENT = 64
 
 Topology = Literal["triangle_soup", "indexed_mesh"]
+Primitive = Literal["triangle", "gaussian"]
 Domain = Literal["vertex", "face", "corner", "global"]
 Parameters = dict[str, Any]
 
@@ -133,6 +136,8 @@ class Manifest:
     buffers: dict[str, BufferSpec]
     training: Parameters = field(default_factory=dict)
     """Properties of the training, read from its config files. An empty dict is not written."""
+    primitive: Primitive = "triangle"
+    """What a face is: a triangle, which is not written, or the stand-in of a Gaussian."""
     up: str | None = None
     """The precise up direction: an axis, or three numbers "X,Y,Z". None is not written."""
     unit: Parameters | None = None
@@ -146,12 +151,21 @@ class Manifest:
     extra: Parameters = field(default_factory=dict, repr=False)
     """Unknown keys of a newer minor version. They are kept when the asset is saved."""
 
+    @property
+    def counts(self) -> tuple[str, ...]:
+        """The numbers of primitives as texts, for people."""
+        if self.primitive == "gaussian":
+            return (f"{self.face_count:,} Gaussians",)
+        return f"{self.vertex_count:,} vertices", f"{self.face_count:,} faces"
+
     def to_dict(self) -> dict[str, Any]:
         """Return the manifest as JSON data, with keys in the order of the file."""
         data: dict[str, Any] = _lists(asdict(self))
         extra = data.pop("extra")
         if not data["training"]:
             del data["training"]
+        if self.primitive == "triangle":
+            del data["primitive"]
         for key in ("up", "unit", "floor"):
             if data[key] is None:
                 del data[key]

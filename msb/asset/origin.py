@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msb.asset.asset import Asset
-from msb.asset.manifest import PLAIN_VERSION, VERSION
+from msb.asset.manifest import TEXTURE_VERSION
 from msb.base.origin import NO_ORIGIN, Origin, to_world
 
 
@@ -23,7 +23,8 @@ def with_origin(asset: Asset, origin: Origin) -> Asset:
     if origin == asset.manifest.origin:
         return asset
     version = asset.manifest.version
-    version = VERSION if any(origin) and version == PLAIN_VERSION else version
+    if any(origin):
+        version = max(version, TEXTURE_VERSION)
     return replace(asset, manifest=replace(asset.manifest, origin=origin, version=version))
 
 

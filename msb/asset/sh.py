@@ -1,4 +1,4 @@
-"""Real spherical harmonics up to degree 3, in the order and with the signs of 3DGS."""
+"""Real spherical harmonics up to degree 4, in the order and with the signs of 3DGS."""
 
 from typing import Any
 
@@ -20,6 +20,17 @@ _C3 = (
     1.445305721320277,
     -0.5900435899266435,
 )
+_C4 = (
+    2.5033429417967046,
+    -1.7701307697799304,
+    0.9461746957575601,
+    -0.6690465435572892,
+    0.10578554691520431,
+    -0.6690465435572892,
+    0.47308734787878004,
+    -1.7701307697799304,
+    0.6258357354491761,
+)
 
 
 def sh_basis(directions: Reals, degree: int) -> list[Reals]:
@@ -27,7 +38,8 @@ def sh_basis(directions: Reals, degree: int) -> list[Reals]:
 
     Each of the K arrays has the shape (...). Source: GaodeRender/triangle-splatting:
     submodules/diff-triangle-rasterization-2D/src/forward.cu. The other methods use the same formulas in the
-    same order of operations.
+    same order of operations. Degree 4: nerfstudio-project/gsplat at 90d7b4b (gsplat/cuda/_torch_impl.py); the
+    constants are those of the real spherical harmonics with the Condon-Shortley phase.
     """
     x, y, z = directions[..., 0], directions[..., 1], directions[..., 2]
     values: list[Reals] = []
@@ -52,5 +64,17 @@ def sh_basis(directions: Reals, degree: int) -> list[Reals]:
             _C3[4] * x * (4 * zz - xx - yy),
             _C3[5] * z * (xx - yy),
             _C3[6] * x * (xx - 3 * yy),
+        ]
+    if degree > 3:
+        values += [
+            _C4[0] * xy * (xx - yy),
+            _C4[1] * yz * (3 * xx - yy),
+            _C4[2] * xy * (7 * zz - 1),
+            _C4[3] * yz * (7 * zz - 3),
+            _C4[4] * (zz * (35 * zz - 30) + 3),
+            _C4[5] * xz * (7 * zz - 3),
+            _C4[6] * (xx - yy) * (7 * zz - 1),
+            _C4[7] * xz * (xx - 3 * yy),
+            _C4[8] * (xx * (xx - 3 * yy) - yy * (3 * xx - yy)),
         ]
     return values

@@ -1,7 +1,22 @@
 """Check whether a tier can draw an asset."""
 
-from msb.asset.manifest import Manifest
-from msb.registry import METHODS, Tier, lookup
+from msb.asset.manifest import Manifest, Primitive
+from msb.base.paths import shell_word
+from msb.errors import Unsupported
+from msb.registry import METHODS, NO_APPEARANCE, NO_TRIANGLES, Tier, lookup
+
+
+def passes_of(method: str, primitive: Primitive) -> dict[Tier, tuple[str, ...]]:
+    """Return the passes of each tier that can draw primitives of this kind of a method, in order.
+
+    Methods of Gaussians have two kinds of assets: the Gaussians, and meshes that were extracted from them.
+    """
+    declared = lookup(method)
+    return {
+        tier: passes
+        for tier, passes in declared.passes.items()
+        if declared.primitive == "triangle" or (tier == "standard") == (primitive == "triangle")
+    }
 
 
 def why_not(manifest: Manifest, tier: Tier) -> str | None:
@@ -11,6 +26,10 @@ def why_not(manifest: Manifest, tier: Tier) -> str | None:
     the standard tier, the asset has no static colours. Then the standard tier is not supported either.
     """
     name, passes = manifest.method, manifest.required_passes
+    if tier == "standard" and manifest.primitive == "gaussian":
+        return NO_TRIANGLES
+    if tier != "standard" and manifest.primitive == "triangle" and lookup(name).primitive == "gaussian":
+        return NO_APPEARANCE
     if name not in METHODS and tier == "standard" and passes and tier not in passes:
         return f"the method {name} is not installed, and the manifest lists no passes for this tier"
     return lookup(name).unsupported.get(tier)
@@ -22,6 +41,22 @@ def refusal(manifest: Manifest, tier: Tier) -> str | None:
     if why is None:
         return None
     other: Tier = "dedicated" if tier == "standard" else "standard"
-    way_out = "msb bake converts it to an ordinary mesh" if tier == "standard" else "use the tier standard"
+    way_out = f"use the tier {other}"
+    way_out += ", or convert it to an ordinary mesh with msb bake" if tier == "standard" else ""
     way_out = f"; {way_out}" if why_not(manifest, other) is None else ""
     return f"{manifest.method} on tier {tier}: {why}{way_out}"
+
+
+def reject_gaussians(primitive: Primitive, file: object) -> None:
+    """Raise UNSUPPORTED_METHOD if a model, opened from `file`, consists of Gaussians instead of triangles."""
+    if primitive == "gaussian":
+        source = "MODEL" if file is None else shell_word(str(file))
+        text = f"Gaussian splats, not a mesh; make one with msb bake {source} -o mesh.glb"
+        raise Unsupported("UNSUPPORTED_METHOD", text, file=file)
+
+
+def reject_triangles(manifest: Manifest, file: object) -> None:
+    """Raise UNSUPPORTED_METHOD if an asset of a method of Gaussians is an extracted mesh."""
+    if manifest.primitive == "triangle":
+        text = f"a mesh that was extracted from {lookup(manifest.method).title}, not its Gaussians"
+        raise Unsupported("UNSUPPORTED_METHOD", text, file=file)

@@ -79,6 +79,8 @@ class SearchContext:
     shows_model_mesh : bool
         Whether the images are standard-tier images of the model's triangles. Then no triangle needs to be
         pruned.
+    has_own_depths : bool
+        Whether a surface is made of the model's own depths. They are less dented than those of a fitted soup.
     """
 
     training: ViewImages
@@ -88,6 +90,7 @@ class SearchContext:
     progress: ProgressHook = ignore_progress
     shows_model_mesh: bool = False
     step_factor: float = 1.0
+    has_own_depths: bool = False
 
     def limited_to(self, pixels: int) -> SearchContext:
         """Return the same context with images of at most `pixels` pixels."""

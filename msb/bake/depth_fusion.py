@@ -13,13 +13,15 @@ from msb.bake.arrays import Floats, Mask, Singles
 from msb.bake.space import EDGE
 from msb.base.origin import NO_ORIGIN
 from msb.meshes.assets import asset_from_mesh
+from msb.meshes.mesh import Mesh
+from msb.render import Renderer
 from msb.render.device_scope import in_turn
 from msb.render.standard.renderer import StandardRenderer
 
 if TYPE_CHECKING:
+    from msb.asset import Asset
     from msb.bake.space import Space
-    from msb.cl import Device
-    from msb.meshes.mesh import Mesh
+    from msb.cl import Buffer, Device
     from msb.scenes import Camera
 
 # Distances in cells. A cell `REACH` or more in front of a surface gets the largest vote, 1. A cell more than
@@ -46,6 +48,8 @@ UNKNOWN = 2.0
 # do not line up in columns.
 _PIXELS_PER_POINT = 7
 _BLACK = (0.0, 0.0, 0.0)
+# Smallest coverage of a pixel with a depth in depth maps of Gaussians.
+MIN_ALPHA = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,11 +90,19 @@ class DepthRenderer(StandardRenderer):
         super().__init__(asset_from_mesh(mesh, origin=NO_ORIGIN), device=device)
         self._fuse = self._device.program("bake_fuse", {"RECORD": _RECORD, "UNKNOWN": UNKNOWN})
 
+    def read_depth(self, camera: Camera) -> Singles:
+        """Return the depth map (H, W) of a camera, in units of `camera.unit`; 0 where nothing is."""
+        return self.render(camera.in_units(), _BLACK).depth
+
+    def draw_depth(self, camera: Camera) -> Buffer:
+        """Queue the depth map of a camera; return its buffer."""
+        return self._run(camera.in_units(), _BLACK, everything=True)["depth"]
+
     def sample_visible_points(self, cameras: Sequence[Camera]) -> Floats:
         """Return points (n, 3) of the world that the cameras see, one per `_PIXELS_PER_POINT` pixels."""
         points = [np.zeros((0, 3))]
         for camera in cameras:
-            depth = self.render(camera.in_units(), _BLACK).depth * camera.unit
+            depth = self.read_depth(camera) * camera.unit
             row, column = (index[::_PIXELS_PER_POINT] for index in np.nonzero(depth))
             # Pixel centre and depth to camera coordinates (n, 4), then to the world.
             z = depth[row, column].astype(np.float64)
@@ -119,8 +131,7 @@ class DepthRenderer(StandardRenderer):
         for first in range(0, len(cameras), _VIEWS_PER_RUN):
             batch = cameras[first : first + _VIEWS_PER_RUN]
             for number, camera in enumerate(batch):
-                planes = self._run(camera.in_units(), _BLACK, everything=True)
-                depths.copy(planes["depth"], start=number * stride)
+                depths.copy(self.draw_depth(camera), start=number * stride)
             records.write(np.stack([_make_record(camera, space) for camera in batch]))
             self._fuse.vote(
                 count,
@@ -143,6 +154,32 @@ class DepthRenderer(StandardRenderer):
         self._fuse.count_votes(count, _GROUP, sums, votes, *settings)
         values: Singles = sums.read()
         return values
+
+
+class NativeDepthRenderer(DepthRenderer):
+    """Lets the depth maps of Gaussians vote on cells, instead of those of a mesh.
+
+    The depth at a pixel is that of the Gaussian that halves the transmittance, at the point on the ray where
+    it is densest. Pixels that the Gaussians cover by less than half are empty.
+    """
+
+    def __init__(self, model: Asset, device: str | Device | None = None) -> None:
+        super().__init__(Mesh(np.eye(3, dtype=np.float32), np.array([[0, 1, 2]])), device)
+        self._native = Renderer(model, "dedicated", self._device, outputs=("depth_median",))
+
+    def read_depth(self, camera: Camera) -> Singles:
+        frame = self._native.render(camera.in_units(), _BLACK)
+        assert frame.depth_median is not None
+        return np.where(frame.alpha >= MIN_ALPHA, frame.depth_median, 0).astype(np.float32)
+
+    def draw_depth(self, camera: Camera) -> Buffer:
+        buffer = self._scratch("native depth", (camera.height, camera.width))
+        buffer.write(self.read_depth(camera))
+        return buffer
+
+    def close(self) -> None:
+        self._native.close()
+        super().close()
 
 
 def find_visible_points(mesh: Mesh, cameras: Sequence[Camera], device: str | Device | None) -> Floats:

@@ -23,6 +23,8 @@ _NORMAL_WIDTH = 0.5
 # Turns of `fair`. Each turn filters the normals and moves the vertices. After ten turns the dents of the demo
 # surfaces are gone, and further turns round their rims.
 _TURNS = 10
+# Shares of the way to the average of the neighbours in the two halves of a turn of `smooth`.
+_SHARES = 0.5, -0.53
 # A face is folded if the cosine of an angle is below this limit: the angle between its normal and the sum of
 # the normals around it, weighted by area. At the rim of a thin sheet, the sum includes both sides, and the
 # cosine is near 0.
@@ -56,6 +58,19 @@ def find_neighbours(faces: Ints, count: int) -> Neighbours:
     pairs = (has.T @ has).tocsr()
     starts = pairs.indptr.astype(np.int64)
     return Neighbours(np.repeat(np.arange(len(faces)), np.diff(starts)), pairs.indices, starts)
+
+
+def smooth(points: Floats, faces: Ints, turns: int) -> Floats:
+    """Return the points (V, 3) of a surface after `turns` turns of smoothing that keep its volume.
+
+    A turn moves each vertex towards the average of its neighbours, then away from it (Taubin 1995). It
+    removes the noise of single cells.
+    """
+    average = make_neighbour_average(faces, len(points))
+    for _ in range(turns):
+        for share in _SHARES:
+            points = points + share * (average @ points - points)
+    return points
 
 
 def fair(points: Floats, faces: Ints) -> Floats:

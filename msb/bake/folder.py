@@ -123,7 +123,8 @@ def _make_facts(report: Report) -> list[list[str]]:
     if report.collision is not None:
         facts.append([str(report.collision.output), report.collision.sentence])
     for word, verdict in (("Before", report.before), ("Now", report.after)):
-        facts.append([word, f"{verdict.level.upper()}: {verdict.sentence}"])
+        text = "Gaussian splats, not a mesh"
+        facts.append([word, text if verdict is None else f"{verdict.level.upper()}: {verdict.sentence}"])
     return facts
 
 
@@ -139,6 +140,7 @@ def _make_quality_table(report: Report) -> list[list[str]]:
         ("unbaked mesh", "before"),
         ("baked", "after"),
         ("baked, 16 samples per pixel", "after_16"),
+        ("the same, only where the model is", "model_only_16"),
     ]
     rows = [[title, *(_format(getattr(values, key)) for values in columns)] for title, key in titles]
     return [head, *(row for row in rows if any(row[1:]))]

@@ -30,6 +30,10 @@ from msb.scenes import Camera
 SAMPLES_PER_SIDE = 4
 
 
+# Alpha from which a pixel shows the model: half a level of 8 bits.
+_MIN_ALPHA = 0.5 / 255
+
+
 class ImageSource:
     """Renders or reads the target images of the views of a bake.
 
@@ -76,19 +80,26 @@ class ImageSource:
 
     def native_images(self, cameras: Sequence[Camera]) -> ViewImages:
         """Return the native renderings of cameras, drawn on first use."""
-        draw = self._render
-        if self.cache is not None:
-            draw = partial(self.cache.get, background=self._views.background, render=self._render)
-        return ViewImages(cameras, self._views.background, draw)
+        backgrounds = [self._views.background_of(camera) for camera in cameras]
+
+        def draw(camera: Camera) -> NDArray[np.uint16]:
+            background = self._views.background_of(camera)
+            if self.cache is not None:
+                return self.cache.get(camera, background, self._render)
+            return self._render(camera)
+
+        return ViewImages(cameras, self._views.background, draw, backgrounds)
+
+    def covers(self, camera: Camera) -> NDArray[np.bool_]:
+        """Return the mask (H, W) of the pixels that the native rendering covers visibly."""
+        return self._open_renderer().render(camera, self._views.background).alpha >= _MIN_ALPHA
 
     def photographs(self, cameras: Sequence[Camera]) -> ViewImages:
         """Return the photographs of the scene's cameras, prepared as for metrics, read on first use."""
         return ViewImages(cameras, self._views.background, self._read_photograph)
 
     def _render(self, camera: Camera) -> NDArray[np.uint16]:
-        if self._renderer is None:
-            self._renderer = self._open()
-        image = self._renderer.render(camera, self._views.background).image
+        image = self._open_renderer().render(camera, self._views.background_of(camera)).image
         if not np.isfinite(image).all():
             text = (
                 f"the native rendering of view {camera.name} has pixels that are not finite; "
@@ -96,6 +107,11 @@ class ImageSource:
             )
             raise AssetError("TRIASSET_VALUE_NONFINITE", text, file=self._asset.path)
         return quantize(image)
+
+    def _open_renderer(self) -> Renderer:
+        if self._renderer is None:
+            self._renderer = self._open()
+        return self._renderer
 
     def _read_photograph(self, camera: Camera) -> Singles:
         assert self._views.scene is not None

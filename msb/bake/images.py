@@ -29,14 +29,22 @@ _MANY_VIEWS = 32
 
 
 class ViewImages:
-    """Cameras and the image that each should show, over one background.
+    """Cameras and the image that each should show.
 
     An image is drawn on first use and kept in an anonymous temporary file, so that memory does not grow with
     the number of views.
     """
 
-    def __init__(self, cameras: Sequence[Camera], background: Color, draw: DrawImage) -> None:
+    def __init__(
+        self,
+        cameras: Sequence[Camera],
+        background: Color,
+        draw: DrawImage,
+        backgrounds: Sequence[Color] | None = None,
+    ) -> None:
         self.cameras = tuple(cameras)
+        self.backgrounds = (background,) * len(self.cameras) if backgrounds is None else tuple(backgrounds)
+        """The colour behind the model in each image; `background` by default."""
         self.background = background
         self.weights = (1.0,) * len(self.cameras)
         """Weight of a pixel of each image in the least-squares fit of colours."""
@@ -141,7 +149,7 @@ class ViewImages:
             total = rows[:, ::2] + rows[:, 1::2]
             return ((total + 2) >> 2).astype(np.uint16)
 
-        halves = self._halves[right, down] = ViewImages(cameras, self.background, average)
+        halves = self._halves[right, down] = ViewImages(cameras, self.background, average, self.backgrounds)
         return halves
 
     def close(self) -> None:
@@ -177,7 +185,9 @@ class _ImageSubset(ViewImages):
 
     def __init__(self, chosen: Sequence[tuple[ViewImages, int]], weights: Sequence[float]) -> None:
         first = chosen[0][0]
-        super().__init__([images.cameras[number] for images, number in chosen], first.background, first._draw)
+        cameras = [images.cameras[number] for images, number in chosen]
+        backgrounds = [images.backgrounds[number] for images, number in chosen]
+        super().__init__(cameras, first.background, first._draw, backgrounds)
         self.weights = tuple(weights)
         self._chosen = chosen
 

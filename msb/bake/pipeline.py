@@ -118,6 +118,7 @@ class BakePipeline:
     ) -> None:
         self._asset, self._views, self._source, self._options = asset, views, source, options
         self._device, self._progress = device, progress
+        self._is_splat = asset.manifest.primitive == "gaussian"
         self._pixels = max(camera.width * camera.height for camera in views.all_but_test)
         self._images = source.training_images(views.all_but_test, self._choose_image_scale())
         # Validation views come last; without any, the training views validate as well.
@@ -133,6 +134,7 @@ class BakePipeline:
             progress,
             is_mesh,
             options.step_factor,
+            self._is_splat,
         )
         self._soups: dict[int | None, tuple[Mesh, list[str]]] = {}
         self._untextured: Mesh | None = None
@@ -142,8 +144,11 @@ class BakePipeline:
 
         Larger images show the borders of faces more precisely, so the images of small views are larger than
         the views. If no face moves, no texture is fitted and faces have enough pixels, a scale of 1 suffices.
-        The images are then rendered in a quarter of the time.
+        The images are then rendered in a quarter of the time. Gaussians are dilated by a part of a pixel, so
+        larger images would show other, thinner ones.
         """
+        if self._is_splat:
+            return 1
         if (2 * _IMAGE_SCALE) ** 2 * self._pixels <= PIXELS_TO_MOVE:
             return 2 * _IMAGE_SCALE
         options = self._options
@@ -221,7 +226,7 @@ class BakePipeline:
         mesh = self._fit_colors(chosen, candidates[chosen], target, self._images, size)
         if why:
             notes.append(f"{why}. {describe_choice(tried)}")
-        if dropped := self._asset.manifest.face_count - len(mesh.faces):
+        if not self._is_splat and (dropped := self._asset.manifest.face_count - len(mesh.faces)):
             plural = "s" if abs(dropped) > 1 else ""
             more_or_fewer = "fewer" if dropped > 0 else "more"
             notes.append(f"the mesh has {abs(dropped):,} {more_or_fewer} triangle{plural} than the model")
@@ -267,6 +272,8 @@ class BakePipeline:
 
     def _measure_visibility(self) -> tuple[float, BlendingWeights | None]:
         """Return the area share that no view sees, and the blending weights in the training images."""
+        if self._is_splat and self._list_candidates()[0] == ["surface"]:
+            return 0.0, None
         self._progress("weighing faces", 0, 1)
         context = limit_for_selection(self._context, self._asset.manifest.face_count)
         training, validation = (
@@ -288,6 +295,8 @@ class BakePipeline:
         options = self._options
         if options.geometry != "auto":
             return [options.geometry], []
+        if self._is_splat:  # stand-in triangles of Gaussians are no candidate
+            return ["surface"], []
         if options.for_solid:
             if self._context.shows_model_mesh and options.faces is None and _is_solid(self._asset):
                 return ["kept"], ["the model is a closed mesh already, so its triangles are kept"]
@@ -317,6 +326,14 @@ class BakePipeline:
         if name == "kept":
             has_cutoff = self._asset.manifest.appearance.get("alpha_cutoff") is not None
             return make_kept(self._asset, self._context, weights), [_OPAQUE_NOTE] if has_cutoff else []
+        if name == "surface" and self._is_splat:
+            return make_surface(
+                self._asset,
+                self._context,
+                faces=options.faces,
+                pixels=self._pixels,
+                seconds=self._limit_seconds(_SURFACE_SHARE),
+            )
         # `--faces` limits the faces of the surface itself. It does not limit the soup that the surface is
         # made from.
         budget = options.faces if name == "fitted" else None

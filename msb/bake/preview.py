@@ -67,7 +67,10 @@ def make_preview(
     for title, asset in (("unbaked mesh", model), ("baked", baked)):
         if why_not(asset.manifest, "standard") is None:
             with Renderer(asset, "standard", device, supersample=SAMPLES_PER_SIDE) as renderer:
-                images = [renderer.render(camera, views.background).image for camera in target.cameras]
+                images = [
+                    renderer.render(camera, color).image
+                    for camera, color in zip(target.cameras, target.backgrounds, strict=True)
+                ]
             columns[title] = [np.clip(image, 0, 1) for image in images]
     image = _join_columns(list(columns.values()), views.background)
     return Preview(image, tuple(columns), tuple(cameras))

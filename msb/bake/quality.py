@@ -1,8 +1,12 @@
 """The quality of a baked asset: PSNR on the test views, to native renderings and to photographs."""
 
+import math
 from collections.abc import Sequence
 from contextlib import ExitStack, closing
 from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from msb.asset import Asset
 from msb.asset.tiers import why_not
@@ -32,17 +36,35 @@ def measure_quality(
         # Draw all native renderings first, then free the memory of their renderer.
         for number in range(len(test)):
             targets[0].stored_image(number)
+        covered = [source.covers(camera) for camera in test]
         source.release()
         before: list[Any] = [None, None]
         if why_not(model.manifest, "standard") is None:
             before = measure_psnr(model, targets, 1, device)
         after, after_16 = (measure_psnr(baked, targets, samples, device) for samples in (1, SAMPLES_PER_SIDE))
-        to_native = Psnr(None, before[0], after[0], after_16[0])
+        model_only = _measure_model_only(baked, targets[0], covered, device)
+        to_native = Psnr(None, before[0], after[0], after_16[0], model_only)
         if len(targets) == 1:
             return to_native, None
         renderings, photographs = targets
         native = [psnr(renderings.image(k), photographs.image(k)) for k in range(len(test))]
         return to_native, Psnr(average_psnr(native), before[1], after[1], after_16[1])
+
+
+def _measure_model_only(
+    baked: Asset, targets: ViewImages, covered: Sequence[NDArray[np.bool_]], device: str | None
+) -> float:
+    """Return the average PSNR in dB over the pixels that the model or the baked mesh covers.
+
+    `covered` has the masks (H, W) of the model. Other pixels show the background in both images.
+    """
+    values = []
+    with closing(StandardRenderer(baked, device=device, supersample=SAMPLES_PER_SIDE)) as renderer:
+        for number, camera in enumerate(targets.cameras):
+            frame = renderer.render(camera.in_units(), targets.backgrounds[number])
+            share = float((covered[number] | (frame.alpha > 0)).mean())
+            values.append(psnr(frame.image, targets.image(number)) + 10 * math.log10(max(share, 1e-9)))
+    return average_psnr(values)
 
 
 def measure_psnr(
@@ -55,7 +77,7 @@ def measure_psnr(
     values: list[list[float]] = [[] for _ in targets]
     with closing(StandardRenderer(asset, device=device, supersample=samples)) as renderer:
         for number, camera in enumerate(targets[0].cameras):
-            image = renderer.render_image(camera.in_units(), targets[0].background)
+            image = renderer.render_image(camera.in_units(), targets[0].backgrounds[number])
             for row, target in zip(values, targets, strict=True):
                 row.append(psnr(image, target.image(number)))
     return [average_psnr(row) for row in values]

@@ -32,12 +32,15 @@ class Psnr:
         PSNR of the model's standard-tier mesh; None if the model has no standard tier.
     after, after_16 : float
         PSNR of the baked mesh on the standard tier, with one sample per pixel and with 16.
+    model_only_16 : float or None
+        `after_16` over the pixels that the model or the baked mesh covers; None if it was not measured.
     """
 
     native: float | None
     before: float | None
     after: float
     after_16: float
+    model_only_16: float | None = None
 
     @property
     def is_worse(self) -> bool:
@@ -45,10 +48,9 @@ class Psnr:
         return self.before is not None and self.after_16 < self.before
 
     def to_dict(self, *, is_to_native: bool) -> dict[str, float | None]:
-        """Return the quality as JSON data. If native renderings are the reference, `native` is left out."""
+        """Return the quality as JSON data; `native` and `model_only_16` depend on the reference."""
         values = asdict(self)
-        if is_to_native:
-            del values["native"]
+        del values["native" if is_to_native else "model_only_16"]
         return values
 
 
@@ -193,8 +195,10 @@ class Report:
         photographs.
     shape : ShapeReport or None
         The shape of a connected mesh; None for a soup.
-    before, after : Verdict
-        The verdicts on the model's mesh and on the baked mesh.
+    before : Verdict or None
+        The verdict on the model's mesh; None for Gaussians.
+    after : Verdict
+        The verdict on the baked mesh.
     model_faces : int
         The number of faces of the model.
     background : (float, float, float)
@@ -230,7 +234,7 @@ class Report:
     unseen_area: float
     native: Psnr | None
     photographs: Psnr | None
-    before: Verdict
+    before: Verdict | None
     after: Verdict
     model_faces: int
     background: Color
@@ -280,6 +284,8 @@ class Report:
         if values.before is not None:
             parts.append(f"unbaked mesh {values.before:.1f} dB")
         parts.append(f"baked {values.after:.1f} dB ({values.after_16:.1f} dB with 16 samples per pixel)")
+        if values.model_only_16 is not None:
+            parts.append(f"{values.model_only_16:.1f} dB where the model is")
         views = "1 held-out view" if self.test == 1 else f"{self.test} held-out views"
         return f"PSNR on {views}{reference}: {', '.join(parts)}"
 
@@ -296,7 +302,10 @@ class Report:
 
     @property
     def _verdict(self) -> str:
-        change = "as before" if self.before.level == self.after.level else f"was {self.before.level.upper()}"
+        change = "no mesh before"
+        if self.before is not None:
+            is_same = self.before.level == self.after.level
+            change = "as before" if is_same else f"was {self.before.level.upper()}"
         text = f"Audit: {self.after.level.upper()}, {change}"
         text += f": {self.after.reason}" if self.after.reason else ""
         # If a surface was already made or tried, there is nothing else to advise.
@@ -318,7 +327,7 @@ class Report:
                 "photographs": None if photographs is None else photographs.to_dict(is_to_native=False),
             },
             "shape": None if self.shape is None else self.shape.to_dict(),
-            "verdict_before": before.to_dict(),
+            "verdict_before": None if before is None else before.to_dict(),
             "verdict_after": after.to_dict(),
             "texture": None if self.texture is None else list(self.texture),
             "lods": [asdict(lod) for lod in self.lods],

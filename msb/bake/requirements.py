@@ -1,11 +1,13 @@
 """Checks of a bake's options for a model, and of the libraries that they need, before any work."""
 
+from dataclasses import replace
+
 from msb.asset import Asset
 from msb.asset.look import tint_of
 from msb.asset.texture import textures_of
 from msb.asset.tiers import why_not
 from msb.bake.atlas import need_xatlas
-from msb.bake.options import BakeOptions, ColorTarget, Geometry, parse_collision
+from msb.bake.options import BakeOptions, ColorTarget, Geometry, need_libraries, parse_collision
 from msb.bake.soup import is_uncut_soup
 from msb.base.extras import is_installed, need_extra, need_extras
 from msb.base.soup import is_soup
@@ -29,6 +31,9 @@ def check_model(options: BakeOptions, asset: Asset) -> None:
     UsageError
         EXTRA_MISSING.
     """
+    if asset.manifest.primitive == "gaussian" and options.geometry == "auto":
+        need_libraries(replace(options, geometry="surface"))
+        return
     points, faces = asset.buffers["positions"], asset.buffers["indices"]
     is_auto = options.geometry == "auto" and options.faces is None and not options.for_solid
     if is_auto or options.geometry == "kept":

@@ -280,7 +280,7 @@ def bake(
         native=native,
         photographs=photographs,
         shape=shape_report,
-        before=Verdict.of(audit(model)),
+        before=None if model.manifest.primitive == "gaussian" else Verdict.of(audit(model)),
         after=Verdict.of(audit(baked)),
         model_faces=model.manifest.face_count,
         background=views.background,

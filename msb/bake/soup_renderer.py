@@ -71,7 +71,7 @@ class SupervisedRenderer(StandardRenderer):
         if number not in self._views:
             self._views[number] = self._device.upload(view_record(camera), "bake views")
         view = self._views[number]
-        planes = self._run(camera, self.images.background, everything=True, view=view)
+        planes = self._run(camera, self.images.backgrounds[number], everything=True, view=view)
         return planes, view, self._count_pixels(number)
 
     def _load_target(self, number: int) -> Buffer:

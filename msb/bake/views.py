@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,7 @@ from msb.base.origin import Origin
 from msb.errors import MetricError, UsageError
 from msb.render.options import ViewKind
 from msb.scenes import Camera
-from msb.scenes.around import make_turntable
+from msb.scenes.around import make_rings, make_turntable
 from msb.scenes.colors import Color, check_background
 from msb.scenes.datasets import Scene, compare_training, default_background, scene_of, stated_background
 from msb.scenes.framing import find_framing
@@ -33,6 +33,12 @@ RINGS = ((15.0, 18), (40.0, 14), (65.0, 8))
 # Rings of views from below. They are only generated for mesh files. Training cameras rarely look up from
 # below, so native renderings of a trained model from there are arbitrary.
 RING_BELOW = (-35.0, 12)
+# Rings of views of Gaussians, 48 views in all. The last ring looks up a little, because captures of objects
+# have such views as well. The Gaussians fill the pixels of a view.
+SPLAT_RINGS = ((5.0, 16), (25.0, 14), (50.0, 10), (-12.0, 8))
+_SPLAT_PIXELS = 384 * 768
+# Backgrounds of generated views of Gaussians without a stated background.
+_GREYS: tuple[Color, Color] = ((0.3, 0.3, 0.3), (0.7, 0.7, 0.7))
 # Width and height of generated views in pixels. Small captures for training have about this size.
 _GENERATED_SIZE = 480, 360
 # Pixels of the largest view. Larger views are scaled down, which bounds the time of a bake.
@@ -65,6 +71,8 @@ class BakeViews:
         The same in words.
     background : (float, float, float)
         The colour behind the model.
+    backgrounds : dict of str to (float, float, float)
+        Camera name -> the colour behind the model, for views with another one.
     scene : Scene, optional
         The scene of the views.
     notes : tuple of str
@@ -86,6 +94,11 @@ class BakeViews:
     notes: tuple[str, ...] = ()
     is_generated: bool = False
     why_not_judged: str | None = None
+    backgrounds: dict[str, Color] = field(default_factory=dict)
+
+    def background_of(self, camera: Camera) -> Color:
+        """Return the colour behind the model in the view of a camera, which may be scaled."""
+        return self.backgrounds.get(str(camera.name), self.background)
 
     def relative_to(self, origin: Origin) -> BakeViews:
         """Return the views in coordinates relative to the origin of a model. `scene` stays as it is."""
@@ -156,9 +169,22 @@ def choose_bake_views(
     training, test = split_every_8th(views)
     if not training:  # there is one view
         training, test = test, []
-    stated = asset.manifest.appearance.get("background")
+    manifest = asset.manifest
+    stated = manifest.appearance.get("background")
     color = default_background(asset.manifest) if background is None else check_background(background, stated)
-    return _split(chosen, training, test, color, None, notes)
+    split = _split(chosen, training, test, color, None, notes)
+    if chosen.is_generated and background is None and stated is None and manifest.primitive == "gaussian":
+        return _with_two_backgrounds(split)
+    return split
+
+
+def _with_two_backgrounds(views: BakeViews) -> BakeViews:
+    """Return the views over two greys in turn, so that dark and bright models both have an outline."""
+    groups = (views.all_but_test, views.test)
+    colors = {
+        str(camera.name): _GREYS[number % 2] for cameras in groups for number, camera in enumerate(cameras)
+    }
+    return replace(views, background=_GREYS[0], backgrounds=colors)
 
 
 def _choose_scene_views(
@@ -200,8 +226,12 @@ def _generate_views(
     asset: Asset, up: str | None, notes: list[str], device: str | None, kind: ViewKind | None
 ) -> ChosenViews:
     """Return views around an asset or inside it at several heights; note an assumed up axis."""
-    rings = RINGS if why_not(asset.manifest, "dedicated") is None else (*RINGS, RING_BELOW)
     framing = find_framing(asset)
+    if asset.manifest.primitive == "gaussian" and framing.box is not None:
+        outside = make_rings(asset, framing, SPLAT_RINGS, _SPLAT_PIXELS, up)
+        chosen = generate_views(asset, outside, framing, device, up, kind)
+        return replace(chosen, description=f"{chosen.description}, {up or up_axis(asset)} up")
+    rings = RINGS if why_not(asset.manifest, "dedicated") is None else (*RINGS, RING_BELOW)
     cameras = [
         camera
         for degrees, count in rings

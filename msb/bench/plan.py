@@ -7,6 +7,7 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any, Literal
 
+from msb.asset.tiers import why_not
 from msb.base.files import file_sha256
 from msb.bench.bakes import BakeTask, find_known_bake, hash_bake_inputs, make_bake_options
 from msb.bench.cell import make_reason
@@ -268,9 +269,15 @@ class Planner:
         variant = self._find_variant(cell)
         if variant is not None and (why := _find_variant_fault(variant, cell.method)):
             return Reason(code="UNSUPPORTED_OPTION", message=why)
-        if tier is None or tier not in reasons:
+        why = None if tier is None else reasons.get(tier)
+        if isinstance(model, ModelAsset):  # a method of Gaussians has assets of two kinds
+            manifest = model.open().manifest
+            if tier is None and manifest.primitive == "gaussian":
+                tier = "standard"
+            why = why if tier is None else why_not(manifest, tier)
+        if why is None:
             return None
-        return Reason(code="UNSUPPORTED_TIER", message=f"{cell.method} on tier {tier}: {reasons[tier]}")
+        return Reason(code="UNSUPPORTED_TIER", message=f"{cell.method} on tier {tier}: {why}")
 
     def _find_variant(self, cell: Cell) -> VariantTable | None:
         """Return the table of the cell's variant, or None if the cell has no variant."""

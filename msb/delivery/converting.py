@@ -213,9 +213,7 @@ class Conversion:
             asset = with_frame(asset, self._choose_frame(asset, frame_of(asset.manifest)))
         with self.stage(f"writing {target.name}"):
             write_asset(asset, target, self.form or "packed", overwrite=self.overwrite)
-        manifest = asset.manifest
-        contents = (f"{manifest.vertex_count:,} vertices", f"{manifest.face_count:,} faces")
-        return Converted(target, contents, ())
+        return Converted(target, asset.manifest.counts, ())
 
     def _choose_frame(self, asset: Asset, known: Frame | None) -> Frame:
         """Return the frame that `asset` or a mesh records, with the given parts and the floor."""

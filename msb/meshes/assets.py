@@ -14,7 +14,7 @@ from msb.asset.look import stored_threshold, tint_of, visible_faces, written_up
 from msb.asset.manifest import CoordinateFrame, Domain, Parameters
 from msb.asset.origin import world_positions
 from msb.asset.texture import Sampler, is_textured, texture_images
-from msb.asset.tiers import refusal
+from msb.asset.tiers import refusal, reject_gaussians
 from msb.base.origin import Origin, find_origin, to_local, to_world
 from msb.base.seam_keys import SEAM_KEY, hash_attributes
 from msb.errors import AssetError, Unsupported
@@ -113,8 +113,9 @@ def mesh_from_asset(asset: Asset) -> Mesh:
     Raises
     ------
     Unsupported
-        `UNSUPPORTED_TIER`: the method has no static colours.
+        `UNSUPPORTED_TIER`: the method has no static colours. `UNSUPPORTED_METHOD`: it has no triangles.
     """
+    reject_gaussians(asset.manifest.primitive, asset.opened_from)
     text = refusal(asset.manifest, "standard")
     if text is not None:
         raise Unsupported("UNSUPPORTED_TIER", text, file=asset.opened_from)

@@ -8,12 +8,14 @@ import re
 import struct
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
 
-from msb.errors import MeshFileError, shorten
+from msb.base.files import read_file
+from msb.errors import InputError, MeshFileError, shorten
 from msb.meshes.linked_files import Files, read_uri
 from msb.meshes.source import Source
 
@@ -38,6 +40,10 @@ _DATA_URI = re.compile(rb'"(data:[^"\\]{256,})"')
 MAX_BUFFER = 1 << 40
 
 IDENTITY = np.eye(4)
+# The extension for Gaussian splats. A file with it is a model of Gaussians, not a mesh.
+GAUSSIANS = "KHR_gaussian_splatting"
+# Bytes of a file that are searched for the name of an extension.
+_SEARCHED = 1 << 22
 VISIBILITY = "KHR_node_visibility"
 
 # Maximum number of nodes. Real scenes have some thousands; a million take a few seconds.
@@ -229,6 +235,23 @@ class Accessor:
                 raise self.document.error("MESH_FILE_INVALID", f"{self.pointer}/sparse", text)
             values[places] = self.sparse[1].read()
         return values
+
+
+def uses_gaussians(path: Path) -> bool:
+    """Return whether a GLB or glTF file names the extension for Gaussian splats.
+
+    Only the bytes of the JSON are searched, which a GLB begins with.
+    """
+    if path.suffix.lower() not in (".glb", ".gltf"):
+        return False
+    try:
+        head = read_file(path, _SEARCHED)
+    except InputError:  # the reader reports it
+        return False
+    end = HEADER.size + CHUNK.size
+    is_binary = head.startswith(b"glTF") and len(head) >= end
+    length = CHUNK.unpack_from(head, HEADER.size)[0] if is_binary else len(head)
+    return GAUSSIANS.encode() in head[: end + length]
 
 
 def open_document(source: Source) -> Document:

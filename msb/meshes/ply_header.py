@@ -64,13 +64,14 @@ class Header:
     """The parsed header.
 
     `order` is a value of `FORMATS`. `body` is the offset of the body in bytes. `images` has the names of the
-    texture images in comments.
+    texture images in comments, and `comments` the other comments.
     """
 
     order: str
     elements: list[Element]
     body: int
     images: tuple[str, ...] = ()
+    comments: tuple[str, ...] = ()
 
 
 def read_header(source: Source) -> Header:
@@ -83,13 +84,16 @@ def read_header(source: Source) -> Header:
     order: str | None = None
     elements: list[Element] = []
     images: list[str] = []
+    comments: list[str] = []
     for number, line in enumerate(lines, start=2):
         where = f"line {number}"
         words = line.split()
         match words:
             case ["comment", "TextureFile", _, *_]:
                 images.append(line.split("TextureFile", 1)[1].strip())
-            case [] | ["comment", *_] | ["obj_info", *_]:
+            case ["comment", *rest]:
+                comments.append(" ".join(rest))
+            case [] | ["obj_info", *_]:
                 pass
             case ["format", name, version] if order is None and not elements:
                 order = _read_format(source, where, name, version)
@@ -109,7 +113,7 @@ def read_header(source: Source) -> Header:
         for twice in _find_repeated(entry.name for entry in element.properties):
             text = f"property '{shorten(twice)}' of {element} is declared twice"
             raise source.error("MESH_FILE_INVALID", text)
-    return Header(order, elements, body, tuple(images))
+    return Header(order, elements, body, tuple(images), tuple(comments))
 
 
 def _split_lines(source: Source) -> tuple[list[str], int]:

@@ -1,4 +1,4 @@
-"""Read PLY files with a single table of numbers. Splatting methods store their primitives in such files."""
+"""Read PLY files with tables of numbers. Splatting methods store their primitives in such files."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ from msb.meshes.source import Source
 
 @dataclass(frozen=True, eq=False)
 class PlyTable:
-    """The `count` rows of element "vertex"; `names` are its properties in file order."""
+    """The `count` rows of an element; `names` are its properties in file order."""
 
     count: int
     names: tuple[str, ...]
@@ -30,6 +30,10 @@ class PlyTable:
             for number, name in enumerate(names):
                 values[:, number] = self._columns[name]
         return values
+
+    def column(self, name: str) -> NDArray[Any]:
+        """Return the property `name` (count,) in the type of the file; float64 for a text file."""
+        return self._columns[name]
 
 
 def read_ply_names(path: Path) -> tuple[tuple[str, ...], bool]:
@@ -48,33 +52,61 @@ def read_ply_table(path: Path) -> PlyTable:
 
     A binary file is memory-mapped, and its columns are views of the mapping.
     """
-    data, header, source = _open(path)
-    rows = [element for element in header.elements if element.count]
-    if len(rows) != 1 or rows[0].name != "vertex" or any(entry.count_type for entry in rows[0].properties):
+    tables, _, source = _read_tables(path)
+    if [name for name, table in tables.items() if table.count] != ["vertex"]:
         raise source.error(
             "MESH_FILE_INVALID",
             "the file is not a table; only element 'vertex' may have rows, and they must not have lists",
         )
-    element = rows[0]
-    names = tuple(entry.name for entry in element.properties)
+    return tables["vertex"]
+
+
+def read_ply_tables(path: Path) -> tuple[dict[str, PlyTable], tuple[str, ...]]:
+    """Return the elements of a PLY file without lists as tables by name, and the comments of its header."""
+    tables, header, _ = _read_tables(path)
+    return tables, header.comments
+
+
+def _read_tables(path: Path) -> tuple[dict[str, PlyTable], Header, Source]:
+    data, header, source = _open(path)
+    for element in header.elements:
+        if element.count and any(entry.count_type for entry in element.properties):
+            raise source.error("MESH_FILE_INVALID", f"the file is not a table; {element} has lists")
     if not header.order:
-        body = open_body(Source(str(path), bytes(data)), header)
+        return _read_text(Source(str(path), bytes(data)), header), header, source
+    # Binary tables: rows of structured types, one element after the other from the end of the header.
+    tables, start = {}, header.body
+    for element in header.elements:
+        row = np.dtype([(f"{i}", header.order + entry.type) for i, entry in enumerate(element.properties)])
+        needed, available = row.itemsize * element.count, len(data) - start
+        if needed > available:
+            text = f"{element} has {element.count} rows of {row.itemsize} bytes, "
+            text += f"but only {available} bytes are left"
+            raise source.error("MESH_FILE_TRUNCATED", text, pointer=f"byte {start}")
+        # A type without properties has no size, and NumPy reads no rows of it.
+        count = element.count if row.itemsize else 0
+        table = np.frombuffer(data, row, count, start) if count else np.zeros(0, row)
+        names = tuple(entry.name for entry in element.properties)
+        columns = {name: table[f"{i}"] for i, name in enumerate(names)}
+        tables[element.name] = PlyTable(count, names, columns)
+        start += needed
+    rest = len(data) - start
+    if bytes(data[start:][:4096]).strip() or rest > 4096:
+        text = f"{rest} bytes follow after the last row"
+        raise source.error("MESH_FILE_INVALID", text, pointer=f"byte {start}")
+    return tables, header, source
+
+
+def _read_text(source: Source, header: Header) -> dict[str, PlyTable]:
+    """Return the tables of a text file."""
+    body, tables = open_body(source, header), {}
+    for element in header.elements:
         placed = body.next_rows(element)
-        body.finish()
-        return PlyTable(element.count, names, {name: body.column(placed, name) for name in names})
-    # A binary table: rows of one structured type, directly after the header.
-    row = np.dtype([(f"{i}", header.order + entry.type) for i, entry in enumerate(element.properties)])
-    needed, available = row.itemsize * element.count, len(data) - header.body
-    if needed > available:
-        text = (
-            f"{element} has {element.count} rows of {row.itemsize} bytes, but only {available} bytes are left"
-        )
-        raise source.error("MESH_FILE_TRUNCATED", text, pointer=f"byte {header.body}")
-    if bytes(data[header.body + needed :][:4096]).strip() or available - needed > 4096:
-        text = f"{available - needed} bytes follow after the last row"
-        raise source.error("MESH_FILE_INVALID", text, pointer=f"byte {header.body + needed}")
-    table = np.frombuffer(data, row, element.count, header.body)
-    return PlyTable(element.count, names, {name: table[f"{i}"] for i, name in enumerate(names)})
+        names = tuple(entry.name for entry in element.properties)
+        columns = {name: body.column(placed, name) for name in names}
+        tables[element.name] = PlyTable(element.count, names, columns)
+    body.finish()
+    return tables
 
 
 def _open(path: Path) -> tuple[memoryview, Header, Source]:

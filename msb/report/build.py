@@ -15,7 +15,7 @@ from msb.report.findings import derive_findings
 from msb.report.layout import PAPER_ROW
 from msb.report.method_comparison import LABEL, compare_methods, comparison_findings, comparison_table
 from msb.report.numbers import Key, Number, Numbers, dataset_title, method_title
-from msb.report.paper import OUR_METHODS, contradictions, paper_numbers
+from msb.report.paper import OUR_METHODS, as_in_paper, contradictions, paper_numbers
 from msb.report.report import Report, Section, list_places
 from msb.report.results import ResultSet
 from msb.report.table import Table
@@ -160,7 +160,7 @@ def paper_report(*, pictures: bool = True) -> Report:
         replace(build(paper_numbers(label), *filter(None, [dataset])), label=label)
         for label, (build, dataset) in _PAPER.items()
     ]
-    methods = [method for name, method in METHODS.items() if name in OUR_METHODS.values()]
+    methods = [as_in_paper(method) for name, method in METHODS.items() if name in OUR_METHODS.values()]
     derived = [gaps_table(numbers, dataset) for dataset in ("mipnerf360", "tanksandtemples")]
     sections = (
         Section(

@@ -13,7 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from msb.bench.aggregate import METRICS
 from msb.bench.gaps import Gaps, Ratio, value_gaps
 from msb.bench.validation import read_json, validate
-from msb.registry import METHODS
+from msb.registry import METHODS, NO_TRIANGLES, Method, Retained, Tier
 from msb.report.numbers import (
     DRAWN_CONDITIONS,
     MEAN,
@@ -191,6 +191,18 @@ def _convert_cell(cell: _PublishedCell) -> tuple[Key, Number]:
     key = Key(cell.dataset, cell.scene, method, cell.condition, metric, cell.source)
     scale = 1e6 if cell.unit == "1e6" else METRICS[metric].scale
     return key, Number(None if cell.value is None else cell.value * scale, cell.na)
+
+
+def as_in_paper(method: Method) -> Method:
+    """Return the declaration of a method in the paper's tables: the paper does not draw Gaussians."""
+    if method.primitive == "triangle":
+        return method
+    retained: dict[Tier, Retained] = {
+        tier: kept for tier, kept in method.retained.items() if tier == "standard"
+    }
+    return replace(
+        method, native=None, retained=retained, unsupported={**method.unsupported, "dedicated": NO_TRIANGLES}
+    )
 
 
 def _add_notes(key: Key, number: Number) -> Number:

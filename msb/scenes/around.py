@@ -30,6 +30,8 @@ _SAMPLES = 200_000
 _SURROUNDED = 2.5
 # Distance of a turntable as a multiple of the distance where the bounding sphere fills the image.
 _MARGIN = 1.05
+# Largest ratio of the sides of images that a box fills, and the free space around the box.
+_MAX_RATIO, _BOX_MARGIN = 2.0, 1.1
 # Default elevation of a turntable's cameras above the horizon, in degrees.
 ELEVATION = 20.0
 
@@ -67,6 +69,48 @@ def make_turntable(
     to_world = -np.asarray(asset.manifest.origin)
     named = (replace(camera, name=f"{index:05d}") for index, camera in enumerate(cameras))
     return [camera.relative_to(to_world) for camera in named]
+
+
+def make_rings(
+    asset: Asset,
+    framing: Framing,
+    rings: Iterable[tuple[float, int]],
+    pixels: int,
+    up: str | None = None,
+) -> list[Camera]:
+    """Return rings of cameras whose images the framed box fills.
+
+    `rings` has the degrees above the horizon and the number of cameras of each ring. Images have about
+    `pixels` pixels, and are as tall or wide as the box.
+    """
+    axis = up or up_axis(asset)
+    low, high = (np.array(corner) for corner in framing.box or ())
+    center, half = (low + high) / 2, np.maximum((high - low) / 2, 1e-6)
+    upright = "xyz".index(axis[1])
+    tall = float(half[upright])
+    wide = float(np.linalg.norm(np.delete(half, upright)))
+    # The image has the proportions of the box, within limits, and the narrow side decides the distance.
+    ratio = min(max(wide / tall, 1 / _MAX_RATIO), _MAX_RATIO)
+    height = round(math.sqrt(pixels / ratio))
+    width = round(height * ratio)
+    tan_y = math.tan(_FOV_Y / 2) / max(1.0, ratio)
+    distance = wide + _BOX_MARGIN * max(tall / tan_y, wide / (tan_y * ratio))
+    _check_reach(asset, framing, distance)
+    cameras = [
+        camera
+        for degrees, count in rings
+        for camera in turntable(
+            center,
+            distance,
+            up=_vector(axis),
+            count=count,
+            width=width,
+            height=height,
+            fov_y=2 * math.atan(tan_y),
+            elevation=math.radians(degrees),
+        )
+    ]
+    return [replace(camera, name=f"{index:05d}") for index, camera in enumerate(cameras)]
 
 
 def _check_reach(asset: Asset, sphere: Framing, distance: float) -> None:

@@ -10,8 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msb.asset import Asset
+from msb.asset.activation import sigmoid
 from msb.asset.build import measure_bounds
 from msb.asset.look import normals_of
+from msb.scenes.dense import find_dense
 
 # A mesh must cover at least this share of the pixels of its views; otherwise the views are not used to judge
 # it. At 1 % coverage, the PSNR of a whole image is 20 dB above the PSNR of the mesh's pixels.
@@ -49,12 +51,15 @@ class Framing:
         The faces inside the sphere; None for all.
     left_out : str
         What is left out, in words; "" if nothing is left out.
+    box : ((3,) floats, (3,) floats), or None
+        The lowest and highest coordinates of the framed part; only for Gaussians.
     """
 
     center: tuple[float, float, float]
     radius: float
     framed: NDArray[np.bool_] | None = None
     left_out: str = ""
+    box: tuple[tuple[float, float, float], tuple[float, float, float]] | None = None
 
     @property
     def note(self) -> str:
@@ -65,7 +70,12 @@ class Framing:
 
 
 def find_framing(asset: Asset) -> Framing:
-    """Return the sphere around an asset; far outliers are left out if they are few and have little area."""
+    """Return the sphere around an asset; far outliers are left out if they are few and have little area.
+
+    Of Gaussians, everything outside the dense parts is left out.
+    """
+    if asset.manifest.primitive == "gaussian":
+        return _frame_gaussians(asset)
     sphere = asset.manifest.bounding_sphere
     everything = Framing(sphere.center, sphere.radius)
     positions, faces = asset.buffers["positions"], asset.buffers["indices"]
@@ -102,6 +112,20 @@ def find_framing(asset: Asset) -> Framing:
         )
         text = f"{count:,} of {len(faces):,} faces, {far_away}"
     return Framing(around.center, around.radius, framed, text)
+
+
+def _frame_gaussians(asset: Asset) -> Framing:
+    """Return the sphere around the dense parts of Gaussians."""
+    points = asset.buffers.get("gauss.mean")
+    opacity = asset.buffers.get("opacity")
+    if points is None or opacity is None or opacity.shape != (len(points),):
+        sphere = asset.manifest.bounding_sphere
+        return Framing(sphere.center, sphere.radius)
+    framed = find_dense(points, sigmoid(opacity))
+    box, sphere = measure_bounds(points[framed])
+    count = int(np.count_nonzero(~framed))
+    text = f"{count:,} of {len(points):,} Gaussians outside the dense parts" if count else ""
+    return Framing(sphere.center, sphere.radius, framed, text, (box.min, box.max))
 
 
 def _sample(faces: NDArray[np.uint32]) -> NDArray[np.uint32]:

@@ -184,30 +184,40 @@ def gaussians(path: Path, scales: int) -> Path:
     return path
 
 
-def test_three_dgs_is_recognised_and_rejected(tmp_path: Path) -> None:
-    gaussians(tmp_path / "run" / "point_cloud" / "iteration_7000" / "point_cloud.ply", 3)
-    captured = (3, *[np.zeros((2, 3), np.float32)] * 11)
-    (tmp_path / "other").mkdir()
-    models.write_torch(tmp_path / "other" / "chkpnt30000.pth", (captured, 30000))
-    for folder in ("run", "other"):
-        with pytest.raises(Unsupported, match=r"UNSUPPORTED_METHOD: .*three_dgs") as caught:
-            msb.export(tmp_path / folder)
-        assert caught.value.exit_status == 4
+def test_gaussians_of_a_training_are_opened(tmp_path: Path) -> None:
+    file = gaussians(tmp_path / "run" / "point_cloud" / "iteration_7000" / "point_cloud.ply", 3)
+    (tmp_path / "run" / "cfg_args").write_text("Namespace(white_background=True, source_path='/data/garden')")
+    asset = msb.export(tmp_path / "run")
+    assert (asset.manifest.method, asset.manifest.primitive) == ("three_dgs", "gaussian")
+    assert asset.manifest.appearance["background"] == "#ffffff"
+    assert [source.path for source in asset.manifest.source.files] == [
+        "point_cloud/iteration_7000/point_cloud.ply",
+        "cfg_args",
+    ]
+    with pytest.raises(Unsupported) as caught:
+        msb.audit(file)
+    assert (caught.value.code, caught.value.exit_status) == ("UNSUPPORTED_METHOD", 4)
+    assert "msb bake" in caught.value.message
 
 
-def test_two_dgs_needs_its_mesh(tmp_path: Path) -> None:
-    gaussians(tmp_path / "point_cloud" / "iteration_30000" / "point_cloud.ply", 2)
-    assert read_rejected(tmp_path).code == "CHECKPOINT_FILE_MISSING"
+def test_the_mesh_of_two_dgs_is_preferred_to_its_gaussians(tmp_path: Path) -> None:
+    file = gaussians(tmp_path / "point_cloud" / "iteration_30000" / "point_cloud.ply", 2)
+    assert msb.export(tmp_path).manifest.primitive == "gaussian"
     (tmp_path / "train" / "ours_30000").mkdir(parents=True)
     mesh = (ROOT / "tests" / "golden" / "meshes" / "synthetic_splat_small.ply").read_bytes()
     fused = tmp_path / "train" / "ours_30000" / "fuse.ply"
     fused.write_bytes(mesh)
     asset = msb.export(tmp_path)
-    assert asset.manifest.method == "two_dgs"
+    assert (asset.manifest.method, asset.manifest.primitive) == ("two_dgs", "triangle")
     assert asset.manifest.required_passes == {"standard": ("opaque_unlit",)}
-    assert [file.path for file in asset.manifest.source.files] == ["train/ours_30000/fuse.ply"]
+    assert [source.path for source in asset.manifest.source.files] == ["train/ours_30000/fuse.ply"]
     assert msb.export(fused).manifest.method == "two_dgs"
     assert msb.export(fused, method="mesh").manifest.method == "mesh"
+    splats = msb.export(file)
+    assert (splats.manifest.method, set(splats.manifest.required_passes)) == (
+        "two_dgs",
+        {"reference", "dedicated"},
+    )
 
 
 def test_a_web_export_without_meta_uses_defaults_with_a_warning(tmp_path: Path) -> None:

@@ -59,13 +59,11 @@ def test_set_overrides_settings_and_is_recorded(here: Here, tmp_path: Path) -> N
 
 
 def test_exit_statuses_of_failed_exports(here: Here, tmp_path: Path) -> None:
-    gaussians(tmp_path / "gs" / "point_cloud" / "iteration_7000" / "point_cloud.ply", 3)
     values = models.mesh_splatting()
     values["triangles_points"][values["_triangle_indices"][0, 0], 1] = np.nan
     model = write_model(tmp_path / "nan", "mesh_splatting", values)
     target = tmp_path / "a.triasset"
     for args, status, code in (
-        ([tmp_path / "gs", target], 4, "UNSUPPORTED_METHOD"),
         ([tmp_path / "nothing", target], 3, "FILE_NOT_FOUND"),
         (["--method", "nerf", RING, target], 2, "USAGE"),
         (["--method", "diffsoup", RING, target], 3, "CHECKPOINT_METHOD"),
@@ -75,7 +73,17 @@ def test_exit_statuses_of_failed_exports(here: Here, tmp_path: Path) -> None:
         here("export", *args).ends(status, f"{code}: ")
         assert not target.exists()
     assert here("audit", "--json", "-", model).json["counts"]["nonfinite_faces"] > 0  # the audit accepts NaN
-    here("audit", tmp_path / "gs").ends(4, "UNSUPPORTED_METHOD: ")
+
+
+def test_gaussians_are_exported_but_are_no_mesh(here: Here, tmp_path: Path) -> None:
+    gaussians(tmp_path / "gs" / "point_cloud" / "iteration_7000" / "point_cloud.ply", 3)
+    here("export", tmp_path / "gs", tmp_path / "gs.triasset")
+    for arguments in (["audit"], ["trial"], ["convert", "{}", "a.glb"], ["repair", "{}", "a.glb"]):
+        given = [str(tmp_path / "gs.triasset" if word == "{}" else word) for word in arguments]
+        given += [] if len(given) > 1 else [str(tmp_path / "gs.triasset")]
+        here(*given).ends(4, "UNSUPPORTED_METHOD: ")
+    shown = here("info", "--json", "-", tmp_path / "gs.triasset")
+    assert (shown.status, shown.json["manifest"]["primitive"]) == (4, "gaussian")
 
 
 def test_a_missing_config_is_a_warning(here: Here, tmp_path: Path) -> None:

@@ -82,9 +82,15 @@ def test_every_method_makes_a_valid_manifest_from_its_defaults(method: str) -> N
         name: StoredSetting(0 if name == "sh_degree" else setting.default, "default")
         for name, setting in METHODS[method].settings.items()
     }
-    description = Description(method=method, settings=settings)
-    manifest = build_asset({"positions": TRIANGLE, "indices": FACE}, {}, description).manifest
-    assert set(manifest.required_passes) == {tier for tier in TIERS if METHODS[method].supports(tier)}
+    declared = METHODS[method]
+    description = Description(method=method, settings=settings, primitive=declared.primitive)
+    buffers, domains, tiers = {"positions": TRIANGLE, "indices": FACE}, {}, set(TIERS)
+    if declared.primitive == "gaussian":
+        widths = {"gauss.mean": 3, "gauss.scale": 3, "gauss.rotation": 4}
+        buffers |= {name: np.zeros((1, width), np.float32) for name, width in widths.items()}
+        domains, tiers = dict.fromkeys(widths, "face"), tiers - {"standard"}
+    manifest = build_asset(buffers, domains, description).manifest
+    assert set(manifest.required_passes) == {tier for tier in tiers if declared.supports(tier)}
 
 
 def test_invalid_buffers_are_rejected() -> None:

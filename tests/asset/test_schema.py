@@ -156,7 +156,8 @@ def test_objects_have_the_keys_of_their_dataclass(schema: dict[str, Any], kind: 
 
 def test_the_manifest_has_the_keys_of_its_dataclass() -> None:
     names = {field.name for field in fields(Manifest)} - {"extra"}
-    assert set(PROPERTIES) == names == {*SCHEMA["required"], "training", "origin", "up", "unit", "floor"}
+    optional = {"training", "primitive", "origin", "up", "unit", "floor"}
+    assert set(PROPERTIES) == names == {*SCHEMA["required"], *optional}
     plain = mesh().manifest
     assert list(plain.to_dict()) == SCHEMA["required"]
     trained = replace(plain, training={"eval": False, "images": "images_4"})

@@ -208,7 +208,8 @@ def test_keys_of_the_json() -> None:
     assert data["texture"] == [512, 512]
     views = {"training": 42, "validation": 7, "test": 7, "interpolated": 0}
     assert data["views"] == {**views, "from": "49 training views of pebble"}
-    assert data["psnr"]["native"] == {"before": 18.18, "after": 33.34, "after_16": 34.05}
+    values = {"before": 18.18, "after": 33.34, "after_16": 34.05, "model_only_16": None}
+    assert data["psnr"]["native"] == values
     assert data["psnr"]["photographs"].keys() == {"native", "before", "after", "after_16"}
     assert data["supervision"] == "native"
     assert data["verdict_after"] == {"level": "bad", "sentence": SOUP.sentence}

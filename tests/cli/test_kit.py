@@ -164,7 +164,7 @@ def test_help_has_examples_and_exit_statuses(here: Here, name: str) -> None:
 
 def test_version_is_one_line(here: Here) -> None:
     version = here("--version")
-    assert re.fullmatch(r"msb \d+\.\d+\.\d+ \(triasset 1\.1, numpy \S+, pyopencl \S+\)\n", version.out)
+    assert re.fullmatch(r"msb \d+\.\d+\.\d+ \(triasset 1\.2, numpy \S+, pyopencl \S+\)\n", version.out)
     assert here("audit", "--version").out == version.out
 
 

@@ -18,6 +18,9 @@ VIEWS = [
 golden = pytest.mark.parametrize("view", VIEWS, ids=names)
 
 
+GAUSSIANS = [view for method in ("three_dgs", "two_dgs") for view in golden_views(method)]
+
+
 def render_view(view: View, device: Device, outputs: Any = "all", **overrides: Any) -> Frame:
     options = {"settings": {**view.settings, **overrides}, "outputs": outputs}
     asset = exported(view.folder / "checkpoint")
@@ -42,6 +45,30 @@ def test_images_are_the_official_ones(view: View, device: Device) -> None:
     if "faces_kept_ss4" in stored:
         assert frame.visible.sum() == stored["faces_kept_ss4"]
         assert worst(frame.alpha[view.stable], stored["alpha"][view.stable]) <= 1e-4
+
+
+@pytest.mark.parametrize("view", GAUSSIANS, ids=names)
+def test_images_of_gaussians_are_those_of_gsplat(view: View, device: Device) -> None:
+    frame = render_view(view, device)
+    psnr, share = compare(frame.image, view.image, view.stable)
+    assert share == 0
+    assert psnr >= 100
+
+
+@pytest.mark.parametrize("view", GAUSSIANS, ids=names)
+def test_gaussians_follow_the_official_rules(view: View, device: Device) -> None:
+    """Of the official rules there is only our reference."""
+    frame = render_view(view, device, rasterizer="official")
+    wanted = view.render(rasterizer="official")
+    psnr, share = compare(frame.image, wanted.image)
+    assert share == 0
+    assert psnr >= 110
+    np.testing.assert_array_equal(frame.visible, wanted.visible)
+    for name in ("depth", "depth_median", "normal"):
+        values, expected = getattr(frame, name), getattr(wanted, name)
+        assert (values is None) == (expected is None)
+        if values is not None:
+            assert (np.abs(values - expected) > 5e-3).mean() <= 1e-3, name
 
 
 @pytest.mark.parametrize("view", [v for v in VIEWS if "ss1_image" in v.stored], ids=names)

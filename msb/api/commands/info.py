@@ -24,9 +24,11 @@ def info(path: Source, output: JsonOutput) -> None:
     """Show the contents of an asset, checkpoint or mesh file: method, counts, bounds, settings and buffers.
 
     For a .triasset the command reads the manifest and checks paths and sizes. msb validate also checks the
-    values. For a mesh file or checkpoint, msb info shows the asset that msb convert would write.
+    values. For a mesh file or checkpoint, msb info shows the asset that msb convert would write. Gaussian
+    splats are not a mesh: the command shows them, and ends with status 4.
     """
     from msb.api.command_files import open_asset
+    from msb.asset.tiers import reject_gaussians
 
     asset = open_asset(path, output)
     size = sum(spec.byte_length for spec in asset.manifest.buffers.values())
@@ -40,6 +42,7 @@ def info(path: Source, output: JsonOutput) -> None:
     output.write_json({**document, "textures": textures} if textures else document)
     if output.prints_text:
         _print(asset, path, size, output)
+    reject_gaussians(asset.manifest.primitive, path)
 
 
 def _print(asset: Asset, path: Path, size: int, output: Output) -> None:
@@ -67,7 +70,7 @@ def _print(asset: Asset, path: Path, size: int, output: Output) -> None:
             else f"{asset.opened_from or path} (not a .triasset)",
         ),
         ("method", m.method if m.method == method.title else f"{m.method} ({method.title})"),
-        ("topology", f"{m.topology.replace('_', ' ')}, {m.vertex_count:,} vertices, {m.face_count:,} faces"),
+        ("topology", _topology(m)),
         *([("origin", describe_origin(m.origin))] if any(m.origin) else []),
         ("bounds", f"{_point(m.bounds.min, m)} to {_point(m.bounds.max, m)}"),
         ("sphere", f"radius {m.bounding_sphere.radius:.6g}, centre {_point(m.bounding_sphere.center, m)}"),
@@ -105,6 +108,14 @@ def _textures(manifest: Manifest) -> list[dict[str, Any]]:
     )
     sizes = [(name, *manifest.buffers[name].shape) for name in names]
     return [{"name": name, "width": w, "height": h, "channels": c} for name, h, w, c in sizes]
+
+
+def _topology(manifest: Manifest) -> str:
+    """Return the kind and number of the primitives as text."""
+    counts = ", ".join(manifest.counts)
+    if manifest.primitive == "gaussian":
+        return f"{counts}, each with a stand-in triangle"
+    return f"{manifest.topology.replace('_', ' ')}, {counts}"
 
 
 def _skin(textures: list[dict[str, Any]], sampler: Sampler) -> str:

@@ -1,8 +1,8 @@
 // Colours of faces or vertices from spherical harmonics; included by the file of a method.
 
-#define MOST_REST 45 // floats of f_rest at degree 3
+#define MOST_REST 72 // floats of f_rest at degree 4
 
-// max(0.5 + sum_k B_k(d) k_k, 0) with d = (p - c) / |p - c|, as all three methods evaluate it
+// max(0.5 + sum_k B_k(d) k_k, 0) with d = (p - c) / |p - c|, as all methods evaluate it
 // (GaodeRender/triangle-splatting: submodules/diff-triangle-rasterization-2D/src/forward.cu, and copies).
 void color_of(__constant View *view, __global const float *f_dc, __global const float *f_rest,
               const size_t *rows, vec3 towards, real *color)
@@ -49,6 +49,17 @@ void color_of(__constant View *view, __global const float *f_dc, __global const 
         ADD(13, -0.4570457994644658f * x * (4.0f * zz - xx - yy));
         ADD(14, 1.445305721320277f * z * (xx - yy));
         ADD(15, -0.5900435899266435f * x * (xx - 3.0f * yy));
+    }
+    if (degree > 3) {
+        ADD(16, 2.5033429417967046f * xy * (xx - yy));
+        ADD(17, -1.7701307697799304f * yz * (3.0f * xx - yy));
+        ADD(18, 0.9461746957575601f * xy * (7.0f * zz - 1.0f));
+        ADD(19, -0.6690465435572892f * yz * (7.0f * zz - 3.0f));
+        ADD(20, 0.10578554691520431f * (zz * (35.0f * zz - 30.0f) + 3.0f));
+        ADD(21, -0.6690465435572892f * xz * (7.0f * zz - 3.0f));
+        ADD(22, 0.47308734787878004f * (xx - yy) * (7.0f * zz - 1.0f));
+        ADD(23, -1.7701307697799304f * xz * (xx - 3.0f * yy));
+        ADD(24, 0.6258357354491761f * (xx * (xx - 3.0f * yy) - yy * (3.0f * xx - yy)));
     }
 #undef ADD
     real zero = (real)0.0f; // also where the direction is NaN

@@ -1,6 +1,6 @@
 // Colours of faces or vertices from spherical harmonics.
 
-// Returns max(0.5 + sum_k B_k(d) k_k, 0) with d = (p - c) / |p - c|, as in all three methods
+// Returns max(0.5 + sum_k B_k(d) k_k, 0) with d = (p - c) / |p - c|, as in all methods
 // (GaodeRender/triangle-splatting: submodules/diff-triangle-rasterization-2D/src/forward.cu, and copies of it).
 // A row of f_rest has red, green, blue of coefficient 1, then of coefficient 2, and so on. `row` is relative to the
 // bound part of f_rest.
@@ -37,6 +37,17 @@ fn color_of(first: vec3<f32>, row: u32, towards: vec3<f32>) -> vec3<f32> {
         sum += term(start, 13u, -0.4570457994644658 * d.x * (4.0 * zz - xx - yy));
         sum += term(start, 14u, 1.445305721320277 * d.z * (xx - yy));
         sum += term(start, 15u, -0.5900435899266435 * d.x * (xx - 3.0 * yy));
+    }
+    if (view.degree > 3u) {
+        sum += term(start, 16u, 2.5033429417967046 * d.x * d.y * (xx - yy));
+        sum += term(start, 17u, -1.7701307697799304 * d.y * d.z * (3.0 * xx - yy));
+        sum += term(start, 18u, 0.9461746957575601 * d.x * d.y * (7.0 * zz - 1.0));
+        sum += term(start, 19u, -0.6690465435572892 * d.y * d.z * (7.0 * zz - 3.0));
+        sum += term(start, 20u, 0.10578554691520431 * (zz * (35.0 * zz - 30.0) + 3.0));
+        sum += term(start, 21u, -0.6690465435572892 * d.x * d.z * (7.0 * zz - 3.0));
+        sum += term(start, 22u, 0.47308734787878004 * (xx - yy) * (7.0 * zz - 1.0));
+        sum += term(start, 23u, -1.7701307697799304 * d.x * d.z * (xx - 3.0 * yy));
+        sum += term(start, 24u, 0.6258357354491761 * (xx * (xx - 3.0 * yy) - yy * (3.0 * xx - yy)));
     }
     sum += 0.5;
     // Also applies if the direction is NaN.

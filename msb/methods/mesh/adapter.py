@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, replace
 
-from msb.adapters.locate import Place, is_named
+from msb.adapters.locate import PRIMITIVE_PROPERTIES, Place, is_named
 from msb.adapters.model import Content, Model, Options, Settings, background_of
 from msb.adapters.training_config import read_cfg_args, trained_up, training_of
 from msb.asset import Description
@@ -10,6 +10,7 @@ from msb.asset.manifest import CoordinateFrame
 from msb.errors import about
 from msb.meshes.assets import make_mesh_buffers
 from msb.meshes.files import read_mesh
+from msb.meshes.gltf import uses_gaussians
 from msb.meshes.mesh import report_left_out, report_origin
 from msb.registry import METHODS
 
@@ -17,8 +18,8 @@ from msb.registry import METHODS
 def recognises(content: Content) -> bool:
     """Return whether `content` is a mesh file, and not a PLY with a table of primitives."""
     if content.place.kind == "ply":
-        return not {"rot_0", "x1"} & set(content.ply_names)
-    return content.place.kind == "mesh"
+        return not PRIMITIVE_PROPERTIES & set(content.ply_names)
+    return content.place.kind == "mesh" and not uses_gaussians(content.place.file)
 
 
 def read(place: Place, content: Content, options: Options) -> Model:

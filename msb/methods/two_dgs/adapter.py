@@ -1,29 +1,31 @@
-"""Read 2DGS: the mesh of its TSDF fusion, ``train/ours_N/fuse_post.ply``, not the splats.
+"""Read 2DGS: its Gaussians, or the mesh of its TSDF fusion, ``train/ours_N/fuse_post.ply``.
 
-Layout: hbb1/2d-gaussian-splatting at 1920a23 (render.py, utils/mesh_utils.py).
+Layout: hbb1/2d-gaussian-splatting at 1920a23 (scene/gaussian_model.py, render.py, utils/mesh_utils.py).
 """
 
 from dataclasses import replace
 
 from msb.adapters.locate import FUSED, Place
 from msb.adapters.model import Content, Model, Options
-from msb.errors import CheckpointError
 from msb.methods.mesh import adapter as mesh
+from msb.methods.three_dgs.adapter import captured_axes, read_splats
+from msb.splats.ply import holds_discs
 
 
 def recognises(content: Content) -> bool:
-    """Return whether `content` has the name of a fused mesh, or is a PLY of splats with two scales."""
-    names = content.ply_names
-    if "rot_0" in names:
-        return "scale_1" in names and "scale_2" not in names
-    return content.place.file.name in FUSED
+    """Return whether `content` has the name of a fused mesh, or holds Gaussians with two axes."""
+    return _holds_discs(content) or content.place.file.name in FUSED
 
 
 def read(place: Place, content: Content, options: Options) -> Model:
-    """Return the extracted mesh at `place`."""
-    if "rot_0" in content.ply_names:
-        text = "it contains the Gaussians of 2DGS, not a mesh; extract train/ours_N/fuse_post.ply with the "
-        text += "method's render.py and pass that file"
-        raise CheckpointError("CHECKPOINT_FILE_MISSING", text, file=place.file)
+    """Return the Gaussians or the extracted mesh at `place`."""
+    if _holds_discs(content):
+        return read_splats(place, content, options, method="two_dgs")
     model = mesh.read(place, content, options)
     return replace(model, description=replace(model.description, method="two_dgs"))
+
+
+def _holds_discs(content: Content) -> bool:
+    if content.place.kind == "ply":
+        return holds_discs(content.ply_names)
+    return content.place.kind == "torch" and captured_axes(content) == 2

@@ -1,0 +1,46 @@
+"""Native rendering of 3DGS: settings and activations."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from msb.asset import Asset
+from msb.render.splat.model import SplatModel
+from msb.render.splat.view import Culling
+from msb.splats.primitive import activate, covariances
+
+# Near planes, by rasterizer.
+NEAREST = {"official": 0.2, "gsplat": 0.01}
+
+
+def splat_model(asset: Asset, settings: Mapping[str, Any]) -> SplatModel:
+    """Return `asset` in the form that the kernels read; errors as in `make_model`."""
+    gaussians = activate(asset, 3)
+    rows = [gaussians.mean, covariances(gaussians.deviation, gaussians.rotation)]
+    culling = splat_culling(settings["rasterizer"])
+    return SplatModel(
+        program="three_dgs",
+        package=__package__,
+        face_words=24,
+        engine_words=24,
+        positions=np.concatenate(rows, axis=1).reshape(-1, 3),
+        coverage=gaussians.opacity[:, None],
+        near=0.01,
+        far=100.0,
+        culling=culling,
+        engine_culling=culling,
+        defines={"ANTIALIASED": settings["antialiased"], "GSPLAT": settings["rasterizer"] == "gsplat"},
+        outputs=("depth_median",),
+        raw={},
+    )
+
+
+def splat_culling(rasterizer: str) -> Culling:
+    """Return the bounds outside which a rasterizer draws no Gaussian.
+
+    The rules of gsplat clamp the Jacobian 0.3 tan(fov / 2) beyond the image's edge, which the dilation covers
+    even if the principal point is not in the middle. The margin covers the low-pass filter and whole tiles.
+    """
+    dilation = 1.3 if rasterizer == "gsplat" else 1.0
+    return Culling(nearest=NEAREST[rasterizer], dilation=dilation, margin=8.0)
