@@ -147,7 +147,7 @@ LAZY = {
 }
 """Packages that are imported inside functions only, never when a module loads."""
 FOREIGN: dict[str, set[str]] = {
-    "scenes": {"numpy", "PIL", "cv2", "pycolmap"},
+    "scenes": {"numpy", "scipy", "PIL", "cv2", "pycolmap"},
     "topology": {"numpy", "scipy", "igl", "pymeshlab", "manifold3d", "networkx", "trimesh"}
     | {"pxr", "usd_validation_nvidia"},
     "meshes": {"numpy", "PIL", "meshopt", "DracoPy", "pxr"},

@@ -17,8 +17,6 @@ from functools import cached_property, partial
 from itertools import cycle
 from typing import TYPE_CHECKING, Any, Literal
 
-import numpy as np
-
 from msb.base.extras import need_extra
 from msb.bench.aggregate import CONDITION_TITLES, expected_scenes
 from msb.bench.records import BAKED
@@ -398,10 +396,10 @@ def _write_sheet(view: ComparedView, form: Literal["svg", "pdf"]) -> bytes:
 
     headings = [GROUND_TRUTH, *view.headings]
     pixels = {
-        image.name: np.asarray(Image.open(io.BytesIO(image.data)))
+        image.name: Image.open(io.BytesIO(image.data))
         for image in {image.name: image for image in view.images}.values()
     }
-    ratio = max((array.shape[0] / array.shape[1] for array in pixels.values()), default=1.0)
+    ratio = max((image.height / image.width for image in pixels.values()), default=1.0)
     width = _SHEET_WIDTH / len(headings)
 
     def lay_out(canvas: Canvas) -> None:

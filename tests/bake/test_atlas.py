@@ -5,7 +5,7 @@ import pytest
 from numpy.typing import NDArray
 
 from msb.asset.texture import Sampler, mip_levels, sample
-from msb.bake import atlas
+from msb.bake import atlas, chart_merging
 from msb.bake.atlas import make_chart_atlas, make_soup_atlas, unwrap_in_child
 from msb.base.extras import is_installed
 from msb.errors import UsageError
@@ -126,6 +126,7 @@ def test_charts_are_scaled_by_their_pixels() -> None:
 def test_blocks_that_are_cut_separately_fit_together(monkeypatch: pytest.MonkeyPatch) -> None:
     """The faces of a flat sheet keep their shape in all blocks, and none overlap."""
     monkeypatch.setattr(atlas, "UNWRAP_FACES", 30)
+    monkeypatch.setattr(chart_merging, "MIN_CHART_FACES", 0)
     row, column = np.mgrid[0:9, 0:13]
     vertices = np.stack([column, row, 0 * row], axis=-1).reshape(-1, 3).astype(np.float32)
     first = (np.arange(8)[:, None] * 13 + np.arange(12)).reshape(-1)

@@ -41,9 +41,9 @@ def test_a_document_has_its_schema_and_the_version(msb: Msb, tmp_path: Path, lin
         assert keys == documented
 
 
-def test_keys_are_documented_of_eleven_commands() -> None:
+def test_the_documentation_has_the_keys_of_these_commands() -> None:
     assert set(_documented_keys()) == {
-        *("audit", "bench", "devices", "export", "info", "methods", "render", "repair", "scenes"),
+        *("audit", "bench", "capture", "devices", "export", "info", "methods", "render", "repair", "scenes"),
         *("validate", "why"),
     }
 

@@ -25,8 +25,6 @@ REJECTED = """
     bake -o a.glb --scene s --cameras c y                        --cameras
     bake -o a.glb --image-folder i y                             --image-folder
     bake -o a.glb --size 9x9 y                                   --size
-    bake -o a.glb --scene s --up +y y                            --up
-    bake -o a.glb --cameras c --up +y y                          --up
     bench --camera 0 y                                           --camera
     bench --fail-slower 10% y                                    --fail-slower
     compare y                                                    Missing
