@@ -164,8 +164,8 @@ def place_inside(
     vector = _vector(up or up_axis(asset))
     cameras, origin = [], np.asarray(asset.manifest.origin)
     for camera in outside:
-        # A ray goes from the middle along `away`. Compute for each axis at which multiple of `away` the ray
-        # leaves the bounds of most faces.
+        # A ray goes from the middle along `away`. Compute for each axis where the ray leaves the bounds of
+        # most faces, as a multiple of `away`.
         away = camera.relative_to(origin).center - framing.center
         reach = np.where(away > 0, high - middle, middle - low) / np.maximum(np.abs(away), 1e-300)
         eye = middle + 0.5 * reach.min() * away

@@ -1,8 +1,9 @@
 """Lens distortion: from the image of an ideal pinhole camera to the image that a real lens takes.
 
 All functions work on normalised coordinates x / z, y / z in the camera's axes, without focal lengths and
-principal point. Names and orders of coefficients are COLMAP's (`colmap/colmap`: src/colmap/sensor/models.h),
-formulas those of the OpenCV documentation (calib3d, fisheye), of COLMAP and of nerfstudio (cameras).
+principal point. Coefficients have the names and the order of COLMAP (`colmap/colmap`:
+src/colmap/sensor/models.h). The formulas come from the OpenCV documentation (calib3d, fisheye), from COLMAP
+and from nerfstudio (cameras).
 """
 
 from collections.abc import Callable, Sequence

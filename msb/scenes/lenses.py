@@ -16,8 +16,8 @@ from msb.scenes.camera import Camera
 if TYPE_CHECKING:
     from msb.scenes.distortion import Distortion
 
-# Points along each side of the grid on which an undistorted image is tested for missing content. Distortion
-# varies slowly; 33 and 129 points gave the same sizes for all lenses of the tests.
+# An undistorted image is tested for missing content at a grid of points. This is their number along a side.
+# Distortion varies slowly: 33 and 129 points gave the same sizes for all lenses of the tests.
 _GRID = 65
 # Sides of an undistorted image as multiples of the distorted one: COLMAP's limits for its undistorter.
 _MIN_SCALE, _MAX_SCALE = 0.2, 2.0

@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from msb.scenes.camera import Camera
 
-# Smallest mean square of the right vectors along the second axis, at which they determine up: below it they
-# all lie within about 6 degrees of one line, as those of a camera that was not turned sideways.
+# The right vectors determine up if their mean square along the second axis is at least this number. Below it,
+# they all lie within about 6 degrees of one line, because the camera was not turned sideways.
 _MIN_SPREAD = 0.01
 
 
@@ -16,7 +16,7 @@ def find_up(cameras: Sequence[Camera]) -> NDArray[np.float64]:
     """Return the direction (3,) that is up in the world of a capture, a unit vector in float64.
 
     People hold cameras level, so up is square to the right vectors of the cameras: the direction with the
-    least sum of squared dot products with them. Its sign is that of the mean of the cameras' up vectors. If
+    least sum of squared dot products with them. The mean of the cameras' up vectors gives its sign. If
     all right vectors lie along one line, up is the mean up vector without its part along that line. On four
     captures the result was 0 to 6 degrees off the vertical, the mean up vector up to 22 degrees.
     """

@@ -1,4 +1,4 @@
-"""Cameras away from those of a capture: a flight beside them, and additional cameras in their gaps."""
+"""Cameras that no photograph has: a flight beside the cameras of a capture, and cameras in their gaps."""
 
 from collections.abc import Sequence
 from dataclasses import replace

@@ -75,7 +75,7 @@ def test_a_dry_run_prints_all_steps_with_the_paths_of_the_papers_protocol(
         assert shown.returncode == 0, shown.stderr
         steps = [line for line in shown.stdout.splitlines() if line.startswith("+ ")]
         assert any(" git clone --recursive https://github.com/" in step for step in steps)
-        # A step writes what the protocol names: record of the training, timing, model, renderings.
+        # Each file that the protocol names is written by a step: training record, timing, model, renderings.
         paths = paths_of_paper(recipe, name, root)
         (training,) = [step for step in steps if f"-o {root}/training/{recipe.stem}/" in step]
         assert " msb track " in training

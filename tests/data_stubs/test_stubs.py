@@ -20,8 +20,8 @@ from tests.conftest import ROOT
 
 STUBS = ROOT / "data_stubs"
 MODELS = [(path.parent.name, path.name) for path in sorted((STUBS / "models").glob("*/*"))]
-# The demo data has no model of Triangle Splatting+, which shares the renderer and layout of MeshSplatting,
-# and none of 2DGS, whose files are those of 3DGS with two scales. 3DGS has one model.
+# The demo data lacks models of two methods. Triangle Splatting+ shares the renderer and layout of
+# MeshSplatting, and files of 2DGS have the layout of 3DGS with two scales. 3DGS has one model.
 METHODS = set(TRAINED) - {"triangle_splatting_plus", "two_dgs"}
 MAX_BYTES, MAX_BYTES_OF_GAUSSIANS = 8_500_000, 500_000
 MAX_FACES = 8000

@@ -7,7 +7,7 @@ from typing import Literal
 
 from msb.scenes.colors import WHITE, Color
 
-# Name of the dataset of a capture that is not in `DATASETS` and for which no name was passed.
+# Dataset name of a capture that is in no known dataset, if the user passed no name.
 CUSTOM = "custom"
 
 # Layout of a scene's folder. "colmap" has sparse/, "blender" has transforms_train.json and
@@ -106,7 +106,7 @@ DATASETS: dict[str, Dataset] = {
         layouts=("colmap", "neus"),
     ),
 }
-# Pixels by which a recorded side may differ from the published one: undistortion and rounding differ by one.
+# A recorded side may differ from the published one by this number of pixels, because of rounding.
 _ROUNDING = 1
 
 
@@ -126,7 +126,7 @@ def name_datasets(layout: Layout, name: str, above: str) -> Iterator[tuple[str, 
 def is_published(
     key: str, scene: str, photographs: Iterable[str], sizes: Iterable[tuple[int, int]], *, below: bool
 ) -> bool:
-    """Return whether photographs have the names, and recorded sizes, of those that a dataset publishes.
+    """Return whether photographs have the published names and recorded sizes of a dataset.
 
     `below` states that the scene is in a folder of the dataset's name; then names are enough, so that
     resized copies are recognised. Folders of DTU's scenes are called scan1 to scan128.

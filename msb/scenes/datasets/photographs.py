@@ -230,8 +230,8 @@ def _check_kind(root: Path, path: Path, header: ImageHeader, *, converts: bool) 
 def _choose_orientation(header: ImageHeader, record: Size) -> tuple[Size, str | None]:
     """Return the size of a photograph as it is read, and the verdict on its EXIF orientation.
 
-    COLMAP records the size of the pixels as stored, other programs that of the turned image. The verdict is
-    "applied", "as stored" or "undecided", None without an orientation.
+    COLMAP records the size of the pixels as stored. Other programs record the size of the turned image. The
+    verdict is "applied", "as stored" or "undecided", or None without an orientation.
     """
     size, turned = header.size, header.size[::-1]
     if header.orientation == 1:

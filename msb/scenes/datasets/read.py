@@ -203,7 +203,7 @@ def missing_photographs(
 ) -> dict[str, int]:
     """Return how many training and test photographs are missing, also for a scene that is rejected.
 
-    Parameters are those of `read_scene`. Errors of `read_scene` about cameras and folders are raised, too.
+    It takes the parameters of `read_scene`, and raises the same errors about cameras and folders.
     """
     root = given_path(path)
     layout, by = _require_layout(root), rules_of(rules)
@@ -220,7 +220,7 @@ def missing_photographs(
 
 
 def note_models(root: Path, layout: Layout) -> list[Finding]:
-    """Return a note if the folder `sparse` has several COLMAP models, of which the largest is read."""
+    """Return a note if the folder `sparse` has several COLMAP models. Only the largest model is read."""
     models = list_models(root) if layout == "colmap" else []
     if len(models) < 2:
         return []
@@ -281,7 +281,7 @@ def _is_masked(root: Path, layout: Layout, view: Camera) -> bool:
 
 
 def root_name(root: Path) -> str:
-    """Return the name of a scene: that of its folder."""
+    """Return the name of a scene, which is the name of its folder."""
     return _absolute_path(root).name
 
 

@@ -27,7 +27,7 @@ class Reading:
     orientation : int
         The EXIF orientation that is applied; 1 keeps the pixels as stored.
     lens : Camera, optional
-        The camera of the photograph, with the distortion that is removed. Its size is that of the turned
+        The camera of the photograph, with the distortion that is removed. It has the size of the turned
         photograph.
     """
 
