@@ -169,9 +169,8 @@ def test_a_turned_lattice_renders_as_before() -> None:
     faces = original.buffers["indices"].copy()
     faces[::7] = faces[::7, ::-1]  # this changes the rendering and reverses the winding
     specs = original.manifest.buffers
-    kept = {name: getattr(original.manifest, name) for name in Description.__dataclass_fields__}
     domains = {name: spec.domain for name, spec in specs.items()}
-    flipped = build_asset({**original.buffers, "indices": faces}, domains, Description(**kept))
+    flipped = build_asset({**original.buffers, "indices": faces}, domains, Description.of(original.manifest))
     done = msb.repair(flipped, "orient")
     assert done.turned.any()
     camera = msb.Camera.look_at((0, -3, 1), (0, 0, 0), up=(0, 0, 1), width=160, height=120, fov_y=0.8)
