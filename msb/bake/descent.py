@@ -157,7 +157,7 @@ def move_faces(
         first, last = step_lengths
         length = first + (last - first) * share
         soup.corners -= (length * _measure_face_sizes(soup)[:, None, None] * move).astype(np.float32)
-        # Colours, face selection and validation take turns.
+        # Fit the colours, select faces and validate, each after its own number of steps.
         sums = seen.sums if sums is None else COLOR_DECAY * sums + seen.sums
         if step % COLOR_STEPS == 0:
             soup.fit_colors(seen._replace(sums=sums))

@@ -48,7 +48,9 @@ def merge_seams(mesh: Mesh) -> Mesh:
 
 
 def is_uncut_soup(points: NDArray[Any], faces: NDArray[Any]) -> bool:
-    """Return whether the faces are a soup; a surface that was cut along all its edges is none.
+    """Return whether the faces are a soup.
+
+    A surface that was cut along all its edges does not count as a soup.
 
     If the faces use all vertices one after the other, they are always a soup, because assets store soups in
     this way. Corners of such faces may still coincide by chance.

@@ -74,7 +74,7 @@ def move_vertices(
         moving = gradients[gradients.any(axis=1)]
         square = float(np.square(moving).sum(axis=1).mean()) if len(moving) else 0.0
         move = adam.compute_move(gradients, square)
-        # A step of the variables, and the points that follow from them.
+        # Change the variables by one step, and compute the points from them.
         first, last = STEP_LENGTHS
         length = first + (last - first) * share
         variables -= length * _measure_median_edge(points, faces) * move

@@ -64,7 +64,7 @@ def to_local(vertices: NDArray[Any], origin: ArrayLike) -> NDArray[np.float32]:
 
 
 def to_world(positions: NDArray[Any], origin: ArrayLike) -> NDArray[Any]:
-    """Return float32 `positions` (V, 3) relative to `origin` as float64; unchanged if the origin is zero."""
+    """Add `origin` to float32 `positions` (V, 3) in float64. Without an origin, return them unchanged."""
     return positions + np.asarray(origin, np.float64) if np.any(origin) else positions
 
 

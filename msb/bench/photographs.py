@@ -56,7 +56,7 @@ def describe_views(scene: Scene) -> ViewState:
         scene.quantized,
         [(camera.width, camera.height) for camera in scene.test],
     ]
-    # Turned and undistorted photographs; without any, hashes are those of earlier versions.
+    # Hash the turned and undistorted photographs. Without any, hashes stay as in earlier versions.
     if readings := [
         _describe_reading(scene, camera) for camera in scene.test if camera.name in scene.readings
     ]:

@@ -191,7 +191,7 @@ class Planner:
     def _plan_bake(
         self, pair: Pair, model: ModelAsset | Exception | None, table: BakeTable, cell: Cell
     ) -> Planned:
-        """Return the plan of a cell with a bake, and the task of the bake if it does not exist yet."""
+        """Return the plan of a cell with a bake, and the task that makes the bake if there is none yet."""
         if not isinstance(model, ModelAsset) or not is_selected(cell, self.only):
             return self._plan_cell(pair, model, cell)
         settings = get_overrides(pair.method)

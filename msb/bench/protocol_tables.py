@@ -74,7 +74,7 @@ class MethodTable(SceneOptions):
     non_engine_timing: Template | None = None
     # A record of `msb track`.
     training: Template | None = None
-    # The user's word that no test view was seen by trainings that do not record their split.
+    # Whether the user vouches that no training saw a test view, although the training does not record this.
     held_out: bool = False
     # The mesh for the Chamfer distance. Default: the triangles of the asset.
     mesh: Template | None = None

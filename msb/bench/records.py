@@ -436,7 +436,7 @@ def _raise_first(errors: Iterable[tuple[str, str]], file: object) -> None:
 
 
 def _find_huge_numbers(data: Any, place: str = "") -> Iterator[tuple[str, str]]:
-    """Yield (JSON pointer, text) for each number in JSON data that is beyond any measurement."""
+    """Yield (JSON pointer, text) for each number in JSON data that is too large for a measurement."""
     if isinstance(data, dict | list):
         for key, value in data.items() if isinstance(data, dict) else enumerate(data):
             yield from _find_huge_numbers(value, f"{place}/{key}")

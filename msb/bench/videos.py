@@ -117,7 +117,7 @@ def plan_grids(options: VideosTable, jobs: Sequence[Job]) -> list[FilmTask]:
 
 
 def _get_film_path(job: Job) -> Path:
-    """Return the path of the film of a job's model on its scene."""
+    """Return the path of a film. It shows the model of a job in its scene."""
     return Results(job.root).video(*job.cell.names[:3])
 
 

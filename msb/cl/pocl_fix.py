@@ -27,8 +27,8 @@ from typing import Any
 
 # Environment variable; the value 0 disables this module.
 FIX_VARIABLE = "MSB_MEND_POCL"
-# The replacement name: a processor with AVX2 and FMA. A processor name with AVX-512 would change the speed by
-# less than 10 %.
+# The name that replaces the unknown one. It stands for a processor with AVX2 and FMA. A processor name with
+# AVX-512 would change the speed by less than 10 %.
 NAME = b"haswell"
 UNKNOWN = b"generic"
 _WHEEL = "pocl-binary-distribution"

@@ -198,7 +198,7 @@ def _load_package_format(name: str, entry: str) -> Format:
     if begins is not None and not (isinstance(begins, re.Pattern) and isinstance(begins.pattern, bytes)):
         raise PackageError("its begins must be a compiled pattern of bytes")
     if begins is not None and begins.match(b""):
-        raise PackageError("its begins matches every file")
+        raise PackageError("its pattern `begins` matches every file")
     functions: tuple[Any, ...] = (form.read, form.write, form.companions)
     if not callable(form.read) or not all(function is None or callable(function) for function in functions):
         raise PackageError("its read, write and companions must be functions")

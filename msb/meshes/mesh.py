@@ -158,7 +158,7 @@ def report_origin(mesh: Mesh) -> tuple[Finding, ...]:
 
 
 def describe_rounding(mesh: Mesh, rounded: NDArray[Any]) -> str | None:
-    """Return how far `rounded` (V, 3) moves the vertices of `mesh`, as text; None if no image shows it."""
+    """Return how far `rounded` (V, 3) moves the vertices of `mesh`, in words; None if it is invisible."""
     if rounded is mesh.vertices:
         return None
     faces = mesh.faces[:: max(1, len(mesh.faces) // _SAMPLED_FACES)]

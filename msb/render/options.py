@@ -77,7 +77,7 @@ class ViewOptions:
         ViewKind | None,
         Option(
             "Without --cameras: generate views around the model, inside it, or both. Default: the training "
-            "cameras, else the views that see more.",
+            "cameras, else the views that see more of the model.",
             ("--views",),
         ),
     ] = None

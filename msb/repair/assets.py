@@ -160,7 +160,7 @@ def repair_asset(asset: Asset, options: Options, weights: NDArray[Any] | None = 
 
 
 def _find_positions(asset: Asset, done: Outcome) -> NDArray[np.float32]:
-    """Return the positions of a repaired asset relative to its origin; vertices that stay keep their bits."""
+    """Return the positions of a repaired asset relative to its origin. Kept vertices keep all their bits."""
     positions = to_local(done.buffers["positions"], asset.manifest.origin)
     if not any(asset.manifest.origin):
         return positions

@@ -109,7 +109,7 @@ def plot_deployment_gap(numbers: Numbers, dataset: str) -> Figure | None:
 
     Returns None if no method has values of two conditions.
     """
-    # points (condition number, PSNR in dB) of each method with its dedicated tier or a variant
+    # For each method with a dedicated tier or a variant: its points (condition number, PSNR in dB).
     lines = {
         (method, dedicated): points
         for dedicated in ("dedicated", *numbers.variants(dataset, "dedicated"))

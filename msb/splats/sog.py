@@ -39,7 +39,7 @@ def read(meta: Any, read_image: ReadImage) -> Gaussians:
         scale = model.values("scales", model.texels("scales")[:, :3])
         base = model.texels("sh0", width=4)
         f_dc = model.values("sh0", base[:, :3])
-        if model.version == 1:  # the opacity is a logit between its own bounds
+        if model.version == 1:  # the opacity is stored as a logit with separate bounds
             opacity = model.between("sh0", base / 255)[:, 3].astype(np.float32)
         else:
             opacity = to_logit(base[:, 3] / 255)

@@ -60,7 +60,7 @@ def test_a_folder_has_all_files(here: Here, model: Path) -> None:
         # Native rendering, unbaked mesh and baked mesh, in two views.
         assert picture.size == (3 * ring(1)[0].width, 2 * ring(1)[0].height)
         assert picture.getbbox() is not None
-    native = [data["psnr"]["native"][name] for name in ("before", "after", "after_16")]
+    native = [data["psnr"]["native"][name] for name in ("before", "after", "after_16", "model_only_16")]
     assert [row[1] for row in page_data(out)["losses"][1:]] == [f"{value:.1f}" for value in native]
     assert [term for term, _ in page_data(out)["facts"]] == [
         *("asset.glb", "asset_lod1.glb", "asset_collision.glb", "Before", "Now")

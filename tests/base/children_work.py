@@ -15,7 +15,7 @@ Result = tuple[Any, Arrays]
 
 
 def describe(word: str, arrays: Arrays) -> Result:
-    """Return the arguments and twice the arrays, and leave a file in the current folder."""
+    """Return the arguments and the doubled arrays, and write a file into the current folder."""
     shapes = {name: [array.dtype.str, *array.shape] for name, array in arrays.items()}
     print("libraries print")
     with open("left behind", "w", encoding="ascii"):  # noqa: PTH123

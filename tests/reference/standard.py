@@ -55,7 +55,8 @@ def render_standard(
 
     Colours are (n, 3) or (n, 4) uint8, or floats, which are clamped to [0, 1]; a fourth channel is ignored.
     With `domain` "vertex", "face" or "corner", n is V, F or 3 F. Faces that are not `visible` (F,) are
-    skipped and keep their numbers. Textures are multiplied by the colours, which may then be None.
+    skipped and keep their numbers. Textures are multiplied by the colours. With textures the colours may be
+    None.
     """
     points = np.asarray(positions, np.float64)
     faces = np.asarray(indices, np.int64)

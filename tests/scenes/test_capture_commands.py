@@ -20,7 +20,7 @@ TINY = ROOT / "tests" / "tiny" / "scenes"
 
 
 def photographs(scene: Scene) -> dict[str, np.ndarray]:
-    """Return file name -> the photograph as it is compared."""
+    """Return the prepared photographs of a scene by file name."""
     return {Path(str(c.name)).name: ground_truth(scene, c) for c in (*scene.train, *scene.test)}
 
 

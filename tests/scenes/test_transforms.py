@@ -61,7 +61,7 @@ def test_a_pose_is_inverted_and_its_axes_converted(tmp_path: Path) -> None:
     document = {"fl_x": 10, "w": 4, "h": 4, "frames": [frame(transform_matrix=to_world.tolist())]}
     (camera,) = read(tmp_path, document)
     np.testing.assert_allclose(camera.center, to_world[:3, 3])
-    # A point half a unit ahead has the camera's negative z. A point above the axis has a smaller v.
+    # A point in front of the camera has a negative z in its axes. A point above the axis has a smaller v.
     ahead = to_world @ [0, 0.1, -0.5, 1]
     pixels, depth = camera.project(ahead[:3])
     assert depth == pytest.approx(0.5)

@@ -1,4 +1,4 @@
-"""Complete trainings improve the model and can be resumed, and `msb` renders like the trainer."""
+"""A training improves the model and can be resumed, and `msb` renders the model like the trainer."""
 
 import json
 import subprocess
