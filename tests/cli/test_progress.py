@@ -9,8 +9,6 @@ from itertools import pairwise
 
 import pytest
 
-from msb.bench.commands.run import show_stage
-from msb.bench.progress import Stage
 from msb.cli import progress
 from msb.cli.output import Output
 from msb.cli.progress import ProgressLines
@@ -74,6 +72,10 @@ def test_finished_steps_and_stages_are_counted(stream: Written) -> None:
 
 
 def test_a_run_names_its_stage_and_cell(stream: Written) -> None:
+    pytest.importorskip("msb.bench")
+    from msb.bench.commands.run import show_stage
+    from msb.bench.progress import Stage
+
     stage = Stage("cells", ["a", "b"], "kk")
     with show_stage(stage, Output()):
         stage.end(0)

@@ -17,7 +17,6 @@ from msb.meshes.assets import asset_from_mesh
 from msb.repair.assets import repair_asset
 from msb.repair.command import print_table, recommend
 from msb.repair.plan import parse_plan
-from msb.trial.repairs import StrategyResult, TierLikeness
 from tests.cli.conftest import Here, here, mesh_file
 from tests.conftest import BOOK, ROOT, TETRAHEDRON
 from tests.topology.seamed import textured_cube
@@ -190,6 +189,9 @@ def test_a_comparison_recommends_one_of_its_rows() -> None:
     points, faces = TETRAHEDRON
     torn = np.concatenate([points, points[faces[0]]]), np.concatenate([[[4, 5, 6]], faces[1:]])
     asset = asset_from_mesh(Mesh(*torn))
+    pytest.importorskip("msb.trial")
+    from msb.trial.repairs import StrategyResult, TierLikeness
+
     looks = {"standard": TierLikeness(None, same=True)}
     rows = []
     for plan in ("orient,pair", "orient,pair,close", "weld,orient,pair", "drop,orient"):
