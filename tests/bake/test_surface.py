@@ -117,6 +117,7 @@ def test_specks_are_removed_and_noted_if_there_are_many(count: int) -> None:
     assert any("unseen parts" in note for note in notes) == (count > 1), notes
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("quick")
 def test_a_square_and_the_far_wall_behind_it_keep_their_places() -> None:
     corners, colors = tiles()
@@ -133,6 +134,7 @@ def test_a_square_and_the_far_wall_behind_it_keep_their_places() -> None:
     assert np.median(np.abs(depth[far] / target[far] - 1)) < 0.15  # a cell there is 0.3 of the depth wide
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("quick")
 def test_the_sky_of_a_scene_is_a_shell_around_it() -> None:
     corners, colors = tiles(8)

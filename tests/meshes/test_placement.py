@@ -26,6 +26,7 @@ def mesh(up: str | None = "-y", frame: Frame | None = None) -> Mesh:
     return Mesh(POINTS, FACES, up=up, frame=frame)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("suffix", [".glb", ".ply", ".obj", ".usda", ".usdc"])
 @pytest.mark.parametrize(
     "frame",

@@ -18,7 +18,16 @@ VIEWS = [
 golden = pytest.mark.parametrize("view", VIEWS, ids=names)
 
 
-GAUSSIANS = [view for method in ("three_dgs", "two_dgs") for view in golden_views(method)]
+def mark_slow(views: list[View]) -> list[Any]:
+    """Return the parameters of a test; all but the first view of each scene are slow."""
+    first = {view.folder: view for view in reversed(views)}
+    return [
+        pytest.param(view, marks=() if first[view.folder] is view else pytest.mark.slow, id=names(view))
+        for view in views
+    ]
+
+
+GAUSSIANS = mark_slow([view for method in ("three_dgs", "two_dgs") for view in golden_views(method)])
 
 
 def render_view(view: View, device: Device, outputs: Any = "all", **overrides: Any) -> Frame:
@@ -47,7 +56,7 @@ def test_images_are_the_official_ones(view: View, device: Device) -> None:
         assert worst(frame.alpha[view.stable], stored["alpha"][view.stable]) <= 1e-4
 
 
-@pytest.mark.parametrize("view", GAUSSIANS, ids=names)
+@pytest.mark.parametrize("view", GAUSSIANS)
 def test_images_of_gaussians_are_those_of_gsplat(view: View, device: Device) -> None:
     frame = render_view(view, device)
     psnr, share = compare(frame.image, view.image, view.stable)
@@ -55,7 +64,7 @@ def test_images_of_gaussians_are_those_of_gsplat(view: View, device: Device) -> 
     assert psnr >= 100
 
 
-@pytest.mark.parametrize("view", GAUSSIANS, ids=names)
+@pytest.mark.parametrize("view", GAUSSIANS)
 def test_gaussians_follow_the_official_rules(view: View, device: Device) -> None:
     """Of the official rules there is only our reference."""
     frame = render_view(view, device, rasterizer="official")

@@ -308,6 +308,7 @@ def test_latex_charts_are_pdf_without_dates_and_type_3_fonts(report: Report) -> 
         assert b"/TrueType" in files[name] or b"/CIDFontType2" in files[name]
 
 
+@pytest.mark.slow
 def test_a_sheet_shows_the_photograph_and_every_condition_of_each_method(tmp_path: Path) -> None:
     for method in ("two_dts", "diffsoup"):
         for condition, psnr in (("non_engine", 30.0), ("dedicated", 28.0), ("standard", 20.0)):
