@@ -14,6 +14,7 @@ from itertools import product
 import numpy as np
 
 from msb.bake.arrays import Floats, Ints
+from msb.topology.faces import face_vectors
 
 # Charts with fewer faces are merged into larger ones.
 MIN_CHART_FACES = 50
@@ -45,8 +46,7 @@ def merge_small_charts(points: Floats, faces: Ints, plane: Floats, chart: Ints) 
     chart : (F,) int64
         The chart of each face.
     """
-    corners = points[faces]
-    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    area = np.linalg.norm(face_vectors(points, faces), axis=1)
     scale = np.sqrt(np.abs(_signed_areas(plane)).sum() / max(area.sum(), 1e-300))
     merging = _Merging(scale * points, faces, plane.copy(), chart.copy(), scale**2 * area)
     merging.run(np.bincount(chart)[chart] < MIN_CHART_FACES)

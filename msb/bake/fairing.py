@@ -13,6 +13,7 @@ import numpy as np
 
 from msb.bake.arrays import Floats, Ints
 from msb.bake.closed_mesh import make_neighbour_average
+from msb.topology.faces import face_vectors
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
@@ -94,8 +95,7 @@ def _unfold(points: Floats, faces: Ints, neighbours: Neighbours, average: csr_ma
     A folded face lies upside down between its neighbours. The filter cannot turn it, as its normal differs
     too much from theirs. Its corners move half way to the average of their neighbours instead.
     """
-    corners = points[faces]
-    vectors = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    vectors = face_vectors(points, faces)
     length = np.linalg.norm(vectors, axis=1)
     sums = np.add.reduceat(vectors[neighbours.faces], neighbours.starts[:-1]) - vectors
     total = np.add.reduceat(length[neighbours.faces], neighbours.starts[:-1]) - length
@@ -118,12 +118,11 @@ def filter_normals(points: Floats, faces: Ints, neighbours: Neighbours, rounds: 
     squared distance of the centres around face i.
     """
     owner, others, starts = neighbours
-    corners = points[faces]
-    vectors = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    vectors = face_vectors(points, faces)
     length = np.linalg.norm(vectors, axis=1)
     normals = vectors / np.maximum(length, 1e-300)[:, None]
     # The weights (n,) of the pairs by area and distance do not change between rounds.
-    centers = corners.mean(axis=1)
+    centers = points[faces].mean(axis=1)
     squares = np.square(centers[owner] - centers[others]).sum(axis=1)
     average = np.add.reduceat(squares, starts[:-1]) / np.diff(starts)
     near = length[others] * np.exp(-squares / np.maximum(2 * average[owner], 1e-300))

@@ -19,6 +19,7 @@ from msb.meshes.assets import asset_from_mesh
 from msb.meshes.mesh import Mesh
 from msb.render import Renderer
 from msb.scenes import Camera
+from msb.topology.faces import face_vectors
 
 # Angle in degrees above which an edge is a crease, and above which a pixel's normal counts as wrong.
 SHARP = 30.0
@@ -87,8 +88,7 @@ def measure_bending(points: Floats, faces: Ints, visible: Mask, size: float = 1.
     faces = place.reshape(-1)[faces[visible]]
     merged = np.zeros((place.max(initial=-1) + 1, 3))
     merged[place.reshape(-1)] = points
-    corners = merged[faces]
-    vectors = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    vectors = face_vectors(merged, faces)
     doubled = np.linalg.norm(vectors, axis=1)
     area = doubled.sum() / 2
     if not area > 0:
@@ -186,8 +186,7 @@ class _View:
 
     def face_normals(self, mesh: Mesh, rows: tuple[NDArray[np.int64], ...]) -> Floats:
         """Return the unit normals (n, 3) of the faces at the pixels `rows`."""
-        corners = mesh.vertices.astype(np.float64)[mesh.faces[self.face[rows]]]
-        return _unit(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
+        return _unit(face_vectors(mesh.vertices.astype(np.float64), mesh.faces[self.face[rows]]))
 
     def interpolated_normals(
         self, mesh: Mesh, normals: Floats, camera: Camera, rows: tuple[NDArray[np.int64], ...]
@@ -230,8 +229,7 @@ def _vertex_normals(mesh: Mesh) -> Floats:
     points = mesh.vertices.astype(np.float64)
     _, place = np.unique(mesh.vertices, axis=0, return_inverse=True)
     index = place.reshape(-1)[mesh.faces]
-    corners = points[mesh.faces]
-    vectors = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    vectors = face_vectors(points, mesh.faces)
     rows = np.repeat(vectors, 3, axis=0)
     count = int(index.max(initial=-1)) + 1
     sums: Floats = np.stack(

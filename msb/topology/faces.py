@@ -29,6 +29,13 @@ def face_areas(vertices: NDArray[Any], faces: NDArray[Any]) -> tuple[NDArray[np.
     return area, finite
 
 
+def face_vectors(points: NDArray[np.float64], faces: NDArray[Any]) -> NDArray[np.float64]:
+    """Return the normal of each face times twice its area (F, 3)."""
+    corners = points[faces]
+    vectors: NDArray[np.float64] = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    return vectors
+
+
 def signed_volume(vertices: NDArray[Any], faces: NDArray[np.int64]) -> float:
     """Return the volume of a closed mesh in cubed length units; negative if it is wound inwards."""
     return float(signed_volumes(vertices, faces).sum())
