@@ -119,8 +119,8 @@ def make_unlit_material(
 ) -> bpy.types.Material:
     """Return a material that emits the attribute `colors` times `image`, transparent below the alpha cutoff.
 
-    Without a texture, colours are sRGB and are interpolated as sRGB. The shader then converts to linear light,
-    and the view transform Standard converts to sRGB again. With a texture, colours are linear light.
+    Without a texture, colours are sRGB and are interpolated as sRGB. The shader then converts to linear
+    light, and the view transform Standard converts to sRGB again. With a texture, colours are linear light.
     """
     material = bpy.data.materials.new(name)
     if not material.node_tree:  # before Blender 5
