@@ -31,7 +31,7 @@ from .model import (
     show_exactly,
 )
 
-# Marked edges as (colour, batch of lines), by the session UID of a mesh. A change of any object clears them.
+# Marked edges as (colour, batch of lines), by the session UID of a mesh. A change of any object clears the lines.
 _lines: dict[int, list[tuple[Any, Any]]] = {}
 
 
