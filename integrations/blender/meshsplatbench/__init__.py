@@ -31,7 +31,7 @@ from .model import (
     show_exactly,
 )
 
-# Marked edges as (colour, batch of lines), by the session UID of a mesh. A change of any object clears the lines.
+# Marked edges as (colour, batch of lines), by the session UID of a mesh. Cleared when any object changes.
 _lines: dict[int, list[tuple[Any, Any]]] = {}
 
 
