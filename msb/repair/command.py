@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass, replace
@@ -29,6 +30,9 @@ if TYPE_CHECKING:
     from msb.topology import Audit
     from msb.trial.repairs import StrategyResult, TierLikeness
     from msb.trial.run import Trial
+
+MIN_FACES_KEPT = 0.9  # share; a repair that removes more faces is recommended only if the images stay alike
+MIN_LIKENESS = 40.0  # dB of the repaired mesh to the stored mesh; differences above are hard to see
 
 
 @dataclass(frozen=True)
@@ -410,7 +414,10 @@ def _print_comparison(rows: list[StrategyResult], views: str, output: Output) ->
 
 
 def recommend(rows: list[StrategyResult]) -> str:
-    """Return the recommended row: the best verdict, then the most tasks, fewest defects and best likeness."""
+    """Return the recommended row: the best verdict, then the most tasks, fewest defects and best likeness.
+
+    A repair that removes visible parts of the mesh is never recommended.
+    """
     from msb.topology.verdict import judge
     from msb.trial.repairs import count_passed
 
@@ -423,11 +430,19 @@ def recommend(rows: list[StrategyResult]) -> str:
         level = ("ok", "limited", "bad").index(judge(row.after).level)
         return level, -count_passed(row.trials), defects, max(looks, default=-1000.0)
 
+    def keeps_shape(row: StrategyResult) -> bool:
+        assert row.before is not None
+        assert row.looks is not None
+        close = all(look.same or (look.psnr or math.inf) >= MIN_LIKENESS for look in row.looks.values())
+        return close or row.faces_kept >= MIN_FACES_KEPT * row.before.counts.faces
+
     done = [row for row in rows if row.after is not None and row.looks is not None]
     if not done:
         return ""
-    best = min(done, key=rank)  # of equal rows the first, the asset as stored
-    reason = "no repair is better" if best is rows[0] else "best verdict, then most tasks"
+    kept = [row for row in done if keeps_shape(row)]
+    best = min(kept, key=rank)  # of equal rows the first, the asset as stored
+    none_better = "no repair is better" + (" without removing visible faces" if kept != done else "")
+    reason = none_better if best is rows[0] else "best verdict, then most tasks"
     return f"Recommended: {best.strategy} ({reason})"
 
 
