@@ -64,7 +64,7 @@ class Framing:
     def note(self) -> str:
         """The end of a sentence about generated views: the faces that the views leave out.
 
-        "" if no faces are left out.
+        The text is "" if no faces are left out.
         """
         return f"; far outliers are not framed: {self.left_out}" if self.left_out else ""
 

@@ -71,7 +71,7 @@ def note_recorded_size(path: str | os.PathLike[str], cameras: Sequence[Camera]) 
 def find_photographs(path: str | os.PathLike[str], cameras: Sequence[Camera]) -> tuple[Path, Size] | None:
     """Return the folder with the largest photographs of a COLMAP scene, and their size.
 
-    None without photographs.
+    The result is None if the scene has no photographs.
 
     The arguments are those of `note_recorded_size`.
     """

@@ -97,7 +97,7 @@ class Rules:
     def photographs_of(self, dataset: str, group: str = "") -> Photographs | None:
         """Return the rule for a group of a dataset's scenes.
 
-        None if the loader does not support the dataset.
+        The result is None if the loader does not support the dataset.
         """
         key = dataset if dataset in DATASETS else CUSTOM
         return self.photographs.get(f"{key}/{group}") or self.photographs.get(key)
