@@ -34,7 +34,7 @@ from msb.scenes.around import find_bulk, is_surrounded, make_turntable, place_in
 from msb.scenes.framing import MIN_COVERAGE, Framing, find_framing
 from msb.scenes.sets import check_cameras
 
-# Largest number of training cameras that are used, evenly spread over all training cameras. This limit bounds
+# Largest number of training cameras that are used, evenly spread over all training cameras. The limit bounds
 # the computing time.
 MAX_TRAINING_VIEWS = 12
 # If generated views see less than this share of the area, views from the other side are also tried.
@@ -50,7 +50,7 @@ _TESTED_FACES = 4000
 # consistent with front sides pointing inwards. Below 1/3, the winding counts as consistent with front sides
 # pointing outwards. For faces with random winding, the share is 1/2.
 _BEHIND_SHARE = 2 / 3
-# The same share limits for the comparison of inside and outside views, which needs less certainty. Measured
+# Limits of this share for the comparison of inside and outside views, which needs less certainty. Measured
 # shares are 0.3 for a diorama, 0.66 for a room, and 0.49 to 0.55 for captures with random winding.
 _OUTWARD_SHARE, _INWARD_SHARE = 0.4, 0.6
 # A face is visible if the depth of its centre is at most this factor times the depth map's value. The
@@ -312,7 +312,7 @@ def _measure_seen_areas(
     """Return the shares of the area seen from outside and from inside, and the winding.
 
     The winding is the share of visible faces that outside cameras see from behind. If the winding is
-    consistent, only front sides count as visible. Both shares are 1 if they cannot be measured.
+    consistent, only front sides count as visible. If the visible areas cannot be measured, both shares are 1.
     """
     if why_not(asset.manifest, "standard") is not None:
         return 1.0, 1.0, 0.5

@@ -55,8 +55,8 @@ class Gap:
     mean_abs_scene_gap: float | None = None
     scenes: int = 1
     expected: int = 1
-    # The averages of both conditions over exactly these scenes. These averages differ from other tables if
-    # scenes are missing in one condition.
+    # The averages of both conditions over exactly the scenes of the gap. If scenes are missing in one
+    # condition, these averages differ from the averages in other tables.
     ends: tuple[float, float] | None = None
     # The 95 % interval of `signed`, computed from the losses in single views. The interval is None if only
     # the two averages are known.
@@ -290,7 +290,7 @@ def _combine(metric: str, gaps: Mapping[GapName, Gap], *, same_scenes: bool = Tr
 def _find_commonest(reasons: list[str]) -> str:
     """Return the most frequent reason; "missing" is returned only if no scene has another reason.
 
-    Otherwise an incomplete dataset would hide why its measured scenes are not comparable.
+    A reason "missing" would hide why the measured scenes of an incomplete dataset are not comparable.
     """
     others = [reason for reason in reasons if reason != "missing"]
     return max(dict.fromkeys(others), key=others.count) if others else "missing"

@@ -67,8 +67,8 @@ def view_values(result: Result, metric: str) -> dict[str, float]:
 def interval(scenes: Sequence[Sequence[float]]) -> Interval:
     """Return the 95 % interval of an average over scenes; a scene counts as the average of its views.
 
-    `scenes` contains, for each scene, a value per view or the difference of two conditions per view. With a
-    single scene, the interval is over its views.
+    `scenes` contains, for each scene, a value per view or the difference of two conditions per view. If there
+    is only one scene, the interval is over its views.
     """
     counts = [len(values) for values in scenes]
     if not counts or not all(counts):

@@ -38,7 +38,7 @@ class Job:
     # The inputs to record for each part to compute. Parts of the record that are not listed are kept while
     # they are valid.
     parts: Mapping[PartName, PartInputs]
-    # The current inputs of every part that the protocol requests for the cell.
+    # The current inputs of every part that the protocol requests for the benchmark cell.
     requested: Mapping[PartName, PartInputs] = field(default_factory=dict)
     # The value is None if the protocol has only official renderings of the method.
     model: ModelAsset | None = None

@@ -36,7 +36,8 @@ class ViewState:
 
     # Hash of the names, sizes, intrinsics and poses of the cameras.
     cameras: str
-    # Hash of photographs, sizes, masks and background. This hash is the name of the ground truth folder.
+    # Hash of photographs, sizes, masks and background. The hash of the photographs is the name of the ground
+    # truth folder.
     photographs: str
     setup: Setup
     # Common names of photographs, renderings and ground truth, without suffix.

@@ -150,7 +150,9 @@ class _Context(SpawnContext):
 
 
 class LocalWorkers(Workers):
-    """Processes on this machine. They are spawned instead of forked, so that they inherit no OpenCL context.
+    """Processes on this machine.
+
+    The processes are spawned instead of forked, so that they inherit no OpenCL context.
 
     Each process listens to a pipe from the parent process, and ends when the pipe closes. The pipe closes
     even if the parent process is killed.

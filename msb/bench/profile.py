@@ -75,8 +75,8 @@ def profile(
     """Time a new `renderer` that draws the `cameras` in turn, and return its times and memory.
 
     The timing ends when `frames` and `seconds` are both reached. The default warm-up (`warm_up` None) ends
-    after 10 frames or one second. It lasts at least until the renderer's buffers have settled (`SETTLED_AT`
-    frames). `device_kind` is stored in the result. `step` is called after each timed frame.
+    after 10 frames or one second. The warm-up lasts at least until the renderer's buffers have settled
+    (`SETTLED_AT` frames). `device_kind` is stored in the result. `step` is called after each timed frame.
     """
     if not cameras:
         raise ValueError("cameras is empty; at least one camera is required")
@@ -87,7 +87,7 @@ def profile(
             cycle.repeat(SETTLED_AT - cycle.frames, 0)
     elif warm_up:
         cycle.repeat(warm_up, 0)
-    # Only the frames from here on are timed. Draw the remaining cameras only to measure memory.
+    # The frames drawn from here on are timed. Draw the remaining cameras only to measure memory.
     start = time.perf_counter()
     cycle.ends.clear()
     drawn = cycle.repeat(frames, seconds, step=step)

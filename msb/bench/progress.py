@@ -10,8 +10,8 @@ class RemainingTime(NamedTuple):
     """An estimate of the remaining time."""
 
     seconds: float
-    # Whether the estimate is a lower bound. It is a lower bound if a remaining kind of task has no finished
-    # task yet, or if a task already takes longer than its kind's average.
+    # Whether the estimate is a lower bound. The estimate is a lower bound if a remaining kind of task has no
+    # finished task yet, or if a task already takes longer than its kind's average.
     at_least: bool
 
 

@@ -72,7 +72,7 @@ def measure_quality(job: Job) -> dict[str, Any]:
 
 @lru_cache(maxsize=1)
 def load_measures(weights: Path | None) -> metrics.Measures:
-    """Return the image metrics. Their weights are loaded once per process."""
+    """Return the image metrics. The weights of the metrics are loaded once per process."""
     return metrics.Measures(weights)
 
 

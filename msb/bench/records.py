@@ -1,6 +1,6 @@
 """Result records: JSON files with the measurements of one cell (dataset, scene, method, condition).
 
-Records are written by `msb run`; `msb report` reads only records. Values have full precision. Their units are
+Records are written by `msb run`; `msb report` reads only records. Values have full precision. The units are
 seconds, milliseconds, bytes and the units of the metrics. A missing value is None and has a reason. The file
 is described in docs/protocol.md.
 """
@@ -298,7 +298,8 @@ class RendererTiming(Record):
     device: Name
     # Description of the measurement: "render() of 300 test views after a warm-up, nothing written".
     timed: Name
-    # Whether loading and writing are included. Such a time is not compared with other times.
+    # Whether loading and writing are included. Times that include loading or writing are not compared with
+    # other times.
     whole_command: bool = False
     peak_gpu_memory_bytes: Count | None = None
 
@@ -355,8 +356,8 @@ class Result(Record):
     """The record of one benchmark cell.
 
     A cell is "done" if its images were compared or its mesh was audited. Tables print the status
-    "unsupported" as N/A and "failed" as --. Both have a `reason`. Parts that do not apply to the condition
-    are None. Requested parts that are missing have a reason in `reasons`.
+    "unsupported" as N/A and "failed" as --. Records with either status have a `reason`. Parts that do not
+    apply to the condition are None. Requested parts that are missing have a reason in `reasons`.
     """
 
     schema_: Literal["msb.result/2"] = Field(default=SCHEMA, alias="schema")
@@ -386,7 +387,7 @@ class Result(Record):
     bake: BakeDocument | None = None
     # The folder "trial" beside the record contains the images of a trial.
     trial: TrialDocument | None = None
-    # Only exported meshes have this part; its images are in the folder "repairs".
+    # Comparison of repairs, for exported meshes only; its images are in the folder "repairs".
     repairs: RepairDocument | None = None
     # Only conditions rendered by our renderers or an engine have a walk, and only if the protocol requests
     # one.

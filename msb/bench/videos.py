@@ -122,7 +122,10 @@ def _get_film_path(job: Job) -> Path:
 
 
 def _read_description(film: Path) -> dict[str, Any]:
-    """Return the content of the JSON file beside a film. It is empty unless both files exist."""
+    """Return the content of the JSON file beside a film.
+
+    The content is empty unless the film and the JSON file exist.
+    """
     with contextlib.suppress(MsbError):
         description = read_json(film.with_suffix(".json"), _MAX_BYTES)
         if isinstance(description, dict) and film.exists():

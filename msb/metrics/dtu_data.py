@@ -17,7 +17,8 @@ from msb.metrics.matlab import find_variables
 # Maximum number of voxels; all published scans have fewer. The maximum limits memory, because compressed
 # zeros expand to a thousand times their size.
 _MAX_VOXELS = 1 << 29
-# Largest absolute value in a file. It is far beyond any scan, and no computation overflows below it.
+# Largest absolute value in a file. Values of real scans are far smaller, and no computation with values up to
+# this limit overflows.
 _LARGEST = 1e30
 _SHAPES = {"BB": (2, 3), "Res": (1, 1), "P": (4, 1)}
 

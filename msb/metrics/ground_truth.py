@@ -95,8 +95,8 @@ def _apply_reading(pixels: NDArray[np.uint8], reading: Reading) -> NDArray[np.ui
     return pixels if reading.lens is None else undistort_image(pixels, reading.lens)
 
 
-# For each EXIF orientation, the function that rotates an image upright (EXIF 2.3: Orientation). Only
-# orientations that swap the axes are ever applied.
+# For each EXIF orientation, the function that rotates an image upright (EXIF 2.3: Orientation). Orientations
+# that do not swap the axes are never applied.
 _TURNS: dict[int, Callable[[NDArray[np.uint8]], NDArray[np.uint8]]] = {
     5: lambda image: image.swapaxes(0, 1),
     6: lambda image: np.rot90(image, -1),

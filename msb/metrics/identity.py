@@ -102,8 +102,8 @@ class ImageMetric(Definition):
         A function of rendering and ground truth that returns the value. Both images are (H, W, 3) float64 in
         [0, 1], of equal size and rounded according to `INPUT_RULE`.
     load : callable, optional
-        A replacement of `measure` for metrics with VGG weights. It loads a weight file and returns a network
-        with the signature of `measure`.
+        A replacement of `measure` for metrics with VGG weights. The function loads a weight file and returns
+        a network with the signature of `measure`.
     modules : tuple of str
         Modules of the extra `bench` that the metric imports.
     """

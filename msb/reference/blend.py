@@ -53,8 +53,8 @@ class Rule:
 class Composite:
     """Sums over the faces at every sample, without background, as arrays of H x W samples.
 
-    `depth_median` and `face_median` belong to the last blended face with T > 0.5 in front of it. They are 0
-    and -1 in samples without faces.
+    `depth_median` and `face_median` belong to the last blended face with T > 0.5 in front of it. In samples
+    without faces they are 0 and -1.
     """
 
     color: Reals

@@ -31,8 +31,8 @@ class SplattingCamera:
         tan(fov / 2) in x and y.
     shift : (2,)
         Offset of the principal point from the middle of the raster, to the right and down, in samples.
-        The official code ignores this shift. Here the shift is added to every sample position; a shift of 0
-        has no effect.
+        The official code ignores this shift. This renderer adds the shift to every sample position; a shift
+        of 0 has no effect.
     """
 
     width: int
@@ -63,10 +63,10 @@ def splatting_camera(
     -----
     Formulas: GaodeRender/triangle-splatting: src/diff_recon/utils/camera.py;
     trianglesplatting/triangle-splatting: utils/graphics_utils.py, scene/cameras.py. The official code gets
-    the camera centre from a float32 inverse of W. Here the inverse is computed in double precision and
-    rounded. The last bits of the official inverse depend on the linear algebra library. The official code of
-    Triangle-Splatting and MeshSplatting inverts W twice in double precision before rounding. This changes W
-    by less than 1e-16 and is omitted.
+    the camera centre from a float32 inverse of W. This module computes the inverse in double precision and
+    rounds it. The last bits of the official inverse depend on the linear algebra library. The official code
+    of Triangle-Splatting and MeshSplatting inverts W twice in double precision before rounding. The second
+    inversion changes W by less than 1e-16 and is omitted here.
     """
     tan_x, tan_y = math.tan(camera.fov_x / 2), math.tan(camera.fov_y / 2)
     projection = np.zeros((4, 4), dtype)

@@ -45,8 +45,8 @@ MAX_RADIUS = 1600
 class Windows:
     """Projected faces on the screen, in samples; F is the number of faces.
 
-    Methods of this class take face numbers, and the columns and rows of samples. These arrays are broadcast:
-    pass K faces as (K, 1) and P samples as (P,), or N faces with one sample each as (N,).
+    Methods of this class take face numbers, and the columns and rows of samples. Face and sample arrays are
+    broadcast: pass K faces as (K, 1) and P samples as (P,), or N faces with one sample each as (N,).
     """
 
     # (F,) whether a face is culled by distance, grazing view angle or size. Faces are also culled by opacity
@@ -64,8 +64,8 @@ class Windows:
     # (F, 3) edge offsets: n . q + offset is the signed distance of a point q from an edge with normal n,
     # positive outside.
     edge_offset: Reals
-    # (F, 3) signed distance of the incentre from each edge. It is negative, and equal for all three edges up
-    # to rounding.
+    # (F, 3) signed distance of the incentre from each edge. The distance is negative, and equal for all three
+    # edges up to rounding.
     inradius: Reals
     # (F,) largest distance from a corner to the projected centroid.
     radius: Reals

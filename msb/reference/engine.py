@@ -6,8 +6,8 @@ culled by size or distance. The coverage window, colours and blending follow the
 
 Barycentric coordinates divided by depth are affine on the screen, and so is 1 / depth. These quotients are
 called homogeneous edge functions (Olano and Greer, "Triangle scan conversion using 2D homogeneous
-coordinates", 1997). These functions make clipping of polygons unnecessary: all three are negative where a
-line of sight meets the triangle behind the camera.
+coordinates", 1997). Homogeneous edge functions make clipping of polygons unnecessary: all three are negative
+where a line of sight meets the triangle behind the camera.
 """
 
 from dataclasses import dataclass
@@ -66,7 +66,7 @@ class EngineTriangles:
 
     @property
     def radius(self) -> Reals:
-        """The radius for culling. It is 0, because an engine does not cull by radius."""
+        """The culling radius, which is 0, because an engine does not cull by radius."""
         return np.zeros_like(self.depth)
 
     def facing_normal(self) -> Reals:
@@ -112,9 +112,9 @@ def project_engine(triangles: Reals, view: SplattingCamera, *, incentre: bool) -
     Parameters
     ----------
     incentre : bool
-        True: the window is 1 at the incentre. It is the distance to the nearest edge divided by the inradius,
-        both measured on the triangle in space. False: the window is 1 at the centroid, and three times the
-        smallest barycentric coordinate elsewhere.
+        True: the window is 1 at the incentre. The window is the distance to the nearest edge divided by the
+        inradius, both measured on the triangle in space. False: the window is 1 at the centroid, and three
+        times the smallest barycentric coordinate elsewhere.
 
     Notes
     -----

@@ -21,8 +21,8 @@ class ReferenceFrame:
     alpha : (H, W)
         1 - transmittance; for DiffSoup 1 in pixels with a face, else 0.
     depth : (H, W)
-        Depth along the camera's z axis in scene units, 0 in empty pixels. It is the expected depth (sum of
-        weight times depth, divided by alpha), or for DiffSoup the depth of the visible face.
+        Depth along the camera's z axis in scene units, 0 in empty pixels. The value is the expected depth
+        (sum of weight times depth, divided by alpha), or for DiffSoup the depth of the visible face.
     depth_median : (H, W), optional
         Depth of the face that lowers the transmittance to one half; 0 in empty pixels. Triangle-Splatting
         uses the depth of the face's centroid, and MeshSplatting the depth interpolated at the sample.

@@ -21,7 +21,7 @@ Integers = NDArray[Any]
 class Rectangles:
     """For each of F faces, the rectangle [low, high) of tiles that list the face.
 
-    Both are (F, 2) integers, x and y.
+    `low` and `high` are (F, 2) integers, x and y.
     """
 
     low: Integers
@@ -53,7 +53,7 @@ def grid_size(width: int, height: int) -> Integers:
 def tile_number(value: Reals, limit: Integers) -> Integers:
     """Return `value` (..., 2) truncated to integers and clamped to [0, `limit`]. `limit` is (2,).
 
-    Like the conversion on a GPU, large values saturate, and NaN becomes 0.
+    As in a conversion on a GPU, large values saturate, and NaN becomes 0.
     """
     return np.asarray(np.clip(np.nan_to_num(np.trunc(value), nan=0), 0, limit).astype(np.int64))
 

@@ -82,8 +82,8 @@ def _carry_corners(name: str, array: NDArray[Any], change: Change, faces: NDArra
     """Return a corner buffer of the changed mesh; `faces` (F, 3) are the faces before the change.
 
     Values of an added face are interpolated on the edge shared with the adjacent face. Values of the added
-    face's third vertex cannot be used. They may belong to another UV chart, and textures are undefined
-    between charts.
+    face's third vertex cannot be used. These values may belong to another UV chart, and textures are
+    undefined between charts.
     """
     added = len(change.added_from)
     kept = array[change.corner_map[: 3 * (len(change.faces) - added)]]

@@ -456,15 +456,15 @@ def _write_canvas(
     from matplotlib import rc_context
     from matplotlib.figure import Figure as Canvas
 
-    # Settings for the colours of text and lines, and for background colours. These settings get the
-    # placeholders.
+    # Settings for the colours of text and lines, and for background colours. The settings get the placeholder
+    # colours.
     inked = ("text.color", "axes.edgecolor", "axes.labelcolor", "xtick.color", "ytick.color", "grid.color")
     faces = ("figure.facecolor", "axes.facecolor", "savefig.facecolor")
     settings = {
         "svg.fonttype": "none",
         "svg.hashsalt": "msb",
-        "pdf.fonttype": 42,  # TrueType fonts; publishers reject the default, Type 3
-        "text.parse_math": False,  # scene names can contain dollar signs
+        "pdf.fonttype": 42,  # TrueType fonts, because publishers reject Type 3, the default.
+        "text.parse_math": False,  # Scene names can contain dollar signs.
         "font.family": "sans-serif",
         "font.size": 9,
         "axes.grid": True,

@@ -104,7 +104,7 @@ def make_table(
         Key fields. Numbers of one metric with equal values of these fields form a group, whose best value is
         bold. Numbers of the paper form separate groups. Without fields, no value is bold.
     definitions : tuple of str
-        Notes on our measurements. These notes are omitted from the paper's own tables.
+        Notes on our measurements. Notes on our measurements are omitted from the paper's own tables.
     notes : tuple of str
         Further notes.
     """
@@ -112,8 +112,8 @@ def make_table(
     grid = [(spec, [Key(**{**of, **column.of, **spec.of}) for column in columns]) for spec in row_specs]
     rows = _make_rows(numbers, grid, best_of)
     if paper is not None:
-        # Insert the paper's rows from the last to the first. This order does not change the positions of
-        # earlier rows.
+        # Insert the paper's rows from the last to the first. The positions of earlier rows then do not
+        # change.
         known = [n for n, (_, keys) in enumerate(grid) if any(paper.value(key) is not None for key in keys)]
         paper_rows = _make_rows(paper, [grid[n] for n in known], best_of)
         for n, row in reversed(list(zip(known, paper_rows, strict=True))):

@@ -61,8 +61,8 @@ def format_change(change: float, ends: tuple[float, float], decimals: int) -> tu
     """Return a change and its end values, with enough decimals that the printed ends differ by the change.
 
 
-    Ends that do not differ by the change may be means over other scenes. Then all three numbers get
-    `decimals` decimals.
+    Ends that do not differ by the change may be means over other scenes. In this case the change and the ends
+    get `decimals` decimals.
 
     Examples
     --------

@@ -106,7 +106,7 @@ def judge(place: Place, loaded: Mapping[str, LoadedResult], numbers: Numbers) ->
     uses = {"standard": "Standard-tier mesh, any engine"}
     uses |= {name: f"Model with its native shaders ({condition_title(name)})" for name in dedicated}
     uses |= {name: f"Baked mesh, any engine ({plain_text(name.partition('/')[2])})" for name in bakes}
-    # Only supported conditions have a frame rate.
+    # Judge the frame rates of supported conditions only.
     supported = {name for name, record in records.items() if record.status != "unsupported"}
     timed = [name for name in ("standard", *dedicated) if name in supported]
     statements = [

@@ -66,7 +66,8 @@ def to_markdown(table: Table) -> str:
 
 
 def to_latex(table: Table) -> str:
-    r"""Return the table as a LaTeX float with the label ``tab:LABEL``. It needs booktabs and graphicx.
+    r"""Return the table as a LaTeX float with the label ``tab:LABEL``. The LaTeX document must load booktabs
+    and graphicx.
 
     A table that is too wide is scaled to the page. Columns without any value are omitted and listed in a
     note.

@@ -187,7 +187,8 @@ class Camera:
     def project(self, points: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return pixels (..., 2) float64 and depths (...) along the camera's z axis, of points (..., 3).
 
-        Pixel coordinates are u to the right and v down. They are NaN for points with a depth of 0 or less.
+        Pixel coordinates are u to the right and v down. Coordinates of points with a depth of 0 or less are
+        NaN.
         """
         rotation, translation = self.world_to_camera[:3, :3], self.world_to_camera[:3, 3]
         local = np.asarray(points, dtype=np.float64) @ rotation.T + translation

@@ -49,8 +49,7 @@ def count_shots(source: Source) -> int:
 def read_shots(source: Source) -> Iterator[Shot]:
     """Yield the records of images.txt: ID QW QX QY QZ TX TY TZ CAMERA_ID NAME, then a line of 2D points.
 
-    The second line lists the 2D points of the image and may be empty. The name of an image may contain
-    spaces.
+    The second line of an image lists its 2D points and may be empty. The name of an image may contain spaces.
     """
     lines = _lines(source)
     for line in filter(_Line.is_record, lines):

@@ -14,8 +14,8 @@ from msb.asset.build import measure_bounds
 from msb.asset.look import normals_of
 from msb.scenes.dense import find_dense
 
-# A mesh must cover at least this share of the pixels of its views. Otherwise the views do not serve to judge
-# the mesh. At 1 % coverage, the PSNR of the whole image is 20 dB above the PSNR of the covered pixels.
+# A mesh must cover at least this share of the pixels of its views. Views with less coverage are not used to
+# judge the mesh. At 1 % coverage, the PSNR of the whole image is 20 dB above the PSNR of the covered pixels.
 MIN_COVERAGE = 0.01
 # Faces are isolated if their distance from the middle is at least this multiple of all other faces'
 # distances. Framing isolated faces would shrink all other faces to about a quarter of their pixels.

@@ -105,8 +105,8 @@ def interpolate_cameras(cameras: Sequence[Camera], count: int, *, closed: bool =
 
     Centres follow the uniform Catmull-Rom spline (E. Catmull and R. Rom, A class of local interpolating
     splines, 1974). An open flight is extended at its ends by reflection. Rotations follow the same spline of
-    unit quaternions, with signs aligned and the result normalised. Between only two cameras this is the great
-    arc of slerp. Focal lengths and principal points are interpolated linearly, which cannot overshoot.
+    unit quaternions, with signs aligned and the result normalised. A flight between two cameras rotates like
+    slerp. Focal lengths and principal points are interpolated linearly, which cannot overshoot.
     """
     if len(cameras) < 2:
         text = f"a flight needs at least 2 cameras, not {len(cameras)}"

@@ -151,8 +151,9 @@ def rotation_from_quaternion(quaternion: ArrayLike) -> NDArray[np.float64]:
 def quaternion_from_rotation(rotation: ArrayLike) -> NDArray[np.float64]:
     """Return the unit quaternion (w, x, y, z), (4,) float64, of a rotation matrix (3, 3), with either sign.
 
-    The quaternion is the eigenvector of the largest eigenvalue of a symmetric 4 x 4 matrix. This computation
-    is stable for all rotation angles. If the matrix is not exactly a rotation, the nearest rotation is used.
+    The quaternion is the eigenvector of the largest eigenvalue of a symmetric 4 x 4 matrix. The eigenvector
+    computation is stable for all rotation angles. If the matrix is not exactly a rotation, the nearest
+    rotation is used.
     Source: I. Y. Bar-Itzhack, New method for extracting the quaternion from a rotation matrix, J. Guidance
     23(6), 2000.
     """

@@ -20,7 +20,7 @@ from msb.scenes.camera import Camera
 from msb.scenes.colmap import read_model, read_points
 from msb.scenes.image_size import read_header
 
-# Which photographs are compared: all pairs, or neighbours in the order of file names.
+# How photographs are paired for comparison: all pairs, or neighbours in the order of file names.
 Matching = Literal["exhaustive", "sequential"]
 # Camera model: COLMAP's default for an unknown camera, with one focal length and one radial coefficient.
 _LENS = "SIMPLE_RADIAL"
@@ -60,8 +60,9 @@ def find_poses(
 ) -> FoundPoses:
     """Find the poses of photographs, and the lens that the photographs share.
 
-    Photographs of one size share a lens, unless the EXIF data name several cameras. Then each camera has its
-    own lens. Poses and the scale of the world are relative, because photographs contain no absolute length.
+    Photographs of one size share a lens, unless the EXIF data name several cameras. In this case, each camera
+    has a separate lens. Poses and the scale of the world are relative, because photographs contain no
+    absolute length.
 
     Parameters
     ----------

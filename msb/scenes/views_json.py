@@ -1,4 +1,4 @@
-"""Read and write views.json, the package's camera file format. It stores all fields except paths."""
+"""Read and write views.json, the package's camera file format. The file stores all fields except paths."""
 
 import json
 import os

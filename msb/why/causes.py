@@ -26,14 +26,14 @@ from msb.why.views import CauseViews, DoesNotApplyError, Image
 
 # Logit of an opacity of 1 - 2e-9. In float32 this opacity rounds to 1.
 _FULL_LOGIT = np.float32(20.0)
-# For each coverage kernel, the settings that make the coverage 1 inside a face and 0 outside. These settings
+# For each coverage kernel, the settings that make the coverage 1 inside a face and 0 outside. The settings
 # are a steep power and a narrow window.
 _HARD_SETTINGS: dict[str, dict[str, float]] = {
     "gaussian_power": {"gamma": 1000.0},
     "edge_window": {"sigma": 1e-9},
 }
-# Stored value of Triangle-Splatting that makes edges hard. It gives sigma = 0.01 + exp(value) its minimum of
-# 0.01.
+# Stored value of Triangle-Splatting that makes edges hard. With this value, sigma = 0.01 + exp(value) has its
+# minimum of 0.01.
 _HARD_SIGMA = np.float32(-30.0)
 # Two lists of images: without and with a cause. Each list of images has one image per view.
 _Pair = tuple[list[Any], list[Any]]

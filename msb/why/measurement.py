@@ -36,8 +36,8 @@ class Cause:
     applies : bool
         Whether the asset can be drawn both with and without the cause.
     db : float or None
-        PSNR in dB between the images with and without the cause, over all views. It is inf for equal images,
-        and None if the cause does not apply.
+        PSNR in dB between the images with and without the cause, over all views. The PSNR is inf for equal
+        images, and None if the cause does not apply.
     reason : str or None
         Why the cause does not apply; None if the cause applies.
     how_to_see : str
@@ -114,8 +114,8 @@ def why(
     -------
     list of Cause
         One entry for each of `CAUSES`, including causes that do not apply. If no camera sees the asset, no
-        cause applies. Its attribute `total` contains the loss of the standard-tier mesh, and `views` the
-        `cameras` that see the asset.
+        cause applies. The list's attribute `total` contains the loss of the standard-tier mesh, and `views`
+        the `cameras` that see the asset.
 
     Raises
     ------

@@ -198,7 +198,7 @@ class _Comparison:
             }
 
     def make_document(self, rows: list[dict[str, Any]], failed: list[dict[str, Any]]) -> dict[str, Any]:
-        """Return the JSON document. Its averages include only the images that could be compared."""
+        """Return the JSON document. Averages include only the images that could be compared."""
         from msb.errors import json_safe
         from msb.metrics.registry import mean_of
 

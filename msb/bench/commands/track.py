@@ -43,8 +43,9 @@ def track(
 
     The exit status is that of the command, or 128 + n if signal n ended the command. Name this record in the
     protocol's key training. With --frames, the command is a method's official renderer. Name this record in
-    the protocol's key non_engine_timing. It states that its time includes loading and writing. GPU memory is
-    measured by NVML (NVIDIA only, extra gpu). If GPU memory cannot be measured, the record gives the reason.
+    the protocol's key non_engine_timing. The record states that its time includes loading and writing. GPU
+    memory is measured by NVML (NVIDIA only, extra gpu). If GPU memory cannot be measured, the record gives
+    the reason.
     """
     from msb.base.atomic import new_file
     from msb.bench.track import make_renderer_timing

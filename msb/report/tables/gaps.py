@@ -181,7 +181,8 @@ def _gap_cells(numbers: Numbers, key: GapKey) -> dict[str, TableCell]:
         return gap_cell(key.metric, value, gap, ends, sign=signed, interval=signed)
 
     if gaps is None or gaps.monotone is None or gaps.triangle_excess is None:
-        # One of the gaps is missing. A gap that is not supported (N/A) takes precedence over other reasons.
+        # Give the reason if one of the gaps is missing. A gap that is not supported (N/A) takes precedence
+        # over other reasons.
         missing = [absent[name] for name in _NAMES if gaps is None or gaps[name].value is None]
         other = TableCell(NOT_AVAILABLE, reason="the two gaps cover different scenes")
         monotone = excess = min(missing, key=lambda cell: cell.text != NOT_SUPPORTED, default=other)

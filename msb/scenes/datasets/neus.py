@@ -67,7 +67,7 @@ def _matrix(source: Source, archive: zipfile.ZipFile, name: str) -> NDArray[np.f
 
 
 def _numbers(stream: io.BytesIO) -> NDArray[np.float64] | None:
-    """Return the 4 x 4 numbers of a .npy file. Its header is checked before memory is allocated."""
+    """Return the 4 x 4 numbers of a .npy file. The header is checked before memory is allocated."""
     if np.lib.format.read_magic(stream) != (1, 0):
         return None
     shape, by_columns, dtype = np.lib.format.read_array_header_1_0(stream)

@@ -156,7 +156,7 @@ def _find_near_miss(view: Camera) -> str | None:
 class StoredPhotographs:
     """The photographs of the views: how each is read, and its size after rotation and undistortion.
 
-    `views` are pinhole cameras. They have the size of the undistorted photograph, or else the recorded size.
+    `views` are pinhole cameras. A view has the size of its undistorted photograph, or else the recorded size.
     `sizes` has an entry for each view. `readings` has an entry only for views whose photographs are changed.
     """
 

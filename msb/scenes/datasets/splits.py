@@ -42,7 +42,9 @@ class SplitViews:
 def split_views(
     root: Path, layout: Layout, views: Sequence[Camera], *, by_name: bool, is_benchmark: bool
 ) -> SplitViews:
-    """Use the recorded split of a scene, if there is one. Otherwise every 8th view is a test view.
+    """Split the views of a scene by its recorded split.
+
+    Without a recorded split, every 8th view is a test view.
 
     `by_name` sorts views by their full names instead of their stems. Datasets of the benchmark
     (`is_benchmark`) without transforms_train.json always use every 8th view as a test view.
