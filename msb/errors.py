@@ -1,7 +1,7 @@
 """The classes of errors, their codes, and the exit status of each class.
 
-Every error that a user can cause has a stable code. A code belongs to one class, and all errors of a class
-have the same exit status. The command line prints errors as ``CODE: FILE: problem, place, remedy``.
+Every error that a user can cause has a stable code. Each code belongs to one class of errors, and all errors
+of a class have one exit status. The command line prints errors as ``CODE: FILE: problem, place, remedy``.
 """
 
 import contextlib

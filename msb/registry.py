@@ -169,8 +169,8 @@ class Method:
     files: tuple[str, ...] = ()
     """Paths of the method's models in an output folder, such as ``ckpt/{n}.ckpt``.
 
-    The preferred path is first. {n} is the iteration number; the highest number is used. A * matches
-    any text, if only one file matches.
+    The preferred path is first. {n} is the iteration number, and the highest number is used. A * matches any
+    text, if only one file matches.
     """
     bundle: tuple[str, ...] = ()
     """File names of a model that consists of several files; the main file is first.

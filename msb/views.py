@@ -1,7 +1,7 @@
 """Default views for judging a model, and the PSNR of its renderings in these views.
 
-The default views are the training cameras of the model, if they are stored beside it. Without such cameras,
-msb generates views around the model, or inside the model if it is an interior.
+The default views are the training cameras of the model, if they are stored beside it. Without training
+cameras, msb generates views around the model, or inside the model if it is an interior.
 """
 
 from __future__ import annotations
@@ -220,7 +220,7 @@ def check_given_views(cameras: Iterable[Camera]) -> ChosenViews:
 def find_training_views(
     asset: Asset, device: str | None = None, *, most: int | None = None, longest: int | None = None
 ) -> ChosenViews | None:
-    """Return the training cameras stored beside an asset, or None if no such camera sees the asset.
+    """Return the training cameras stored beside an asset, or None if no training camera sees the asset.
 
     At most `most` cameras are returned. The chosen cameras are spread evenly over all cameras. The images are
     scaled down so that no side is longer than `longest` pixels.
@@ -343,7 +343,7 @@ def _is_interior(asset: Asset, outside: list[Camera], within: list[Camera], devi
         return False
     with Renderer(asset, "standard", device) as renderer:
         front, back, behind, _ = _test_visibility(asset, renderer, outside)
-        # With consistent winding only front sides count, otherwise both sides.
+        # If the winding is consistent, only front sides count as visible. Otherwise both sides count.
         is_sided = behind >= _BEHIND_SHARE or behind <= 1 - _BEHIND_SHARE
         visible = (front if is_sided else front | back).mean()
         if visible >= 0.5:

@@ -143,9 +143,9 @@ def _is_valid(part: PartName, job: Job, old: Result) -> bool:
     recorded, requested = old.inputs[part], job.requested.get(part)
     if requested is not None:
         return recorded == requested
-    # The protocol no longer requests the part, so its current inputs are unknown. The part is valid if those
-    # inputs are unchanged that it shares with the images or the audit. Timing and walk must also have the
-    # same set of rendering options as the images.
+    # The protocol no longer requests the part, so its current inputs are unknown. The part is valid if its
+    # inputs shared with the images or the audit are unchanged. Timing and walk must also have the same set of
+    # rendering options as the images.
     present = {name: value for main in MAIN for name, value in job.requested.get(main, {}).items()}
     images = job.requested.get("quality", {}).keys()
     same_options = (

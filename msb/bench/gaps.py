@@ -50,8 +50,8 @@ class Gap:
     signed: float | None = None
     # The reason for a missing gap, as returned by `incomparable`.
     reason: str | None = None
-    # The average of the absolute gaps of single scenes. This average is never smaller than `value`, because
-    # gains of some scenes cancel losses of others in `value`.
+    # The average of the absolute gaps of single scenes. This average is never smaller than `value`, where
+    # gains of some scenes cancel the losses of other scenes.
     mean_abs_scene_gap: float | None = None
     scenes: int = 1
     expected: int = 1

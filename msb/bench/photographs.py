@@ -56,8 +56,8 @@ def describe_views(scene: Scene) -> ViewState:
         scene.quantized,
         [(camera.width, camera.height) for camera in scene.test],
     ]
-    # Add the rotated and undistorted photographs to the hash. Without such photographs, the hash is the same
-    # as in earlier versions.
+    # Add the rotated and undistorted photographs to the hash. Without rotated or undistorted photographs, the
+    # hash is the same as in earlier versions.
     if readings := [
         _describe_reading(scene, camera) for camera in scene.test if camera.name in scene.readings
     ]:

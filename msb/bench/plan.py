@@ -423,7 +423,7 @@ def is_selected(cell: Cell, only: Sequence[str]) -> bool:
 
 
 def _matches(names: Sequence[str], only: Sequence[str]) -> bool:
-    """Return whether at least one string of `only` matches these names."""
+    """Return whether at least one string of `only` matches the names of a cell."""
     return not only or any(
         all(any(fnmatchcase(name, pattern) for name in names) for pattern in text.split("/")) for text in only
     )

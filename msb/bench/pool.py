@@ -205,7 +205,7 @@ def _initialize_worker(pipe: Connection) -> None:
 def check_address(address: str) -> None:
     """Raise USAGE if `address` is not HOST:PORT.
 
-    Dask would wait for such an address and then print a traceback.
+    Dask would wait for an invalid address and then print a traceback.
     """
     match = re.fullmatch(r"(?:[a-z]+://)?[^\s/:][^\s/]*:(\d{1,5})", address)
     if match is None or not 0 < int(match[1]) < 1 << 16:

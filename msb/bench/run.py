@@ -283,7 +283,7 @@ class _Run:
     def compute_cells(
         self, stage: str, jobs: list[Job], then: Sequence[str], *, alone: bool = False
     ) -> set[str]:
-        """Compute jobs, and return the names of the failed ones."""
+        """Compute jobs, and return the names of the failed jobs."""
         failed = set()
         for job, answer in self.run_tasks(stage, compute, jobs, then, alone=alone):
             if isinstance(answer, JobOutcome):

@@ -99,7 +99,7 @@ def loss_split(metric: str, results: Mapping[str, Conditions], scenes: Iterable[
 def _find_best_bake(results: Mapping[str, Conditions], scenes: tuple[str, ...], *, kept: bool) -> str | None:
     """Return the bake that covers the most scenes.
 
-    Of several such bakes, return the one with the best average PSNR.
+    If several bakes cover equally many scenes, return the bake with the best average PSNR.
 
     With `kept`, only bakes that keep all triangles are compared; otherwise only bakes with new triangles.
     """

@@ -251,7 +251,7 @@ def _make_commands(records: Sequence[Result]) -> Iterator[str]:
 
 
 def make_archive(members: Mapping[str, bytes]) -> bytes:
-    """Return a ZIP archive of members (name -> content); equal members give equal bytes."""
+    """Return a ZIP archive of members, given as content by name. Equal members give equal bytes."""
     buffer = io.BytesIO()
     with zipfile.ZipFile(buffer, "w", zipfile.ZIP_STORED) as archive:
         for name, data in members.items():

@@ -99,7 +99,7 @@ def plan_videos(options: VideosTable, jobs: Sequence[Job]) -> list[FilmTask]:
 
 
 def plan_grids(options: VideosTable, jobs: Sequence[Job]) -> list[FilmTask]:
-    """Return the grids to write: one for each scene with the films of at least two methods."""
+    """Return the grids to write: one grid for each scene with films of at least two methods."""
     # Collect the first job of each model, by dataset and scene, then by model.
     scenes: dict[tuple[str, str], dict[str, Job]] = {}
     for job in jobs:

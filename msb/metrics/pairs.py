@@ -49,7 +49,7 @@ def pair_images(
         raise MetricError("METRIC_IMAGE_NAMES", text, file=gt)
     extra = sorted(set(expected) - set(files))
     if extra and not subset:
-        text = f"{_list_names(extra, gt)} missing here; use --subset to compare only the existing ones"
+        text = f"{_list_names(extra, gt)} missing here; use --subset to compare only the existing images"
         raise MetricError("METRIC_IMAGE_NAMES", text, file=pred)
     return [ImagePair(name, files[name], expected[name]) for name in sorted(files)]
 

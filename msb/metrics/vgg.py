@@ -73,8 +73,8 @@ def read_vgg(path: str | os.PathLike[str]) -> tuple[Weights, dict[str, Any]]:
     The file is a state dict of the torchvision VGG16 written by torch.save, or an .npz with the same keys.
     Other keys of the file (classifier.*) are ignored. Loading does not execute code from the file. Weights
     are features.N.weight (out, in, 3, 3) and features.N.bias (out,), float32. The record contains the name of
-    the file, "sha256" of the file, "tensors_sha256" of the values (independent of the file format), and
-    "known", the name of published weights.
+    the file, "sha256" of the file, "tensors_sha256" of the values (independent of the file format), and the
+    name "known" of published weights.
     """
     place = regular_file(path)
     shapes: dict[str, tuple[int, ...]] = {f"features.{n}.weight": (o, i, 3, 3) for n, i, o in LAYERS}

@@ -166,7 +166,7 @@ def _scale(view: SplattingCamera) -> tuple[Reals, Reals]:
 
 
 def _on_raster(planes: Reals, view: SplattingCamera) -> Reals:
-    """Return (a, b, c) for normals n (..., 3), so that n . ray is a x + b y + c at the sample (x, y)."""
+    """Return (a, b, c) for normals n (..., 3), such that n . ray = a x + b y + c at the sample (x, y)."""
     step, middle = _scale(view)
     a, b = planes[..., 0] * step[0], planes[..., 1] * step[1]
     return np.stack([a, b, (planes[..., 2] - a * middle[0]) - b * middle[1]], axis=-1)

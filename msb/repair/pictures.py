@@ -18,7 +18,7 @@ from msb.scenes import Camera
 from msb.topology.halfedge import NONE
 
 RED, GREEN, CUT = (0.85, 0.1, 0.1), (0.1, 0.7, 0.2), (0.0, 0.0, 0.55)
-# Grey levels of black and of white faces. These grey levels are light, to contrast with the other colours.
+# Grey levels of black and of white faces. Light grey levels contrast with the other colours.
 _DARKEST, _LIGHTEST = 0.55, 0.9
 # Depth tolerance of cut edges, as a fraction of the visible surface's depth. The edges lie on the surface, so
 # their depths are nearly equal to the surface depth.

@@ -160,7 +160,7 @@ def _collect_views(records: Mapping[Place, Mapping[str, Result]]) -> dict[Key, d
 
 
 def _sort_names(names: Iterable[str], first: Iterable[str]) -> list[str]:
-    """Return `names` in a new order: the names in `first`, then the others in natural order."""
+    """Return `names` in a new order: the names in `first`, then all other names in natural order."""
     order = list(first)
 
     def rank(name: str) -> tuple[int, list[Any]]:

@@ -181,7 +181,7 @@ def plot_loss_split(numbers: Numbers, dataset: str) -> Figure | None:
     Each method's bar extends from the PSNR of Standard to the PSNR of Dedicated. The parts of the bar are the
     losses due to colours, faces and blending.
     """
-    # For each method, the steps of its loss, each with the PSNR in dB at its better and its worse end.
+    # For each method, the parts of its loss, with the PSNR in dB at both ends of each part.
     bars = {
         method: [(name, *gap.ends) for name, gap in split.steps.items() if gap.ends is not None]
         for method in numbers.methods(dataset)
@@ -277,8 +277,8 @@ def plot_quality_speed(numbers: Numbers, dataset: str) -> Figure | None:
 def plot_differences(pairs: Sequence[PublishedPair], dataset: str) -> Figure | None:
     """Return the bar chart of our PSNR minus the published PSNR, or None without published values.
 
-    If values of single scenes are published, each scene has a bar. Otherwise each method has a bar for its
-    mean over scenes.
+    If values of single scenes are published, each scene has a bar. If only means are published, each method
+    has a bar for its mean over scenes.
     """
     of_dataset = [
         pair

@@ -178,7 +178,7 @@ class Table:
         metrics = dict.fromkeys(cell.metric for cell in cells)
         common: dict[str, str] = {}
         for note in dict.fromkeys(note for cell in cells for note in cell.notes):
-            # A note is common if every cell of its metrics has the note.
+            # A note is moved to the table if every cell of the note's metrics has the note.
             noted_metrics = dict.fromkeys(cell.metric for cell in cells if note in cell.notes)
             if all(note in cell.notes for cell in cells if cell.metric in noted_metrics):
                 images = [metric for metric in noted_metrics if metric in IMAGE_METRICS]

@@ -178,7 +178,7 @@ def place_inside(
 
 
 def is_surrounded(bulk: Bulk) -> bool:
-    """Return whether a few large faces surround many small ones, like walls or hills in a capture.
+    """Return whether a few large faces surround many small faces, like walls or hills in a capture.
 
     Large surrounding faces move the median of the area much farther from the middle than the median of the
     faces.

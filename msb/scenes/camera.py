@@ -151,9 +151,9 @@ class Camera:
     ) -> Camera:
         """Return a camera at `eye` that looks at `target`, with square pixels.
 
-        `up` is the direction in the world that is up in the image: -y in most COLMAP scenes and in models
-        trained on them, (0, 1, 0) for mesh files, (0, 0, 1) in NeRF-Synthetic and Blender. `fov_y` is the
-        full vertical angle in radians.
+        `up` is the world direction that points up in the image. It is -y in most COLMAP scenes and their
+        models, (0, 1, 0) for mesh files, and (0, 0, 1) in NeRF-Synthetic and Blender. `fov_y` is the full
+        vertical angle in radians.
         """
         return cls.from_fov(width, height, look_at_pose(eye, target, up), fov_y=fov_y, name=name)
 

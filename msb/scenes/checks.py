@@ -1,4 +1,4 @@
-"""Validation of the single values of a camera. Each function raises CAMERA_INVALID with a clear message."""
+"""Validation of each value of a camera. Each function raises CAMERA_INVALID with a clear message."""
 
 import math
 import operator

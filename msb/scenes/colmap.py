@@ -26,7 +26,7 @@ _Record = TypeVar("_Record", "Lens", "Shot")
 _FORMS: dict[str, ModuleType] = {".bin": colmap_binary, ".txt": colmap_text}
 
 # Largest number of cameras of a model. A camera takes about 0.5 kB of memory and 60 microseconds. A malicious
-# file can declare one in 73 bytes.
+# file can declare a camera in 73 bytes.
 MAX_CAMERAS = 1 << 20
 # Smallest accepted length of a quaternion. COLMAP writes unit quaternions. Much shorter quaternions have no
 # precise direction.

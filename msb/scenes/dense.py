@@ -20,7 +20,7 @@ _MIN_PART = 0.02
 
 
 def find_dense(points: NDArray[np.floating], weight: NDArray[np.floating]) -> NDArray[np.bool_]:
-    """Return a mask (N,) of the points in the dense parts; `weight` (N,) is their opacity.
+    """Return a mask (N,) of the points in the dense parts; `weight` (N,) is the opacity of each point.
 
     All points are returned if their range is empty or not finite. O(N) time.
     """

@@ -142,7 +142,7 @@ def _find_middle(positions: NDArray[np.float32], faces: NDArray[np.uint32]) -> N
 def _drop_isolated(
     near: NDArray[np.float64], far: NDArray[np.float64], area: NDArray[np.float64]
 ) -> NDArray[np.bool_]:
-    """Return a mask (n,) of all faces except isolated ones that are few and have little area.
+    """Return a mask (n,) of all faces except isolated faces that are few and have little area.
 
     `near` and `far` (n,) are the distances of the nearest and the farthest corner of each face.
     """

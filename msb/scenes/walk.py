@@ -29,9 +29,8 @@ def make_walk(
     The flight passes at most ten of `stops`, evenly spread, in their order. Each stop is displaced by `reach`
     times the radius of the `capture`: the largest distance of a camera from the mean of all cameras. The
     direction of displacement alternates: right, nearer, left, farther, up. Each displaced camera is rotated
-    so that one point keeps its place in the image: the point nearest to the axes of all cameras. The flight
-    takes 24 frames from stop to stop (`interpolate_cameras`). If `frames` exceeds one loop of the flight, the
-    flight starts again.
+    so that the point nearest to all camera axes keeps its place in the image. The flight takes 24 frames from
+    stop to stop (`interpolate_cameras`). If `frames` exceeds one loop of the flight, the flight starts again.
 
     Parameters
     ----------

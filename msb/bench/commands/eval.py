@@ -169,7 +169,7 @@ class _Comparison:
             if count > 1:
                 self.output.note(f"{count} of {len(pairs)} images have the same error: {message}")
         # If all images are uniform and the ground truth is not, the images do not show the model. Metrics of
-        # such images would be misleading.
+        # images without the model would be misleading.
         is_empty = bool(rows) and all(a for a, _ in self.uniform) and not all(b for _, b in self.uniform)
         if is_empty:
             rows = [{**row, **dict.fromkeys(self.metrics)} for row in rows]

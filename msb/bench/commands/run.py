@@ -136,8 +136,8 @@ def run(
 
     Each benchmark cell (dataset, scene, method, condition) has one record. Finished cells are not computed
     again. Start the same command again to continue after an interruption, or to evaluate added models. A
-    failed benchmark cell does not stop the others. The exit status is the highest status of all failures. msb
-    report writes tables.
+    failed benchmark cell does not stop other cells. The exit status is the highest status of all failures.
+    msb report writes tables.
     """
     if options.example is not None:
         others = typed.keys() - {"example", "quiet", "verbose", "color", "log_file", "debug"}

@@ -258,7 +258,7 @@ def _explain_failure(error: MsbError, dataset: str) -> str:
 
 
 def _list_differences(ours: Scene, theirs: Scene) -> list[str]:
-    """Return short descriptions of the differences between a scene read by our rules and by others."""
+    """Return short descriptions of the differences between two readings of a scene, by two sets of rules."""
     first, second = ours.test[0], theirs.test[0]
     differences = []
     our_size, size = (f"{view.width} x {view.height}" for view in (first, second))

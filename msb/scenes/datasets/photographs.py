@@ -77,7 +77,7 @@ def choose_photographs(
 
 
 def _missing_folder(root: Path, folder: str) -> SceneError:
-    """Return the error about a missing folder of photographs, with the names of existing ones."""
+    """Return the error about a missing folder of photographs, with the names of existing folders."""
     existing = [child.name for child in folders(root) if images_in(child)]
     text = f"photographs are expected in {shorten(folder, 60)}, which does not exist"
     if existing:

@@ -79,8 +79,8 @@ class Rules:
     photographs : mapping
         Dataset, or dataset/group -> `Photographs`. Datasets without an entry are not supported by the loader.
     backgrounds : mapping
-        Dataset -> background of the model in the method's official evaluation; "" stands for all other
-        datasets.
+        The background of the model in the method's official evaluation, by dataset. The key "" covers all
+        other datasets.
     """
 
     title: str
