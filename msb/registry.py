@@ -44,7 +44,7 @@ SettingValue = bool | int | float | str | None
 SettingSource = Literal["checkpoint", "config", "flag", "default"]
 SETTING_SOURCES: tuple[str, ...] = ("checkpoint", "config", "flag", "default")
 
-# For each pass in a manifest's `required_passes`, the work of a renderer in this pass.
+# For each pass in a manifest's `required_passes`, a description of the renderer's work.
 PASSES: dict[str, str] = {
     "opaque_unlit": "opaque, z-buffered, two-sided faces in unlit vertex colours; every engine can draw it",
     "bake_dc": "clamp(C0 * f_dc + 0.5) turned into vertex colours before drawing",
@@ -180,7 +180,7 @@ class Method:
     reads_meshes: bool = False
     """Whether the method's adapter accepts any mesh file if the user names the method.
 
-    Methods need this if their exported files do not show which method wrote them.
+    Methods need this option if their exported files do not identify the method.
     """
     rules: Rules | None = None
     """The rules of the official code for reading datasets; None if the method is not trained on datasets."""
@@ -201,8 +201,8 @@ AWARE: dict[str, Any] = {"view_dependence": True, "opacity": True, "depth_sort":
 BAKED: tuple[str, ...] = ("bake_dc", "opaque_unlit")
 BLENDED: tuple[str, ...] = ("project_cull", "tile_sort", "blend_front_to_back")
 OTHER_LPIPS = PaperNote(
-    "the paper cites this LPIPS from other work, which measured images in [0, 1]; values for [-1, 1] are not "
-    "comparable",
+    "the paper cites LPIPS from other work for images in [0, 1], which is not comparable with LPIPS for [-1, "
+    "1]",
     ("lpips",),
 )
 NO_TRIANGLES = "the primitives of this method are Gaussians, not triangles"
@@ -353,7 +353,7 @@ def with_role(what: Role) -> Iterator[tuple[str, Any]]:
 
 @cache
 def _loadable(name: str, what: Role) -> Any:
-    """Return the module of a role. If it cannot be imported, warn and return None."""
+    """Return the module of a role. If the module cannot be imported, warn and return None."""
     try:
         return role(name, what)
     except UsageError as error:

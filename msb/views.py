@@ -138,8 +138,8 @@ def _measure_coverage(
 ) -> dict[int, float] | None:
     """Find the first `enough` cameras that see the asset.
 
-    Return the covered share of pixels for each of these cameras by number. The result is None if no tier can
-    draw the asset. The caller gets the error when it draws the asset.
+    Return the covered share of pixels of each camera that sees the asset, by number. The result is None if no
+    tier can draw the asset. The caller gets the error when it draws the asset.
     """
     all_tiers: tuple[Tier, ...] = ("standard", "dedicated")
     tiers = [tier for tier in all_tiers if why_not(asset.manifest, tier) is None]
@@ -328,7 +328,10 @@ def _measure_seen_areas(
 
 
 def spread_evenly(cameras: Sequence[Camera], count: int) -> list[Camera]:
-    """Return `count` cameras, spread evenly and beginning with the first; all cameras if there are fewer."""
+    """Return `count` cameras, spread evenly and beginning with the first.
+
+    If there are fewer cameras, all cameras are returned.
+    """
     if len(cameras) <= count:
         return list(cameras)
     return [cameras[k * len(cameras) // count] for k in range(count)]

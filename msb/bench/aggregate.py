@@ -24,7 +24,7 @@ MAX_RATE_RANGE = 0.25
 
 
 class Metric(NamedTuple):
-    """A number of the tables: its title, unit and precision, and the function that reads it from a record."""
+    """A number of the tables: its title, unit and precision, and a function that reads it from a record."""
 
     title: str
     unit: str

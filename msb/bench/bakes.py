@@ -118,10 +118,10 @@ def find_known_bake(task: BakeTask, run: str | None = None) -> ModelAsset | None
 
 
 def make_bake(task: BakeTask) -> ModelAsset:
-    """Bake the model of a task from the training views of the scene, and write the file that describes it.
+    """Bake the model of a task from the training views of the scene, and write the JSON file of the bake.
 
-    If this run has already finished the bake, it is returned. A task can arrive twice, because a cluster may
-    repeat the tasks of a lost worker.
+    A bake that this run has already finished is returned without computation. A task can arrive twice,
+    because a cluster may repeat the tasks of a lost worker.
     """
     from msb.bake import bake
 

@@ -79,7 +79,7 @@ class Gaps:
     # Whether the value of Dedicated, rounded as in tables, lies between the values of Non-Engine and Standard
     # or equals one of them. The result is None if a gap is missing, or if the gaps cover different scenes.
     monotone: bool | None
-    # adapt + port - deploy: 0 if monotone, otherwise 2 min(adapt, port).
+    # The excess adapt + port - deploy: 0 for monotone values, otherwise 2 min(adapt, port).
     triangle_excess: float | None
 
     def __getitem__(self, name: GapName) -> Gap:

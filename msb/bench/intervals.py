@@ -19,8 +19,8 @@ from msb.metrics.registry import IMAGE_METRICS
 # Significance level of the tests.
 LEVEL = 0.05
 # Maximum ratio of the numbers of views in two scenes; with a larger ratio a difference is not tested. A
-# correct test calls 5 % of the differences significant that are pure noise. This test calls 4.2 % significant
-# at a ratio of 3, and only 1 % at a ratio of 100.
+# correct test calls 5 % of purely random differences significant. The t test calls 4.2 % significant at a
+# ratio of 3, and only 1 % at a ratio of 100.
 MOST_UNEQUAL = 3
 NO_VIEWS = "no values of single views"
 # Values with a smaller relative difference than this are equal except for rounding.

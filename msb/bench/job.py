@@ -19,7 +19,7 @@ from msb.scenes.datasets import SceneAt
 PartName = Literal[
     "quality", "audit", "trial", "repairs", "timing", "walk", "chamfer", "training", "renderer_timing"
 ]
-# A cell fails if one of these parts fails. If another part fails, the record states the reason.
+# A cell fails if one of the required parts fails. If another part fails, the record states the reason.
 MAIN: tuple[PartName, ...] = ("quality", "audit")
 # The hash or version of each input of a part, by the name of the input.
 PartInputs = dict[str, str]

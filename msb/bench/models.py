@@ -28,8 +28,8 @@ class ModelAsset(Record):
     """An asset of a run, and the model from which it was exported."""
 
     method: str
-    # The main file of the checkpoint. For a checkpoint of several files, the hash is that of the list of
-    # their hashes.
+    # The main file of the checkpoint. For a checkpoint of several files, the hash covers the list of the
+    # files' hashes.
     checkpoint: File | None
     # The exported asset; `bytes` is the total size of its files.
     asset: File
@@ -38,7 +38,7 @@ class ModelAsset(Record):
     # The section `training` of the manifest.
     training: dict[str, Any]
     # Path, size and modification time of all files of the checkpoint and the asset. The hashes are valid
-    # while these values are unchanged.
+    # while path, size and time are unchanged.
     stamps: tuple[tuple[str, int, int], ...]
     # Path and method of the model in the protocol.
     key: str

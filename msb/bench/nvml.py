@@ -10,7 +10,7 @@ from msb.bench.validation import Count, Record
 
 
 class Gpu(Record):
-    """A GPU of this machine, and the peak memory of the command on it; None if unknown."""
+    """A GPU of this machine, and the command's peak memory on the GPU; None if unknown."""
 
     index: Count
     name: str

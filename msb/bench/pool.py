@@ -57,9 +57,9 @@ def run_all(
     are not disturbed by other tasks of the run.
 
     When a process dies, the pool does not know which task killed the process. The responsible task was in
-    progress, so it is among the first unfinished tasks (at most one per worker). The pool repeats these
-    tasks, one at a time. If a process dies again, its task fails with RUN_WORKER_DIED, and the other tasks
-    continue. A Dask scheduler repeats the tasks of a dead worker itself.
+    progress, so it is among the first unfinished tasks (at most one per worker). The pool repeats the first
+    unfinished tasks, one at a time. If a process dies again, its task fails with RUN_WORKER_DIED, and the
+    other tasks continue. A Dask scheduler repeats the tasks of a dead worker itself.
     """
     waiting = list(tasks)
     while waiting:
@@ -103,7 +103,7 @@ def _run_group(
 
 
 def _submit(executor: Executor, function: Callable[[Task], Answer], task: Task) -> Future[Answer]:
-    """Submit a task. If the pool is already broken, return a future with this error."""
+    """Submit a task. If the pool is already broken, return a future with the pool's error."""
     try:
         return executor.submit(function, task)
     except BrokenExecutor as error:

@@ -75,7 +75,8 @@ class MethodTable(SceneOptions):
     non_engine_timing: Template | None = None
     # A record of `msb track`.
     training: Template | None = None
-    # Whether the user confirms that no training used a test view, although the training does not record this.
+    # Whether the user confirms that no training used a test view, although the training does not record its
+    # split.
     held_out: bool = False
     # The mesh for the Chamfer distance. Default: the triangles of the asset.
     mesh: Template | None = None

@@ -166,7 +166,10 @@ def open_renderer(job: Job, asset: Asset | None = None) -> Renderer:
 
 
 def describe_renderer(job: Job, name: str) -> RendererInfo:
-    """Return the record of a renderer. `name` is its "TITLE VERSION", and the job contains its settings."""
+    """Return the record of a renderer.
+
+    `name` is the text "TITLE VERSION", and the job contains the renderer's settings.
+    """
     from msb.asset.settings import effective_settings
 
     assert job.model is not None

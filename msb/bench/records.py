@@ -126,7 +126,7 @@ class File(Record):
 
 
 class Setup(Record):
-    """The conditions of a comparison. Two results are comparable only if these conditions are equal."""
+    """The conditions of a comparison. Two results are comparable only if their conditions are equal."""
 
     # Principal point in the image centre, as in 3DGS ("gs_fov"), or as recorded ("full_K").
     camera_convention: Literal["gs_fov", "full_K"]

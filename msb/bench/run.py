@@ -313,7 +313,7 @@ class _Run:
         if options is None:
             return
         jobs = [planned.job for planned in cells if planned.job is not None]
-        # Grids combine the films of several methods, so they are planned after these films are written.
+        # Grids combine the films of several methods, so grids are planned after the films are written.
         for write, plan in ((write_video, plan_videos), (write_grid, plan_grids)):
             for task, answer in self.run_tasks("videos", write, plan(options, jobs)):
                 if isinstance(answer, Exception):

@@ -66,8 +66,8 @@ def loss_split(metric: str, results: Mapping[str, Conditions], scenes: Iterable[
         for name, record in conditions.items()
         if record.status == "done"
     }
-    # The four conditions in the order of decreasing loss. Each part of the loss is the difference of two
-    # neighbours in this order.
+    # The four conditions in the order of decreasing loss. Each part of the loss is the difference between two
+    # neighbouring conditions.
     ends = ["standard", ceiling, baked, "dedicated"]
     known = [place for place, name in enumerate(ends) if name in finished]
     pairs = {places: (ends[places[1]], ends[places[0]]) for places in pairwise(known)}

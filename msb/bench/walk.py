@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from msb.scenes.datasets import Scene
 
 # Number of frames that supply surface points, evenly spread over the walk. A pixel is a hole if its frame
-# shows background where one of these surface points should be visible.
+# shows background where a surface point of another frame should be visible.
 _SURFACE_FRAMES = 8
 # Brightness factor for the changes shown in the film, which would be invisible without it.
 _CHANGE_GAIN = 16

@@ -51,7 +51,7 @@ def chamfer_dtu(
     -------
     dict
         In mm: "mean_d2s" (mesh to scan: accuracy), "mean_s2d" (scan to mesh: completeness) and their average
-        "overall". If a value has no points, it is None, and "reason" explains it. Further keys: "scan",
+        "overall". A value that cannot be computed is None, and "reason" explains why. Further keys: "scan",
         "seed", "identity", and the number of points at each stage ("n_...").
 
     Raises

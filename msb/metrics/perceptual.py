@@ -3,8 +3,8 @@
 Torch is imported on first use.
 
 This module defines the network itself instead of using the network of the lpips package. The lpips package
-downloads a backbone or fills 138 million parameters with random numbers. Importing it also needs torchvision.
-Only the linear layers come from the lpips package.
+downloads a backbone or fills 138 million parameters with random numbers. Importing lpips also needs
+torchvision. Only the linear layers come from the lpips package.
 """
 
 from __future__ import annotations

@@ -22,7 +22,8 @@ BLUR = 1.5
 REACH = 3
 # Maximum relative difference between the depths of one surface point in two frames.
 SAME = 0.02
-# A pixel is away from borders if depths within `REACH` pixels differ from its depth by at most this fraction.
+# A pixel is away from borders if depths within `REACH` pixels differ from the pixel's depth by at most this
+# fraction.
 _FLAT = 0.05
 
 
@@ -92,8 +93,8 @@ def unexplained_change(before: PreparedFrame, here: PreparedFrame, after: Prepar
     counted = np.ones(len(rows), bool)
     border = (nearest - farthest > SAME * nearest)[rows, columns]
     for layer, inverse_depths in enumerate((inverse, nearest, farthest)):
-        # Follow the pixels into both adjacent frames, at the depths of this layer. `same` marks pixels whose
-        # surface is visible in both frames.
+        # Follow the pixels into both adjacent frames, at the depths of the current layer. `same` marks pixels
+        # whose surface is visible in both frames.
         same = np.ones(len(rows), bool)
         places = []
         for other in (before, after):

@@ -3,8 +3,8 @@
 The renderers are slow and easy to verify.
 
 In float32 the renderers repeat the official kernels operation by operation. The OpenCL kernels are tested
-against them. Results in float64 can differ where they depend on a single rounding. The formulas and the
-measured agreement are in docs/reference.md.
+against the reference renderers. Results in float64 can differ where they depend on a single rounding. The
+formulas and the measured agreement are in docs/reference.md.
 """
 
 import time

@@ -54,7 +54,7 @@ class Composite:
     """Sums over the faces at every sample, without background, as arrays of H x W samples.
 
     `depth_median` and `face_median` belong to the last blended face with T > 0.5 in front of it. In samples
-    without faces they are 0 and -1.
+    without faces, `depth_median` is 0 and `face_median` is -1.
     """
 
     color: Reals
@@ -95,7 +95,7 @@ def composite(
         returns the alpha of every face at every sample, (K, P). Alpha values below 1/255 are skipped.
     shade : callable
         A function of N faces and of the column and row of one sample for each face, all (N,). The function
-        returns the appearance of the faces at these samples. The function is called only for blended faces.
+        returns the appearance of each face at its sample. The function is called only for blended faces.
     weights : (F,) float64, optional
         Receives the contribution of each face: the sum over all samples of alpha times T.
     """

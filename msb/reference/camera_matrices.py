@@ -1,7 +1,7 @@
 """The matrices that each method's official code derives from a camera.
 
 `msb.Camera` has OpenCV axes and pixel centres at half-integers. Official code reads either angles of view or
-an intrinsic matrix. Converting the camera to this form reproduces the official float32 matrices. Remaining
+an intrinsic matrix. Converting the camera to either form reproduces the official float32 matrices. Remaining
 differences are described in docs/reference.md.
 """
 
@@ -31,8 +31,8 @@ class SplattingCamera:
         tan(fov / 2) in x and y.
     shift : (2,)
         Offset of the principal point from the middle of the raster, to the right and down, in samples.
-        The official code ignores this shift. This renderer adds the shift to every sample position; a shift
-        of 0 has no effect.
+        The official code ignores the shift. This renderer adds the shift to every sample position; a shift of
+        0 has no effect.
     """
 
     width: int

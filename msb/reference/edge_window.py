@@ -29,11 +29,11 @@ from msb.reference.tiles import Integers, Modes
 NEAR, FAR = 0.01, 100.0
 # Faces whose centroid has at most this depth (camera z, scene units) are dropped.
 NEAREST = 0.2
-# Faces are dropped if the cosine between their normal and the view direction has a smaller magnitude than
-# this.
+# Faces are dropped if the cosine between their normal and the view direction has a magnitude below this
+# threshold.
 GRAZING = 0.001
-# Smallest divisor when a vector is normalised, in scene units. For cross products of edges it is in square
-# scene units.
+# Smallest divisor when a vector is normalised, in scene units. For cross products of edges, the divisor is in
+# square scene units.
 MIN_LENGTH = 1e-4
 # Faces with a lower opacity are dropped.
 MIN_OPACITY = 0.01

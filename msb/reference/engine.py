@@ -23,8 +23,8 @@ from msb.reference.tiles import TILE, Integers, Rectangles
 NEAR = 0.01
 # Number of samples by which the box of a triangle is widened, so that rounding does not cut off samples.
 SLACK = 0.1
-# This number is added to the low end of a box, which is then rounded down to the first sample, as in
-# splat_common.cl. A sample just outside the box is therefore included.
+# Offset added to the low end of a box before rounding down to the first sample, as in splat_common.cl. A
+# sample just outside the box is therefore included.
 ALMOST_ONE = 0.999
 
 
@@ -76,7 +76,7 @@ class EngineTriangles:
     def phi(self, faces: Integers, x: Reals, y: Reals) -> Reals:
         """Return the smallest weighted barycentric coordinate of faces at samples.
 
-        This coordinate is 0 on the edges, 1 in the middle, and NaN at samples without a fragment.
+        The result is 0 on the edges, 1 in the middle, and NaN at samples without a fragment.
         """
         first, second, third = self._weighted(faces, x, y)
         nearest = np.minimum(np.minimum(first, second), third)

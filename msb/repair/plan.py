@@ -12,7 +12,7 @@ from msb.errors import UsageError, shorten
 from msb.repair.options import STEPS
 from msb.topology.weld import Weld, parse_weld
 
-# The default plan. This plan does not change the appearance of a model.
+# The default plan. The default plan does not change the appearance of a model.
 DEFAULT = ("orient", "pair")
 Peer = Literal["igl", "pymeshlab"]
 # For each library, the steps that it can run instead of MeshSplatBench's implementation.

@@ -47,8 +47,8 @@ _UNTOUCHED_BY = {
     "dedupe": ("orient", "pair", "cut", "drop", "dedupe", "debris", "outward"),
     "outward": ("outward",),
 }
-# After these steps, no edge has more than two faces. In plans with a step of this list, `orient` only turns
-# faces. The step of this list decides which faces stay connected.
+# After the steps pair, cut or drop, no edge has more than two faces. In plans with pair, cut or drop,
+# `orient` only turns faces, because pair, cut or drop decides which faces stay connected.
 _RESOLVING = frozenset({"pair", "cut", "drop"})
 # Maximum number of repetitions of a plan. Most plans need two or three repetitions.
 _MAX_ROUNDS = 16

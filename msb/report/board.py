@@ -155,9 +155,9 @@ def build_board(
 def _name_submissions(submissions: Sequence[Submission]) -> list[str]:
     """Return a unique name for each submission. The name "the paper" is never used.
 
-    If two names look alike, digits of the submissions' hashes are added to them. Letters of other scripts
-    that resemble Latin letters are not recognised. The hashes in the table of files distinguish similar
-    names.
+    If two names look alike, digits of the submissions' hashes are added to the names. Letters of other
+    scripts that resemble Latin letters are not recognised. The hashes in the table of files distinguish
+    similar names.
     """
     plain_names = [_plain_name(submission) for submission in submissions]
     count = Counter(map(_visible_form, [THE_PAPER, *plain_names]))

@@ -194,7 +194,7 @@ def _with_contradictions(*tables: Table) -> tuple[Table, ...]:
 def _with_paper_notes(table: Table) -> Table:
     """Return one of our tables.
 
-    If it prints the paper's numbers, add notes on contradictions in the paper.
+    If the table prints the paper's numbers, notes on contradictions in the paper are added.
     """
     has_columns = any(SOURCES["meshsplatbench"] in column.groups for column in table.columns)
     if not has_columns and not any(row.paper for row in table.rows):

@@ -1,4 +1,4 @@
-"""Renderings of a test view side by side: the choice of views, and small JPEG images of them."""
+"""Renderings of a test view side by side: the choice of views, and small JPEG images of the renderings."""
 
 import base64
 import io

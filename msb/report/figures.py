@@ -57,7 +57,7 @@ _INK, _PAPER = "#010203", "#fdfcfb"
 _SIZE = (4.6, 3.3)
 # Width of a sheet of images (the text width of a paper), and height of row labels, in inches.
 _SHEET_WIDTH, _LABEL_HEIGHT = 7.0, 0.2
-# If a legend has more rows than this, each further row makes the chart taller by `_ROW_HEIGHT` inches.
+# Number of legend rows without extra space; each further row makes the chart taller by `_ROW_HEIGHT` inches.
 _LEGEND_ROWS, _ROW_HEIGHT = 4, 0.19
 # Every chart has space for at least this number of bars, so that a single bar does not fill it.
 _MIN_BARS = 3
@@ -198,7 +198,7 @@ def plot_loss_split(numbers: Numbers, dataset: str) -> Figure | None:
                 step = STEPS.index(name)
                 axes.barh(place, better - worse, 0.5, worse, color=_COLORS[step], hatch=_HATCHES[step],
                           edgecolor=_INK, linewidth=0.6, alpha=0.85, label=STEP_TITLES[name])  # fmt: skip
-            # Ticks mark both ends of every part, because a gain hides the part below it.
+            # Ticks mark both ends of every part, because a part that is a gain hides the part below.
             ends = [parts[0][2], *(better for _, better, _ in parts)]
             axes.plot(ends, [place] * len(ends), color=_INK, marker="|", markersize=16, linestyle="none")
         axes.set_yticks(range(len(bars)), [method_title(method) for method in bars])

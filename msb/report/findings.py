@@ -147,7 +147,7 @@ def derive_findings(numbers: Numbers, first: Iterable[Finding] = ()) -> list[Fin
         *_structure_findings(numbers),
         *_unsupported_findings(numbers),
     ]
-    # This sort is stable. Minor findings move to the end, and all other findings keep the order above.
+    # The sort is stable. Minor findings move to the end, and all other findings keep the order above.
     findings.sort(key=lambda finding: finding.kind in _MINOR)
     optional = [finding for finding in findings if finding.kind not in _ALWAYS_KEPT]
     dropped = optional[max(0, _MAX_FINDINGS - (len(findings) - len(optional))) :]
@@ -246,7 +246,7 @@ def _split_findings(numbers: Numbers) -> Iterator[Finding]:
     split = numbers.splits[key]
     parts = []
     for name, gap in split.steps.items():
-        # Without a bake between them, two steps form one part.
+        # If no bake separates two steps, they form one part.
         names = [step for step, outer in split.within.items() if outer == name]
         title = " and ".join(STEP_TITLES[step].lower() for step in (*names, name))
         parts.append(f"{title} {format_digits(gap.signed or 0.0, 2)} dB")
@@ -350,7 +350,7 @@ def _ranking_findings(numbers: Numbers) -> Iterator[Finding]:
         # Collect the pairs of conditions between which the ranking changes, by the significance of the
         # change.
         changes: dict[str, list[str]] = {}
-        moved: set[str] = set()  # the conditions of these pairs
+        moved: set[str] = set()  # conditions between which the ranking changes
         compared = 0
         for first, second in combinations(conditions, 2):
             if "/" in first or first.partition("/")[0] == second.partition("/")[0]:

@@ -60,7 +60,7 @@ _TITLES: Mapping[str, Callable[[str], str]] = {
 
 
 def titled_row(**of: str) -> RowSpec:
-    """Return a row with these key fields, such as ``condition="standard"``.
+    """Return a row with the given key fields, such as ``condition="standard"``.
 
     The fields' titles label the row.
     """
@@ -101,7 +101,7 @@ def make_table(
     of : mapping of str to str
         Fields that all keys share. Fields of columns override these fields, and fields of rows override both.
     best_of : sequence of str
-        Key fields. Numbers of one metric with equal values of these fields form a group, whose best value is
+        Key fields. Numbers of one metric form a group if these fields are equal. The best value of a group is
         bold. Numbers of the paper form separate groups. Without fields, no value is bold.
     definitions : tuple of str
         Notes on our measurements. Notes on our measurements are omitted from the paper's own tables.

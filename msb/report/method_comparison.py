@@ -40,8 +40,8 @@ _NOTES = (
     "95 % interval: t interval over the means of the scenes, or over the views of a single scene. An "
     "interval over views applies to that scene only, and is too narrow if neighbouring views are similar",
 )
-# A comparison with one of these values of `Gap.reason` has no row in the table. With any other reason, the
-# comparison has a row without a value.
+# Values of `Gap.reason` for which a comparison has no row in the table. With any other reason, the comparison
+# has a row without a value.
 _NO_COMPARISON = ("missing", "failed", "not_measured", "unsupported")
 
 
@@ -160,7 +160,7 @@ def _describe(comparison: Comparison, other: str) -> str:
         lead = f"{method} {'leads' if better else 'trails'} {other} by {amount} dB"
     parts = []
     if interval.ends is not None:
-        # The printed amount is positive, so the interval gets the matching sign.
+        # The printed difference is positive, so the interval gets the matching sign.
         low, high = interval.ends if better else (-interval.ends[1], -interval.ends[0])
         parts.append(f"95 % CI {format_digits(low, 2)} to {format_digits(high, 2)}")
     if interval.p is None:

@@ -21,8 +21,8 @@ from msb.report.table import NOT_AVAILABLE
 
 # Values of `Key.scene` that denote averages over the scenes of a dataset.
 MEAN = "mean"
-# The cost of a single triangle, averaged over the scenes. This cost is the part of a renderer's cost that
-# does not depend on the mesh.
+# The cost of a single triangle, averaged over the scenes. The cost of a single triangle is the part of a
+# renderer's cost that does not depend on the mesh.
 FLOOR = "floor_mean"
 # The heading of each row of averages, by the value of `Key.scene`.
 MEANS = {"indoor_mean": "Indoor mean", "outdoor_mean": "Outdoor mean", MEAN: "Mean", FLOOR: "Floor"}
@@ -32,8 +32,8 @@ DRAWN_CONDITIONS = tuple(TIER_OF)
 
 # Image quality metrics. The mapping is filled on first access, because other packages can add metrics.
 QUALITY = IMAGE_METRICS
-# Metrics of the trained model, independent of the renderer. Tables show these metrics beside the Non-Engine
-# results.
+# Metrics of the trained model, independent of the renderer. Tables show metrics of the trained model beside
+# the Non-Engine results.
 ASSET_METRICS = ("train_memory", "train_seconds", "chamfer")
 # First words of the note on frame rates measured on a CPU. Frame rates of a CPU depend on the other programs
 # of the machine, so they are never marked as the best.

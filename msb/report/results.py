@@ -32,8 +32,8 @@ class LoadedResult:
     # The file of the record, and the results folder that contains it.
     path: Path
     root: Path
-    # The last part of the folder's path. This text distinguishes models with equal names. The text is "" for
-    # a unique name.
+    # The last part of the folder's path. The text distinguishes models with equal names. The text is "" for a
+    # unique name.
     folder: str = ""
 
     @property

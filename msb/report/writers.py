@@ -153,7 +153,7 @@ def _markdown_cell(cell: TableCell, marks: dict[str, str]) -> str:
 
 
 def _without_empty_columns(table: Table) -> Table:
-    """Return the table without columns that contain only "--". A note lists these columns."""
+    """Return the table without columns that contain only "--". A note lists the omitted columns."""
     cells = [[row.cells[number] for row in table.rows] for number in range(len(table.columns))]
     kept = [n for n, column in enumerate(cells) if any(cell.text != NOT_AVAILABLE for cell in column)]
     if not kept or len(kept) == len(cells):

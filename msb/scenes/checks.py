@@ -14,10 +14,10 @@ SPLITS: tuple[str, ...] = get_args(Split)
 
 # Largest width and height in pixels, which is the limit of JPEG. Graphics cards have lower limits.
 MAX_SIDE = 65535
-# Largest number of pixels of an image: as float32 RGB they take 3 GiB.
+# Largest number of pixels of an image, which take 3 GiB as float32 RGB.
 MAX_PIXELS = 1 << 28
-# Smallest and largest focal length in pixels. Beyond these focal lengths, float32 renderers compute a field
-# of view of 180 or 0 degrees.
+# Smallest and largest focal length in pixels. Beyond these limits of the focal length, float32 renderers
+# compute a field of view of 180 or 0 degrees.
 MIN_FOCAL, MAX_FOCAL = 1e-9, 1e9
 # Longest name of a camera, in characters.
 MAX_NAME = 1024

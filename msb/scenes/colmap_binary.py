@@ -43,7 +43,10 @@ class _Cursor:
         return f"byte {self.at}"
 
     def count(self, what: str, least: int) -> int:
-        """Return the declared number of records. Raise an error if the file is too short for this number."""
+        """Return the declared number of records.
+
+        Raise an error if the file is too short for the declared number.
+        """
         (count,) = self.take(_COUNT, "the number of records")
         if count * least > self.size - self.at:
             left = self.size - self.at
@@ -57,7 +60,7 @@ class _Cursor:
         return layout.unpack_from(self.source.data, start)
 
     def skip(self, size: int, what: str) -> int:
-        """Move past `size` bytes and return the position where these bytes begin."""
+        """Skip `size` bytes and return the position of the first skipped byte."""
         start = self.at
         if size > self.size - start:
             text = f"the file ends within {what}, {size - (self.size - start)} bytes too early"

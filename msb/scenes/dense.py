@@ -7,10 +7,10 @@ from the object, so the opacity per volume is compared instead of distances.
 import numpy as np
 from numpy.typing import NDArray
 
-# Share of the opacity ignored at each end of an axis when the range is measured. The grid extends beyond this
-# range by twice its length on each side.
+# Share of the opacity ignored at each end of an axis when the range is measured. The opacity grid extends
+# beyond the measured range by twice the range's length on each side.
 _TAIL = 0.02
-# Number of grid cells along the longest side of this range.
+# Number of grid cells along the longest side of the measured range.
 _CELLS = 32
 # A grid cell is dense if its opacity is at least this share of the typical cell's opacity. Half of all
 # opacity is in cells with at least the typical cell's opacity.

@@ -20,7 +20,7 @@ MIN_COVERAGE = 0.01
 # Faces are isolated if their distance from the middle is at least this multiple of all other faces'
 # distances. Framing isolated faces would shrink all other faces to about a quarter of their pixels.
 _ISOLATED = 2.0
-# Isolated faces are left out if their share of the faces and of the area is at most this.
+# Isolated faces are left out up to this share of all faces and of the total area.
 _FEW_FACES, _LITTLE_AREA = 0.1, 0.01
 # If the other faces would cover too few pixels, isolated faces up to this share are left out whatever their
 # area is.
@@ -31,7 +31,8 @@ _DENSE = 0.9
 # The factor was measured on a turntable at 4:3: 0.042 for a sphere, 0.058 for a disc.
 _COVERED = 0.05
 # If the estimated share of covered pixels is lower, only the dense part is framed. The dense part must cover
-# at least twice this share. Where parts hide each other, the estimate is up to four times too large.
+# at least twice this share of the pixels. Where parts hide each other, the estimate is up to four times too
+# large.
 _SPARSE = 4 * MIN_COVERAGE
 # Largest number of faces used to compute the middle of an asset.
 _SAMPLES = 200_000
@@ -91,7 +92,7 @@ def find_framing(asset: Asset) -> Framing:
     if not len(solid):
         return everything
     # Repeat the search with only the n faces that have a non-zero area. Compute the distances (n,) of the
-    # nearest and farthest corners of these faces.
+    # nearest and farthest corner of each face.
     away = np.linalg.norm(positions - _find_middle(positions, faces[solid]), axis=1)
     corners = away[faces[solid]]
     near, far, area = corners.min(axis=1), corners.max(axis=1), area[solid]
@@ -135,7 +136,7 @@ def _sample(faces: NDArray[np.uint32]) -> NDArray[np.uint32]:
 
 
 def _find_middle(positions: NDArray[np.float32], faces: NDArray[np.uint32]) -> NDArray[np.float64]:
-    """Return the median (3,) of the face centroids. Outliers do not move this median."""
+    """Return the median (3,) of the face centroids. Outliers do not move the median."""
     return np.asarray(np.median(positions[_sample(faces)].mean(axis=1, dtype=np.float64), axis=0))
 
 

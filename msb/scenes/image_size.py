@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 
 # Suffixes of photographs, in lower case.
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".webp", ".tif", ".tiff", ".avif", ".heic", ".heif")
-# Number of bytes searched for an image header. Colour profiles, thumbnails and depth maps before it take a
-# few MiB.
+# Number of bytes searched for an image header. Colour profiles, thumbnails and depth maps before the header
+# take a few MiB.
 _MOST_BYTES = 1 << 23
 # First bytes of formats whose image header may be anywhere in the file: TIFF, WebP, and after four bytes
 # AVIF, HEIC.

@@ -59,8 +59,8 @@ def _fit_size(
 
     def fits(scale_x: float, scale_y: float) -> bool:
         # Create a grid (n, n) from edge to edge of the undistorted image, and map it to the distorted image.
-        # The mapped grid must lie between the centres of the outermost pixels, because interpolation ends
-        # there.
+        # The mapped grid must lie between the centres of the outermost pixels, because pixels outside cannot
+        # be interpolated.
         u, v = np.meshgrid(
             np.linspace(-cx * scale_x, (width - cx) * scale_x, _GRID),
             np.linspace(-cy * scale_y, (height - cy) * scale_y, _GRID),

@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 from msb.base.matrices import inverse
 from msb.errors import SceneError, shorten
 
-# Largest entry of |R R^T - I| of a rotation R that is stored unchanged, and of one that is replaced by the
-# nearest rotation. Float32 poses after a few inversions stay well below the first limit. Matrices rounded to
+# Largest entry of |R R^T - I| of a rotation R that is stored unchanged, and of a rotation that is replaced by
+# the nearest one. Float32 poses after a few inversions stay well below the first limit. Matrices rounded to
 # four decimals (error at most 1.8e-4) stay below the second.
 EXACT_ROTATION_ERROR, MAX_ROTATION_ERROR = 1e-4, 2e-4
 

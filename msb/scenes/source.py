@@ -36,7 +36,7 @@ class Source:
     def locating(self, pointer: str | None, what: str = "") -> Iterator[None]:
         """Add this file, `pointer` and `what` to errors that do not name a file yet.
 
-        `Camera` and its checks raise such errors, because they do not know where values come from.
+        `Camera` and its checks raise errors without a file, because they do not know the origin of values.
         """
         try:
             yield

@@ -102,7 +102,7 @@ def _camera(
 def image_name(path: str) -> str:
     """Return the image's name relative to the file's folder, without "./".
 
-    The suffix ".png" is added if there is none.
+    The suffix ".png" is added to a name without a suffix.
     """
     path = re.sub(r"^(?:\./)++", "", path)
     return path if PurePosixPath(path).suffix.lower() in _KEPT_SUFFIXES else f"{path}.png"

@@ -7,8 +7,9 @@ from numpy.typing import NDArray
 
 from msb.scenes.camera import Camera
 
-# The right vectors determine up if their mean square along the second axis is at least this number. If it is
-# smaller, all right vectors lie within about 6 degrees of one line: the camera was never turned sideways.
+# The right vectors determine up if their mean square along the second axis is at least this number. For
+# smaller values, all right vectors lie within about 6 degrees of one line: the camera was never turned
+# sideways.
 _MIN_SPREAD = 0.01
 
 

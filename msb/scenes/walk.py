@@ -136,15 +136,15 @@ def _interpolate_halfway(
     """Return the poses (N, 4, 4) halfway between the poses `starts` and `ends`.
 
     If both cameras look at `aim`, the halfway pose is on an arc around it. For each camera, the function uses
-    the point in front of it at the depth of `aim`. The halfway pose uses the mean of these points and the
-    mean of their depths. If `aim` is behind the cameras, as in a room, the halfway pose is on a line between
-    the cameras.
+    the point in front of it at the depth of `aim`. The halfway pose uses the mean point and the mean depth of
+    both cameras. If `aim` is behind the cameras, as in a room, the halfway pose is on a line between the
+    cameras.
     """
     # The mean rotation is the orthogonal matrix nearest to the sum of both rotations.
     left, _, right = np.linalg.svd(starts[:, :3, :3] + ends[:, :3, :3])
     halfway = starts.copy()
     halfway[:, :3, :3] = left @ right
-    # Compute the mean depth of the points in front of the cameras, and the mean of these points.
+    # Compute the mean depth of the points in front of the cameras, and the mean position of the points.
     away = np.zeros(len(halfway))
     seen = np.zeros((len(halfway), 3))
     for pose in (starts, ends):

@@ -33,7 +33,7 @@ _SAMPLING_SETTINGS = ("supersample", "render_up_scale")
 
 
 class DoesNotApplyError(Exception):
-    """Error that a cause does not apply to the asset, with the reason as its text."""
+    """Raised if a cause does not apply to the asset; the text is the reason."""
 
 
 class _StandardImages(NamedTuple):
@@ -88,7 +88,7 @@ class CauseViews:
     def draw_native(self, asset: Asset | None = None, **options: Any) -> list[Image]:
         """Return native renderings of `asset`, with options of `Renderer`.
 
-        By default, the asset of these views is rendered.
+        The default is the stored asset.
         """
         self._check("dedicated")
         settings = options.pop("settings", {})
@@ -181,7 +181,7 @@ class _CullingRenderer(StandardRenderer):
     @in_turn
     def select(self, mask: NDArray[np.bool_]) -> None:
         """Draw only the faces of `mask` (F,) in the following frames."""
-        # Memory reports show the names of these scratch buffers.
+        # Memory reports show the names of the scratch buffers.
         flags = self._scratch("shown faces", self._faces, np.uint8)
         flags.write(mask.view(np.uint8))
         records = self._scratch("shown triangles", self._all.records.shape)

@@ -36,8 +36,8 @@ class BenchOptions:
     fail_slower: Annotated[
         str | None,
         Option(
-            "With --compare: fail if the median device time exceeds that of OLD.json by more than PERCENT, "
-            "for example 10%.",
+            "With --compare: fail if the median device time exceeds the time in OLD.json by more than "
+            "PERCENT, for example 10%.",
             metavar="PERCENT",
         ),
     ] = None

@@ -391,5 +391,5 @@ def _describe_rest(stage: Stage) -> str:
 
 
 def _format_time(left: RemainingTime) -> str:
-    """Return an estimate in seconds, minutes or hours."""
+    """Return an estimated time as text in seconds, minutes or hours."""
     return f"{'more than ' if left.at_least else ''}{format_duration(left.seconds)} left"

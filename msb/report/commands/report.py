@@ -234,7 +234,7 @@ def _build(folders: tuple[Path, ...], options: ReportOptions, output: Output, *,
 
 
 def _check_target(target: Path, output: Output) -> bool:
-    """Check the output folder. Return whether it contains files of an earlier report to replace.
+    """Check the output folder. Return whether the folder contains files of an earlier report to replace.
 
     Files of an earlier report are replaced even without --force, because reports are usually repeated.
     """

@@ -114,7 +114,7 @@ def _scene_rows(
     groups : sequence of str
         The groups of scenes of the dataset, in table order.
     group_means : bool
-        Whether each group ends with its mean. If not, the last row is the only mean, and it is bold.
+        Whether each group ends with its mean. If not, only the last row is a mean, in bold.
     prefix : str
         First words of each section's name.
     of : mapping of str to str, optional

@@ -24,7 +24,7 @@ class CaptureOptions:
         Literal["exhaustive", "sequential"],
         Option(
             "exhaustive: compare all pairs of photographs. sequential: compare neighbours by name, for video "
-            "frames. The time of sequential grows linearly with the number of photographs, that of "
+            "frames. The time of sequential grows linearly with the number of photographs, the time of "
             "exhaustive quadratically."
         ),
     ] = "exhaustive"

@@ -111,7 +111,7 @@ _ROUNDING = 1
 
 
 def name_datasets(layout: Layout, name: str, above: str) -> Iterator[tuple[str, bool]]:
-    """Yield the datasets that the name of a scene, or of the folder `above` it, suggests.
+    """Yield the datasets that the name of a scene, or the name of its parent folder `above`, suggests.
 
     The flag states whether the dataset was suggested by the folder above, which takes precedence.
     """

@@ -25,7 +25,7 @@ PHOTOGRAPH_MODES = ("RGB", "RGBA", "L", "LA")
 _OTHER_KINDS = {"WEBP": "WebP", "AVIF": "AVIF", "HEIF": "HEIC"}
 # EXIF orientations of at least this value swap width and height.
 _FIRST_SWAP = 5
-# Number of missing photographs that a message names, and number of them with a file of almost the same name.
+# Number of missing photographs that a message names, and number of similar file names that it suggests.
 _MAX_NAMES, _MAX_HINTS = 4, 2
 # Tolerated difference in pixels between the heights of a photograph and its camera, scaled to equal width.
 _ROUNDED_AWAY = 1.5
@@ -171,7 +171,8 @@ def inspect_photographs(
     """Read the headers of the photographs, and return how each photograph is read.
 
     Photographs of cameras with one recorded size must have equal sizes. Missing photographs are assumed to
-    have this size. `converts` also accepts image formats that cannot be compared without conversion.
+    have the size of the others. `converts` also accepts image formats that cannot be compared without
+    conversion.
     """
     sizes: dict[Size, tuple[Size, Camera]] = {}
     turned: dict[str, int] = {}

@@ -100,7 +100,8 @@ def read_scene(
     warnings: list[Finding] = []
     key = dataset or _recognise(root, layout, warnings)
     color = evaluation_background(key) if rules == OURS else by.background_of(key)
-    # Choose the folder of the photographs, read the recorded cameras, and split them.
+    # Choose the folder of the photographs, read the recorded cameras, and split the cameras into training and
+    # test views.
     chosen, how = choose_photographs(root, key, layout, root_name(root), by, image_folder, wish, warnings)
     every = _locate_views(root, layout, by, chosen.folder, is_requested=image_folder is not None)
     warnings += note_models(root, layout)
@@ -249,7 +250,8 @@ def _recognise(root: Path, layout: Layout, warnings: list[Finding]) -> str:
     """Return the dataset of a scene, or `CUSTOM`.
 
     The name of the scene or of its parent folder suggests a dataset. The names and recorded sizes of the
-    photographs confirm it. If the photographs do not confirm the dataset, a note is added to `warnings`.
+    photographs confirm the dataset. If the photographs do not confirm the dataset, a note is added to
+    `warnings`.
     """
     place = _absolute_path(root)
     suggested: dict[str, bool] = {}

@@ -1,8 +1,8 @@
 """Rules for reading scenes: the choice of photographs, image sizes, cameras and backgrounds.
 
 The rules called "ours" apply to all methods of the benchmark. All other rules describe a method's official
-code and are declared by the method (`msb.registry`). These rules serve to list deviations and to reproduce
-published numbers. The page docs/datasets.md prints them as a table.
+code and are declared by the method (`msb.registry`). The official rules serve to list deviations and to
+reproduce published numbers. The page docs/datasets.md prints all rules as a table.
 
 A `resolution` has the meaning of ``-r`` in the 3DGS family: 1, 2, 4 or 8 divides the size, -1 reduces only
 very large photographs, and any other number is a width in pixels.
@@ -117,8 +117,8 @@ FAMILY: Mapping[str, Photographs] = {
     CUSTOM: Photographs(),
 }
 
-# Photographs used by this code if its scripts name no folder. For Mip-NeRF 360 these are the originals,
-# reduced to `LARGEST`.
+# Photographs used by code derived from 3DGS if its scripts name no folder. For Mip-NeRF 360 these are the
+# originals, reduced to `LARGEST`.
 FULL_SIZE: Mapping[str, Photographs] = {
     **FAMILY,
     "mipnerf360/outdoor": Photographs(),

@@ -121,7 +121,7 @@ class _NameTable:
 
 
 def _spellings(name: str) -> list[str]:
-    """Return a name, without its first folder, without all folders, and these three without suffix."""
+    """Return variants of a name: complete, without first folder, without folders, each also without suffix."""
     path = PurePosixPath(name)
     paths = [path, PurePosixPath(*path.parts[1:]) if len(path.parts) > 1 else path, PurePosixPath(path.name)]
     return [str(part) for part in (*paths, *(part.with_suffix("") for part in paths if part.name))]
