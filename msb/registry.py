@@ -54,7 +54,7 @@ PASSES: dict[str, str] = {
     "z_buffer": "nearest face per pixel with the method's opacity test",
     "decode": "neural decoder of the lattice features at each pixel",
     "downsample": "box filter from the supersampled raster to the image",
-    "opaque_unlit_texture": "as opaque_unlit, with textures in linear light, multiplied with the colours",
+    "opaque_unlit_texture": "like opaque_unlit, with textures in linear light, multiplied by the colours",
 }
 
 

@@ -323,7 +323,7 @@ class WalkDocument(Record):
     worst_frame: Count
     # Share of hole pixels (`msb.metrics.steadiness.find_holes`) among all pixels with the model or a hole.
     holes: Share
-    # Name of the film of the worst second, a file beside the record; None without the extra `video`.
+    # Name of a film file beside the record that shows the worst second; None without the extra `video`.
     film: str | None
     seconds: Amount
 

@@ -120,7 +120,7 @@ def paper_numbers(*tables: str) -> Numbers:
 
 
 def paper_row(table: str, **where: str) -> dict[str, float]:
-    """Return the printed values, by metric, of the row of a paper table that `where` selects.
+    """Return the printed values by metric of one row of a paper table, selected by `where`.
 
     Parameters
     ----------

@@ -92,7 +92,7 @@ def locate_photographs(
     """Return the views with the paths of their photographs, which need not exist.
 
     Names of photographs are relative to `folder`. Names in JSON files begin with a folder. A requested folder
-    such as images_2 replaces this folder, unless the names are found below the requested folder.
+    such as images_2 replaces the folder in the names, unless the names are found below the requested folder.
     """
     files = SpelledFiles(root / folder)
     located = [replace(view, image_path=files.find(str(view.name))) for view in views]

@@ -121,7 +121,7 @@ class _NameTable:
 
 
 def _spellings(name: str) -> list[str]:
-    """Return variants of a name: complete, without first folder, without folders, each also without suffix."""
+    """Return a name, the name without its first folder and without folders, and all without suffix."""
     path = PurePosixPath(name)
     paths = [path, PurePosixPath(*path.parts[1:]) if len(path.parts) > 1 else path, PurePosixPath(path.name)]
     return [str(part) for part in (*paths, *(part.with_suffix("") for part in paths if part.name))]
