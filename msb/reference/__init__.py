@@ -50,7 +50,7 @@ def render_reference(
         methods, although their official code ignores it. For DiffSoup the camera is used with the sign of the
         official code.
     background : sequence of 3 floats, or str, optional
-        In the stored colour space. Values and default are those of `msb.Renderer.render`.
+        In the stored colour space. Values and default are equal to `msb.Renderer.render`.
     settings : mapping, optional
         Overrides of the asset's settings.
     dtype : numpy.float32 or numpy.float64
@@ -96,7 +96,7 @@ def render_reference(
     if background is None:
         background = default_background(asset.manifest)
     color = np.asarray(check_background(background, asset.manifest.appearance.get("background")), real)
-    # Culled faces take part in array operations, where their divisions by zero are expected.
+    # Culled faces take part in array operations, so their divisions by zero are expected.
     with np.errstate(all="ignore"):
         view = camera.in_units(asset.manifest.origin)
         frame: ReferenceFrame = module.render(asset, view, color, values, real, Modes(order, sampling))

@@ -1,13 +1,13 @@
 """Sampling of a splatting method's triangles by the rules of graphics hardware, as in a game engine.
 
 Fragments exist only at pixel centres inside the projected triangle. Geometry nearer than the near plane is
-clipped. Vertex attributes are interpolated with perspective correction. There are no tiles, and faces are not
-culled by size or distance. The coverage window, colours and blending follow the method.
+clipped. Vertex attributes are interpolated with perspective correction. Faces are not sorted into tiles, and
+are not culled by size or distance. The coverage window, colours and blending follow the method.
 
 Barycentric coordinates divided by depth are affine on the screen, and so is 1 / depth. These quotients are
 called homogeneous edge functions (Olano and Greer, "Triangle scan conversion using 2D homogeneous
 coordinates", 1997). Homogeneous edge functions make clipping of polygons unnecessary: all three are negative
-where a line of sight meets the triangle behind the camera.
+if a line of sight meets the triangle behind the camera.
 """
 
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ from msb.reference.tiles import TILE, Integers, Rectangles
 
 # Camera depth of the near plane in scene units, as on the standard tier.
 NEAR = 0.01
-# Number of samples by which the box of a triangle is widened, so that rounding does not cut off samples.
+# The box of a triangle is widened by this number of samples, so that rounding does not cut off samples.
 SLACK = 0.1
 # Offset added to the low end of a box before rounding down to the first sample, as in splat_common.cl. A
 # sample just outside the box is therefore included.

@@ -97,7 +97,7 @@ def _tile(number: int, columns: int, width: int, height: int, faces: Integers) -
 
 @dataclass(frozen=True)
 class Modes:
-    """The drawing order and the sampling rules; the defaults are those of the official code.
+    """The drawing order and the sampling rules; the defaults follow the official code.
 
     With order "tile", triangles are drawn by depth, each only in the tiles of the official code. With order
     "global" (by depth) or "none" (by index), triangles are drawn in every tile that they reach. With sampling

@@ -134,7 +134,7 @@ def warn_test_views() -> Finding:
 def warn_unknown_split() -> Finding:
     """Return the warning about a model that does not record its held-out views."""
     return _warn_training(
-        "its training does not record which views were held out; if the test views were used, the "
+        "its training does not record which views were held out; if test views were used for training, "
         "results are too good"
     )
 
