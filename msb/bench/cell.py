@@ -1,4 +1,7 @@
-"""Compute the parts of one cell and write its record; a failed part does not stop the others."""
+"""Compute the parts of one benchmark cell and write its record.
+
+A failed part does not stop the other parts.
+"""
 
 import contextlib
 import time
@@ -24,9 +27,9 @@ from msb.bench.records import Reason, Result
 from msb.bench.walk import measure_walk
 from msb.errors import MsbError, shorten
 
-# The error code of an unexpected exception.
+# The error code of unexpected exceptions.
 INTERNAL = "INTERNAL"
-# The function that computes each part. A function returns keys of `Result` with their values.
+# The function that computes each part of a cell. Each function returns keys of `Result` with their values.
 MEASURES: dict[PartName, Callable[[Job], dict[str, Any]]] = {
     "quality": measure_quality,
     "audit": measure_audit,
@@ -38,21 +41,21 @@ MEASURES: dict[PartName, Callable[[Job], dict[str, Any]]] = {
     "renderer_timing": read_native_timing,
     "timing": measure_timing,
 }
-# The keys of `Result` that each part fills. A part that is not listed fills the key of its own name.
+# Keys of `Result` that each part fills. A part that is not listed fills the key with the name of the part.
 _KEYS: dict[PartName, tuple[str, ...]] = {
     "quality": ("quality", "setup", "renders", "renderer", "device"),
     "timing": ("timing", "memory", "floor", "device"),
 }
-# Names of inputs that do not count as rendering options.
+# Names of inputs that are not rendering options.
 _NOT_RENDERING = frozenset(
     ("cameras", "photographs", "metrics", "device", "clock", "flight", "definition", "film")
 )
 
 
 def compute(job: Job) -> JobOutcome:
-    """Compute the parts of a job, and write the record of its cell.
+    """Compute the requested parts of a cell, and write its record.
 
-    Parts of the earlier record are kept while they are valid.
+    Parts of the earlier record are kept if they are still valid.
     """
     check_run(job.root, job.run)
     start = time.perf_counter()
@@ -66,10 +69,10 @@ def compute(job: Job) -> JobOutcome:
         try:
             filled = MEASURES[part](job)
             if part == "quality" and "timing" in record["inputs"]:
-                del filled["device"]  # if there is a timing, the record names the device of the timing
+                del filled["device"]  # if the cell has a timing, the record names the device of the timing
             record |= filled
             record["inputs"][part] = dict(inputs)
-        except Exception as error:  # even an unexpected error must not stop the other parts
+        except Exception as error:  # an unexpected error in one part must not stop the other parts
             if isinstance(error, MsbError) and error.code == "RUN_SCHEDULER":
                 raise
             record["reasons"][part] = make_reason(error)
@@ -79,7 +82,7 @@ def compute(job: Job) -> JobOutcome:
 
 
 def write_lost(job: Job, reason: Reason) -> None:
-    """Write the record of a job whose worker died before it could write one."""
+    """Write the record of a cell whose worker process died before writing it."""
     old = _read_old(job)
     if old is None or any(part in MAIN for part in job.parts):
         write_result(job.folder, Result(cell=job.cell, status="failed", reason=reason, seconds=0.0))
@@ -141,8 +144,8 @@ def _is_valid(part: PartName, job: Job, old: Result) -> bool:
     if requested is not None:
         return recorded == requested
     # The protocol no longer requests the part, so its current inputs are unknown. The part is valid if its
-    # inputs are unchanged, as far as they are also inputs of the images or the audit. Timing and walk must
-    # also have the same set of rendering options as the images.
+    # inputs shared with the images or the audit are unchanged. Timing and walk must also have the same set of
+    # rendering options as the images.
     present = {name: value for main in MAIN for name, value in job.requested.get(main, {}).items()}
     images = job.requested.get("quality", {}).keys()
     same_options = (
@@ -165,7 +168,7 @@ def write_result(folder: Path, result: Result) -> None:
 
 
 def make_reason(error: Exception) -> Reason:
-    """Return an error as a reason; the message of an unexpected error (INTERNAL) names its source line."""
+    """Return an error as a reason. The message of an unexpected error (INTERNAL) names its source line."""
     if isinstance(error, MsbError):
         return Reason(code=error.code, message=shorten(str(error).removeprefix(f"{error.code}: "), 500))
     frames = traceback.extract_tb(error.__traceback__)

@@ -3,8 +3,9 @@
 Let Q_ne, Q_ded and Q_std be the values of a metric in Non-Engine, Dedicated and Standard, and let s be +1 if
 higher values are better and -1 otherwise. The signed losses are a = s (Q_ne - Q_ded), p = s (Q_ded - Q_std)
 and d = s (Q_ne - Q_std); a positive loss means a worse result. The paper's gaps of adaptation, portability
-and deployment are the absolute values of a, p and d. The paper's equation deploy = adapt + port holds only
-if Dedicated lies between the other two (`Gaps.monotone`). `Gaps.triangle_excess` is adapt + port - deploy.
+and deployment are the absolute values of a, p and d. The paper's equation deploy = adapt + port holds only if
+Dedicated lies between Non-Engine and Standard (`Gaps.monotone`). `Gaps.triangle_excess` is adapt + port -
+deploy.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ PAIRS: dict[GapName, tuple[str, str]] = {
     "deploy": ("non_engine", "standard"),
 }
 
-# Keys of a device's record that do not identify the device: its state, and its number format for blending.
+# Keys of a device record that do not identify the device: its state, and its number format for blending.
 _NOT_IDENTIFYING = OF_THE_MOMENT | {"blends"}
 # Metrics that are compared on equal devices only.
 _DEVICE_METRICS = frozenset({"fps", "p50_ms", "p95_ms", "memory", "driver_memory"})
@@ -41,21 +42,21 @@ _DEVICE_METRICS = frozenset({"fps", "p50_ms", "p95_ms", "memory", "driver_memory
 
 @dataclass(frozen=True)
 class Gap:
-    """A gap in the unit of its metric, averaged over `scenes` scenes out of `expected`."""
+    """A gap in the unit of its metric, averaged over `scenes` of the `expected` scenes."""
 
     # The absolute gap; None if there is a `reason`.
     value: float | None
     # The signed loss; positive if the second condition is worse.
     signed: float | None = None
-    # The reason of `incomparable`.
+    # The reason for a missing gap, as returned by `incomparable`.
     reason: str | None = None
-    # The average of the absolute gaps of single scenes. This average is never smaller than `value`, because
-    # gains cancel losses in `value`.
+    # The average of the absolute gaps of single scenes. This average is never smaller than `value`, where
+    # gains of some scenes cancel the losses of other scenes.
     mean_abs_scene_gap: float | None = None
     scenes: int = 1
     expected: int = 1
-    # The averages of the two conditions over exactly these scenes. These averages differ from the averages in
-    # other tables if scenes are missing in one condition.
+    # The averages of both conditions over exactly the scenes of the gap. If scenes are missing in one
+    # condition, these averages differ from the averages in other tables.
     ends: tuple[float, float] | None = None
     # The 95 % interval of `signed`, computed from the losses in single views. The interval is None if only
     # the two averages are known.
@@ -63,7 +64,7 @@ class Gap:
 
     @property
     def partial(self) -> bool:
-        """Whether a scene is missing."""
+        """Whether the gap of at least one scene is missing."""
         return self.scenes < self.expected
 
 
@@ -75,10 +76,10 @@ class Gaps:
     adapt: Gap
     port: Gap
     deploy: Gap
-    # Whether the value of Dedicated, rounded as in tables, lies between the other two values or equals one of
-    # them. None if a gap is missing, or if the gaps cover different scenes.
+    # Whether the value of Dedicated, rounded as in tables, lies between the values of Non-Engine and Standard
+    # or equals one of them. The result is None if a gap is missing, or if the gaps cover different scenes.
     monotone: bool | None
-    # adapt + port - deploy: 0 if monotone, otherwise 2 min(adapt, port).
+    # The excess adapt + port - deploy: 0 for monotone values, otherwise 2 min(adapt, port).
     triangle_excess: float | None
 
     def __getitem__(self, name: GapName) -> Gap:
@@ -98,7 +99,7 @@ class Ratio:
 
     @property
     def partial(self) -> bool:
-        """Whether a scene is missing."""
+        """Whether the ratio of at least one scene is missing."""
         return len(self.per_scene) < self.expected
 
 
@@ -113,15 +114,15 @@ def value_gaps(
 
 
 def scene_gaps(metric: str, results: Conditions) -> Gaps:
-    """Return the gaps of one method on one scene; `results` holds the record of each condition."""
+    """Return the gaps of one method on one scene; `results` contains the record of each condition."""
     return dataset_gaps(metric, {"": results}, [""])
 
 
 def dataset_gaps(metric: str, results: Mapping[str, Conditions], scenes: Iterable[str]) -> Gaps:
     """Return the gaps of one method on a dataset: gaps between averages over scenes, as in the paper.
 
-    `results` holds the records by scene, then by condition. `scenes` are the expected scenes. Each gap covers
-    all scenes with comparable records of its two conditions.
+    `results` contains the records by scene, then by condition. `scenes` are the expected scenes. Each gap
+    covers all scenes with comparable records of its two conditions.
     """
     expected = tuple(scenes)
     covered: dict[GapName, tuple[str, ...]] = {}
@@ -140,7 +141,7 @@ def gap_between(
     *,
     one_asset: bool = True,
 ) -> tuple[Gap, tuple[str, ...]]:
-    """Return the gap between the records named `first` and those named `second`, and the scenes it covers.
+    """Return the gap between the records `first` and `second`, and the scenes that the gap covers.
 
     The names are two conditions of a method, or two methods if `one_asset` is false.
     """
@@ -193,9 +194,9 @@ def incomparable(
     "unsteady" (the rounds of a frame rate differ too much).
 
     The records must have equal images, sizes, ground truth, background and definition of the metric. If both
-    records have an asset, the asset must be the same; a bake counts as the asset that was baked. Speed and
-    memory must be measured on the same device. Versions of libraries may differ. Two methods (`one_asset`
-    false) may differ in background and camera convention, because these belong to the method.
+    records have an asset, it must be the same asset. A bake counts as the asset that was baked. Speed and
+    memory must be measured on the same device. Versions of libraries may differ between records. Two methods
+    (`one_asset` is false) may differ in background and camera convention, because both belong to the method.
     """
     for result in (first, second):
         if result is None:
@@ -287,16 +288,16 @@ def _combine(metric: str, gaps: Mapping[GapName, Gap], *, same_scenes: bool = Tr
 
 
 def _find_commonest(reasons: list[str]) -> str:
-    """Return the most frequent reason; "missing" only if no scene has another one.
+    """Return the most frequent reason; "missing" is returned only if no scene has another reason.
 
-    Otherwise an incomplete dataset would hide why its measured scenes are not comparable.
+    A reason "missing" would hide why the measured scenes of an incomplete dataset are not comparable.
     """
     others = [reason for reason in reasons if reason != "missing"]
     return max(dict.fromkeys(others), key=others.count) if others else "missing"
 
 
 def _get_photograph_setup(result: Result) -> tuple[str, bool] | None:
-    """Return folder and resizing of the photographs of a record."""
+    """Return the folder and the resizing of the photographs of a record."""
     return None if result.setup is None else (result.setup.image_folder, result.setup.gt_resized)
 
 
@@ -312,7 +313,7 @@ def _compare_devices(first: Result, second: Result) -> str | None:
     native = [record.renderer_timing for record in (first, second) if record.renderer_timing is not None]
     if any(timing.whole_command for timing in native):
         return "whole_command"
-    # A timing that the user measured states only the name of its device. Therefore only device names are
+    # A timing measured by the user states only the name of its device. Therefore only device names are
     # compared.
     if native:
         return None if _get_device_name(first) == _get_device_name(second) else "device_mismatch"

@@ -33,12 +33,12 @@ class Missing:
     """An input that is missing or invalid."""
 
     code: str
-    # The file, its fault, its use, and the number of cells that need it.
+    # Path of the file, its fault, its use, and the number of cells that need it.
     message: str
     # The number of cells that need the input; 0 if it is unknown.
     cells: int
-    # Whether the cells cannot be computed without the input. If false, only a part of their records will be
-    # missing.
+    # Whether the cells cannot be computed without the input. If false, only a part of the cells' records will
+    # be missing.
     blocks: bool
 
 
@@ -58,9 +58,9 @@ def find_missing(
 ) -> tuple[list[Planned], list[Missing]]:
     """Return the plan and all missing inputs; cells without a necessary input are marked as failed.
 
-    All inputs of a cell are checked, so one missing input does not hide another. Scenes are read without
-    photographs, and models are located without reading them. `errors` are faults that affect
-    every cell.
+    All inputs of a cell are checked, so that one missing input does not hide another input. Scenes are read
+    without photographs, and models are located without reading them. `errors` are faults that affect every
+    cell.
     """
     search = _Search(planner, errors)
     # The number of cells that lack an input, by input and then by scene.
@@ -99,7 +99,7 @@ def find_unknown_cells(folder_errors: Mapping[str, MsbError], pairs: Sequence[Pa
 
 
 def find_start_errors(file: ProtocolFile, note: Callable[[str], None]) -> Iterator[MsbError]:
-    """Yield the errors that prevent a run from starting: missing extras, and missing or invalid weights.
+    """Yield the errors that prevent a run: missing extras, and missing or invalid LPIPS weights.
 
     `note` is called with each warning about the weights.
     """
@@ -117,7 +117,7 @@ def find_start_errors(file: ProtocolFile, note: Callable[[str], None]) -> Iterat
         checks.append(lambda: need_extra("video", "av", what="[videos]"))
     if (
         place is not None
-    ):  # without the extra, `load` stops before it opens the file, so the file is checked separately
+    ):  # without the extra, `load` fails before it opens the weight file, so the file is checked separately
         checks += [load, lambda: regular_file(place)]
     yield from filter(None, map(_catch_error, checks))
 
@@ -132,7 +132,7 @@ def _catch_error(check: Callable[..., object], *arguments: object) -> MsbError |
 
 
 class _Search:
-    """Checks the inputs of cells, each file once."""
+    """Checks the inputs of cells; each file is checked once."""
 
     def __init__(self, planner: Planner, errors: Sequence[MsbError]) -> None:
         self.planner, self.file, self.errors = planner, planner.file, errors
@@ -152,7 +152,7 @@ class _Search:
         return needs
 
     def check_inputs(self, planned: Planned) -> Iterator[tuple[MsbError | None, str, bool]]:
-        """For each input, yield the error or None, the use, and whether the cell needs the input."""
+        """For each input, yield the error or None, its use, and whether the cell needs the input."""
         cell, chamfer = planned.cell, self.file.protocol.chamfer
         pair = self.planner.pairs[cell.names]
         method, model = pair.method, cell.model_name
@@ -162,7 +162,7 @@ class _Search:
         def check_template(template: str | None) -> MsbError | None:
             return None if template is None else _catch_error(_check_template, self.file, template, names)
 
-        # A cell needs its scene, and a model or official renderings.
+        # A cell needs its scene, and either a model or official renderings.
         scene_error = _catch_error(_check_exists, pair.path, self.file.resolve(pair.dataset.path))
         scene_error = scene_error or self.catch_error(self.planner.reader.read_scene, at)
         yield scene_error, f"photographs and cameras of {cell.dataset}", True
@@ -184,7 +184,7 @@ class _Search:
             table = next(table for table in self.file.protocol.bakes if table.label == cell.bake)
             options = BakeOptions(**table.options)
             yield self.catch_error(need_libraries, options), f"bakes {cell.bake}", True
-        # Optional files: without them, only a part of the record will be missing.
+        # Without optional files, only a part of the record will be missing.
         if cell.condition == "non_engine":
             yield check_template(method.non_engine_timing), f"timing of the renderer of {model}", False
         if cell.condition_key == cell.condition:
@@ -204,7 +204,10 @@ class _Search:
 
 
 def _describe(need: _Need, scenes: Mapping[str, int]) -> Missing:
-    """Return a missing input with its message; `scenes` holds the number of cells that need it, by scene."""
+    """Return a missing input with its message.
+
+    `scenes` contains the number of cells that need it, by scene.
+    """
     cells = sum(scenes.values())
     where = next(iter(scenes)) if len(scenes) == 1 else f"{len(scenes)} scenes"
     count = "1 cell" if cells == 1 else f"{cells} cells"

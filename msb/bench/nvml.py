@@ -10,7 +10,7 @@ from msb.bench.validation import Count, Record
 
 
 class Gpu(Record):
-    """One GPU of the machine and the command's peak memory on it, which is None if unknown."""
+    """A GPU of this machine, and the command's peak memory on the GPU; None if unknown."""
 
     index: Count
     name: str
@@ -22,23 +22,23 @@ class Gpu(Record):
 class Gpus:
     """The NVIDIA GPUs of this machine, or the reason why they cannot be measured: no library, driver or GPU.
 
-    Two numbers are measured: the memory that NVML lists for given processes, and the growth of the memory of
-    the whole device. The growth is used if NVML cannot list processes.
+    Two numbers are measured: the memory listed by NVML for given processes, and the growth of the whole
+    device's memory. The growth of device memory is used if NVML cannot list processes.
     """
 
     def __init__(self) -> None:
         # Why no GPU can be measured; None if at least one GPU can be measured.
         self._reason: str | None = None
         self._handles: list[Any] = []
-        # By index of the GPU: peak bytes of the processes, and peak growth of the memory in use, in bytes.
+        # Peak bytes of the processes, and peak growth of the device memory in bytes, by GPU index.
         self._process_peaks: dict[int, int] = {}
         self._device_peaks: dict[int, int] = {}
         # Peaks of the sums over all GPUs.
         self._process_peak = self._device_peak = 0
-        # Whether NVML has listed a process under its process number on this system. In a container NVML may
-        # use other numbers.
+        # Whether NVML has listed a process by its process number on this system. In a container, NVML may use
+        # other process numbers.
         self._lists_processes = False
-        # The latest error of NVML.
+        # The latest error reported by NVML.
         self._error: str | None = None
         self._nvml: Any = None
         try:
@@ -51,7 +51,7 @@ class Gpus:
             self._before = [pynvml.nvmlDeviceGetMemoryInfo(handle).used for handle in self._handles]
         except ImportError:
             self._reason = f"the extra gpu is not installed: {install('gpu')}"
-        except Exception as error:  # the error class of NVML exists only after it was loaded
+        except Exception as error:  # the error class of NVML exists only after NVML is loaded
             self._reason = f"NVML: {error}"
         if not self._handles and self._reason is None:
             self._reason = "this machine has no NVIDIA GPU"
@@ -60,7 +60,7 @@ class Gpus:
         """Update the peaks with the current memory of the processes `pids` and of the devices."""
         process_sum = device_sum = 0
         for index, handle in enumerate(self._handles):
-            # NVML may deny the list of processes and still report the memory of the device.
+            # NVML may refuse the list of processes and still report the memory of the device.
             with self._record_errors():
                 size = self._measure_processes(handle, pids)
                 self._process_peaks[index] = max(self._process_peaks.get(index, 0), size)
@@ -114,7 +114,7 @@ class Gpus:
             with contextlib.suppress(self._nvml.NVMLError):
                 listed = self._list_processes(handle)
                 sizes += [listed[pid]] if pid in listed else []
-        # The memory of the whole device is not used here, because it includes other processes.
+        # The memory of the whole device includes other processes, so it is not used here.
         unlisted = "NVML lists no memory of this process: it uses no NVIDIA GPU, or it runs in a container"
         return (sum(sizes), None) if sizes else (None, self._reason or unlisted)
 
@@ -135,7 +135,7 @@ class Gpus:
         import psutil
 
         sizes = self._list_processes(handle)
-        # In a container NVML lists no processes, or lists them with the numbers of the host.
+        # In a container, NVML lists no processes, or lists them with the process numbers of the host.
         known = any(pid in pids or psutil.pid_exists(pid) for pid in sizes)
         self._lists_processes = self._lists_processes or known
         return sum(size for pid, size in sizes.items() if pid in pids)

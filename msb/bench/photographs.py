@@ -22,11 +22,11 @@ from msb.render.images import image_names, write_image
 from msb.scenes import Camera
 from msb.scenes.datasets import Scene, SceneAt
 
-# A file in every folder of ground truth. The file holds the hash of the sources and the SHA-256 of each
-# image.
+# Name of the hash list in every folder of ground truth. The file contains the hash of the sources, and the
+# SHA-256 of each image.
 HASHES = "hashes.json"
 SCHEMA = "msb.ground_truth/1"
-# Maximum size of the file of hashes in bytes.
+# Maximum size of the hash list in bytes.
 _MAX_BYTES = 64 << 20
 
 
@@ -34,20 +34,20 @@ _MAX_BYTES = 64 << 20
 class ViewState:
     """The state of a scene's test views: hashes of everything that affects a comparison."""
 
-    # Hash of names, sizes, intrinsics and poses.
+    # Hash of the names, sizes, intrinsics and poses of the cameras.
     cameras: str
-    # Hash of photographs, sizes, masks and background. The folder of the ground truth has this hash as its
-    # name.
+    # Hash of photographs, sizes, masks and background. The hash of the photographs is the name of the ground
+    # truth folder.
     photographs: str
     setup: Setup
-    # Names of photographs, renderings and ground truth, without suffix.
+    # Common names of photographs, renderings and ground truth, without suffix.
     names: tuple[str, ...]
 
 
 def describe_views(scene: Scene) -> ViewState:
     """Return the state of a scene's test views; every test photograph is read once."""
     files = [(str(camera.name), _hash_sources(scene, camera)) for camera in scene.test]
-    # Everything else that affects the ground truth.
+    # All other data that affects the ground truth.
     rules: list[object] = [
         list(scene.background),
         scene.compositing,
@@ -56,7 +56,8 @@ def describe_views(scene: Scene) -> ViewState:
         scene.quantized,
         [(camera.width, camera.height) for camera in scene.test],
     ]
-    # Hash the turned and undistorted photographs. Without any, hashes stay as in earlier versions.
+    # Add the rotated and undistorted photographs to the hash. Without rotated or undistorted photographs, the
+    # hash is the same as in earlier versions.
     if readings := [
         _describe_reading(scene, camera) for camera in scene.test if camera.name in scene.readings
     ]:
@@ -76,7 +77,7 @@ def describe_views(scene: Scene) -> ViewState:
 
 
 def _describe_reading(scene: Scene, camera: Camera) -> list[object]:
-    """Return how the photograph of a view is turned and undistorted, as JSON data."""
+    """Return how the photograph of a view is rotated and undistorted, as JSON data."""
     reading = scene.readings[str(camera.name)]
     lens, about = reading.lens, list[object]((camera.name, reading.orientation))
     if lens is None or lens.distortion is None:
@@ -107,7 +108,7 @@ class PhotographTask:
 
     @property
     def name(self) -> str:
-        """The name in progress lines."""
+        """The name of the task in progress lines."""
         return f"{self.scene.dataset} {self.scene.name}"
 
     @property
@@ -117,7 +118,7 @@ class PhotographTask:
 
 
 def write_photographs(task: PhotographTask) -> str | None:
-    """Write the ground truth of a scene unless it exists and is valid.
+    """Write the ground truth of a scene unless valid ground truth exists.
 
     Invalid ground truth is written again, and the reason is returned as text.
     """
@@ -151,7 +152,7 @@ def _find_fault(folder: Path, views: ViewState) -> str | None:
     names = {f"{name}.png" for name in views.names}
     if not isinstance(files, dict) or about != _make_document(views, files) or set(files) != names:
         return f"{HASHES} belongs to other photographs"
-    # Hidden files of file managers are ignored.
+    # Ignore hidden files of file managers.
     others = {name for name in present if not Path(name).name.startswith(".")}
     for name in sorted(names | others):
         if present.get(name) != files.get(name):
@@ -163,9 +164,9 @@ def _find_fault(folder: Path, views: ViewState) -> str | None:
 
 
 def _hash_files_below(folder: Path) -> dict[str, str]:
-    """Return the SHA-256 of each file below a folder, by name; the list of hashes itself is left out.
+    """Return the SHA-256 of each file below a folder, by name. The hash list itself is left out.
 
-    A folder in the place of a file has the hash "".
+    If a folder has the name of a file, its hash is "".
     """
     files = (Path(root, name) for root, _, names in os.walk(folder) for name in names)
     return {
@@ -176,7 +177,7 @@ def _hash_files_below(folder: Path) -> dict[str, str]:
 
 
 def read_planned_scene(at: SceneAt, views: ViewState) -> Scene:
-    """Return a scene; if its cameras differ from the planned ones, raise RUN_SCHEDULER."""
+    """Return a scene. Raise RUN_SCHEDULER if its cameras differ from the cameras at the time of planning."""
     scene = at.read()
     if digest([describe_camera(camera) for camera in scene.test]) != views.cameras:
         text = (

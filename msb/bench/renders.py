@@ -19,7 +19,8 @@ from msb.scenes import Camera
 from msb.scenes.image_size import IMAGE_SUFFIXES as PHOTOGRAPHS
 from msb.scenes.image_size import image_size
 
-# An optional file in the format of ``sha256sum``. If the file exists, it must list the hash of every image.
+# Name of an optional file in the format of ``sha256sum``. If this file exists, it must list the hash of every
+# image.
 SUMS = "SHA256SUMS"
 # Maximum size of SHA256SUMS in bytes, enough for a hundred thousand lines.
 _MAX_SUMS = 16 << 20
@@ -33,8 +34,8 @@ class Renders:
 
     # One file per camera, in the order of the cameras.
     files: tuple[Path, ...]
-    # "name": images have the names of the photographs. "number": they are called 00000, 00001, ... in the
-    # order of the test views, as code derived from 3DGS writes them.
+    # Matching by "name": images have the names of the photographs. Matching by "number": images are called
+    # 00000, 00001, ... in the order of the test views, as in code derived from 3DGS.
     matched_by: Literal["name", "number"]
     # Path, size, and the SHA-256 of the list of hashes of the images.
     folder: File

@@ -1,11 +1,11 @@
-"""Submissions: results packaged for publication into a single file that its receiver can verify.
+"""Submissions: benchmark results packaged for publication in a single file that the receiver can verify.
 
 A submission contains the published fields of the records, the commands that repeat the evaluation, and a few
-small images. Published fields are numbers, hashes, versions, and names of scenes, methods and devices.
+small images. The published fields are numbers, hashes, versions, and names of scenes, methods and devices.
 Strings that may contain a path or the name of a person are not published.
 
 The file is a ZIP archive with fixed dates, so equal results give equal bytes. The archive is not compressed,
-so a small file cannot expand to large members. The member submission.json lists the SHA-256 of all other
+so that a small file cannot expand to large members. The member submission.json lists the SHA-256 of all other
 members.
 """
 
@@ -35,7 +35,7 @@ from msb.metrics.registry import IMAGE_METRICS
 
 SCHEMA: Literal["msb.submission/1"] = "msb.submission/1"
 ABOUT = "submission.json"
-# Replaces a required string that may be private.
+# Replacement of a required string that may be private.
 WITHHELD = "withheld"
 MOST_PICTURES = 200
 _MOST_RECORDS = 20_000
@@ -43,7 +43,7 @@ _MOST_RECORDS = 20_000
 _MAX_FILE = 1 << 30
 _MAX_ABOUT = 16 << 20
 _MAX_PICTURE = 1 << 20
-# The date of every member, the earliest that ZIP can store.
+# Date of every archive member: the earliest date that ZIP can store.
 _EPOCH = (1980, 1, 1, 0, 0, 0)
 _MEMBER = re.compile(r"submission\.json|records/\d{5}\.json|pictures/\d{4}\.jpg")
 # Marks a field that is published unchanged.
@@ -69,7 +69,7 @@ _LOOK = _keep("psnr", "same") | {"why": WITHHELD}
 
 
 def _list_published_fields() -> dict[str, Any]:
-    """Return the published fields of a record by name: nested fields, `_KEEP`, or a constant.
+    """Return the published fields of a record by name. A field is a nested mapping, `_KEEP`, or a constant.
 
     A constant replaces any value except None.
     """
@@ -150,7 +150,7 @@ def _select(data: Any, fields: Any) -> Any:
 
 
 class SubmittedImage(Record):
-    """An image in a submission; without a condition it is the photograph."""
+    """An image in a submission. An image without a condition is the photograph."""
 
     file: Name
     dataset: Name
@@ -166,7 +166,7 @@ class About(Record):
     """The content of submission.json: the submitter, the commands, and the SHA-256 of every other member."""
 
     schema_: Literal["msb.submission/1"] = Field(default=SCHEMA, alias="schema")
-    # The name of the submitter, in a form of their choice.
+    # The name of the submitter in any form.
     name: Annotated[str, Field(min_length=1, max_length=60)]
     tool_version: Name
     # Hash of the package's code on the submitter's machine (`code_sha256`).
@@ -179,7 +179,7 @@ class About(Record):
 
 @dataclass(frozen=True)
 class Submission:
-    """A submission that has been read and verified."""
+    """A submission that was read and verified."""
 
     path: Path
     sha256: str
@@ -200,12 +200,12 @@ def write_submission(
         The name of the submitter.
     records : sequence of Result
     pictures : sequence of (SubmittedImage, bytes)
-        JPEG images; only the first `MOST_PICTURES` are used. Their file names are assigned here.
+        JPEG images; only the first `MOST_PICTURES` are used. The file names of the images are assigned here.
     """
     ordered = sorted(records, key=lambda record: record.cell.names)
     fields = _list_published_fields()
     members: dict[str, bytes] = {}
-    # Records are validated as their receiver will validate them.
+    # Validate the records with the checks of the receiver.
     for number, record in enumerate(ordered):
         data = _select(json.loads(record.to_json()), fields)
         text = json.dumps(data, ensure_ascii=False, sort_keys=True, separators=(",", ":"), allow_nan=False)
@@ -235,7 +235,7 @@ def code_sha256() -> str:
 
 
 def _make_commands(records: Sequence[Result]) -> Iterator[str]:
-    """Yield a command for each model that evaluates the model again."""
+    """Yield, for each model, a command that repeats its evaluation."""
     # The records of all conditions, by dataset, scene and model.
     models: dict[tuple[str, ...], list[Result]] = {}
     for record in records:
@@ -251,7 +251,7 @@ def _make_commands(records: Sequence[Result]) -> Iterator[str]:
 
 
 def make_archive(members: Mapping[str, bytes]) -> bytes:
-    """Return a ZIP archive of members (name -> content); equal members give equal bytes."""
+    """Return a ZIP archive of members, given as content by name. Equal members give equal bytes."""
     buffer = io.BytesIO()
     with zipfile.ZipFile(buffer, "w", zipfile.ZIP_STORED) as archive:
         for name, data in members.items():
@@ -285,7 +285,7 @@ class _Members(Policy):
 
 
 def is_submission(path: Path) -> bool:
-    """Return whether the file extension of a path is that of a submission."""
+    """Return whether a path has the file extension of submissions."""
     return path.suffix.lower() == ".zip"
 
 
@@ -296,7 +296,8 @@ def read_submission(path: Path) -> Submission:
     ------
     InputError
         FILE_NOT_FOUND or FILE_UNREADABLE. RECORD_INVALID if the file is not an archive in the format of
-        `write_submission`, or if a member is missing, unlisted, too large, invalid, or has another hash.
+        `write_submission`. The same error reports a member that is missing, unlisted, too large, invalid or
+        changed.
     """
     data = map_file(path, _MAX_FILE + 1)
     if len(data) > _MAX_FILE:
@@ -320,7 +321,7 @@ def read_submission(path: Path) -> Submission:
         raise _make_error(
             path, f"{shorten(min(others), 60)} is in the list or in the archive, but not in both"
         )
-    # Every member must have the listed hash and be valid.
+    # Every member must be valid and have the listed hash.
     records, pictures = [], {}
     for name, sha256 in about.files.items():
         if hashlib.sha256(read_member(name, MAX_BYTES)).hexdigest() != sha256:

@@ -1,8 +1,8 @@
 """Temporal stability of the frames of a camera path: popping, shimmer and holes.
 
-Image content moves as the camera moves. Depths and cameras predict this motion, so the remaining change can
-be measured. Triangles pop if they swap their blending order, and an image shimmers if it has too few samples
-per pixel. docs/protocol.md has the full definitions.
+Image content moves as the camera moves. Depths and cameras predict the motion of image content, so the
+remaining change can be measured. Triangles pop when their blending order changes, and an image shimmers if it
+has too few samples per pixel. Full definitions are in docs/protocol.md.
 """
 
 from dataclasses import dataclass
@@ -15,14 +15,15 @@ from msb.scenes import Camera
 Floats = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
-# Standard deviation in pixels of the Gaussian that smooths images before comparison. In a smoothed image
-# cubic splines between pixels are accurate to a fraction of 1/255.
+# Standard deviation in pixels of the Gaussian that smooths images before comparison. After smoothing, cubic
+# splines between pixels are accurate to a fraction of 1/255.
 BLUR = 1.5
-# Radius in pixels within which another surface may affect a smoothed pixel.
+# Radius in pixels within which a different surface may affect a smoothed pixel.
 REACH = 3
-# Maximum relative difference of the depths of one surface point in two frames.
+# Maximum relative difference between the depths of one surface point in two frames.
 SAME = 0.02
-# A pixel is away from borders if depths within `REACH` of it differ by at most this fraction.
+# A pixel is away from borders if depths within `REACH` pixels differ from the pixel's depth by at most this
+# fraction.
 _FLAT = 0.05
 
 
@@ -36,10 +37,10 @@ class PreparedFrame:
     smooth : (H, W, 3) float32
         The smoothed image in levels, 0 to 255.
     splines : (3, H, W) float32
-        Coefficients of its cubic splines.
+        Coefficients of the image's cubic splines.
     inverse_depths : (3, H, W) float32
-        Inverse depth of the pixel itself, and of the nearest and the farthest surface within `REACH`; 0 for
-        background, which is alpha below 1/2.
+        Inverse depths of three surfaces: at the pixel itself, and the nearest and the farthest within
+        `REACH`. Background, with alpha below 1/2, is 0.
     """
 
     camera: Camera
@@ -49,7 +50,7 @@ class PreparedFrame:
 
     @property
     def covered(self) -> Mask:
-        """The pixels (H, W) that show the model."""
+        """The mask (H, W) of pixels that show the model."""
         return np.asarray(self.inverse_depths[0] > 0)
 
 
@@ -68,31 +69,32 @@ def prepare_frame(camera: Camera, image: Floats, alpha: Floats, depth: Floats) -
 
 
 def unexplained_change(before: PreparedFrame, here: PreparedFrame, after: PreparedFrame) -> Floats:
-    """Return the difference of each pixel from the average of the same surface point in both adjacent frames.
+    """Return each pixel's difference from the average of its surface point in both adjacent frames.
 
     Returns
     -------
     (H, W) float32
-        Root mean square over red, green and blue of the difference in levels of 255. NaN if the model is not
-        within `REACH`, or if the surface point was hidden or outside the image in an adjacent frame.
+        Root mean square over red, green and blue of the difference in levels of 255. The difference is NaN if
+        the model is not within `REACH`, or if the surface point was hidden or outside the image in an
+        adjacent frame.
 
     Notes
     -----
-    A steady change, such as a view-dependent colour, is not counted, because a frame then equals the average
-    of its neighbours. A pixel near a border shows two surfaces that move differently. It is therefore
-    followed with its own depth, with the nearest and with the farthest depth within `REACH`, and the smallest
+    A steady change, such as a view-dependent colour, does not count: the frame then equals the average of its
+    neighbours. A pixel near a border shows two surfaces that move differently. Each pixel is therefore
+    followed with three depths: its own depth, and the nearest and farthest depth within `REACH`. The smallest
     difference is used.
     """
     inverse, nearest, farthest = here.inverse_depths
-    # The N pixels within `REACH` of the model, and whether each is near a border between surfaces.
+    # Find the N pixels within `REACH` of the model, and whether each pixel is near a border between surfaces.
     rows, columns = np.nonzero(nearest > 0)
     colors = here.smooth[rows, columns].T
     least = np.full(len(rows), np.inf)
     counted = np.ones(len(rows), bool)
     border = (nearest - farthest > SAME * nearest)[rows, columns]
     for layer, inverse_depths in enumerate((inverse, nearest, farthest)):
-        # Follow the pixels into both adjacent frames, at the depths of this layer. `same` marks pixels whose
-        # surface is visible in both frames.
+        # Follow the pixels into both adjacent frames, at the depths of the current layer. `same` marks pixels
+        # whose surface is visible in both frames.
         same = np.ones(len(rows), bool)
         places = []
         for other in (before, after):
@@ -100,7 +102,7 @@ def unexplained_change(before: PreparedFrame, here: PreparedFrame, after: Prepar
             same &= _test_depths(other.inverse_depths[layer], place, expected)
             places.append(place)
         counted &= same | (layer == 0)
-        followed = np.flatnonzero(same & (border | (layer == 0)))  # other pixels show a single surface
+        followed = np.flatnonzero(same & (border | (layer == 0)))  # other pixels show only one surface
         both = [
             _sample_colors(other, place[:, followed])
             for other, place in zip((before, after), places, strict=True)
@@ -126,9 +128,9 @@ def _sample_colors(frame: PreparedFrame, place: NDArray[np.float64]) -> Floats:
 def _project_into(
     here: PreparedFrame, camera: Camera, rows: NDArray[np.int_], columns: NDArray[np.int_], inverse: Floats
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return where another camera sees the surface points of N pixels: positions (2, N), and inverse depths.
+    """Project the surface points of N pixels into another camera; return positions (2, N) and inverse depths.
 
-    Positions are rows and columns, with integers at pixel centres. Points behind the camera get positions far
+    Positions are (row, column), with integers at pixel centres. Points behind the camera get positions far
     outside the image, so NaN does not occur.
     """
     rays, move = (
@@ -151,7 +153,7 @@ def _compute_rays(camera: Camera, rows: NDArray[np.int_], columns: NDArray[np.in
 def _test_depths(
     inverse_depths: Floats, place: NDArray[np.float64], expected: NDArray[np.float64]
 ) -> NDArray[np.bool_]:
-    """Return a mask (N,) of positions (2, N) in the image at which a frame has the expected depth (N,)."""
+    """Return a mask (N,) of positions (2, N) inside the image whose depth is the expected depth (N,)."""
     ends = np.array(inverse_depths.shape)[:, None] - 1
     inside = ((place >= REACH) & (place <= ends - REACH)).all(axis=0)
     row, column = np.clip(np.rint(place), 0, ends).astype(np.int64)
@@ -159,9 +161,9 @@ def _test_depths(
 
 
 def find_surface_points(frame: PreparedFrame) -> NDArray[np.float64]:
-    """Return world points (N, 3) of the surfaces that a frame shows, away from their borders.
+    """Return world points (N, 3) on the surfaces of a frame, away from their borders.
 
-    Every second pixel of every second row is used; `find_holes` fills the gaps.
+    Every second pixel of every second row is used; `find_holes` closes the gaps.
     """
     inverse, nearest, farthest = frame.inverse_depths
     inner = (farthest > 0) & (nearest - farthest <= _FLAT * nearest)
@@ -171,9 +173,9 @@ def find_surface_points(frame: PreparedFrame) -> NDArray[np.float64]:
 
 
 def find_holes(frame: PreparedFrame, points: NDArray[np.float64]) -> Mask:
-    """Return the pixels (H, W) that show background although the model should cover them.
+    """Return the mask (H, W) of background pixels that the model should cover.
 
-    `points` (N, 3) are surface points of other frames. Two kinds of pixels with alpha below 1/2 count:
+    `points` (N, 3) are surface points of other frames. Two kinds of pixels with alpha below 1/2 are holes:
 
     - Gaps: every pixel of the surrounding 5 x 5 square is within one pixel of a covered pixel or of a
       projected surface point.
@@ -185,13 +187,14 @@ def find_holes(frame: PreparedFrame, points: NDArray[np.float64]) -> Mask:
     if covered.all():
         return ~covered
     hit = covered.copy()
-    # Pixels that the model or a surface point of another frame hits.
+    # Mark pixels that are hit by the model or by a surface point of another frame.
     pixels, depth = frame.camera.project(points)
     column, row = np.floor(np.where(depth[:, None] > 0, pixels, -1)).T
     height, width = covered.shape
     within = (row >= 0) & (row < height) & (column >= 0) & (column < width)
     hit[row[within].astype(np.int64), column[within].astype(np.int64)] = True
-    # The added border joins regions at the image edge with the outside, so that they are not enclosed.
+    # The added border joins background regions at the image edge with the outside, so that they are not
+    # enclosed.
     regions, count = label(np.pad(~covered, 1, constant_values=True))
     sizes = np.bincount(regions.ravel(), minlength=count + 1)
     specks = (sizes <= (2 * REACH + 1) ** 2)[regions[1:-1, 1:-1]]

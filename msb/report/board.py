@@ -1,4 +1,4 @@
-"""The board: one table of results from many submissions. Every row names its origin."""
+"""The board: one table of results from many submissions. Every row of the board names its origin."""
 
 import io
 import unicodedata
@@ -34,32 +34,32 @@ from msb.report.results import LoadedResult, ResultSet, result_set
 from msb.report.safe_names import plain_text
 from msb.report.table import NOT_AVAILABLE, Table, TableCell, TableColumn, TableRow
 
-# Submitter of the paper's rows.
+# Name printed as the submitter of the paper's rows.
 THE_PAPER = "the paper"
 _MESH = "exported_mesh"
-# Columns after the image quality metrics.
+# Columns that follow the image quality metrics.
 _METRICS = ("fps", "p50_ms", "p95_ms", "memory", "asset_size", "nonmanifold_edge_ratio", "components")
 # Hexadecimal digits of a hash in the table of results; the table of files prints all 64 digits.
 _HASH_DIGITS = 12
-# Number of hexadecimal digits of the hash that are added to equal names of submitters. More digits are used
-# only if another submitter already has the name with this number of digits.
+# Number of hexadecimal digits of the hash added to equal names of submitters. More digits are used only if
+# another submitter already has the name with this number of digits.
 _MIN_NAME_DIGITS, _MAX_NAME_DIGITS = 6, 64
 # Maximum width and height of a submitted image, in pixels.
 _MAX_SIDE = 4096
-# Letters that are invisible: Hangul fillers and the empty Braille pattern. Unicode categories without a
-# visible glyph: controls, formatting, unassigned, surrogates, combining marks.
+# Invisible letters: Hangul fillers and the empty Braille pattern. Unicode categories without a visible glyph:
+# controls, formatting, unassigned, surrogates, combining marks.
 _BLANK_LETTERS = frozenset("\u115f\u1160\u2800")
 _INVISIBLE_CATEGORIES = frozenset(("Cc", "Cf", "Cn", "Cs", "Me", "Mn"))
 
-# Dataset, scene (or mean), method and condition.
+# Dataset, scene (or mean), method and condition of a row.
 RowKey = tuple[str, str, str, str]
 
 
 @dataclass(frozen=True)
 class Board(Report):
-    """A report with one table for many submissions.
+    """A report with one table of many submissions.
 
-    `submissions` are pairs: a unique name, and a submission.
+    `submissions` contains pairs: a unique name, and a submission.
     """
 
     submissions: tuple[tuple[str, Submission], ...] = ()
@@ -102,9 +102,7 @@ def build_board(
 
     Raises
     ------
-    UsageError
-        A submission is given twice.
-    InputError
+    UsageError A submission is passed twice. InputError
         RECORD_INVALID: a submitted image is invalid.
     """
     for submission, other in pairwise(sorted(submissions, key=lambda submission: submission.sha256)):
@@ -155,10 +153,11 @@ def build_board(
 
 
 def _name_submissions(submissions: Sequence[Submission]) -> list[str]:
-    """Return a unique name for each submission; no name is "the paper".
+    """Return a unique name for each submission. The name "the paper" is never used.
 
-    If two names look the same, digits of the submission's hash are added to them. Letters of other scripts
-    that resemble Latin letters are not recognised. The hashes in the table of files distinguish such names.
+    If two names look alike, digits of the submissions' hashes are added to the names. Letters of other
+    scripts that resemble Latin letters are not recognised. The hashes in the table of files distinguish
+    similar names.
     """
     plain_names = [_plain_name(submission) for submission in submissions]
     count = Counter(map(_visible_form, [THE_PAPER, *plain_names]))
@@ -174,13 +173,16 @@ def _name_submissions(submissions: Sequence[Submission]) -> list[str]:
 
 
 def _plain_name(submission: Submission) -> str:
-    """Return the submitter's name on one line, or digits of the hash for a name without visible letters."""
+    """Return the submitter's name on one line.
+
+    For a name without visible letters, return digits of the hash.
+    """
     name = plain_text(submission.about.name).strip()
     return name if _visible_form(name) else submission.sha256[:_HASH_DIGITS]
 
 
 def _visible_form(name: str) -> str:
-    """Return the visible letters of a name in lower case, which are equal for names that look the same."""
+    """Return the visible letters of a name in lower case. Names that look alike give the same result."""
     normal = unicodedata.normalize("NFKC", name)
     letters = (letter for letter in normal if letter not in _BLANK_LETTERS and not letter.isspace())
     visible = (letter for letter in letters if unicodedata.category(letter) not in _INVISIBLE_CATEGORIES)
@@ -190,8 +192,8 @@ def _visible_form(name: str) -> str:
 def _results_table(results: Mapping[str, ResultSet], numbers: Mapping[str, Numbers], paper: Numbers) -> Table:
     """Return a row per scene, method, condition and submitter.
 
-    The keys of `results` and `numbers` are submitters. The metrics of a model's mesh are repeated in all rows
-    of the model.
+    The keys of `results` and `numbers` are submitters. The mesh metrics of a model are repeated in all its
+    rows.
     """
     metrics = [*QUALITY, *_METRICS]
     rows = []
@@ -237,7 +239,7 @@ def _list_rows(numbers: Mapping[str, Numbers]) -> dict[RowKey, list[str]]:
         drawn = {row_key[:3] for row_key in row_keys if row_key[3] != _MESH}
         for row_key in row_keys:
             dataset, scene, _, condition = row_key
-            # Redundant rows are left out: a mean over a single scene, and the mesh of a model with drawn
+            # Leave out redundant rows: a mean over a single scene, and the mesh of a model with rendered
             # conditions.
             is_repeated_mean = scene in MEANS and count[dataset] == 1
             is_repeated_mesh = condition == _MESH and row_key[:3] in drawn
@@ -256,7 +258,7 @@ def _list_rows(numbers: Mapping[str, Numbers]) -> dict[RowKey, list[str]]:
 
 
 def _group_records(results: ResultSet) -> dict[RowKey, list[Result]]:
-    """Return the records of each row: one record for a scene, the records of all scenes for a mean."""
+    """Return the records of each row: one record for a scene, or the records of all scenes for a mean."""
     records: dict[RowKey, list[Result]] = {}
     for loaded in results:
         dataset, scene, method = loaded.place
@@ -267,7 +269,7 @@ def _group_records(results: ResultSet) -> dict[RowKey, list[Result]]:
 
 
 def _without_reason(cell: TableCell) -> TableCell:
-    """Return an empty cell without its reason, because most rows of a board have many empty cells."""
+    """Return an empty table cell without its reason, because most rows of a board have many empty cells."""
     return cell if cell.value is not None else replace(cell, reason=None, notes=())
 
 
@@ -276,7 +278,10 @@ def _text_cell(text: str) -> TableCell:
 
 
 def _provenance_cells(records: Sequence[Result]) -> tuple[TableCell, ...]:
-    """Return the cells for model, photographs, version and device; "N different" if the records differ."""
+    """Return the table cells for model, photographs, version and device.
+
+    If the records differ, the text is "N different".
+    """
     models = {
         record.asset.sha256[:_HASH_DIGITS] for record in records if record.asset and record.asset.sha256
     }
@@ -296,7 +301,7 @@ def _provenance_cells(records: Sequence[Result]) -> tuple[TableCell, ...]:
 
 
 def _photographs_hash(record: Result) -> str:
-    """Return the hash of the photographs and of their processing, or ""."""
+    """Return a hash of the photographs and their processing, or ""."""
     return str(record.inputs.get("quality", {}).get("photographs", ""))
 
 
@@ -347,7 +352,7 @@ def _files_table(results: Mapping[str, ResultSet]) -> Table:
 
 
 def _find_differences(results: Mapping[str, ResultSet]) -> Iterator[str]:
-    """Yield reasons why rows cannot be compared, within a submission or between submissions."""
+    """Yield reasons why rows of one or several submissions cannot be compared."""
     yield from (f"{name}: {note}" for name, of_submitter in results.items() for note in of_submitter.notes)
     # the submitters, by (dataset, scene, method) and then by the hash of the photographs
     photographs: dict[tuple[str, str, str], dict[str, list[str]]] = {}
@@ -362,7 +367,7 @@ def _find_differences(results: Mapping[str, ResultSet]) -> Iterator[str]:
             for identity in () if loaded.result.quality is None else loaded.result.quality.metrics:
                 text = str(sorted(defined(identity).items()))
                 metrics.setdefault(str(identity.get("name")), {}).setdefault(text, []).append(name)
-    # Models with the same groups of submitters share a sentence.
+    # Models with the same groups of submitters share one sentence.
     places_of: dict[str, list[str]] = {}
     for where, groups in photographs.items():
         if len(groups) > 1:
@@ -382,7 +387,7 @@ def _list_groups(groups: Iterable[Sequence[str]]) -> str:
 def _read_views(name: str, submission: Submission) -> Iterator[ComparedView]:
     """Yield the submitted views.
 
-    Raises InputError if an image is not a small JPEG, or if no record holds the PSNR of the image.
+    Raises InputError if an image is not a small JPEG, or if no record contains the PSNR of the image.
     """
     recorded = {
         (*record.cell.names[:3], condition_title(record.cell.condition_key), image.name, image.values["psnr"])
@@ -410,7 +415,10 @@ def _read_views(name: str, submission: Submission) -> Iterator[ComparedView]:
 
 
 def _read_image(picture: SubmittedImage, submission: Submission, number: int) -> JpegImage:
-    """Return a submitted image; `number` counts the views. Raises InputError unless it is a small JPEG."""
+    """Return a submitted image; `number` is the number of the view.
+
+    Raises InputError if the image is not a small JPEG.
+    """
     from PIL import Image
 
     data = submission.pictures[picture.file]

@@ -1,4 +1,4 @@
-"""Build the report on a set of results, and the report of the paper's own tables."""
+"""Build the report on a set of results, and the report on the paper's own tables."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -34,10 +34,10 @@ ONE_SCENE = (
     "views are similar."
 )
 NO_COMPARISON = "--against {}: no other method was measured under the same condition on the same scene"
-# Datasets with few scenes. The paper's tables show these scenes side by side. The scenes of other datasets
-# are rows.
+# Datasets with few scenes. Tables of these datasets show the scenes side by side, as in the paper. The tables
+# of other datasets have a row per scene.
 FEW_SCENES = ("tanksandtemples",)
-# Our builder of each table of the paper by its label, and the dataset of the table ("" for all datasets).
+# Our builder of each table of the paper, by the label and dataset of the table ("" for all datasets).
 _PAPER: dict[str, tuple[Callable[..., Table], str]] = {
     "native_summary": (measurements.native_summary, ""),
     "native_comprehensive_results": (measurements.native_comprehensive_results, ""),
@@ -51,7 +51,7 @@ _PAPER: dict[str, tuple[Callable[..., Table], str]] = {
 }
 # Our label of each table of the paper, by the paper's label.
 EQUIVALENTS = {label: "-".join(filter(None, (build.__name__, at))) for label, (build, at) in _PAPER.items()}
-# The paper's label of each of our tables by our label, if the labels differ.
+# The paper's label of each of our tables, by our label, if the labels differ.
 _PAPER_LABELS = {
     "renderer_comparison-mipnerf360": "mip360_renderer_comparison",
     "renderer_comparison-tanksandtemples": "tnt_renderer_comparison",
@@ -117,15 +117,15 @@ def build_report(
     pictures : bool
         Whether to include charts and renderings.
     with_paper : bool
-        Whether to include the paper's numbers. Those in `published` are always included.
+        Whether to include the numbers of the paper. Numbers in `published` are always included.
     against : str, optional
-        A method or label. Every other method is compared with it, view by view.
+        A method or label. Every other method is compared with this method, view by view.
     """
     _check_chosen(results, chosen)
     numbers = collect(results)
     comparisons = [] if against is None else compare_methods(results, numbers, against)
     paper = paper_numbers() if with_paper else Numbers({}, of_paper=True)
-    # If a dataset has a name from the paper but other scenes, the paper's numbers for it are dropped.
+    # If a dataset has a name from the paper but other scenes, drop the paper's numbers for it.
     others = [dataset for dataset in numbers.datasets() if numbers.has_other_scenes(dataset)]
     paper = _drop_datasets(paper, others)
     if published:
@@ -192,7 +192,10 @@ def _with_contradictions(*tables: Table) -> tuple[Table, ...]:
 
 
 def _with_paper_notes(table: Table) -> Table:
-    """Return a table of ours; if it prints the paper's numbers, add notes on the paper's contradictions."""
+    """Return one of our tables.
+
+    If the table prints the paper's numbers, notes on contradictions in the paper are added.
+    """
     has_columns = any(SOURCES["meshsplatbench"] in column.groups for column in table.columns)
     if not has_columns and not any(row.paper for row in table.rows):
         return table
@@ -207,7 +210,7 @@ def _make_sections(
     datasets = numbers.datasets()
     drawn = [dataset for dataset in datasets if numbers.conditions(dataset)]
     deployed = [d for d in drawn if any(condition != "non_engine" for condition in numbers.conditions(d))]
-    # Datasets with few scenes have tables with the scenes side by side.
+    # In tables of datasets with few scenes, the scenes are side by side.
     few = [dataset for dataset in deployed if dataset in FEW_SCENES]
     audited = [dataset for dataset in datasets if numbers.methods(dataset, "exported_mesh")]
 
@@ -225,7 +228,7 @@ def _make_sections(
     if any(key.source for key in paper.values if key.dataset in datasets):
         published += [reproducibility(numbers, paper)]
         published += [reproducibility_statistics(numbers, paper)]
-    # The tables of each section by its name; empty tables are dropped below.
+    # Build the tables of each section by its name; empty tables are dropped below.
     tables_of: dict[str, Iterable[Table]] = {
         "deployment": [
             *(measurements.renderer_comparison(numbers, dataset, paper) for dataset in drawn),
@@ -293,7 +296,7 @@ def _drop_datasets(paper: Numbers, datasets: Sequence[str]) -> Numbers:
 
 
 def _summarise(results: ResultSet, numbers: Numbers) -> str:
-    """Return the number of results, methods, scenes and datasets, and our version."""
+    """Return a text with the number of results, methods, scenes and datasets, and our version."""
     methods = {place.method for place in results.places}
     scenes = {(place.dataset, place.scene) for place in results.places}
     of = f"{_format_count(len(results), 'result')} of {_format_count(len(methods), 'method')}"
@@ -322,7 +325,7 @@ def _list_changed_files(results: ResultSet, views: Iterable[ComparedView]) -> It
 
 
 def _list_failures(results: ResultSet) -> list[str]:
-    """Return a note per failed cell."""
+    """Return one note per failed cell."""
     notes = []
     for loaded in results:
         reason = loaded.result.reason

@@ -1,4 +1,4 @@
-"""Findings: sentences about the numbers of a report, with the label of the table that holds them."""
+"""Findings: sentences about the numbers of a report, each with the label of the table of these numbers."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -34,15 +34,15 @@ from msb.report.safe_names import plain_text, slug
 from msb.report.table import NOT_SUPPORTED
 from msb.report.tables.bakes import STEP_TITLES
 
-# Maximum number of findings: readers skip longer lists.
+# Maximum number of findings, because readers skip longer lists.
 _MAX_FINDINGS = 12
 # Kinds of findings that are kept even if there are more than `_MAX_FINDINGS`.
 _ALWAYS_KEPT = ("slowdown", "engine_slowdown", "walk", "structure", "training", "unsupported")
-# Kinds of findings that come last, because they are expected or not about deployment.
+# Kinds of findings that come last, because they are expected, or do not concern deployment.
 _MINOR = ("monotone", "same_ranking", "training", "unsupported")
 # A PSNR difference below this value, in dB, is printed as 0.00.
 _MIN_DIFFERENCE = 0.005
-# Further metrics in which a method can be the best, with the condition under which they are compared.
+# Further metrics in which a method can be the best, with the condition of the comparison.
 _COSTS = {
     "chamfer": "non_engine",
     "fps": "dedicated",
@@ -56,7 +56,7 @@ _GAPS: dict[GapName, str] = {"adapt": "adaptation", "port": "portability", "depl
 
 @dataclass(frozen=True)
 class Finding:
-    """One or more sentences; `kind` is their topic, `table` the label of the table with the numbers."""
+    """One or more sentences. `kind` is their topic, and `table` the label of the table with the numbers."""
 
     kind: str
     sentence: str
@@ -64,7 +64,7 @@ class Finding:
 
 
 class _Case(NamedTuple):
-    """A value of a method on a dataset, with its text for a sentence. Cases sort by value."""
+    """A value of a method on a dataset, with a text of the value for sentences. Cases are sorted by value."""
 
     value: float
     dataset: str
@@ -82,13 +82,13 @@ def _format_pair(dataset: str, method: str) -> str:
 
 
 def _format_condition(condition: str) -> str:
-    """Return the name of a condition within a sentence, such as "Dedicated" or "Dedicated (coarse)"."""
+    """Return the name of a condition for a sentence, such as "Dedicated" or "Dedicated (coarse)"."""
     title, _, variant = condition_title(condition).partition(", ")
     return f"{title} ({variant})" if variant else title
 
 
 def _format_all(count: int, noun: str = "combination", of: str = "method and dataset") -> str:
-    """Return "the only", "both" or "all 3" with a noun (in the singular) and its complement."""
+    """Return "the only", "both" or "all 3", followed by a noun (given in the singular) and its complement."""
     if count == 1:
         return f"the only {noun} of {of}"
     return f"{'both' if count == 2 else f'all {count}'} {noun}s of {of}"
@@ -104,7 +104,7 @@ def _collect_means(
 ) -> list[_Case]:
     """Return all measured averages of a metric, except averages that carry the note `without`.
 
-    `detail` turns a value into the text of a case.
+    `detail` converts a value into the text of a case.
     """
     return [
         _Case(number.value, key.dataset, key.method, detail(key, number.value))
@@ -116,7 +116,10 @@ def _collect_means(
 
 
 def _describe_significance(difference: Interval | None) -> str:
-    """Return the t test of a difference as text, or why it was not tested; "" if there is no difference."""
+    """Return the t test of a difference as text, or why it was not tested.
+
+    The text is "" without a difference.
+    """
     if difference is None:
         return ""
     if difference.p is None:
@@ -126,9 +129,9 @@ def _describe_significance(difference: Interval | None) -> str:
 
 
 def derive_findings(numbers: Numbers, first: Iterable[Finding] = ()) -> list[Finding]:
-    """Return at most twelve findings, the most important first.
+    """Return at most twelve findings, the most important finding first.
 
-    `first` are further findings that precede all others. The kinds in `_ALWAYS_KEPT` are never dropped.
+    `first` contains further findings that precede all others. The kinds in `_ALWAYS_KEPT` are never dropped.
     """
     findings = [
         *first,
@@ -144,7 +147,7 @@ def derive_findings(numbers: Numbers, first: Iterable[Finding] = ()) -> list[Fin
         *_structure_findings(numbers),
         *_unsupported_findings(numbers),
     ]
-    # The sort is stable. Minor findings move to the end, and all others keep the order above.
+    # The sort is stable. Minor findings move to the end, and all other findings keep the order above.
     findings.sort(key=lambda finding: finding.kind in _MINOR)
     optional = [finding for finding in findings if finding.kind not in _ALWAYS_KEPT]
     dropped = optional[max(0, _MAX_FINDINGS - (len(findings) - len(optional))) :]
@@ -152,7 +155,7 @@ def derive_findings(numbers: Numbers, first: Iterable[Finding] = ()) -> list[Fin
 
 
 def _gap_findings(numbers: Numbers) -> Iterator[Finding]:
-    """Yield the largest and smallest value of each PSNR gap, also of the adaptation gap to each variant."""
+    """Yield the largest and smallest value of each PSNR gap, including the adaptation gap to each variant."""
     variants = dict.fromkeys(key.dedicated for key in numbers.gaps if key.dedicated != "dedicated")
     for dedicated in ("dedicated", *variants):
         for name, word in _GAPS.items():
@@ -187,7 +190,7 @@ def _describe_extremes(cases: list[_Case], word: str, start: str, end: str) -> s
 
 
 def _describe_reference(numbers: Numbers, cases: list[_Case]) -> str:
-    """Return a sentence if Non-Engine was not rendered by the methods' own code, else ""."""
+    """Return a sentence if Non-Engine was not rendered by the methods' official code, else ""."""
     notes = [
         numbers.number(Key(case.dataset, MEAN, case.method, "non_engine", "psnr")).notes for case in cases
     ]
@@ -232,7 +235,8 @@ def _split_findings(numbers: Numbers) -> Iterator[Finding]:
             continue
         if split.total is None or split.total.signed is None:
             continue
-        # The fitted bake may be worse than the ceiling. The recovered loss in dB is that of the better bake.
+        # The fitted bake may be worse than the ceiling bake. Use the better bake to compute the recovered
+        # loss in dB.
         recovered = max(accumulate(loss for name, loss in steps.items() if name != "blending"))
         cases.append((split.total.signed, recovered, key))
     if not cases:
@@ -242,7 +246,7 @@ def _split_findings(numbers: Numbers) -> Iterator[Finding]:
     split = numbers.splits[key]
     parts = []
     for name, gap in split.steps.items():
-        # Two steps without a bake between them form one part.
+        # If no bake separates two steps, they form one part.
         names = [step for step, outer in split.within.items() if outer == name]
         title = " and ".join(STEP_TITLES[step].lower() for step in (*names, name))
         parts.append(f"{title} {format_digits(gap.signed or 0.0, 2)} dB")
@@ -256,7 +260,7 @@ def _split_findings(numbers: Numbers) -> Iterator[Finding]:
         low, high = min(shares), max(shares)
         sentence += (
             f" For {len(shares)} combinations of method and dataset with such a loss, baking recovers "
-            f"{low:.0f} to {high:.0f} % of it."
+            f"{low:.0f} to {high:.0f} % of the loss."
         )
     elif shares:
         sentence += f" Baking recovers {shares[0]:.0f} % of this loss."
@@ -298,8 +302,8 @@ def _describe_not_monotone(
     Parameters
     ----------
     broken : dict
-        (dataset, method, condition) -> gaps of the metrics that are not monotone. The condition is Dedicated
-        or one of its variants.
+        The gaps of the metrics that are not monotone, by (dataset, method, condition). The condition is
+        Dedicated or one of its variants.
     total : int
         Number of comparable (dataset, method) pairs.
     """
@@ -307,8 +311,8 @@ def _describe_not_monotone(
     def excess(place: tuple[str, str, str]) -> float:
         return broken[place][0][1].triangle_excess or 0.0
 
-    # The sentence describes the first metric of the case with the largest excess. The sentence only names the
-    # other cases.
+    # The sentence describes the first metric of the case with the largest excess. Other cases are only named
+    # in the sentence.
     first, *others = sorted(broken, key=excess, reverse=True)
     (dataset, method, dedicated), cases = first, broken[first]
     title, (key, gaps) = _format_condition(dedicated), cases[0]
@@ -343,9 +347,10 @@ def _ranking_findings(numbers: Numbers) -> Iterator[Finding]:
         conditions = [
             name for name in numbers.conditions(dataset) if not name.startswith(("standard/", f"{BAKED}/"))
         ]
-        # Pairs of conditions between which the ranking changes, by the significance of the change.
+        # Collect the pairs of conditions between which the ranking changes, by the significance of the
+        # change.
         changes: dict[str, list[str]] = {}
-        moved: set[str] = set()  # conditions of these pairs
+        moved: set[str] = set()  # conditions between which the ranking changes
         compared = 0
         for first, second in combinations(conditions, 2):
             if "/" in first or first.partition("/")[0] == second.partition("/")[0]:
@@ -362,7 +367,7 @@ def _ranking_findings(numbers: Numbers) -> Iterator[Finding]:
                 moved |= {first, second}
         if changes:
             pairs = "; ".join(f"{join_words(names)} ({result})" for result, names in changes.items())
-            # Conditions with the same ranking share an entry.
+            # Conditions with equal rankings share an entry.
             orders: dict[str, list[str]] = {}
             for condition in filter(moved.__contains__, conditions):
                 order = format_ranking(rank_methods(numbers, dataset, condition, "psnr"))
@@ -382,7 +387,7 @@ def _ranking_findings(numbers: Numbers) -> Iterator[Finding]:
 
 
 def _leader_findings(numbers: Numbers) -> Iterator[Finding]:
-    """Yield the best method in each metric for datasets without an overall best method."""
+    """Yield the best method in each metric, for datasets on which no method is best in all metrics."""
     sentences: list[str] = []
     table = ""
     for dataset in numbers.datasets():
@@ -403,7 +408,10 @@ def _leader_findings(numbers: Numbers) -> Iterator[Finding]:
 
 
 def _find_leaders(numbers: Numbers, dataset: str, condition: str) -> dict[str, list[str]]:
-    """Return the metrics that each method leads, with values; empty if no image quality was measured."""
+    """Return the metrics that each method leads, with values.
+
+    The result is empty if no image quality was measured.
+    """
     leaders: dict[str, list[str]] = {}
     has_images = any(rank_methods(numbers, dataset, condition, metric) for metric in QUALITY)
     for metric in (*QUALITY, *_COSTS) if has_images else ():
@@ -455,7 +463,7 @@ def _training_findings(numbers: Numbers) -> Iterator[Finding]:
 
 
 def _speed_findings(numbers: Numbers) -> Iterator[Finding]:
-    """Yield ratios of frame rates: Standard to Dedicated, Dedicated to Non-Engine, and within an engine."""
+    """Yield ratios of frame rates: between the conditions, and between both tiers in one engine."""
     pairs = dict.fromkeys((key.numerator, key.denominator) for key in numbers.ratios)
     for above, below in (
         ("standard", "dedicated"),
@@ -575,7 +583,7 @@ def _structure_findings(numbers: Numbers) -> Iterator[Finding]:
 
 def _unsupported_findings(numbers: Numbers) -> Iterator[Finding]:
     """Yield the conditions that methods do not support."""
-    # The conditions of each method. The finding links to the table of the first dataset.
+    # Collect the conditions of each method. The finding links to the table of the first dataset.
     names: dict[str, dict[str, None]] = {}
     first = ""
     for key, number in numbers.values.items():

@@ -28,7 +28,7 @@ from msb.report.numbers import (
 )
 from msb.report.table import NOT_AVAILABLE
 
-# The numeric tables by the paper's labels. The two feature matrices are printed from `msb.registry`.
+# The numeric tables by the paper's labels. The two feature matrices come from `msb.registry` instead.
 PAPER_TABLES = (
     "native_summary",
     "native_comprehensive_results",
@@ -44,7 +44,7 @@ PAPER_TABLES = (
 # Our name of each method, by the paper's name.
 # Methods of other packages come last in METHODS, so they never replace a method of the paper.
 OUR_METHODS = {method.paper_name: name for name, method in reversed([*METHODS.items()]) if method.paper_name}
-# Our name of a metric (a key of `msb.bench.aggregate.METRICS`), by the paper's name, if the names differ.
+# Our metric name (a key of `msb.bench.aggregate.METRICS`), by the paper's name, if the names differ.
 _OUR_METRICS = {
     "gpu_ms_p50": "p50_ms",
     "gpu_ms_p95": "p95_ms",
@@ -56,8 +56,8 @@ _OUR_METRICS = {
 }
 
 ENGINE_MEMORY = (
-    "not comparable with our memory, which counts every buffer: the paper's Standard memory is nearly equal "
-    "for all methods and smaller than their meshes, so it must be the memory of the engine without the mesh"
+    "not comparable with our memory, which counts every buffer. The paper's Standard memory is nearly equal "
+    "for all methods and smaller than the meshes, so it must exclude the mesh"
 )
 
 ENGINE_RENDERING = (
@@ -67,14 +67,14 @@ ENGINE_RENDERING = (
 PUBLISHED_LPIPS = "LPIPS as published; its network, version or scaling of the images may differ from ours"
 
 
-# Publication that a number comes from: a key of `msb.report.tables.reproducibility.SOURCES`.
+# The publication of a number: a key of `msb.report.tables.reproducibility.SOURCES`.
 Source = Literal["", "paper", "public", "meshsplatbench"]
 
 
 class _PublishedCell(BaseModel):
-    """A cell of a published table, in the paper's names and units.
+    """A cell of a published table, with the names and units of the paper.
 
-    `na` is what the paper prints for a missing value.
+    `na` is the text that the paper prints for a missing value.
     """
 
     model_config = ConfigDict(extra="ignore", frozen=True, allow_inf_nan=False, strict=True)
@@ -96,7 +96,7 @@ class _PublishedTable(BaseModel):
     model_config = ConfigDict(extra="ignore", frozen=True, strict=True)
 
     schema_: Literal["msb-paper-table/1"] = Field(alias="schema")
-    # A footnote of every number.
+    # A footnote of every number in the table.
     note: Annotated[str, Field(min_length=1, max_length=200)] | None = None
     cells: tuple[_PublishedCell, ...]
 
@@ -120,7 +120,7 @@ def paper_numbers(*tables: str) -> Numbers:
 
 
 def paper_row(table: str, **where: str) -> dict[str, float]:
-    """Return the printed values, by metric, of the row of a paper table that `where` selects.
+    """Return the printed values by metric of one row of a paper table, selected by `where`.
 
     Parameters
     ----------
@@ -132,7 +132,7 @@ def paper_row(table: str, **where: str) -> dict[str, float]:
     Returns
     -------
     dict of str to float
-        In units of 1: counts printed in millions are scaled.
+        Values in units of 1; counts printed in millions are converted.
 
     Examples
     --------
@@ -154,9 +154,8 @@ def methods_in(table: str) -> list[str]:
 def published_numbers(path: str | os.PathLike[str]) -> dict[Key, Number]:
     """Return published numbers from a JSON file with the schema of ``paper_tables/*.json``.
 
-    With such a file, results can be compared with published values of single scenes, which the paper does
-    not print. `Key.source` is "paper" unless the file names another source. Every number has the note of the
-    file.
+    A file of published values allows a comparison of single scenes, which the paper does not print.
+    `Key.source` is "paper" unless the file names another source. Every number has the note of the file.
     """
     table = validate(_PublishedTable, read_json(path, 1 << 24), file=Path(path), code="RECORD_INVALID")
     notes = () if table.note is None else (table.note,)
@@ -185,7 +184,7 @@ def _read_table(label: str) -> dict[Key, Number]:
 
 
 def _convert_cell(cell: _PublishedCell) -> tuple[Key, Number]:
-    """Return a published cell with our names and in the unit of the records."""
+    """Return a published table cell with our names and in the unit of the records."""
     metric = _OUR_METRICS.get(cell.metric, cell.metric)
     method = OUR_METHODS.get(cell.method, cell.method)
     key = Key(cell.dataset, cell.scene, method, cell.condition, metric, cell.source)
@@ -194,7 +193,7 @@ def _convert_cell(cell: _PublishedCell) -> tuple[Key, Number]:
 
 
 def as_in_paper(method: Method) -> Method:
-    """Return the declaration of a method in the paper's tables: the paper does not draw Gaussians."""
+    """Return the declaration of a method in the paper's tables, where Gaussians are not drawn."""
     if method.primitive == "triangle":
         return method
     retained: dict[Tier, Retained] = {
@@ -210,9 +209,9 @@ def _add_notes(key: Key, number: Number) -> Number:
     if number.value is None:
         if key.source != "paper" or number.absent != NOT_AVAILABLE:
             return number
-        reason = f"{method_title(key.method)}'s paper reports no results on {dataset_title(key.dataset)}"
+        reason = f"the paper of {method_title(key.method)} reports no results on {dataset_title(key.dataset)}"
         return replace(number, reason=reason)
-    # Values that cannot be compared with ours: those of another engine, and LPIPS of other sources.
+    # Mark values that cannot be compared with ours: values of another engine, and LPIPS of other sources.
     if key.metric == "memory" and key.condition == "standard":
         return Number(number.value, notes=(ENGINE_MEMORY,))
     if key.condition == "dedicated" and (key.metric in QUALITY or key.metric == "fps"):

@@ -7,12 +7,15 @@ from msb.bench.intervals import Interval, interval
 from msb.report.metric_format import format_value
 from msb.report.numbers import MEAN, ON_CPU, Key, Numbers, method_title
 
-# Methods with their averages of a metric, best first.
+# Methods with their averages of a metric, best method first.
 Ranking = list[tuple[str, float]]
 
 
 def rank_methods(numbers: Numbers, dataset: str, condition: str, metric: str) -> Ranking:
-    """Return the methods with complete averages, best first. Frame rates of a CPU are not ranked."""
+    """Return the methods with complete averages, best method first.
+
+    Frame rates measured on a CPU are not ranked.
+    """
     means = [
         (method, number.value)
         for method in numbers.methods(dataset)
@@ -40,8 +43,8 @@ def find_swaps(
 ) -> list[tuple[str, str]]:
     """Return the pairs of methods whose order differs between two rankings.
 
-    The two methods must differ by at least the last printed digit in both rankings. `before` is ranked by
-    `metric`, `after` by `after_metric`.
+    The two methods must differ by at least the last printed digit in both rankings. `before` is a ranking by
+    `metric`, and `after` a ranking by `after_metric`.
     """
     values = dict(after)
     return [
@@ -54,10 +57,10 @@ def find_swaps(
 def find_most_certain_swap(
     numbers: Numbers, dataset: str, swaps: list[tuple[str, str]], conditions: tuple[str, str]
 ) -> Interval:
-    """Return the t test of the most significant swap in `swaps`, pairs of methods that swap places by PSNR.
+    """Return the t test of the most significant swap among `swaps`, pairs of methods that swap places.
 
-    The difference between the methods of a swap is tested under both conditions. The larger p value counts
-    for the swap, and the swap with the smallest p value is returned.
+    The difference between the methods of a swap is tested under both conditions. The larger of both p values
+    counts for a swap, and the swap with the smallest p value is returned.
     """
 
     def p_value(difference: Interval) -> float:
@@ -80,5 +83,5 @@ def find_most_certain_swap(
 
 
 def format_ranking(ranking: Ranking, metric: str = "psnr") -> str:
-    """Return "2DTS 28.16, 3DGS 27.21"."""
+    """Return a text such as "2DTS 28.16, 3DGS 27.21"."""
     return ", ".join(f"{method_title(method)} {format_value(metric, value)}" for method, value in ranking)

@@ -1,4 +1,4 @@
-"""The verdict on one asset: its suitability for each use, with the number behind each statement."""
+"""The verdict on one asset: its suitability for each use, with the number behind each judgement."""
 
 import math
 from collections.abc import Iterator, Mapping
@@ -22,16 +22,16 @@ from msb.report.table import NOT_SUPPORTED
 
 Mark = Literal["YES", "WITH CARE", "NO", "UNKNOWN", "NOTE"]
 
-# Native renderings with a lower PSNR (dB) have little in common with the photographs, so they are no
-# reference.
+# Native renderings with a lower PSNR (dB) differ too much from the photographs to serve as a reference.
 MIN_NATIVE_PSNR = 15.0
-# Minimum PSNR in dB between two renderings, its mark, and its wording.
+# Minimum PSNR in dB between two renderings, with the mark and the wording of the verdict.
 _SIMILARITIES: tuple[tuple[float, Mark, str], ...] = (
     (ALIKE, "YES", "Matches"),
     (NEARLY, "WITH CARE", "Nearly matches"),
     (0.0, "NO", "Differs from"),
 )
-# Maximum loss of PSNR in dB, its mark, and its wording. Less than 1 dB is hard to see, and 3 dB is obvious.
+# Maximum PSNR loss in dB, with the mark and the wording of the verdict. A loss below 1 dB is hard to see, and
+# 3 dB is obvious.
 _LOSSES: tuple[tuple[float, Mark, str], ...] = (
     (1.0, "YES", "Matches"),
     (3.0, "WITH CARE", "Visibly worse than"),
@@ -39,8 +39,8 @@ _LOSSES: tuple[tuple[float, Mark, str], ...] = (
 )
 # Maximum P95 of the frame time, in milliseconds, for 60 and for 30 frames per second.
 SMOOTH_MS, USABLE_MS = 1000 / 60, 1000 / 30
-# Maximum number of views on which the renderings of two conditions are compared. The views are spread evenly.
-# More views would take minutes for a complete benchmark.
+# Maximum number of views on which the renderings of two conditions are compared. The compared views are
+# spread evenly. Comparing more views would take minutes for a complete benchmark.
 _MAX_VIEWS = 8
 _LEVELS: dict[str, Mark] = {"ok": "YES", "limited": "WITH CARE", "bad": "NO"}
 
@@ -58,13 +58,13 @@ class Statement:
     short: str = ""
 
     def to_dict(self) -> dict[str, str]:
-        """Return the statement as JSON data."""
+        """Return the judgement as JSON data."""
         return {"mark": self.mark, "use": self.use, "why": self.why}
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """The statements on one asset, and the outcomes of trial tasks on its mesh."""
+    """The judgements on one asset, and the outcomes of trial tasks on its mesh."""
 
     place: Place
     statements: tuple[Statement, ...]
@@ -79,7 +79,7 @@ class Verdict:
     def marks(self) -> list[tuple[Mark, list[str]]]:
         """Return the uses by mark, the worst mark first; ["all"] if all uses have the same mark.
 
-        Notes are left out.
+        Uses without a mark (notes) are left out.
         """
         order: tuple[Mark, ...] = ("NO", "WITH CARE", "UNKNOWN", "YES")
         named = [(mark, [s.short for s in self.statements if s.mark == mark]) for mark in order]
@@ -94,7 +94,7 @@ def judge(place: Place, loaded: Mapping[str, LoadedResult], numbers: Numbers) ->
     ----------
     place : Place
     loaded : mapping of str to LoadedResult
-        Condition -> record and its files.
+        The record of each condition, with its files.
     numbers : Numbers
         The numbers and gaps of all results.
     """
@@ -102,11 +102,11 @@ def judge(place: Place, loaded: Mapping[str, LoadedResult], numbers: Numbers) ->
     variants = [name for name in numbers.variants(place.dataset, "dedicated") if name in records]
     dedicated = ["dedicated", *variants]
     bakes = [name for name in numbers.variants(place.dataset, BAKED) if name in records]
-    # Condition -> the use that its renderings stand for.
+    # For each condition, the use that its renderings represent.
     uses = {"standard": "Standard-tier mesh, any engine"}
     uses |= {name: f"Model with its native shaders ({condition_title(name)})" for name in dedicated}
     uses |= {name: f"Baked mesh, any engine ({plain_text(name.partition('/')[2])})" for name in bakes}
-    # Only supported conditions have a frame rate.
+    # Judge the frame rates of supported conditions only.
     supported = {name for name, record in records.items() if record.status != "unsupported"}
     timed = [name for name in ("standard", *dedicated) if name in supported]
     statements = [
@@ -129,10 +129,10 @@ def judge(place: Place, loaded: Mapping[str, LoadedResult], numbers: Numbers) ->
 def _judge_appearance(
     place: Place, numbers: Numbers, condition: str, use: str, loaded: Mapping[str, LoadedResult]
 ) -> Statement:
-    """Judge the renderings of a condition by their PSNR against the native ones.
+    """Judge the renderings of a condition by their PSNR against the native renderings.
 
     If files are missing, the difference of PSNR against the photographs is used instead. Without native
-    renderings Standard is compared with Dedicated.
+    renderings, Standard is compared with Dedicated.
     """
     number = numbers.number(Key(*place, condition, "psnr"))
     if number.value is None:
@@ -165,7 +165,7 @@ def _judge_appearance(
         text = f"{low}, which is too low for a comparison. This condition has {number.value:.2f} dB.{remark}"
         return Statement("UNKNOWN", use, text)
 
-    # Compare the two sets of renderings directly, or else compare their PSNR against the photographs.
+    # Compare the two sets of renderings directly, or else their PSNR against the photographs.
     change = f"PSNR against the photographs {_describe_change(gap.signed, before.value, number.value)}"
     similarity = measure_similarity(loaded[start], loaded[condition])
     if similarity is None:
@@ -213,7 +213,7 @@ def _judge_speed(condition: str, record: Result) -> Statement:
 
 
 def _format_milliseconds(value: float) -> str:
-    """Return a time with enough decimals that it does not round to a limit: "16.2 ms", but "16.69 ms"."""
+    """Return a time with enough decimals to distinguish it from a limit: "16.2 ms", but "16.69 ms"."""
     # Add decimals until the printed time differs from both limits.
     for decimals in (1, 2, 3):
         printed = f"{value:.{decimals}f}"
@@ -274,7 +274,7 @@ def _capitalize(sentence: str) -> str:
 
 
 class Similarity(NamedTuple):
-    """The mean PSNR in dB between two sets of renderings, over `views` views out of `of` common views."""
+    """The mean PSNR in dB between two sets of renderings, over `views` of the `of` common views."""
 
     psnr: float
     views: int

@@ -22,21 +22,23 @@ from msb.scenes.poses import rotation_from_quaternion
 from msb.scenes.source import Source
 
 _Record = TypeVar("_Record", "Lens", "Shot")
-# The reader of each format by its suffix. The binary format is preferred, like in the 3DGS family.
+# File suffix of each format and its reader. The binary format is preferred, as in the 3DGS family.
 _FORMS: dict[str, ModuleType] = {".bin": colmap_binary, ".txt": colmap_text}
 
-# Largest number of cameras of a model. A camera takes about 0.5 kB of memory and 60 microseconds, but its
-# record in a malicious file only 73 bytes.
+# Largest number of cameras of a model. A camera takes about 0.5 kB of memory and 60 microseconds. A malicious
+# file can declare a camera in 73 bytes.
 MAX_CAMERAS = 1 << 20
-# Least length of a quaternion. COLMAP writes unit quaternions; shorter ones have no precise direction.
+# Smallest accepted length of a quaternion. COLMAP writes unit quaternions. Much shorter quaternions have no
+# precise direction.
 MIN_QUATERNION = 1e-9
 
 
 def find_model(folder: Path) -> Path | None:
     """Return the folder of a scene's COLMAP model, or None if it has no model.
 
-    It is the folder itself, else the model with the most images in `sparse` (COLMAP numbers them: 0, 1, ...;
-    the lowest number if several have as many), else `sparse`.
+    The model is the folder itself, or else the model with the most images in `sparse`, or else `sparse`.
+    COLMAP numbers the models in `sparse`: 0, 1, ... Of models with equally many images, the lowest number is
+    used.
     """
     if _is_model(folder):
         return folder
@@ -57,7 +59,10 @@ def list_models(folder: Path) -> list[Path]:
 
 
 def count_images(model: Path) -> int:
-    """Return the number of images of a model without reading them; 0 if its file is missing or damaged."""
+    """Return the number of images of a model without reading the images.
+
+    A missing or damaged file counts as 0.
+    """
     with contextlib.suppress(MsbError):
         for suffix, form in _FORMS.items():
             if is_file(model / f"images{suffix}"):
@@ -66,7 +71,7 @@ def count_images(model: Path) -> int:
 
 
 def _is_model(folder: Path) -> bool:
-    """Return whether a folder has a file of a COLMAP model."""
+    """Return whether a folder contains a file of a COLMAP model."""
     names = (f"{part}{suffix}" for part in ("cameras", "images", "points3D") for suffix in _FORMS)
     return any(is_file(folder / name) for name in names)
 
@@ -74,7 +79,7 @@ def _is_model(folder: Path) -> bool:
 def read_model(folder: Path) -> list[Camera]:
     """Return a camera for each image of the COLMAP model in `folder`, in the file's order.
 
-    The principal point and the lens distortion are kept as recorded. If the folder is a scene's `sparse/0` or
+    The recorded principal point and lens distortion are kept. If the folder is a scene's `sparse/0` or
     `sparse`, `image_path` is the name below the scene's folder `images`.
     """
     suffix = _find_suffix(folder, ("cameras", "images"))
@@ -141,7 +146,7 @@ def read_points(path: str | os.PathLike[str]) -> tuple[NDArray[np.float64], NDAr
 
 
 def _find_suffix(folder: Path, parts: tuple[str, ...]) -> str:
-    """Return the suffix of the format in which the folder contains all `parts`."""
+    """Return the file suffix of the format in which the folder contains all `parts`."""
     for suffix in _FORMS:
         if all(is_file(folder / f"{part}{suffix}") for part in parts):
             return suffix
@@ -150,7 +155,7 @@ def _find_suffix(folder: Path, parts: tuple[str, ...]) -> str:
 
 
 def _image_folder(model: Path) -> Path | None:
-    """Return the folder of the photographs if `model` is in a scene's usual place."""
+    """Return the folder of the photographs, if `model` is in the usual place within a scene."""
     place = Path(os.path.abspath(model))  # noqa: PTH100 - resolve() would follow links
     if place.name.isdigit():
         place = place.parent

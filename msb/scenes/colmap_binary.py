@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 from msb.scenes.colmap_models import MODEL_NAMES, Lens, Shot, model_parameters
 from msb.scenes.source import Source
 
-# Layouts of the records. Number of records. Camera: id, model, width, height. Image: id, quaternion,
-# translation, camera id. Point: id, position, colour, error, track length.
+# Layouts of the records in the binary files. Number of records. Camera record: id, model, width, height.
+# Image record: id, quaternion, translation, camera id. Point record: id, position, colour, error, track
+# length.
 _COUNT = struct.Struct("<Q")
 _LENS = struct.Struct("<iiQQ")
 _SHOT = struct.Struct("<i4d3di")
@@ -25,12 +26,12 @@ _POINT = struct.Struct("<Q3d3BdQ")
 _POINT_TRACK_LENGTH = _POINT.size - _COUNT.size
 _TRACK_ELEMENT = struct.Struct("<ii").size
 _POINT_2D = struct.Struct("<ddq").size
-# Points that are gathered at once, to limit temporary memory.
+# Number of points gathered at once; limits temporary memory.
 _POINTS_AT_A_TIME = 1 << 14
 
 
 class _Cursor:
-    """A position in a binary file, which never moves past the end of the file."""
+    """A read position in a binary file; it never moves past the end of the file."""
 
     def __init__(self, source: Source) -> None:
         self.source = source
@@ -42,7 +43,10 @@ class _Cursor:
         return f"byte {self.at}"
 
     def count(self, what: str, least: int) -> int:
-        """Return the declared number of records; if the file is too short for them, raise an error."""
+        """Return the declared number of records.
+
+        Raise an error if the file is too short for the declared number.
+        """
         (count,) = self.take(_COUNT, "the number of records")
         if count * least > self.size - self.at:
             left = self.size - self.at
@@ -56,7 +60,7 @@ class _Cursor:
         return layout.unpack_from(self.source.data, start)
 
     def skip(self, size: int, what: str) -> int:
-        """Move past `size` bytes and return the position where they begin."""
+        """Skip `size` bytes and return the position of the first skipped byte."""
         start = self.at
         if size > self.size - start:
             text = f"the file ends within {what}, {size - (self.size - start)} bytes too early"
@@ -111,8 +115,8 @@ def read_shots(source: Source) -> Iterator[Shot]:
 def read_points(source: Source) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
     """Return the positions and colours of points3D.bin.
 
-    Records differ in length because of their tracks. A first pass follows the lengths and stores where each
-    record begins; then the values are gathered many at a time.
+    Records of points differ in length because of their tracks. A first pass reads the lengths and stores the
+    start of each record. A second pass gathers the values in blocks.
     """
     cursor = _Cursor(source)
     count = cursor.count("points", _POINT.size)

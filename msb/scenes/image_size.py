@@ -1,4 +1,4 @@
-"""Size, channels and orientation of a photograph, from its header, without decoding pixels."""
+"""Read size, channels and orientation of a photograph from its header, without decoding pixels."""
 
 from __future__ import annotations
 
@@ -19,13 +19,15 @@ if TYPE_CHECKING:
 
 # Suffixes of photographs, in lower case.
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".webp", ".tif", ".tiff", ".avif", ".heic", ".heif")
-# Bytes that are searched for a header: colour profiles, thumbnails and depth maps before it take a few MiB.
+# Number of bytes searched for an image header. Colour profiles, thumbnails and depth maps before the header
+# take a few MiB.
 _MOST_BYTES = 1 << 23
-# Beginnings of formats whose header may be anywhere in the file: TIFF, WebP, and after four bytes AVIF, HEIC.
+# First bytes of formats whose image header may be anywhere in the file: TIFF, WebP, and after four bytes
+# AVIF, HEIC.
 _SCATTERED = (b"II*\0", b"MM\0*", b"RIFF")
 _BOX = b"ftyp"
 _HEIC = (b"heic", b"heix", b"hevc", b"heim", b"heis", b"mif1", b"msf1")
-# EXIF's tag of the orientation; 1 is upright, 5 to 8 swap the axes.
+# EXIF tag of the orientation. The value 1 is upright; 5 to 8 swap the axes.
 _ORIENTATION = 0x0112
 
 
@@ -45,7 +47,7 @@ class ImageHeader:
 
 
 def image_formats() -> tuple[str, ...]:
-    """Return Pillow's names of the formats of photographs that it can read."""
+    """Return Pillow's names of the photograph formats that it can read."""
     from PIL import Image
 
     Image.init()
@@ -53,18 +55,21 @@ def image_formats() -> tuple[str, ...]:
 
 
 def image_size(path: str | os.PathLike[str]) -> tuple[int, int]:
-    """Return (width, height) in pixels as stored, ignoring an orientation in the metadata."""
+    """Return (width, height) of the stored pixels, without applying an orientation in the metadata."""
     return read_header(path).size
 
 
 def read_header(path: str | os.PathLike[str]) -> ImageHeader:
-    """Return the header of an image; CAMERA_IMAGE and CAMERA_INVALID report damaged and too large ones."""
+    """Return the header of an image.
+
+    Raise CAMERA_IMAGE for a damaged image and CAMERA_INVALID for a too large image.
+    """
     with _open_header(path) as image:
         return ImageHeader(check_size(image.size), str(image.format), image.mode, _read_orientation(image))
 
 
 def _read_orientation(image: Image.Image) -> int:
-    """Return the EXIF orientation; 1 if it is missing or damaged, and for TIFF, which Pillow turns itself."""
+    """Return the EXIF orientation; 1 if it is missing or damaged, and for TIFF, which Pillow rotates."""
     from PIL import Image
 
     value: Any = 1
@@ -78,7 +83,7 @@ def _read_orientation(image: Image.Image) -> int:
 
 @contextlib.contextmanager
 def _open_header(path: str | os.PathLike[str]) -> Iterator[Image.Image]:
-    """Yield an image after Pillow has read only its header."""
+    """Yield an image after Pillow has read the header, before pixels are decoded."""
     from PIL import Image, UnidentifiedImageError
 
     source = Source(Path(path), map_file(Path(path), _MOST_BYTES))
@@ -90,7 +95,7 @@ def _open_header(path: str | os.PathLike[str]) -> Iterator[Image.Image]:
         if not file:
             raise ValueError("it is empty")
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # warnings about large sizes (checked here) and odd metadata
+            warnings.simplefilter("ignore")  # ignores size and metadata warnings
             image = Image.open(file, formats=image_formats())
     except Exception as error:  # damaged files raise various exceptions
         reason = "" if isinstance(error, UnidentifiedImageError) else f" ({library_reason(error)})"

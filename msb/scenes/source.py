@@ -14,7 +14,10 @@ from msb.errors import SceneError
 
 @dataclass(frozen=True)
 class Source:
-    """A file with its path as given, and its bytes; a memory mapping uses no memory until it is read."""
+    """A camera file: its path as the user gave it, and its bytes.
+
+    A memory mapping uses no memory until it is read.
+    """
 
     path: Path
     data: bytes | mmap.mmap
@@ -25,15 +28,15 @@ class Source:
         return cls(path, map_file(path))
 
     def error(self, code: str, message: str, *, pointer: str | None = None) -> SceneError:
-        """Return an error about this file; the message begins with the `pointer`, if given."""
+        """Return an error about this file; the message begins with `pointer`, if it is given."""
         text = f"{pointer}: {message}" if pointer else message
         return SceneError(code, text, file=self.path, pointer=pointer)
 
     @contextlib.contextmanager
     def locating(self, pointer: str | None, what: str = "") -> Iterator[None]:
-        """Add this file, `pointer` and `what` to errors that name no file yet.
+        """Add this file, `pointer` and `what` to errors that do not name a file yet.
 
-        `Camera` and its checks raise such errors, because they do not know where values come from.
+        `Camera` and its checks raise errors without a file, because they do not know the origin of values.
         """
         try:
             yield

@@ -1,8 +1,10 @@
-"""Measure why an export of an asset looks worse than its native rendering. Each cause gets a PSNR.
+"""Measure why an export of an asset looks worse than its native rendering.
 
-A cause is one difference between an engine and the method's own renderer, such as hard edges. To measure it,
-the same cameras are rendered with and without this difference. Everything else stays the same. docs/worse.md
-shows images of all causes.
+The effect of each cause is measured as a PSNR.
+
+A cause is one difference between an engine and the method's native renderer, such as hard edges. The same
+cameras are rendered with and without this difference. All other settings stay unchanged. Images of all causes
+are in docs/worse.md shows images of all causes.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The two feature tables, built from `msb.registry`."""
+"""The two feature tables, built from the registry of methods."""
 
 from collections.abc import Iterable
 from dataclasses import fields
@@ -8,7 +8,7 @@ from msb.report.table import NOT_AVAILABLE, NOT_SUPPORTED, Table, TableCell, Tab
 
 # Titles of fields that differ from the capitalised field name.
 _TITLES = {"sh": "SH", "view_dependence": "View-dep."}
-# The fields of `Retained` that have a column, by tier. The opaque fallback of Standard keeps only the
+# The fields of `Retained` that have a column, for each tier. On Standard, the opaque fallback keeps only the
 # appearance.
 _FIELDS: dict[Tier, tuple[str, ...]] = {
     "standard": ("support", "appearance"),
@@ -50,7 +50,7 @@ def deployment_features(methods: Iterable[Method] | None = None) -> Table:
         ("Method",),
         tuple(TableColumn(_title(name), (TIER_TITLES[tier],)) for tier in _FIELDS for name in _FIELDS[tier]),
         tuple(rows),
-        (f"{NOT_AVAILABLE}: the representation lacks the feature", f"{NOT_SUPPORTED}: not supported"),
+        (f"{NOT_AVAILABLE}: the representation does not have the feature", f"{NOT_SUPPORTED}: not supported"),
     )
 
 
