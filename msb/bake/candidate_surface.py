@@ -231,7 +231,11 @@ def refit_surface(
     The vertices move for `steps` steps, or until `seconds` are over. Unseen parts copy the colours of
     `colored`.
 
-    Raises ------ AssetError TRIASSET_EMPTY: no surface is left with this number of faces. DeviceError
+    Raises
+    ------
+    AssetError
+        TRIASSET_EMPTY: no surface is left with this number of faces.
+    DeviceError
     """
     return _fit_surface(_reduce(surface, count, context), context, seconds, steps, colored)
 

@@ -31,7 +31,8 @@ class BestState:
     Parameters
     ----------
     validation : SoupRenderer
-    weigh : callable, optional Returns a factor for the error of a state, for example a penalty for its shape.
+    weigh : callable, optional
+        Returns a factor for the error of a state, for example a penalty for its shape.
     """
 
     def __init__(self, validation: SoupRenderer, weigh: Callable[[Soup], float] = lambda _: 1.0) -> None:

@@ -28,7 +28,9 @@ class ImageCache:
 
     Parameters
     ----------
-    folder : Path The folder is created when the first image is stored. asset : Asset
+    folder : Path
+        The folder is created when the first image is stored.
+    asset : Asset
         The rendered model.
     renderer : tuple of str
         The renderer, its version and its settings.
