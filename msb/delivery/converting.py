@@ -278,7 +278,7 @@ class Conversion:
         with self.stage(f"writing {target.name}"), about(source):
             storable = fit_to_format(mesh, suffix, is_upright=is_upright)
             write_whole(storable, target, style, overwrite=self.overwrite, check_companion=self.check_free)
-        changes = [f"rotated so that +y is up (the up axis was {mesh.up})"] if mesh.up != storable.up else []
+        changes = [f"rotated upright (the up axis was {mesh.up})"] if mesh.up != storable.up else []
         unit = None if mesh.frame is None else mesh.frame.meters_per_unit
         changes += [f"scaled to metres (one unit was {unit:g} m)"] if unit is not None else []
         changes += ["lowered to the floor"] if self.floor else []
