@@ -25,8 +25,8 @@ if TYPE_CHECKING:
 # requested side lengths, otherwise the second.
 MIP_LEVELS = (2, 1)
 _MIN_SCALE = 0.7
-# Subtract this number of texels from both legs of a face. The number exceeds the rounding error of float32
-# coordinates.
+# Subtract this number of texels from both legs of a face. The shortening exceeds the rounding error of
+# float32 coordinates.
 _SLACK = 1 / 64
 # Number of bisection steps for the largest scale that fits; 16 steps find this scale to within 2^-15.
 _BISECTIONS = 16
@@ -39,21 +39,21 @@ _MAX_LEG_RATIO = 4.0
 # Time limit of xatlas in seconds. The benchmark meshes need far less time; the limit only ensures that a bake
 # ends.
 _UNWRAP_LIMITS = Limits(seconds=900.0, memory=None)
-# Number of texels between two charts of the texture atlas. This distance keeps charts separate in two smaller
-# mip levels.
+# Number of texels between two charts of the texture atlas. A distance of this size keeps texture charts
+# separate in two smaller mip levels.
 _PADDING = 4
 # Texture coordinates are multiples of 1 / 65535, which files store in two bytes without loss.
 _COORDINATE_STEPS = 65535
-# Smallest scale of a chart relative to the median chart; the largest scale is its inverse. Without these
-# limits, charts that a camera views from very near would fill the whole texture.
+# Smallest scale of a chart relative to the median chart; the largest scale is its inverse. Without limits on
+# the scale, charts that a camera views from very near would fill the whole texture.
 _MIN_CHART_SCALE = 1 / 4
 
 
 class _Cells(NamedTuple):
     """Rectangular cells of a texture and the faces in them.
 
-    All lengths are in blocks. The first `MIP_LEVELS` smaller mip levels keep the faces separate. A block is
-    one texel of the smallest mip level that keeps faces separate.
+    All lengths of texture cells are in blocks. The first `MIP_LEVELS` smaller mip levels keep the faces
+    separate. A block is one texel of the smallest mip level that keeps faces separate.
     """
 
     # (C, 2) width and height of each cell.
@@ -131,8 +131,9 @@ def _pack(legs: Floats, blocks: int, block: int) -> tuple[float, _Cells, Ints | 
 def _make_cells(legs: Floats, block: int) -> _Cells:
     """Return cells for faces with legs (F, 2) in blocks, rounded up to whole blocks.
 
-    Sampling a mip level interpolates between texel centres. Therefore a single face needs a margin of half a
-    block on all sides. Two faces in one cell need two more blocks between them in each direction.
+    Sampling a mip level interpolates between texel centres. Therefore a single face in a texture needs a
+    margin of half a block on all sides. Two faces in one cell need two more blocks between them in each
+    direction.
     """
     whole = np.rint(legs).astype(np.int64)
     whole = np.where(whole[:, :1] > 0, np.maximum(whole, 1), 0)
@@ -161,7 +162,7 @@ def _make_cells(legs: Floats, block: int) -> _Cells:
 
 
 def _fill_rows(sides: Ints, blocks: int) -> Ints | None:
-    """Place cells in rows, the highest first; return their places (C, 2), or None if they do not fit."""
+    """Place texture cells in rows, the highest first; return their places (C, 2), or None without space."""
     order = np.lexsort((-sides[:, 0], -sides[:, 1]))
     width, height = sides[order].T
     ends = np.cumsum(width)
@@ -186,7 +187,7 @@ def _place_corners(cells: _Cells, places: Ints, block: int) -> Floats:
     place, sides = (block * values[cells.cell][:, None] for values in (places, cells.sides))
     legs = block * cells.legs[:, None]
     corners = block / 2 + (legs - _SLACK) * np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
-    # The second face of a cell is rotated by 180 degrees; faces without size lie at texel centres.
+    # Rotate the second face of a cell by 180 degrees; place faces without size at texel centres.
     turned = np.where(cells.number[:, None, None] > 0, sides - corners, corners)
     points = np.stack([cells.number % block, cells.number // block], axis=1)[:, None] + 0.5
     return np.asarray(place + np.where(legs > 0, turned, points))

@@ -27,21 +27,22 @@ _STEPS = 400
 # Length of a descent step at the start and at the end, relative to the size of a face. 400 steps can move a
 # corner by about three face sizes.
 _STEP_LENGTHS = 0.015, 0.0005
-# Number of pixels of the largest image that is used to move faces. Larger images take proportionally longer.
+# Number of pixels of the largest image that is used to move faces. Moving faces takes longer in proportion to
+# the size of the images.
 PIXELS_TO_MOVE = 1 << 18
 # If a method has no static colours, the colours vary within each face. Faces are therefore cut into four,
-# unless the new number of faces would exceed this limit or the face budget. With more faces, the faces would
-# be too small for the pixels of the images.
+# unless the new number of faces would exceed this limit or the face budget. With more faces, each face would
+# cover too few pixels of the images.
 _MAX_QUARTERED = 20_000
 # The default face budget is one face per 2.5 pixels of the model, counted in an average view or in the
-# smaller images that move faces. Smaller faces would follow the pixel grid of the training images, which
-# lowers the PSNR of other views.
+# smaller images that move faces. With smaller faces, the faces follow the pixel grid of the training images,
+# and the PSNR of other views falls.
 _PIXELS_PER_FACE = 2.5
 # If the budget allows more faces, the largest faces are halved until there is one piece per 5.5 pixels of a
-# view. More pieces reduce the PSNR.
+# view. Further halving of faces reduces the PSNR.
 _PIXELS_PER_PIECE = 5.5
 # The target size of a piece grows by this factor until the number of pieces is within the limit. With this
-# factor the number is at most about 9 % below the limit.
+# growth, the number of pieces is at most about 9 % below the limit.
 _PIECE_GROWTH = 2 ** (1 / 8)
 
 
@@ -56,9 +57,9 @@ def make_fitted(
 ) -> tuple[Mesh, list[str]]:
     """Return an opaque soup made of the triangles of `asset`, with corner colours, and notes for the user.
 
-    Triangles are pruned by their blending weights. Then the triangles are moved, hidden and shown until they
-    match the training images. The validation images decide which state is best. Without `seconds`, repeated
-    runs on one device give equal results.
+    Triangles are pruned by their blending weights. The pruned triangles are moved, hidden and shown until
+    they match the training images. The validation images decide which state is best. Without a limit of
+    `seconds`, repeated fits on one device give equal results.
 
     If the images have too few pixels per triangle, no triangle is moved. With `faces`, the triangles that
     cover the most pixels are then selected.

@@ -15,11 +15,11 @@ from msb.repair.plan import Options
 # selection ends after this many successive validations without a gain (third number). A selection round tries
 # 8 % of the faces, so 60 rounds try each face about five times.
 _ROUNDS, _VALIDATION_STEP, _PATIENCE = 60, 5, 6
-# Number of pixels of the largest image that is used to select faces. Larger images take longer; colours are
-# always fitted to the full images.
+# Number of pixels of the largest image that is used to select faces. Selection takes longer with larger
+# images; colours are always fitted to the full images.
 _SELECTION_PIXELS = 1 << 17
 # If faces cover fewer pixels than this in an average view, faces are selected with images of four times the
-# pixels. With these larger images a garden scene with small faces reaches 21.8 dB.
+# pixels. With the larger images, the fit of a garden scene with small faces reaches 21.8 dB.
 FINE_PIXELS = 4.0
 # If faces cover fewer pixels than this in an average view, no face is selected or moved, because sampling
 # noise would decide.

@@ -38,11 +38,11 @@ from msb.errors import AssetError
 from msb.meshes.mesh import Mesh
 from msb.scenes import Camera
 
-# Default face budget of an object. With this budget, PSNR to the photographs is at most 0.9 dB lower for the
-# demo surfaces than for the native rendering.
+# Default face budget of an object. With a budget of this size, the demo surfaces are at most 0.9 dB worse
+# than native renderings, compared with photographs.
 OBJECT_FACES = 8_000
-# Smallest and largest default face budget of a scene. Within these two limits, the budget is one face per 2
-# pixels of a view. More faces make each step slower.
+# Smallest and largest default face budget of a scene. Between these two limits, the face budget is one face
+# per 2 pixels of a view. A larger face budget makes each step slower.
 SCENE_FACES = 20_000, 50_000
 _PIXELS_PER_FACE = 2
 # Number of cells along the longest side of the first grid. Grids with half and twice as many cells are tried
@@ -50,8 +50,8 @@ _PIXELS_PER_FACE = 2
 CELLS = 144
 # The coarsest tried grid has this number of cells along its longest side: 144 halved three times.
 _MIN_CELLS = 18
-# A grid of 288 cells per side is only tried if 144 cells have less than 75 % of the error of 72 cells.
-# Without this condition, the finer grid follows the noise of the soup, which moving vertices does not remove.
+# A grid of 288 cells per side is only tried if 144 cells have less than 75 % of the error of 72 cells. With
+# less improvement, the finer grid only follows the noise of the soup, which moving vertices does not remove.
 # With an uneven soup, a grid of 288 cells lost up to 8 dB. If the condition holds, 288 cells gain up to 1.4
 # dB.
 _MAX_ERROR_RATIO = 0.75
@@ -64,7 +64,7 @@ _BUDGET_TOLERANCE = 1.25
 # larger budget the reduction in two steps is rarely better.
 _TWO_STEP_FACES = 4_000
 # The error of a state is multiplied by this power of its bending, relative to the start of the search. So a
-# state with 10 % more bending must gain 0.2 dB.
+# surface with 10 % more bending must have a PSNR gain of 0.2 dB.
 _BENDING_POWER = 0.5
 # For a surface from a model's own depths: rounds of smoothing before faces are removed, and number of steps
 # that move the vertices. Fairing and more steps cost detail, such as the features of a face, and up to 0.4
@@ -298,7 +298,7 @@ def _fit_surface(
 def _make_shape_weight(points: Floats, faces: Ints, space: Space) -> Callable[[Soup], float]:
     """Return a function that weighs the error of a state: more bending than at the start costs error.
 
-    Without this factor, a fraction of a dB would bring back dents (see `_BENDING_POWER`).
+    Without a factor for bending, a fraction of a dB would bring back dents (see `_BENDING_POWER`).
     """
     everything = np.ones(len(faces), bool)
     start = measure_bending(space.to_world(points), faces, everything).bending
@@ -316,9 +316,9 @@ def _reduce(surface: ClosedSurface, budget: int, context: SearchContext) -> Redu
     """Make two or three surfaces with about `budget` faces and without crossing faces; return the best.
 
     In the first surface, unseen parts are made coarse before the reduction. The second surface is best unless
-    coarse parts cut through visible parts. The second surface keeps unseen parts as they are. With a small
-    budget, a third surface is reduced to twice as many faces, its thin parts are repaired, and it is reduced
-    again.
+    coarse parts cut through visible parts of the surface. The second surface keeps unseen parts as they are.
+    With a small budget, a third surface is reduced to twice as many faces, its thin parts are repaired, and
+    it is reduced again.
     """
     budget, original_faces = max(budget, MIN_CLOSED_FACES), len(surface.faces)
     cameras, space = context.training.cameras, surface.space
@@ -341,7 +341,7 @@ def _reduce_uncrossed(surface: ClosedSurface, count: int, context: SearchContext
     if not context.has_own_depths:
         points = space.clamp(space.from_world(fair(space.to_world(points), faces)))
     reduced = closed_mesh.remove_crossings(points, faces, space)
-    # With fewer faces, thin parts fall apart and leave specks.
+    # With fewer than twice the requested faces, thin parts fall apart and leave specks.
     return _drop_specks(ClosedSurface(*reduced, space), context.training.cameras, context.device)
 
 

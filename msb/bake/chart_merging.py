@@ -17,13 +17,13 @@ import numpy as np
 from msb.bake.arrays import Floats, Ints
 from msb.topology.faces import face_vectors
 
-# Charts with fewer faces are merged into larger ones.
+# Charts with fewer faces than this are merged into larger charts.
 MIN_CHART_FACES = 50
 # An unfolded corner is moved to the place of the same vertex in the chart if their distance is below this
-# share of the shared edge. Otherwise the corner is a seam.
+# share of the shared edge. An unfolded corner at a larger distance becomes a seam.
 _SNAP = 0.3
 # Heights of an unfolded face above the shared edge that are tried, relative to its true height. The last
-# heights are for faces in a gap of a chart, where the surface has a spike.
+# heights in the list are for faces in a gap of a chart, where the surface has a spike.
 _HEIGHTS = (1.0, 0.8, 0.6, 0.3, 0.1)
 # Faces are shrunk to this size about their centres for overlap tests, so that faces with a shared edge do not
 # overlap.

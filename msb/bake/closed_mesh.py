@@ -32,22 +32,22 @@ _MIN_VOTE = 0.002
 # Parameters of the face reduction.
 #
 # Growth of the allowed error per pass of the edge collapse: the parameter `agg` of fast_simplification. The
-# first value gives better meshes, but may exceed the face budget. The second value is the default of
+# first growth gives better meshes, but may exceed the face budget. The second growth is the default of
 # fast_simplification.
 _AGGRESSIVENESS, _HIGH_AGGRESSIVENESS = 5, 7
-# Two vertices are merged if together they cover fewer pixels than both limits allow. The first limit is a
-# number of pixels of an average view. The second limit is relative to the pixels of an average vertex after
-# the reduction. With these limits, unseen parts of a walled scene have 10 % of the faces instead of 43 %, and
-# PSNR rises by 0.3 dB.
+# Two vertices are merged if together they cover fewer pixels than both limits allow. The first limit is in
+# pixels of an average view. The second limit is relative to the pixels of an average vertex after the
+# reduction. With these limits on merging, unseen parts of a walled scene have 10 % of the faces instead of
+# 43 %, and PSNR rises by 0.3 dB.
 _MAX_MERGED_PIXELS, _MAX_MERGED_SHARE = 2.0, 0.1
 # The merges use the edge collapses of a reduction to this share of the face budget. Unseen parts therefore do
 # not become coarser than in that reduction.
 _COARSEST_SHARE = 1 / 8
 # A surface is first reduced to this multiple of the face budget. All variants of the further reduction start
-# from this result. The shared first reduction saves a fifth of the time and loses no detail that a later step
-# needs.
+# from this shared surface. The shared first reduction saves a fifth of the time and loses no detail that a
+# later step needs.
 _DETAIL_FACTOR = 32
-# Radius, in a scene's coordinates, within which all errors have about the same weight. Beyond this radius,
+# Radius, in a scene's coordinates, within which all errors have about the same weight. Outside the radius,
 # lengths are measured on a logarithmic scale.
 _MIDDLE_RADIUS = 0.3
 
@@ -62,13 +62,14 @@ _REPAIR_ROUNDS = 5
 # Largest number of rounds of smoothing the corners of crossing faces. After every `_WIDEN_ROUNDS` rounds, one
 # more ring of neighbours is smoothed as well.
 _SMOOTH_ROUNDS, _WIDEN_ROUNDS = 32, 8
-# Largest number of rounds that move corners of crossing faces back to earlier places. After these rounds, all
-# corners are moved back. Several rounds are needed, because moving corners back can make other faces cross.
+# Largest number of rounds that move corners of crossing faces back to earlier places. If faces still cross
+# after the last round, all corners are moved back. Several rounds are needed, because moving corners back can
+# make other faces cross.
 _REVERT_ROUNDS = 60
 # Largest number of rounds that cut out faces that still cross and close the holes.
 _CUT_ROUNDS = 6
-# If two vertices coincide, one of them moves by this share of the way to the average centre of its faces.
-# This move is invisible, but larger than the rounding error of float32.
+# If two vertices coincide, one of them moves by this share of the way to the average centre of its faces. A
+# move of this size is invisible, but larger than the rounding error of float32.
 _SEPARATION = 1e-3
 
 
@@ -138,8 +139,8 @@ def coarsen_unseen(
     """Merge the vertices of hardly visible parts, so that these parts use few of the `count` faces.
 
     `pixels` (F,) is the number of pixels of an average view that show each face. Vertices are merged along
-    edges that a reduction by quadric error also collapses, so that the surface keeps its shape. More than two
-    faces may meet at an edge afterwards.
+    edges that a reduction by quadric error also collapses, so that the surface keeps its shape. After
+    merging, more than two faces may meet at an edge.
     """
     if len(faces) <= count:
         return points, faces
@@ -346,8 +347,8 @@ def make_neighbour_average(faces: Ints, count: int) -> csr_matrix:
 def separate_vertices(mesh: Mesh) -> Mesh:
     """Return `mesh` with no two vertices at one place.
 
-    Files store the vertices of a seam twice, and readers merge all vertices with equal coordinates. Therefore
-    only the first vertex at a place stays; the others move slightly towards the average centre of their
+    Files store the vertices of a seam twice, and readers merge all vertices with equal coordinates. Only the
+    first vertex at a place stays; every further vertex moves slightly towards the average centre of its
     faces.
     """
     vertices, corners = mesh.vertices.copy(), mesh.faces.reshape(-1)

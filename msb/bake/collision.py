@@ -3,7 +3,7 @@
 A collision shape is made of a closed surface: the mesh itself, or an enclosure of the visible parts of an
 open mesh. For an object, the closed surface is reduced to fewer faces, or CoACD cuts it into convex parts.
 For a scene, the collision shape is a thin sheet behind the visible surface. If there is no closed surface,
-convex hulls of patches of the mesh are used. So some kind of collision shape can always be made.
+convex hulls of patches of the mesh are used. So a collision shape of some kind can always be made.
 `Collision.kind` says which kind was made.
 """
 
@@ -42,8 +42,8 @@ SECONDS = 20.0
 # A part of a shape protrudes if its distance from the visible surface exceeds this value. For comparison, 95
 # % of the points of a surface with 1,000 faces are within 0.01 of the original surface.
 PROTRUSION = 0.02
-# Unseen sides of an enclosure move to this distance from the mesh if they are within twice `PROTRUSION` of
-# it. Sides that were moved do not count as protruding.
+# Unseen sides of an enclosure move to this distance from the mesh if their distance is at most twice
+# `PROTRUSION`. Sides that were moved do not count as protruding.
 _NEAR = PROTRUSION / 2
 
 # Parameters of the enclosure of an open mesh.
@@ -51,11 +51,11 @@ _NEAR = PROTRUSION / 2
 # Number of pixels of the largest depth map. With larger depth maps the enclosure would reach into every
 # crack.
 PIXELS = 1 << 16
-# Number of grid cells along the longest side, for an object and for a scene. The last number is the margin
-# around an object, in cells. With fewer cells the sheet of a scene has ragged rims.
+# Number of grid cells along the longest side, for an object and for a scene. The last of these numbers is the
+# margin around an object, in grid cells. With fewer grid cells, the sheet of a scene has ragged rims.
 _CELLS, _MARGIN = (96, 224), 1.0
-# Radius, in a scene's coordinates, beyond which everything counts as sky. This radius is ten times the near
-# radius in world coordinates.
+# Radius, in a scene's coordinates, beyond which everything counts as sky. The sky radius is ten times the
+# near radius in world coordinates.
 _SKY_RADIUS = 1.9
 
 # Shapes.
@@ -68,12 +68,12 @@ _FRONT_SHARE, _SHEET_THICKNESS = 0.45, 0.02
 _FIRST_STEP_FACTOR = 8
 # Largest number of hulls of surface patches; it limits the time to cut the patches.
 _MAX_HULLS = 256
-# A point within this distance of a convex part counts as covered by it.
+# A convex part covers all points within this distance.
 _TOUCH_DISTANCE = 1e-3
 # A closed surface is simplified to this number of faces before CoACD, whose time grows with the number.
 _COACD_FACES = 2000
 # Two parameters of CoACD: the number of sample points on a surface, and the number of trials per cut. Both
-# parameters are below the defaults, 2000 and 150, so that CoACD finishes in time.
+# values are below the defaults of CoACD, 2000 and 150, so that CoACD finishes in time.
 _COACD_SAMPLES, _COACD_TRIALS = 1000, 60
 _TINY = np.finfo(np.float64).tiny
 
@@ -192,8 +192,8 @@ def _make_parts(
 ) -> tuple[CollisionKind, list[PointsAndFaces], str]:
     """Return the kind and the parts of a shape, and the reason if the kind differs from the requested kind.
 
-    `surface` is the visible mesh. `solid` is the closed surface, or None if there is none. `space` is None if
-    no camera sees the mesh.
+    `surface` is the visible mesh. `solid` is the closed surface of the mesh, or None if it has none. `space`
+    is None if no camera sees the mesh.
     """
     if requested == "box":
         return "box", [fit_box(surface[0])], ""
@@ -242,7 +242,7 @@ def _find_visible(
 
 
 def _normalize(mesh: Mesh, visible: Floats) -> tuple[Floats, Ints, Floats, float]:
-    """Return the points and faces of the mesh relative to an origin and a unit, and this origin and unit.
+    """Return the points and faces of the mesh relative to an origin and a unit, the origin, and the unit.
 
     The origin is the centre of the visible points (n, 3), and the unit is the diagonal of their box. Without
     visible points all points of the mesh are used. In an open mesh, vertices at one place are merged, because
@@ -308,8 +308,8 @@ def _reduce(solid: PointsAndFaces, count: int) -> PointsAndFaces:
 def _reduce_scene(surface: PointsAndFaces, count: int, space: Space) -> PointsAndFaces:
     """Reduce a surface to about `count` faces, most of them near the cameras.
 
-    Beyond the near radius, the distance from the middle is replaced by its square root before errors are
-    measured.
+    For faces beyond the near radius, the distance from the middle is replaced by its square root before
+    errors are measured.
     """
     offset = (surface[0] - space.center) / space.radius
     inside, faces = _reduce((offset / np.sqrt(_measure_far_factor(offset)), surface[1]), count)

@@ -3,8 +3,8 @@
 Let w be the barycentric weights of a face's corners at a pixel, and t the colour of the image there. The
 corner colours c minimise the sum of (w . c - t)^2 over the pixels that show the face. For a soup this gives a
 3 x 3 system per face; for a connected mesh it gives one sparse system for all vertices. Two small terms are
-added to the sum: differences along edges, and the distance to the previous colours. These terms keep corners
-with few or no pixels near their previous colours.
+added to the sum: differences along edges, and the distance to the previous colours. These two small terms
+keep corners with few or no pixels near their previous colours.
 """
 
 from __future__ import annotations
@@ -20,37 +20,37 @@ if TYPE_CHECKING:
 
     from msb.bake.soup_renderer import FaceSums
 
-# Weight of the squared colour differences along edges, relative to a pixel. This weight smooths the colours
-# of faces below one pixel, and is negligible for larger faces.
+# Weight of the squared colour differences along edges, relative to a pixel. Smoothing colours with this
+# weight affects faces below one pixel, and is negligible for larger faces.
 SMOOTHNESS = 0.3
-# Weight of the distance to the previous colours, relative to a pixel. This weight only makes each system of
-# equations regular.
+# Weight of the distance to the previous colours, relative to a pixel. With this weight, previous colours only
+# make the systems of equations regular.
 PRIOR = 0.05
 # Corner colours are limited to the range mean +- (_MAX_SIGMA sigma + _MARGIN) of the face's pixels. Without
-# limits, a face with one visible tip is extrapolated to black or white. Corners of entirely visible faces
-# reach 3 sigma; limits below 8 sigma reduce the PSNR.
+# limits on colours, a face with one visible tip is extrapolated to black or white. Corners of entirely
+# visible faces reach 3 sigma; limits below 8 sigma reduce the PSNR.
 _MAX_SIGMA, _MARGIN = 8.0, 0.05
 # Number of rings of visible faces that are coloured together with adjacent unseen faces. Images of these
 # rings are unreliable, because their pixels contain as much background as face.
 _STRIP_RINGS = 3
-# Weight of the previous colours when colours are extended to unseen faces. This weight only matters for a
-# part without any visible neighbour.
+# Weight of the previous colours when colours are extended to unseen faces. The previous colours only matter
+# for a part without any visible neighbour.
 _FAINT_PRIOR = 1e-6
 # Number of rounds. Each round clamps the colours beyond their limits and solves for the other colours again.
-# Further rounds change little.
+# Further rounds of clamping change little.
 _CLAMP_ROUNDS = 4
-# Largest number of conjugate-gradient steps, and the relative residual at which they end. This residual is
-# far below one level of 8 bits.
+# Largest number of conjugate-gradient steps, and the relative residual at which they end. A residual of this
+# size is far below one level of 8 bits.
 _MAX_STEPS, _TOLERANCE = 400, 1e-6
-# Number of faces of a soup whose equations are solved together. This number limits the memory to about 30 MB
-# per array.
+# Number of faces of a soup whose equations are solved together. Solving this number of faces together limits
+# the memory to about 30 MB per array.
 _CHUNK = 1 << 16
 
 
 def split_sums(sums: Singles) -> tuple[Floats, Floats]:
     """Return the sums of w w^T (F, 3, 3) and of w t^T (F, 3, 3) that are stored in `sums` (F, 15).
 
-    Both results have one row per corner.
+    The sums have one row per corner.
     """
     wide = sums.astype(np.float64)
     products = wide[:, [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(-1, 3, 3)
@@ -86,7 +86,7 @@ def _solve_faces(products: Floats, targets: Floats, colors: Singles) -> Floats:
     system = products + SMOOTHNESS * (3 * np.eye(3) - 1) + PRIOR * np.eye(3)
     targets = targets + PRIOR * colors
     solution = np.clip(np.linalg.solve(system, targets), -1, 2)
-    # Solve again for faces with colours beyond their limits, one channel after the other.
+    # Solve the systems again for faces with colours beyond their limits, one channel after the other.
     low, high = _find_color_limits(products, solution)
     for channel in range(3):
         x, least, most = solution[..., channel], low[:, None, channel], high[:, None, channel]
@@ -234,8 +234,8 @@ def _solve_within(system: csr_matrix, right: Floats, x: Floats, low: Floats, hig
 def _solve(system: csr_matrix, right: Floats, x: Floats) -> Floats:
     """Solve system @ x = right from a first guess x by conjugate gradients with Jacobi's preconditioner.
 
-    SciPy's solver is not used, because it would start the threads of its linear algebra library. These
-    threads would then spin and slow down the kernels.
+    SciPy's solver is not used, because it would start the threads of its linear algebra library. The threads
+    of SciPy's linear algebra would then spin and slow down the kernels.
     """
     scale = 1 / system.diagonal()
     residual = right - system @ x

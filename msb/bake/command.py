@@ -87,9 +87,9 @@ def bake(
 ) -> None:
     """Make an opaque mesh, with a texture or vertex colours, that looks like the native rendering of a model.
 
-    The mesh is fitted to native renderings of the model in the views of --scene or --cameras. Without these
-    options, the training cameras beside the model are used, or generated views. The printed PSNR is measured
-    on held-out views. The reference images are the photographs with --scene, else native renderings.
+    The mesh is fitted to native renderings of the model in the views of --scene or --cameras. Without --scene
+    and --cameras, the training cameras beside the model are used, or generated views. The printed PSNR is
+    measured on held-out views. The reference images are the photographs with --scene, else native renderings.
 
     An output folder contains asset.glb with its levels of detail and its collision shape, bake.json (the
     output of --json), preview.png, and index.html, a page that shows all of them. In an existing folder, only

@@ -32,9 +32,9 @@ REACH, BEHIND = 3.0, 1.5
 # The surface is moved outwards by this number of cells, so that thin sheets and stems become solids that the
 # grid can resolve. `pull_in` moves the surface back where the solid is thick.
 THICKNESS = 1.0
-# Smallest ratio between the number of views that see a cell and the number of views that do not see it. Below
-# this ratio the cell counts as solid, because the few views that see the cell probably look through a hole in
-# the soup.
+# Smallest ratio between the number of views that see a cell and the number of views that do not see it. With
+# a smaller ratio the cell counts as solid, because the few views that see the cell probably look through a
+# hole in the soup.
 MIN_SEEN_RATIO = 0.05
 # Number of steps of `pull_in`; each step interpolates the grid once.
 _PULL_STEPS = 5
@@ -45,8 +45,8 @@ _GROUP = 64
 _VIEWS_PER_RUN, _RECORD = 8, 19
 # Value of a cell without any vote. Real votes are at most 1.
 UNKNOWN = 2.0
-# Every 7th covered pixel gives one visible point. The number 7 has no common factor with usual image widths,
-# so the points do not line up in columns.
+# Every 7th covered pixel gives one visible point. The step 7 has no common factor with usual image widths, so
+# the points do not line up in columns.
 _PIXELS_PER_POINT = 7
 _BLACK = (0.0, 0.0, 0.0)
 # Smallest coverage of a pixel by Gaussians that gives the pixel a depth.
@@ -194,7 +194,7 @@ def find_visible_points(mesh: Mesh, cameras: Sequence[Camera], device: str | Dev
 def complete_votes(votes: Singles, space: Space, grid: Grid) -> Singles:
     """Fill unknown cells in place from the cells around them, and return the votes.
 
-    The space beyond the edge of a scene becomes solid. This solid shell around the scene shows the sky.
+    The space beyond the edge of a scene becomes solid. The solid shell around the scene shows the sky.
     """
     _fill_unknown(votes, votes != UNKNOWN)
     if space.contracted:

@@ -21,23 +21,23 @@ from msb.bake.soup import Soup
 from msb.bake.soup_renderer import SoupRenderer
 
 # Adam's decay per step of the average gradient and of the average squared gradient. The second decay is 0.99,
-# not 0.999 as in the paper, because a search has only a few hundred steps.
+# not 0.999 as in the paper on Adam, because a search has only a few hundred steps.
 _MOMENTUM, _SCALE_DECAY = 0.9, 0.99
 # Smallest divisor, which avoids division by 0 for faces without a gradient.
 _EPSILON = 1e-30
-# Decay per step of the colour sums from earlier steps. With this decay, colours depend on the last ten steps,
-# which draw about 80 views.
+# Decay per step of the colour sums from earlier steps. With this decay, colours depend on the last ten
+# descent steps, which draw about 80 views.
 COLOR_DECAY = 0.9
 # Steps between two fits of the colours, and between two rounds of the face selection. A selection round takes
 # as long as several steps.
 COLOR_STEPS, _SELECTION_STEPS = 5, 40
 # Number of steps between two validations. A validation is slow, because it renders all validation views.
 VALIDATION_STEPS = 20
-# Largest move of a corner in a step, relative to the step length. Without this limit, Adam's first steps
-# could be much larger.
+# Largest move of a corner in a step, relative to the step length. Without a limit on moves, Adam's first
+# steps could be much larger.
 _MAX_MOVE = 3.0
 # After this number of steps, the time per step is known well enough to plan the remaining steps. The first
-# step is not counted, because it builds the kernels.
+# step is not timed, because it builds the kernels.
 _PACE_STEPS = 10
 
 
@@ -71,8 +71,8 @@ class StepSchedule:
             pace = max(now - self._first, _EPSILON) / (step - 1)
             possible = int((self._until - now) / pace)
             self._is_short |= possible < left
-            # After the time limit has reduced the steps, the step lengths depend on the clock. Therefore
-            # leave out at least one step, so that a note reports the reduction.
+            # After the time limit has reduced the steps, the step lengths depend on the clock. If the time
+            # was short, leave out at least one step, so that a note reports the reduction.
             if self._is_short:
                 left = min(possible, left - 1)
         if stop or now > self._until or left <= 0:
@@ -112,7 +112,8 @@ class Adam:
         `square` is the mean squared gradient of the coordinates that share a scale; its shape broadcasts to
         `gradient`.
         """
-        # Running averages. Both averages start at 0; the divisions by 1 - decay^step correct this bias.
+        # Running averages. Both running averages start at 0; the divisions by 1 - decay^step correct this
+        # bias.
         self._step += 1
         self._gradient = _MOMENTUM * self._gradient + (1 - _MOMENTUM) * gradient
         self._square = _SCALE_DECAY * self._square + (1 - _SCALE_DECAY) * square

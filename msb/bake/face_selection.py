@@ -3,7 +3,7 @@
 A selection round hides some selected faces, shows some hidden faces, and draws a few views before and after.
 The change of a pixel's squared error is assigned to the faces that the pixel shows before and after
 (`SoupRenderer.measure_changes`). A change of the selection is only kept if its gain is significant over the
-views. Otherwise noise would decide which faces of few pixels are selected.
+views. Without a test of significance, noise would decide which faces of few pixels are selected.
 """
 
 import numpy as np
@@ -19,10 +19,10 @@ TRIED_SHARE = 0.08
 # Number of views that a selection round draws, and that a descent step computes gradients from. The time
 # grows with the number of views, and the noise falls with its square root.
 BATCH_VIEWS = 8
-# A gain must exceed its standard error multiplied by this number. Without this condition, faces with few
-# pixels overfit the training views.
+# A gain must exceed its standard error multiplied by this number. Without a test of the standard error, faces
+# with few pixels overfit the training views.
 MIN_STANDARD_ERRORS = 0.5
-# A gain must also exceed this squared error, summed over all views of a round. This squared error is far
+# A gain must also exceed this squared error, summed over all views of a round. A gain of this size is far
 # below the error of one wrong pixel.
 _MIN_GAIN = 1e-4
 # `hide_cheapest_faces` hides a quarter of the tried faces per round. Hiding all tried faces would open holes

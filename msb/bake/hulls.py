@@ -16,13 +16,13 @@ PATCH_CORNERS = 32
 _MIN_THICKNESS = 1e-3
 # A hull is flat, and is thickened, if its volume is below this share of the cube of the diagonal.
 _FLAT_VOLUME = 1e-6
-# Both patches extend this far beyond their cut, relative to the diagonal, so that no gap remains.
+# Both patches extend this far beyond the cut between them, relative to the diagonal, so that no gap remains.
 _OVERLAP = 4e-3
-# Cuts are tried at these quantiles of a patch's points along each principal axis. More tried cuts take
+# Cuts are tried at these quantiles of a patch's points along each principal axis. Trying more cuts takes
 # longer.
 _CUT_QUANTILES = (0.15, 0.3, 0.4, 0.5, 0.6, 0.7, 0.85)
-# Number of sample points on the faces. These points are used in addition to the vertices, because large faces
-# have few vertices.
+# Number of sample points on the faces. Sample points are used in addition to the vertices, because large
+# faces have few vertices.
 _SAMPLE_POINTS = 5000
 # Boxes are fitted to this number of the largest hull faces. The smallest box usually lies on a large face.
 _MAX_BASES = 500

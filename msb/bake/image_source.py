@@ -39,8 +39,8 @@ class ImageSource:
 
     Native renderings are drawn by the dedicated tier. A mesh without a native rendering is drawn on the
     standard tier with 16 samples per pixel. If the supervision is "photographs", the training images are the
-    scene's photographs. In that case, native renderings are only used for measurements. Native renderings in
-    the folder `cache` are reused by later bakes.
+    scene's photographs. With photographs, native renderings are only used for measurements. Native renderings
+    in the folder `cache` are reused by later bakes.
     """
 
     def __init__(

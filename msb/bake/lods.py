@@ -23,7 +23,7 @@ from msb.meshes.mesh import Mesh
 # Number of rows of a full-HD screen, at which a level is judged. On such a screen, the geometric error of a
 # level must be below a pixel.
 SCREEN_ROWS = 1080
-# This percentile of the errors at the sample points is the error of a level, so that a few outliers do not
+# The error of a level is this percentile of the errors at the sample points, so that a few outliers do not
 # decide.
 _ERROR_PERCENTILE = 95.0
 # Smallest share of a soup's faces that one reduction stage keeps; the kept faces are moved afterwards. With
@@ -43,12 +43,12 @@ def make_lods(
 ) -> Iterator[tuple[Mesh, list[str]]]:
     """Yield a mesh for each share of the faces in `shares`, which fall, and notes for the user.
 
-    Each level is made when the iterator reaches it. The search for a level takes at most `seconds`. A level
-    has rough vertex colours and no texture.
+    A level of detail is made when the iterator reaches it. The search for a level takes at most `seconds`. A
+    level has rough vertex colours and no texture.
 
     In a soup, faces are hidden if their removal increases the error in the training images least. The other
-    faces of a soup are then moved to cover the gaps. Each level is made from the previous one. A connected
-    mesh is reduced by quadric error, with its colour seams merged. A closed mesh is reduced in the
+    faces of a soup are then moved to cover the gaps. Each level of detail is made from the previous level. A
+    connected mesh is reduced by quadric error, with its colour seams merged. A closed mesh is reduced in the
     coordinates of `Space.fit`, and its vertices are then moved. A closed mesh stays closed, manifold and
     consistently wound. Unseen parts keep the colours of `mesh`.
 
@@ -78,8 +78,8 @@ def _reduce_soup(
     notes: list[str] = []
     seconds = level_seconds
     for stage, (count, left) in enumerate(stages):
-        # Larger faces need images with fewer pixels. With 1/8 of the faces, images of `PIXELS_TO_MOVE` pixels
-        # are large enough.
+        # Images with fewer pixels suffice for larger faces. With 1/8 of the faces, images of `PIXELS_TO_MOVE`
+        # pixels are large enough.
         pixels = 8 * PIXELS_TO_MOVE * count // whole
         with context.limited_to(pixels).open_renderers(soup) as (renderer, validation):
             # Hide unseen faces first, then the least useful ones.
@@ -147,8 +147,8 @@ def _report_progress(context: SearchContext, level: int, levels: int, done: int,
 def _plan_stages(faces: int, counts: Sequence[int]) -> list[tuple[int, int]]:
     """Return the stages as pairs: the number of faces, and the number of stages until the next level.
 
-    The second number is 1 if the stage itself completes a level. The numbers of faces fall from `faces`
-    through all `counts`. A stage never keeps less than `_STAGE_SHARE` of the faces.
+    The second number is 1 if the stage itself completes a level of detail. The numbers of faces fall from
+    `faces` through all `counts`. A stage never keeps less than `_STAGE_SHARE` of the faces.
     """
     stages: list[tuple[int, int]] = []
     for count in counts:

@@ -28,7 +28,7 @@ _STEPS: dict[str, float] = {"draft": 0.25, "normal": 1.0, "fine": 2.5}
 
 # Number of faces of a tetrahedron, the smallest closed mesh.
 MIN_CLOSED_FACES = 4
-# Largest number of faces or convex parts of a collision shape. This limit catches typing mistakes.
+# Largest number of faces or convex parts of a collision shape. This limit on numbers catches typing mistakes.
 _MAX_COLLISION_SIZE = 1 << 20
 
 

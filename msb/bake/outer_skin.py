@@ -20,8 +20,8 @@ from msb.topology.faces import signed_volume
 # The skin is an icosahedron after this number of subdivisions: 642 directions, 1,280 faces, edges of 8
 # degrees.
 _SUBDIVISIONS = 3
-# Largest angle in radians between two sampled points of a face. This angle is below the edges of the skin, so
-# that no direction misses a face.
+# Largest angle in radians between two sampled points of a face. The sampling angle is below the edges of the
+# skin, so that no direction misses a face.
 _MAX_STEP = 0.07
 # Largest number of rounds that halve the edges of faces to sample the faces.
 _MAX_ROUNDS = 6
@@ -39,8 +39,8 @@ def add_outer_skin(mesh: Mesh, thickness: float) -> Mesh:
     """Return `mesh` with an outer skin; the vertices and faces of the skin follow the mesh's.
 
     In each direction from the middle, the skin lies behind the farthest point of the surface, at a distance
-    of `thickness` times the distance of that point. So the skin never touches the surface. The skin is grey,
-    or has the colour of one texel.
+    of `thickness` times the distance of that point. So the outer skin never touches the surface. The skin is
+    grey, or has the colour of one texel.
     """
     points = mesh.vertices.astype(np.float64)
     middle = np.median(points[np.unique(mesh.faces)], axis=0)

@@ -27,8 +27,8 @@ if TYPE_CHECKING:
 
     WriteFile = Callable[[BinaryIO], object]
 
-# The smallest mesh with a texture, used to list the files of a textured mesh. This mesh needs the same
-# additional files as any textured mesh.
+# The smallest mesh with a texture, used to list the files of a textured mesh. The smallest textured mesh
+# needs the same additional files as any textured mesh.
 _SMALLEST_TEXTURED = Mesh(
     np.zeros((3, 3), np.float32),
     np.arange(3)[None],
@@ -90,7 +90,7 @@ def list_output_files(paths: Sequence[Path], endings: Sequence[str] = ("",)) -> 
 def write_assets(
     assets: Sequence[OutputAsset], paths: Sequence[Path], overwrite: bool = False
 ) -> list[tuple[Path, int]]:
-    """Write assets to all paths, each in the format of its suffix; write all files or none.
+    """Write assets to all paths in the formats of their suffixes; if one file fails, write no file.
 
     Returns, for each asset, its file at the first path and a size in bytes. The size includes additional
     files that this file needs.

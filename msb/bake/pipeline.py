@@ -201,8 +201,8 @@ class BakePipeline:
                 if not candidates:
                     raise
                 notes.append(f"{name} could not be made: {error.message}")
-        # Compare the candidates by their validation images. At this point, the colours are fitted to the
-        # training images only.
+        # Compare the candidates by their validation images. While candidates are compared, their colours are
+        # fitted to the training images only.
         tried: dict[str, float] = {}
         if len(candidates) > 1:
             targets = [self._validation.limited_to(self._pixels)]
@@ -268,7 +268,7 @@ class BakePipeline:
         verdict = Verdict.of(audit(asset_from_mesh(candidates["surface"])))
         if verdict.level == "bad":
             return "fitted", f"fitted was chosen, because the verdict on the surface is BAD: {verdict.reason}"
-        return "surface", "surface was chosen, because tools for solids need it"
+        return "surface", "surface was chosen, because tools for solids need a closed surface"
 
     def _measure_visibility(self) -> tuple[float, BlendingWeights | None]:
         """Return the share of the area that no view shows, and the blending weights of the faces."""

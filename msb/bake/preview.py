@@ -16,7 +16,7 @@ from msb.render import Renderer
 from msb.scenes import Camera
 from msb.views import spread_evenly
 
-# Number of rows of the preview image. Each row shows one view.
+# Number of rows of the preview image. Each row of the preview shows one view.
 _VIEWS = 2
 # Number of pixels of the largest image; three columns of this size fit on a screen.
 _MAX_PIXELS = 1 << 18

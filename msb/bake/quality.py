@@ -23,8 +23,8 @@ def measure_quality(
 ) -> tuple[Psnr | None, Psnr | None]:
     """Return the PSNR of a baked asset on the test views, compared with native renderings and photographs.
 
-    Both results are None without a test view, or if the model covers too few pixels; the second is None
-    without a scene.
+    Both results are None without a test view, or if the model covers too few pixels. The PSNR to photographs
+    is None without a scene.
     """
     test = views.test
     if not test or views.why_not_judged is not None:
@@ -56,7 +56,8 @@ def _measure_model_only(
 ) -> float:
     """Return the average PSNR in dB over the pixels that the model or the baked mesh covers.
 
-    `covered` has the coverage masks (H, W) of the model. Other pixels show the background in both images.
+    `covered` has the coverage masks (H, W) of the model. Pixels that neither mesh covers show the background
+    in both images.
     """
     values = []
     with closing(StandardRenderer(baked, device=device, supersample=SAMPLES_PER_SIDE)) as renderer:

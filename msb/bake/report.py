@@ -342,7 +342,8 @@ class Report:
     def extras(self) -> dict[str, Any]:
         """Return the main numbers of the report, which are stored in a GLB.
 
-        These numbers contain no path, time or device. Bakes with equal results therefore write equal files.
+        The main numbers contain no path, time or device. Bakes with equal results therefore write equal
+        files.
         """
         names = ("schema", "geometry", "color", "faces", "texture", "views", "unseen_area", "psnr")
         data = self.to_dict()
@@ -367,7 +368,7 @@ def list_coverage_notes(views: BakeViews, unseen_area: float) -> list[str]:
         kind = "inside" if views.origin == "turntable" else "outside"
         other = "" if views.origin == "both" else f"--views both or {kind}, "
         text = f"the generated views show only {100 * (1 - unseen_area):.0f} % of the model's area"
-        notes.append(f"{text}; pass {other}--cameras or --scene to show more of it")
+        notes.append(f"{text}; pass {other}--cameras or --scene to show more of the model")
     return notes
 
 

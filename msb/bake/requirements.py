@@ -46,8 +46,8 @@ def check_model(options: BakeOptions, asset: Asset) -> None:
     kind, _ = parse_collision(options.collision)
     modules = ("fast_simplification", "coacd") if kind == "hulls" else ("fast_simplification",)
     # Kept triangles without a boundary stay closed, because a repair cuts and turns faces, but opens no
-    # holes. All other meshes are enclosed by a closed surface first. One error names the missing extras of
-    # both steps.
+    # holes. All meshes except closed kept triangles are enclosed by a closed surface first. A single error
+    # names the missing extras of both steps.
     is_open = options.geometry != "kept"
     if not is_open:
         welded = weld_vertices(points, faces, "exact")

@@ -178,7 +178,7 @@ def bake(
     seconds : float, optional
         Upper limit of the time to move fitted triangles, no limit by default. The total time of a surface is
         1.5 times `seconds`, and of fitted triangles and a surface together 2 times `seconds`. Each level of
-        detail adds `seconds` to this time. A note reports the number of skipped steps; the result then
+        detail adds `seconds` to the total time. A note reports the number of skipped steps; the result then
         depends on the speed of the machine. If `seconds` is 0, triangles move by a single step, and the face
         selection still runs. The time for `collision` is not included.
     seed : int, default 0

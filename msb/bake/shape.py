@@ -49,7 +49,7 @@ class Bending:
 
 @dataclass(frozen=True)
 class TrueShape:
-    """A surface compared with a true surface, over the pixels of some views that show both.
+    """A comparison of a surface with a true surface, over the pixels of some views that show both surfaces.
 
     All numbers except the last two are NaN if no pixel shows both surfaces.
 
@@ -102,8 +102,8 @@ def measure_bending(points: Floats, faces: Ints, visible: Mask, size: float = 1.
     first, second = order[:-1], order[1:]
     is_edge = (sides[first] == sides[second]).all(axis=1)
     first, second = first[is_edge], second[is_edge]
-    # The two faces of a consistently wound edge traverse it in opposite directions. Otherwise one normal is
-    # reversed.
+    # The two faces of a consistently wound edge traverse it in opposite directions. If two faces traverse an
+    # edge in the same direction, one normal is reversed.
     starts = faces.reshape(-1)
     sign = np.where(starts[first] == starts[second], -1.0, 1.0)
     cosine = sign * np.einsum("nk,nk->n", normals[owner[first]], normals[owner[second]])

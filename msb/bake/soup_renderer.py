@@ -32,8 +32,8 @@ _GROUP = 64
 # `measure_error` compares averages of blocks with this number of pixels along a side. Most of the error of
 # single pixels comes from edges, and depends on the position of an edge between samples.
 _BLOCK = 2
-# Number of bytes of target images that stay on the device. Larger sets of images are sent to the device one
-# by one when they are needed.
+# Number of bytes of target images that stay on the device. Target images that exceed this size are sent to
+# the device one by one when they are needed.
 _MAX_RESIDENT_BYTES = 1 << 28
 
 
@@ -148,7 +148,7 @@ class SoupRenderer(SupervisedRenderer):
         for buffer in (*outputs, most):
             buffer.fill(0)
         for number in numbers:
-            # Draw the view, sort its pixels by face, and let a work-item per face walk through them.
+            # Draw the view, sort its pixels by face, and process the pixels of each face in one work-item.
             planes, view, pixels = self._draw_view(number)
             faces, places = self._sort_pixels(planes, pixels)
             camera = self.images.cameras[number]
@@ -191,9 +191,9 @@ class SoupRenderer(SupervisedRenderer):
         """Return the increase of the squared error of each stored view that each proposal causes.
 
         `owner` (F,) is the number of the proposal that a face belongs to, or -1. A pixel's change is assigned
-        to the proposals of the face before and of the face after the change. Two different proposals get one
-        half each. The result (views, proposals) is in squared differences of colours in [0, 1], summed over
-        channels and pixels.
+        to the proposals of the face before and of the face after the change. If a pixel changes between the
+        faces of two proposals, each proposal gets one half. The result (views, proposals) is in squared
+        differences of colours in [0, 1], summed over channels and pixels.
         """
         views = len(self._numbers)
         owners = self._scratch("owner", self._count, np.int32)

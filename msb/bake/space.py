@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from msb.scenes import Camera
 
 # A model is a scene, not an object, if more than this share of the visible points is farther from the focus
-# than the cameras are. This share allows for some stray faces.
+# than the cameras are. This share of points allows for some stray faces.
 _SCENE_SHARE = 0.02
 # Radius of the uncontracted part of a scene, in median distances of the cameras from the focus.
 _NEAR_RADIUS = 0.5
@@ -27,7 +27,8 @@ _MIN_CONDITIONING = 1e-3
 # Smallest distance of the focus in front of the cameras, relative to the distance of the visible points.
 # The axes of cameras that turn in one place meet at that place, up to rounding.
 _MIN_AHEAD = 1e-4
-# The cameras are inside the model if the visible centre is nearer to them than this, in the same unit.
+# If the visible centre is nearer to the cameras than this, in the same unit, the cameras are inside the
+# model.
 _INSIDE_DISTANCE = 0.5
 # Smallest side of an object's box relative to its longest side, so that a flat object still has a volume.
 _MIN_THICKNESS = 1e-3

@@ -24,7 +24,7 @@ from msb.scenes import Camera
 from msb.scenes.datasets import Scene, scene_of
 
 # Photographs supervise if they gain at least this number of dB on the photographs of the validation views. A
-# smaller gain is not worth the loss of the native rendering.
+# smaller PSNR gain is not worth the loss of the native rendering.
 _MIN_GAIN = 0.5
 
 
@@ -70,7 +70,7 @@ def make_best_attempt(
         "native": native,
         "photographs": _make_attempt(inputs, options, "photographs", stack, stopped),
     }
-    # Compare both attempts on photographs that supervised neither of them.
+    # Compare the two attempts on photographs that did not supervise.
     cameras = [camera for camera in native.views.validation if _has_photograph(camera)]
     psnr = {}
     with native.source.photographs(cameras) as targets:
@@ -82,8 +82,8 @@ def make_best_attempt(
         note = "native renderings supervise, because photographs gain too little on the validation views"
         return native, psnr, [f"{note} ({values})"]
     note = (
-        "photographs supervise, so the result no longer reproduces the native rendering; pass "
-        "--supervision native to reproduce it"
+        "photographs supervise, so the result does not reproduce the native rendering; pass "
+        "--supervision native to use native renderings"
     )
     return attempts["photographs"], psnr, [f"{note} (validation PSNR to photographs: {values})"]
 

@@ -8,8 +8,9 @@ from msb.topology.faces import face_areas
 # Number of sample points on a surface. With 20,000 points the standard error of an average distance is below
 # 1 % of its spread.
 POINTS = 20_000
-# Number of random search points on the other surface. Each face also has one search point at its centre.
-# Search points find the nearest faces. More search points are more reliable, but need a larger search tree.
+# Number of random search points on the other surface. Each face of the surface has one search point at its
+# centre. Search points find the nearest faces. With more search points, the nearest face is found more
+# reliably, but the search tree is larger.
 _SEARCH_POINTS = 40_000
 # Number of nearest search points per sample point. The exact distance is computed to the faces of all these
 # search points, because the nearest search point may not lie on the nearest face.

@@ -1,7 +1,7 @@
 """The texture of a mesh by least squares over the pixels of images.
 
-The equations assume that texels are blended in sRGB and stored without rounding. Therefore the standard tier
-draws the actual image, and the equations give the change of the texels that reduces the remaining error.
+The equations assume that texels are blended in sRGB and stored without rounding. So the standard tier draws
+the actual image, and the equations give the change of the texels that reduces the remaining error.
 """
 
 from __future__ import annotations
@@ -36,11 +36,11 @@ if TYPE_CHECKING:
     from msb.bake.images import ViewImages
     from msb.cl import Device
 
-# The first pass uses every 6th image, the second pass all images. The second pass corrects rounding and
-# blending, which the equations ignore; few images suffice for the first pass.
+# The first pass over the images uses every 6th image, the second pass all images. The second pass corrects
+# rounding and blending, which the equations ignore; few images suffice for the first pass.
 FIRST_PASS_STEP = 6
-# Smallest and largest default number of texels along a side. With 256 texels the demo models lose 0.3 dB;
-# 4096 is the largest texture of many phones.
+# Smallest and largest default number of texels along a side. With 256 texels along a side, the demo models
+# lose 0.3 dB; 4096 is the largest texture of many phones.
 _DEFAULT_SIZES = 512, 4096
 # The initial texture is drawn in tiles to limit the memory. Number of texels along a side of a tile.
 _TILE = 1024
@@ -127,7 +127,7 @@ def select_first_pass(images: ViewImages) -> ViewImages:
 def _get_corner_colors(mesh: Mesh, pixels: Floats | None) -> NDArray[Any]:
     """Return the colour of each corner (3F, 3).
 
-    With `pixels` (F,), faces without pixels continue the colours around them.
+    With `pixels` (F,), faces without pixels get the colours of the faces around them.
     """
     corners = mesh.faces.reshape(-1)
     if mesh.vertex_colors is not None:
@@ -154,8 +154,8 @@ def _contract_vertices(mesh: Mesh, cameras: Sequence[Camera], device: str | Devi
 def _choose_default_size(pixels: Floats) -> int:
     """Return the default number of texels along a side.
 
-    The number is a power of two and gives about one texel per pixel; `pixels` (F,) are the pixels of each
-    face.
+    The number of texels along a side is a power of two and gives about one texel per pixel; `pixels` (F,) are
+    the pixels of each face.
     """
     side = float(np.sqrt(np.maximum(pixels, 1).sum()))
     least, most = _DEFAULT_SIZES

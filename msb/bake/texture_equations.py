@@ -21,8 +21,9 @@ if TYPE_CHECKING:
 
     from msb.cl import Buffer, Device
 
-# Weight of the squared difference between the changes of two neighbouring texels, relative to a pixel. This
-# weight spreads changes to texels without pixels, and has little influence on texels with pixels.
+# Weight of the squared difference between the changes of two neighbouring texels, relative to a pixel. A
+# weight of this size spreads changes to texels without pixels, and has little influence on texels with
+# pixels.
 SMOOTHNESS = 0.5
 # Number of conjugate-gradient steps. Few steps suffice, because the initial texture is near the solution.
 # Each conjugate-gradient step needs a pass over all texels.
@@ -41,8 +42,8 @@ class TextureEquations(OnDevice):
 
     `stencils` (texels, 8) has a row for each texel, level by level. The first five values of a stencil are
     the sums of products of the texel's weight with the weights of five texels: itself, and the texels to the
-    right, below, below right and below left. The last three values are the right sides of red, green and
-    blue. `msb.bake.texture_renderer` computes these sums.
+    right, below, below right and below left. The last three values of a stencil are the right sides of red,
+    green and blue. `msb.bake.texture_renderer` computes these sums.
 
     `sides` has the number of texels along a side for each mip level. `starts` has the number of the first
     texel of each mip level, then the number of all texels.

@@ -25,18 +25,19 @@ if TYPE_CHECKING:
     from msb.bake.soup_renderer import SoupRenderer
     from msb.bake.space import Space
 
-# Smoothing of the gradients: the squared width of the filter in edge lengths. More smoothing prevents folds
-# but loses detail.
+# Smoothing of the gradients: the squared width of the filter in edge lengths. More smoothing of the gradients
+# prevents folds but loses detail.
 SMOOTHING = 0.5
-# Number of descent steps without a time limit. With this number, a surface of a demo model takes about 45 s
-# on two cores.
+# Number of descent steps without a time limit. With this number of steps, a surface of a demo model takes
+# about 45 s on two cores.
 STEPS = 200
 # Average move of a vertex per step, in edge lengths, at the start and at the end.
 STEP_LENGTHS = 0.12, 0.01
-# Largest move of a vertex per step, in step lengths. Some gradients are much larger than the average.
+# Largest move of a vertex per step, in step lengths. Some gradients of the error are much larger than the
+# average.
 _MAX_MOVE = 4.0
 # Share by which vertices follow the filtered normals after each step, and number of filter rounds. Without
-# this fairing, the search brings dents back. A larger share loses detail.
+# fairing, the search brings dents back. A larger share of fairing loses detail.
 FAIR_SHARE, _FAIR_ROUNDS = 0.1, 2
 
 
@@ -76,7 +77,7 @@ def move_vertices(
         moving = gradients[gradients.any(axis=1)]
         square = float(np.square(moving).sum(axis=1).mean()) if len(moving) else 0.0
         move = adam.compute_move(gradients, square)
-        # Change the variables by one step, and compute the points from them.
+        # Change the variables by one step, and compute the points from the variables.
         first, last = STEP_LENGTHS
         length = first + (last - first) * share
         variables -= length * _measure_median_edge(points, faces) * move

@@ -33,8 +33,8 @@ RINGS = ((15.0, 18), (40.0, 14), (65.0, 8))
 # Rings of views from below the horizon. Views from below are only generated for mesh files. Training cameras
 # rarely look up from below, so a trained model is arbitrary on its underside.
 RING_BELOW = (-35.0, 12)
-# Rings of generated views for Gaussians, 48 views in all. The last ring looks up a little, because captures
-# of objects also have such views. The model fills such a view.
+# Rings of generated views for Gaussians, 48 views in all. The last ring of cameras looks up a little, because
+# captures of objects also have such views. The model fills such a view.
 SPLAT_RINGS = ((5.0, 16), (25.0, 14), (50.0, 10), (-12.0, 8))
 _SPLAT_PIXELS = 384 * 768
 # Background colours of generated views, for Gaussians without a recorded background.
@@ -43,7 +43,7 @@ _GREYS: tuple[Color, Color] = ((0.3, 0.3, 0.3), (0.7, 0.7, 0.7))
 _GENERATED_SIZE = 480, 360
 # Number of pixels of the largest view. Larger views are scaled down to limit the time of a bake.
 MAX_PIXELS = 1 << 20
-# With fewer views than this, all views are training views and none are validation views.
+# If there are fewer views than this, all views are training views, and there are no validation views.
 _MIN_VIEWS_TO_SPLIT = 3
 # If there are fewer views than this, interpolated views are added. With few views, optimised triangles cause
 # artefacts of up to 6 dB in other views.

@@ -1,8 +1,9 @@
 """Chooses the coarsest web encoding of a mesh that keeps an image quality of 50 dB.
 
-A GLB for the web stores quantised positions, quantised colours and compressed textures. Each of these three
-steps adds an error to the images of the mesh. The mean squared errors of independent steps add up
-approximately. Therefore the search measures each step separately, and distributes the error that 50 dB allow:
+A GLB for the web stores quantised positions, quantised colours and compressed textures. Quantised positions,
+quantised colours and compressed textures each add an error to the images of the mesh. The mean squared errors
+of independent steps add up approximately. Therefore the search measures each compression step separately, and
+distributes the error that 50 dB allow:
 
 1. Measure the error of the compressed textures.
 2. For each precision of the colours, measure the error of the colours. Subtract the errors of textures and
@@ -31,8 +32,8 @@ from msb.scenes import Camera
 # Minimum PSNR in dB between images of a web file and of the original mesh. Image differences are invisible
 # above about 40 dB.
 MIN_PSNR = 50.0
-# Samples per pixel along each axis of the compared images. With fewer samples, edges would dominate the
-# error.
+# Samples per pixel along each axis of the compared images. With fewer samples per pixel, edges would dominate
+# the error.
 _SAMPLES = 4
 # Search range for the precision of positions, in quarters of a bit: 10 to 22 bits.
 _COARSEST, _FINEST = 40, 88
@@ -46,8 +47,8 @@ _LEVELS = (None, 4.0, 2.0, 1.0, 0.5)
 class ImageLoss:
     """Measures the difference between images of `mesh` and images of other meshes.
 
-    `views` describes the cameras for messages. `why_not` is the reason why these views cannot judge a mesh,
-    or None.
+    `views` describes the cameras for messages. `why_not` is the reason why the images cannot be compared, or
+    None.
     """
 
     mesh: Mesh
@@ -106,7 +107,7 @@ def web_style(images: ImageLoss) -> tuple[Style, str]:
 
 
 def _find_coarsest(images: ImageLoss) -> tuple[Style, str]:
-    """Search for the style as the docstring of this module describes. All errors are mean squared errors."""
+    """Search for the style as the docstring of this module describes, with mean squared errors."""
     from msb.meshes.glb_web import Grid, convert_to_srgb, quantize_light
 
     mesh = as_glb(images.mesh)
@@ -147,7 +148,7 @@ def _find_coarsest(images: ImageLoss) -> tuple[Style, str]:
             web = Web(fewest_bits(room, by_distance=by_distance), levels, by_distance)
             candidates.append((web.quarters == _FINEST, len(_encode(mesh, _style(web))), web))
     # Prefer candidates that do not need the finest precision. Among the remaining candidates, use the
-    # smallest file.
+    # candidate with the smallest file.
     web = min(candidates, key=lambda candidate: candidate[:2])[2]
 
     @cache

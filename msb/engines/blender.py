@@ -28,8 +28,8 @@ from msb.render.frame import Frame
 from msb.scenes import Camera
 from msb.scenes.colors import Color
 
-# The environment variable with the path of a Python interpreter that has bpy. This variable is only needed if
-# the Python of msb has no bpy.
+# The environment variable with the path of a Python interpreter that has bpy. The variable is only needed if
+# the Python interpreter of msb has no bpy.
 VARIABLE = "MSB_BLENDER"
 # Limits of Blender: smallest and largest width or height in pixels, and largest ratio of the two sides of a
 # pixel.
@@ -58,7 +58,8 @@ class _Blender(Engine):
         to bytes. Meshes with textures are always passed as GLB.
     defaults : bool
         Keep Blender's default colour management instead of the settings for exact colours, to show the effect
-        of these settings. In that case, images are read from the 8-bit PNG that Blender writes.
+        of these settings. With the default colour management, images are read from the 8-bit PNG that Blender
+        writes.
     """
 
     engine: ClassVar[str]
@@ -112,7 +113,10 @@ class _Blender(Engine):
         self.device_info = self._device_info(about)
         if self._kind == "gpu" and self.device_info["kind"] == "cpu":
             self.close()
-            text = f"Blender found no GPU, only {self.device_info['name']}; use --device cpu to draw with it"
+            text = (
+                f"Blender found no GPU, only {self.device_info['name']}; pass --device cpu to draw with "
+                "this device"
+            )
             raise DeviceError("DEVICE_NOT_FOUND", text)
 
     def _check_device(self) -> None:

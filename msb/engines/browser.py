@@ -1,9 +1,10 @@
 """A headless browser that shows one of our pages and executes drawing tasks.
 
 A local HTTP server sends tasks to the page and receives answers (web/remote.js), so that no driver and no
-debugging protocol is needed. The page's address contains a secret. So other users of the machine cannot read
-the asset, and cannot answer in place of the page. Other users of the machine can see the command line of the
-browser. Therefore the command line contains another address, which redirects to the page only once.
+debugging protocol is needed. The page's address contains a secret. With a secret in the address, other users
+of the machine cannot read the asset, and cannot answer in place of the page. Other users of the machine can
+see the command line of the browser. Therefore the command line of the browser contains another address, which
+redirects to the page only once.
 """
 
 import contextlib
@@ -27,7 +28,7 @@ from msb.errors import DeviceError, shorten
 
 # The environment variable with the path of the browser to use.
 VARIABLE = "MSB_BROWSER"
-# Without this variable, a browser is searched by these names on PATH, then at usual paths on macOS and
+# Without the variable, the browser is searched by these names on PATH, then at usual paths on macOS and
 # Windows.
 _NAMES = (
     "chromium",
@@ -79,7 +80,7 @@ _MIME_TYPES = {
     "mjs": "text/javascript",
     "wasm": "application/wasm",
 }
-# Seconds to wait for the page to load, and seconds to wait for an answer. Both times are long, because
+# Seconds to wait for the page to load, and seconds to wait for an answer. The time limits are long, because
 # software rendering on a busy machine is slow, and compiling WebGPU shaders there takes minutes.
 _START_SECONDS = 120
 _ANSWER_SECONDS = 600

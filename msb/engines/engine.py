@@ -41,8 +41,9 @@ _GROUPS = {
 class Engine(ABC):
     """A renderer that draws the standard-tier mesh of an asset with another engine.
 
-    Such a renderer has the same options as our renderer of the standard tier. `device` is "cpu", "gpu" or
-    None; None lets the engine choose. The OpenCL device names and MSB_DEVICE do not apply to other engines.
+    Renderers with other engines have the same options as our renderer of the standard tier. `device` is
+    "cpu", "gpu" or None; None lets the engine choose. The OpenCL device names and MSB_DEVICE do not apply to
+    other engines.
     """
 
     name: ClassVar[str]

@@ -22,14 +22,14 @@ class ThreeJsRenderer(Engine):
 
     With `device` "cpu" SwiftShader draws in software; with "gpu" a graphics card draws. Colours and depths
     are read from float32 render targets, so they are not rounded. Frames have no face ids, because WebGL has
-    no primitive numbers. If the browser supports timer queries, the device measures times. Otherwise times
-    are wall-clock times, in the stage `WALL_CLOCK`.
+    no primitive numbers. If the browser supports timer queries, the device measures times. Without timer
+    queries, times are wall-clock times, in the stage `WALL_CLOCK`.
 
     Parameters
     ----------
     defaults : bool
         Keep the default colour management of three.js instead of the settings for exact colours, to show the
-        effect of these settings. In that case, images are read from the 8-bit canvas.
+        effect of these settings. With the default colour management, images are read from the 8-bit canvas.
     """
 
     name = "threejs"
@@ -61,7 +61,7 @@ class ThreeJsRenderer(Engine):
         }
         if self._kind == "gpu" and in_software:
             self.close()
-            text = f"the browser found no GPU, only {drawn_by}; pass --device cpu to draw with it"
+            text = f"the browser found no GPU, only {drawn_by}; pass --device cpu to draw with this device"
             raise DeviceError("DEVICE_NOT_FOUND", text)
         self._memory: Mapping[str, int] = {}
 

@@ -54,7 +54,7 @@ class WgpuRenderer(Engine):
     With `device` "cpu" a software adapter draws; with "gpu" any other adapter draws.
 
     Frames have a `face_id` if the adapter supports primitive indices. If the adapter supports timestamps, the
-    device measures times. Otherwise times are wall-clock times, in the stage `WALL_CLOCK`.
+    device measures times. Without timestamps, times are wall-clock times, in the stage `WALL_CLOCK`.
     """
 
     name = "wgpu"

@@ -72,7 +72,7 @@ def _rank(info: Mapping[str, Any]) -> tuple[int, int]:
 def _runtime_folder() -> Iterator[None]:
     """Set the variable XDG_RUNTIME_DIR in a `with` block if it is missing.
 
-    Without this variable Mesa prints a warning in containers and on clusters.
+    Without the variable XDG_RUNTIME_DIR, Mesa prints a warning in containers and on clusters.
     """
     if sys.platform != "linux" or os.environ.get("XDG_RUNTIME_DIR"):
         yield
@@ -222,8 +222,8 @@ class Gpu:
     def close(self) -> None:
         """Destroy the device and its resources; a second call does nothing.
 
-        A device object of wgpu-py refers to itself. Therefore only a garbage collection releases its shaders
-        and the driver's threads, which take 10 to 30 MB per device on lavapipe.
+        A device object of wgpu-py refers to itself. So only a garbage collection releases the shaders of a
+        device and the driver's threads, which take 10 to 30 MB on lavapipe.
         """
         for resource in self.resources.values():
             resource.destroy()

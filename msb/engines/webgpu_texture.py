@@ -23,7 +23,8 @@ ATTRIBUTES = {
     "texture coordinates": (8, "float32x2"),
     "tints": (16, "float32x4"),
 }
-# This text is appended to the declarations in webgpu.py. Fragments with an alpha below CUTOFF are discarded.
+# The text below is appended to the declarations in webgpu.py. Fragments with an alpha below CUTOFF are
+# discarded.
 SHADER = """
 @group(1) @binding(0) var texels: texture_2d<f32>;
 @group(1) @binding(1) var reading: sampler;
@@ -113,7 +114,7 @@ class TexturedMesh:
     def draw(self, drawing: Any, pipeline: Any, ids: bool) -> None:
         """Encode the draw calls into a render pass whose pipeline and camera are already set.
 
-        `ids` is true if `pipeline` draws face ids. Each pipeline needs separate bind groups.
+        `ids` is true if `pipeline` draws face ids. Each render pipeline needs separate bind groups.
         """
         gpu = self._gpu
         if ids not in self._groups:

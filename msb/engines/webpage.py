@@ -19,7 +19,7 @@ from msb.asset.look import AMBIENT, GREY, light_toward
 from msb.scenes import Camera
 from msb.scenes.framing import Framing
 
-# With more faces than this, most browsers run out of memory when they open the page.
+# If a page has more faces than this, most browsers run out of memory when they open the page.
 LARGE = 3_000_000
 _SCRIPTS = ("camera.js", "page.js", "controls.js", "files.js", "start.js")
 # Parts of a JavaScript module that are invalid in a plain script: "use strict", imports, exports.
@@ -67,7 +67,7 @@ def scene_to_json(
     the whole model, except for far outliers that `framing` excludes.
     """
     listed = [{**camera_to_json(camera), "name": camera.name} for camera in cameras]
-    # This shading is for dropped files without colours. Files that msb wrote always have colours.
+    # Dropped files without colours are shaded with these values. Files that msb wrote always have colours.
     daylight = {"grey": GREY, "ambient": AMBIENT, "light": light_toward(up).tolist()}
     scene = {"name": name, "cameras": listed, "up": up, "background": list(background), "daylight": daylight}
     if framing is not None and framing.left_out:
@@ -120,7 +120,7 @@ def _three_modules() -> str:
 def read_script(name: str) -> str:
     """Return a file of msb/engines/web without module syntax, so that it can precede other scripts.
 
-    Some of these files are modules, because the npm package in integrations/js contains the same files.
+    Some files of the page are modules, because the npm package in integrations/js contains the same files.
     """
     text = (files("msb.engines") / "web" / name).read_text("utf-8")
     return _MODULE_SYNTAX.sub("", text)

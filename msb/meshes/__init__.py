@@ -1,4 +1,6 @@
-"""Read and write mesh files exactly as stored. Each format has a separate module and one line in `files`.
+"""Read and write mesh files exactly as stored.
+
+Each mesh format has a separate module and one line in `files`.
 
 The page docs/meshes.md lists the data that each reader and writer keeps, and the libraries that were
 considered.

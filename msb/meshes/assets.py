@@ -156,7 +156,7 @@ def _with_textures(mesh: Mesh, asset: Asset) -> Mesh:
 def align_baked(baked: Asset, asset: Asset) -> Asset:
     """Convert a mesh that was baked from `asset` to the coordinates and the origin of `asset`.
 
-    Files of baked meshes are rotated so that +y is up, because their formats require this axis. This function
+    Files of baked meshes are rotated so that +y is up, because their formats require this axis. The function
     reverses the rotation of the vertices.
     """
     mesh, up = mesh_from_asset(baked), written_up(asset)

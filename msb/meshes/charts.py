@@ -11,7 +11,7 @@ from msb.meshes.colors import linear_light, with_alpha
 from msb.meshes.mesh import Mesh
 
 # Offset in mip levels for sampling a texture at a corner. The level that matches the size of the face has the
-# offset 0; the next finer level has -1. This offset gave the best result on a textured sphere.
+# offset 0; the next finer level has -1. An offset of this size gave the best result on a textured sphere.
 _MIP_BIAS = -1.0
 # A corner is sampled at a point this fraction of the way towards the centre of the face. At the exact corner,
 # filtering would mix in texels of neighbouring charts.
@@ -23,8 +23,8 @@ def with_vertex_uvs(mesh: Mesh) -> Mesh:
 
     A vertex is split if its corners have different coordinates or normals (compared bit by bit) or different
     textures. Normals stay an array with one row per corner. The first copy of a vertex keeps its place in the
-    order. Other copies come after all kept vertices with the same texture, in the order of the corners that
-    use them. Faces keep their order within a group.
+    order. Further copies of a vertex come after all kept vertices with the same texture, in the order of the
+    corners that use them. Faces keep their order within a group.
     """
     if mesh.corner_uvs is None and mesh.face_textures is None and mesh.corner_normals is None:
         return mesh

@@ -15,10 +15,10 @@ _SAME = 1e-6
 def stored_colors(values: NDArray[Any]) -> NDArray[Any]:
     """Return colours (N, 3 | 4) of any number type as uint8 or as float32 in [0, 1], in native byte order.
 
-    Values of type uint8 are kept, and uint16 values are divided by 65535. Other integers are clamped to
-    0..255. Floats are clamped to 0..1, as glTF prescribes. Some programs write bytes as float numbers.
-    Therefore floats become uint8 if all values are whole numbers from 0 to 255 and at least one value exceeds
-    1. NaN becomes 0.
+    Values of type uint8 are kept, and uint16 values are divided by 65535. Integer colours of other types are
+    clamped to 0..255. Floats are clamped to 0..1, as glTF prescribes. Some programs write colour bytes as
+    float numbers. Float colours become uint8 if all values are whole numbers from 0 to 255 and at least one
+    value exceeds 1. NaN becomes 0.
     """
     if values.dtype.kind == "f":
         values = np.nan_to_num(values, nan=0.0)
@@ -62,8 +62,8 @@ def linear_light(colors: NDArray[Any]) -> NDArray[np.float32]:
 def srgb_colors(linear: NDArray[Any], most: int = 0) -> NDArray[Any]:
     """Return linear colours (N, 3 | 4), uint8 or float32, as sRGB; alpha is unchanged.
 
-    The result is uint8 if bytes represent all given values exactly, else float32. If `most` is 65535, the
-    float colours represent uint16 values.
+    The sRGB colours are uint8 if bytes represent all given values exactly, else float32. If `most` is 65535,
+    the float colours represent uint16 values.
     """
     if linear.dtype == np.uint8:
         stored, most = linear, 255
@@ -110,8 +110,8 @@ def _build_table(most: int) -> tuple[NDArray[np.float32], NDArray[np.uint8], NDA
 def linear_colors(colors: NDArray[Any]) -> NDArray[Any]:
     """Return sRGB colours (N, 3 | 4) as linear light: uint8 if the error is below half a level, else uint16.
 
-    One level is 1/255 of the sRGB range. Linear light in 8 bits is too coarse for dark colours. The error of
-    uint16 values is at most 1/40 of a level.
+    One colour level is 1/255 of the sRGB range. Linear light in 8 bits is too coarse for dark colours. The
+    error of uint16 values is at most 1/40 of a level.
     """
     light = linear_light(colors)
     as_bytes = np.rint(light * 255)

@@ -22,8 +22,8 @@ for _format in (ply.FORMAT, obj.FORMAT, off.FORMAT, stl.FORMAT, *gltf_scene.FORM
 
 # The suffixes that `read_mesh` accepts, in lower case, including the formats of other packages.
 MESH_SUFFIXES = FORMATS.keys()
-# Maximum number of entries in `Mesh.left_out`, the list of ignored data. Further entries are only counted,
-# because a malicious file may have millions.
+# Maximum number of entries in `Mesh.left_out`, the list of ignored data. Further entries of `left_out` are
+# only counted, because a malicious file may have millions.
 _MAX_LEFT_OUT = 16
 
 

@@ -1,8 +1,9 @@
 """Writes GLB files for the web: positions on a grid, and arrays compressed with EXT_meshopt_compression.
 
 Positions are stored as integer grid coordinates. The scale of the node converts grid coordinates back to
-positions. Grid coordinates are uint16 if they fit (KHR_mesh_quantization). Otherwise grid coordinates are
-floats. The filter EXPONENTIAL of EXT_meshopt_compression stores these floats as mantissa and exponent.
+positions. Grid coordinates are uint16 if they fit (KHR_mesh_quantization). If uint16 is too small, grid
+coordinates are floats. The filter EXPONENTIAL of EXT_meshopt_compression stores these floats as mantissa and
+exponent.
 """
 
 from __future__ import annotations
@@ -37,8 +38,8 @@ _FINER, _COARSER = -3, 5
 _BITS_PER_DOUBLING = 1.5
 # Precision of texture coordinates, in bits below one texel. The step of texture coordinates is 1/16 texel.
 _TEXEL_BITS = 4
-# Number of bits of a mantissa without its sign. These bits limit the precision of texture coordinates far
-# outside [0, 1].
+# Number of bits of a mantissa without its sign. A mantissa of this size limits the precision of texture
+# coordinates far outside [0, 1].
 _MANTISSA = 23
 
 
@@ -60,8 +61,9 @@ class Grid:
     def of(cls, mesh: Mesh, web: Web) -> Grid:
         """Return the positions of `mesh` rounded with the precision of `web`.
 
-        The step is a power of two, multiplied by 8, 7, 6 or 5 eighths. The step is at least the float32
-        spacing at the farthest vertex. Different grid positions therefore stay different after decoding.
+        The step of the position grid is a power of two, multiplied by 8, 7, 6 or 5 eighths. The grid step is
+        at least the float32 spacing at the farthest vertex. Different grid positions therefore stay different
+        after decoding.
         """
         local, origin = as_local(mesh.vertices, "GLB")
         positions = local.astype(np.float64)
@@ -96,9 +98,9 @@ class Grid:
 def _coarsen_by_distance(mesh: Mesh, positions: NDArray[np.float64]) -> NDArray[np.int64]:
     """Return the coarsening of the grid step for each vertex (V,) of a soup, in bits.
 
-    Negative values mean a finer step. The step grows with the distance of the face from the centre of the
-    scene. Cameras are near the centre of a scene. Cameras view distant faces from far away, and distant faces
-    are larger.
+    Negative values mean a finer step. The grid step grows with the distance of the face from the centre of
+    the scene. Cameras are near the centre of a scene. Cameras view distant faces from far away, and distant
+    faces are larger.
     """
     offset = positions[mesh.faces].mean(axis=1) - np.median(positions, axis=0)
     distance = np.linalg.norm(offset, axis=1)
@@ -192,7 +194,7 @@ def convert_to_srgb(light: NDArray[Any]) -> NDArray[np.float32]:
 def _order_soup(part: Primitive, exponents: NDArray[np.int64]) -> NDArray[np.int64]:
     """Return an order (V,) of the vertices that compresses well.
 
-    In this order, every three vertices are a face.
+    In the returned order, every three vertices are a face.
 
     Faces are sorted by grid step, then along a space-filling curve. Each face is rotated to begin with the
     corner nearest to the last corner of the previous face.

@@ -50,9 +50,9 @@ VISIBILITY = "KHR_node_visibility"
 # Maximum number of nodes. Real scenes have some thousand nodes; a million nodes take a few seconds.
 MAX_NODES = 1 << 20
 
-# Memory limit for the arrays of a file: 64 bytes per byte of the file, plus 256 MiB. One byte of the file
-# needs at most 24 bytes in memory (as an index). A file therefore exceeds the limit only if nodes or
-# primitives share arrays.
+# Memory limit for the arrays of a file: 64 bytes per byte of the file, plus 256 MiB. One byte of a file needs
+# at most 24 bytes in memory (as an index). A file therefore exceeds the limit only if nodes or primitives
+# share arrays.
 MAX_BYTES_PER_BYTE = 64
 MAX_EXTRA_BYTES = 1 << 28
 
@@ -95,7 +95,7 @@ class Document:
     def limit(self) -> int:
         """Memory limit for the arrays in bytes.
 
-        The limit depends on the sizes of the file and of the linked files read so far.
+        The memory limit depends on the sizes of the file and of all linked files that were read.
         """
         linked = sum(map(len, self.files.values()))
         return MAX_BYTES_PER_BYTE * (len(self.source.data) + linked) + MAX_EXTRA_BYTES
@@ -204,11 +204,11 @@ class Document:
 
 @dataclass(frozen=True)
 class Accessor:
-    """A validated description of an array (count, width). All described bytes are known to exist.
+    """A validated description of an array (count, width). All bytes of the array are known to exist.
 
-    `data` has the bytes of the buffer view, or is None for an array of zeros. The first element begins at
-    byte `start` of `data`. Each further element begins `stride` bytes later. `sparse` has two accessors: the
-    indices of elements to replace, and their new values.
+    `data` has the bytes of the buffer view, or is None for an array of zeros. The first element of the array
+    begins at byte `start` of `data`. Each further element of the array begins `stride` bytes later. `sparse`
+    has two accessors: the indices of elements to replace, and their new values.
     """
 
     document: Document
@@ -383,7 +383,7 @@ def _locate(
 
 
 def _split_chunks(source: Source) -> list[tuple[bytes, memoryview]]:
-    """Return the types and contents of the first two chunks. Further chunks are only used by extensions."""
+    """Return the types and contents of the first two chunks. Only extensions of GLB use further chunks."""
     chunks: list[tuple[bytes, memoryview]] = []
     at = HEADER.size
     while at < len(source.data) and len(chunks) < 2:
@@ -422,7 +422,7 @@ def _parse_json(source: Source, text: bytes) -> dict[str, Any]:
 def _measure_nesting(text: bytes) -> int:
     """Return the nesting depth of objects and arrays in the JSON. Brackets inside strings are ignored.
 
-    The function is vectorised, because `msb.base.bounded_parsing` would need ten seconds for
+    The nesting depth is computed with NumPy, because `msb.base.bounded_parsing` would need ten seconds for
     `MAX_JSON_BYTES`.
     """
     unescaped = text.replace(b"\\\\", b"  ").replace(b'\\"', b"  ")
@@ -474,7 +474,7 @@ def list_placed_meshes(document: Document, nodes: PlacedNodes) -> Iterator[tuple
 def place_nodes(document: Document) -> PlacedNodes:
     """Return the nodes of the scene.
 
-    The scene is the default scene of the file, else the first one. If the file has no scenes, all nodes are
+    The scene is the default scene of the file, else the first scene. If the file has no scenes, all nodes are
     used. A node is hidden if it or an ancestor is not visible (KHR_node_visibility).
     """
     roots, nodes = _find_roots(document)

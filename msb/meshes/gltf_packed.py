@@ -23,7 +23,7 @@ DRACO = "KHR_draco_mesh_compression"
 _MODES = ("ATTRIBUTES", "TRIANGLES", "INDICES")
 _FILTERS = ("NONE", "OCTAHEDRAL", "QUATERNION", "EXPONENTIAL", "COLOR")
 # Prefixes of the attributes that are read, and names of attributes that only explain duplicated vertices. If
-# attributes of the second kind cannot be decoded, the mesh is read without them.
+# attributes that only explain duplicates cannot be decoded, the mesh is read without them.
 _READ = ("POSITION", "COLOR_0", "TEXCOORD_", "JOINTS_", "WEIGHTS_")
 _EXPLAINING = ("NORMAL", "TANGENT")
 # Time limit of the child process, in seconds.
@@ -149,7 +149,7 @@ def _list_jobs(document: Document, meshes: list[int]) -> Iterator[Job]:
 def _find_accessor(document: Document, number: Any) -> dict[str, Any]:
     """Return the JSON of accessor `number`.
 
-    The result is empty if the accessor does not exist; a later check reports this error.
+    The JSON is empty if the accessor does not exist; a later check reports this error.
     """
     entries = document.array(document.root, "accessors", "")
     exists = type(number) is int and 0 <= number < len(entries) and isinstance(entries[number], dict)

@@ -19,8 +19,8 @@ from msb.meshes.polygons import fan_triangulate
 
 TRIANGLES, _STRIP, _FAN = 4, 5, 6
 _MODES = 7
-# Number of bytes that every primitive adds to the estimated size of its arrays. These bytes make the memory
-# limit also limit the number of primitives.
+# Number of bytes that every primitive adds to the estimated size of its arrays. With these bytes, the memory
+# limit also limits the number of primitives.
 _PRIMITIVE_BYTES = 1 << 10
 
 

@@ -147,7 +147,7 @@ class Poses:
     def _read_joints(self, skin: Any) -> Floats:
         """Return the matrices (J, 3, 4) of a skin.
 
-        These matrices map the bind pose to the pose of the joints.
+        The matrices of a skin map the bind pose to the pose of the joints.
         """
         document = self.document
         entry, where = document.entry("skins", document.integer({"skin": skin}, "skin", ""))

@@ -41,7 +41,7 @@ from msb.meshes.placement import KEY, take_back
 from msb.meshes.polygons import join_faces
 from msb.meshes.source import Source
 
-# Prefixes of extensions that a file may require. These extensions are either supported or do not change the
+# Prefixes of extensions that a file may require. Allowed extensions are either supported or do not change the
 # geometry.
 _HARMLESS = (
     "KHR_materials_",
@@ -143,7 +143,10 @@ def _check_extensions(document: Document) -> None:
     places = _list_extended_parts(document)
     for name in unknown:
         if not places.get(name, {""}) <= set(_LOOKS):
-            text = f"the required extension {shorten(str(name))} is not supported; export without it"
+            text = (
+                f"the required extension {shorten(str(name))} is not supported; export the file without "
+                "this extension"
+            )
             raise document.error("MESH_FILE_UNSUPPORTED", "/extensionsRequired", text)
 
 
@@ -176,8 +179,8 @@ def _find_cutoff(parts: list[PrimitiveArrays]) -> float | None:
 def _identify_texture(document: Document, part: PrimitiveArrays, cutoff: float | None) -> Any:
     """Return a key for the texture of a part; None without a texture.
 
-    An image may be used both with and without an alpha cut-off. Such an image becomes two textures, because
-    only one texture keeps the alpha channel.
+    An image may be used both with and without an alpha cut-off. An image with both uses becomes two textures,
+    because only one texture keeps the alpha channel.
     """
     if part.base.texture is None:
         return None
@@ -273,7 +276,7 @@ def _combine_colors(part: PrimitiveArrays, cutoff: float | None, is_srgb: bool) 
 
     `cutoff` is the alpha cut-off of the mesh. If the part has a different cut-off, alpha is scaled by the
     ratio of the two cut-offs. If the part has no cut-off, alpha is 1. Without a `cutoff`, alpha is kept as
-    stored and has no effect.
+    stored and ignored.
     """
     factor, part_cutoff = np.array(part.base.factor, np.float32), part.base.cutoff
     if cutoff is None or part_cutoff is None:
@@ -312,7 +315,7 @@ def _join_colors(colors: list[NDArray[Any] | None], parts: list[PrimitiveArrays]
 def _list_left_out(document: Document, meshes: Iterable[int], colors: list[BaseColor]) -> dict[str, None]:
     """Return the names of all data in the file and in the `meshes` of the scene that is not read.
 
-    Malformed entries are skipped, because the reader does not use them.
+    Malformed entries of the JSON are skipped, because the reader does not use them.
     """
     parts: dict[str, None] = {}
     textures = [color.texture for color in colors if color.texture is not None]

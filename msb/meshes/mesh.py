@@ -31,8 +31,8 @@ class Mesh:
     Parameters
     ----------
     vertices : (V, 3) float32 or float64
-        Positions in the precision of the file. Their unit is metres if the file states its unit, else the
-        unit of the file. Unused vertices and non-finite coordinates are included.
+        Positions in the precision of the file. Positions are in metres if the file states its unit, else in
+        the unit of the file. Unused vertices and non-finite coordinates are included.
     faces : (F, 3) int64
         Vertex indices as stored. Indices may be out of range (negative, or V and more), which an audit
         reports.
@@ -47,7 +47,7 @@ class Mesh:
         `corner_uvs` or `vertex_uvs`.
     vertex_keys, corner_keys : (V,), (3F,) uint32, optional
         A hash of the attributes of each vertex or corner that are not read, such as normals and tangents
-        (`msb.base.seam_keys.hash_attributes`). These keys explain duplicated vertices, and are not written.
+        (`msb.base.seam_keys.hash_attributes`). Seam keys explain duplicated vertices, and are not written.
     corner_normals : (3F, 3) float32, optional
         Unit normals per face corner, for writing only (`msb.meshes.normals`).
     textures : tuple of (H, W, 3) or (H, W, 4) uint8

@@ -45,8 +45,8 @@ def choose_materials(mesh: Mesh) -> tuple[Mesh, list[WrittenMaterial], NDArray[n
         tint[is_uniform] = as_floats(mesh.vertex_colors[mesh.faces[is_uniform, 0]])[:, :3]
     color = _multiply(texels[textures], tint)
     color[~is_uniform] = texels[textures[~is_uniform]]
-    # In a file without images, readers may ignore Kd if there are vertex colours. Therefore uniform textures
-    # stay images in this case.
+    # In a file without images, readers may ignore Kd if there are vertex colours. In a file without images,
+    # uniform textures therefore stay images.
     needs_image = len(plain) == len(mesh.textures) and not is_uniform.all()
     stays = ~np.isin(textures, plain) | (~is_uniform & needs_image & (color != 1).any(axis=1))
     rows = np.column_stack((np.where(stays, textures, -1), np.where(stays[:, None], 1, color)))

@@ -68,7 +68,7 @@ class _Material:
     def is_masked(self) -> bool:
         """Whether the alpha channel of the image cuts holes.
 
-        This is the case if the opacity map is the same file.
+        The alpha channel cuts holes if the opacity map is the same file.
         """
         return self.image is not None and self.mask == self.image
 
@@ -180,9 +180,9 @@ def _read_coordinates(
 ) -> tuple[NDArray[np.float32], NDArray[np.int64], NDArray[np.int64]]:
     """Return the texture coordinates of an OBJ file, and the row of coordinates for each polygon corner.
 
-    The first array has the coordinates (T + 1, 2), with v downwards. The last row of the coordinates is for
-    corners without coordinates. The second array (C,) has the row of each corner, and the third array (P,)
-    the byte offset of each polygon.
+    The first array has the texture coordinates (T + 1, 2), with v downwards. The last row of texture
+    coordinates is for corners without coordinates. The second array (C,) has the coordinate row of each
+    corner, and the third array (P,) the byte offset of each polygon.
     """
     uvs, corners, lines, above = [], [], [], 0
     for words in word_blocks(text, comments=True):

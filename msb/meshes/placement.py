@@ -75,8 +75,8 @@ class Placement:
 def place(mesh: Mesh, *, is_upright: bool) -> Mesh:
     """Return a mesh in the form for a file: in metres if its unit is known, and with +y up if `is_upright`.
 
-    `mesh` is in the coordinates of the capture. The result has a `placement` if it differs from `mesh`, or if
-    a unit is recorded.
+    `mesh` is in the coordinates of the capture. The written mesh has a `placement` if it differs from `mesh`,
+    or if a unit is recorded.
     """
     frame = mesh.frame or Frame()
     up = frame.up if frame.up is not None else (None if mesh.up is None else parse_up(mesh.up))
@@ -120,7 +120,7 @@ def _rotate_to_y(up: NDArray[np.float64]) -> NDArray[np.float64]:
 def take_back(mesh: Mesh, data: Any) -> Mesh:
     """Return a mesh in the coordinates of the capture, which the JSON `data` of its file records.
 
-    Invalid data is ignored, because any program may have written it.
+    Invalid placement data is ignored, because any program may have written it.
     """
     placement = _parse(data)
     if placement is None:

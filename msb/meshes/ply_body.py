@@ -1,8 +1,8 @@
 """Finds the rows of each element in the body of a PLY file, and reads a property of all rows at once.
 
 Offsets count bytes in a binary body and numbers in a text body. The properties of a row follow each other
-without gaps. The offset of a property is therefore the offset of its row plus the widths of the properties
-before it. This offset is computed for all rows at once.
+without gaps. The offset of a property is the offset of its row plus the widths of the properties before it.
+The offsets of a property are computed for all rows at once.
 """
 
 import struct

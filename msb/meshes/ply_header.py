@@ -24,8 +24,8 @@ TYPES = {name: kind for kind, names in _NAMES.items() for name in names.split()}
 # NumPy byte orders, by PLY format. Text has none.
 FORMATS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 
-# Largest header in bytes. Usual headers have a few thousand bytes. The limit ends the search if "end_header"
-# is missing.
+# Largest header in bytes. Usual headers have a few thousand bytes. The size limit ends the search if
+# "end_header" is missing.
 MAX_HEADER_BYTES = 1 << 20
 
 _COUNT = re.compile(r"\d{1,18}")

@@ -13,8 +13,8 @@ _AREA_TOLERANCE = 1e-6
 # Rounding error of areas for float32 coordinates, relative to the squared size of a polygon.
 _ROUNDING = 4e-7
 # Limit of the work for cutting ears. The work is the sum of the squared numbers of corners of all polygons.
-# The limit of this sum is a fixed number, plus a number for each corner of the file. Polygons beyond the
-# limit become triangle fans. In a small file, outlines of up to 2,048 corners are triangulated, which takes a
+# The work limit is a fixed number, plus a number for each corner of the file. Polygons beyond the limit
+# become triangle fans. In a small file, outlines of up to 2,048 corners are triangulated, which takes a
 # second.
 _WORK, _WORK_PER_CORNER = 1 << 22, 64
 # Number of array elements (polygons x corners) that are processed at a time.
@@ -153,8 +153,8 @@ def _cross(a: Floats, b: Floats) -> Floats:
 def _judge_fans(placed: Floats) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Return two masks (P,) of polygons (3, P, n) with overlapping fan triangles.
 
-    The first mask selects polygons with reversed triangles in their fans. Ears can be cut from these
-    polygons. The second mask selects polygons that cross themselves.
+    The first mask selects polygons whose fans have reversed triangles. Ears can be cut from these polygons.
+    The second mask selects polygons that cross themselves.
     """
     with np.errstate(all="ignore"):
         # across (3, P, n - 2): twice the area of each fan triangle, along its normal. The sum over the
@@ -205,7 +205,7 @@ def _project(placed: Floats) -> tuple[Floats, Floats]:
     axis = np.argmax(np.abs(normal), axis=0)
     every = np.arange(len(axis))
     # axes (2, P): the two axes after the dropped axis, in cyclic order. The two axes are swapped if the
-    # normal is negative.
+    # normal's component along the dropped axis is negative.
     axes = np.stack(((axis + 1) % 3, (axis + 2) % 3))
     is_down = normal[axis, every] < 0
     axes[:, is_down] = axes[::-1, is_down]
@@ -229,7 +229,7 @@ def _cut_ears(x: Floats, y: Floats, counts: NDArray[np.int64]) -> tuple[NDArray[
         ear = np.argmax(scores, axis=1)
         before, after = ring.before[every, ear], ring.after[every, ear]
         triangles[:, number] = np.stack((before, ear, after), axis=1)
-        # The remaining corners are the last triangle. The last triangle must not be reversed.
+        # The remaining corners are the last triangle. The last triangle of a polygon must not be reversed.
         left = counts - number
         is_right = ring.area(before, ear, after) >= -_ROUNDING
         is_cut &= (left < 3) | np.where(left == 3, is_right, scores[every, ear] > _NO_EAR)

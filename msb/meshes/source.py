@@ -65,8 +65,8 @@ class Source:
     def not_a(self, name: str, why: str) -> MeshFileError:
         """Return the error for content that is not of format `name`.
 
-        If the content looks like another format, the error names that format. Otherwise it gives the reason
-        `why`.
+        If the content looks like another format, the error names that format. If no format is recognised, the
+        error gives the reason `why`.
         """
         other = self.looks_like()
         if other is not None and other.title != name:

@@ -33,7 +33,7 @@ def read(source: Source) -> Mesh:
     """Read a binary or text STL file. Several solids are concatenated; normals and attributes are ignored.
 
     Vertices of text files are also float32, unless they need an origin. With float64, the areas of published
-    files would change by 2e-8. There are 3F vertices, and the faces are (0, 1, 2), (3, 4, 5), and so on.
+    files would change by 2e-8. The mesh has 3F vertices, and the faces are (0, 1, 2), (3, 4, 5), and so on.
     """
     data = source.data
     declared = struct.unpack_from("<I", data, 80)[0] if len(data) >= _HEADER_BYTES else 0
@@ -113,7 +113,7 @@ def _check_order(text: Source, codes: NDArray[np.uint8], places: NDArray[np.int6
     `codes` (L,) are the codes of the lines' first words, `places` (L,) the byte offsets of the lines.
     """
     between = codes >= _CODES[b"solid"]
-    # All other lines must be complete faces, with lines in this order.
+    # All lines except "solid" and "endsolid" must be complete faces, with lines in this order.
     in_faces = np.flatnonzero(~between)
     expected = np.resize(_FACE_CODES, len(in_faces))
     wrong = in_faces[codes[in_faces] != expected]
@@ -129,6 +129,6 @@ def _check_order(text: Source, codes: NDArray[np.uint8], places: NDArray[np.int6
         raise text.line_error("MESH_FILE_TRUNCATED", int(places[-1]), "the file ends without 'endsolid'")
 
 
-# The signature of text files; binary files have none.
+# Signature of STL text files; binary files have no signature.
 _BEGINS = re.compile(rb"\s*+solid\b", re.IGNORECASE)
 FORMAT = Format("STL", (".stl",), read, write, begins=_BEGINS, is_soup=True, is_single=True)

@@ -26,8 +26,8 @@ EXACT_INTEGER = 2**53
 
 _IS_SPACE = np.isin(np.arange(256), list(b" \t\n\r\v\f"))
 _IS_FRACTION = np.isin(np.arange(256), list(b".eEnN"))
-# A number. The possessive quantifiers (++, *+) never backtrack. Therefore a million digits followed by a
-# letter are rejected in linear time.
+# A number. The possessive quantifiers (++, *+) never backtrack. So a million digits followed by a letter are
+# rejected in linear time.
 _NUMBER = re.compile(rb"[+-]?((\d++\.?\d*+|\.\d++)(e[+-]?\d++)?|inf|infinity|nan(\(\w*+\))?)", re.IGNORECASE)
 
 

@@ -58,8 +58,8 @@ class Material:
     cutoff : float, optional
         The alpha cut-off.
     color : tuple of float, optional
-        The colour (RGB, linear light). This colour is multiplied with the image, and replaces a missing
-        primvar.
+        The colour (RGB, linear light). The uniform colour is multiplied with the image, and replaces a
+        missing primvar.
     primvar : str, optional
         The primvar with the colours of the mesh.
     """
@@ -153,8 +153,8 @@ class MaterialReader:
             )
             return UNBOUND
         cutoff = self._read_cutoff(surface, reader)
-        # A scale from 0 to 1 without bias is a colour that is multiplied with the image. Other values of
-        # scale and bias change the texels of the image.
+        # A scale from 0 to 1 without bias is a colour that is multiplied with the image. Scales and biases
+        # with other values change the texels of the image.
         scale = _vector(self._follow(reader, "scale").value, _ONES)
         bias = _vector(self._follow(reader, "bias").value, _ZEROS)
         color = None
@@ -262,8 +262,8 @@ def list_numbers(value: Any) -> Vector:
 def unite_textures(materials: list[Material], left_out: dict[str, None]) -> tuple[tuple[str, str], Any]:
     """Return the wrap modes and the alpha cut-off of a mesh with these textured materials.
 
-    A mesh has only one sampler. The first material sets the wrap modes; the cut-off is the smallest cut-off
-    of all materials.
+    A mesh has only one sampler. The first material sets the wrap modes; the alpha cut-off is the smallest of
+    all materials.
     """
     cutoffs = {material.cutoff for material in materials if material.cutoff is not None}
     if len({material.wraps for material in materials}) > 1:

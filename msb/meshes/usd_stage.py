@@ -25,8 +25,8 @@ _DOMAINS = {"uniform": "face", "faceVarying": "corner"}
 class _PrimArrays:
     """The triangles of a mesh prim with their colours, UVs and textures.
 
-    `colors` (linear light) and `uvs` are None if the prim has none. `textures` (F,) are image numbers.
-    `normals` explain duplicated vertices and are not kept.
+    `colors` (linear light) and `uvs` are None if the prim does not define them. `textures` (F,) are image
+    numbers. `normals` explain duplicated vertices and are not kept.
     """
 
     points: NDArray[Any]

@@ -1,8 +1,8 @@
 """Writes VTK XML PolyData (.vtp): points, and cells of one, two and three points with cell data.
 
-The layout is defined in "VTK XML file formats" of the VTK documentation. All arrays are raw data in one
-appended block; a 64-bit byte count precedes each array. VTK itself, a large optional dependency (extra
-`view`), is not needed.
+The layout is defined in "VTK XML file formats" of the VTK documentation. All arrays of a VTP file are raw
+data in one appended block; a 64-bit byte count precedes each array. VTK itself, a large optional dependency
+(extra `view`), is not needed.
 """
 
 from collections.abc import Mapping, Sequence

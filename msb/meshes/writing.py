@@ -9,8 +9,8 @@ from msb.base.origin import Origin, find_origin
 from msb.errors import MeshError, OutputError
 from msb.meshes.mesh import Mesh
 
-# Number of rows that are formatted and written at a time. This number limits the memory that a writer needs
-# in addition to the mesh.
+# Number of rows that are formatted and written at a time. Writing this number of rows at a time limits the
+# memory that a writer needs in addition to the mesh.
 ROWS_AT_A_TIME = 1 << 16
 
 

@@ -45,7 +45,7 @@ def run_attempt(
 
 
 def work(word: str, arrays: Mapping[str, NDArray[Any]]) -> tuple[Any, dict[str, NDArray[Any]]]:
-    """Run the attempt "TASK LIBRARY". This function runs in the child process."""
+    """Run the attempt "TASK LIBRARY". The attempt runs in the child process."""
     name, library = word.split()
     task = TASKS[name]
     attempt = next(entry for entry in (*task.attempts, *task.fallbacks) if entry.library == library)

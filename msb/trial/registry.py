@@ -12,7 +12,7 @@ from msb.errors import UsageError, shorten
 if TYPE_CHECKING:
     from msb.trial.task import Attempt, Task
 
-# The modules of `msb.trial.tasks`, in the order of the printed results. Each of these modules has a tuple
+# The modules of `msb.trial.tasks`, in the order of the printed results. Each module of tasks has a tuple
 # `TASKS`.
 _MODULES = ("uv", "decimate", "subdivide", "boolean", "collision", "solid", "self_intersections")
 

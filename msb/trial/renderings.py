@@ -33,11 +33,11 @@ _DARKEST = 0.4
 
 
 class Renderings:
-    """Renderings of the original mesh by all cameras, and comparisons of results with them.
+    """Renderings of the original mesh by all cameras, and comparisons of results with these renderings.
 
     No result can be judged without an OpenCL device, if no camera sees the mesh, or if the mesh covers too
-    few pixels. In that case `why_not` is the reason, and all methods return None or an empty result.
-    `blind_cameras` is the number of cameras that do not see the mesh and are ignored.
+    few pixels. If no result can be judged, `why_not` is the reason, and all methods return None or an empty
+    result. `blind_cameras` is the number of cameras that do not see the mesh and are ignored.
     """
 
     def __init__(self, mesh: TrialMesh, views: ChosenViews, device: str | None = None) -> None:
@@ -84,8 +84,8 @@ class Renderings:
         """Return the fraction of `points` (n, 3) that lie in empty space for at least one camera.
 
         A point lies in empty space for a camera if its pixel shows the background, or if it is more than
-        `tolerance` in front of the visible surface. Points outside all images are ignored. The result is None
-        if no point is in an image.
+        `tolerance` in front of the visible surface. Points outside all images are ignored. The fraction is
+        None if no point is in an image.
         """
         depths = [depth for _, depth in self._originals]
         if not depths:
@@ -108,8 +108,8 @@ class Renderings:
     def picture(self, mesh: TrialMesh, camera: Camera | None = None) -> NDArray[np.uint8] | None:
         """Return a small image (H, W, 3) of `mesh`; None without a device or without faces.
 
-        `camera` renders the image. By default this is the first camera, with faces shaded by their angle to
-        it.
+        `camera` renders the image. The default is the first camera, with faces shaded by their angle to the
+        camera.
         """
         if not len(mesh.faces) or (camera is None and not self.cameras):
             return None

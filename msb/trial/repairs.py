@@ -54,7 +54,7 @@ STRATEGIES: dict[str, tuple[tuple[str, ...], Peer | None]] = {
     "cut by igl": (("cut",), "igl"),
     "drop by pymeshlab": (("drop",), "pymeshlab"),
 }
-# The tasks that are tried on every result by default. These tasks take only seconds.
+# The tasks that are tried on every result by default. The default tasks take only seconds.
 TASKS = ("uv", "decimate_50", "subdivide", "boolean", "solid")
 
 

@@ -46,8 +46,8 @@ class Attempt:
         A function of the mesh and the arrays of `Task.prepare`. Exceptions of the function are reported as
         the reason of a failure.
     any_unit : bool
-        True if the result does not depend on the unit of length, so that the mesh is passed as stored.
-        Otherwise inputs and outputs are in the unit of `msb.trial.attempts`.
+        True if the result does not depend on the unit of length, so that the mesh is passed as stored. If
+        false, inputs and outputs are in the unit of `msb.trial.attempts`.
     """
 
     library: str

@@ -140,7 +140,9 @@ class _Arrays:
         factor = _shrink_factor(stored, plan_positions) if may_be_shrunk else None
         if factor is None:
             self.add("positions", plan_positions)
-            if len(stored) != len(plan_positions):  # the asset shares vertices, but the plan duplicates them
+            if len(stored) != len(
+                plan_positions
+            ):  # the asset shares vertices, but the plan duplicates these vertices
                 return
         self.add("stored positions", stored)
         if factor is not None:
@@ -205,8 +207,8 @@ def make_page(
     except DeviceError:
         limits = _LARGER
         plans = _make_plans(packed, limits, "WebGPU on most graphics cards")
-    # Store the arrays of the first plan. The other plans refer to these arrays, and only add arrays that
-    # differ.
+    # Store the arrays of the first plan. Later plans refer to the arrays of the first plan, and only add
+    # arrays that differ.
     arrays = _Arrays()
     first = plans[MODES[0]]
     for array_name, array in first.data.items():
@@ -311,8 +313,8 @@ def _live_settings(
 ) -> list[dict[str, Any]]:
     """Return the settings that the page can change, because they only affect the camera's uniform buffer.
 
-    Each setting has `name`, the current `value` and `options`. Each option is a possible value, with the
-    members of the buffer that the value sets.
+    Each setting has `name`, the current `value` and `options`. Each option of a setting is a possible value,
+    with the members of the buffer that the value sets.
     """
     live = []
     values = effective_settings(asset.manifest, settings)
@@ -350,7 +352,7 @@ def _differ_in_record_only(model: SplatModel | Surface, other: SplatModel | Surf
 def _orbit_sphere(asset: Asset) -> dict[str, Any]:
     """Return the sphere that a free camera orbits, around the framed part or around most vertices.
 
-    In captures, some faces are far away from the others. A camera orbit around the whole bounding sphere
+    In captures, some faces are far away from most faces. A camera orbit around the whole bounding sphere
     would be too far from the model.
     """
     whole = find_framing(asset)

@@ -21,7 +21,7 @@ from msb.engines.dedicated_page.storage import CHUNK, LEVELS, find_exponents
 GRID = 65000
 # Buffers whose values are rounded to 256 values per column.
 _ROUNDED = ("f_dc", "f_rest", "opacity", "sigma")
-# Feature lattices with values from 0 to 1. These lattices are rounded to bytes, as in the official web
+# Feature lattices with values from 0 to 1. Lattice values are rounded to bytes, as in the official web
 # export.
 _BYTES = ("features.lattice", "features.opacity")
 # Number of histogram bins for choosing the 256 values.
@@ -108,7 +108,7 @@ def _morton_keys(points: NDArray[np.float32]) -> NDArray[np.uint64]:
     """Return the positions (N,) of points (N, 3) along a Morton curve, with 16 bits per axis.
 
     The curve fills a box from the 1st to the 99th percentile of each coordinate. So a few distant faces do
-    not reduce the resolution of the curve.
+    not reduce the resolution of the Morton curve.
     """
     low, high = np.quantile(points, [0.01, 0.99], axis=0)
     share = np.clip((points - low) / np.maximum(high - low, 1e-30), 0, 1)
@@ -141,7 +141,7 @@ def select_faces(asset: Asset, faces: NDArray[np.integer[Any]]) -> Asset:
 
 
 def _with_buffers(asset: Asset, buffers: Mapping[str, NDArray[Any]]) -> Asset:
-    """Return a copy of `asset` with these buffers, read-only, and a manifest that describes them."""
+    """Return a copy of `asset` with read-only buffers, and a manifest for these buffers."""
     specs = {
         name: replace(spec, shape=tuple(buffers[name].shape), dtype=buffers[name].dtype.name)
         for name, spec in asset.manifest.buffers.items()

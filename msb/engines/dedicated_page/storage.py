@@ -29,7 +29,7 @@ LEVELS = 256
 # Maximum number of distinct rows in the encoding "rows".
 _MAX_ROWS = 1 << 16
 # Number of rows that are tested before the whole array. If an encoding cannot store an array, a test of the
-# first rows usually detects this.
+# first rows usually shows this early.
 _SAMPLE = 4096
 _HIGHEST_CODE = 65535
 # Number of bits of the mantissa of a float32.
@@ -53,7 +53,7 @@ class Stored:
 
 
 def store(array: NDArray[Any]) -> Stored:
-    """Return an array in compressed form, in the first encoding that can store it.
+    """Compress an array in the first encoding that can store it.
 
     `array` is float32, uint32 or uint8 and has one or two axes.
     """

@@ -34,8 +34,8 @@ class ComputePass:
     """A compute dispatch of the entry point `entry`.
 
     `groups` is the number of workgroups. If `groups` is None, the number is read at byte `indirect` of the
-    buffer `arguments`. If `groups` and `indirect` are None, each pixel of the band has one invocation. In
-    this case, a workgroup has 64 pixels of a row.
+    buffer `arguments`. If `groups` and `indirect` are None, each pixel of the band has one invocation. With
+    one invocation per pixel, a workgroup has 64 pixels of a row.
     """
 
     stage: str

@@ -37,9 +37,9 @@ _BLOCK = 2048
 _DIGIT_BITS = 4
 _KEY_BITS = 32
 # In some methods, a sample skips all remaining faces once its transmittance is below a threshold; the sample
-# stops. For methods that stop samples, faces are drawn in this number of chunks. In this pipeline, the
-# transmittance is only known between chunks. More chunks are more accurate, but slower. With 32 chunks all
-# golden views have at least 70 dB; docs/dedicated.md has measurements.
+# stops. For methods that stop samples, faces are drawn in this number of chunks. While faces are blended by
+# hardware, the transmittance is only known between chunks. Blending in more chunks is more accurate, but
+# slower. With 32 chunks all golden views have at least 70 dB; docs/dedicated.md has measurements.
 STOPS = 32
 _STOPS_EARLY = re.compile(r"^const STOP = ", re.MULTILINE)
 _TYPES = {"float32": "f32", "int32": "i32", "uint32": "u32"}

@@ -26,8 +26,8 @@ from msb.scenes.colors import Color
 # Texture formats of the render targets: float32 or half floats for blending, or face numbers for a z-buffer.
 FLOAT, HALF, NUMBERS = "rgba32float", "rgba16float", "r32uint"
 _BLENDS = {FLOAT: "float32", HALF: "half floats"}
-# Maximum number of samples of a band, by format. These numbers limit the memory of the render targets: 256
-# MiB for blending (colour and depth), 128 MiB for face numbers with their depths.
+# Maximum number of samples of a band, by format. The maximum number of samples limits the memory of the
+# render targets: 256 MiB for blending (colour and depth), 128 MiB for face numbers with their depths.
 _ROOM = {FLOAT: 1 << 23, HALF: 1 << 24, NUMBERS: 1 << 24}
 
 

@@ -1,8 +1,9 @@
 """Loop subdivision by libigl: check whether Loop's rule is defined, and measure opening cracks.
 
 Loop's rule is defined for edges with one face and with two faces. Modelling programs make the winding
-consistent, cut the mesh at all other edges, and subdivide the result. This module follows the same steps. The
-copies of a cut edge are smoothed independently, which opens a crack between them.
+consistent, cut the mesh at all other edges, and subdivide the result. The subdivision in this module follows
+the steps of modelling programs. The copies of a cut edge are smoothed independently, which opens a crack
+between them.
 """
 
 from typing import Any
@@ -84,8 +85,8 @@ def _measure_lone_share(mesh: HalfEdgeMesh) -> float:
 def cut_apart(faces: NDArray[Any], vertex_count: int) -> tuple[NDArray[np.int64], NDArray[Any]]:
     """Return the faces (F, 3) after cuts at all edges except consistently wound edges of two faces.
 
-    Every vertex of the result is the centre of a single fan of faces. The second array (W,) has the old
-    vertex of each new vertex.
+    Every vertex of the result is the centre of a single fan of faces. The second returned array (W,) has the
+    old vertex of each new vertex.
     """
     mesh = build_half_edges(faces, vertex_count)
     change = split_vertices(mesh, *find_agreeing_halfedges(mesh))
@@ -153,8 +154,8 @@ def _find_middles(
     corner = corners[rows, turn]
     pairs = [(corner, corners[rows, (turn + k) % 3]) for k in (1, 2)]
     vertex, middle = (np.concatenate(column) for column in zip(*pairs, strict=True))
-    # The middle of an edge is paired with both ends of the edge. Such a pair occurs once for each face at the
-    # edge.
+    # The middle of an edge is paired with both ends of the edge. A pair of a middle and an end occurs once
+    # for each face at the edge.
     ends = np.unique(np.stack([middle, vertex], axis=1), axis=0)
     low, high = ends[0::2, 1], ends[1::2, 1]
     # Find the edges by a key made of their two ends.
