@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 # Texture cells of a triangle soup.
 #
 # Number of smaller mip levels in which no texel mixes the colours of two faces. Each further level doubles
-# the margins around faces. Use the first number if faces then keep at least `_MIN_SCALE` times their
-# requested side lengths, otherwise the second.
+# the margins around faces. Use the first number of levels if faces then keep at least `_MIN_SCALE` times
+# their requested side lengths, otherwise the second number.
 MIP_LEVELS = (2, 1)
 _MIN_SCALE = 0.7
 # Subtract this number of texels from both legs of a face. The shortening exceeds the rounding error of
@@ -162,7 +162,7 @@ def _make_cells(legs: Floats, block: int) -> _Cells:
 
 
 def _fill_rows(sides: Ints, blocks: int) -> Ints | None:
-    """Place texture cells in rows, the highest first; return their places (C, 2), or None without space."""
+    """Place texture cells in rows, the highest first; return the places (C, 2), or None if too many."""
     order = np.lexsort((-sides[:, 0], -sides[:, 1]))
     width, height = sides[order].T
     ends = np.cumsum(width)
@@ -304,8 +304,8 @@ def _cut_charts(vertices: Singles, faces: NDArray[np.uint32]) -> tuple[Floats, I
         places.append(uv.astype(np.float64) * (cut.width, cut.height))
         charts.append(np.asarray(cut.get_mesh_vertex_assignment(number)[1]).astype(np.int64))
     chart = np.concatenate(charts)
-    # xatlas assigns faces without an area to no chart; their chart number is huge. Assign such invisible
-    # faces to any chart.
+    # xatlas assigns faces without an area to no chart; their chart number is huge. Faces without an area are
+    # invisible, so assign them to any chart.
     chart[chart >= cut.chart_count] = 0
     return np.concatenate(places), joined, chart
 

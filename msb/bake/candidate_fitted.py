@@ -30,9 +30,9 @@ _STEP_LENGTHS = 0.015, 0.0005
 # Number of pixels of the largest image that is used to move faces. Moving faces takes longer in proportion to
 # the size of the images.
 PIXELS_TO_MOVE = 1 << 18
-# If a method has no static colours, the colours vary within each face. Faces are therefore cut into four,
-# unless the new number of faces would exceed this limit or the face budget. With more faces, each face would
-# cover too few pixels of the images.
+# If a method has no static colours, the colours vary within each face. Faces with varying colours are cut
+# into four, unless the new number of faces would exceed this limit or the face budget. With more faces, each
+# face would cover too few pixels of the images.
 _MAX_QUARTERED = 20_000
 # The default face budget is one face per 2.5 pixels of the model, counted in an average view or in the
 # smaller images that move faces. With smaller faces, the faces follow the pixel grid of the training images,
@@ -70,7 +70,7 @@ def make_fitted(
         The face budget.
     pixels : int, optional
         The number of pixels of a view. Without `faces`, the face budget is the number of triangles that show
-        the model. Large faces are halved if the budget has room for more faces.
+        the model. Large faces are halved if the budget allows more faces.
 
     Raises
     ------

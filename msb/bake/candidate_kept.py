@@ -27,12 +27,12 @@ MIN_FACE_PIXELS = 2.0
 
 
 def make_kept(asset: Asset, context: SearchContext, weights: BlendingWeights | None = None) -> Mesh:
-    """Return the model's triangles without pruned ones, with vertex colours fitted to the training images.
+    """Return the model's triangles after pruning, with vertex colours fitted to the training images.
 
     The validation images decide which triangles are pruned. If the images are standard-tier images of the
     same triangles, no triangle is pruned. Shared vertices stay shared and have one colour. A mesh that is not
     manifold or not consistently wound is repaired. Unseen triangles of a connected mesh keep their colours;
-    those of a soup are dropped.
+    unseen triangles of a soup are dropped.
 
     Raises
     ------
@@ -55,14 +55,14 @@ def make_kept(asset: Asset, context: SearchContext, weights: BlendingWeights | N
 
 
 def rejoin_cuts(mesh: Mesh) -> Mesh:
-    """Return a kept mesh for a texture, with cut edges merged that only its vertex colours needed."""
+    """Return a kept mesh for a texture, without the cut edges that only vertex colours need."""
     if is_uncut_soup(mesh.vertices, mesh.faces):
         return mesh
     whole = merge_seams(mesh)
     if whole is mesh:
         return mesh
     # The repair in `make_kept` treated the two sides of a cut edge as unconnected. The merged mesh is
-    # therefore repaired again, which also restores the cut edges of the first repair.
+    # repaired again, which also restores the cut edges of the first repair.
     repaired = repair_mesh(whole, Options())[0]
     return repaired if len(repaired.vertices) < len(mesh.vertices) else mesh
 

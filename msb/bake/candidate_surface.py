@@ -50,13 +50,13 @@ _PIXELS_PER_FACE = 2
 CELLS = 144
 # The coarsest tried grid has this number of cells along its longest side: 144 halved three times.
 _MIN_CELLS = 18
-# A grid of 288 cells per side is only tried if 144 cells have less than 75 % of the error of 72 cells. With
-# less improvement, the finer grid only follows the noise of the soup, which moving vertices does not remove.
-# With an uneven soup, a grid of 288 cells lost up to 8 dB. If the condition holds, 288 cells gain up to 1.4
-# dB.
+# A grid of 288 cells per side is only tried if 144 cells have less than 75 % of the error of 72 cells. If
+# twice the cells reduce the error less, the finer grid only follows the noise of the soup, which moving
+# vertices does not remove. With an uneven soup, a grid of 288 cells lost up to 8 dB. If the grid of 288 cells
+# passes this test, it gains up to 1.4 dB.
 _MAX_ERROR_RATIO = 0.75
-# If the time limit for moving vertices is shorter, only one grid is tried. For a scene, further grids would
-# take many times as long.
+# If the time limit for moving vertices is below this value, only one grid is tried. For a scene, further
+# grids would take many times as long.
 _MIN_SECONDS_TO_COMPARE = 2.0
 # A note is printed if the face count differs from the budget by more than this factor.
 _BUDGET_TOLERANCE = 1.25
@@ -105,9 +105,9 @@ def make_surface(
     """Return a closed, manifold, consistently wound mesh that looks like `model`, and notes for the user.
 
     The model is an opaque soup, or Gaussians. The depths of the model in the training views define a solid.
-    The boundary of the solid is reduced to about `faces` faces. By default the number of faces is the number
-    that views of `pixels` pixels can show. The vertices are then moved for at most `seconds`, and the state
-    with the smallest validation error is kept. The resulting mesh has vertex colours.
+    The boundary of the solid is reduced to about `faces` faces. By default, the surface has as many faces as
+    views of `pixels` pixels can show. The vertices are then moved for at most `seconds`, and the state with
+    the smallest validation error is kept. The resulting mesh has vertex colours.
 
     An object is enclosed from outside. A scene is enclosed from inside: its faces look inwards, and a distant
     shell shows the sky.
@@ -291,7 +291,7 @@ def _fit_surface(
         space.from_world(mesh.vertices.astype(np.float64)), faces, space
     )
     if len(crossing):
-        notes.append(f"{len(crossing):,} faces of the surface cross others and could not be repaired")
+        notes.append(f"{len(crossing):,} faces of the surface cross other faces and could not be repaired")
     return mesh, notes
 
 
@@ -316,9 +316,9 @@ def _reduce(surface: ClosedSurface, budget: int, context: SearchContext) -> Redu
     """Make two or three surfaces with about `budget` faces and without crossing faces; return the best.
 
     In the first surface, unseen parts are made coarse before the reduction. The second surface is best unless
-    coarse parts cut through visible parts of the surface. The second surface keeps unseen parts as they are.
-    With a small budget, a third surface is reduced to twice as many faces, its thin parts are repaired, and
-    it is reduced again.
+    coarse parts cut through visible parts of the surface. In the second surface, unseen parts are not made
+    coarse. With a small budget, a third surface is reduced to twice as many faces, its thin parts are
+    repaired, and it is reduced again.
     """
     budget, original_faces = max(budget, MIN_CLOSED_FACES), len(surface.faces)
     cameras, space = context.training.cameras, surface.space

@@ -55,7 +55,7 @@ def merge_small_charts(points: Floats, faces: Ints, plane: Floats, chart: Ints) 
 
 
 class _Merging:
-    """The state of a merge: places, charts, and the placed faces by cells of the plane of their chart."""
+    """The state of a merge: places, charts, and the placed faces in the grid cells of their chart."""
 
     def __init__(self, points: Floats, faces: Ints, plane: Floats, chart: Ints, area: Floats) -> None:
         self.plane, self.chart = plane, chart
@@ -110,7 +110,7 @@ class _Merging:
         return [(min(pair), max(pair)) for pair in ((a, b), (b, c), (c, a))]
 
     def _unfold(self, face: int, host: int) -> bool:
-        """Place a face next to `host`, about their common edge; return whether it fits."""
+        """Place a face next to `host`, about their common edge; return whether the face fits."""
         ours, theirs = self._faces[face].tolist(), self._faces[host].tolist()
         edge = [vertex for vertex in ours if vertex in theirs]
         if len(edge) != 2:

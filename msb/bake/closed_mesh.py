@@ -35,13 +35,13 @@ _MIN_VOTE = 0.002
 # first growth gives better meshes, but may exceed the face budget. The second growth is the default of
 # fast_simplification.
 _AGGRESSIVENESS, _HIGH_AGGRESSIVENESS = 5, 7
-# Two vertices are merged if together they cover fewer pixels than both limits allow. The first limit is in
-# pixels of an average view. The second limit is relative to the pixels of an average vertex after the
-# reduction. With these limits on merging, unseen parts of a walled scene have 10 % of the faces instead of
-# 43 %, and PSNR rises by 0.3 dB.
+# Two vertices are merged if the number of pixels that they cover together is below both limits. The first
+# limit is in pixels of an average view. The second limit is relative to the pixels of an average vertex after
+# the reduction. With these limits on merging, unseen parts of a walled scene have 10 % of the faces instead
+# of 43 %, and PSNR rises by 0.3 dB.
 _MAX_MERGED_PIXELS, _MAX_MERGED_SHARE = 2.0, 0.1
 # The merges use the edge collapses of a reduction to this share of the face budget. Unseen parts therefore do
-# not become coarser than in that reduction.
+# not become coarser than in a reduction to this share.
 _COARSEST_SHARE = 1 / 8
 # A surface is first reduced to this multiple of the face budget. All variants of the further reduction start
 # from this shared surface. The shared first reduction saves a fifth of the time and loses no detail that a
@@ -110,8 +110,8 @@ def drop_unused_points(points: Floats, faces: Ints) -> tuple[Floats, Ints]:
 def reduce_faces(points: Floats, faces: Ints, count: int, space: Space) -> tuple[Floats, Ints]:
     """Reduce the surface to about `count` faces by quadric error, and repair it to a closed manifold.
 
-    The cameras look at the middle of a scene, so the middle should get more faces. Errors are therefore
-    measured on a logarithmic scale of the distance from the middle.
+    The cameras look at the middle of a scene, so the middle should get more faces. Errors are measured on a
+    logarithmic scale of the distance from the middle.
     """
     for aggressiveness in (_AGGRESSIVENESS, _HIGH_AGGRESSIVENESS):
         points, faces = _reduce(points, faces, count, space, aggressiveness)
@@ -223,7 +223,7 @@ def repair_closed(points: Floats, faces: Ints) -> tuple[Floats, Ints]:
 
 
 def _drop_flaps(faces: Ints) -> Ints:
-    """Drop faces that use a vertex twice, and without pairs of coinciding faces."""
+    """Drop faces that use a vertex twice, and pairs of coinciding faces."""
     faces = faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)]
     _, first, count = np.unique(np.sort(faces, axis=1), axis=0, return_index=True, return_counts=True)
     rest: Ints = faces[np.sort(first[count % 2 == 1])]
@@ -327,8 +327,8 @@ def find_crossing_faces(points: Floats, faces: Ints, space: Space, moved: Mask |
     if not space.contracted:
         return np.unique(find_crossing_pairs(corners, of=tested))
     # Boxes in the contracted coordinates find candidate pairs of crossing faces. A face that is flat in the
-    # world is bent in these coordinates, so its box contains its corners, edge midpoints and centre: (F, 7,
-    # 3).
+    # world is bent in contracted coordinates, so its box contains its corners, edge midpoints and centre: (F,
+    # 7, 3).
     more = [(corners + np.roll(corners, 1, axis=1)) / 2, corners.mean(axis=1, keepdims=True)]
     bent = np.concatenate([corners, *more], axis=1)
     places = space.from_world(bent.reshape(-1, 3)).reshape(bent.shape)
@@ -361,7 +361,7 @@ def separate_vertices(mesh: Mesh) -> Mesh:
         again = again[count[again] > 0]
         if not len(again):
             break
-        # Move each of these vertices towards the average centre (n, 3) of its faces.
+        # Move each of the coinciding vertices towards the average centre (n, 3) of its faces.
         centers = np.repeat(vertices[mesh.faces].mean(axis=1), 3, axis=0)
         sums = [np.bincount(corners, axis, len(vertices))[again] for axis in centers.T]
         means = np.stack(sums, axis=1) / count[again, None]

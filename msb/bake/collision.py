@@ -63,8 +63,8 @@ _SKY_RADIUS = 1.9
 # Share of a sheet's faces on its visible side, and thickness of the sheet in near radii. The remaining faces
 # form the back and the rims of the sheet.
 _FRONT_SHARE, _SHEET_THICKNESS = 0.45, 0.02
-# A surface is first simplified to this multiple of its face budget, then to the budget. A single step would
-# give a far worse shape.
+# A surface is first simplified to this multiple of its face budget, then to the budget. Simplification in a
+# single step would give a far worse shape.
 _FIRST_STEP_FACTOR = 8
 # Largest number of hulls of surface patches; it limits the time to cut the patches.
 _MAX_HULLS = 256
@@ -86,7 +86,8 @@ class Collision:
     ----------
     mesh : Mesh
         Closed and consistently wound float32 mesh without colours. Hulls and boxes are wound outwards; a mesh
-        keeps the winding of the visible surface. The faces of a hull follow those of the previous one.
+        keeps the winding of the visible surface. The faces of each hull follow the faces of the previous
+        hull.
     kind : {"mesh", "hulls", "box"}
         The kind that was made, which may differ from the requested one.
     parts : int
@@ -295,8 +296,8 @@ def _reduce(solid: PointsAndFaces, count: int) -> PointsAndFaces:
     """Reduce a surface to about `count` faces, or to more faces if the shape would be destroyed."""
     finer = simplify(*solid, _FIRST_STEP_FACTOR * count)
     reduced = simplify(*finer, count)
-    # If the library cannot reach the requested count, it removes whole sides. Allow twice as many faces in
-    # that case.
+    # If the library cannot reach the requested count, it removes whole sides. Allow twice the requested
+    # number of faces in that case.
     while count < len(reduced[1]) < len(finer[1]):
         if measure_distances(sample_surface(*finer)[0], *reduced).mean() <= PROTRUSION:
             break

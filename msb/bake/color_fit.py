@@ -1,10 +1,10 @@
 """Fit static colours by least squares, so that opaque faces match images best.
 
 Let w be the barycentric weights of a face's corners at a pixel, and t the colour of the image there. The
-corner colours c minimise the sum of (w . c - t)^2 over the pixels that show the face. For a soup this gives a
-3 x 3 system per face; for a connected mesh it gives one sparse system for all vertices. Two small terms are
-added to the sum: differences along edges, and the distance to the previous colours. These two small terms
-keep corners with few or no pixels near their previous colours.
+corner colours c minimise the sum of (w . c - t)^2 over the pixels that show the face. For a soup, least
+squares give a 3 x 3 system per face; for a connected mesh, they give one sparse system for all vertices. Two
+small terms are added to the sum: differences along edges, and the distance to the previous colours. These two
+small terms keep corners with few or no pixels near their previous colours.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ PRIOR = 0.05
 # limits on colours, a face with one visible tip is extrapolated to black or white. Corners of entirely
 # visible faces reach 3 sigma; limits below 8 sigma reduce the PSNR.
 _MAX_SIGMA, _MARGIN = 8.0, 0.05
-# Number of rings of visible faces that are coloured together with adjacent unseen faces. Images of these
-# rings are unreliable, because their pixels contain as much background as face.
+# Number of rings of visible faces that are coloured together with adjacent unseen faces. Images of faces in
+# these rings are unreliable, because their pixels contain as much background as face.
 _STRIP_RINGS = 3
 # Weight of the previous colours when colours are extended to unseen faces. The previous colours only matter
 # for a part without any visible neighbour.
@@ -81,7 +81,7 @@ def fit_soup_colors(sums: FaceSums, colors: Singles, selected: Mask | None = Non
 
 
 def _solve_faces(products: Floats, targets: Floats, colors: Singles) -> Floats:
-    """Return the best corner colours (n, 3, 3) of faces with these sums."""
+    """Return the best corner colours (n, 3, 3) of faces, given their sums over pixels."""
     # Normal equations (n, 3, 3), with smoothness along the three edges and the previous colours as a prior.
     system = products + SMOOTHNESS * (3 * np.eye(3) - 1) + PRIOR * np.eye(3)
     targets = targets + PRIOR * colors
@@ -131,7 +131,7 @@ def _solve_faces_within(system: Floats, targets: Floats, x: Floats, low: Floats,
 def fit_mesh_colors(sums: FaceSums, faces: Ints, colors: Singles, laplacian: csr_matrix) -> Singles:
     """Return the best vertex colours (V, 3) in [0, 1] of a mesh with faces (F, 3) and previous `colors`.
 
-    `laplacian` is `make_edge_laplacian` of the faces.
+    `laplacian` is the result of `make_edge_laplacian` for the faces.
     """
     import scipy.sparse as sparse
 
@@ -158,8 +158,8 @@ def fit_mesh_colors(sums: FaceSums, faces: Ints, colors: Singles, laplacian: csr
 def _find_vertex_limits(products: Floats, faces: Ints, colors: Floats) -> tuple[Floats, Floats]:
     """Return the smallest and largest allowed vertex colours (3, V).
 
-    A vertex has the widest limits of its adjacent faces. Only visible faces contribute limits. Vertices
-    without a visible face have the limits 0 and 1.
+    A vertex has the widest limits of its adjacent faces. Only visible faces limit the colours of vertices.
+    Vertices without a visible face have the limits 0 and 1.
     """
     low, high = np.ones((3, len(colors))), np.zeros((3, len(colors)))
     seen = np.flatnonzero(products.any(axis=(1, 2)))

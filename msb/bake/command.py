@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 _UNSEEN = {
     "kept": "a triangle soup loses this area, a connected mesh keeps its old colours there",
     "fitted": "triangles there are dropped",
-    "surface": "a closed surface is closed there",
+    "surface": "a closed surface covers this area without images",
 }
 
 
@@ -92,8 +92,8 @@ def bake(
     measured on held-out views. The reference images are the photographs with --scene, else native renderings.
 
     An output folder contains asset.glb with its levels of detail and its collision shape, bake.json (the
-    output of --json), preview.png, and index.html, a page that shows all of them. In an existing folder, only
-    files of an earlier bake are replaced.
+    output of --json), preview.png, and index.html, a page with all results. In an existing folder, only files
+    of an earlier bake are replaced.
     """
     require(files.outputs, "Missing output. Pass -o with the file to write, for example -o model.glb")
     _check_files(files, views, typed)

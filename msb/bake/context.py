@@ -16,7 +16,8 @@ from msb.cl import Device
 if TYPE_CHECKING:
     from msb.bake.soup import Soup
 
-# Called as progress(stage, done, total). A true result stops the search early with the best result.
+# Called as progress(stage, done, total). If it returns true, the search stops early and keeps the best
+# result.
 ProgressHook = Callable[[str, int, int], bool]
 
 

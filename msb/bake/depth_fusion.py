@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 # Distances in cells. A cell `REACH` or more in front of a surface gets the largest vote, 1. A view does not
 # vote on a cell more than `BEHIND` behind the surface, because the surface hides that cell. `BEHIND` is
 # smaller than `REACH`, because views of the other side of a sheet vote against cells there. With equal
-# distances, leaves dissolved.
+# distances, thin leaves vanished from the solid.
 REACH, BEHIND = 3.0, 1.5
 # The surface is moved outwards by this number of cells, so that thin sheets and stems become solids that the
 # grid can resolve. `pull_in` moves the surface back where the solid is thick.
@@ -205,8 +205,8 @@ def complete_votes(votes: Singles, space: Space, grid: Grid) -> Singles:
 def pull_in(points: Floats, values: Singles, grid: Grid) -> Floats:
     """Return surface points (V, 3) moved inwards by half of `THICKNESS` where the solid is thick.
 
-    The sides of a thin sheet are not moved, because they would meet. Half of `THICKNESS` suffices, because
-    views from the side vote that the whole cell is free and so move the surface inwards already.
+    The sides of a thin sheet are not moved, because the two sides would meet. Half of `THICKNESS` suffices,
+    because views from the side vote that the whole cell is free and so move the surface inwards already.
     """
     from scipy.ndimage import map_coordinates
 

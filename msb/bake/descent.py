@@ -1,7 +1,7 @@
 """Gradient descent on the corners of an opaque soup reduces the squared error of its images.
 
 An opaque image changes at the borders between faces when the faces move. The kernel `sums` of bake.cl adds up
-the pixels at these borders, for a few views at a time. The resulting sums are the derivatives of the error by
+the pixels at face borders, for a few views at a time. The resulting sums are the derivatives of the error by
 the place of each corner. Corners move along the negative gradient by Adam's rule (Kingma and Ba 2015), with
 one scale for all coordinates of a face. Every few steps, colours are fitted again by least squares over the
 pixels of the last steps. Between descent steps, faces are hidden or shown if the change reduces the error

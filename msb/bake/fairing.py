@@ -29,7 +29,8 @@ _TURNS = 10
 # neighbours.
 _SHARES = 0.5, -0.53
 # A face is folded if the cosine between its normal and the sum of the surrounding normals, weighted by area,
-# is below this limit. At the rim of a thin sheet, this sum includes both sides, so the cosine is near 0.
+# is below this limit. At the rim of a thin sheet, the sum of the surrounding normals includes both sides, so
+# the cosine is near 0.
 _FOLDED = -0.3
 # Smallest length of the sum of the surrounding normals, relative to the sum of their lengths.
 _AGREEMENT = 0.5
@@ -54,8 +55,8 @@ def find_neighbours(faces: Ints, count: int) -> Neighbours:
     """Return the neighbours of the faces (F, 3) of a mesh with `count` vertices."""
     from scipy.sparse import csr_matrix
 
-    # The matrix has (V, F) is 1 if a face has a vertex, so has^T has (F, F) is positive for faces that share
-    # a vertex.
+    # The entry of `has` (V, F) is 1 if a face has a vertex, so the product `has.T @ has` (F, F) is positive
+    # for faces that share a vertex.
     rows, columns = faces.reshape(-1), np.repeat(np.arange(len(faces)), 3)
     has = csr_matrix((np.ones(len(rows), np.int8), (rows, columns)), shape=(count, len(faces)))
     pairs = (has.T @ has).tocsr()
@@ -97,7 +98,7 @@ def _unfold(points: Floats, faces: Ints, neighbours: Neighbours, average: csr_ma
 
     A folded face lies upside down between its neighbours. The filter of normals cannot turn a folded face,
     because its normal differs too much from the normals around it. The corners of a folded face move half way
-    to the average of their neighbours instead.
+    to the average of their neighbours.
     """
     vectors = face_vectors(points, faces)
     length = np.linalg.norm(vectors, axis=1)
@@ -145,8 +146,8 @@ def filter_normals(points: Floats, faces: Ints, neighbours: Neighbours, rounds: 
 def follow_normals(points: Floats, faces: Ints, normals: Floats, share: float = 1.0) -> Floats:
     """Move the points (V, 3) so that the faces turn towards the unit `normals` (F, 3); return the points.
 
-    A vertex v moves towards the planes of its faces, by `share` times the average over the faces of n (n . (c
-    - v)), where n is the normal and c the centre of a face.
+    A vertex v moves towards the planes of its faces, by `share` times the average over the faces of n dot(n,
+    c - v), where n is the normal and c the centre of a face.
     """
     corners = points[faces]
     offsets = np.einsum("fk,fck->fc", normals, corners.mean(axis=1)[:, None] - corners)

@@ -24,7 +24,7 @@ DrawImage = Callable[["Camera"], Singles | NDArray[np.uint16]]
 # bits, so that it does not limit PSNR.
 MAX_LEVEL = 65535
 # With this number of views or more, each image is halved on one pixel grid instead of two. Neighbouring views
-# then use different pixel grids. A single grid saves a sixth of the pixels.
+# then use different pixel grids. A single grid per image saves a sixth of the pixels.
 _MANY_VIEWS = 32
 
 
@@ -77,7 +77,7 @@ class ViewImages:
         return np.frombuffer(self._file.read(2 * count), np.uint16).reshape(camera.height, camera.width, 3)
 
     def select(self, numbers: Sequence[int]) -> ViewImages:
-        """Return a subset of the images, with these numbers. The files of the images stay in this object."""
+        """Return a subset of the images, with these numbers. This object keeps the files of the images."""
         return _ImageSubset([(self, number) for number in numbers], [self.weights[k] for k in numbers])
 
     def with_coarser_levels(self, pixels: int) -> ViewImages:
@@ -93,8 +93,8 @@ class ViewImages:
         chosen, weights = [*level], [1.0] * len(level)
         grids = 1 if len(self) >= _MANY_VIEWS else 2
         while level[0][0].max_pixels > pixels and level[0][0]._shortest_side > 2:
-            # The pixel grids that view number `turn` is halved on. A grid is given by its shift (right, down)
-            # in pixels of the larger image.
+            # The pixel grids on which view number `turn` is halved. A grid is given by its shift (right,
+            # down) in pixels of the larger image.
             level = [
                 (images._halve(right, right ^ turn % 2), number)
                 for turn, (images, number) in enumerate(level)

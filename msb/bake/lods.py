@@ -41,7 +41,7 @@ _STEP_LENGTHS = 0.03, 0.0003
 def make_lods(
     mesh: Mesh, context: SearchContext, shares: Sequence[float], *, seconds: float = math.inf
 ) -> Iterator[tuple[Mesh, list[str]]]:
-    """Yield a mesh for each share of the faces in `shares`, which fall, and notes for the user.
+    """Yield a mesh for each of the falling `shares` of the faces, and notes for the user.
 
     A level of detail is made when the iterator reaches it. The search for a level takes at most `seconds`. A
     level has rough vertex colours and no texture.
@@ -163,9 +163,9 @@ def measure_screen_share(mesh: Mesh, lod: Mesh, *, rows: int = SCREEN_ROWS) -> f
     """Return the largest height of the model, relative to the image, at which `lod` replaces `mesh`.
 
     In an image of `rows` rows at this height, 95 % of the points of either surface are less than a pixel away
-    from the other surface. The height of the model is the diameter of its bounding sphere. The centre of this
-    sphere is the centre of the model's bounding box, and the sphere contains the farthest vertex. The
-    returned share is at most 1. Colour differences are not measured.
+    from the other surface. The height of the model is the diameter of its bounding sphere. The bounding
+    sphere has the centre of the model's bounding box, and contains the farthest vertex. The returned share is
+    at most 1. Colour differences are not measured.
     """
     # Distances between the two surfaces in both directions.
     ends = [(part.vertices.astype(np.float64), part.faces) for part in (mesh, lod)]

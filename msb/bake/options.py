@@ -111,8 +111,8 @@ class BakeOptions:
     thickness: Annotated[
         float,
         Option(
-            "Set the thickness of the walls that make an interior a solid, as a share of the distance from "
-            "its middle.",
+            "Set the thickness of the walls that make an interior a solid, as a share of the distance "
+            "from the middle of the interior.",
             least=1e-3,
             most=1,
         ),
@@ -230,7 +230,7 @@ class BakeKeywords(TypedDict, total=False):
 
 
 def parse_lods(lods: str | Sequence[float]) -> tuple[float, ...]:
-    """Return the shares of the faces in a text or sequence; they are in (0, 1) and fall.
+    """Return the falling shares of the faces, between 0 and 1, from a text or a sequence.
 
     Raises
     ------

@@ -2,7 +2,7 @@
 
 The surface of a scene encloses the free space around the cameras: its faces look inwards and its volume is
 negative. Booleans, 3D printing and physics need a solid with a positive volume. The skin is a second closed
-surface around this surface, with faces that look outwards. The surface itself is not changed.
+surface around the first surface, with faces that look outwards. The first surface itself is not changed.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ def is_interior(mesh: Mesh) -> bool:
 
 
 def add_outer_skin(mesh: Mesh, thickness: float) -> Mesh:
-    """Return `mesh` with an outer skin; the vertices and faces of the skin follow the mesh's.
+    """Append an outer skin to the vertices and faces of `mesh`, and return the result.
 
     In each direction from the middle, the skin lies behind the farthest point of the surface, at a distance
     of `thickness` times the distance of that point. So the outer skin never touches the surface. The skin is

@@ -46,7 +46,7 @@ _FITTED_SHARE = 2 / 3
 # the depth maps show, and the second search moves the vertices. Together with the steps that have no time
 # limit, a surface takes 1.5 times as long as fitted triangles.
 _SURFACE_SHARE = 0.4
-# Smallest time limit of a search in seconds. Even this time allows a single step.
+# Smallest time limit of a search in seconds. Even a search with this limit makes a single step.
 _MIN_SECONDS = 1e-3
 # A texture of half the size is used if it costs at most this number of dB, averaged over images with 1 and
 # with 16 samples per pixel.
@@ -58,8 +58,8 @@ _MIN_TEXTURE_SIDE = 256
 # needs about 4 texels.
 _TEXELS_PER_FACE = 8
 # Scale of the training images: their width and height relative to the views. If the training images have the
-# size of the views, a texture looks blurred in the views. Moved faces also followed the aliasing of such
-# images, which lowered PSNR by 1.3 dB.
+# size of the views, a texture looks blurred in the views. Moved faces also followed the aliasing of training
+# images of that size, which lowered PSNR by 1.3 dB.
 _IMAGE_SCALE = 2
 _SOLID_CANDIDATES: tuple[Geometry, ...] = ("fitted", "surface")
 _OPAQUE_NOTE = (
@@ -410,8 +410,8 @@ class BakePipeline:
         images = images.with_coarser_levels(self._pixels)
         self._progress("colours", 0, 1)
         is_textured = target == "texture"
-        # The vertex colours are either the result or the initial texture. For an initial texture, few images
-        # suffice.
+        # The vertex colours are either the result or the initial texture. For an initial texture, colours
+        # that are fitted to few images suffice.
         mesh = fit_vertex_colors(mesh, select_first_pass(images) if is_textured else images, self._device)
         if is_textured:
             self._progress("texture", 0, 1)

@@ -42,7 +42,7 @@ class Preview:
     cameras: tuple[Camera, ...]
 
     def moved_back(self, origin: Origin) -> Preview:
-        """Return the preview with cameras in scene coordinates; now they are relative to `origin`."""
+        """Return the preview with its cameras, which are relative to `origin`, in scene coordinates."""
         to_scene = -np.asarray(origin)
         return replace(self, cameras=tuple(camera.relative_to(to_scene) for camera in self.cameras))
 

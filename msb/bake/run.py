@@ -125,9 +125,9 @@ def bake(
         The scene that the model was trained on. Its training views supervise; its test views are only used
         for the report.
     cameras : iterable of Camera, optional
-        Views instead of a scene's; every 8th is held out for the report. Default: the training cameras if
-        their file lies beside the model, else 40 generated views around the model or inside it. Fewer than 40
-        supervising views are completed by interpolated views.
+        Views instead of a scene's; every 8th view is held out for the report. Default: the training cameras
+        if their file lies beside the model, else 40 generated views around the model or inside it. Fewer than
+        40 supervising views are completed by interpolated views.
     background : (3,) floats, or str, optional
         As for `msb.render`. Default: the scene's background, else the asset's.
     device : str, optional
@@ -163,8 +163,8 @@ def bake(
         Texels along a side of the texture, 16 to 16384. Default: about one texel per pixel that shows the
         mesh in the images.
     material : {"unlit", "lit"}, default "unlit"
-        Whether programs show the colours as stored, or light them. The colours contain the light of the
-        photographs in either case.
+        Whether programs show the colours as stored, or light them. Baked colours contain the light of the
+        photographs with both materials.
     lods : sequence of float, or str, optional
         Levels of detail: falling shares of the faces, such as (0.5, 0.25, 0.1) or "0.5,0.25,0.1".
     collision : str, optional
@@ -185,13 +185,13 @@ def bake(
         Seed of the search. Without a limit of `seconds`, bakes with one seed on one device have the same
         result.
     truth : path-like, optional
-        A mesh of the true surface, in the coordinates of the model. The report then has the differences of
-        the normals and depths (`msb.bake.shape`).
+        A mesh of the true surface, in the coordinates of the model. With `truth`, the report has the
+        differences of the normals and depths (`msb.bake.shape`).
     up : str, optional
         The direction that is up, an axis such as "+z" or "X,Y,Z", for generated views and in mesh files.
         Default: the up direction of the asset, else an estimate from the cameras of the scene.
     scale : float, optional
-        The length of the scene's unit in metres. Mesh files are then written in metres.
+        The length of the scene's unit in metres. With `scale`, mesh files are written in metres.
     known_distance : (str, str, str), optional
         In place of `scale`: two points "X,Y,Z" of the scene and their distance, such as "1.2m".
     floor : bool, default False
@@ -293,7 +293,7 @@ def bake(
         collision=None if collision is None else CollisionReport.of(collision),
         path=None if model.opened_from is None else str(model.opened_from),
     )
-    # Move the results back into the scene, and add its known frame.
+    # Move the results back into scene coordinates, and add the known frame of the scene.
     frame = move_frame(frame, origin)
 
     def in_scene(asset: Asset) -> Asset:

@@ -21,7 +21,7 @@ from msb.render import Renderer
 from msb.scenes import Camera
 from msb.topology.faces import face_vectors
 
-# Angle in degrees: an edge above it is a crease, and a pixel's normal above it counts as wrong.
+# Angle in degrees above which an edge is a crease, and above which a pixel's normal counts as wrong.
 SHARP = 30.0
 # Pixels whose depths differ by more than this share of the size show different parts, and are excluded.
 _MAX_DEPTH_SHARE = 0.05
@@ -130,7 +130,7 @@ def measure_visible_bending(
 def compare_with_truth(
     mesh: Mesh, truth: Mesh, cameras: Sequence[Camera], device: str | Device | None = None
 ) -> TrueShape:
-    """Compare a mesh with a true surface, in the pixels of the cameras that show both at nearly equal depths.
+    """Compare a mesh with a true surface, in pixels that show both surfaces at nearly equal depths.
 
     Normals that point away from the camera are reversed, so the winding has no influence.
     """
@@ -172,7 +172,7 @@ def compare_with_truth(
 
 @dataclass(frozen=True, eq=False)
 class _View:
-    """A view of a mesh: face numbers (H, W), -1 for none, and depths (H, W) along the camera's axis."""
+    """A view of a mesh: face numbers (H, W), -1 without a face, and depths (H, W) along the camera's axis."""
 
     face: NDArray[np.int32]
     depth: Floats

@@ -82,7 +82,7 @@ class Space:
         return cls(center, radius, False, -half, half)
 
     def from_world(self, points: Floats) -> Floats:
-        """Convert world points (n, 3) to these coordinates."""
+        """Convert world points (n, 3) to coordinates of this space."""
         x: Floats = (points - self.center) / self.radius
         if not self.contracted:
             return x
@@ -91,7 +91,7 @@ class Space:
         return contracted
 
     def to_world(self, points: Floats) -> Floats:
-        """Convert points (n, 3) of these coordinates to world coordinates."""
+        """Convert points (n, 3) in coordinates of this space to world coordinates."""
         placed: Floats = self.center + self.radius * points * self._stretch(points)[0]
         return placed
 
@@ -104,7 +104,7 @@ class Space:
         return clamped
 
     def pull_back(self, points: Floats, gradients: Floats) -> Floats:
-        """Convert gradients (n, 3) from world coordinates to these coordinates."""
+        """Convert gradients (n, 3) from world coordinates to coordinates of this space."""
         across, along = self._stretch(points)
         size = np.maximum(np.linalg.norm(points, axis=1, keepdims=True), 1e-12)
         direction = points / size

@@ -120,7 +120,7 @@ def _make_attempt(
 def _can_compare(inputs: BakeInputs, views: BakeViews) -> bool:
     """Return whether a trained model has photographs for its training and validation views.
 
-    Users of a mesh file want its own colours, so photographs do not supervise a mesh file by default.
+    A mesh file should keep its colours, so photographs do not supervise a mesh file by default.
     """
     if why_not(inputs.model.manifest, "dedicated") is not None:
         return False

@@ -43,7 +43,7 @@ class TextureEquations(OnDevice):
     `stencils` (texels, 8) has a row for each texel, level by level. The first five values of a stencil are
     the sums of products of the texel's weight with the weights of five texels: itself, and the texels to the
     right, below, below right and below left. The last three values of a stencil are the right sides of red,
-    green and blue. `msb.bake.texture_renderer` computes these sums.
+    green and blue. `msb.bake.texture_renderer` computes the sums of the stencils.
 
     `sides` has the number of texels along a side for each mip level. `starts` has the number of the first
     texel of each mip level, then the number of all texels.
@@ -95,8 +95,8 @@ class TextureEquations(OnDevice):
         for _ in range(STEPS):
             if (residual <= _ZERO).all():
                 break
-            # Compute the next direction and the average of the direction in each smaller level. Then multiply
-            # the system matrix with the direction.
+            # Compute the next direction and the average of the direction in each smaller level. Multiply the
+            # system matrix with the direction.
             kernels.turn(texels, _GROUP, self.stencils, _pad(ratio), direction, count)
             for (_, (before, start, _)), (many, (_, _, side)) in pairwise(levels):
                 kernels.halve(many, _GROUP, direction, before, start, side, np.uint32(many))

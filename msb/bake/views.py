@@ -34,7 +34,7 @@ RINGS = ((15.0, 18), (40.0, 14), (65.0, 8))
 # rarely look up from below, so a trained model is arbitrary on its underside.
 RING_BELOW = (-35.0, 12)
 # Rings of generated views for Gaussians, 48 views in all. The last ring of cameras looks up a little, because
-# captures of objects also have such views. The model fills such a view.
+# captures of objects also have such views. The model fills each of these generated views.
 SPLAT_RINGS = ((5.0, 16), (25.0, 14), (50.0, 10), (-12.0, 8))
 _SPLAT_PIXELS = 384 * 768
 # Background colours of generated views, for Gaussians without a recorded background.
@@ -62,7 +62,7 @@ class BakeViews:
     training, validation, test : tuple of Camera
         Training views supervise the fit. Validation views are taken from the training views and decide
         between results. Test views are held out for the final measurement. One view alone is a training view;
-        with fewer than three training views, none is used for validation.
+        with fewer than three training views, there is no validation view.
     interpolated : tuple of Camera
         Additional training views between the other views, if there are few views.
     origin : {"scene", "given", "training", "turntable", "inside", "both"}
@@ -136,8 +136,8 @@ def choose_bake_views(
     scene : Scene or path-like, optional
         Its training views supervise, its test views are held out.
     cameras : iterable of Camera, optional
-        Every 8th camera is held out. The same holds for training cameras in the folder of the model and for
-        generated views.
+        Every 8th camera is held out. Every 8th training camera beside the model, or generated view, is held
+        out as well.
     up : str, optional
         The up axis of generated views, such as "+z". Default: the up axis of the asset.
     background : (3,) floats, or str, optional

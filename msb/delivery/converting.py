@@ -97,7 +97,7 @@ def convert(
         that +y points up; a `.triasset` records the direction instead. Default: no rotation; for `.glb` and
         USD the up axis of `source`, if known.
     scale : float, optional
-        The length of the unit of `source` in metres. Mesh files are written in metres.
+        The length of the unit of `source` in metres. With `scale`, mesh files are written in metres.
     known_distance : (str, str, str), optional
         In place of `scale`: two points "X,Y,Z" of `source` and their distance, such as "1.2m".
     floor : bool

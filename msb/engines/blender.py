@@ -37,7 +37,7 @@ _MIN_SIDE, _MAX_SIDE, _MAX_ASPECT = 4, 65536, 200.0
 # Width of the camera sensor in millimetres. Images depend only on the ratio of the width to the focal length.
 # A wide sensor keeps the focal length above 1 mm, the minimum in Blender.
 _SENSOR = 100.0
-# Rotation from Blender's camera axes (x right, y up, looking along -z) to OpenCV's.
+# Rotation from Blender's camera axes (x right, y up, looking along -z) to OpenCV's camera axes.
 _FLIP = np.diag([1.0, -1.0, -1.0, 1.0])
 # The rotation from y up to z up that Blender's glTF importer applies to a model.
 _GLB_UP = np.array([[1.0, 0, 0, 0], [0, 0, -1.0, 0], [0, 1.0, 0, 0], [0, 0, 0, 1.0]])
@@ -54,8 +54,8 @@ class _Blender(Engine):
     Parameters
     ----------
     source : {"ply", "glb"}
-        The file format of the mesh. Blender's PLY importer keeps float colours; its glTF importer rounds them
-        to bytes. Meshes with textures are always passed as GLB.
+        The file format of the mesh. Blender's PLY importer keeps float colours, but its glTF importer rounds
+        colours to bytes. Meshes with textures are always passed as GLB.
     defaults : bool
         Keep Blender's default colour management instead of the settings for exact colours, to show the effect
         of these settings. With the default colour management, images are read from the 8-bit PNG that Blender

@@ -65,7 +65,8 @@ class Worker:
     def _import(self, name: str) -> None:
         operators = self._bpy.ops
         if name.endswith(".ply"):
-            # With "LINEAR" the importer keeps the values of the file; by default it converts them from sRGB.
+            # With "LINEAR", the importer keeps the colours of the file; by default, it converts colours from
+            # sRGB.
             operators.wm.ply_import(filepath=name, import_colors="LINEAR" if self._exact else "SRGB")
         else:
             operators.import_scene.gltf(filepath=name)

@@ -114,7 +114,7 @@ def parse_browser_name(agent: str) -> str:
 
 
 def identify_browser(browser: str) -> str:
-    """Return the file name and date of a browser, which identify its version without a start."""
+    """Return the file name and date of a browser, which identify its version without starting it."""
     path = Path(browser).resolve()
     return f"{path.name} of {time.strftime('%Y-%m-%d %H:%M', time.gmtime(path.stat().st_mtime))}"
 

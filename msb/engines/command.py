@@ -327,7 +327,7 @@ def _as_bytes(image: NDArray[Any]) -> NDArray[np.uint8]:
 
 
 def _measure_baked(content: PageContent, baked: Asset, tests: Sequence[CheckView]) -> BakedMesh:
-    """Return the baked mesh, and its and the standard-tier mesh's average PSNR on the test views."""
+    """Return the baked mesh, and the test PSNRs of this mesh and of the standard-tier mesh."""
     from msb.asset.tiers import why_not
     from msb.engines.dedicated_page.page import BakedMesh
     from msb.engines.engine import engine_mesh
@@ -352,8 +352,7 @@ def _read_test_view(camera: Camera, folder: Path, background: tuple[float, float
 
     if camera.name is None:
         raise UsageError("USAGE", "--renders finds images by camera names, but a camera has no name")
-    # The name of a camera can contain subfolders. The image may lie in these subfolders, or directly in the
-    # folder.
+    # The name of a camera can contain subfolders. The image may lie in subfolders, or directly in the folder.
     stem = PurePosixPath(camera.name).with_suffix("")
     paths = [folder / f"{base}{suffix}" for base in (stem, stem.name) for suffix in _IMAGE_ENDINGS]
     image = _as_bytes(read_image(next((path for path in paths if path.is_file()), paths[-2])))

@@ -87,7 +87,7 @@ def _runtime_folder() -> Iterator[None]:
 def _nanoseconds_per_tick(device: Any) -> float | None:
     """Return the unit of the device's timestamps in nanoseconds, or None if it is unknown.
 
-    wgpu-py has no function for this unit, so a function of the underlying library is called.
+    wgpu-py has no function for the unit of timestamps, so a function of the underlying library is called.
     """
     from wgpu.backends.wgpu_native import lib
 

@@ -2,8 +2,8 @@
 
 Positions are stored as integer grid coordinates. The scale of the node converts grid coordinates back to
 positions. Grid coordinates are uint16 if they fit (KHR_mesh_quantization). If uint16 is too small, grid
-coordinates are floats. The filter EXPONENTIAL of EXT_meshopt_compression stores these floats as mantissa and
-exponent.
+coordinates are floats. The filter EXPONENTIAL of EXT_meshopt_compression stores float coordinates as mantissa
+and exponent.
 """
 
 from __future__ import annotations
@@ -62,8 +62,8 @@ class Grid:
         """Return the positions of `mesh` rounded with the precision of `web`.
 
         The step of the position grid is a power of two, multiplied by 8, 7, 6 or 5 eighths. The grid step is
-        at least the float32 spacing at the farthest vertex. Different grid positions therefore stay different
-        after decoding.
+        at least the float32 spacing at the farthest vertex. With this step, different grid positions stay
+        different after decoding.
         """
         local, origin = as_local(mesh.vertices, "GLB")
         positions = local.astype(np.float64)
@@ -156,8 +156,8 @@ def write_web(mesh: Mesh, stream: BinaryIO, style: Style) -> None:
     builder.require(_MESHOPT)
     if attributes["POSITION"].dtype == np.uint16:
         builder.require(_QUANTIZATION)
-    # The fallback buffer for readers without decompression. The extension EXT_meshopt_compression requires
-    # this buffer. It stays empty.
+    # This buffer is for readers without decompression. EXT_meshopt_compression requires a fallback buffer. It
+    # stays empty.
     builder.add("buffers", {"byteLength": builder.plain, "extensions": {_MESHOPT: {"fallback": True}}})
     finish(builder, stream)
 
@@ -166,7 +166,8 @@ def quantize_light(colors: NDArray[Any], levels: float | None) -> NDArray[Any]:
     """Return sRGB colours (V, 3 | 4) as linear light with an error of at most `levels` levels of 8-bit sRGB.
 
     The colours are uint8 if `levels` is None, else uint16. Every uint16 value is rounded to as few
-    significant bits as the error allows. The low bytes are then often zero and compress well.
+    significant bits as the error allows. With fewer significant bits, the low bytes are often zero and
+    compress well.
     """
     values = as_floats(colors)
     light = values.astype(np.float64)

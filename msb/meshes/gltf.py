@@ -27,8 +27,8 @@ COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5
 # Accessor types -> components per element.
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 
-# Largest JSON in bytes: 16 MiB, enough for about 100,000 nodes. Parsing JSON of this size needs at most about
-# 400 MB.
+# Largest JSON in bytes: 16 MiB, enough for about 100,000 nodes. Parsing a JSON text of this size needs at
+# most about 400 MB.
 MAX_JSON_BYTES = 1 << 24
 
 # Deepest nesting of the JSON. glTF needs about ten levels, and the objects `extras` may add some.
@@ -51,8 +51,7 @@ VISIBILITY = "KHR_node_visibility"
 MAX_NODES = 1 << 20
 
 # Memory limit for the arrays of a file: 64 bytes per byte of the file, plus 256 MiB. One byte of a file needs
-# at most 24 bytes in memory (as an index). A file therefore exceeds the limit only if nodes or primitives
-# share arrays.
+# at most 24 bytes in memory (as an index). A file exceeds the limit only if nodes or primitives share arrays.
 MAX_BYTES_PER_BYTE = 64
 MAX_EXTRA_BYTES = 1 << 28
 
@@ -318,8 +317,8 @@ def parse_accessor(
     dtype = _parse_component(document, entry, pointer, components)
     normalized = entry.get("normalized") is True
     if unpacked is not None:
-        # Encoders may store wider integers than the accessor declares. Convert the values, and check that
-        # they do not change.
+        # Encoders may store wider integers than the accessor declares. Convert the values to the declared
+        # type, and check that they do not change.
         same_kind = (unpacked.dtype.kind == "f") == (dtype.kind == "f")
         values = unpacked.astype(dtype) if same_kind else unpacked[:0]
         if values.shape != (count, width) or not np.array_equal(values, unpacked, equal_nan=True):
@@ -510,7 +509,7 @@ def _is_visible(document: Document, node: dict[str, Any], pointer: str) -> bool:
 
 
 def _find_roots(document: Document) -> tuple[list[int], int | None]:
-    """Return the root nodes, and how many nodes they must reach; None if a scene lists its roots."""
+    """Return the root nodes, and how many nodes these roots must reach; None if a scene lists its roots."""
     count = len(document.array(document.root, "nodes", ""))
     if count > MAX_NODES:
         text = f"there are {count} nodes; at most {MAX_NODES} are supported"

@@ -82,9 +82,9 @@ def _find_surface(
 ) -> tuple[dict[str, Any], str, tuple[str, str]]:
     """Return the JSON object of a material's colour, its JSON pointer, and the keys of factor and texture.
 
-    Usually this is the base colour of the metallic-roughness model. If the metallic-roughness model has no
-    base colour, the diffuse colour of the specular-glossiness model is used. The diffuse colour is also used
-    if it has a texture and the base colour only has a factor.
+    Usually, the colour of a material is the base colour of the metallic-roughness model. If the
+    metallic-roughness model has no base colour, the diffuse colour of the specular-glossiness model is used.
+    The diffuse colour is also used if the diffuse colour has a texture and the base colour only has a factor.
     """
     surface = document.object(material, "pbrMetallicRoughness", pointer)
     extensions = document.object(material, "extensions", pointer)

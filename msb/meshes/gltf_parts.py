@@ -245,8 +245,8 @@ def transform_arrays(part: PrimitiveArrays, matrix: NDArray[np.float64]) -> Prim
 
     The identity matrix changes nothing, not even the number type.
 
-    A mirroring transform turns the front sides of faces inwards. The winding is then reversed to restore the
-    front sides.
+    A mirroring transform turns the front sides of faces inwards. If a transform mirrors the mesh, the winding
+    is reversed to restore the front sides.
     """
     if np.array_equal(matrix, IDENTITY):
         return part

@@ -64,8 +64,8 @@ _HARMLESS = (
     "MSFT_packing_",
     "CESIUM_primitive_outline",
 )
-# The parts of a file that only affect the appearance or movement of a mesh. An unknown extension that is used
-# only in these parts is harmless.
+# The parts of a file that only affect the appearance or movement of a mesh. An unknown extension is harmless
+# if only these parts of the file use it.
 _LOOKS = ("materials", "textures", "images", "samplers", "animations", "cameras")
 
 # Names, for messages, of attributes that are not read; the keys have no set number.

@@ -42,14 +42,14 @@ def encode_images(mesh: Mesh, style: Style, numbers: Iterable[int]) -> dict[str,
 def is_single_texel(image: NDArray[np.uint8], mesh: Mesh) -> bool:
     """Return whether a texture of `mesh` is a single opaque texel.
 
-    A material colour can replace such a texture.
+    A material colour can replace a texture with a single texel.
     """
     is_opaque = image.shape[2] == 3 or mesh.sampler.alpha_cutoff is None or image[0, 0, 3] == 255
     return image.shape[:2] == (1, 1) and bool(is_opaque)
 
 
 def describe_counts(images: int, colors: int) -> list[str]:
-    """Return the numbers of images and material colours of a file as text. Zero numbers are omitted."""
+    """Return the numbers of images and material colours of a file as text, without zero numbers."""
     counts = {"texture": images, "material colour": colors}
     return [f"{count} {noun}{'' if count == 1 else 's'}" for noun, count in counts.items() if count]
 

@@ -52,7 +52,7 @@ class Decoder:
         """
         from PIL import Image, JpegImagePlugin, PngImagePlugin, UnidentifiedImageError, WebPImagePlugin
 
-        # Importing these three plugins prevents Pillow from importing all its plugins.
+        # Importing only three plugins prevents Pillow from importing all its plugins.
         plugins = PngImagePlugin.PngImageFile, JpegImagePlugin.JpegImageFile, WebPImagePlugin.WebPImageFile
         limit, Image.MAX_IMAGE_PIXELS = Image.MAX_IMAGE_PIXELS, None  # the size is checked by `_take`
         try:

@@ -114,7 +114,7 @@ def _add_vertices(parts: _Parts, words: Words, is_vertex: NDArray[np.bool_]) -> 
     parts.vertices.append(values[first[:, None] + np.arange(3)])
     parts.vertex_count += len(widths)
     # Keep the colours of a block if all its lines have the same number of channels. `read` uses the colours
-    # if this number is the same in all blocks.
+    # if the number of channels is the same in all blocks.
     widths_here = {_COLOR_WIDTHS.get(width, 0) for width in np.unique(widths).tolist()}
     parts.color_widths |= widths_here
     if widths_here in ({3}, {4}):

@@ -80,7 +80,7 @@ def _find_uniform_faces(mesh: Mesh, is_plain: NDArray[np.bool_]) -> NDArray[np.b
 def _multiply(texels: NDArray[np.float64], tint: NDArray[np.float32]) -> NDArray[np.float64]:
     """Return the products of sRGB colours (F, 3), computed in linear light.
 
-    White does not change the other colour.
+    Multiplication with white does not change a colour.
     """
     light = linear_light(texels.astype(np.float32)) * linear_light(tint)
     product = linear_to_srgb(light)

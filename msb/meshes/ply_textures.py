@@ -1,6 +1,6 @@
-"""Reads textures of PLY files by OpenMVS and MeshLab.
+"""Reads textures of PLY files.
 
-In these files, comments name the images, and vertices or faces have UVs.
+In PLY files by OpenMVS and MeshLab, comments name the images, and vertices or faces have UVs.
 """
 
 from dataclasses import replace
@@ -47,7 +47,7 @@ def with_textures(
     """Return `mesh` with its texture coordinates, and with the `images` that its header names.
 
     `rows` are the rows of the elements for vertices and faces. `counts` (N,) are the numbers of corners of
-    the polygons, and `cut` has the triangles of the polygons. In the file, v points upwards. A face without
+    the polygons, and `cut` has the triangles of the polygons. In a PLY file, v points upwards. A face without
     texture coordinates is white. Images that cannot be read become white and are listed in `left_out`.
     """
     vertices, faces = rows

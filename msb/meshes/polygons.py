@@ -87,8 +87,8 @@ def triangulate(points: NDArray[Any], corners: NDArray[np.int64], counts: NDArra
             is_turned, is_covered = _judge_fans(_gather(points, corners, first[part], counts[part], size))
             concave.append(part[is_turned & ~is_covered])
             uncut += int(np.count_nonzero(is_covered))
-    # Cut the smallest polygons first, until the limit of the work is reached. The resulting triangles replace
-    # the fans.
+    # Cut the smallest polygons first, until the limit of the work is reached. The resulting ears replace the
+    # fans.
     chosen = np.concatenate(concave)
     row = np.cumsum(np.maximum(counts - 2, 0)) - np.maximum(counts - 2, 0)
     uncut += len(chosen)
@@ -153,8 +153,8 @@ def _cross(a: Floats, b: Floats) -> Floats:
 def _judge_fans(placed: Floats) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Return two masks (P,) of polygons (3, P, n) with overlapping fan triangles.
 
-    The first mask selects polygons whose fans have reversed triangles. Ears can be cut from these polygons.
-    The second mask selects polygons that cross themselves.
+    The first mask selects polygons whose fans have reversed triangles. Ears can be cut from polygons with
+    reversed triangles. The second mask selects polygons that cross themselves.
     """
     with np.errstate(all="ignore"):
         # across (3, P, n - 2): twice the area of each fan triangle, along its normal. The sum over the
@@ -166,7 +166,7 @@ def _judge_fans(placed: Floats) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         # A triangle is reversed if its normal points the other way.
         unit = normal / np.where(area > 0, area, 1)
         is_turned = (across * unit[..., None]).sum(axis=0).min(axis=1) < -_AREA_TOLERANCE * area - _ROUNDING
-        # If a polygon has no normal, its triangles cancel each other, or it has no area.
+        # A polygon without a normal has no area, or its triangles cancel each other.
         length = np.sqrt((across**2).sum(axis=0))
         total = length.sum(axis=1)
         is_covered = (area < _AREA_TOLERANCE * total) & (total > _ROUNDING)
@@ -198,8 +198,8 @@ def _make_batches(
 def _project(placed: Floats) -> tuple[Floats, Floats]:
     """Return two of three coordinates, each (P, M), of polygons (3, P, M).
 
-    In the result the polygons are counter-clockwise. The coordinate axis with the largest component of the
-    normal is dropped.
+    The returned polygons are counter-clockwise. The coordinate axis with the largest component of the normal
+    is dropped.
     """
     normal = _cross(placed[..., :-1], placed[..., 1:]).sum(axis=2)
     axis = np.argmax(np.abs(normal), axis=0)
@@ -279,8 +279,8 @@ class _Ring:
 
         The shape is the area divided by the sum of squared sides. An ear contains no other corner of the
         polygon, not even on its sides. Corners that coincide with a corner of the ear are ignored. Coinciding
-        corners exist where a cut joins a hole to the outline. However, no side of the polygon may lead from
-        the tip of the ear into the triangle.
+        corners exist where a cut joins a hole to the outline. No side of the polygon may lead from the tip of
+        an ear into the triangle.
         """
         every = np.arange(len(corner))
         before, after = self.before[every, corner], self.after[every, corner]

@@ -32,8 +32,9 @@ _FACE_CODES = [_CODES[keyword] for keyword in _LINES]
 def read(source: Source) -> Mesh:
     """Read a binary or text STL file. Several solids are concatenated; normals and attributes are ignored.
 
-    Vertices of text files are also float32, unless they need an origin. With float64, the areas of published
-    files would change by 2e-8. The mesh has 3F vertices, and the faces are (0, 1, 2), (3, 4, 5), and so on.
+    Vertices of text files are also float32, unless they need an origin. With float64 coordinates, the areas
+    of published files would change by 2e-8. The mesh has 3F vertices, and the faces are (0, 1, 2), (3, 4, 5),
+    and so on.
     """
     data = source.data
     declared = struct.unpack_from("<I", data, 80)[0] if len(data) >= _HEADER_BYTES else 0

@@ -70,7 +70,7 @@ class Words:
         return mask
 
     def arguments(self, lines: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Return a mask (T,) of the words after the first one in the selected lines (L,)."""
+        """Return a mask (T,) of all words except the first word in the selected lines (L,)."""
         mask = np.repeat(lines, self.count)
         mask[self.first] = False
         return mask

@@ -15,7 +15,8 @@ _WRAPS = {"clamp": "clamp", "black": "clamp", "mirror": "mirror"}
 # The diffuse colour of UsdPreviewSurface if a material sets none.
 _DEFAULT_COLOR = (0.18, 0.18, 0.18)
 _BLACK, _ONES, _ZEROS = (0.0, 0.0, 0.0), (1.0,) * 4, (0.0,) * 4
-# Longest chain of UsdTransform2d nodes that is followed. Malicious files may connect these nodes in a circle.
+# Longest chain of UsdTransform2d nodes that is followed. Malicious files may connect UsdTransform2d nodes in
+# a circle.
 _MAX_TRANSFORMS = 16
 # Names of UsdPreviewSurface inputs that are not read if a shader computes them.
 _OTHER_MAPS = {

@@ -197,7 +197,8 @@ class _Reader:
                 self.textured[material] = None
                 uvs.append((faces, placed[key]))
         arrays.uvs = _combine(uvs, arrays, 2, 0.0)
-        # Number the images, and collect the colours. Parts without a colour are white if the mesh has images.
+        # Number the images, and collect the colours. Parts of a prim without a colour are white if the mesh
+        # has images.
         colors = [(faces, _choose_color(material, read)) for material, faces in materials]
         for material, faces in materials:
             arrays.textures[faces] = self.images.setdefault(material.image, len(self.images))

@@ -49,7 +49,7 @@ def write_rows(stream: BinaryIO, form: str, columns: NDArray[Any]) -> None:
     """Write each row of `columns` (N, K) as a line of text in the format `form` (K conversions with %).
 
     The conversion "%r" writes the shortest decimal that reads back as the same float64. Float32 values are
-    therefore exact, too.
+    therefore written exactly, too.
     """
     line = form + "\n"
     for start in range(0, len(columns), ROWS_AT_A_TIME):

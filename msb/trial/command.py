@@ -86,8 +86,8 @@ def trial(
 
     Each task runs libraries that artists' tools use, in a child process with time and memory limits. The
     tasks use the mesh as stored; options merge its vertices or repair it first. Renderings of the results are
-    judged in the views of --cameras. By default, these are the training views if the model stores them, else
-    generated views.
+    judged in the views of --cameras. By default, --cameras are the training views if the model stores them,
+    else generated views.
     """
     from msb.api.command_files import for_each
     from msb.trial.run import SCHEMA

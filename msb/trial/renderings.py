@@ -108,8 +108,8 @@ class Renderings:
     def picture(self, mesh: TrialMesh, camera: Camera | None = None) -> NDArray[np.uint8] | None:
         """Return a small image (H, W, 3) of `mesh`; None without a device or without faces.
 
-        `camera` renders the image. The default is the first camera, with faces shaded by their angle to the
-        camera.
+        The camera `camera` renders the image. The default is the first camera, with faces shaded by their
+        angle to the camera.
         """
         if not len(mesh.faces) or (camera is None and not self.cameras):
             return None
@@ -125,7 +125,7 @@ class Renderings:
     def _originals(self) -> list[tuple[NDArray[np.uint8], NDArray[np.float32]]]:
         """The images and depths of the original mesh, for each camera that sees the mesh.
 
-        Computing this value removes all other cameras from `cameras`.
+        This property removes all other cameras from `cameras` when it is computed.
         """
         rendered = [
             (to_bytes(frame.image), np.array(frame.depth), measure_coverage(frame))

@@ -232,7 +232,7 @@ class _Evaluator:
         self.views, self.tasks, self.limits, self.device = views, tasks, limits, device
         self.why = views.why_not
         # The images of the first asset, by renderer tier. The images of all other assets are compared with
-        # these images.
+        # the images of the first asset.
         self.originals: dict[Tier, Images | str] = {}
         self.known: dict[tuple[str, ...], tuple[dict[Tier, TierLikeness], tuple[Trial, ...]]] = {}
 

@@ -179,8 +179,8 @@ def try_asset(
 
     `view_kind` is the `kind` of generated views in `msb.views.choose_views`.
 
-    `keep` is the folder for results. An image of each task is saved there, and with `meshes` also the results
-    as GLB files. `watch` is called with the result of each task.
+    `keep` is the folder for results. An image of each task is saved in this folder, and with `meshes` also
+    the results as GLB files. `watch` is called with the result of each task.
     """
     selected = select_tasks(tasks)
     limits = Limits() if limits is None else limits
@@ -345,7 +345,7 @@ class _TaskRun:
                 )
                 reason = "; ".join(filter(None, (judgement.why, text)))
                 judgement = Judgement("care", reason, judgement.numbers)
-            elif judgement.why and not summary:  # fallbacks have no summary
+            elif judgement.why and not summary:  # a fallback library has no summary
                 judgement = replace(judgement, why=f"{judgement.why}; {text}")
             else:
                 summary = "; ".join(filter(None, (summary, text)))

@@ -283,7 +283,7 @@ def _make_plans(packed: Packed, limits: Limits, name: str) -> dict[tuple[Order, 
 
 
 def _describe_record(packed: Packed) -> dict[str, Any]:
-    """Return the layout of the uniform buffer for a camera. The page fills this buffer for each frame.
+    """Return the layout of the uniform buffer for a camera. The page fills the uniform buffer for each frame.
 
     `members` has the name, type, number of values and byte offset of each member; the members of the method
     come last, and `own` holds their values. `near` and `far` are the planes of the official projection.
@@ -381,7 +381,7 @@ def _shrink_factor(stored: NDArray[np.float32], plan_positions: NDArray[np.float
     largest = np.unravel_index(np.abs(arms).argmax(), arms.shape)
     if arms[largest] == 0:
         return None
-    # Estimate the factor from the longest of these vectors, then try neighbouring float32 values, nearest
+    # Estimate the factor from the longest vector to a corner, then try neighbouring float32 values, nearest
     # first.
     guess = np.float32((shrunk - center)[largest] / arms[largest])
     near = guess + np.arange(-64, 65) * np.spacing(guess)

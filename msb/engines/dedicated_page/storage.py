@@ -168,8 +168,8 @@ def _as_rows(table: NDArray[np.float32]) -> tuple[dict[str, Any], list[bytes]] |
 def find_exponents(table: NDArray[np.float32], codes: int) -> NDArray[np.int32]:
     """Return the exponent e of the grid step 2**e for each chunk of rows.
 
-    The exponent is the smallest with two properties. First, `codes` steps span the values of the chunk.
-    Second, all multiples of the step in the range of the chunk are float32 values.
+    The exponent is the smallest number with two properties. First, `codes` steps of the grid span the values
+    of the chunk. Second, all multiples of the step in the range of the chunk are float32 values.
     """
     # Chunks (n, 192, columns); the last chunk is padded with its last row.
     chunks = -(-len(table) // CHUNK)

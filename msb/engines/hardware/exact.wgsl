@@ -97,7 +97,7 @@ fn tile_number(value: f32, limit: u32) -> i32 {
     return i32(floor(select(f32(limit), low, low < f32(limit))));
 }
 
-// Returns the same integer, but rounded up.
+// Returns the integer of `tile_number`, but rounded up.
 fn tile_after(value: f32, limit: u32) -> i32 {
     let low = select(0.0, value, value > 0.0);
     return i32(ceil(select(f32(limit), low, low < f32(limit))));

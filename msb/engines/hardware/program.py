@@ -218,7 +218,7 @@ def _plan_blending(
     """Return the passes of a band that blend faces and average samples to pixels.
 
     If there are several chunks, the pass "hold" before each chunk copies the alpha of samples to the texture
-    `covered`. The draw pass of the chunk reads this texture and skips opaque samples.
+    `covered`. The draw pass of the chunk reads `covered` and skips opaque samples.
     """
     textures = tuple(Binding(2 + k, "texture", target) for k, target in enumerate(targets))
     resolve = ComputePass("resolve", "resolve", "resolve", (VIEW_BINDING, _BAND, *textures, _PIXELS))

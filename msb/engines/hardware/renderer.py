@@ -47,8 +47,8 @@ _LIMITS = (
     "max-vertex-attributes",
     "max-color-attachment-bytes-per-sample",
 )
-# Minimum limits that the passes need. WebGPU guarantees these limits, but adapters in compatibility mode may
-# have lower limits.
+# Minimum limits that the passes need. WebGPU guarantees the limits of the passes, but adapters in
+# compatibility mode may have lower limits.
 _NEEDED = {
     "max-storage-buffers-per-shader-stage": 8,
     "max-vertex-attributes": 9,

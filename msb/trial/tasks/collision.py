@@ -200,7 +200,7 @@ def _format_brackets(numbers: Numbers) -> str:
 
 
 def _list_measures(numbers: Numbers) -> list[str]:
-    """Return the distance and the protrusion as a sentence, as far as they are known."""
+    """Return the known values of distance and protrusion as a sentence."""
     relative, empty = numbers["distance_95_of_diagonal"], numbers["empty_share"]
     parts = []
     if relative is not None:

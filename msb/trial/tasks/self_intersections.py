@@ -19,8 +19,8 @@ FEW = 0.01
 FEW_SLIVERS = 0.01
 # Colours of crossing faces, slivers and other faces in the image: red, yellow and grey.
 _CROSSING, _SLIVER, _PLAIN = (0.85, 0.1, 0.1), (0.9, 0.7, 0.1), (0.75, 0.75, 0.75)
-# A face is a sliver if its height is below this fraction of its longest side. The smallest angle of such a
-# face is below 1.2 degrees.
+# A face is a sliver if its height is below this fraction of its longest side. The smallest angle of a sliver
+# is below 1.2 degrees.
 SLIVER = 0.01
 
 
@@ -69,7 +69,8 @@ def _draw_picture(mesh: TrialMesh, outputs: Outputs, renderings: Renderings) -> 
 
 def find_slivers(corners: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Return a mask (F,) of slivers among the faces with corners (F, 3, 3), including faces without area."""
-    # The height is twice the area divided by the longest side. Compare this height with the longest side.
+    # The height of a face is twice the area divided by the longest side. Compare the height of a face with
+    # its longest side.
     sides = np.roll(corners, -1, axis=1) - corners
     longest = np.sqrt((sides**2).sum(axis=2).max(axis=1))
     twice = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)

@@ -26,8 +26,8 @@ from msb.trial.tasks.decimate import draw_side_by_side
 # Largest fractions of faces without a neighbour, for "works" and for "works with limitations". Subdivision
 # only shrinks faces without a neighbour.
 FEW_LONE, MANY_LONE = 0.01, 0.1
-# Largest area of cracks for "works with limitations", as a fraction of the surface area. Cracks of this area
-# are mostly invisible in images.
+# Largest area of cracks for "works with limitations", as a fraction of the surface area. Cracks below this
+# area are mostly invisible in images.
 SMALL_GAPS = 0.001
 
 
@@ -102,12 +102,12 @@ def measure_gap_area(
     """Return the area of the cracks that subdivision opens between coinciding edges.
 
     Two edges coincide if their ends have equal coordinates, even if they share no vertices. If several edges
-    coincide, each further edge is compared with the first. The crack between two edges consists of four
+    coincide, each further edge is compared with the first edge. The crack between two edges consists of four
     triangles between the halves of the edges.
 
     `vertices` (V, 3) and `cut` (F, 3) are the vertices and faces of the cut mesh before the subdivision.
     `points` (W, 3) and `fine` (4F, 3) are the vertices and faces of the subdivided mesh. `points` start with
-    the same vertices, in their smoothed places.
+    the vertices of the cut mesh, in their smoothed places.
     """
     _, place = merge_coincident(vertices, "exact")
     # The edges (E,) of the cut mesh. `place` (V,) numbers the distinct locations; edges start at the lower
@@ -143,11 +143,11 @@ def _find_middles(
 ) -> NDArray[np.int64]:
     """Return the new vertex (E,) at the middle of each edge from `start` (E,) to `stop` (E,).
 
-    A subdivided face abc becomes four faces. Three of these four faces have one old corner and the middles of
-    its two edges.
+    A subdivided face abc becomes four faces. Three of the four faces of a subdivided face have one old corner
+    and the middles of its two edges.
     """
     old = int(max(start.max(), stop.max())) + 1
-    # corner (n,): the old corner of each of these faces, at its position in the face.
+    # corner (n,): the old corner of each face with an old corner, at its position in the face.
     corners = fine[(fine < old).sum(axis=1) == 1]
     turn = np.argmax(corners < old, axis=1)
     rows = np.arange(len(corners))

@@ -50,7 +50,7 @@ def _work(mesh: TrialMesh, _: Arrays) -> Output:
         atlases.append(placed >= 0 if placed.dtype.kind == "i" else placed != _NONE)
     original, uv, chart = (np.concatenate(parts) for parts in (rows, uvs, charts))
     left_out = ~np.concatenate(atlases)[faces].all(axis=1)
-    # xatlas divides UVs by the width and height of the atlas. Undo this division to measure the stretch.
+    # xatlas divides UVs by the width and height of the atlas. Undo the division to measure the stretch.
     points = mesh.vertices[original]
     numbers = {
         "charts": int(atlas.chart_count),
@@ -85,8 +85,8 @@ def measure_stretch(vertices: NDArray[Any], faces: NDArray[np.int64], uv: NDArra
     if not kept.any():
         return None
     first, second, a, b, signed, surface = (values[kept] for values in (first, second, a, b, signed, surface))
-    # Partial derivatives (n, 3) of the surface point with respect to s and t. The squared lengths of these
-    # derivatives add up to the squared singular values.
+    # Partial derivatives (n, 3) of the surface point with respect to s and t. The squared lengths of the two
+    # partial derivatives add up to the squared singular values.
     along_s = (first * b[:, 1:] - second * a[:, 1:]) / signed[:, None]
     along_t = (second * a[:, :1] - first * b[:, :1]) / signed[:, None]
     squares = ((along_s**2).sum(axis=1) + (along_t**2).sum(axis=1)) / 2
