@@ -58,9 +58,8 @@ def _read_keys(text: Source) -> NDArray[np.uint32] | None:
     for word, stored in values.items():
         table = np.concatenate([*stored, np.full((1, 3), np.inf)])
         row = np.concatenate(rows[word])
-        if (
-            not row.size or row.max() < above[word]
-        ):  # otherwise texture coordinates or normals are missing, as in files without any vt
+        # Lines may be missing, as in files without any vt.
+        if not row.size or row.max() < above[word]:
             columns.append(table[row])
     return hash_attributes(columns) if columns else None
 

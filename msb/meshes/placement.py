@@ -134,7 +134,7 @@ def take_back(mesh: Mesh, data: Any) -> Mesh:
     else:
         moved = (mesh.vertices.astype(np.float64) - offset) @ (rotation / scale)
         vertices = moved.astype(mesh.vertices.dtype)
-    # An axis is stored in `up`; the frame stores other directions.
+    # The field `up` stores an up axis; the frame stores any other up direction.
     frame = placement.frame or Frame()
     frame = replace(frame, up=None) if frame.up is not None and is_axis(frame.up) else frame
     known = None if frame == Frame() else frame
