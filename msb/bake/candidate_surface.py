@@ -50,9 +50,9 @@ _PIXELS_PER_FACE = 2
 CELLS = 144
 # The coarsest tried grid has this number of cells along its longest side: 144 halved three times.
 _MIN_CELLS = 18
-# A grid of 288 cells per side is only tried if 144 cells have less than 75 % of the error of 72 cells. On other
-# soups, the finer grid follows the noise of the soup, and moving vertices does not remove this noise. With an
-# uneven soup, a grid of 288 cells lost up to 8 dB. Grids of 288 cells that pass the test gain up to 1.4 dB.
+# A grid of 288 cells per side is only tried if 144 cells have less than 75 % of the error of 72 cells. For
+# other soups, the finer grid follows the noise of the soup, and moving vertices does not remove this noise.
+# With an uneven soup, a grid of 288 cells lost up to 8 dB. Grids that pass the test gain up to 1.4 dB.
 _MAX_ERROR_RATIO = 0.75
 # If the time limit for moving vertices is below this value, only one grid is tried. For a scene, further
 # grids would take many times as long.
