@@ -1,4 +1,4 @@
-"""The output folder of a bake: the asset and its companions, the report, a preview image and a page."""
+"""The output folder of a bake: the assets, the report, a preview image and a page."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ ASSET = "asset.glb"
 PAGE = "index.html"
 _REPORT, _PREVIEW = "bake.json", "preview.png"
 _SCRIPTS = "camera.js", "page.js", "controls.js", "baked.js", "start.js"
-# Smallest number of pixels of the longer side of a view on the page. Smaller views are enlarged, as a mesh
-# can be drawn at any resolution.
+# Smallest number of pixels of the longer side of a view on the page. Smaller views are enlarged, because a
+# mesh can be drawn at any resolution.
 _MIN_PAGE_SIDE = 1024
 
 
@@ -44,7 +44,7 @@ def is_folder(path: Path) -> bool:
 
 
 def is_folder_output(paths: Sequence[Path]) -> bool:
-    """Return whether the output is a folder.
+    """Return whether the output is a folder; reject a folder among several outputs.
 
     Raises
     ------
@@ -59,10 +59,10 @@ def is_folder_output(paths: Sequence[Path]) -> bool:
 
 
 def write_folder(baked: Baked, assets: Sequence[OutputAsset], folder: Path, overwrite: bool) -> Report:
-    """Write a bake with these assets as a folder, all or nothing; return the report with its files.
+    """Write a bake with these assets as a complete folder or not at all; return the report with its files.
 
-    The folder holds `ASSET`, its levels of detail and its collision shape, the report as `bake.json` with
-    file names relative to the folder, `preview.png`, and a page.
+    The folder holds `ASSET`, its levels of detail, its collision shape, `preview.png`, a page, and the report
+    `bake.json` with relative file names.
     """
     with own_folder(folder, overwrite=overwrite) as new:
         files = write_assets(assets, [new / ASSET])
@@ -93,12 +93,15 @@ def _make_page(
         for camera in (camera.relative_to(baked.asset.manifest.origin) for camera in preview.cameras)
     ]
     scene = scene_to_json(name, views, up_axis(baked.asset), report.background, find_framing(baked.asset))
-    rows = "held-out views" if report.test else "training views, as no view was held out"
+    rows = "held-out views" if report.test else "training views, because no view was held out"
     scene["baked"] = {
         "facts": _make_facts(report),
         "losses": _make_quality_table(report),
         "preview": f"data:image/png;base64,{_encode(image)}",
-        "caption": f"Columns: {', '.join(preview.columns)}. Rows: {rows}. Meshes have 16 samples per pixel.",
+        "caption": (
+            f"Columns: {', '.join(preview.columns)}. Rows: {rows}. Meshes are drawn with 16 samples per "
+            "pixel."
+        ),
         "notes": list(report.notes),
     }
     meshes = [
@@ -114,9 +117,9 @@ def _encode(data: bytes) -> str:
 
 
 def _make_facts(report: Report) -> list[list[str]]:
-    """Return pairs of a term and a text for the page.
+    """Return pairs of a term and a text for the page of results.
 
-    They list the files, and the audits of the mesh before and after the bake.
+    The pairs list the files, and the audits of the mesh before and after the bake.
     """
     facts = [[ASSET, f"{report.geometry}, {report.size}"]]
     facts += [[str(lod.output), lod.sentence] for lod in report.lods]
@@ -140,7 +143,7 @@ def _make_quality_table(report: Report) -> list[list[str]]:
         ("unbaked mesh", "before"),
         ("baked", "after"),
         ("baked, 16 samples per pixel", "after_16"),
-        ("the same, only where the model is", "model_only_16"),
+        ("baked, 16 samples per pixel, covered pixels only", "model_only_16"),
     ]
     rows = [[title, *(_format(getattr(values, key)) for values in columns)] for title, key in titles]
     return [head, *(row for row in rows if any(row[1:]))]

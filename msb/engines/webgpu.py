@@ -1,8 +1,9 @@
-"""Renderer `wgpu`: Vulkan, Metal or Direct3D 12 through wgpu-py, with a hardware z-buffer.
+"""The renderer `wgpu` uses Vulkan, Metal or Direct3D 12 through wgpu-py, with a hardware z-buffer.
 
-The pipeline is the usual one for an opaque, unlit mesh with vertex colours or textures. The camera has our
-intrinsics and pose, a near plane at 0.01 and no far plane. The depth buffer is reversed: 1 at the near plane,
-0 at infinity. Colours are written to a float32 target, so they are neither rounded nor converted.
+The pipeline is the usual pipeline for an opaque, unlit mesh with vertex colours or textures. The camera has
+our intrinsics and pose, a near plane at 0.01 and no far plane. The depth buffer is reversed: 1 at the near
+plane, 0 at infinity. Colours are written to a float32 render target, so they are neither rounded nor
+converted.
 """
 
 import contextlib
@@ -48,10 +49,12 @@ struct Between { @builtin(position) place: vec4<f32>, @location(0) color: vec3<f
 
 
 class WgpuRenderer(Engine):
-    """Draws through wgpu-py. With `device` "cpu" a software adapter draws, with "gpu" any other adapter.
+    """Draws through wgpu-py.
+
+    With `device` "cpu" a software adapter draws; with "gpu" any other adapter draws.
 
     Frames have a `face_id` if the adapter supports primitive indices. If the adapter supports timestamps, the
-    device measures times. Otherwise times are wall-clock times, in the stage `WALL_CLOCK`.
+    device measures times. Without timestamps, times are wall-clock times, in the stage `WALL_CLOCK`.
     """
 
     name = "wgpu"
@@ -77,7 +80,7 @@ class WgpuRenderer(Engine):
         if self._mesh.textured is not None:
             needed = 16 * self._mesh.indices.size
         if needed > limit:
-            text = f"this mesh needs a buffer of {needed:,} bytes; {gpu.name} allows {limit:,}"
+            text = f"this mesh needs a buffer of {needed:,} bytes, but {gpu.name} allows only {limit:,}"
             raise DeviceError("DEVICE_MEMORY", text)
         with gpu.setting_up():
             gpu.open(("max-buffer-size", "max-texture-dimension-2d"), timed=True)
@@ -88,7 +91,7 @@ class WgpuRenderer(Engine):
 
     @classmethod
     def of_tier(cls, tier: str) -> Any:
-        """Return the renderer class of `tier`. The class of the dedicated tier draws the native rendering."""
+        """Return the renderer class of `tier`; the class for the dedicated tier draws native renderings."""
         if tier == "standard":
             return cls
         from msb.engines.hardware.renderer import HardwareRenderer
@@ -104,13 +107,13 @@ class WgpuRenderer(Engine):
 
     @classmethod
     def installed(cls) -> str:
-        """Return the version of this package, which contains the shaders, and the version of wgpu-py."""
+        """Return the versions of this package, which contains the shaders, and of wgpu-py."""
         with contextlib.suppress(PackageNotFoundError):
             return f"{__version__}, wgpu-py {version('wgpu')}"
         return __version__
 
     def memory(self) -> Mapping[str, int]:
-        """Return the memory of every buffer and texture: name of the use -> bytes."""
+        """Return the memory of every buffer and texture, as name of the use -> bytes."""
         return self._gpu.memory()
 
     def close(self) -> None:
@@ -119,7 +122,7 @@ class WgpuRenderer(Engine):
         self._gpu.close()
 
     def memory_groups(self) -> Mapping[str, str]:
-        """Return a mapping from uses of memory to groups; textures belong to "appearance"."""
+        """Return the group of each use of memory; textures belong to "appearance"."""
         textures = (use for use in self._gpu.resources if use.startswith("texture "))
         return {**super().memory_groups(), **dict.fromkeys(textures, "appearance")}
 
@@ -140,7 +143,7 @@ class WgpuRenderer(Engine):
         self._gpu.buffer("indices", 0, "index", data=mesh.indices)
 
     def _make_pipeline(self, ids: bool) -> Any:
-        """Return the render pipeline; with `ids` it writes face numbers to a second target."""
+        """Return the render pipeline; with `ids` the pipeline writes face numbers to a second target."""
         if self._textured is None:
             attributes = {"positions": (12, "float32x3"), "vertex colors": self._color_layout}
             source = ("enable primitive_index;" if ids else "") + _HEAD + _SHADER
@@ -178,7 +181,7 @@ class WgpuRenderer(Engine):
         if max(width, height) > self._max_side:
             size = f"{width} x {height}"
             limit = f"{self._max_side} x {self._max_side} pixels"
-            text = f"{self.device_info['name']} draws at most {limit}, not {size}"
+            text = f"{self.device_info['name']} draws images of at most {limit}, not {size}"
             raise DeviceError("DEVICE_MEMORY", text)
         self._size = None
         formats = {"image": IMAGE_FORMAT, "depth": DEPTH_FORMAT}
@@ -206,7 +209,7 @@ class WgpuRenderer(Engine):
             return self._run(camera, background, everything=False)
 
     def _run(self, camera: Camera, background: Color, *, everything: bool) -> DrawTime:
-        """Draw a frame and wait; with `everything` also draw face ids and copy all targets for reading."""
+        """Draw a frame and wait; with `everything` also draw face ids and make all targets readable."""
         self._make_targets(camera.width, camera.height)
         start = time.perf_counter()
         self._gpu.device.queue.write_buffer(self._gpu.resources["camera"], 0, pack_camera(camera))
@@ -314,5 +317,5 @@ def pack_camera(camera: Camera) -> NDArray[np.float32]:
 
 
 def _row_bytes(width: int, nbytes: int) -> int:
-    """Return the bytes of a copied row; WebGPU requires a multiple of 256."""
+    """Return the number of bytes of a copied row; WebGPU requires a multiple of 256."""
     return -(-nbytes * width // 256) * 256

@@ -1,4 +1,4 @@
-"""Write meshes as GLB."""
+"""Writes meshes as GLB files."""
 
 import json
 from collections.abc import Iterator
@@ -23,9 +23,9 @@ from msb.meshes.writing import as_local
 _UNLIT = "KHR_materials_unlit"
 _WEBP = "EXT_texture_webp"
 _COMPONENTS = {kind[1:]: number for number, kind in COMPONENTS.items()}
-# Targets of buffer views.
+# Target values of glTF buffer views.
 VERTICES, INDICES = 34962, 34963
-# From this number of vertices on, indices are uint32, because index 65535 is reserved for restarting strips.
+# A mesh with this number of vertices or more has uint32 indices, because index 65535 restarts strips.
 _MAX_SHORT = 1 << 16
 _FILTERS = {
     ("linear", True): 9987,
@@ -50,25 +50,25 @@ class Primitive:
 
 @dataclass
 class GlbBuilder:
-    """A file under construction: its JSON, and the parts of its binary chunk, padded to four bytes."""
+    """A GLB file under construction: its JSON, and the parts of its binary chunk, padded to four bytes."""
 
     root: dict[str, Any]
     binary: list[bytes | memoryview] = field(default_factory=list)
     size: int = 0
 
     def add(self, key: str, entry: dict[str, Any]) -> int:
-        """Append an object to the array `key` of the JSON; return its index."""
+        """Append an object to the array `key` of the JSON; return the object's index."""
         self.root.setdefault(key, []).append(entry)
         return len(self.root[key]) - 1
 
     def require(self, extension: str) -> None:
-        """Mark the extension as required for reading the file."""
+        """Mark an extension as required for reading the file."""
         for key in ("extensionsUsed", "extensionsRequired"):
             if extension not in self.root.setdefault(key, []):
                 self.root[key].append(extension)
 
     def put(self, data: bytes | NDArray[Any]) -> dict[str, int]:
-        """Append bytes to the binary chunk, and return the buffer view that describes their place."""
+        """Append bytes to the binary chunk; return the buffer view for these bytes."""
         content = data if isinstance(data, bytes) else np.ascontiguousarray(data).data.cast("B")
         start, self.size = self.size, self.size + len(content)
         self.binary.append(content)
@@ -78,7 +78,7 @@ class GlbBuilder:
         return {"buffer": 0, "byteOffset": start, "byteLength": len(content)}
 
     def rows(self, name: str, rows: NDArray[Any]) -> int:
-        """Append the vertex attribute `name` (V, K); return the index of its buffer view."""
+        """Append the attribute `name` (V, K) of the vertices; return the index of its buffer view."""
         return self.add("bufferViews", self.put(rows) | {"target": VERTICES})
 
     def indices(self, faces: NDArray[Any]) -> int:
@@ -89,9 +89,9 @@ class GlbBuilder:
 def write(mesh: Mesh, stream: BinaryIO, style: Style) -> None:
     """Write a two-sided mesh with one primitive per texture, unlit by default. Face colours are not written.
 
-    Positions and texture coordinates are float32, because some programs do not scale normalized integers.
-    An origin of the positions is the translation of the node.
-    Colours are linear light as uint8 or uint16. If the style requests sRGB, they are written as stored.
+    Positions and texture coordinates are float32, because some programs do not scale normalized integers. An
+    origin of the positions becomes the translation of the node. Colours are linear light as uint8 or uint16.
+    If the style requests sRGB, colours are written as stored.
     """
     if not len(mesh.faces):
         raise OutputError("OUTPUT_FORMAT_LIMIT", "GLB cannot store a mesh without faces; use PLY")
@@ -117,7 +117,7 @@ def write(mesh: Mesh, stream: BinaryIO, style: Style) -> None:
 
 
 def start_root(mesh: Mesh, style: Style) -> dict[str, Any]:
-    """Return the JSON of a new file: a scene with a node for one mesh, which is added later."""
+    """Return the JSON of a new file: a scene with a node for one mesh; the mesh is added later."""
     asset: dict[str, Any] = {"version": "2.0", "generator": "MeshSplatBench"}
     extras = dict(style.extras or {})
     if mesh.placement is not None:
@@ -135,7 +135,10 @@ def start_root(mesh: Mesh, style: Style) -> dict[str, Any]:
 
 
 def _encode_colors(colors: NDArray[Any], style: Style) -> NDArray[Any]:
-    """Return colours (V, 3 | 4) as stored. Integers get an alpha channel, which aligns rows to four bytes."""
+    """Return colours (V, 3 | 4) in their stored form.
+
+    Integer colours get an alpha channel, which aligns rows to four bytes.
+    """
     if style.color != "srgb":
         colors = linear_colors(colors)
     return with_alpha(colors) if colors.dtype.kind == "u" else colors
@@ -151,7 +154,7 @@ def split(mesh: Mesh, attributes: dict[str, NDArray[Any]]) -> Iterator[Primitive
         return
     used, starts = np.unique(mesh.face_textures, return_index=True)
     faces = np.split(mesh.faces, starts[1:])
-    # The vertices of a primitive are the rows first[number] to first[number + 1].
+    # A primitive has the vertices in rows first[number] to first[number + 1].
     first = [0, *(int(group.min()) for group in faces[1:]), len(mesh.vertices)]
     for number, texture in enumerate(used.tolist()):
         selected = slice(first[number], first[number + 1])
@@ -160,7 +163,7 @@ def split(mesh: Mesh, attributes: dict[str, NDArray[Any]]) -> Iterator[Primitive
 
 
 def add_mesh(builder: GlbBuilder, parts: list[Primitive], mesh: Mesh, style: Style) -> None:
-    """Add the primitives `parts` of `mesh` and their materials."""
+    """Add the primitives `parts` of `mesh` and their materials to the file."""
     primitives: list[dict[str, Any]] = []
     for number, part in enumerate(parts):
         entry = {}
@@ -181,14 +184,14 @@ def add_mesh(builder: GlbBuilder, parts: list[Primitive], mesh: Mesh, style: Sty
 
 
 def _describe_array(rows: NDArray[Any], view: int) -> dict[str, Any]:
-    """Return the accessor of an array (N, K) or (N,) that fills the buffer view `view`."""
+    """Return the accessor of an array (N, K) or (N,) that covers the whole buffer view `view`."""
     accessor: dict[str, Any] = {"bufferView": view, "componentType": _COMPONENTS[rows.dtype.str[1:]]}
     accessor |= {"count": len(rows), "type": "SCALAR" if rows.ndim == 1 else f"VEC{rows.shape[1]}"}
     return accessor | ({"normalized": True} if rows.ndim > 1 and rows.dtype.kind == "u" else {})
 
 
 def _add_material(builder: GlbBuilder, texture: int | None, mesh: Mesh, style: Style) -> None:
-    """Add the two-sided material of a primitive. Programs that light it show it rough."""
+    """Add the two-sided material of a primitive. Programs that light this material show a rough surface."""
     surface: dict[str, Any] = {"metallicFactor": 0, "roughnessFactor": 1}
     material: dict[str, Any] = {"pbrMetallicRoughness": surface}
     material |= {"doubleSided": True} if style.is_lit else {"extensions": {_UNLIT: {}}, "doubleSided": True}
@@ -230,7 +233,8 @@ def finish(builder: GlbBuilder, stream: BinaryIO) -> None:
     total = HEADER.size + CHUNK.size + len(text) + CHUNK.size + builder.size
     if total >= 2**32:
         raise OutputError(
-            "OUTPUT_FORMAT_LIMIT", f"a GLB file is limited to 4 GiB; this one would have {total} bytes"
+            "OUTPUT_FORMAT_LIMIT",
+            f"a GLB file is limited to 4 GiB, but this file would have {total} bytes; use PLY",
         )
     stream.write(HEADER.pack(b"glTF", 2, total) + CHUNK.pack(len(text), b"JSON") + text)
     stream.write(CHUNK.pack(builder.size, b"BIN\0"))

@@ -1,4 +1,4 @@
-"""Files that a mesh file links to, in its folder or below, and data that is embedded in URIs."""
+"""Reads files that a mesh file links to, in its folder or below, and data that is embedded in URIs."""
 
 import base64
 import os
@@ -13,7 +13,7 @@ from msb.meshes.source import Source
 
 _SCHEME = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*:")
 _EMBEDDED = re.compile(r"data:[^,]{0,200},", re.IGNORECASE)
-# The bytes read, by the path of the file and the largest requested number of bytes.
+# The bytes of each file that was read, by its path and the largest requested number of bytes.
 Files = dict[tuple[Path, int | None], bytes]
 
 
@@ -28,7 +28,7 @@ def read_uri(source: Source, uri: str, pointer: str, most: int | None, files: Fi
             data = unquote_to_bytes(uri[embedded.end() :])
             is_base64 = embedded[0].lower().endswith(";base64,")
             return base64.b64decode(data, validate=True) if is_base64 else data
-        except ValueError:  # lone surrogates also raise this error
+        except ValueError:  # lone surrogates raise this error as well
             raise source.error("MESH_FILE_INVALID", "the data is not valid base64", pointer=pointer) from None
     name = unquote(uri)
     key = resolve_linked_path(source, name, pointer), most
@@ -51,7 +51,9 @@ def read_linked_file(source: Source, name: str, pointer: str, most: int | None) 
 
 
 def resolve_linked_path(source: Source, name: str, pointer: str) -> Path:
-    """Return the resolved path of the file `name` in the folder of a mesh file. The file need not exist.
+    """Return the resolved path of the file `name` in the folder of a mesh file.
+
+    The file does not have to exist.
 
     Names that leave the folder are rejected: absolute paths, URLs, "..", and links to other folders.
     """
@@ -68,7 +70,7 @@ def resolve_linked_path(source: Source, name: str, pointer: str) -> Path:
 
 
 def _explain_invalid_name(name: str) -> str | None:
-    """Return why `name` cannot be a file in the folder or below it, or None if it can."""
+    """Return the reason why `name` cannot be a file in the folder or below, or None if it can."""
     if not name or "\0" in name or has_lone_surrogate(name):
         return "is not a file name"
     if _SCHEME.match(name):

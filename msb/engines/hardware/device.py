@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from msb.engines.hardware.plan import SLOT, Binding, ComputePass, DrawPass, Plan
 from msb.engines.webgpu_adapter import Gpu
 
-# Kind of a `Binding` -> its entry in a bind group layout.
+# Kind of a `Binding` -> entry in a bind group layout.
 _LAYOUTS = {
     "uniform": {"buffer": {"type": "uniform"}},
     "read": {"buffer": {"type": "read-only-storage"}},
@@ -23,7 +23,7 @@ _LAYOUTS = {
 # Name of the depth texture of a plan with a z-buffer.
 Z_BUFFER = "z-buffer"
 _DEPTH, _STORED = "depth32float", "r32float"
-# Bytes of a pixel in the output buffer: red, green, blue, alpha and depth, float32.
+# Number of bytes of a pixel in the output buffer: red, green, blue, alpha and depth, float32.
 PIXEL_BYTES = 20
 
 
@@ -61,7 +61,7 @@ def count_pixel_bytes(bands: list[Band]) -> int:
 
 
 class DevicePlan:
-    """A plan with its buffers and compiled pipelines on a device."""
+    """A frame plan with its buffers and compiled pipelines on a device."""
 
     def __init__(self, gpu: Gpu, plan: Plan) -> None:
         self._gpu, self._plan, device = gpu, plan, gpu.device
@@ -83,7 +83,7 @@ class DevicePlan:
                 layout = self._make_layout(step.bindings)
                 compiled[key] = layout, self._make_pipeline(step, layout)
             self._pipelines.append(compiled[key])
-        # (Number of the step, number of the band) -> bind group.
+        # (Step number, band number) -> bind group.
         self._groups: dict[tuple[int, int], Any] = {}
 
     def _make_layout(self, bindings: Iterable[Binding]) -> Any:
@@ -137,11 +137,11 @@ class DevicePlan:
         )
 
     def set_bands(self, bands: list[Band]) -> None:
-        """Create the textures and buffers for frames with these bands; the first band must be the largest."""
+        """Create the textures and buffers for frames with these bands, the largest band first."""
         self.bands = bands
         self._groups = {key: group for key, group in self._groups.items() if key[0] < len(self._plan.passes)}
-        # The uniform buffer has a slot for each band, with x, y, width, height, and the number of the first
-        # output value.
+        # The uniform buffer has a slot for each band: x, y, width, height, and the number of the first output
+        # value.
         rows = np.zeros((len(bands), SLOT // 4), np.uint32)
         for row, band in zip(rows, bands, strict=True):
             row[:5] = band.x, band.y, band.width, band.height, band.offset // 4
@@ -156,7 +156,7 @@ class DevicePlan:
             gpu.texture(name, width, height, form, "texture_binding", usage)
 
     def _targets(self) -> dict[str, str]:
-        """Return the textures that the passes of a band write: a mapping from names to formats."""
+        """Return the textures that the passes of a band write, as name -> format."""
         formats: dict[str, str] = {}
         for step in self._plan.band_passes:
             if isinstance(step, DrawPass):
@@ -207,10 +207,10 @@ class DevicePlan:
     ) -> None:
         """Encode the steps of one entry of `stages`.
 
-        `timed` is a query set and the numbers of its queries for the start and the end. Consecutive compute
+        `timed` has a query set and the numbers of the queries for the start and the end. Consecutive compute
         steps share a compute pass; every draw step is a separate render pass.
         """
-        # Group the steps into passes.
+        # Group the steps into compute and render passes.
         passes: list[list[tuple[int, int]]] = []
         for number, band in steps:
             if not passes or DrawPass in (type(self._steps[number]), type(self._steps[passes[-1][0][0]])):
@@ -282,6 +282,6 @@ class DevicePlan:
         return np.frombuffer(self._gpu.device.queue.read_buffer(buffer), np.uint8)
 
     def close(self) -> None:
-        """Drop all references to objects of the device, because they prevent its release."""
+        """Drop all references to objects of the device, because references prevent their release."""
         for references in (self._groups, self._pipelines, self._modules):
             references.clear()

@@ -1,6 +1,7 @@
 // Draws a quad for each face: from front to back with blending, or (Z_BUFFER) in the order of the asset with a z-buffer.
-// The file of the method comes before this one. It defines `Face` and, for blending, `cover`. For a z-buffer it defines
-// `place_of`, `number_of` and `outline`; `outline` moves the corners of the quad, for example to draw a triangle.
+// The file of the method precedes this file and defines `Face`. For blending, it also defines `cover`. For a z-buffer,
+// it defines `place_of`, `number_of` and `outline`; the latter moves the corners of the quad, for example to draw a
+// triangle.
 //
 // The quad's corners lie on the borders between samples, half a sample from the nearest sample centre, so rounding in
 // the hardware does not change the set of samples. The members of `Face` are vertex attributes with one value per
@@ -63,11 +64,11 @@ struct Targets {
 }
 #if STOPS
 
-// Stopping of samples: officially a face that would reduce the transmittance T below STOP is skipped, and the sample
-// is complete. Hardware cannot read T while it blends, so faces are drawn in chunks, and a fragment knows only T at the
-// start of its chunk. This value is at least the current T, so every face that is skipped here is officially skipped,
-// too. Instead of this face, the background is blended with alpha 1. It fills the sample, so the hardware multiplies
-// all later faces of the sample by 0.
+// Stopping of samples: the official renderer skips a face that would reduce the transmittance T below STOP, and the
+// sample is complete. Hardware cannot read T while it blends, so faces are drawn in chunks, and a fragment only knows T
+// at the start of its chunk. This T is at least the current T, so the official renderer also skips every face that is
+// skipped here. Instead of such a face, the background is blended with alpha 1. The background fills the sample, so the
+// hardware multiplies all later faces of the sample by 0.
 @group(0) @binding(2) var covered: texture_2d<f32>; // 1 - T
 #endif
 

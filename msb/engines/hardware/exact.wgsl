@@ -42,11 +42,11 @@ fn root(a: f32) -> f32 {
     return select(s, better, a > 1e-25 && a < 1e25);
 }
 
-// Returns the second argument if one is NaN. (The min and max of WGSL are undefined for NaN.)
+// Both functions return b if a or b is NaN. (The functions min and max of WGSL are undefined for NaN.)
 fn lesser(a: f32, b: f32) -> f32 { return select(b, a, a < b); }
 fn greater(a: f32, b: f32) -> f32 { return select(b, a, a > b); }
 
-// ---- vectors; components are added from the first to the last
+// ---- vectors; sums add the components from the first to the last
 
 fn dot2(a: vec2<f32>, b: vec2<f32>) -> f32 { return add(mul(a.x, b.x), mul(a.y, b.y)); }
 fn cross2(a: vec2<f32>, b: vec2<f32>) -> f32 { return keep(mul(a.x, b.y) - mul(a.y, b.x)); }
@@ -97,7 +97,7 @@ fn tile_number(value: f32, limit: u32) -> i32 {
     return i32(floor(select(f32(limit), low, low < f32(limit))));
 }
 
-// Returns the same integer, but rounded up.
+// Returns the integer of `tile_number`, but rounded up.
 fn tile_after(value: f32, limit: u32) -> i32 {
     let low = select(0.0, value, value > 0.0);
     return i32(ceil(select(f32(limit), low, low < f32(limit))));
@@ -107,7 +107,7 @@ fn tile_after(value: f32, limit: u32) -> i32 {
 fn box_of(low: vec2<f32>, high: vec2<f32>) -> vec4<i32> {
     let w = f32(view.width) - 1.0;
     let h = f32(view.height) - 1.0;
-    // A lower end outside the raster stands for an empty box.
+    // A lower end outside the raster means an empty box.
     let x0 = select(0.0, select(w + 1.0, low.x, low.x < w), low.x > 0.0);
     let y0 = select(0.0, select(h + 1.0, low.y, low.y < h), low.y > 0.0);
     let x1 = select(w, select(-1.0, high.x, high.x >= 0.0), high.x < w);

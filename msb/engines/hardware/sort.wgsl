@@ -7,15 +7,15 @@
 const DIGITS = 16u;
 const WORKERS = 128u;
 const RUN = BLOCK / WORKERS;    // items per invocation; program.py defines BLOCK, the items per workgroup
-const UNLISTED = 0xfffffffeu;   // faces with this key or a higher one are not drawn (DROPPED, UNSEEN in project.wgsl)
+const UNLISTED = 0xfffffffeu;   // faces with this key or a higher key are not drawn (DROPPED, UNSEEN in project.wgsl)
 
 struct Step {
     shift: u32,
-    mask: u32,    // 0 in the only step of order "none", which keeps the order of the asset
-    items: u32,   // items of the first step
+    mask: u32,    // 0 in the single step of the order "none", which keeps the order of the asset
+    items: u32,   // number of items of the first step
     blocks: u32,  // maximum number of blocks; stride of `sums`
-    chunks: u32,  // chunks of sorted faces that are drawn one after the other
-    parts: u32,   // record buffers per chunk
+    chunks: u32,  // number of chunks of sorted faces, which are drawn one after the other
+    parts: u32,   // number of record buffers per chunk
 }
 @group(0) @binding(0) var<uniform> current: Step;
 @group(0) @binding(1) var<storage, read> keys_in: array<u32>;

@@ -98,7 +98,7 @@ fn contour_tiles(w: ptr<function, Window>, shrunk: f32) -> vec4<i32> {
     var offset: array<f32, 3>;
     var distance = 0.0;
     for (var k = 0; k < 3; k++) {
-        // As officially, the distance of the first edge is used for all edges, unless it underflows to 0.
+        // As in the official code, the distance of the first edge is used for all edges, unless it underflows to 0.
         if (distance == 0.0) {
             distance = mul((*w).inradius[k], shrunk);
         }

@@ -1,7 +1,7 @@
 "use strict";
 import { matrixOf } from "./camera.js";
-// Executes the plan of a frame (msb/engines/hardware/program.py) with WebGPU. WGSL, buffers and passes are those of the
-// renderer `wgpu`. The only data that this script computes for a frame is the camera record.
+// Executes the plan of a frame (msb/engines/hardware/program.py) with WebGPU. WGSL, buffers and passes are the same as in
+// the renderer `wgpu`. For each frame, this script only computes the uniform buffer of the camera.
 const SLOT = 256;        // bytes between entries of a uniform buffer that are bound separately
 const PIXEL_BYTES = 20;  // red, green, blue, alpha and depth of a pixel, float32
 const ROOM = 1 << 23;    // maximum number of samples of a band
@@ -25,7 +25,7 @@ struct Band { first: vec2<u32>, size: vec2<u32>, output: u32 }
   return vec4<f32>(floor(rgb * 255.0 + 0.5) / 255.0, 1.0);
 }`;
 
-// ---- the camera record
+// ---- the uniform buffer of the camera
 
 // Returns the signs of the rows of world_to_camera and the projection matrix of blended methods, as in
 // msb/render/splat/view.py.
@@ -48,7 +48,7 @@ function surfaceProjection(view, near, far, flip) {
   ]];
 }
 
-// Returns the members of the camera record that all methods share, with the formulas and float32 roundings of
+// Returns the members of the camera's buffer that all methods share, with the formulas and float32 roundings of
 // msb/render/splat/view.py. camera.js describes a view.
 function cameraMembers(view, scale, near, far, methodValues) {
   const f = Math.fround, W = matrixOf(view).map((row) => row.map(f));
@@ -78,7 +78,7 @@ function cameraCenter(W) {
   return [0, 1, 2].map((i) => -(columns[0][i] * a[3] + columns[1][i] * b[3] + columns[2][i] * c[3]) / determinant);
 }
 
-// Returns the camera record as bytes.
+// Returns the uniform buffer of the camera as bytes.
 function viewRecord(about, scale, view, background, degree, methodValues) {
   const values = { ...cameraMembers(view, scale, about.near, about.far, methodValues), background, degree: [degree] };
   for (const [name, value] of Object.entries(methodValues)) values[name] = [value];
@@ -122,7 +122,7 @@ async function openDevice(needs) {
 // ---- the plan
 
 export class Dedicated {
-  // Prepares a model. `about` is scene.dedicated of the page, `read(name)` returns a promise of an array, and
+  // Prepares a model. `about` is scene.dedicated of the page. `read(name)` returns a promise of an array, and
   // `onProgress(text)` is called with progress messages.
   static async open(about, canvas, read, onProgress) {
     const result = new Dedicated();
@@ -175,7 +175,7 @@ export class Dedicated {
     const before = this.plan?.buffers || {};
     Object.assign(this, compiled, { number, plan: this.about.plans[number], size: null });
     const { arrays, buffers } = this.plan;
-    // Destroy buffers of the earlier plan that the new one does not use, then create the missing ones.
+    // Destroy buffers of the earlier plan that the new plan does not use, then create the missing buffers.
     for (const name of Object.keys(before)) {
       if (this.held.has(name) && !(name in buffers && buffers[name][0] === before[name][0]) && !this.about.arrays[name]) {
         this.held.get(name).destroy();
@@ -271,7 +271,7 @@ export class Dedicated {
     });
   }
 
-  // Creates the textures and buffers for frames of this size. They have the size of a band, and all bands share them.
+  // Creates the textures and buffers for frames of this size. All bands share these resources, which have the size of a band.
   #makeTargets(width, height) {
     if (this.size?.[0] === width && this.size[1] === height) return;
     const side = Math.floor(this.device.limits.maxTextureDimension2D / this.plan.scale);
@@ -369,7 +369,7 @@ export class Dedicated {
     pass.end();
   }
 
-  // Draws onto the canvas. If `copy` is given, a destination buffer, the bytes of the canvas are copied to it.
+  // Draws onto the canvas. If the destination buffer `copy` is given, the bytes of the canvas are copied to this buffer.
   #encode(view, background, degree, methodValues, copy) {
     const { canvas, device } = this;
     if (canvas.width !== view.width || canvas.height !== view.height) {
@@ -396,7 +396,7 @@ export class Dedicated {
     device.queue.submit([encoder.finish()]);
   }
 
-  // Draws a view; resolves when the frame is complete. `methodValues` has the method's members of the camera record.
+  // Draws a view; resolves when the frame is complete. `methodValues` has the method's members of the camera's buffer.
   async draw(view, background, degree, methodValues) {
     this.#encode(view, background, degree, methodValues, null);
     await this.device.queue.onSubmittedWorkDone();

@@ -35,5 +35,5 @@ const ready = (async () => {
     say(`This browser cannot show the page: ${error.message || error}. Try a current Chrome, Edge, Firefox or Safari.`);
     return false;
   }
-  return typeof main === "function" && main();  // without `main` a script failed and has shown a message
+  return typeof main === "function" && main();  // if `main` is missing, a script has failed and shown a message
 })();
