@@ -1,4 +1,4 @@
-// Projection, GPU style: one work-item per face, stored at the position of its row.
+// Projection in GPU style. One work-item per face, stored at the position of its row.
 
 // listed: whether the face is listed, 1 or 0.
 __kernel void project(__constant View *view, __global const float *bounds, __global const uint *numbers,
