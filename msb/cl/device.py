@@ -21,7 +21,7 @@ class Device:
     """An OpenCL device with one in-order queue.
 
     `open_device` opens it; `close` or the end of a ``with`` block closes it. Threads may share a device.
-    Each command to the device is thread-safe. Put commands that belong together into a `using` or `timing` block. Other
+    Commands are thread-safe. Put commands that belong together into a `using` or `timing` block. Other
     threads wait during this block. `style` selects the kernels. The style of the kernels: `record.style`
     unless the caller chose another style.
     """
