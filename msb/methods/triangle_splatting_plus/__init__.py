@@ -1,4 +1,5 @@
-"""Triangle Splatting+: the predecessor of MeshSplatting. Layout and image formation are nearly the same."""
+"""Triangle Splatting+: the predecessor of MeshSplatting. Its file layout and image formation are nearly
+those of MeshSplatting."""
 
 from dataclasses import replace
 
