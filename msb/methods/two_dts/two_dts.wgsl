@@ -6,7 +6,7 @@
 const EPS = 1e-8;
 const DILATION = 3.0;
 const MAX_ALPHA = 0.99;
-const COVERAGE = 2u; // opacity, and the eccentricity at which alpha is 1/255 (negative if alpha is always below)
+const COVERAGE = 2u; // opacity, and the eccentricity at which alpha is 1/255 (negative if always below)
 
 #if ENGINE
 struct Face {
