@@ -1,7 +1,7 @@
 """The classes of errors, their codes, and the exit status of each class.
 
-Every error that a user can cause has a stable code. A code belongs to one class, and a class has one exit
-status. The command line prints ``CODE: FILE: problem, place, remedy``.
+Every error that a user can cause has a stable code. An error code belongs to one class, and a class has one
+exit status. The command line prints an error as ``CODE: FILE: problem, place, remedy``.
 """
 
 import contextlib
@@ -26,7 +26,7 @@ class MsbError(Exception):
     Parameters
     ----------
     code : str
-        Stable name, one of the `codes` of this class.
+        Stable name of the error, one of the `codes` of this class.
     message : str
         The problem, its place and the remedy, in one or two sentences without line breaks.
     file : str, optional
@@ -40,7 +40,7 @@ class MsbError(Exception):
 
     @property
     def exit_status(self) -> int:
-        """The exit status of the command line."""
+        """The exit status of the command line for this class of errors."""
         return EXIT_STATUS[type(self)]
 
     def __init__(
@@ -60,11 +60,11 @@ class MsbError(Exception):
         super().__init__(str(self))
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # Worker processes send errors as pickles. By default unpickling would pass only the printed text.
+        # Worker processes send errors as pickles. By default, unpickling would pass only the printed text.
         return partial(type(self), file=self.file, pointer=self.pointer), (self.code, self.message)
 
     def at(self, file: object) -> Self:
-        """Return a copy of this error that names `file`."""
+        """Return a copy of this error that names the file `file`."""
         return type(self)(self.code, self.message, file=file, pointer=self.pointer)
 
     def __str__(self) -> str:
@@ -169,7 +169,7 @@ class Unsupported(MsbError):
 
 
 class DeviceError(MsbError):
-    """There is no OpenCL device, or it fails: too little memory, a kernel that does not compile."""
+    """No OpenCL device exists, or the device fails: too little memory, or a kernel that does not compile."""
 
     codes = _names("""
         DEVICE_NOT_FOUND DEVICE_MEMORY DEVICE_BUILD DEVICE_COMMAND ENGINE_FAILED DEVICE_CLOSED
@@ -179,7 +179,8 @@ class DeviceError(MsbError):
 
 EXIT_OK = 0
 EXIT_INTERRUPTED = 130
-# Class of error -> exit status of the command line. The help of every command lists the exit statuses.
+# For each class of errors, the exit status of the command line. The help of every command lists the exit
+# statuses.
 EXIT_STATUS: dict[type[MsbError], int] = {
     GateFailed: 1,
     UsageError: 2,
@@ -208,8 +209,8 @@ class Code(NamedTuple):
 class Finding:
     """A problem that `validate` reports.
 
-    `pointer` is a JSON pointer into the manifest, an array element or a byte offset. `file` is a file inside
-    the asset, if the problem can be located there.
+    `pointer` is a JSON pointer into the manifest, an array element or a byte offset. `file` is a file
+    inside the asset, if the problem is in a particular file.
     """
 
     code: str
@@ -221,7 +222,7 @@ class Finding:
     limit: Any = None
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the finding as JSON data. Unknown values are None."""
+        """Return the finding as JSON data. Fields with unknown values are None."""
         return {
             "code": self.code,
             "severity": self.severity,
@@ -258,7 +259,7 @@ def finding(
 
 
 def error_finding(error: MsbError) -> Finding:
-    """Return an error as a finding, the inverse of `Finding.to_error`."""
+    """Return an error as a finding; this is the inverse of `Finding.to_error`."""
     return finding(error.code, error.message, pointer=error.pointer)
 
 
@@ -279,7 +280,7 @@ def json_safe(value: Any) -> Any:
 def shorten(text: str, limit: int = 80) -> str:
     """Return `text` on one line, without control characters and with at most `limit` characters.
 
-    The content of a hostile file can be part of an error message, and must not be able to control a terminal.
+    An error message can contain text from a hostile file, which must not be able to control a terminal.
     """
     clean = "".join(c if c.isprintable() else repr(c)[1:-1] for c in text[: limit + 1])
     return clean if len(clean) <= limit else clean[: limit - 3] + "..."
@@ -287,7 +288,8 @@ def shorten(text: str, limit: int = 80) -> str:
 
 @contextlib.contextmanager
 def about(path: object) -> Iterator[None]:
-    """Add the file `path` to errors inside the block that do not name a file, such as errors about arrays."""
+    """Inside the block, add the file `path` to errors that do not name a file, such as errors about
+    arrays."""
     try:
         yield
     except MsbError as error:
@@ -304,7 +306,7 @@ def one_line(text: str) -> str:
 
 
 def formula_safe(text: str) -> str:
-    """Return `text` as a CSV cell that spreadsheets do not evaluate, with an apostrophe before a formula.
+    """Return `text` as a CSV cell that spreadsheets do not evaluate; a formula gets an apostrophe in front.
 
     A formula begins with = + - @, a tab or a line break. Numbers and "--" are not changed. Quotation marks
     would not help, because spreadsheets remove them first. Source: OWASP, "CSV Injection".
