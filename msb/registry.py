@@ -157,23 +157,23 @@ class Method:
     native: Native | None = None
     """The features of the method's native representation; None if the method has no native rendering."""
     retained: dict[Tier, Retained] = field(default_factory=dict)
-    """For each tier (`dedicated`, `standard`), the features that the tier retains. Unsupported tiers are "
-      "absent."""
+    """For each tier (`dedicated`, `standard`), the features that the tier retains. Unsupported tiers are
+    absent."""
     unsupported: dict[Tier, str] = field(default_factory=dict)
     """For each unsupported tier, the reason. The method supports all other tiers."""
     settings: dict[str, Setting] = field(default_factory=dict)
     passes: dict[Tier, tuple[str, ...]] = field(default_factory=dict)
     """For each tier, the passes of the tier's renderer, in order."""
     coverage: str = "solid"
-    """The value of `coverage.kernel` in manifests, which names the function for the weight inside a "
-      "primitive."""
+    """The value of `coverage.kernel` in manifests, which names the function for the weight inside a
+    primitive."""
     primitive: Literal["triangle", "gaussian"] = "triangle"
-    """The primitives that the method trains. For Gaussian methods, assets of extracted meshes consist of "
-      "triangles."""
+    """The primitives that the method trains. For Gaussian methods, assets of extracted meshes consist of
+    triangles."""
     files: tuple[str, ...] = ()
-    """Paths of the method's models in an output folder, such as ``ckpt/{n}.ckpt``. The preferred path is "
-      "first. {n} is the number of an iteration, and the file with the highest number is used. * matches "
-      "any text, if only one file matches.
+    """Paths of the method's models in an output folder, such as ``ckpt/{n}.ckpt``. The preferred path is
+    first. {n} is the number of an iteration, and the file with the highest number is used. * matches
+    any text, if only one file matches.
     """
     bundle: tuple[str, ...] = ()
     """File names of a model that consists of several files, beginning with the main file.
@@ -186,8 +186,8 @@ class Method:
     Methods need this if their exported files do not show which method wrote them.
     """
     rules: Rules | None = None
-    """The rules of the official code for reading datasets, or None if the method is not trained on "
-      "datasets."""
+    """The rules of the official code for reading datasets, or None if the method is not trained on
+    datasets."""
 
     def supports(self, tier: Tier) -> bool:
         """Return whether the renderer tier `tier` can draw the method."""

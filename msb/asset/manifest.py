@@ -137,8 +137,8 @@ class Manifest:
     training: Parameters = field(default_factory=dict)
     """Properties of the training, read from its config files. An empty mapping is not written."""
     primitive: Primitive = "triangle"
-    """The primitive of a face: a triangle, which is not written, or the placeholder triangle of a "
-      "Gaussian."""
+    """The primitive of a face: a triangle, which is not written, or the placeholder triangle of a
+    Gaussian."""
     up: str | None = None
     """The precise up direction: an axis, or three numbers "X,Y,Z". None is not written."""
     unit: Parameters | None = None

@@ -62,7 +62,7 @@ class Buffer:
 
     @property
     def group(self) -> str:
-        """The group to which the purpose of the memory belongs."""
+        """The group of this purpose, for example scratch memory."""
         return self.allocation.group
 
     @property

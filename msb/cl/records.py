@@ -89,7 +89,7 @@ class DeviceRecord:
 
 
 def short_name(platform: str) -> str:
-    """Return the short name by which users select a platform.
+    """Return the short name of a platform for device selectors.
 
     >>> short_name("Portable Computing Language"), short_name("Intel(R) OpenCL"), short_name("NVIDIA CUDA")
     ('pocl', 'intel', 'nvidia')

@@ -42,7 +42,7 @@ class Frame:
         Coverage: 1 at opaque surfaces; 1 - transmittance for blended primitives.
     depth : (H, W) float32
         Depth along the camera's z axis in scene units, 0 in pixels without a face. For opaque surfaces,
-        depth is that of the visible surface; for blended primitives, it is the expected depth (sum of
+        this is the depth of the visible surface; for blended primitives, it is the expected depth (sum of
         weight times depth, divided by alpha).
     face_id : (H, W) int32, optional
         The number of the visible face; -1 in pixels without a face.

@@ -97,7 +97,7 @@ __kernel void sum_largest(__global const double *restrict areas, __global const 
     for (uint f = 0; f < face_count; f++)
         candidates += sizes[f] == most;
     volatile double best = 0, total = 0; // volatile keeps Intel's compiler from reordering the additions
-    if (most > 0 && candidates == 1) { // the usual case, in which no lookup is needed
+    if (most > 0 && candidates == 1) { // the usual case needs no lookup
         for (uint f = 0; f < face_count; f++)
             largest = sizes[f] == most ? f : largest;
         for (uint f = 0; f < face_count; f++) {

@@ -175,7 +175,7 @@ void pair_faces(const Star *s, Visit *visit, uint paired_y, uint paired_z)
     visit->at[CROWDED] = crowd_at;
 }
 
-// Visit vertex v with the faces `s`, of which there is at least one. Return whether two of the faces share
+// Visit vertex v with its faces `s` (at least one). Return whether two of the faces share
 // both neighbours.
 int visit_small(Star *s, Visit *visit, uint v)
 {

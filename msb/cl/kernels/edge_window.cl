@@ -37,7 +37,7 @@ vec2 window_sample(__constant View *view, vec3 p)
                   to_sample(affine(m + 4, p) * inverse, view->height) + view->shift[1]};
 }
 
-// Returns which triangles pass all tests except those of opacity and tiles. Nothing is clipped. As in the
+// Returns which triangles pass all tests; opacity and tiles are tested later. Nothing is clipped. As in the
 // official code, the division mirrors a corner behind the camera.
 mask project_window(__constant View *view, vec3 a, vec3 b, vec3 c, Window *w)
 {

@@ -19,7 +19,7 @@ typedef int8 __attribute__((aligned(4))) loose_int8;
 #define TO_LONG4(x) __builtin_convertvector(x, long4)
 #define LOWEST_BIT(x) __builtin_ctz(x)
 #define PREFETCH(p) __builtin_prefetch(p)
-// Prefetch into the second-level cache only. The first-level cache has too few slots for so many pending
+// Prefetch into the second-level cache only. The first-level cache has too few slots for all these pending
 // lines, and its loads would be delayed.
 #define PREFETCH_FAR(p) __builtin_prefetch(p, 0, 2)
 #else

@@ -27,7 +27,7 @@ typedef struct {
     float shift[2];            // offset of the principal point from the middle of the raster, in samples
     uint width, height;        // size of the raster in samples
     uint columns, rows;        // numbers of tiles
-    uint degree;               // the degree up to which spherical harmonics are evaluated
+    uint degree;               // maximum degree of the evaluated spherical harmonics
     uint rest_stride;          // floats per row of f_rest: red, green, blue of coefficient 1, 2 and so on
     // Three rules say which tiles list a face: the tiles that the face reaches (TILES_REACHED), its
     // official tiles (TILES_OFFICIAL), or the official tiles that the face reaches (TILES_BOTH). The last

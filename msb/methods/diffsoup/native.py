@@ -185,7 +185,7 @@ class Pipeline(OnDevice):
         return DrawTime(timing.milliseconds(), timing.span(), timing.since_queued())
 
     def _queue(self, camera: Camera, background: tuple[float, float, float]) -> _Queued:
-        """Queue all commands of a frame except those that read results back."""
+        """Queue all commands of a frame, except reading results back."""
         layout = self._settings["layout"]
         near, far = self._settings["z_near"], self._settings["z_far"]
         mvp, inverse = diffsoup_matrices(camera, layout, near, far)

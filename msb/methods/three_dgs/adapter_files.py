@@ -120,7 +120,7 @@ def _read_khronos(path: Path) -> Gaussians:
 
 
 def _reject_compressed(document: Document, extension: Any, pointer: str) -> None:
-    """Reject Gaussians with other attributes than those of the base extension."""
+    """Reject Gaussians whose attributes do not follow the base extension."""
     inner = extension.get("extensions") if isinstance(extension, dict) else None
     for name in inner if isinstance(inner, dict) else ():
         text = f"the Gaussians are stored with the extension {shorten(name)}, which is not supported; "

@@ -123,7 +123,7 @@ mask project_faces(const size_t *rows, const Source *source, __constant View *vi
     f->x = to_sample(affine(full, mean) * shrink, view->width) + view->shift[0];
     f->y = to_sample(affine(full + 4, mean) * shrink, view->height) + view->shift[1];
 
-    // The samples with an exponent of -level or more; there are none if the opacity is below 1/255.
+    // The samples with an exponent of -level or more; the box is empty if the opacity is below 1/255.
     real reach = root(greater((2.0f / LOG2E) * (level + 2e-4f), (real)0.0f));
     real reach_x = reach * root(xx) + 0.01f, reach_y = reach * root(yy) + 0.01f;
     Box box = box_of((vec2){f->x - reach_x, f->y - reach_y}, (vec2){f->x + reach_x, f->y + reach_y}, view);

@@ -231,7 +231,7 @@ class PlanarRasterizer:
     """The "3D" rasterizer: the ray of every sample is intersected with the triangle's plane; no low-pass
     filter.
 
-    Attributes are those of `AffineRasterizer`; the length of the normal is twice the triangle's area.
+    The attributes are explained at `AffineRasterizer`; the length of the normal is twice the triangle's area.
     """
 
     def __init__(self, vertices: Reals, view: SplattingCamera, back_culling: bool) -> None:
@@ -286,7 +286,7 @@ class EngineRasterizer:
     Therefore the triangles are enlarged about their centroids until they contain their whole coverage. A
     vertex shader can enlarge the triangles.
 
-    Attributes are those of `AffineRasterizer`, without an official radius. The function `reach` computes
+    The attributes are explained at `AffineRasterizer`, without an official radius. The function `reach` computes
     `reached` (F,).
     """
 

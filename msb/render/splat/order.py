@@ -27,7 +27,7 @@ FACE_GROUP = 64
 _AXIS_BITS = 18
 # Bits of a sort key for the face size, which is the exponent of the inradius.
 _SIZE_BITS = 8
-# Number of rows that are permuted at a time; so many rows fit into the processor's cache.
+# Number of rows that are permuted at a time; they fit into the processor's cache.
 _PIECE = 1 << 14
 # Placeholder for an array that the kernels of a method do not read.
 _NOTHING = np.zeros(1, np.float32)
