@@ -44,7 +44,7 @@ METHOD = Method(
     ),
     native=Native(binary_opacity=True, neural_decoder=True),
     retained={"dedicated": Retained("Method-aware", "MLP", notes={"depth_sort": "depth test"}, **AWARE)},
-    unsupported={"standard": "colours come from a view-dependent decoder; the model has no static colours"},
+    unsupported={"standard": "its colours come from a view-dependent decoder; it has no static colours"},
     settings={
         "layout": Setting("colmap", "choice", choices=("colmap", "synthetic")),
         "z_near": Setting(0.5, "float", positive=True),
