@@ -222,8 +222,8 @@ def find_training_views(
 ) -> ChosenViews | None:
     """Return the training cameras beside the file of an asset, or None if no such camera shows the asset.
 
-    At most `most` cameras are returned. The chosen cameras are spread evenly over all cameras. Their images
-    are scaled down so that no side is longer than `longest` pixels.
+    At most `most` cameras are returned. The chosen cameras are spread evenly over all cameras. The images
+    of the cameras are scaled down so that no side is longer than `longest` pixels.
     """
     from msb.adapters.training_cameras import training_cameras
 
@@ -357,8 +357,8 @@ def _test_visibility(
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_], float, NDArray[np.float64]]:
     """The function tests a sample of n faces.
 
-    Return two masks (n,) of the faces visible from the front and from behind; the share of visible faces
-    seen from behind; and weights (n,) proportional to the area.
+    Return two masks (n,) of the faces visible from the front and from behind, the share of visible faces
+    seen from behind, and weights (n,) proportional to the area.
     """
     # Compute centres (n, 3) and normals (n, 3) of an evenly spread sample of the faces.
     faces = asset.buffers["indices"]

@@ -1,2 +1,1 @@
-"""Public functions that `msb` exports: audit, open, validate and the demo data. Each public function is in
-a module of this name."""
+"""Public functions that `msb` exports: audit, open, validate and the demo data."""

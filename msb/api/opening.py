@@ -42,9 +42,9 @@ def open(path: str | os.PathLike[str], *, method: str | None = None) -> Asset:
     Returns
     -------
     Asset
-        The result of `load` or `export`. Positions are float32, even if a mesh file has float64. They are
-        relative to an origin if the mesh is very far from zero relative to its size. Faces of mesh files
-        and checkpoints with non-finite values are left out, with a warning.
+        The result of `load` or `export`. Positions are float32, even if a mesh file has float64. Positions
+        are relative to an origin if the mesh is very far from zero relative to its size. Faces of mesh
+        files and checkpoints with non-finite values are left out, with a warning.
 
     Raises
     ------

@@ -1,7 +1,7 @@
 """The two forms of an asset, packed and folder, with a common interface of names, sizes and mapped bytes.
 
 The packed form is a ZIP of stored (uncompressed) members, which is mapped as a whole. Each member starts on
-a 64-byte boundary. It is the strict subset of ZIP that docs/triasset.md describes and
+a 64-byte boundary. The archive is the strict subset of ZIP that docs/triasset.md describes and
 `msb.asset.strict_zip` reads.
 """
 

@@ -55,8 +55,8 @@ class Policy:
     """The rules of one kind of archive. The checks of this base class accept every archive."""
 
     max_members: int
-    # Whether the archive may have the form that torch writes: sizes and checksum may follow the data, and
-    # local headers may repeat the central ZIP64 record.
+    # Whether the archive may have the form that torch writes. In this form, sizes and checksum may follow
+    # the data, and local headers may repeat the central ZIP64 record.
     descriptors = False
 
     def refuse(self, code: str, message: str, at: int) -> NoReturn:  # pragma: no cover

@@ -228,8 +228,8 @@ def _reject_folder(target: Path) -> None:
 def is_stream(path: str | os.PathLike[str]) -> bool:
     """Return whether `path` must be written directly, because another file cannot replace it.
 
-    The result is true for devices, pipes and sockets, and for links to such files. It is also true for
-    names of an open file of this process, such as ``/dev/stdout``, ``/dev/fd/63`` and ``/proc/self/fd/3``.
+    The result is true for devices, pipes and sockets, and for links to such files. Names of an open file of
+    this process also count, such as ``/dev/stdout``, ``/dev/fd/63`` and ``/proc/self/fd/3``.
     """
     try:
         mode = Path(path).stat().st_mode

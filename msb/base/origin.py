@@ -26,7 +26,7 @@ _TINY = 1e-30
 _FARTHEST = 1e15
 # Number of evenly spread vertices from which size and middle are computed.
 _SAMPLES = 200_000
-# Share of outlier vertices to ignore on each side of an axis, such as a stray vertex at zero; and the
+# Share of outlier vertices to ignore on each side of an axis (such as a stray vertex at zero), and the
 # minimum number of vertices for this rule.
 _OUTLIERS, _MANY = 0.01, 16
 

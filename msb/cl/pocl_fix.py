@@ -12,8 +12,8 @@ library. The module overwrites the characters of this name with the name of a co
 same length.
 
 Safety: nothing is written unless five facts have known values. The facts are the versions of wheel and
-driver, the file name of the library (it contains a hash of the content), the offset of the pointer, and the
-name at the pointer. Memory is read through /proc/self/mem, so a wrong address cannot crash the process.
+driver, the file name of the library with a hash of its content, the offset of the pointer, and the name at
+the pointer. Memory is read through /proc/self/mem, so a wrong address cannot crash the process.
 `msb.cl.trial` first builds and runs kernels with the new processor name in a separate process. Delete this
 module as soon as a PoCL wheel knows current processors.
 """

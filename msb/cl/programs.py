@@ -212,8 +212,8 @@ def build(queue: Queue, package: str, name: str, defines: Mapping[str, Define]) 
 
 def _compile(queue: Queue, source: str, options: tuple[str, ...]) -> list[Any]:
     cl = queue.cl
-    # cl.Program(context, source) is avoided. Its disk cache waits a minute for the lock of a killed
-    # process. PoCL and NVIDIA have caches of their own.
+    # cl.Program(context, source) is avoided. The disk cache of cl.Program waits a minute for the lock of a
+    # killed process. PoCL and NVIDIA have caches of their own.
     program = cl.Program(cl._cl._Program(queue.context, source))
     with warnings.catch_warnings():
         # Compiler warnings are not meant for the user. Errors are raised as exceptions.

@@ -57,7 +57,8 @@ def exclusive_scan(device: Device, values: Buffer, offsets: Buffer, count: int |
 
 
 def _scan_cpu(device: Device, values: Buffer, offsets: Buffer, count: int) -> None:
-    # Sum each chunk of elements and scan the sums. Then scan each chunk, starting from its offset.
+    # Sum each chunk of elements and scan the sums. Then scan each chunk of elements, starting from the
+    # chunk's offset.
     program = device.program("scan_cpu", {"SUM": _OPENCL_NAMES[offsets.dtype]})
     chunk, chunks = chunks_of(device, count)
     starts = device.scratch("scan starts", chunks, offsets.dtype)

@@ -199,7 +199,7 @@ def render(
 ) -> Frame:
     """Render an asset once from a camera.
 
-    For several frames use `Renderer`. It keeps the asset on the device and is faster.
+    For several frames use `Renderer`. `Renderer` keeps the asset on the device, and is faster.
 
     Parameters
     ----------

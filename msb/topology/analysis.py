@@ -40,8 +40,7 @@ class Components:
     def largest(self) -> int | None:
         """Return the component with most faces, or None for a mesh without components.
 
-        Of equally large components, the component with the larger area wins, then the component with the
-        lowest face number.
+        If components have equally many faces, the larger area wins, then the lowest face number.
         """
         if self.count == 0:
             return None

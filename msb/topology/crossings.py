@@ -157,7 +157,7 @@ def _test_pairs(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDAr
     rest = np.flatnonzero(~apart)
     rows, first, second = rows[rest], first[..., rest], second[..., rest]
     crossed = np.zeros(len(rows), bool)
-    # An edge crosses a face under two conditions: its ends are on different sides of the plane, and it
+    # An edge crosses a face under two conditions. Its ends are on different sides of the plane, and it
     # passes all three edges of the face with the same sense of rotation.
     for edges, face, signs in ((first, second, signs_1[:, rest]), (second, first, signs_2[:, rest])):
         for k in range(3):

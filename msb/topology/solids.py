@@ -14,7 +14,7 @@ from msb.topology.weld import find_coincident_vertices
 # Maximum number of faces for which the audit searches crossing faces without a request: about 8 us per face
 # on one core. Long, thin faces take longer, so the number of tested pairs (0.7 us each) has a limit as well.
 MOST_FACES, MOST_PAIRS = 200_000, 1 << 23
-# A body, such as a sheet with two sides, is flat if its volume is below this share of the cubed diagonal of
+# A body is flat, like a sheet with two sides, if its volume is below this share of the cubed diagonal of
 # its bounding box. The share of a cube is 0.19.
 _FLAT = 1e-9
 

@@ -322,8 +322,8 @@ def run_pickle(
 ) -> tuple[Any, int]:
     """Run the pickle at the beginning of `data`; return the pickle's value and end.
 
-    Without `storages`, all tensors in the value are empty. `where` and `origin` are for error messages:
-    `where` is the name of the member, such as "data.pkl ", and `origin` the position of `data` in the file.
+    Without `storages`, all tensors in the value are empty. `where` and `origin` are for error messages.
+    They are the name of the member, such as "data.pkl ", and the position of `data` in the file.
     """
     machine = _Machine(data, DeclaredStorages() if storages is None else storages)
     try:

@@ -106,8 +106,8 @@ __kernel void visit_blocks(__global Record *records, __global const uint *block_
     for (int kind = 0; kind < KINDS; kind++)
         visit.at[kind] = 0;
     scratch += item * scratch_words;
-    // Layout of the scratch memory: first the starts of vertices; then a copy of the block (16-byte words)
-    // unless the block is large; then 4 words per corner of the largest vertex.
+    // The scratch memory has three parts: the starts of vertices; a copy of the block (16-byte words),
+    // unless the block is large; and 4 words per corner of the largest vertex.
     uint size = 1u << shift;
     __global uint *starts = (__global uint *)scratch, *next = starts + size + 1;
     scratch += size + 1;

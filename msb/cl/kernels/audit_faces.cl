@@ -28,8 +28,8 @@ double face_area(__global const COORDINATE *p, __global const COORDINATE *q, __g
 
 // For each face, write the area (0 if not finite), the component in `parents` (its lowest face), and the
 // initial state for uniting boundary edges. All elements of `sizes` are initially zero. For each work-item,
-// `samples` gets the number of zero-area faces with distinct vertices and the first such face, then both
-// values for faces with non-finite area.
+// `samples` gets the number of zero-area faces with distinct vertices, and the first such face. The same
+// two values follow for faces with non-finite area.
 __kernel void measure_faces(__global const COORDINATE *restrict points, __global const uint *restrict faces,
     __global double *restrict areas, __global uint *parents, __global uint *sizes, __global uint *restrict rims,
     __global uint *restrict samples, uint face_count, uint chunk)

@@ -1,5 +1,5 @@
-// Visit a vertex with any number of faces. Its neighbours are sorted, so the faces at an edge are
-// consecutive. Radix sorts take the same time for any mesh.
+// Visit a vertex with any number of faces. The neighbours of the vertex are sorted, so the faces at an edge
+// are consecutive. Radix sorts take the same time for any mesh.
 
 #define DIGIT 8
 #define BY_Z 1 // side (edge at the vertex) of a face: to neighbour y (0) or z (1)

@@ -54,8 +54,8 @@ uint find_root(__global volatile uint *parents, uint f)
     }
 }
 
-// Join the trees of two faces; return whether they were different. In any order of execution, the final
-// trees hold the same sets, and the number of joins is the number of faces minus the number of sets.
+// Join the trees of two faces; return whether they were different. The final trees do not depend on the
+// order of execution. The number of joins is the number of faces minus the number of sets.
 int unite(__global volatile uint *parents, uint first, uint second)
 {
     for (;;) {

@@ -6,8 +6,8 @@
 typedef uint8 __attribute__((aligned(4))) loose_uint8;
 #define LANES(words) (*(loose_uint8 *)(words))
 
-// A face at the vertex has two sides, y and z: the edges from the vertex to the two other vertices, in the
-// order of the face.
+// A face at the vertex has two sides, y and z. They are the edges from the vertex to the two other
+// vertices, in the order of the face.
 typedef struct {
     uint neighbour[2 * MOST]; // ordered by side: first all y, then all z; unused lanes hold NOBODY
     uint sharing[2 * MOST];   // bits of the faces that have the same neighbour
@@ -29,10 +29,11 @@ uint sum_lanes(uint8 v)
 #define REST(bits) ((bits) & ((bits) - 1)) // all set bits except the lowest
 
 // Sums over the sides of a vertex, separately for each lane. `counts` packs five numbers, with enough bits
-// for 64 sides: edges; edges to higher vertices; and among these boundary edges, two-face edges with
-// flipped winding, and edges with more than two faces. `rim` marks the sides that are boundary edges.
-// `paired` marks the sides that share a higher neighbour with an earlier side. `crowd` is non-zero at an
-// edge with more than two faces. `twins` marks the faces that share both neighbours with another face.
+// for 64 sides. Two count the edges, and the edges to higher vertices. Among the edges to higher vertices,
+// three count boundary edges, two-face edges with flipped winding, and edges with more than two faces.
+// `rim` marks the sides that are boundary edges. `paired` marks the sides that share a higher neighbour
+// with an earlier side. `crowd` is non-zero at an edge with more than two faces. `twins` marks the faces
+// that share both neighbours with another face.
 typedef struct {
     uint8 counts, rim[2], paired[2], crowd, twins;
 } Sides;

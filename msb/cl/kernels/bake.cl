@@ -129,8 +129,8 @@ __kernel void remember(__global const float *image, __global const int *faces, _
     old_errors[start + i] = error_of(image, target, i);
 }
 
-// Add the change of each pixel's error to the proposed change that involves its old or new face; if two
-// proposals are involved, add half to each.
+// Add the change of each pixel's error to the proposed change that involves its old or new face. If two
+// proposals are involved, each gets half.
 __kernel void judge(__global const float *image, __global const int *faces, __global const ushort *target,
     __global const int *old_faces, __global const float *old_errors, __global const int *owner,
     __global whole *totals, float unit, uint start, uint row, uint count)

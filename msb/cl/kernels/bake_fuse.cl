@@ -73,9 +73,9 @@ __kernel void vote(__constant float *cameras, int views, __constant float *grid,
 }
 
 // Replace the sum of votes by the average vote minus `thick`; the result is negative in solid cells. A
-// triangle soup has holes, through which views see inside. Therefore a cell is solid if the number of views
-// that see it is less than `share` times the number of hiding views; from twice this number on, the votes
-// count fully. A cell outside all images has the value UNKNOWN.
+// triangle soup has holes, through which views see inside. Therefore a cell is solid if few views see it:
+// less than `share` times the number of hiding views. From twice this number on, the votes count fully. A
+// cell outside all images has the value UNKNOWN.
 __kernel void count_votes(__global float *sums, __global const ushort *votes, float share, float thick, uint count)
 {
     size_t i = get_global_id(0);

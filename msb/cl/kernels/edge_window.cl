@@ -1,6 +1,6 @@
 // Falloff of Triangle-Splatting and MeshSplatting, from projected triangles with incentre and edge
-// distances. The kernel file of a method includes this file after its face structs. It defines MAX_ALPHA,
-// the maximum alpha, and SIGMA, the exponent of the falloff of face `f`. Sources:
+// distances. The kernel file of a method includes this file after its face structs. The including file
+// defines MAX_ALPHA, the maximum alpha, and SIGMA, the exponent of the falloff of face `f`. Sources:
 // trianglesplatting/diff-triangle-rasterization at 6d61f4c: cuda_rasterizer/forward.cu, auxiliary.h;
 // meshsplatting/diff-triangle-mesh-rasterization at b27f283 (the same lines).
 
@@ -89,8 +89,8 @@ mask project_window(__constant View *view, vec3 a, vec3 b, vec3 c, Window *w)
     return !(dropped | (w->inradius[2] > -1.0f));
 }
 
-// Samples with alpha of at least 1/255 lie in the triangle shrunk around its incentre until phi = `rim`;
-// this region is empty if `rim` is above 1. The slack covers rounding errors of edges, which a sharp corner
+// Samples with alpha of at least 1/255 lie in the triangle shrunk around its incentre until phi = `rim`.
+// This region is empty if `rim` is above 1. The slack covers rounding errors of edges, which a sharp corner
 // magnifies.
 Box window_box(__constant View *view, const Window *w, real rim)
 {

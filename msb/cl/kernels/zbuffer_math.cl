@@ -315,7 +315,7 @@ Outline make_outline(__global const float *record, __constant float *view)
         v_low = MIN(v_low, o.v[i]);
         v_high = MAX(v_high, o.v[i]);
     }
-    // The same decision as in zbuffer_block.cl, which uses float32 only.
+    // This test makes the same decision as zbuffer_block.cl, which uses float32 only.
     int small = !clipped && u_high - u_low < SMALL_EXTENT && v_high - v_low < SMALL_EXTENT && !DEEP(o.low, o.high);
     o.wide = !small && far > FAR && is_wide(record, far, view, o.plane);
     o.u_reference = o.u[0];
@@ -344,9 +344,9 @@ Outline make_outline(__global const float *record, __constant float *view)
 }
 
 // Edge functions of one triangle in exact integers, which are negative outside. On an edge the function is
-// 0, and the sample belongs to the triangle only if the edge is a left or top edge. So exactly one of two
-// triangles that share an edge takes the sample. The values are divided by UNIT. Division keeps the sign,
-// because steps of a pixel are multiples of UNIT.
+// 0, and the sample belongs to the triangle only if the edge is a left or top edge. Therefore exactly one
+// of two triangles that share an edge takes the sample. The values are divided by UNIT. Division keeps the
+// sign, because steps of a pixel are multiples of UNIT.
 typedef struct {
     long e[3];        // value at the centre of pixel (x, y)
     long dx[3], dy[3]; // e changes by -dy per pixel to the right, by +dx per pixel downwards

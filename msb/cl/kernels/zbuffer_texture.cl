@@ -155,8 +155,8 @@ Image image_of(const Textures *t, ints slot)
     return image;
 }
 
-// The texels read in a level: the upper left of four texels, the offset of the lower ones, and three shares
-// (of the upper two, of the lower two, and of the right texel in each pair).
+// The texels read in a level: the upper left of four texels, and the offset of the lower two. Three shares
+// follow: of the upper two, of the lower two, and of the right texel in each pair.
 typedef struct {
     ints at, below;
     floats upper, lower, right;

@@ -178,9 +178,9 @@ fn node_at(at: u32) -> Node {
                 vec3<f32>(feature(at + 4u), feature(at + 5u), feature(at + 6u)));
 }
 
-// The direction from the surface towards the camera is opposite to the pixel's ray. It is computed from the
-// cofactors of the rotation, which may not be exactly orthogonal. The official code computes this direction
-// from the near and far points by the inverse projection, with equal results.
+// The direction from the surface towards the camera is opposite to the pixel's ray. The direction is
+// computed from the cofactors of the rotation, which may not be exactly orthogonal. The official code
+// computes this direction from the near and far points by the inverse projection, with equal results.
 fn towards_camera(c: vec2<f32>) -> vec3<f32> {
     let off = 2.0 * view.shift / vec2<f32>(f32(view.width), f32(view.height));
     // In the "colmap" layout the principal point has the official sign.
@@ -263,9 +263,9 @@ fn picture_of(p: vec4<f32>, half: vec2<f32>) -> vec2<f32> {
 
 // Returns corner `index` of the drawn triangle strip. The edges of the triangle are moved outwards by more
 // than the rounding errors of the hardware and of the edge functions in `meeting_at`. Returns `corner`, a
-// corner of the rectangle, if this triangle is not much smaller than the rectangle, or is too thin, too far
-// away or too pointed. The outline only reduces the number of fragments; it does not decide which pixels
-// are covered.
+// corner of the rectangle, if the moved triangle is unsuitable: hardly smaller than the rectangle, too
+// thin, too far away or too pointed. The outline only reduces the number of fragments; it does not decide
+// which pixels are covered.
 fn outline(face: Face, index: u32, corner: vec2<f32>) -> vec2<f32> {
     let p = array<vec4<f32>, 3>(face.corner0, face.corner1, face.corner2);
     let half = 0.5 * vec2<f32>(f32(view.width), f32(view.height));

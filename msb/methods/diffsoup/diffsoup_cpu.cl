@@ -44,7 +44,7 @@ static float8 opacity_at(__global const TEXEL *lattice, int side, float8 b0, flo
 //
 // A pixel is inside if the rounded A0, A1 and A2 (fragment_at) have the same sign. In exact arithmetic A_i
 // = a_i u + b_i v + c_i; the rounded value differs by less than `error`, a bound of all rounding for |u|,
-// |v| <= 1. So each edge leaves a half-line of u, and the intersection of these half-lines contains every
+// |v| <= 1. Each edge leaves a half-line of u, and the intersection of the three half-lines contains every
 // pixel that is inside.
 typedef struct {
     float b[3], c[3], k[3]; // u = (b v + c) k is the end of edge i's half-line, its left end if k < 0

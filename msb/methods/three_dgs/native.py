@@ -40,7 +40,7 @@ def splat_model(asset: Asset, settings: Mapping[str, Any]) -> SplatModel:
 def splat_culling(rasterizer: str) -> Culling:
     """Return the bounds outside which a rasterizer draws no Gaussian.
 
-    gsplat clamps the Jacobian 0.3 tan(fov / 2) beyond the edge of the image; the dilation covers this, even
+    gsplat clamps the Jacobian 0.3 tan(fov / 2) beyond the edge of the image. The dilation covers this, even
     if the principal point is not in the middle. A margin covers the low-pass filter and whole tiles.
     """
     dilation = 1.3 if rasterizer == "gsplat" else 1.0

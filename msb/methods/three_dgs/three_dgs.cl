@@ -181,8 +181,8 @@ Columns columns_of(FACE_POINTER f, real x, __constant View *view)
 
 #if LANES == 8
 // Returns which pairs of rows y, y + 1 (one pair per lane) contain a sample with an exponent of `limit` or
-// more, in the eight columns from `left` on. The largest exponent of a row is at dx = -b dy / 2a, or at the
-// nearer end of the row.
+// more. Only the eight columns from `left` on are tested. The largest exponent of a row is at dx = -b dy /
+// 2a, or at the nearer end of the row.
 mask reaches(FACE_POINTER f, float left, real y)
 {
     float far = f->x - left, near = far - 7.0f, turn = -0.5f * f->b / f->a;

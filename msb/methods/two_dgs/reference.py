@@ -126,8 +126,8 @@ def render(
 
 
 def _homography(discs: Activated, view: SplattingCamera) -> tuple[Reals, Reals, Reals]:
-    """Return Tu, Tv, Tw (N, 3). Their products with (u, v, 1) are x depth, y depth and depth, where x and y
-    are in samples."""
+    """Return Tu, Tv, Tw (N, 3). The products of Tu, Tv, Tw with (u, v, 1) are x depth, y depth and depth,
+    where x and y are in samples."""
     full, real = view.full_projection, discs.mean.dtype.type
     columns = [*(discs.rotation[:, :, k] * discs.deviation[:, k : k + 1] for k in range(2)), discs.mean]
 

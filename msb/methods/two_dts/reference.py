@@ -286,7 +286,7 @@ class EngineRasterizer:
     Therefore the triangles are enlarged about their centroids until they contain their whole coverage. A
     vertex shader can enlarge the triangles.
 
-    The attributes are explained at `AffineRasterizer`, without an official radius. The function `reach` computes
+    `AffineRasterizer` explains the attributes; an official radius is missing. The function `reach` computes
     `reached` (F,).
     """
 

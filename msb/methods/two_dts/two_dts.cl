@@ -63,9 +63,9 @@ Box dilated_tiles(__constant View *view, vec2 a, vec2 b, vec2 c)
 }
 
 #if ENGINE
-// Either rasterizer with engine sampling. Hardware generates no fragments outside a triangle, but this
-// method's coverage extends beyond its edges. So the triangles are enlarged about their centroids until
-// they contain their whole coverage.
+// This is either rasterizer with engine sampling. Hardware generates no fragments outside a triangle, but
+// this method's coverage extends beyond its edges. Therefore the triangles are enlarged about their
+// centroids until they contain their whole coverage.
 mask project_shape(__constant View *view, vec3 a, vec3 b, vec3 c, Faces *f, Box *official, Box *box,
                    real *depth)
 {

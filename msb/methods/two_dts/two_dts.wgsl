@@ -58,7 +58,7 @@ fn color_face(number: u32, face: ptr<function, Face>) {
 
 #if ENGINE
 // Hardware generates no fragments outside a triangle, but this method's coverage extends beyond its edges.
-// So the triangles are enlarged about their centroids until they contain their whole coverage.
+// Therefore the triangles are enlarged about their centroids until they contain their whole coverage.
 fn project_face(number: u32, face: ptr<function, Face>) -> Projected {
     let limit = coverage[COVERAGE * number + 1u];
     var corners = positions_of(corners_of(number));

@@ -56,9 +56,9 @@ def few_frames() -> Iterator[None]:
 def keep_model(scope: DeviceScope, program: Program, count: int, arrays: Arrays) -> None:
     """Keep a model of `count` faces on the device in stored order.
 
-    The scope receives every array under its name. It also receives "numbers" (uint32, the face number of
-    each row), "bounds" and, in CPU style, "groups"; splat_bounds.cl describes the last two. `program` is
-    the method's program.
+    The scope receives every array under its name. The scope also receives "numbers" (uint32, the face
+    number of each row), "bounds" and, in CPU style, "groups"; splat_bounds.cl describes the last two.
+    `program` is the method's program.
     """
     kept, device = scope.kept, scope.device
     for name, array in arrays.items():

@@ -47,8 +47,8 @@ class StandardRenderer(OnDevice):
     share an edge, exactly one of them covers each sample. At equal depths the face with the lowest number is
     visible.
 
-    Of the asset's settings, only `ste_threshold`, which hides faces, has an effect. With `supersample` from
-    2 to 16, the image is rendered at that many times its width and height, and averaged.
+    Among the asset's settings, only `ste_threshold`, which hides faces, has an effect. With `supersample`
+    from 2 to 16, the image is rendered at that many times its width and height, and averaged.
     """
 
     name = "msb-standard"

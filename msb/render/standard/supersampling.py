@@ -40,8 +40,8 @@ def box_filter(frame: Frame, scale: int) -> Frame:
     """
     image, alpha = box_mean(frame.image, scale), box_mean(frame.alpha, scale)
     # The bits of positive floats sort in the order of the floats. Read as unsigned numbers, background
-    # samples (-1) come last. So the smallest 64-bit key of (depth, face) is the nearest sample with the
-    # lowest face.
+    # samples (-1) come last. The smallest 64-bit key of (depth, face) is therefore the nearest sample with
+    # the lowest face.
     samples = np.where(frame.depth > 0, frame.depth, np.inf).astype(np.float32).view(np.uint32)
     if frame.face_id is not None:
         samples = samples.astype(np.uint64) << np.uint64(32) | frame.face_id.astype(np.uint32)

@@ -230,7 +230,7 @@ PEERS: dict[str, Peer] = {
     "trimesh": Peer("trimesh", "trimesh", ask_trimesh),
     # NetworkX has Python objects for each element and takes about 10 s and 0.9 GB at this limit.
     "NetworkX": Peer("networkx", "networkx", ask_networkx, max_faces=200_000),
-    # It takes 10 s and 0.9 GB per million faces.
+    # NetworkX takes 10 s and 0.9 GB per million faces.
     "NVIDIA": Peer("usd_validation_nvidia", "usd-validation-nvidia", ask_nvidia, max_faces=2_000_000),
 }
 

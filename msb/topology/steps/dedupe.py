@@ -9,5 +9,5 @@ from msb.topology.steps.change import Change, with_faces
 
 
 def dedupe(faces: NDArray[Any], vertex_count: int) -> Change:
-    """Of all faces with the same three vertices in any order, keep only the first face."""
+    """Keep only the first of all faces with the same three vertices in any order."""
     return with_faces(faces, ~find_duplicate_faces(faces), vertex_count)

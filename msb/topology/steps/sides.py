@@ -42,9 +42,9 @@ def find_sides(count: int, first: NDArray[Any], second: NDArray[Any], differ: ND
     The input is pairs of nodes (n,) on equal sides, and pairs of nodes on opposite sides (`differ`). The
     double cover of the graph has two copies of each node, one per side. Every pair connects the copies on
     the sides that the pair requires. A component is two-sided if its cover has two parts. In a one-sided
-    component some pairs cannot be satisfied. All pairs that require equal sides are satisfied. Of the pairs
-    that require opposite sides, only the pairs of a spanning tree are satisfied. The function takes O(n log
-    n) time, or O(n) without one-sided components.
+    component some pairs cannot be satisfied. All pairs that require equal sides are satisfied. Among the
+    pairs that require opposite sides, only the pairs of a spanning tree are satisfied. The function takes
+    O(n log n) time, or O(n) without one-sided components.
     """
     # Nodes that must be on equal sides become one node.
     nodes, part = label_components(count, first[~differ], second[~differ])
