@@ -46,9 +46,9 @@ _MEASURED_VIEWS = 12
 _DEPTH_SIZE = (320, 240)
 # Number of faces whose visibility is tested in the depth maps, spread evenly over all faces.
 _TESTED_FACES = 4000
-# Share of the visible faces whose back outside cameras show. Above this share the winding counts as
-# consistent, with front sides pointing inwards. Below 1/3, the winding counts as consistent, with front
-# sides pointing outwards. Faces with random winding have a share of 1/2.
+# Share of the visible faces whose back outside cameras show. If the share is above this limit, the winding
+# counts as consistent, with front sides pointing inwards. If the share is below 1/3, the winding counts as
+# consistent, with front sides pointing outwards. Faces with random winding have a share of 1/2.
 _BEHIND_SHARE = 2 / 3
 # These two limits of the share are used to compare two kinds of views, which needs less certainty. Measured
 # shares: 0.3 for a diorama, 0.66 for a room interior, 0.49 to 0.55 for captures with random winding.

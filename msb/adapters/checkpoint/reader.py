@@ -90,8 +90,8 @@ def _is_safetensors(view: memoryview, head: bytes) -> bool:
 class _Node:
     """A container on the path from the root of the value.
 
-    `rest` iterates over the values that have not been visited yet. `height` is the number of nested levels,
-    and `count` the number of values, among the values visited so far.
+    `rest` iterates over the values that have not been visited yet. `height` is the number of nested levels
+    visited so far, and `count` is the number of values visited so far.
     """
 
     def __init__(self, container: Any) -> None:

@@ -180,7 +180,7 @@ def rebuild_tensor(storages: Storages, arguments: tuple[Any, ...]) -> Any:
     """Return the tensor for a call of ``torch._utils._rebuild_tensor_v2``.
 
     The arguments of the call are storage, offset, size, stride, requires_grad and hooks. The last two
-    arguments matter only for training.
+    arguments of the call matter only for training.
     """
     code = "CHECKPOINT_HOSTILE"
     if len(arguments) != 6:

@@ -17,7 +17,8 @@ ERROR_SCALE = (
 )  # fmt: skip
 # Choices for the smallest difference, in [0, 1], that gets the brightest colour.
 TOPS = (1.0, 0.5, 0.25, 0.1, 0.05, 0.02)
-# The page first uses this difference. A composed image always uses this difference.
+# The page first uses this limit for the brightest colour. A composed image always uses this limit for the
+# brightest colour.
 TOP = 0.25
 
 
