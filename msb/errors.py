@@ -26,7 +26,7 @@ class MsbError(Exception):
     Parameters
     ----------
     code : str
-        Stable name, one of the `codes` of this class.
+        Stable name of the error, one of the `codes` of this class.
     message : str
         The problem, its place and the remedy, in one or two sentences without line breaks.
     file : str, optional
@@ -40,7 +40,7 @@ class MsbError(Exception):
 
     @property
     def exit_status(self) -> int:
-        """The exit status of the command line."""
+        """The exit status of the command line for this class of errors."""
         return EXIT_STATUS[type(self)]
 
     def __init__(
@@ -65,7 +65,7 @@ class MsbError(Exception):
         return partial(type(self), file=self.file, pointer=self.pointer), (self.code, self.message)
 
     def at(self, file: object) -> Self:
-        """Return a copy of this error that names `file`."""
+        """Return a copy of this error that names the file `file`."""
         return type(self)(self.code, self.message, file=file, pointer=self.pointer)
 
     def __str__(self) -> str:
@@ -260,7 +260,7 @@ def finding(
 
 
 def error_finding(error: MsbError) -> Finding:
-    """Return an error as a finding, the inverse of `Finding.to_error`."""
+    """Return an error as a finding; this is the inverse of `Finding.to_error`."""
     return finding(error.code, error.message, pointer=error.pointer)
 
 

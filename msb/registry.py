@@ -37,7 +37,7 @@ TIERS: tuple[Tier, ...] = ("reference", "dedicated", "standard")
 Order = Literal["tile", "global", "none"]
 ORDERS: tuple[Order, ...] = ("tile", "global", "none")
 Sampling = Literal["official", "engine"]
-# How primitives are ordered and sampled in native rendering; see docs/dedicated.md.
+# How native rendering orders and samples primitives; docs/dedicated.md explains the choices.
 SAMPLINGS: tuple[Sampling, ...] = ("official", "engine")
 
 SettingValue = bool | int | float | str | None
@@ -46,8 +46,9 @@ SETTING_SOURCES: tuple[str, ...] = ("checkpoint", "config", "flag", "default")
 
 # For each pass in a manifest's `required_passes`, a description of the renderer's work.
 PASSES: dict[str, str] = {
-    "opaque_unlit": "opaque, z-buffered, two-sided faces in unlit vertex colours; every engine can draw it",
-    "bake_dc": "clamp(C0 * f_dc + 0.5) turned into vertex colours before drawing",
+    "opaque_unlit": "opaque, z-buffered, two-sided faces in unlit vertex colours; every engine can draw "
+    "such faces",
+    "bake_dc": "clamp(C0 * f_dc + 0.5), converted to vertex colours before drawing",
     "project_cull": "per-primitive projection, culling and appearance",
     "tile_sort": "assignment to tiles and stable depth sort within each tile",
     "blend_front_to_back": "front-to-back compositing with the method's coverage and stop rule",
@@ -136,7 +137,7 @@ class Retained:
 
 @dataclass(frozen=True)
 class PaperNote:
-    """A footnote of tables: a remark on the paper's numbers of a method in native rendering."""
+    """A footnote of tables: a remark on the paper's numbers for a method in native rendering."""
 
     text: str
     metrics: tuple[str, ...]
@@ -183,7 +184,8 @@ class Method:
     Methods need this option if their exported files do not identify the method.
     """
     rules: Rules | None = None
-    """The rules of the official code for reading datasets; None if the method is not trained on datasets."""
+    """The rules of the official code for reading datasets, or None if the method is not trained on
+    datasets."""
 
     def supports(self, tier: Tier) -> bool:
         """Return whether `tier` can draw models of the method."""

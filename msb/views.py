@@ -103,8 +103,8 @@ class ChosenViews:
 
     @property
     def blind_message(self) -> str:
-        """The error message if no camera sees a pixel of the mesh."""
-        text = f"no camera sees the mesh ({self.description})"
+        """The error message for the case that no camera shows a pixel of the mesh."""
+        text = f"no camera shows the mesh ({self.description})"
         if self.origin == "given":
             return f"{text}; pass cameras that see the mesh, in the coordinates of the mesh"
         return f"{text}; pass --cameras"
@@ -118,7 +118,7 @@ class ChosenViews:
         return self.with_covered(_measure_coverage(asset, self.cameras, device, len(self.cameras)))
 
     def with_covered(self, covered: Mapping[int, float] | None) -> ChosenViews:
-        """Return the views that see the model, with their coverage.
+        """Return the views that show the model, with their coverage.
 
         `covered` maps the number of each camera that sees the model to the share of pixels that the model
         covers. `covered` is None if the pixel shares are unknown.
@@ -129,14 +129,14 @@ class ChosenViews:
         pixels = [camera.width * camera.height for camera in cameras]
         coverage = sum(covered[k] * n for k, n in zip(sorted(covered), pixels, strict=True)) / sum(pixels)
         blind, text = len(self.cameras) - len(cameras), self.description
-        text += f"; {blind} of them do not see the model and are ignored" if blind else ""
+        text += f"; {blind} of these cameras do not show the model and are ignored" if blind else ""
         return replace(self, cameras=cameras, description=text, coverage=coverage)
 
 
 def _measure_coverage(
     asset: Asset, cameras: Sequence[Camera], device: str | None, enough: int
 ) -> dict[int, float] | None:
-    """Find the first `enough` cameras that see the asset.
+    """Find the first `enough` cameras that show the asset.
 
     Return the covered share of pixels of each camera that sees the asset, by number. The result is None if no
     tier can draw the asset. The caller gets the error when it draws the asset.
@@ -286,7 +286,7 @@ def generate_views(
     can_change = behind <= _OUTWARD_SHARE or not is_capture
     if seen < MIN_SEEN_SHARE and other > seen and can_change:
         here, there = ("inside", "outside") if from_inside else ("outside", "inside")
-        why = f"they see {100 * other:.0f} % of its area, and views from {here} {100 * seen:.0f} %"
+        why = f"these views show {100 * other:.0f} % of its area, and views from {here} {100 * seen:.0f} %"
         from_inside = there == "inside"
     if from_inside:
         return _describe_generated(within, "inside", framing, why)
@@ -309,7 +309,7 @@ def _describe_generated(
 def _measure_seen_areas(
     asset: Asset, outside: list[Camera], within: list[Camera], device: str | None
 ) -> tuple[float, float, float]:
-    """Return the shares of the area seen from outside and from inside, and the winding.
+    """Return the shares of the area visible from outside and from inside, and the winding.
 
     The winding is the share of visible faces that outside cameras see from behind. If the winding is
     consistent, only front sides count as visible. If the visible areas cannot be measured, both shares are 1.
@@ -360,8 +360,8 @@ def _test_visibility(
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_], float, NDArray[np.float64]]:
     """Test the visibility of a sample of n faces.
 
-    Return two masks (n,) of the faces seen from the front and from behind, the share of visible faces seen
-    from behind, and weights (n,) proportional to the area.
+    Return two masks (n,) of the faces visible from the front and from behind, the share of visible faces
+    seen from behind, and weights (n,) proportional to the area.
     """
     # Compute centres (n, 3) and normals (n, 3) of an evenly spread sample of the faces.
     faces = asset.buffers["indices"]

@@ -32,7 +32,7 @@ def note_opened(path: Path, asset: Asset, output: Output) -> None:
 
 
 def open_baked(path: Path, asset: Asset, output: Output) -> Asset:
-    """Open a mesh that was baked from `asset`, and rotate it into the coordinates of `asset`."""
+    """Open a mesh that was baked from `asset`, and rotate the mesh into the coordinates of `asset`."""
     from msb.meshes.assets import align_baked
 
     return align_baked(open_asset(path, output), asset)
@@ -53,9 +53,8 @@ def for_each(
     Parameters
     ----------
     paths : iterable of Path
-        Files, folders and patterns of the command line. Repeated inputs are processed once.
-    schema : str
-        Schema of a document with an error.
+        Files, folders and patterns of the command line. Repeated inputs are processed only once. schema :
+        str Schema of a document with an error.
     output : Output
     work : callable
         ``(path, is_only_input) -> (document, exit status)``.
@@ -71,7 +70,7 @@ def for_each(
     status = 0
     documents: list[dict[str, Any]] = []
 
-    # Errors of inputs are collected. The command continues unless --fail-fast was given.
+    # The errors of inputs are collected. The command continues after an error unless --fail-fast was given.
     def fail(path: Path, error: MsbError) -> int:
         output.reword(error)
         details = {"code": error.code, "message": error.message}
@@ -105,14 +104,15 @@ def for_each(
             continue
         documents.append(document)
         status = max(status, its_status)
-    # If the only input failed, no document is written, only the line on standard error.
+    # If a single input failed, no document is written, only a line on standard error.
     if len(documents) > 1 or (documents and "error" not in documents[0]):
         output.write_documents(documents)
     return status, documents
 
 
 def _without_repeats(paths: Iterable[Path]) -> list[Path]:
-    """Return `paths` without those that lead to the same file as an earlier one. Hard links are kept."""
+    """Return `paths` without paths that lead to the same file as an earlier path. Hard links to one file
+    are kept."""
     first: dict[str, Path] = {}
     for path in paths:
         first.setdefault(real_place(path), path)
@@ -133,7 +133,7 @@ def write_mesh_files(mesh: Mesh, target: Path, output: Output, style: Style | No
 
 
 def check_asset_place(target: Path, form: str | None, output: Output) -> None:
-    """Check the path of a `.triasset` that will be written. A folder is only replaced if it is an asset."""
+    """Check the output path of a `.triasset`. A folder is replaced only if it is an asset."""
     from msb.asset.writer import check_asset_folder
 
     output.check_free(target, folder=form == "folder", label="OUT")

@@ -7,11 +7,11 @@ from numpy.typing import NDArray
 
 
 def is_soup(faces: NDArray[Any]) -> bool:
-    """Return whether faces (F, 3) are a triangle soup: no two of them use the same vertex.
+    """Return whether faces (F, 3) are a triangle soup, in which no two faces use the same vertex.
 
-    If a face lists a vertex twice, this counts as one use.
+    A face that lists a vertex twice counts as one use of this vertex.
     """
-    # Number of faces that use each vertex, (V,).
+    # Count the faces that use each vertex, (V,).
     a, b, c = faces.T
     uses = np.bincount(np.concatenate([a, b[b != a], c[(c != a) & (c != b)]]))
     return bool(uses.max(initial=0) < 2)

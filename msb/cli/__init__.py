@@ -1,7 +1,8 @@
 """The programs `msb` and `msb-audit`, and the modules that turn a function into a command.
 
-A command is in the package that does the work, in `command.py` or `commands/`. `msb.cli.commands` lists the
-modules of all commands, and finds commands of other packages in the entry-point group `msb.commands`.
+The module of a command is in the package that does its work, as `command.py` or in `commands/`.
+`msb.cli.commands` lists the modules of all commands, and finds commands of other packages in the
+entry-point group `msb.commands`.
 """
 
 import sys

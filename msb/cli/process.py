@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 # Exit status of a bug in this program: EX_SOFTWARE of sysexits.h.
 _INTERNAL = 70
-# Packages of this project. The folder of a capability can be missing in an installation.
+# Packages of this project. The package folder of a capability can be missing in an installation.
 _OURS = {"msb", "msb_viewers"}
 _NOT_READABLE = {errno.EACCES, errno.EPERM, errno.ENAMETOOLONG}
 
@@ -51,7 +51,8 @@ def _run(app: typer.Typer, name: str) -> int:
 
         command = get_command(app)
         if _is_completing():
-            # Typer calls this only for its two completion options, which are off, and does not export it.
+            # Typer calls this function only for its two completion options, which are off, and does not
+            # export it.
             from typer.completion import completion_init  # type: ignore[attr-defined]
 
             completion_init()
@@ -97,11 +98,11 @@ def _interruption(error: BaseException) -> int | None:
 def _ending_on_signals() -> Iterator[None]:
     """Raise an exception on SIGTERM and SIGHUP, so that temporary files are removed.
 
-    Signals that already have a handler keep it.
+    Signals that already have a handler keep this handler.
     """
 
     def end(number: int, _frame: object) -> None:
-        raise SystemExit(128 + number)  # the status that shells report for a signal
+        raise SystemExit(128 + number)  # the exit status that shells report for a signal
 
     taken = []
     if threading.current_thread() is threading.main_thread():
@@ -120,7 +121,7 @@ def _ending_on_signals() -> Iterator[None]:
 def _open_closed_streams() -> None:
     """Open closed standard streams on the null device.
 
-    Otherwise the next file that is opened would get the number of a standard stream.
+    Otherwise the next opened file would get the number of a standard stream.
     """
     for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
         if getattr(sys, name) is None:
@@ -128,14 +129,14 @@ def _open_closed_streams() -> None:
 
 
 def _output_error(error: Exception) -> OutputError | None:
-    """Return the error to report if `error` comes from writing to standard output, else None.
+    """Return the error to report if `error` comes from writing to standard output, otherwise None.
 
-    Errors of other files are excluded: `msb.base.atomic` raises errors of msb, and an error of opening a file
-    contains a file name.
+    Errors of other files are excluded: `msb.base.atomic` raises errors of msb, and an error of opening a
+    file contains a file name.
     """
     if not isinstance(error, OSError) or error.filename is not None or error.errno not in DISK_ERRORS:
         return None
-    silence(sys.stdout)  # writing its buffer would fail again
+    silence(sys.stdout)  # writing the stream's buffer would fail again
     text = f"it cannot be written: {error.strerror}"
     return OutputError("OUTPUT_UNWRITABLE", text, file="standard output or a temporary file")
 
@@ -151,7 +152,7 @@ def _as_msb_error(error: Exception, name: str) -> MsbError | None:
     if isinstance(error, ModuleNotFoundError) and (error.name or "").partition(".")[0] in _OURS:
         text = f"this needs {error.name}, which is not part of this installation"
         return UsageError("EXTRA_MISSING", text)
-    if hasattr(error, "format_message"):  # usage errors of typer
+    if hasattr(error, "format_message"):  # usage errors that typer raises
         return UsageError("USAGE", _usage_text(error, name))
     if isinstance(error, OSError) and error.filename is not None and error.errno in _NOT_READABLE:
         # For example, Path.exists can raise this error about an input. Errors of outputs have another class.
@@ -174,7 +175,7 @@ def _value_of(option: str) -> str:
 
 
 def _usage_text(error: Any, name: str) -> str:
-    """Return the text of a usage error, a similar option if the option is unknown, and the usage."""
+    """Return the text of a usage error with the usage line; for an unknown option, also a similar option."""
     from msb.cli.command import plain_words
 
     text = plain_words(str(error.format_message()), error)

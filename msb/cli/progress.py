@@ -1,4 +1,4 @@
-"""Lines that report the progress of long work where standard error is not a terminal."""
+"""Lines that report the progress of long work, for a standard error that is not a terminal."""
 
 from __future__ import annotations
 
@@ -7,18 +7,19 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 
-# Seconds between two lines, and before the first one. A night of work then fills a log with about 600 lines.
+# Seconds between two progress lines, and before the first line. A night of work then adds about 600 lines
+# to a log.
 INTERVAL = 60.0
 
 
 class ProgressLines:
-    """Writes the state of the current work once per `INTERVAL`, and at once if a caller asks for a line."""
+    """Writes the state of the current work once per `INTERVAL`, and at once if a caller requests a line."""
 
     def __init__(self, write: Callable[[str], None]) -> None:
         self._write = write
         self._last = time.monotonic()
         self._wrote = False
-        # The state of each nested activity; the innermost is reported.
+        # The state of each nested activity; the innermost state is reported.
         self._states: list[Callable[[], str]] = []
         self._lock = threading.Lock()
 
@@ -30,7 +31,7 @@ class ProgressLines:
 
     @contextlib.contextmanager
     def watch(self, state: Callable[[], str]) -> Iterator[None]:
-        """Report ``state()`` during the block, also while one of its steps takes minutes."""
+        """Report ``state()`` during the block, even while a single step takes minutes."""
         self._states.append(state)
         ended = threading.Event()
         if len(self._states) == 1:

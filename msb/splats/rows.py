@@ -1,7 +1,7 @@
 """Gaussians of a `.splat` file: rows of 32 bytes without a header (antimatter15/splat).
 
-A row is: mean and linear scale as float32 x 3, then bytes of red, green, blue, opacity, and of a quaternion
-w, x, y, z as 128 q + 128. There are no SH coefficients beyond degree 0.
+A row has mean and linear scale as float32 x 3, then bytes: red, green, blue, opacity, and a quaternion w,
+x, y, z as 128 q + 128. The format has no SH coefficients beyond degree 0.
 """
 
 import numpy as np
@@ -14,10 +14,8 @@ _ROW = np.dtype([("mean", "<f4", 3), ("scale", "<f4", 3), ("rgba", "u1", 4), ("r
 def read(data: memoryview) -> Gaussians:
     """Return the Gaussians of a `.splat` file.
 
-    Raises
-    ------
-    CheckpointError
-        CHECKPOINT_DAMAGED: the size is no multiple of a row. CHECKPOINT_LAYOUT: the file is empty.
+    Raises ------ CheckpointError CHECKPOINT_DAMAGED: the file size is not a multiple of the row size.
+    CHECKPOINT_LAYOUT: the file is empty.
     """
     if len(data) % _ROW.itemsize:
         raise damaged(f"it has {len(data)} bytes; a .splat file has {_ROW.itemsize} for each Gaussian")

@@ -1,6 +1,6 @@
-"""The topology viewer (`msb view`) and the comparison of tiers (`msb compare`).
+"""The topology viewer (`msb view`) and the comparison of renderer tiers (`msb compare`).
 
 `model`, `state`, `camera` and `picking` hold and compute plain data. `drawing`, `stage`, `fans`, `viewer` and
 `controls` show the data with VTK. `page` shows the data in a browser, and `figure` makes a figure for print.
-`deployment` compares tiers. pyvista is imported only when something is drawn.
+`deployment` compares renderer tiers. pyvista is imported only when something is drawn.
 """

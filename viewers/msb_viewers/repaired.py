@@ -1,6 +1,6 @@
 """Compare a mesh before and after a repair in one view.
 
-The layers are the deleted faces, the added faces and the cut edges.
+The view has three layers: the deleted faces, the added faces and the cut edges.
 """
 
 from dataclasses import replace
@@ -13,17 +13,17 @@ from msb_viewers.model import CLEAN_NOTE, SOUP_NOTE, Layer, ViewModel, build_mod
 from msb_viewers.palette import ADDED, DELETED, REPAIR_STYLES
 from msb_viewers.viewed_mesh import Colors, ViewedMesh
 
-# Grey values that replace black and white. Both values are light, so that the colours of the layers stand
-# out.
+# Grey values that replace black and white. Both grey values are light, so that the colours of the layers
+# stand out.
 _DARKEST, _LIGHTEST = 140, 230
 
 
 def build_repaired_model(before: ViewedMesh, after: ViewedMesh) -> ViewModel:
     """Return a view of all faces of the mesh before the repair, and of the faces that the repair added.
 
-    Unchanged faces are grey, deleted ones red and added ones green. Indices of faces and vertices refer to
-    the mesh before the repair. Faces are matched by the positions of their corners, so that repairs of any
-    program can be shown.
+    Unchanged faces are grey, deleted faces red and added faces green. Indices of faces and vertices refer
+    to the mesh before the repair. Faces are matched by the positions of their corners, so that repairs of
+    any program can be shown.
     """
     from msb.meshes.transform import rotate_axis
     from msb.topology import audit_arrays

@@ -1,5 +1,5 @@
 "use strict";
-// Written by `msb view --html` or `msb compare --html`. The page is self-contained and loads nothing.
+// `msb view --html` or `msb compare --html` wrote this page. The page is self-contained and loads nothing.
 const meta = JSON.parse(document.getElementById("meta").textContent);
 const byId = (id) => document.getElementById(id);
 const make = (tag, text, name) => {

@@ -1,4 +1,5 @@
-// Projection, GPU style: one work-item per face, stored at the position of its row.
+// Projection in GPU style. Each face has one work-item; the projected face is stored at the position of its
+// row.
 
 // listed: whether the face is listed, 1 or 0.
 __kernel void project(__constant View *view, __global const float *bounds, __global const uint *numbers,

@@ -1,4 +1,4 @@
-"""Read any other mesh file, including files that the methods' exporters write."""
+"""Read any other mesh file, including meshes written by the exporters of methods."""
 
 from dataclasses import dataclass, replace
 
@@ -40,7 +40,7 @@ def read(place: Place, content: Content, options: Options) -> Model:
 class ByName:
     """The adapter of a method that has no module `adapter`.
 
-    It reads mesh files with the file names of the method.
+    This adapter reads mesh files with the file names of the method.
     """
 
     method: str

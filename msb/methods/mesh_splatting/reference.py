@@ -31,7 +31,7 @@ _RULE = Rule(blends_crossing=False, weight_first=False)
 
 
 def corner_tiles(windows: Windows, opacity: Reals, sigma: Reals, view: SplattingCamera) -> Rectangles:
-    """Return the tiles of the box around the corners; the box is widened by 5 samples on each side."""
+    """Return the tiles of the box around the corners, widened by 5 samples on each side."""
     margin = windows.corners.dtype.type(MARGIN)
     grid = grid_size(view.width, view.height)
     low = tile_number(np.floor((windows.corners - margin) / TILE), grid).min(axis=1)
@@ -51,10 +51,12 @@ def render(
     flat_depth: bool = False,
     tiles_of: TilesOf = corner_tiles,
 ) -> ReferenceFrame:
-    """Return the frame of `asset` from `camera`; see `render_reference`. The defaults are MeshSplatting's.
+    """Return the frame of `asset` from `camera`, as described at `render_reference`. The default values are
+    for MeshSplatting.
 
     `max_alpha` limits alpha. With `flat_depth`, a face has the depth of its centroid everywhere. Otherwise
-    the depths of its corners are interpolated. `tiles_of` returns the tiles of faces.
+    the depth of a face is interpolated between its corners. The function `tiles_of` returns the tiles of
+    faces.
     """
     samples = settings["supersample"]
     view = splatting_camera(camera, NEAR, FAR, dtype, samples)

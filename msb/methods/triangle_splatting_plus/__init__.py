@@ -1,4 +1,5 @@
-"""Triangle Splatting+: the predecessor of MeshSplatting. Layout and image formation are nearly the same."""
+"""Triangle Splatting+: the predecessor of MeshSplatting. The file layout and the image formation of
+Triangle Splatting+ nearly equal those of MeshSplatting."""
 
 from dataclasses import replace
 

@@ -12,9 +12,10 @@ from msb.splats.primitive import activate
 
 
 def splat_model(asset: Asset, settings: Mapping[str, Any]) -> SplatModel:
-    """Return `asset` in the form that the kernels read; errors as in `make_model`."""
+    """Return the arrays and settings of `asset` in the form that the kernels read; errors as in
+    `make_model`."""
     discs = activate(asset, 2)
-    # Both axes of a disc as vectors (N, 3) of one standard deviation.
+    # Both axes of each disc as vectors (N, 3), with one standard deviation as length.
     axes = [discs.rotation[:, :, k] * discs.deviation[:, k : k + 1] for k in range(2)]
     culling = splat_culling(settings["rasterizer"])
     return SplatModel(

@@ -1,4 +1,4 @@
-"""The official file of 2DGS, which is that of 3DGS with two scales."""
+"""The official file of 2DGS is the file of 3DGS with two scales instead of three."""
 
 from msb.methods.three_dgs.official import SUFFIXES, write
 

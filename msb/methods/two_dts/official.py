@@ -18,18 +18,18 @@ SUFFIXES = (".glb", ".ply")
 
 
 def write(asset: Asset, path: Path) -> None:
-    """Write the triangles inside the scene box and above the STE threshold, if these are set.
+    """Write the triangles inside the scene box and above the STE threshold, if the model sets them.
 
-    Without back culling each triangle is written twice, with both orientations.
-    GaodeRender/triangle-splatting at 54c80f7: export scripts.
+    Without back-face culling, each triangle is written twice, with both orientations.
+    The formats follow GaodeRender/triangle-splatting at 54c80f7: export scripts.
     """
     buffers, settings = asset.buffers, asset.manifest.settings
     # Select faces by opacity and scene box.
     keep = visible_faces(asset, stored_threshold(asset))
     keep = np.ones(asset.manifest.face_count, bool) if keep is None else keep
     keep &= _in_box(asset)
-    # Colours of SH degree 0. If there is a threshold, every face that exceeds it gets the opacity
-    # sigmoid(10).
+    # Colours are evaluated at SH degree 0. If a threshold is set, every face that exceeds it gets the
+    # opacity sigmoid(10).
     alpha = sigmoid(buffers["opacity"][keep])
     if settings["ste_threshold"].value is not None:
         alpha[:] = sigmoid(np.full(1, 10, np.float32))

@@ -1,4 +1,5 @@
-"""Close small holes: rims with few edges and a cap much smaller than the surrounding piece."""
+"""Close small holes: boundary loops (rims) with few edges, and a cap much smaller than the surrounding
+piece."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -10,7 +11,7 @@ from msb.topology.analysis import Analysis
 from msb.topology.halfedge import NONE, face_of, next_in_face
 from msb.topology.steps.change import Change, Rims, unchanged
 
-# Default maximum number of edges of a rim that is closed.
+# Default maximum number of edges of a boundary loop that is closed.
 MOST_EDGES = 8
 # Default maximum ratio of the area of a cap to the area of its component. A larger cap would close the
 # outline of a piece instead of a hole.
@@ -26,15 +27,16 @@ def close(
 ) -> Change:
     """Close the holes with at most `most_edges` edges; added faces and vertices come last.
 
-    A rim of three edges gets one face. A rim of four edges gets two faces that share a diagonal: the shorter
-    one, unless it is already an edge. A longer rim gets a vertex in its middle. Rims stay open if
+    A boundary loop of three edges gets one face. A boundary loop of four edges gets two faces that share a
+    diagonal: the shorter diagonal, unless it is already an edge. A longer boundary loop gets a new vertex
+    in its middle. Boundary loops stay open in three cases:
 
-    - the area of their cap exceeds the share `most_share` of the area of their component. Such a rim is the
-      outline of a piece. The cap of a flat piece has the share 1, the cap of a hemisphere 1/2;
+    - the cap's area exceeds the share `most_share` of the area of the component. Such a boundary
+      loop is the outline of a piece. The cap of a flat piece has the share 1, the cap of a hemisphere 1/2;
     - they are the outline of a single triangle;
     - they pass through a vertex twice, change their winding, or end at an edge with more than two faces.
 
-    Edges keep at most two faces, and vertices keep their number of fans. Takes O(F log F) time.
+    Edges keep at most two faces, and vertices keep their number of fans. The step takes O(F log F) time.
     """
     analysis = Analysis(points, faces)
     rim = _find_rims(analysis)
@@ -53,7 +55,7 @@ def close(
     small &= lowest != highest
     if not small.any():
         return unchanged(faces, len(points))
-    # first: a rim edge of each loop, where the construction of its cap starts.
+    # first: the boundary edge of each loop at which the construction of its cap starts.
     first = np.zeros(len(rim.sizes), np.intp)
     first[rim.loop[::-1]] = np.arange(len(rim.loop))[::-1]
     caps = [_cap_triangles(rim, first[small & (rim.sizes == 3)])]
@@ -79,9 +81,9 @@ Cap = tuple["NDArray[Any]", "NDArray[Any]"]
 
 @dataclass(frozen=True)
 class _RimEdges:
-    """The boundary half-edges and the rims that they form.
+    """The boundary half-edges, and the loops that they form.
 
-    The first five arrays have an entry per rim edge, the last two an entry per loop.
+    The first five arrays have an entry per boundary edge, the last two an entry per loop.
 
     Attributes
     ----------
@@ -111,13 +113,15 @@ def _find_rims(analysis: Analysis) -> _RimEdges:
     halfedge = mesh.edge_halfedges[mesh.edge_offsets[boundary.edges]]
     after = next_in_face(halfedge)
     leaves, enters = fans.corner_fan[halfedge], fans.corner_fan[after]
-    # begins_at: the rim edge that leaves each fan. It follows the rim edge that enters the fan.
+    # begins_at: the boundary edge that leaves each fan. The edge that leaves a fan follows the boundary
+    # edge that enters this fan.
     begins_at = np.full(len(fans.fan_vertex), NONE, np.intp)
     begins_at[leaves] = np.arange(len(halfedge))
     follows = begins_at[enters]
     loop, start = boundary.chain, mesh.origin[halfedge]
     whole = boundary.closed.copy()
-    # If the winding flips along a rim, two half-edges leave one fan, and no half-edge leaves another fan.
+    # If the winding flips along a boundary, two half-edges leave one fan, and no half-edge leaves another
+    # fan.
     whole[loop[(np.bincount(leaves, minlength=len(begins_at))[leaves] > 1) | (follows == NONE)]] = False
     # A loop that passes through a vertex twice cannot be closed.
     order = np.lexsort((start, loop))
@@ -128,7 +132,7 @@ def _find_rims(analysis: Analysis) -> _RimEdges:
 
 
 def _measure_wedges(points: NDArray[Any], rim: _RimEdges) -> NDArray[np.float64]:
-    """Return the area (B,) of the triangle between each rim edge and the mean position of its rim."""
+    """Return the area (B,) of the triangle between each boundary edge and the mean position of its loop."""
     places = points[rim.start].astype(np.float64)
     middle = np.stack([np.bincount(rim.loop, axis, len(rim.sizes)) for axis in places.T], axis=1)
     middle = middle / np.maximum(rim.sizes, 1)[:, None]
@@ -144,15 +148,15 @@ def _cap_triangles(rim: _RimEdges, first: NDArray[Any]) -> Cap:
 def _cap_quadrangles(
     analysis: Analysis, rim: _RimEdges, first: NDArray[Any]
 ) -> tuple[list[Cap], NDArray[Any]]:
-    """Return caps of two faces each, and the loops in which both diagonals are already edges."""
+    """Return caps of two faces each, and the loops of which both diagonals are already edges."""
     count = len(analysis.vertices)
-    # corner, beside (n, 4): vertices of each loop in order, and the face at each rim edge.
+    # corner, beside (n, 4): vertices of each loop in order, and the face at each boundary edge.
     places = _walk_around(rim, first, 4)
     corner = np.stack([rim.start[place] for place in places], axis=1)
     beside = np.stack([face_of(rim.halfedge[place]) for place in places], axis=1)
     where = analysis.vertices[corner].astype(np.float64)
     length = np.linalg.norm(where[:, :2] - where[:, 2:], axis=2)
-    # Try the shorter diagonal first, then the longer one, unless it is already an edge.
+    # Try the shorter diagonal first, then the longer diagonal; an existing edge is no candidate.
     taken = analysis.mesh.edge_vertices.astype(np.int64)
     taken = taken[:, 0] * count + taken[:, 1]
     caps: list[Cap] = []
@@ -179,7 +183,7 @@ def _cap_quadrangles(
 
 
 def _cap_with_middles(rim: _RimEdges, wanted: NDArray[np.bool_], vertex_count: int) -> tuple[Cap, Rims]:
-    """Return the faces between each rim edge and a new vertex, and the rims of the new vertices.
+    """Return the faces between each boundary edge and a new vertex, and the rims of the new vertices.
 
     `wanted` (n,) marks the loops to close. New vertices are numbered from `vertex_count` on.
     """
@@ -193,7 +197,7 @@ def _cap_with_middles(rim: _RimEdges, wanted: NDArray[np.bool_], vertex_count: i
 
 
 def _walk_around(rim: _RimEdges, first: NDArray[Any], count: int) -> list[NDArray[Any]]:
-    """Return `count` arrays (n,): the positions `first`, and the positions that follow around each rim."""
+    """Return `count` arrays (n,): the positions `first`, and the positions that follow around each loop."""
     places = [first]
     for _ in range(count - 1):
         places.append(rim.follows[places[-1]])
