@@ -73,11 +73,14 @@ def audit(vertices: Any, faces: ArrayLike | None = None, *, weld: Weld | None = 
     InputError, AssetError, CheckpointError, MeshFileError, Unsupported
         The file cannot be read.
 
-    Notes ----- The audit takes O((V + F) log F) time. Large meshes are audited by OpenCL kernels
-    (docs/audit_speed.md).
+    Notes
+    -----
+    The audit takes O((V + F) log F) time. Large meshes are audited by OpenCL kernels (docs/audit_speed.md).
 
-    Examples -------- A book of three pages has one non-manifold edge, its spine, and two non-manifold
-    vertices, the ends of the spine:
+    Examples
+    --------
+    A book of three pages has one non-manifold edge, its spine, and two non-manifold vertices, the ends of the
+    spine:
 
     >>> import msb
     >>> points = [[0, 0, 0], [0, 0, 1], [1, 0, 0], [-1, 1, 0], [-1, -1, 0]]

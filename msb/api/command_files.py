@@ -53,8 +53,9 @@ def for_each(
     Parameters
     ----------
     paths : iterable of Path
-        Files, folders and patterns of the command line. Repeated inputs are processed only once. schema :
-        str Schema of a document with an error.
+        Files, folders and patterns of the command line. Repeated inputs are processed only once.
+    schema : str
+        Schema of a document with an error.
     output : Output
     work : callable
         ``(path, is_only_input) -> (document, exit status)``.

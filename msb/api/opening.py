@@ -92,8 +92,10 @@ class StoredMesh:
     Attributes
     ----------
     path : Path or None
-        None for a mesh that is not from a file. buffers : mapping of str to ndarray Arrays with the names
-        of an asset: `positions` (V, 3) floats, `indices` (F, 3) integers, and all other arrays of the file.
+        None for a mesh that is not from a file.
+    buffers : mapping of str to ndarray
+        Arrays with the names of an asset: `positions` (V, 3) floats, `indices` (F, 3) integers, and all other
+        arrays of the file.
     domains : mapping of str to str
         The domain of `color` and other buffers that have a row for each vertex, face or corner.
     method : str or None
@@ -195,7 +197,10 @@ def stored_object(given: object) -> StoredMesh:
     `vertices` and `faces` (trimesh), or be a PolyData of pyvista. The method `triangulate` of a PolyData
     splits its polygons.
 
-    Raises ------ MeshError `MESH_ARRAY`: the object is of another kind.
+    Raises
+    ------
+    MeshError
+        `MESH_ARRAY`: the object is of another kind.
     """
     from msb.meshes import Mesh
 

@@ -23,15 +23,18 @@ def validate(path: str | os.PathLike[str]) -> Validation:
         An asset, a mesh file or a checkpoint. Mesh files and checkpoints are converted to an asset in
         memory, which is checked.
 
-    Returns ------- Validation `valid` and `findings`; errors are first. `print` shows the result as a
-    readable list. `msb validate
+    Returns
+    -------
+    Validation
+        `valid` and `findings`; errors are first. `print` shows the result as a readable list. `msb validate
         --explain CODE` gives the remedy for a code.
 
     Raises
     ------
     InputError
         The file does not exist, cannot be read or is not recognised.
-    Unsupported The path is a checkpoint of a method that cannot be converted.
+    Unsupported
+        The path is a checkpoint of a method that cannot be converted.
 
     Examples
     --------

@@ -45,9 +45,11 @@ class Asset:
         The `.triasset`, checkpoint or mesh file that was opened. The training cameras are searched for in
         the folder of this file. The manifest does not contain this path.
 
-    Notes ----- `load` does not read the values, so check values before computing with them. The memory
-    mapping exists as long as an array refers to it. If another program truncates the file, access to the
-    lost pages ends the process, as with any memory mapping.
+    Notes
+    -----
+    `load` does not read the values, so check values before computing with them. The memory mapping exists as
+    long as an array refers to it. If another program truncates the file, access to the lost pages ends the
+    process, as with any memory mapping.
 
     `copy.copy` shares the arrays and the mapping. `copy.deepcopy` and `pickle` copy the values, so that the
     copy does not need the file. To pass an asset to another process on the same machine, send its path.

@@ -102,7 +102,10 @@ def build_asset(
     progress : callable, optional
         Called as ``progress("hashing buffers", done, total)`` with bytes.
 
-    Raises ------ AssetError The first error in the buffers or the manifest.
+    Raises
+    ------
+    AssetError
+        The first error in the buffers or the manifest.
     """
     description = description or Description()
     # Convert and sort the arrays, and check the mesh.

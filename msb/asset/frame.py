@@ -35,8 +35,9 @@ class Frame:
     meters_per_unit : float, optional
         The length of the unit in metres.
     source : str
-        The origin of this length. floor : float, optional The height along `up`, in units, that files put
-        at zero.
+        The origin of this length.
+    floor : float, optional
+        The height along `up`, in units, that files put at zero.
     """
 
     up: Vector | None = None

@@ -86,7 +86,8 @@ class Textured:
     uvs : (F, 3, 2) float32
         Texture coordinates of each corner. (0, 0) is the outer corner of the first texel of row 0.
     face_texture : (F,) uint32, optional
-        Index of the image of each face; None for a single image. sampler : Sampler
+        Index of the image of each face; None for a single image.
+    sampler : Sampler
     """
 
     images: tuple[NDArray[np.uint8], ...]

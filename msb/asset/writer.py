@@ -47,8 +47,9 @@ def write_asset(
     form : {"packed", "folder"}
         "packed" is a single file, a ZIP of stored members that are aligned to 64 bytes.
     overwrite : bool
-        Whether an existing file may be replaced. A folder is replaced only if it is an asset. progress :
-        callable, optional Called as ``progress("writing", done, total)`` with bytes.
+        Whether an existing file may be replaced. A folder is replaced only if it is an asset.
+    progress : callable, optional
+        Called as ``progress("writing", done, total)`` with bytes.
     """
     _check_readable(asset, path)
     size = sum(spec.byte_length for spec in asset.manifest.buffers.values())

@@ -2,13 +2,12 @@
 module.
 
 1. Corners are sorted into blocks of vertices. A block fits into the cache of a processor core, and each
-   corner carries the other two vertices of its face. 2. Each vertex of a block is visited with all its
-   faces. Neighbours that the faces share determine edges,
+   corner carries the other two vertices of its face.
+2. Each vertex of a block is visited with all its faces. Neighbours that the faces share determine edges,
    fans, duplicates and the boundary. All pairs of faces at a vertex are compared (audit_small.cl); if there
    are many faces, they are sorted instead (audit_large.cl).
-3. Visiting the vertices gives lists of pairs of connected faces. Uniting the pairs gives the components,
-   with the lowest face as
-   root (audit_pairs.cl).
+3. Visiting the vertices gives lists of pairs of connected faces. Uniting the pairs gives the components. The
+   lowest face of a component is its root (audit_pairs.cl).
 
 docs/audit_speed.md gives reasons and measurements.
 """
