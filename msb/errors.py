@@ -60,8 +60,8 @@ class MsbError(Exception):
         super().__init__(str(self))
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # Worker processes send errors as pickles, which must preserve all attributes. By default, unpickling
-        # would restore only the printed text.
+        # Worker processes send errors as pickles, which must preserve all attributes. Exceptions normally
+        # restore only their printed text.
         return partial(type(self), file=self.file, pointer=self.pointer), (self.code, self.message)
 
     def at(self, file: object) -> Self:
@@ -289,7 +289,7 @@ def shorten(text: str, limit: int = 80) -> str:
 
 @contextlib.contextmanager
 def about(path: object) -> Iterator[None]:
-    """Add the file `path` to errors in the block that do not name a file, such as errors about arrays."""
+    """Add the file `path` to errors in the block that name no file."""
     try:
         yield
     except MsbError as error:

@@ -5,7 +5,7 @@ code of a method is in modules of its package, which are imported on demand. Eac
 has a role:
 
 - ``adapter`` converts the files of a trained model to an asset (`msb.adapters.exporter.Adapter`). A method
-  that writes coloured meshes with a recognisable file name needs no adapter.
+  needs no adapter if it writes coloured meshes with a recognisable file name.
 - ``official`` writes the same file as the method's own exporter (`msb.adapters.official.Official`).
 - ``reference`` renders the method's image in NumPy (``render``, called by `msb.reference`).
 - ``native`` renders the same image on the dedicated tier, with OpenCL kernels (`msb.render.dedicated`).
@@ -88,7 +88,7 @@ class Setting:
             return "must be a number" + (" or null" if self.optional else "")
         if self.kind == "int" and not isinstance(value, int):
             return "must be an integer"
-        # The comparison is false for NaN and infinity, and rejects integers that do not fit into a float.
+        # The comparison also rejects NaN, infinity, and integers that are too large for a float.
         if not -1e300 < value < 1e300:
             return "must be a finite number"
         if self.positive and value <= 0:
@@ -203,8 +203,8 @@ AWARE: dict[str, Any] = {"view_dependence": True, "opacity": True, "depth_sort":
 BAKED: tuple[str, ...] = ("bake_dc", "opaque_unlit")
 BLENDED: tuple[str, ...] = ("project_cull", "tile_sort", "blend_front_to_back")
 OTHER_LPIPS = PaperNote(
-    "the paper cites LPIPS from other work for images in [0, 1], which is not comparable with LPIPS for [-1, "
-    "1]",
+    "the paper cites LPIPS of images in [0, 1] from other work; our LPIPS uses images in [-1, 1] and is not "
+    "comparable",
     ("lpips",),
 )
 NO_TRIANGLES = "the primitives of this method are Gaussians, not triangles"

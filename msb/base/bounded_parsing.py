@@ -15,9 +15,9 @@ _TOO_DEEP = f"nested too deeply ({MAX_TOML_DEPTH} levels are allowed)"
 # Matches a bracket or a string, even a string without an end. The possessive quantifier (++) needs no
 # backtracking memory, even for a long string.
 _JSON_TOKEN = re.compile(r'"(?:[^"\\]++|\\.)*+"?|[\[{\]}]', re.DOTALL)
-# The same pattern for TOML. The TOML pattern also matches comments, dots, and the characters that end a
-# key. The text of a multi-line string can end with two quotes, before the three closing quotes (TOML 1.0,
-# section String).
+# Matches the tokens of TOML that determine nesting. The TOML pattern also matches comments, dots, and the
+# characters that end a key. The text of a multi-line string can end with two quotes, before the three closing
+# quotes (TOML 1.0, section String).
 _TOML_TOKEN = re.compile(
     r'"""(?:[^"\\]++|\\.|"{1,2}+(?!"))*+(?:"{3,5})?+'
     r"|'''(?:[^']++|'{1,2}+(?!'))*+(?:'{3,5})?+"

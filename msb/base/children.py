@@ -1,7 +1,7 @@
 """Call functions in child processes with limits of time and memory.
 
-Other libraries can hang, crash or exhaust the memory. In a child process, such a failure costs only the
-result of the call. Arguments and results are exchanged as files in a temporary folder.
+Other libraries can hang, crash or exhaust the memory. In a child process, such a failure does not end the
+main process. Arguments and results are exchanged as files in a temporary folder.
 """
 
 import contextlib
@@ -55,10 +55,10 @@ class Reply:
     # The reason why the call failed, such as the text of its exception. This text is empty if the call
     # succeeded.
     why: str = ""
-    # The event that stopped a call before its return: its time limit, its memory limit, or a crash.
+    # The reason for the early end of a call: its time limit, its memory limit, or a crash.
     ended_by: Literal["time", "memory", "crash"] | None = None
-    # Run time of the function in seconds. After a stop at the time limit, this is the limit; after a crash,
-    # it is None.
+    # Run time of the function in seconds. The value is the time limit if the call reached it, and None after
+    # a crash.
     seconds: float | None = None
 
 
@@ -122,7 +122,7 @@ def detached_options() -> dict[str, Any]:
 
 def _start(work: Work, word: str, folder: Path, limits: Limits) -> subprocess.Popen[bytes]:
     folder.mkdir()
-    # -P: do not import a file of the current folder that has the name of a module.
+    # The option -P prevents imports from the current folder.
     command = [sys.executable or "python3", "-P", "-m", "msb.base.children"]
     function = f"{work.__module__}:{work.__qualname__}"
     root = str(Path(__file__).resolve().parents[2])  # ensures that the child process imports the same msb

@@ -119,14 +119,17 @@ def map_descriptor(descriptor: int, most: int | None = None) -> mmap.mmap | byte
 
 
 def open_error(error: OSError | ValueError, path: object, what: str = "file") -> InputError:
-    """Return the msb error for a system error about `path`. `what` is the kind of path in the message."""
+    """Return the msb error for a system error about `path`.
+
+    The message calls the path a `what`, such as "file".
+    """
     if is_missing(error):
         return InputError("FILE_NOT_FOUND", f"this {what} does not exist", file=path)
     return InputError("FILE_UNREADABLE", f"it cannot be read: {system_reason(error)}", file=path)
 
 
 def check_folder(path: Path, what: str = "folder") -> None:
-    """Check that `path` is an existing folder; `what` is its kind in messages."""
+    """Check that `path` is an existing folder. The message calls the path a `what`."""
     if not is_folder(path):
         if os.path.lexists(path):
             raise InputError("FILE_UNREADABLE", f"it is not a {what}", file=path)
@@ -136,7 +139,7 @@ def check_folder(path: Path, what: str = "folder") -> None:
 def is_missing(error: OSError | ValueError) -> bool:
     """Return whether an error means that the file does not exist.
 
-    A `ValueError` means an impossible file name, which contains a NUL or half of a surrogate pair.
+    Python raises a `ValueError` for a name that contains a NUL or half of a surrogate pair.
     """
     return isinstance(error, FileNotFoundError | NotADirectoryError | ValueError)
 

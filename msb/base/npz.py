@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 
 def write_npy(path: Path, array: NDArray[Any]) -> None:
-    """Write `array` like `numpy.save`. If the disk is full, the error says so."""
+    """Write `array` like `numpy.save`. If the disk is full, the error states this reason."""
     with path.open("wb") as file:
-        stream: Any = SimpleNamespace(write=file.write)  # NumPy would call ndarray.tofile on a real file
+        stream: Any = SimpleNamespace(write=file.write)  # avoid ndarray.tofile
         np.lib.format.write_array(stream, array, allow_pickle=False)
 
 

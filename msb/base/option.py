@@ -13,7 +13,7 @@ from msb.errors import UsageError, shorten
 
 @dataclass(frozen=True)
 class Option:
-    """The help of an option, and the properties that do not follow from the name and the type of its field.
+    """The help of an option, and properties in addition to the name and the type of its field.
 
     Attributes
     ----------
@@ -21,16 +21,19 @@ class Option:
         The effect of the option, in one or two sentences.
     flags : tuple of str
         Names of the option on the command line. By default, the name of the field, such as
-        ``--image-folder``. metavar : str, optional The word for the option's value in the help.
+        ``--image-folder``.
+    metavar : str, optional
+        The word for the option's value in the help.
     least, most : float, optional
         The range of a number.
     count : bool
         Whether the value is the number of times that the option is given, as in ``-vv``.
     output : "file", "own" or "folder", optional
-        The rule for checking an output path. "file" means that `msb.cli` checks that the file is new, or
-        that ``--force`` is given. "own" means that the command checks the path. "folder" means that the
-        command checks the files in the folder, which can also be an input. endings : tuple of str Allowed
-        endings of the name of an output file.
+        The rule for checking an output path. "file" means that `msb.cli` rejects an existing file without
+        ``--force``. "own" means that the command checks the path. "folder" means that the command checks the
+        files in the folder, which can also be an input.
+    endings : tuple of str
+        Allowed endings of the name of an output file.
     """
 
     help: str

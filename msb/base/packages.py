@@ -1,4 +1,4 @@
-"""Find plug-ins of other packages by their entry points, load them, and contain their errors."""
+"""Find and load plug-ins of other packages, and convert their errors to warnings."""
 
 import contextlib
 import re
@@ -33,11 +33,14 @@ def find_installed(
     ----------
     kind : str
         The entry-point group in the singular: "method" means the group `msb.methods`, and "mesh" means
-        `msb.meshes`. ours : mapping Modules of the built-in parts by name; a plug-in cannot replace them.
+        `msb.meshes`.
+    ours : mapping
+        Modules of the built-in parts by name; a plug-in cannot replace them.
     accept : callable
         Takes the name and the value of an entry point and returns the plug-in. The callable may raise
-        `PackageError`. pattern : str, optional Regular expression that names must match; None allows all
-        names.
+        `PackageError`.
+    pattern : str, optional
+        Regular expression that names must match; None allows all names.
 
     Returns
     -------
@@ -113,7 +116,7 @@ def load(value: str) -> Any:
 
 
 class Lazy(Mapping[str, Plugin]):
-    """A mapping that is created at first use, so that no plug-in is imported earlier.
+    """A mapping that is created at first use. Plug-ins are imported at that time.
 
     Parameters
     ----------

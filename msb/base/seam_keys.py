@@ -1,6 +1,6 @@
 """Seam keys: hashes of vertex attributes that msb does not read.
 
-Two vertices at one position can differ only in these attributes.
+Two vertices with equal positions may differ in these attributes only.
 """
 
 from collections.abc import Iterable

@@ -41,7 +41,7 @@ class BakeTask:
     label: str
     # Bake options, the result of `make_bake_options`.
     options: Mapping[str, Any]
-    # Values that replace settings of the model in its native rendering.
+    # Values that replace the model's settings in native rendering.
     settings: Mapping[str, Any]
     scene: SceneAt
     # Hashes of the test views at the time of planning.

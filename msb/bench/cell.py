@@ -41,7 +41,7 @@ MEASURES: dict[PartName, Callable[[Job], dict[str, Any]]] = {
     "renderer_timing": read_native_timing,
     "timing": measure_timing,
 }
-# Keys of `Result` that each part fills. A part that is not listed fills the key with the name of the part.
+# Keys of `Result` that each part fills. A part without an entry fills the key of the same name.
 _KEYS: dict[PartName, tuple[str, ...]] = {
     "quality": ("quality", "setup", "renders", "renderer", "device"),
     "timing": ("timing", "memory", "floor", "device"),
@@ -143,9 +143,9 @@ def _is_valid(part: PartName, job: Job, old: Result) -> bool:
     recorded, requested = old.inputs[part], job.requested.get(part)
     if requested is not None:
         return recorded == requested
-    # The protocol no longer requests the part, so its current inputs are unknown. The part is valid if its
-    # inputs shared with the images or the audit are unchanged. Timing and walk must also have the same set of
-    # rendering options as the images.
+    # The protocol no longer requests the part, so its current inputs are unknown. A part is valid if it
+    # shares its inputs with the images or the audit, and these inputs are unchanged. Timing and walk must
+    # also use the same rendering options as the images.
     present = {name: value for main in MAIN for name, value in job.requested.get(main, {}).items()}
     images = job.requested.get("quality", {}).keys()
     same_options = (
@@ -168,7 +168,10 @@ def write_result(folder: Path, result: Result) -> None:
 
 
 def make_reason(error: Exception) -> Reason:
-    """Return an error as a reason. The message of an unexpected error (INTERNAL) names its source line."""
+    """Return the code and the message of an error as a `Reason`.
+
+    The message of an unexpected error (INTERNAL) names its source line.
+    """
     if isinstance(error, MsbError):
         return Reason(code=error.code, message=shorten(str(error).removeprefix(f"{error.code}: "), 500))
     frames = traceback.extract_tb(error.__traceback__)

@@ -57,7 +57,7 @@ def measure_floor(job: Job, scene: Scene, kind: Literal["gpu", "cpu", "other"]) 
 def take_one_triangle(asset: Asset) -> Asset:
     """Return an asset with only the first triangle of `asset` and all its face and vertex attributes."""
     manifest = asset.manifest
-    # Select the triangle's rows of a buffer, by the domain of the buffer.
+    # For each domain, select the rows of a buffer that belong to the triangle.
     rows: dict[str, Any] = {
         "vertex": asset.buffers["indices"][0],
         "face": [0],

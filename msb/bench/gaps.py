@@ -34,7 +34,7 @@ PAIRS: dict[GapName, tuple[str, str]] = {
     "deploy": ("non_engine", "standard"),
 }
 
-# Keys of a device record that do not identify the device: its state, and its number format for blending.
+# Keys of a device record that do not identify the device.
 _NOT_IDENTIFYING = OF_THE_MOMENT | {"blends"}
 # Metrics that are compared on equal devices only.
 _DEVICE_METRICS = frozenset({"fps", "p50_ms", "p95_ms", "memory", "driver_memory"})
@@ -42,7 +42,10 @@ _DEVICE_METRICS = frozenset({"fps", "p50_ms", "p95_ms", "memory", "driver_memory
 
 @dataclass(frozen=True)
 class Gap:
-    """A gap in the unit of its metric, averaged over `scenes` of the `expected` scenes."""
+    """A gap in the unit of its metric.
+
+    The gap is an average over `scenes` of the dataset's `expected` scenes.
+    """
 
     # The absolute gap; None if there is a `reason`.
     value: float | None
@@ -50,13 +53,12 @@ class Gap:
     signed: float | None = None
     # The reason for a missing gap, as returned by `incomparable`.
     reason: str | None = None
-    # The average of the absolute gaps of single scenes. This average is never smaller than `value`, where
-    # gains of some scenes cancel the losses of other scenes.
+    # The average of the absolute gaps of single scenes. This average is at least `value`, because gains and
+    # losses of different scenes cancel in `value`.
     mean_abs_scene_gap: float | None = None
     scenes: int = 1
     expected: int = 1
-    # The averages of both conditions over exactly the scenes of the gap. If scenes are missing in one
-    # condition, these averages differ from the averages in other tables.
+    # The average of each condition over the scenes of the gap. Other tables may average over more scenes.
     ends: tuple[float, float] | None = None
     # The 95 % interval of `signed`, computed from the losses in single views. The interval is None if only
     # the two averages are known.
@@ -76,8 +78,9 @@ class Gaps:
     adapt: Gap
     port: Gap
     deploy: Gap
-    # Whether the value of Dedicated, rounded as in tables, lies between the values of Non-Engine and Standard
-    # or equals one of them. The result is None if a gap is missing, or if the gaps cover different scenes.
+    # Whether the value of Dedicated lies between the values of Non-Engine and Standard. Values are rounded as
+    # in tables and may be equal. The result is None if a gap is missing, or if the gaps cover different
+    # scenes.
     monotone: bool | None
     # The excess adapt + port - deploy: 0 for monotone values, otherwise 2 min(adapt, port).
     triangle_excess: float | None
@@ -89,7 +92,7 @@ class Gaps:
 
 @dataclass(frozen=True)
 class Ratio:
-    """The ratio of the frame rates of two conditions: averaged over scenes, and for each scene."""
+    """The ratio of the frame rates of two conditions."""
 
     # The ratio of the averages over the same scenes; None if there is a `reason`, as in `Gap`.
     value: float | None
@@ -119,7 +122,7 @@ def scene_gaps(metric: str, results: Conditions) -> Gaps:
 
 
 def dataset_gaps(metric: str, results: Mapping[str, Conditions], scenes: Iterable[str]) -> Gaps:
-    """Return the gaps of one method on a dataset: gaps between averages over scenes, as in the paper.
+    """Return the gaps of one method between its averages on a dataset, as in the paper.
 
     `results` contains the records by scene, then by condition. `scenes` are the expected scenes. Each gap
     covers all scenes with comparable records of its two conditions.
@@ -143,7 +146,7 @@ def gap_between(
 ) -> tuple[Gap, tuple[str, ...]]:
     """Return the gap between the records `first` and `second`, and the scenes that the gap covers.
 
-    The names are two conditions of a method, or two methods if `one_asset` is false.
+    `first` and `second` are two conditions of a method, or two methods if `one_asset` is false.
     """
     values, reasons = _select_comparable(metric, results, scenes, first, second, one_asset=one_asset)
     if not values:
@@ -186,7 +189,7 @@ def slowdown(
 def incomparable(
     metric: str, first: Result | None, second: Result | None, *, one_asset: bool = True
 ) -> str | None:
-    """Return why the values of `metric` in two records are not comparable, or None if they are comparable.
+    """Return the reason that makes `metric` incomparable between two records, or None.
 
     The reasons are "unsupported", "failed", "missing" (no record), "not_measured" (no value in the record),
     "camera_mismatch" (different views or image sizes), "setup_mismatch" (different background or ground
@@ -194,9 +197,9 @@ def incomparable(
     "unsteady" (the rounds of a frame rate differ too much).
 
     The records must have equal images, sizes, ground truth, background and definition of the metric. If both
-    records have an asset, it must be the same asset. A bake counts as the asset that was baked. Speed and
-    memory must be measured on the same device. Versions of libraries may differ between records. Two methods
-    (`one_asset` is false) may differ in background and camera convention, because both belong to the method.
+    records have an asset, it must be the same asset. For a bake, the asset before the bake is compared. Speed
+    and memory must be measured on the same device. Versions of libraries may differ between records. If
+    `one_asset` is false, two methods are compared; their backgrounds and camera conventions may differ.
     """
     for result in (first, second):
         if result is None:
@@ -239,7 +242,7 @@ def _select_comparable(
     *,
     one_asset: bool = True,
 ) -> tuple[dict[str, tuple[float, float]], list[str]]:
-    """Return the values of both conditions in each scene, and why other scenes are not comparable."""
+    """Return the values of both conditions in each comparable scene, and the reasons of the other scenes."""
     get = METRICS[metric].get
     values: dict[str, tuple[float, float]] = {}
     reasons = []
@@ -290,7 +293,7 @@ def _combine(metric: str, gaps: Mapping[GapName, Gap], *, same_scenes: bool = Tr
 def _find_commonest(reasons: list[str]) -> str:
     """Return the most frequent reason; "missing" is returned only if no scene has another reason.
 
-    A reason "missing" would hide why the measured scenes of an incomplete dataset are not comparable.
+    For example, if a dataset is incomplete, the result is the reason of its measured scenes.
     """
     others = [reason for reason in reasons if reason != "missing"]
     return max(dict.fromkeys(others), key=others.count) if others else "missing"

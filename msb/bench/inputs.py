@@ -30,10 +30,10 @@ from msb.metrics.identity import defined
 from msb.metrics.steadiness import BLUR, REACH, SAME
 from msb.scenes.datasets import Scene, SceneAt, compare_training, note_scaled_cameras, warn_unknown_split
 
-# The note on a model whose training split is confirmed only by the user.
+# The note on a model whose training split is not recorded but confirmed by the protocol.
 VOUCHED = (
-    "its training does not record the held-out views; the protocol states that the test views were held out "
-    "(held_out)"
+    "its training does not record the held-out views; the key held_out of the protocol confirms that the "
+    "test views were held out"
 )
 # Number of hexadecimal digits of a hash in a record. 16 digits are 64 bits, enough to detect a changed input.
 _SHORT_DIGITS = 16
@@ -47,7 +47,7 @@ class InputReader:
     def __init__(self, device: Mapping[str, Any] | None = None) -> None:
         # The record of the OpenCL device, if any.
         self.device = device
-        # The keys are the warnings about scenes and invalid records, in order and without repetition.
+        # Warnings about scenes and invalid records, as the keys of a dictionary to avoid repetition.
         self.warnings: dict[str, None] = {}
         self._scenes: dict[Path, Scene] = {}
         self.describe_views = cache(self._views)
@@ -71,10 +71,10 @@ class InputReader:
     def find_training_differences(
         self, model: ModelAsset | None, at: SceneAt, place: Path | None, *, held_out: bool
     ) -> Iterator[str]:
-        """Yield each difference between a model's training and the evaluation, and collect it as a warning.
+        """Yield each difference between a model's training and the evaluation, and store a warning.
 
-        `model` is None for official renderings without a model; `place` is the path of the model. `held_out`
-        is the protocol key that confirms the split of a training without a recorded split.
+        Pass the path of the model as `place`. Pass None as `model` if only official renderings exist.
+        `held_out` is the protocol key that confirms that the test views were not used for training.
         """
         notes: list[Finding] = []
         if model is not None:
@@ -106,7 +106,7 @@ def _hash(path: Path) -> str:
 
 
 def find_inputs(job: Job, reader: InputReader) -> dict[PartName, PartInputs]:
-    """Return the current inputs of each part that the protocol requests for the cell of a job."""
+    """Return the current inputs of each part that the protocol requests for a benchmark cell."""
     parts: dict[PartName, PartInputs] = {}
     condition = job.cell.condition
     views = {"cameras": job.views.cameras, "photographs": job.views.photographs}
@@ -143,8 +143,8 @@ def find_inputs(job: Job, reader: InputReader) -> dict[PartName, PartInputs]:
             }
         if job.cell.bake is not None:
             parts |= _find_mesh_inputs(job)
-    # Input files provided by the user. A training record belongs only to conditions without variant, engine
-    # or bake.
+    # Input files provided by the user. Only the method's own conditions have a training record; variants,
+    # engines and bakes have none.
     if job.training is not None and job.cell.condition_key == condition:
         parts["training"] = {"file": reader.hash_file(job.training)}
     if job.renderer_timing is not None:

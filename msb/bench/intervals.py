@@ -23,7 +23,7 @@ LEVEL = 0.05
 # ratio of 3, and only 1 % at a ratio of 100.
 MOST_UNEQUAL = 3
 NO_VIEWS = "no values of single views"
-# Values with a smaller relative difference than this are equal except for rounding.
+# Two values are treated as equal if their relative difference is smaller than this.
 _SAME = 1e-9
 
 
@@ -65,10 +65,10 @@ def view_values(result: Result, metric: str) -> dict[str, float]:
 
 
 def interval(scenes: Sequence[Sequence[float]]) -> Interval:
-    """Return the 95 % interval of an average over scenes; a scene counts as the average of its views.
+    """Return the 95 % confidence interval of an average over scenes.
 
-    `scenes` contains, for each scene, a value per view or the difference of two conditions per view. If there
-    is only one scene, the interval is over its views.
+    `scenes` lists the values of all views for each scene, or the differences between two conditions. The
+    value of a scene is the average of its views. If there is only one scene, the interval is over its views.
     """
     counts = [len(values) for values in scenes]
     if not counts or not all(counts):

@@ -24,7 +24,7 @@ from msb.metrics.registry import modules_needed
 from msb.render.backend import why_unavailable
 from msb.scenes.datasets import SceneAt
 
-# The use of inputs that every run needs; these inputs are listed first.
+# Label of the inputs that every run needs.
 _ANY = "needed for all cells"
 
 
@@ -37,8 +37,8 @@ class Missing:
     message: str
     # The number of cells that need the input; 0 if it is unknown.
     cells: int
-    # Whether the cells cannot be computed without the input. If false, only a part of the cells' records will
-    # be missing.
+    # Whether the cells cannot be computed without the input. If false, the cells are computed, but a part of
+    # each record will be missing.
     blocks: bool
 
 
@@ -63,7 +63,7 @@ def find_missing(
     cell.
     """
     search = _Search(planner, errors)
-    # The number of cells that lack an input, by input and then by scene.
+    # For each missing input, count the cells of each scene that need the input.
     scenes: dict[_Need, Counter[str]] = defaultdict(Counter)
     checked: list[Planned] = []
     for planned in cells:
@@ -81,9 +81,11 @@ def find_missing(
 
 
 def find_unknown_cells(folder_errors: Mapping[str, MsbError], pairs: Sequence[Pair]) -> list[Missing]:
-    """Return the missing inputs that determine which cells exist: folders of scenes, and models.
+    """Return the missing folders of scenes and missing models.
 
-    `folder_errors` holds the error about the folder of scenes of a dataset, by the name of the dataset.
+    Without these inputs, the number of cells is unknown.
+
+    `folder_errors` holds the error of each dataset whose folder of scenes cannot be read.
     """
     errors = [(error, f"the scenes of {name}") for name, error in folder_errors.items()]
     for pair in pairs:
@@ -117,7 +119,7 @@ def find_start_errors(file: ProtocolFile, note: Callable[[str], None]) -> Iterat
         checks.append(lambda: need_extra("video", "av", what="[videos]"))
     if (
         place is not None
-    ):  # without the extra, `load` fails before it opens the weight file, so the file is checked separately
+    ):  # if the extra is missing, `load` does not reach the weight file, so check the file separately
         checks += [load, lambda: regular_file(place)]
     yield from filter(None, map(_catch_error, checks))
 
@@ -145,14 +147,14 @@ class _Search:
             for error, use, blocks in self.check_inputs(planned)
             if error is not None
         ]
-        # If no necessary input is missing, the planner failed for another reason, which is reported instead.
+        # If all necessary inputs exist, report the error of the planner.
         if planned.reason is not None and not any(need.blocks for need in needs):
             reason = planned.reason
             needs.append(_Need(reason.code, reason.message, planned.cell.model_name, True))
         return needs
 
     def check_inputs(self, planned: Planned) -> Iterator[tuple[MsbError | None, str, bool]]:
-        """For each input, yield the error or None, its use, and whether the cell needs the input."""
+        """Yield for each input: its error or None, its use, and whether the cell needs the input."""
         cell, chamfer = planned.cell, self.file.protocol.chamfer
         pair = self.planner.pairs[cell.names]
         method, model = pair.method, cell.model_name
@@ -184,7 +186,7 @@ class _Search:
             table = next(table for table in self.file.protocol.bakes if table.label == cell.bake)
             options = BakeOptions(**table.options)
             yield self.catch_error(need_libraries, options), f"bakes {cell.bake}", True
-        # Without optional files, only a part of the record will be missing.
+        # If an optional file is missing, only a part of the record is missing.
         if cell.condition == "non_engine":
             yield check_template(method.non_engine_timing), f"timing of the renderer of {model}", False
         if cell.condition_key == cell.condition:
@@ -206,7 +208,7 @@ class _Search:
 def _describe(need: _Need, scenes: Mapping[str, int]) -> Missing:
     """Return a missing input with its message.
 
-    `scenes` contains the number of cells that need it, by scene.
+    `scenes` counts the cells of each scene that need the input.
     """
     cells = sum(scenes.values())
     where = next(iter(scenes)) if len(scenes) == 1 else f"{len(scenes)} scenes"

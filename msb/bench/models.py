@@ -44,7 +44,7 @@ class ModelAsset(Record):
     key: str
     # Assumptions made during the export.
     warnings: tuple[str, ...] = ()
-    # For a bake, the asset that was baked; `asset` is then the result of the bake.
+    # For a bake, this is the asset before the bake, and `asset` is the baked mesh.
     source: File | None = None
     bake: BakeDocument | None = None
 
@@ -156,7 +156,7 @@ def measure_size(asset: Path) -> int:
 
 
 def _describe_checkpoint(asset: Asset, source: Path) -> File | None:
-    """Return the files of the checkpoint as the manifest of the asset records them."""
+    """Return the checkpoint files that the manifest of the asset records."""
     files = asset.manifest.source.files
     if not files:
         return None

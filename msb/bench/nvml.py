@@ -27,7 +27,7 @@ class Gpus:
     """
 
     def __init__(self) -> None:
-        # Why no GPU can be measured; None if at least one GPU can be measured.
+        # The reason that no GPU can be measured; None if at least one GPU can be measured.
         self._reason: str | None = None
         self._handles: list[Any] = []
         # Peak bytes of the processes, and peak growth of the device memory in bytes, by GPU index.
@@ -35,7 +35,7 @@ class Gpus:
         self._device_peaks: dict[int, int] = {}
         # Peaks of the sums over all GPUs.
         self._process_peak = self._device_peak = 0
-        # Whether NVML has listed a process by its process number on this system. In a container, NVML may use
+        # Whether NVML lists processes by the process numbers of this system. In a container, NVML may use
         # other process numbers.
         self._lists_processes = False
         # The latest error reported by NVML.
@@ -60,7 +60,7 @@ class Gpus:
         """Update the peaks with the current memory of the processes `pids` and of the devices."""
         process_sum = device_sum = 0
         for index, handle in enumerate(self._handles):
-            # NVML may refuse the list of processes and still report the memory of the device.
+            # NVML may reject a query of processes but still report the memory of the device.
             with self._record_errors():
                 size = self._measure_processes(handle, pids)
                 self._process_peaks[index] = max(self._process_peaks.get(index, 0), size)
@@ -114,7 +114,7 @@ class Gpus:
             with contextlib.suppress(self._nvml.NVMLError):
                 listed = self._list_processes(handle)
                 sizes += [listed[pid]] if pid in listed else []
-        # The memory of the whole device includes other processes, so it is not used here.
+        # Do not use the memory of the whole device, because other processes use memory too.
         unlisted = "NVML lists no memory of this process: it uses no NVIDIA GPU, or it runs in a container"
         return (sum(sizes), None) if sizes else (None, self._reason or unlisted)
 

@@ -47,7 +47,7 @@ class ViewState:
 def describe_views(scene: Scene) -> ViewState:
     """Return the state of a scene's test views; every test photograph is read once."""
     files = [(str(camera.name), _hash_sources(scene, camera)) for camera in scene.test]
-    # All other data that affects the ground truth.
+    # Add the scene's settings that affect the ground truth.
     rules: list[object] = [
         list(scene.background),
         scene.compositing,
@@ -177,7 +177,7 @@ def _hash_files_below(folder: Path) -> dict[str, str]:
 
 
 def read_planned_scene(at: SceneAt, views: ViewState) -> Scene:
-    """Return a scene. Raise RUN_SCHEDULER if its cameras differ from the cameras at the time of planning."""
+    """Return a scene. Raise RUN_SCHEDULER if the cameras have changed since the run was planned."""
     scene = at.read()
     if digest([describe_camera(camera) for camera in scene.test]) != views.cameras:
         text = (

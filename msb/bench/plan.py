@@ -58,8 +58,8 @@ class Planned:
     cell: Cell
     # The job of the cell, or None if it cannot be computed.
     job: Job | None
-    # The reason for computing each part, or for "bake". A reason is "new", "failed before", "requested", the
-    # inputs that changed, or the fault of a record or rendering.
+    # The reason for computing each part, or for "bake". A reason is "new", "failed before", "requested", a
+    # list of changed inputs, or a fault of a record or image.
     why: Mapping[str, str] = field(default_factory=dict)
     # State "done" means that all parts are recorded and valid. Cells with the state "failed" or "unsupported"
     # have a `reason`.
@@ -74,9 +74,9 @@ def find_pairs(
 ) -> list[Pair]:
     """Return the pairs of method and scene that have at least one cell selected by `only` (`is_selected`).
 
-    If the protocol lists no scenes of a dataset and its folder cannot be read, an error is raised. If
-    `folder_errors` is given, the error is stored there under the name of the dataset, and the dataset is
-    skipped.
+    If the protocol lists no scenes of a dataset, its folder is searched; an unreadable folder is an error. If
+    `folder_errors` is given, the error is stored in `folder_errors` under the dataset's name, and the dataset
+    is skipped.
     """
     check_names(file.path.absolute(), file.results)
     variants, bakes = file.protocol.variants, file.protocol.bakes
@@ -227,7 +227,7 @@ class Planner:
 
     def _plan_cell(self, pair: Pair, model: ModelAsset | Exception | None, cell: Cell) -> Planned:
         """Return the plan of a cell: unsupported, failed, done, or with a job for the parts to compute."""
-        # `plan` will drop this cell, so skip reading its files
+        # do not read the files of a cell that is not selected
         if not is_selected(cell, self.only):
             return Planned(cell, None)
         why = self._find_unsupported(pair, model, cell)
@@ -255,7 +255,7 @@ class Planner:
     def _find_unsupported(
         self, pair: Pair, model: ModelAsset | Exception | None, cell: Cell
     ) -> Reason | None:
-        """Return why the method does not support the condition of a cell, or None if it does."""
+        """Return the reason that makes a cell unsupported by the method, or None."""
         tier = TIER_OF.get(cell.condition)
         if cell.condition == "non_engine" and pair.method.non_engine != REFERENCE:
             return None
@@ -265,14 +265,14 @@ class Planner:
         if cell.bake is not None:  # every model with at least one tier can be baked
             return None
         reasons = lookup(cell.method).unsupported
-        # an exported mesh is unsupported only if the method has no tier and therefore no triangles
+        # without tiers, a method has no triangles and therefore no exported mesh
         if tier is None:
             tier = "standard" if len(reasons) == len(TIER_OF) else None
         variant = self._find_variant(cell)
         if variant is not None and (why := _find_variant_fault(variant, cell.method)):
             return Reason(code="UNSUPPORTED_OPTION", message=why)
         why = None if tier is None else reasons.get(tier)
-        if isinstance(model, ModelAsset):  # a method of Gaussians has two kinds of assets
+        if isinstance(model, ModelAsset):  # an asset of this method contains Gaussians or triangles
             manifest = model.open().manifest
             if tier is None and manifest.primitive == "gaussian":
                 tier = "standard"
@@ -398,7 +398,7 @@ def _find_change(part: PartName, inputs: PartInputs, old: Result | None) -> str 
 
 
 def _find_changed_image(folder: Path, old: Result) -> str | None:
-    """Return the first fault of the renderings, missing or changed, or None."""
+    """Return the first missing or changed rendering as text, or None."""
     if old.quality is None:
         return "images are not recorded"
     for image in old.quality.images:

@@ -58,8 +58,8 @@ def run_all(
 
     When a process dies, the pool does not know which task killed the process. The responsible task was in
     progress, so it is among the first unfinished tasks (at most one per worker). The pool repeats the first
-    unfinished tasks, one at a time. If a process dies again, its task fails with RUN_WORKER_DIED, and the
-    other tasks continue. A Dask scheduler repeats the tasks of a dead worker itself.
+    unfinished tasks, one at a time. If a worker process dies again during the same task, the task fails with
+    RUN_WORKER_DIED. The other tasks continue. A Dask scheduler repeats the tasks of a dead worker itself.
     """
     waiting = list(tasks)
     while waiting:
@@ -132,7 +132,7 @@ def _make_death_error() -> DeviceError:
 
 
 class _Process(SpawnProcess):
-    """A process that starts with interrupts blocked, so that Ctrl-C during the start prints no traceback."""
+    """A process that starts with blocked interrupts. Ctrl-C during the start then prints no traceback."""
 
     def start(self) -> None:
         if sys.platform == "win32":
@@ -205,7 +205,7 @@ def _initialize_worker(pipe: Connection) -> None:
 def check_address(address: str) -> None:
     """Raise USAGE if `address` is not HOST:PORT.
 
-    Dask would wait for an invalid address and then print a traceback.
+    Check the address first, because Dask waits for an invalid address and then prints a traceback.
     """
     match = re.fullmatch(r"(?:[a-z]+://)?[^\s/:][^\s/]*:(\d{1,5})", address)
     if match is None or not 0 < int(match[1]) < 1 << 16:

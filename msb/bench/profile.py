@@ -1,7 +1,8 @@
 """Time a renderer: device time per frame, frame rate and memory over a set of cameras.
 
-No file is written and no image is read back during the timing. A slow machine may not draw all cameras within
-the timing. The remaining cameras are drawn afterwards, so that the measured memory covers all cameras.
+No file is written and no image is read back during the timing. On a slow machine, the timing may end before
+every camera was drawn. The remaining cameras are drawn afterwards, so that the measured memory covers all
+cameras.
 """
 
 from __future__ import annotations
@@ -124,7 +125,7 @@ def profile(
 
 
 def _compute_round_rates(ends: Sequence[float]) -> tuple[float, ...]:
-    """Return the frame rates of up to `ROUNDS` rounds of consecutive frames.
+    """Divide the frames into at most `ROUNDS` equal rounds, and return the frame rate of each round.
 
     `ends` holds the start of the timing and the end of every frame, in seconds.
     """
@@ -141,7 +142,7 @@ def _select_frame_times(spans: Sequence[float]) -> tuple[float, ...]:
 
 
 class _CameraCycle:
-    """Draws cameras in turn; `unseen` contains the cameras not drawn since the renderer's buffers settled."""
+    """Draws cameras in turn. `unseen` contains the cameras whose memory is not measured yet."""
 
     def __init__(self, renderer: Renderer, cameras: Sequence[Camera], background: Sequence[float]) -> None:
         self.renderer, self.cameras, self.background = renderer, cameras, background
@@ -166,7 +167,7 @@ class _CameraCycle:
     ) -> list[DrawTime]:
         """Draw the cameras in turn until `frames` and `seconds` are reached.
 
-        With `any_of`, one of the two limits is enough.
+        If `any_of` is true, drawing ends when one of the two limits is reached.
         """
         drawn: list[DrawTime] = []
         start = time.perf_counter()

@@ -68,7 +68,7 @@ def read_protocol(path: str | os.PathLike[str]) -> ProtocolFile:
 
 
 def parse_protocol(text: bytes, path: str | os.PathLike[str]) -> ProtocolFile:
-    """Return the protocol in `text`, with paths and errors as for the content of the file `path`."""
+    """Return the protocol in `text`. Relative paths and errors refer to the file `path`."""
     try:
         data = parse_toml(text.decode())
     except ValueError as error:  # invalid encoding or syntax, or a number or nesting beyond the limits
@@ -135,11 +135,11 @@ def _format_path(given: str | os.PathLike[str]) -> str:
 
 
 def _quote(text: str) -> str:
-    """Return `text` as a TOML string; this is JSON except for surrogate pairs and the character DEL."""
+    """Return `text` as a TOML string."""
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007F")
 
 
-# The JSON pointer and the text of each error that the table types cannot detect.
+# Errors in a protocol that the types of its tables cannot detect: JSON pointer and text.
 _Faults = Iterator[tuple[str, str]]
 
 
@@ -238,7 +238,7 @@ def _check_variant(variant: VariantTable, protocol: Protocol, place: str) -> _Fa
     from msb.render.backend import renderers
 
     if not (variant.options or variant.renderer or variant.settings):
-        yield place, "a variant needs an order, sampling, renderer or settings that differ from the default"
+        yield place, "a variant must set its order, sampling, renderer or settings"
     if variant.renderer is not None and variant.renderer not in renderers():
         text = f'unknown renderer "{shorten(variant.renderer)}"; available: {", ".join(renderers())}'
         yield f"{place}/renderer", text
@@ -253,7 +253,7 @@ def _check_variant(variant: VariantTable, protocol: Protocol, place: str) -> _Fa
 
 
 def _check_call(place: str, check: Callable[..., object], *arguments: Any) -> _Faults:
-    """Call a function, and yield a UsageError of the function as a fault at `place`."""
+    """Call a function. If it raises a UsageError, yield the error's text at `place`."""
     try:
         check(*arguments)
     except UsageError as error:

@@ -11,7 +11,7 @@ from msb.bench.timing import Timing
 from msb.bench.validation import Record
 from msb.registry import Order, Sampling
 
-# The method name that requests detection of the method from the model.
+# A method with this name is detected from its model.
 AUTO = "auto"
 # Value of `non_engine` that requests images of our NumPy renderer instead of official renderings.
 REFERENCE = "reference"
@@ -75,8 +75,7 @@ class MethodTable(SceneOptions):
     non_engine_timing: Template | None = None
     # A record of `msb track`.
     training: Template | None = None
-    # Whether the user confirms that no training used a test view, although the training does not record its
-    # split.
+    # If the training does not record its split, the user sets this key to confirm that no test view was used.
     held_out: bool = False
     # The mesh for the Chamfer distance. Default: the triangles of the asset.
     mesh: Template | None = None
@@ -97,7 +96,7 @@ class VariantTable(Record):
 
     @property
     def options(self) -> dict[str, str]:
-        """The order and the sampling of this table as options of a renderer, without None values."""
+        """The order and the sampling of this variant, as options of a renderer."""
         given = {"order": self.order, "sampling": self.sampling}
         return {name: value for name, value in given.items() if value is not None}
 

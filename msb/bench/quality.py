@@ -101,7 +101,7 @@ class _OfficialImages:
         for path, camera in zip(self.renders.files, self.scene.test, strict=True):
             image = metrics.read_image(path, background=self.scene.background)
             check_size(path, (image.shape[1], image.shape[0]), camera)
-            try:  # check the image before the conversion to bytes, which hides NaN and values out of range
+            try:  # check the floats, because bytes cannot store NaN
                 check_image(image, "the rendering")
             except MetricError as error:
                 raise error.at(path) from None
@@ -152,8 +152,7 @@ class _RenderedImages:
 def open_renderer(job: Job, asset: Asset | None = None) -> Renderer:
     """Return the renderer of a cell for `asset`; the default asset is the model of the cell.
 
-    The options of the renderer disable everything that the image does not need, such as buffers for other
-    commands.
+    The renderer creates no buffers that only other commands need.
     """
     from msb.render import Renderer
     from msb.render.backend import minimal_options
@@ -168,7 +167,7 @@ def open_renderer(job: Job, asset: Asset | None = None) -> Renderer:
 def describe_renderer(job: Job, name: str) -> RendererInfo:
     """Return the record of a renderer.
 
-    `name` is the text "TITLE VERSION", and the job contains the renderer's settings.
+    Pass "TITLE VERSION" as `name`. The settings are those of the job.
     """
     from msb.asset.settings import effective_settings
 
@@ -205,7 +204,7 @@ def _compare(
 
 
 def _summarize(rows: list[ImageQuality], measures: metrics.Measures, weights: Path | None) -> Quality:
-    """Return the averages over all images, with the identities of the metrics."""
+    """Return the average of each metric over all images, and the identity of each metric."""
     averages: dict[str, Any] = average_images(rows)
     return Quality(
         **averages,

@@ -41,25 +41,25 @@ MOST_FRAME_TIMES = 20_000
 _MAX_TIMING = 1 << 16
 
 Condition = Literal["non_engine", "dedicated", "standard", "exported_mesh"]
-# The conditions: the method's native renderer, our two tiers, and the exported mesh, which is audited but not
-# rendered.
+# The conditions of the benchmark: native renderer, two engine tiers, and exported mesh. The exported mesh is
+# audited but not rendered.
 CONDITIONS: tuple[Condition, ...] = ("non_engine", "dedicated", "standard", "exported_mesh")
 # The tier that renders each condition with images, in the order of decreasing quality.
 TIER_OF: Mapping[str, Tier] = MappingProxyType(
     {"non_engine": "reference", "dedicated": "dedicated", "standard": "standard"}
 )
 
-# Conditions with a walk; a walk needs images from arbitrary cameras.
+# Conditions that are measured on the walk, because their renderers accept arbitrary cameras.
 WALKED: tuple[Condition, ...] = ("dedicated", "standard")
 # The condition name of a bake begins with this word.
 BAKED = "baked"
 
-# Tolerance for a recorded average: above the rounding error of a sum, and below the last digit of the tables.
+# Tolerance for recorded averages: larger than rounding errors, and smaller than the last printed digit.
 _ROUNDING = {"rel_tol": 1e-9, "abs_tol": 1e-9}
 
 # Larger numbers in any part of a record are rejected. Sums and squares of accepted numbers do not overflow.
 _MAX_NUMBER = 1e100
-# A positive number. The lower limit keeps quotients finite.
+# A positive number. The lower limit avoids overflow in divisions.
 _Divisor = Annotated[float, Field(ge=1e-9)]
 
 Status = Literal["done", "failed", "unsupported"]
@@ -97,7 +97,7 @@ class Cell(Record):
 
     @property
     def condition_name(self) -> str:
-        """The name of the condition's folder: the bake, variant or renderer, or else the condition."""
+        """The folder name of the condition: its bake, variant or renderer if given, else the condition."""
         return self.bake or self.variant or self.renderer or self.condition
 
     @property
@@ -143,7 +143,7 @@ class Setup(Record):
 class _MetricValues(Record):
     """Values of the image metrics, stored as additional keys of the JSON object.
 
-    A record may be older than a metric, so any metric can be missing.
+    An older record may lack a newer metric.
     """
 
     model_config = ConfigDict(extra="allow")
@@ -173,14 +173,14 @@ class ImageQuality(_MetricValues):
 class Quality(_MetricValues):
     """Unweighted averages over the test images, and the metrics of every image."""
 
-    # Why the metrics that need VGG weights are missing.
+    # The reason that LPIPS is missing.
     lpips_reason: str | None
     # Number of images with infinite PSNR.
     psnr_inf_count: Count
     images: tuple[ImageQuality, ...]
     # The identity of every metric with version and parameters (`msb.metrics.identity`).
     metrics: tuple[dict[str, Any], ...]
-    # Why metrics of other packages have no value, by the name of the metric.
+    # For each missing metric of another package, the reason that it has no value.
     missing: dict[Name, str] = Field(default_factory=dict)
 
     @property
@@ -233,7 +233,7 @@ class Timing(Record):
 
     @property
     def has_device_times(self) -> bool:
-        """Whether the renderer measured times on its device. If not, all device times are 0."""
+        """Whether the renderer measured times on its device. If this is false, all device times are 0."""
         return self.mean_ms > 0
 
     @model_validator(mode="after")
@@ -334,7 +334,7 @@ class Training(Record):
     seconds: Amount | None
     peak_memory_bytes: Count | None
     source: str
-    # Why the peak memory is unknown.
+    # The reason that the peak memory is unknown.
     memory_reason: str | None = None
     # The value is "ours" for models of our trainer (docs/training.md), which runs on a CPU.
     trainer: Literal["official", "ours"] = "official"
@@ -356,8 +356,9 @@ class Result(Record):
     """The record of one benchmark cell.
 
     A cell is "done" if its images were compared or its mesh was audited. Tables print the status
-    "unsupported" as N/A and "failed" as --. Records with either status have a `reason`. Parts that do not
-    apply to the condition are None. Requested parts that are missing have a reason in `reasons`.
+    "unsupported" as N/A and "failed" as --. Records with the status "unsupported" or "failed" have a
+    `reason`. Parts that do not apply to the condition are None. Requested parts that are missing have a
+    reason in `reasons`.
     """
 
     schema_: Literal["msb.result/2"] = Field(default=SCHEMA, alias="schema")
@@ -370,7 +371,7 @@ class Result(Record):
     setup: Setup | None = None
     checkpoint: File | None = None
     asset: File | None = None
-    # For a bake, the asset that was baked; `asset` is then the result of the bake.
+    # For a bake, this is the asset before the bake, and `asset` is the baked mesh.
     source: File | None = None
     # The folder of official renderings, only for the condition non_engine.
     renders: File | None = None
@@ -405,7 +406,7 @@ class Result(Record):
 
     @property
     def model_asset(self) -> File | None:
-        """The asset of the model. For a bake, this is the asset that was baked."""
+        """The asset of the model. For a bake, return the asset before the bake."""
         return self.source or self.asset
 
     @property
@@ -434,7 +435,7 @@ def validate_result(data: Any, *, file: object) -> Result:
 
 
 def _raise_first(errors: Iterable[tuple[str, str]], file: object) -> None:
-    """Raise the first error of a sequence of (JSON pointer, text), if the sequence is not empty."""
+    """Raise the first error in a sequence of pairs (JSON pointer, text)."""
     for pointer, text in errors:
         raise InputError("RECORD_INVALID", f"{pointer}: {text}", file=file, pointer=pointer)
 

@@ -62,7 +62,7 @@ class CellOutcome:
     result: Result | None
     # Seconds that the run spent on the cell.
     seconds: float
-    # Why the cell ("cell") or one of its parts is missing.
+    # For each missing part, or for the whole cell ("cell"), the reason.
     reasons: Mapping[str, Reason]
 
 
@@ -330,7 +330,7 @@ class _Run:
     ) -> Iterator[tuple[Any, Any]]:
         """Compute the tasks of a stage, and yield each with its result or exception.
 
-        An error of the whole cluster is raised. `then` are the names of the stages that follow.
+        An error of the whole cluster is raised. List the following stages in `then`.
         """
         if not tasks:
             return

@@ -78,7 +78,7 @@ def loss_split(metric: str, results: Mapping[str, Conditions], scenes: Iterable[
         assert worse is not None
         covered = gap_between(metric, results, expected, better, worse)[1]
         common = tuple(scene for scene in common if scene in covered)
-    over = common or expected  # without a common scene, each gap gives the reason for its absence
+    over = common or expected  # if no scene has all conditions, each gap states its reason
 
     def gap(better: str, worse: str) -> Gap:
         return replace(gap_between(metric, results, over, better, worse)[0], expected=len(expected))

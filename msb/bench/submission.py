@@ -35,7 +35,7 @@ from msb.metrics.registry import IMAGE_METRICS
 
 SCHEMA: Literal["msb.submission/1"] = "msb.submission/1"
 ABOUT = "submission.json"
-# Replacement of a required string that may be private.
+# Text that replaces a private string in a required field.
 WITHHELD = "withheld"
 MOST_PICTURES = 200
 _MOST_RECORDS = 20_000
@@ -56,7 +56,7 @@ def _keep(*names: str) -> dict[str, Any]:
 
 
 class _Values(NamedTuple):
-    """The published fields of each value of a mapping with arbitrary keys."""
+    """A mapping with arbitrary keys. All its values have the same published fields."""
 
     fields: Any
 
@@ -166,7 +166,7 @@ class About(Record):
     """The content of submission.json: the submitter, the commands, and the SHA-256 of every other member."""
 
     schema_: Literal["msb.submission/1"] = Field(default=SCHEMA, alias="schema")
-    # The name of the submitter in any form.
+    # The name of the submitter, as free text.
     name: Annotated[str, Field(min_length=1, max_length=60)]
     tool_version: Name
     # Hash of the package's code on the submitter's machine (`code_sha256`).
@@ -205,7 +205,7 @@ def write_submission(
     ordered = sorted(records, key=lambda record: record.cell.names)
     fields = _list_published_fields()
     members: dict[str, bytes] = {}
-    # Validate the records with the checks of the receiver.
+    # Validate each record as the receiver does.
     for number, record in enumerate(ordered):
         data = _select(json.loads(record.to_json()), fields)
         text = json.dumps(data, ensure_ascii=False, sort_keys=True, separators=(",", ":"), allow_nan=False)

@@ -56,7 +56,9 @@ def parse_json(data: bytes, max_bytes: int, *, file: object) -> Any:
 
 
 def validate(model: type[ModelType], data: Any, *, file: object, code: str) -> ModelType:
-    """Return parsed JSON or TOML as a `model`. If it is invalid, raise an InputError with `code` for `file`.
+    """Return parsed JSON or TOML as a `model`.
+
+    Raise an InputError with `code` if the data of `file` is invalid.
 
     The error names the place of the first mistake as a JSON pointer, and the number of further mistakes.
     """
@@ -82,7 +84,7 @@ def validate(model: type[ModelType], data: Any, *, file: object, code: str) -> M
 
 
 def _find_place(data: Any, place: tuple[str | int, ...]) -> tuple[str | int, ...]:
-    """Return the location of a pydantic error as keys of the data, without names of union members."""
+    """Return the location of a pydantic error as a list of keys."""
     parts: list[str | int] = []
     for number, part in enumerate(place):
         if isinstance(data, dict) and (part in data or number == len(place) - 1):

@@ -46,7 +46,7 @@ _MAX_BYTES = 1 << 16
 class FilmTask:
     """A task for a worker: one film of a method on a scene, or a grid of all methods of a scene."""
 
-    # Dataset and scene of the film. The film of one method also has the model.
+    # Dataset and scene of the film. For the film of one method, the names also include the model.
     names: tuple[str, ...]
     # One job for each condition of a film, or for each method of a grid, in display order.
     jobs: tuple[Job, ...]
@@ -208,9 +208,9 @@ def _draw_grid(
 ) -> NDArray[np.float32]:
     """Return one frame of a grid, (H, W, 3) with values from 0 to 1.
 
-    `rows` holds the images of each method, by the title of the condition. `columns` are the titles of all
-    conditions, `titles` the titles of the methods, and `absent` the titles of the conditions that each method
-    does not support.
+    `rows` holds the images of each method, by the title of the condition. List the titles of all conditions
+    in `columns`, and the titles of the methods in `titles`. For each method, list its unsupported conditions
+    in `absent`.
     """
     from PIL import Image
 

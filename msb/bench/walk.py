@@ -113,7 +113,7 @@ def _compute_flicker(changes: Iterable[_FrameChange]) -> float:
 
 def _measure_frames(renderer: Renderer, cameras: Sequence[Camera], scene: Scene) -> Iterator[_FrameChange]:
     """Yield the measurements of every frame of a walk except the first and the last frame."""
-    # Surface points of a few frames reveal holes in all other frames.
+    # Compute surface points of a few frames. Points that show background in another frame are holes.
     spread = [cameras[k * len(cameras) // _SURFACE_FRAMES] for k in range(min(_SURFACE_FRAMES, len(cameras)))]
     points = np.concatenate(
         [find_surface_points(frame) for frame, _ in _render_stills(renderer, spread, scene)]

@@ -14,8 +14,8 @@ from msb.metrics.sampling import mesh_arrays, sample_surface, thin
 
 # Spacing of the samples, and radius of the thinning, in mm, as in the benchmark.
 DENSITY = 0.2
-# Points outside the bounding box still count within a margin. The margin is this many mm below the lower
-# corner, and twice this length above the upper corner, as in the official code.
+# Points within this margin around the bounding box are also measured. The margin in mm below the lower
+# corner; above the upper corner it is twice as wide, as in the official code.
 PATCH = 60.0
 # Distances of at least this many mm are excluded from the averages. Distances are not clipped to the limit.
 MAX_DISTANCE = 20.0

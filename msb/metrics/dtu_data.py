@@ -14,11 +14,11 @@ from msb.errors import InputError, MetricError
 from msb.meshes import read_mesh
 from msb.metrics.matlab import find_variables
 
-# Maximum number of voxels; all published scans have fewer. The maximum limits memory, because compressed
-# zeros expand to a thousand times their size.
+# Maximum number of voxels; all published scans have fewer. A larger number could exhaust the memory, because
+# zeros are compressed a thousandfold.
 _MAX_VOXELS = 1 << 29
-# Largest absolute value in a file. Values of real scans are far smaller, and no computation with values up to
-# this limit overflows.
+# Largest absolute value in a file. Values of real scans are far smaller. Computations with values up to this
+# limit do not overflow.
 _LARGEST = 1e30
 _SHAPES = {"BB": (2, 3), "Res": (1, 1), "P": (4, 1)}
 
@@ -35,7 +35,7 @@ class DtuScan:
     box: NDArray[np.float32]
     # Side length of a voxel in mm.
     resolution: float
-    # Plane (4,) of the table; points with plane . (x, y, z, 1) > 0 are above the table.
+    # Plane (4,) of the table. For a point p above the table, dot(plane, (p, 1)) is positive.
     plane: NDArray[np.float64]
 
 

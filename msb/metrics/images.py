@@ -112,7 +112,7 @@ def ssim(pred: ArrayLike, gt: ArrayLike, *, quantize: bool = True) -> float:
 
 def _ssim(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
     need_extra("bench", "skimage", what="SSIM")
-    with ThreadPoolExecutor(3) as pool:  # the filters release the GIL, and each channel needs memory
+    with ThreadPoolExecutor(3) as pool:  # the filters release the GIL
         channels = list(pool.map(_ssim_channel, np.moveaxis(a, 2, 0), np.moveaxis(b, 2, 0)))
     return math.fsum(channels) / len(channels)
 

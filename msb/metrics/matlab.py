@@ -83,7 +83,7 @@ def find_variables(data: bytes) -> dict[str, Variable]:
 
 def _describe(body: memoryview, compressed: bool, order: str) -> Variable:
     head = _unpack(body, compressed, _HEAD)
-    at = 8 if compressed else 0  # the tag of the matrix is part of the compressed data
+    at = 8 if compressed else 0  # for compressed data, skip the tag of the matrix
     _, start, _, at = _read_element(head, at, order)
     flags = _read_numbers(head, start, 1, order)[0]
     _, start, size, at = _read_element(head, at, order)

@@ -40,12 +40,15 @@ def pair_images(
         return [ImagePair(pred.stem, pred, gt)]
     if not all(folders):
         file, folder = (pred, gt) if folders[1] else (gt, pred)
-        text = f"this is a file and {shorten(str(folder))} a folder; give two files or two folders"
+        text = f"this is a file, but {shorten(str(folder))} is a folder; pass two files or two folders"
         raise InputError("FILE_NOT_RECOGNISED", text, file=file)
     files, expected = images_below(pred), images_below(gt)
     missing = sorted(set(files) - set(expected))
     if missing:
-        text = f"{_list_names(missing, pred)} missing here; names must be equal except for the suffix"
+        text = (
+            f"{_list_names(missing, pred)} missing in this folder; "
+            "names of a pair must be equal except for the suffix"
+        )
         raise MetricError("METRIC_IMAGE_NAMES", text, file=gt)
     extra = sorted(set(expected) - set(files))
     if extra and not subset:

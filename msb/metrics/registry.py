@@ -135,7 +135,7 @@ def identity(
 class Measures:
     """Computes all image metrics of two images: ``Measures(vgg_weights)(pred, gt)``.
 
-    Without VGG weights, the metrics that need them are None.
+    Metrics that need VGG weights are None if the weights are missing.
 
     Attributes
     ----------

@@ -42,7 +42,7 @@ _METRICS = ("fps", "p50_ms", "p95_ms", "memory", "asset_size", "nonmanifold_edge
 # Hexadecimal digits of a hash in the table of results; the table of files prints all 64 digits.
 _HASH_DIGITS = 12
 # Number of hexadecimal digits of the hash added to equal names of submitters. More digits are used only if
-# another submitter already has the name with this number of digits.
+# the shorter name is already taken.
 _MIN_NAME_DIGITS, _MAX_NAME_DIGITS = 6, 64
 # Maximum width and height of a submitted image, in pixels.
 _MAX_SIDE = 4096
@@ -239,7 +239,7 @@ def _list_rows(numbers: Mapping[str, Numbers]) -> dict[RowKey, list[str]]:
         drawn = {row_key[:3] for row_key in row_keys if row_key[3] != _MESH}
         for row_key in row_keys:
             dataset, scene, _, condition = row_key
-            # Leave out redundant rows: a mean over a single scene, and the mesh of a model with rendered
+            # Omit the mean of a single scene. Omit the exported mesh of a model that also has rendered
             # conditions.
             is_repeated_mean = scene in MEANS and count[dataset] == 1
             is_repeated_mesh = condition == _MESH and row_key[:3] in drawn
@@ -354,9 +354,9 @@ def _files_table(results: Mapping[str, ResultSet]) -> Table:
 def _find_differences(results: Mapping[str, ResultSet]) -> Iterator[str]:
     """Yield reasons why rows of one or several submissions cannot be compared."""
     yield from (f"{name}: {note}" for name, of_submitter in results.items() for note in of_submitter.notes)
-    # the submitters, by (dataset, scene, method) and then by the hash of the photographs
+    # For each (dataset, scene, method), group the submitters by the hash of their photographs.
     photographs: dict[tuple[str, str, str], dict[str, list[str]]] = {}
-    # the submitters, by metric and then by its definition
+    # For each metric, group the submitters by the definition of the metric.
     metrics: dict[str, dict[str, list[str]]] = {}
     for name, of_submitter in results.items():
         for loaded in of_submitter:
@@ -367,7 +367,7 @@ def _find_differences(results: Mapping[str, ResultSet]) -> Iterator[str]:
             for identity in () if loaded.result.quality is None else loaded.result.quality.metrics:
                 text = str(sorted(defined(identity).items()))
                 metrics.setdefault(str(identity.get("name")), {}).setdefault(text, []).append(name)
-    # Models with the same groups of submitters share one sentence.
+    # Write one sentence for all models with equal groups of submitters.
     places_of: dict[str, list[str]] = {}
     for where, groups in photographs.items():
         if len(groups) > 1:
@@ -380,7 +380,7 @@ def _find_differences(results: Mapping[str, ResultSet]) -> Iterator[str]:
 
 
 def _list_groups(groups: Iterable[Sequence[str]]) -> str:
-    """Return "A with B and C" for the groups of names (A, B) and (C)."""
+    """Return groups of names as text: groups (A, B) and (C) become "A with B and C"."""
     return " and ".join(" with ".join(dict.fromkeys(names)) for names in groups)
 
 

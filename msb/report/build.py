@@ -37,7 +37,7 @@ NO_COMPARISON = "--against {}: no other method was measured under the same condi
 # Datasets with few scenes. Tables of these datasets show the scenes side by side, as in the paper. The tables
 # of other datasets have a row per scene.
 FEW_SCENES = ("tanksandtemples",)
-# Our builder of each table of the paper, by the label and dataset of the table ("" for all datasets).
+# For each table of the paper, the function that builds our table, and its dataset ("" for all datasets).
 _PAPER: dict[str, tuple[Callable[..., Table], str]] = {
     "native_summary": (measurements.native_summary, ""),
     "native_comprehensive_results": (measurements.native_comprehensive_results, ""),
@@ -51,7 +51,7 @@ _PAPER: dict[str, tuple[Callable[..., Table], str]] = {
 }
 # Our label of each table of the paper, by the paper's label.
 EQUIVALENTS = {label: "-".join(filter(None, (build.__name__, at))) for label, (build, at) in _PAPER.items()}
-# The paper's label of each of our tables, by our label, if the labels differ.
+# Labels of tables that differ between this report and the paper: our label to the paper's label.
 _PAPER_LABELS = {
     "renderer_comparison-mipnerf360": "mip360_renderer_comparison",
     "renderer_comparison-tanksandtemples": "tnt_renderer_comparison",

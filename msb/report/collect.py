@@ -183,7 +183,7 @@ def _list_conditions(of_places: Mapping[Place, Mapping[str, Result]]) -> dict[st
 
 
 def _why_unsupported(method: str, condition: str) -> str | None:
-    """Return why a method does not support the tier of a condition; None if it supports the tier."""
+    """Return the reason if a method does not support the tier of a condition, else None."""
     definition = METHODS.get(method)
     tier = condition.partition("/")[0]
     if definition is None or tier not in ("dedicated", "standard"):
@@ -237,7 +237,7 @@ def _add_condition(
 def _floor_number(metric: str, result: Result | None, number: Number) -> Number:
     """Return the cost of a single triangle.
 
-    If the cost of the mesh (`number`) has no value, return `number`.
+    If the cost of the mesh is missing, the result is `number` itself.
     """
     if number.value is None:
         return number
@@ -248,7 +248,7 @@ def _floor_number(metric: str, result: Result | None, number: Number) -> Number:
 
 
 def _with_interval(number: Number, keys: Sequence[Key], views: Mapping[Key, Mapping[str, float]]) -> Number:
-    """Return `number` with the confidence interval, without p value, of the mean over the views at `keys`."""
+    """Add the confidence interval of the mean over the views at `keys` to `number`, without a p value."""
     if number.value is None or keys[0].metric not in QUALITY:
         return number
     mean = interval([list(views[key].values()) for key in keys if key in views])
@@ -256,7 +256,10 @@ def _with_interval(number: Number, keys: Sequence[Key], views: Mapping[Key, Mapp
 
 
 def _find_asset_record(conditions: Mapping[str, Result], metric: str) -> Result | None:
-    """Return a record with a metric of the trained model, or else a record that explains its absence."""
+    """Return a record with a value of a metric of the trained model.
+
+    Without such a record, return a record with a reason.
+    """
     for result in conditions.values():
         if METRICS[metric].get(result) is not None:
             return result
@@ -265,7 +268,7 @@ def _find_asset_record(conditions: Mapping[str, Result], metric: str) -> Result 
 
 
 def _make_number(metric: str, method: str, condition: str, result: Result | None) -> Number:
-    """Return the value of a metric in a record, or a number that gives the reason for the missing value."""
+    """Return the value of a metric in a record. If the value is missing, the result gives the reason."""
     if result is None:
         why = _why_unsupported(method, condition)
         return Number(None, NOT_AVAILABLE, NOT_RUN) if why is None else Number(None, NOT_SUPPORTED, why)
@@ -372,7 +375,7 @@ def _add_gaps(
     pairs: Sequence[tuple[str, str]],
     of_scenes: Mapping[str, Mapping[str, Result]],
 ) -> None:
-    """Add the quality gaps of a method to `gaps`, for each pair (standard, dedicated) of conditions."""
+    """Compute the quality gaps of a method for each pair of conditions, and add them to `gaps`."""
     expected = expected_scenes(dataset, of_scenes)
     for pair in pairs:
         # Collect the records by tier instead of by condition.
@@ -392,7 +395,7 @@ def _add_gaps(
 def _add_setup_notes(
     values: Mapping[Key, Number], records: Mapping[Place, Mapping[str, Result]]
 ) -> dict[Key, Number]:
-    """Return `values` with notes on image metrics if the setup differs between methods."""
+    """Add notes to image metrics if the setups of the methods differ, and return the new values."""
     setups: dict[Place, dict[str, str]] = {}
     counts: dict[tuple[str, ...], Counter[str]] = defaultdict(Counter)
     # Collect notes by (dataset, method) or (dataset, scene, method). Dictionaries keep the notes unique and

@@ -110,7 +110,7 @@ def plot_deployment_gap(numbers: Numbers, dataset: str) -> Figure | None:
 
     The result is None if no method has values of two conditions.
     """
-    # Collect the points (condition number, PSNR in dB) of each method with a dedicated tier or a variant.
+    # For each method, collect the points (condition number, PSNR in dB) of its line.
     lines = {
         (method, dedicated): points
         for dedicated in ("dedicated", *numbers.variants(dataset, "dedicated"))
@@ -181,7 +181,7 @@ def plot_loss_split(numbers: Numbers, dataset: str) -> Figure | None:
     Each method's bar extends from the PSNR of Standard to the PSNR of Dedicated. The parts of the bar are the
     losses due to colours, faces and blending.
     """
-    # For each method, the parts of its loss, with the PSNR in dB at both ends of each part.
+    # For each method, list the parts of its loss: the name, and the PSNR in dB at both ends.
     bars = {
         method: [(name, *gap.ends) for name, gap in split.steps.items() if gap.ends is not None]
         for method in numbers.methods(dataset)
@@ -198,7 +198,7 @@ def plot_loss_split(numbers: Numbers, dataset: str) -> Figure | None:
                 step = STEPS.index(name)
                 axes.barh(place, better - worse, 0.5, worse, color=_COLORS[step], hatch=_HATCHES[step],
                           edgecolor=_INK, linewidth=0.6, alpha=0.85, label=STEP_TITLES[name])  # fmt: skip
-            # Ticks mark both ends of every part, because a part that is a gain hides the part below.
+            # Draw a tick at both ends of every part, because a gain is drawn over the part before it.
             ends = [parts[0][2], *(better for _, better, _ in parts)]
             axes.plot(ends, [place] * len(ends), color=_INK, marker="|", markersize=16, linestyle="none")
         axes.set_yticks(range(len(bars)), [method_title(method) for method in bars])
@@ -223,7 +223,7 @@ def plot_quality_speed(numbers: Numbers, dataset: str) -> Figure | None:
 
     The result is None if the chart would have fewer than two points.
     """
-    # For each method, the condition, frames per second, and PSNR in dB of its points.
+    # For each method, list its points: condition, frames per second and PSNR in dB.
     points: dict[str, list[tuple[str, float, float]]] = {}
     conditions = [
         name for name in numbers.conditions(dataset) if not name.startswith(("standard/", f"{BAKED}/"))
@@ -376,7 +376,7 @@ def _draw_legend(axes: Axes, handles: Sequence[Any] = ()) -> None:
 
 
 def _list_other_scenes(numbers: Numbers, dataset: str) -> str:
-    """Return the first scenes of a dataset as text, if only its name agrees with a published dataset."""
+    """Return the first scenes of a dataset that has a published name but other scenes."""
     if not numbers.has_other_scenes(dataset):
         return ""
     scenes = list(map(scene_title, numbers.scenes(dataset)))

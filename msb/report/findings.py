@@ -42,7 +42,7 @@ _ALWAYS_KEPT = ("slowdown", "engine_slowdown", "walk", "structure", "training", 
 _MINOR = ("monotone", "same_ranking", "training", "unsupported")
 # A PSNR difference below this value, in dB, is printed as 0.00.
 _MIN_DIFFERENCE = 0.005
-# Further metrics in which a method can be the best, with the condition of the comparison.
+# Metrics of cost, and the condition under which methods are compared in each metric.
 _COSTS = {
     "chamfer": "non_engine",
     "fps": "dedicated",
@@ -88,7 +88,7 @@ def _format_condition(condition: str) -> str:
 
 
 def _format_all(count: int, noun: str = "combination", of: str = "method and dataset") -> str:
-    """Return "the only", "both" or "all 3", followed by a noun (given in the singular) and its complement."""
+    """Return "the only", "both" or "all 3", followed by the noun phrase."""
     if count == 1:
         return f"the only {noun} of {of}"
     return f"{'both' if count == 2 else f'all {count}'} {noun}s of {of}"
@@ -102,7 +102,7 @@ def join_words(words: Sequence[str]) -> str:
 def _collect_means(
     numbers: Numbers, metric: str, detail: Callable[[Key, float], str], without: str = ""
 ) -> list[_Case]:
-    """Return all measured averages of a metric, except averages that carry the note `without`.
+    """Return all measured averages of a metric. Averages with the note `without` are omitted.
 
     `detail` converts a value into the text of a case.
     """
@@ -387,7 +387,10 @@ def _ranking_findings(numbers: Numbers) -> Iterator[Finding]:
 
 
 def _leader_findings(numbers: Numbers) -> Iterator[Finding]:
-    """Yield the best method in each metric, for datasets on which no method is best in all metrics."""
+    """Yield the best method in each metric.
+
+    Datasets with one method that is best in every metric are skipped.
+    """
     sentences: list[str] = []
     table = ""
     for dataset in numbers.datasets():

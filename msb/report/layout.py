@@ -99,7 +99,8 @@ def make_table(
     columns : sequence of TableColumn
     row_specs : iterable of RowSpec
     of : mapping of str to str
-        Fields that all keys share. Fields of columns override these fields, and fields of rows override both.
+        Fields that all keys share. A column can override these fields, and a row can override the fields of
+        its columns.
     best_of : sequence of str
         Key fields. Numbers of one metric form a group if these fields are equal. The best value of a group is
         bold. Numbers of the paper form separate groups. Without fields, no value is bold.
@@ -112,8 +113,8 @@ def make_table(
     grid = [(spec, [Key(**{**of, **column.of, **spec.of}) for column in columns]) for spec in row_specs]
     rows = _make_rows(numbers, grid, best_of)
     if paper is not None:
-        # Insert the paper's rows from the last to the first. The positions of earlier rows then do not
-        # change.
+        # Insert the paper's rows from the last to the first. In this order, inserted rows do not move the
+        # remaining positions.
         known = [n for n, (_, keys) in enumerate(grid) if any(paper.value(key) is not None for key in keys)]
         paper_rows = _make_rows(paper, [grid[n] for n in known], best_of)
         for n, row in reversed(list(zip(known, paper_rows, strict=True))):
@@ -152,7 +153,9 @@ def _scene_count(parts: Mapping[str, Any]) -> str:
 
 
 def mark_best(cells: Sequence[TableCell], groups: Sequence[Hashable], *, single: bool) -> list[TableCell]:
-    """Return `cells` with bold values: in each group and metric, the best value and values printed the same.
+    """Return `cells` with the best value of each group and metric in bold.
+
+    Values with the same printed text are also bold.
 
     Parameters
     ----------

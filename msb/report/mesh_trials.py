@@ -112,8 +112,7 @@ def _advise(stored: Strategy, others: Sequence[Strategy]) -> tuple[list[str], st
         All strategies that ran.
     """
     better = [strategy for strategy in others if _grade(strategy) < _grade(stored)]
-    # Recommend two of our strategies: the best without any changed pixel, and the best that changes the
-    # image.
+    # Recommend the best strategy that changes no pixel, and the best strategy that changes the image.
     invisible = min(
         (strategy for strategy in better if strategy.peer is None and strategy.looks.standard.same),
         key=_rank,

@@ -40,8 +40,8 @@ _NOTES = (
     "95 % interval: t interval over the means of the scenes, or over the views of a single scene. An "
     "interval over views applies to that scene only, and is too narrow if neighbouring views are similar",
 )
-# Values of `Gap.reason` for which a comparison has no row in the table. With any other reason, the comparison
-# has a row without a value.
+# If a gap is missing for one of these reasons, the table has no row for the comparison. For all other
+# reasons, the table has a row without a value.
 _NO_COMPARISON = ("missing", "failed", "not_measured", "unsupported")
 
 
@@ -123,13 +123,13 @@ def comparison_table(comparisons: list[Comparison], numbers: Numbers, other: str
 def comparison_findings(comparisons: list[Comparison], other: str) -> Iterator[Finding]:
     """Yield a finding for each dataset: PSNR comparisons under the two tiers, or else under all conditions.
 
-    Conditions with equal results share a part of the sentence.
+    If several conditions have the same result, one sentence names all of them.
     """
     cases = [case for case in comparisons if case.key.metric == "psnr" and case.gap.interval is not None]
     for dataset in dict.fromkeys(case.key.dataset for case in cases):
         of_dataset = [case for case in cases if case.key.dataset == dataset]
         tiers = [case for case in of_dataset if case.key.condition in DRAWN_CONDITIONS]
-        # For each result as text, with its sample of scenes or views, the conditions that have this result.
+        # For each result text and its sample (scenes or views), collect the conditions with this result.
         conditions: dict[tuple[str, str], list[str]] = {}
         for case in tiers or of_dataset:
             assert case.gap.interval is not None
@@ -160,7 +160,8 @@ def _describe(comparison: Comparison, other: str) -> str:
         lead = f"{method} {'leads' if better else 'trails'} {other} by {amount} dB"
     parts = []
     if interval.ends is not None:
-        # The printed difference is positive, so the interval gets the matching sign.
+        # The printed difference is always positive. Therefore negate the interval if the other method is
+        # better.
         low, high = interval.ends if better else (-interval.ends[1], -interval.ends[0])
         parts.append(f"95 % CI {format_digits(low, 2)} to {format_digits(high, 2)}")
     if interval.p is None:
@@ -195,7 +196,8 @@ def _make_cells(
 def adjust_by_holm(p: list[float]) -> list[float]:
     """Return p values adjusted for multiple tests by Holm's method.
 
-    The smallest of n values is multiplied by n, the next by n - 1, and so on. The results never decrease.
+    The smallest of n values is multiplied by n, the next by n - 1, and so on. No adjusted value is smaller
+    than the value before it.
     """
     # Visit the p values in ascending order; `least` is the previous adjusted value.
     adjusted, least = dict.fromkeys(range(len(p)), 0.0), 0.0

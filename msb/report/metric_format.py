@@ -5,12 +5,12 @@ from decimal import ROUND_HALF_UP, Decimal
 from msb.bench.aggregate import METRICS
 from msb.topology.metric_text import format_count, format_metric
 
-# Pairs (limit, decimals) by unit. A value below the limit, in the printed unit, gets this number of decimals.
-# With the usual decimals, a small value such as 0.04 MiB would be printed as 0.
+# Pairs (limit, decimals) by unit. A printed value below the limit gets this number of decimals. With the
+# usual decimals, a small value such as 0.04 MiB would be printed as 0.
 _SMALL_VALUE_DECIMALS = {"MiB": ((0.1, 2), (10.0, 1)), "min": ((1.0, 2),)}
 # Metrics that are counts. The means of counts over scenes may have fractions.
 _COUNTS = ("components", "faces", "tasks")
-# Maximum number of decimals that are tried until a printed difference agrees with its printed ends.
+# Maximum number of decimals for a printed difference and the two values that it compares.
 _MOST_DECIMALS = 6
 _ARROWS = {"higher": " ↑", "lower": " ↓", None: ""}
 
@@ -61,8 +61,8 @@ def format_change(change: float, ends: tuple[float, float], decimals: int) -> tu
     """Return a change and its end values, with enough decimals that the printed ends differ by the change.
 
 
-    Ends that do not differ by the change may be means over other scenes. In this case the change and the ends
-    get `decimals` decimals.
+    If the change is not the difference of the ends, the ends may be means over other scenes. The change and
+    the ends then get `decimals` decimals.
 
     Examples
     --------

@@ -69,7 +69,7 @@ class Key(NamedTuple):
     def is_of_asset(self) -> bool:
         """Whether the number describes the trained model.
 
-        The condition of a number about the trained model may have no images.
+        Such a number can have a condition without images, such as an exported mesh.
         """
         return self.metric in ASSET_METRICS
 
@@ -107,8 +107,8 @@ class GapKey(NamedTuple):
     """The key of the three quality gaps of a method.
 
     `scene` is the name of a scene, or "mean". `standard` and `dedicated` name the two conditions that are
-    compared. The defaults are the two tiers. `standard` can also be another engine or a bake, and `dedicated`
-    a variant.
+    compared. By default, the two tiers are compared. `standard` can also be another engine or a bake, and
+    `dedicated` a variant.
     """
 
     dataset: str
@@ -120,7 +120,7 @@ class GapKey(NamedTuple):
 
     @property
     def is_between_tiers(self) -> bool:
-        """Whether the gaps are between the two tiers themselves, without engines, bakes and variants."""
+        """Whether the gaps compare the tiers Standard and Dedicated."""
         return (self.standard, self.dedicated) == ("standard", "dedicated")
 
 
@@ -260,7 +260,7 @@ def method_title(method: str) -> str:
 
 
 def select_variants(conditions: Iterable[str], condition: str) -> list[str]:
-    """Return all variants, engines or bakes of `condition` among `conditions`."""
+    """Return all names in `conditions` that begin with the name `condition` and a slash."""
     return [name for name in conditions if name.startswith(f"{condition}/")]
 
 

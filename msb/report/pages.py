@@ -160,7 +160,7 @@ def _embed_film(path: Path, root: Path, folder: Path | None) -> dict[str, str] |
 
     Films up to `MAX_EMBEDDED_FILM` bytes are embedded. The result is None if the file does not exist.
     """
-    # the file cannot be read, its name contains a NUL, or it is on another drive
+    # ignore an unreadable file, an invalid name, and a file on another drive
     with suppress(OSError, ValueError):
         if path.is_file() and path.resolve().is_relative_to(root.resolve()):
             if path.stat().st_size <= MAX_EMBEDDED_FILM:

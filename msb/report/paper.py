@@ -41,8 +41,8 @@ PAPER_TABLES = (
     "reproducibility_comparison",
 )
 
-# Our name of each method, by the paper's name.
-# Methods of other packages come last in METHODS, so they never replace a method of the paper.
+# Our name of each method, by the paper's name. In the reversed order, methods of the paper replace methods of
+# other packages with the same name.
 OUR_METHODS = {method.paper_name: name for name, method in reversed([*METHODS.items()]) if method.paper_name}
 # Our metric name (a key of `msb.bench.aggregate.METRICS`), by the paper's name, if the names differ.
 _OUR_METRICS = {
@@ -154,8 +154,8 @@ def methods_in(table: str) -> list[str]:
 def published_numbers(path: str | os.PathLike[str]) -> dict[Key, Number]:
     """Return published numbers from a JSON file with the schema of ``paper_tables/*.json``.
 
-    A file of published values allows a comparison of single scenes, which the paper does not print.
-    `Key.source` is "paper" unless the file names another source. Every number has the note of the file.
+    Such a file can contain values of single scenes, which the paper does not print. `Key.source` is "paper"
+    unless the file names another source. Every number has the note of the file.
     """
     table = validate(_PublishedTable, read_json(path, 1 << 24), file=Path(path), code="RECORD_INVALID")
     notes = () if table.note is None else (table.note,)
@@ -193,7 +193,7 @@ def _convert_cell(cell: _PublishedCell) -> tuple[Key, Number]:
 
 
 def as_in_paper(method: Method) -> Method:
-    """Return the declaration of a method in the paper's tables, where Gaussians are not drawn."""
+    """Return the declaration of a method as the paper prints it. The paper draws no Gaussians."""
     if method.primitive == "triangle":
         return method
     retained: dict[Tier, Retained] = {

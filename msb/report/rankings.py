@@ -57,14 +57,16 @@ def find_swaps(
 def find_most_certain_swap(
     numbers: Numbers, dataset: str, swaps: list[tuple[str, str]], conditions: tuple[str, str]
 ) -> Interval:
-    """Return the t test of the most significant swap among `swaps`, pairs of methods that swap places.
+    """Return the t test of the most significant swap among `swaps`.
 
-    The difference between the methods of a swap is tested under both conditions. The larger of both p values
-    counts for a swap, and the swap with the smallest p value is returned.
+    A swap is a pair of methods that change their order.
+
+    The difference between the methods of a swap is tested under both conditions. The p value of a swap is the
+    larger p value of both tests. The swap with the smallest p value is returned.
     """
 
     def p_value(difference: Interval) -> float:
-        # an untested difference counts as less certain than any p value
+        # an untested difference gets a value above every p value
         return 2.0 if difference.p is None else difference.p
 
     def test_difference(pair: tuple[str, str], condition: str) -> Interval:

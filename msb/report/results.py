@@ -32,7 +32,7 @@ class LoadedResult:
     # The file of the record, and the results folder that contains it.
     path: Path
     root: Path
-    # The last part of the folder's path. The text distinguishes models with equal names. The text is "" for a
+    # The last part of the folder's path. This text is added to models with equal names. The text is "" for a
     # unique name.
     folder: str = ""
 
@@ -203,7 +203,7 @@ def _collect_cell_facts(result: Result) -> dict[str, object]:
 
 
 def _shorten_folders(records: Iterable[LoadedResult]) -> dict[Path, str]:
-    """Return for each results folder the shortest end of its path that is unique among the folders."""
+    """Return a unique short name for each results folder: the last parts of its path."""
     roots = list(dict.fromkeys(loaded.root.absolute() for loaded in records))
     count = 1
     while len({root.parts[-count:] for root in roots}) < len(roots):

@@ -54,7 +54,7 @@ class TableCell:
 
     @property
     def footnotes(self) -> tuple[str, ...]:
-        """The reason for a missing value, if there is one, and the notes."""
+        """The notes of this cell, after the reason for a missing value."""
         return self.notes if self.reason is None else (self.reason, *self.notes)
 
     @property
@@ -162,7 +162,10 @@ class Table:
         return [(name, list(rows)) for name, rows in groupby(self.rows, heading)]
 
     def sortable(self, column: int) -> bool:
-        """Return whether rows can be sorted by a column: in each block, its cells belong to one metric."""
+        """Return whether rows can be sorted by a column.
+
+        The cells of the column must have one metric in each block of rows.
+        """
         blocks = [[row.cells[column] for row in rows if not row.paper] for _, rows in self.blocks()]
         several = any(sum(cell.number is not None for cell in cells) > 1 for cells in blocks)
         return several and all(len({cell.metric for cell in cells}) <= 1 for cells in blocks)

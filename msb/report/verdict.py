@@ -24,14 +24,14 @@ Mark = Literal["YES", "WITH CARE", "NO", "UNKNOWN", "NOTE"]
 
 # Native renderings with a lower PSNR (dB) differ too much from the photographs to serve as a reference.
 MIN_NATIVE_PSNR = 15.0
-# Minimum PSNR in dB between two renderings, with the mark and the wording of the verdict.
+# Minimum PSNR in dB between two renderings for each verdict, with the verdict's mark and text.
 _SIMILARITIES: tuple[tuple[float, Mark, str], ...] = (
     (ALIKE, "YES", "Matches"),
     (NEARLY, "WITH CARE", "Nearly matches"),
     (0.0, "NO", "Differs from"),
 )
-# Maximum PSNR loss in dB, with the mark and the wording of the verdict. A loss below 1 dB is hard to see, and
-# 3 dB is obvious.
+# Maximum PSNR loss in dB for each verdict, with the verdict's mark and text. A loss below 1 dB is hard to
+# see, and 3 dB is obvious.
 _LOSSES: tuple[tuple[float, Mark, str], ...] = (
     (1.0, "YES", "Matches"),
     (3.0, "WITH CARE", "Visibly worse than"),
@@ -49,7 +49,7 @@ _LEVELS: dict[str, Mark] = {"ok": "YES", "limited": "WITH CARE", "bad": "NO"}
 class Statement:
     """A judgement on the suitability of an asset for one use.
 
-    `why` gives the reason with its number. `short` is the short name of the use for tables.
+    `why` gives the reason with its number. `short` is a short name of the use, for tables.
     """
 
     mark: Mark
@@ -156,7 +156,7 @@ def _judge_appearance(
         remark = f" The comparison is with the dedicated tier of this run, because {lacks}."
     if gap is None or gap.signed is None:
         psnr = f"PSNR against the photographs is {number.value:.2f} dB"
-        return Statement("UNKNOWN", use, f"{psnr}. It cannot be judged, because {lacks}.")
+        return Statement("UNKNOWN", use, f"{psnr}. The loss cannot be judged, because {lacks}.")
     before = numbers.number(Key(*place, start, "psnr"))
     reference = "our reference renderer" if REFERENCE in before.notes else "its native renderer"
     reference = "the dedicated tier" if start == "dedicated" else reference
@@ -165,7 +165,8 @@ def _judge_appearance(
         text = f"{low}, which is too low for a comparison. This condition has {number.value:.2f} dB.{remark}"
         return Statement("UNKNOWN", use, text)
 
-    # Compare the two sets of renderings directly, or else their PSNR against the photographs.
+    # Compare the two sets of renderings directly. If files are missing, compare their PSNR against the
+    # photographs.
     change = f"PSNR against the photographs {_describe_change(gap.signed, before.value, number.value)}"
     similarity = measure_similarity(loaded[start], loaded[condition])
     if similarity is None:
@@ -274,7 +275,7 @@ def _capitalize(sentence: str) -> str:
 
 
 class Similarity(NamedTuple):
-    """The mean PSNR in dB between two sets of renderings, over `views` of the `of` common views."""
+    """The mean PSNR in dB between two sets of renderings. `views` of the `of` common views were compared."""
 
     psnr: float
     views: int

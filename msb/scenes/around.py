@@ -21,7 +21,7 @@ from msb.scenes.poses import MAX_COORDINATE, look_at_pose
 _FOV_Y = math.radians(40)
 # Vertical field of view of cameras inside an asset, in radians.
 _FOV_INSIDE = math.radians(60)
-# Share of the faces ignored at each end of each axis when the dense region is located.
+# Share of the faces to ignore at each end of an axis when the dense region is searched.
 _LEAST = 0.02
 # Largest number of faces that are examined. An asset with more faces is sampled, so a surface of few faces
 # may be missed.
@@ -29,7 +29,8 @@ _SAMPLES = 200_000
 # Ratio of two distances above which `is_surrounded` returns True. The ratio is 4 to 6 for captures with a
 # background, and 0.7 to 1.5 for objects and empty rooms.
 _SURROUNDED = 2.5
-# Distance of a turntable as a multiple of the distance where the bounding sphere fills the image.
+# Ratio between the distance of a turntable camera and the distance at which the bounding sphere fills the
+# image.
 _MARGIN = 1.05
 # Largest aspect ratio of images framed by a box, and the relative margin around the box.
 _MAX_RATIO, _BOX_MARGIN = 2.0, 1.1
@@ -46,11 +47,11 @@ def make_turntable(
     elevation: float = ELEVATION,
     framing: Framing | None = None,
 ) -> list[Camera]:
-    """Return `count` turntable cameras of the scene that see the asset from `elevation` degrees.
+    """Return `count` turntable cameras around the asset, at `elevation` degrees above the horizon.
 
-    `up` is the axis of the turntable, such as "+y"; the default is the asset's `up_axis`. `framing` is the
-    visible part, by default everything except far outliers. Raise CAMERA_PATH if the asset is too large or
-    too far away for cameras.
+    `up` is the axis of the turntable, such as "+y"; the default is the asset's `up_axis`. Pass the visible
+    part as `framing`; the default is all faces except far outliers. Raise CAMERA_PATH if the asset is too
+    large or too far away for cameras.
     """
     sphere = framing or find_framing(asset)
     vector = _vector(up or up_axis(asset))
@@ -81,7 +82,7 @@ def make_rings(
 ) -> list[Camera]:
     """Return rings of cameras whose images are filled by the framed box.
 
-    For each ring, `rings` has the elevation in degrees and the number of cameras. Images have about `pixels`
+    `rings` lists the elevation in degrees and the number of cameras of each ring. Images have about `pixels`
     pixels and the aspect ratio of the box.
     """
     axis = up or up_axis(asset)
@@ -156,9 +157,9 @@ def place_inside(
 ) -> list[Camera]:
     """Return cameras inside an asset, halfway between its middle and the surrounding faces.
 
-    The cameras `outside` look at the framed part of the asset. For each camera in `outside`, the result has a
-    camera on the same side with the same image size. Each camera looks through the middle to the opposite
-    side. The result is empty if most of the asset is flat.
+    The cameras `outside` look at the framed part of the asset. Each camera in `outside` gives one inner
+    camera on the same side with the same image size. Each inner camera looks through the middle to the
+    opposite side. The result is empty if most of the asset is flat.
     """
     low, middle, high = bulk.low, bulk.middle, bulk.high
     if not (low < middle).all() or not (middle < high).all():
@@ -166,8 +167,8 @@ def place_inside(
     vector = _vector(up or up_axis(asset))
     cameras, origin = [], np.asarray(asset.manifest.origin)
     for camera in outside:
-        # Cast a ray from the middle along `away`. For each axis, compute where the ray leaves the bounds of
-        # most faces, as a multiple of `away`.
+        # Cast a ray from the middle along `away`. Compute the point where the ray leaves the box around most
+        # faces, for each axis.
         away = camera.relative_to(origin).center - framing.center
         reach = np.where(away > 0, high - middle, middle - low) / np.maximum(np.abs(away), 1e-300)
         eye = middle + 0.5 * reach.min() * away
@@ -180,8 +181,8 @@ def place_inside(
 def is_surrounded(bulk: Bulk) -> bool:
     """Return whether a few large faces surround many small faces, like walls or hills in a capture.
 
-    Large surrounding faces move the median of the area much farther from the middle than the median of the
-    faces.
+    Large surrounding faces move the area's median far from the middle, but they hardly move the faces'
+    median.
     """
     middles = bulk.corners.mean(axis=1)
     kept = ((bulk.low <= middles) & (middles <= bulk.high)).all(axis=1)

@@ -151,9 +151,9 @@ class Camera:
     ) -> Camera:
         """Return a camera at `eye` that looks at `target`, with square pixels.
 
-        `up` is the world direction that points up in the image. It is -y in most COLMAP scenes and their
-        models, (0, 1, 0) for mesh files, and (0, 0, 1) in NeRF-Synthetic and Blender. `fov_y` is the full
-        vertical angle in radians.
+        `up` is the world direction that points up in the image. The up direction is -y in most COLMAP scenes
+        and their models, (0, 1, 0) for mesh files, and (0, 0, 1) in NeRF-Synthetic and Blender. `fov_y` is
+        the full vertical angle in radians.
         """
         return cls.from_fov(width, height, look_at_pose(eye, target, up), fov_y=fov_y, name=name)
 
@@ -198,7 +198,7 @@ class Camera:
             return local[..., :2] / seen * (self.fx, self.fy) + (self.cx, self.cy), depth
 
     def resized(self, width: int, height: int) -> Camera:
-        """Return the camera for the same image at another size.
+        """Return this camera with an image of another size.
 
         Each axis is scaled separately, so the angles of view stay the same. The old size is stored as
         `source_size`, unless the camera already has a `source_size`.
@@ -263,8 +263,8 @@ class Camera:
     def centered(self) -> Camera:
         """Return the camera with its principal point in the middle of the image.
 
-        The 3DGS family renders this camera because its code reads the angles of view and ignores cx and cy
-        (`graphdeco-inria/gaussian-splatting`: scene/dataset_readers.py, utils/graphics_utils.py).
+        The 3DGS family ignores cx and cy and renders this camera (`graphdeco-inria/gaussian-splatting`:
+        scene/dataset_readers.py, utils/graphics_utils.py).
         """
         return replace(self, cx=self.width / 2, cy=self.height / 2)
 
@@ -286,7 +286,7 @@ class Camera:
 
 
 class _InUnits(Camera):
-    """A camera whose axes do not have length 1, so the constructor does not check its pose."""
+    """A camera with scaled axes, whose pose is not validated."""
 
     def __post_init__(self) -> None:
         self.world_to_camera.setflags(write=False)

@@ -36,9 +36,9 @@ MIN_QUATERNION = 1e-9
 def find_model(folder: Path) -> Path | None:
     """Return the folder of a scene's COLMAP model, or None if it has no model.
 
-    The model is the folder itself, or else the model with the most images in `sparse`, or else `sparse`.
-    COLMAP numbers the models in `sparse`: 0, 1, ... Of models with equally many images, the lowest number is
-    used.
+    The folder itself is searched first, then the numbered models in `sparse`, and then `sparse`. The numbered
+    model with the most images is used. COLMAP numbers the models in `sparse`: 0, 1, ... Of models with
+    equally many images, the lowest number is used.
     """
     if _is_model(folder):
         return folder
@@ -61,7 +61,7 @@ def list_models(folder: Path) -> list[Path]:
 def count_images(model: Path) -> int:
     """Return the number of images of a model without reading the images.
 
-    A missing or damaged file counts as 0.
+    For a missing or damaged file, the result is 0.
     """
     with contextlib.suppress(MsbError):
         for suffix, form in _FORMS.items():
@@ -79,8 +79,8 @@ def _is_model(folder: Path) -> bool:
 def read_model(folder: Path) -> list[Camera]:
     """Return a camera for each image of the COLMAP model in `folder`, in the file's order.
 
-    The recorded principal point and lens distortion are kept. If the folder is a scene's `sparse/0` or
-    `sparse`, `image_path` is the name below the scene's folder `images`.
+    The recorded principal point and lens distortion are kept. If the folder is `sparse/0` or `sparse` of a
+    scene, `image_path` is a file in the scene's folder `images`.
     """
     suffix = _find_suffix(folder, ("cameras", "images"))
     form = _FORMS[suffix]
@@ -155,7 +155,7 @@ def _find_suffix(folder: Path, parts: tuple[str, ...]) -> str:
 
 
 def _image_folder(model: Path) -> Path | None:
-    """Return the folder of the photographs, if `model` is in the usual place within a scene."""
+    """Return the folder of the photographs that belong to `model`, or None for a model outside a scene."""
     place = Path(os.path.abspath(model))  # noqa: PTH100 - resolve() would follow links
     if place.name.isdigit():
         place = place.parent
@@ -186,6 +186,6 @@ def _camera(
     pose[:3, :3] = rotation_from_quaternion(shot.quaternion)
     pose[:3, 3] = shot.translation
     with shot_file.locating(shot.pointer, what):
-        check_name(name)  # before a file of this name is searched
+        check_name(name)  # reject an invalid name before searching its file
         image = None if images is None else images.find(name)
         return Camera(*intrinsics, pose, name, image, distortion=distortion)

@@ -45,12 +45,14 @@ class _Cursor:
     def count(self, what: str, least: int) -> int:
         """Return the declared number of records.
 
-        Raise an error if the file is too short for the declared number.
+        Raise an error if the file is too short for this number of records.
         """
         (count,) = self.take(_COUNT, "the number of records")
         if count * least > self.size - self.at:
             left = self.size - self.at
-            text = f"{count} {what} of at least {least} bytes each are declared; {left} bytes follow"
+            text = (
+                f"{count} {what} of at least {least} bytes each are declared; the file has {left} more bytes"
+            )
             raise self.source.error("COLMAP_INVALID", text, pointer="byte 0")
         return int(count)
 

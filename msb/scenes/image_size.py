@@ -83,19 +83,19 @@ def _read_orientation(image: Image.Image) -> int:
 
 @contextlib.contextmanager
 def _open_header(path: str | os.PathLike[str]) -> Iterator[Image.Image]:
-    """Yield an image after Pillow has read the header, before pixels are decoded."""
+    """Yield an image whose header was read. No pixels are decoded."""
     from PIL import Image, UnidentifiedImageError
 
     source = Source(Path(path), map_file(Path(path), _MOST_BYTES))
     start = bytes(source.data[:12])
     if start.startswith(_SCATTERED) or start[4:8] == _BOX:
         source = Source(Path(path), map_file(Path(path)))
-    file: Any = source.data  # a memory mapping, which is read like a file
+    file: Any = source.data  # Pillow reads the memory mapping like a file
     try:
         if not file:
             raise ValueError("it is empty")
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # ignores size and metadata warnings
+            warnings.simplefilter("ignore")  # hide warnings about sizes and metadata
             image = Image.open(file, formats=image_formats())
     except Exception as error:  # damaged files raise various exceptions
         reason = "" if isinstance(error, UnidentifiedImageError) else f" ({library_reason(error)})"

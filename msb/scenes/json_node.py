@@ -55,7 +55,7 @@ class Node:
         return describe(self.value)
 
     def wrong_type(self, wanted: str) -> SceneError:
-        """Return the error "this value is not `wanted`"."""
+        """Return the error that this value has a wrong type; `wanted` describes the valid type."""
         return self.error("CAMERA_FILE", f"it is {self.abbreviated()}; it must be {wanted}")
 
     def get(self, key: str) -> Node | None:

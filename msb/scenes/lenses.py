@@ -90,7 +90,7 @@ def _fit_size(
 
 
 def _largest(is_valid: Any, low: float) -> float:
-    """Return the largest valid scale from `low` to `_MAX_SCALE` by bisection; `low` if none is larger."""
+    """Find the largest valid scale from `low` to `_MAX_SCALE` by bisection, and return the scale."""
     high = _MAX_SCALE
     if is_valid(high):
         return high

@@ -12,8 +12,8 @@ from msb.base.matrices import inverse
 from msb.errors import SceneError, shorten
 
 # Largest entry of |R R^T - I| of a rotation R that is stored unchanged, and of a rotation that is replaced by
-# the nearest one. Float32 poses after a few inversions stay well below the first limit. Matrices rounded to
-# four decimals (error at most 1.8e-4) stay below the second.
+# the nearest one. Float32 poses stay well below the first limit, even after a few inversions. Matrices with
+# four decimals (error at most 1.8e-4) stay below the second limit.
 EXACT_ROTATION_ERROR, MAX_ROTATION_ERROR = 1e-4, 2e-4
 
 # Largest coordinate in scene units. Squares of larger distances do not fit into float32, the precision of
@@ -77,8 +77,8 @@ def invert_pose(pose: ArrayLike, what: str = "the camera-to-world matrix") -> ND
 def rigid_inverse(pose: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the inverse of a valid pose.
 
-    The 3 x 3 block is inverted instead of transposed, as in official loaders. For poses that were rounded to
-    float32, the inverse of the rotation differs from its transpose.
+    The 3 x 3 block is inverted as a matrix, as in official loaders. For poses that were rounded to float32,
+    the inverse of the rotation differs from its transpose.
     """
     back = np.eye(4)
     back[:3, :3] = inverse(pose[:3, :3])

@@ -60,9 +60,9 @@ def find_poses(
 ) -> FoundPoses:
     """Find the poses of photographs, and the lens that the photographs share.
 
-    Photographs of one size share a lens, unless the EXIF data name several cameras. In this case, each camera
-    has a separate lens. Poses and the scale of the world are relative, because photographs contain no
-    absolute length.
+    Photographs of one size share a lens, unless the EXIF data name several cameras. If the EXIF data name
+    several cameras, each camera has a separate lens. Poses and the scale of the world are relative, because
+    photographs contain no absolute length.
 
     Parameters
     ----------
@@ -140,7 +140,7 @@ class _Job:
     def run(self, stage: tuple[str, str | None, int], work: Callable[[Any], Any]) -> Any:
         """Run `work` in a thread and return its result.
 
-        `stage` is the name of the work. The database table gains a row with each of the steps.
+        `stage` is the name of the work. Each step adds a row to the database table.
         """
         name, table, total = stage
         self._steps = 0
@@ -166,7 +166,7 @@ class _Job:
 
 
 def _read_result(models: dict[int, Any], folder: Path, work: Path, count: int) -> FoundPoses:
-    """Return the largest model, read like other COLMAP models."""
+    """Return the cameras and the points of the largest model."""
     found = sorted(models.values(), key=lambda model: model.num_reg_images(), reverse=True)
     if not found:
         text = (

@@ -28,16 +28,16 @@ def read_cameras(path: str | os.PathLike[str]) -> list[Camera]:
     ----------
     path : str or Path
         A JSON file, recognised by its content: transforms_*.json (NeRF-Synthetic, instant-ngp, nerfstudio),
-        cameras.json (3DGS family) or views.json. In a folder, the first of these sources is read: a COLMAP
-        model (in the folder itself, in `sparse/0` or in `sparse`; .bin before .txt), transforms_train.json
-        and transforms_test.json (both are read, training first), transforms.json, cameras.json or views.json.
+        cameras.json (3DGS family) or views.json. In a folder, the first existing source is read: a COLMAP
+        model, transforms_train.json with transforms_test.json, transforms.json, cameras.json or views.json. A
+        COLMAP model may be in the folder itself, in `sparse/0` or in `sparse`, and .bin is preferred to .txt.
 
     Returns
     -------
     cameras : list of Camera
         At least one camera, in the file's order, with unique names. Intrinsics and principal point are
-        returned as recorded. `Camera.centered` gives the camera that the 3DGS family renders. `split` is set
-        only if the source states it; for other sources see `split_every_8th`.
+        returned as recorded. Use `Camera.centered` for the camera that the 3DGS family renders. `split` is
+        set only if the source states it; for other sources see `split_every_8th`.
 
     Raises
     ------

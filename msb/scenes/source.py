@@ -34,9 +34,9 @@ class Source:
 
     @contextlib.contextmanager
     def locating(self, pointer: str | None, what: str = "") -> Iterator[None]:
-        """Add this file, `pointer` and `what` to errors that do not name a file yet.
+        """Add the path of this file, `pointer` and `what` to errors without a file.
 
-        `Camera` and its checks raise errors without a file, because they do not know the origin of values.
+        For example, errors of `Camera` do not name a file.
         """
         try:
             yield

@@ -1,4 +1,4 @@
-"""transforms_*.json: cameras of NeRF-Synthetic, and of instant-ngp and nerfstudio, which extend the format.
+"""Read transforms_*.json, the camera files of NeRF-Synthetic, instant-ngp and nerfstudio.
 
 Sources: `bmild/nerf`: load_blender.py; `NVlabs/instant-ngp`: src/nerf_loader.cu; nerfstudio documentation,
 Data conventions.
@@ -21,7 +21,7 @@ from msb.scenes.poses import from_opengl
 from msb.scenes.transforms_lens import read_distortion
 
 SPLIT_NAME = re.compile(r"transforms_(train|val|test)\.json", re.IGNORECASE)
-# Image suffixes that are kept. Any other ending, as in "frame.0001", is part of the name.
+# Image suffixes that are kept. Any other ending, such as ".0001" in "frame.0001", is part of the name.
 _KEPT_SUFFIXES = {*IMAGE_SUFFIXES, ".exr", ".bmp"}
 
 

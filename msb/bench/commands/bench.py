@@ -144,8 +144,8 @@ def _check_slower(now: float, old: dict[str, Any], limit: float, path: Path) -> 
         raise UsageError("USAGE", "--fail-slower: OLD.json has no median device time (device_ms.p50)")
     if now > before * (1 + limit):
         text = (
-            f"the median device time is {now:.3g} ms and was {before:.3g} ms: {now / before - 1:+.0%}, "
-            f"but at most {limit:+.0%} is allowed"
+            f"the median device time is {now:.3g} ms, before {before:.3g} ms ({now / before - 1:+.0%}); "
+            f"the limit is {limit:+.0%}"
         )
         raise GateFailed("GATE_FAILED", text, file=path)
 

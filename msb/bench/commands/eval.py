@@ -240,7 +240,7 @@ class _Comparison:
         if data["psnr_inf_count"]:
             number = data["psnr_inf_count"]
             equal = "1 image is equal" if number == 1 else f"{number} images are equal"
-            text = f"{equal} to the ground truth; infinite PSNR counts as {PSNR_CAP:g} dB in the average"
+            text = f"{equal} to the ground truth; averages use {PSNR_CAP:g} dB for an infinite PSNR"
             self.output.line(text)
         loaded = ", ".join(metric.title for metric in self.metrics.values() if metric.load is not None)
         reason = f"{loaded} --: {self.reason}; " if self.reason else f"{loaded}: "

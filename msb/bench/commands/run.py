@@ -42,7 +42,7 @@ class RunOptions:
     non_engine: Annotated[
         Path | None,
         Option(
-            "With --scene: compare with the official renderings in DIR, or with our reference renderer.",
+            "Renderings to compare with --scene: a folder of official renderings, or our reference renderer.",
             metavar="DIR|reference",
         ),
     ] = None
@@ -99,13 +99,13 @@ class RunOptions:
 
 @dataclass(frozen=True)
 class RunOutput(Output):
-    """An output option; without --force it may replace only the JSON file of an earlier run."""
+    """An output option. Without --force, it replaces no file except the JSON file of an earlier run."""
 
     _remedy: ClassVar[str] = "msb run replaces only JSON files of earlier runs; use another file name"
 
     def may_replace(self, path: Path) -> bool:
         """Return whether the file at `path` is the JSON of a run."""
-        if is_stream(path):  # opening a pipe would wait for a writer
+        if is_stream(path):  # do not open a pipe, because opening waits until another program writes
             return True
         try:
             with path.open("rb") as file:
@@ -145,8 +145,8 @@ def run(
     require(path or options.example, "Missing PROTOCOL. Print an example with: msb run --example paper")
     if options.scene is None:
         keys = ["non_engine", *(name for name in SCENE_OPTIONS if name != "dataset")]
-        typed.reject(keys, "needs --scene; in a protocol, set the key of the same name")
-        typed.reject(["dataset"], "needs --scene; the datasets are named in the protocol")
+        typed.reject(keys, "applies to --scene only; for a protocol, set the key with this name in the file")
+        typed.reject(["dataset"], "applies to --scene only; the protocol names the datasets")
     if options.example is not None:
         from msb.bench.protocol import read_example
 
@@ -383,7 +383,7 @@ def draw_stage(stage: Stage) -> Group:
 
 
 def _describe_rest(stage: Stage) -> str:
-    """Return the estimated remaining time, if any, and the following stages."""
+    """Return the estimated remaining time and the names of the following stages as text."""
     left = stage.estimate_rest()
     parts = [] if left is None else [_format_time(left)]
     parts += [f"then {' and '.join(stage.then)}"] if stage.then else []

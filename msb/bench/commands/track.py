@@ -31,7 +31,7 @@ def track(
     frames: Annotated[
         int | None,
         Option(
-            "Write the timing of a renderer that draws N images, instead of a training record.",
+            "Measure a renderer that draws N images, and write its timing. Default: record a training.",
             metavar="N",
             least=1,
         ),

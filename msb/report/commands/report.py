@@ -139,11 +139,11 @@ def report(
     if options.table is not None:
         typed.reject(["out"], "cannot be combined with --table, which prints a table without writing files")
     formats = options.written_formats()
-    # Submissions make a board, for which options of results do not apply.
+    # Options that select or compare results do not apply to a board of submissions.
     board = any(is_submission(path) for path in folders)
     if board:
         if others := [path for path in folders if not is_submission(path)]:
-            text = "it is not a submission (.zip of msb submit); report folders and submissions separately"
+            text = "this is not a submission (.zip of msb submit); report folders and submissions separately"
             raise UsageError("USAGE", text, file=others[0])
         typed.reject(_RESULTS_OPTIONS, "cannot be combined with submissions")
         has_output = options.out is not None or options.table is not None

@@ -30,7 +30,7 @@ SPLIT_NOTES = (
     "The best bake has the highest PSNR with one sample per pixel",
     "colours: from the ceiling to Standard; faces: from the bake to the ceiling; blending: from Dedicated "
     "to the bake. The ceiling omits triangles that make the opaque rendering worse",
-    "the parts are over the same scenes and add up to the loss; a negative part is a gain",
+    "all parts are averaged over the same scenes and add up to the loss; a negative part is a gain",
 )
 _SPLIT_COLUMNS = (
     TableColumn("Loss"),
@@ -43,7 +43,7 @@ BAKES_NOTES = (
     "bakes use training views only and are rendered like Standard; PSNR is measured with one sample per "
     "pixel, and with 16 samples, which is close to multisampling",
     "tasks: number of trial tasks that work, possibly with limitations",
-    "verdict: verdict of the audit; if it differs between scenes, each verdict with its number of scenes",
+    "verdict: verdict of the audit. If scenes have different verdicts, the number of scenes per verdict",
 )
 _METRICS = ("psnr", "psnr_16", "faces", "asset_size", "memory", "p50_ms", "bake_seconds", "tasks")
 # Metrics in the record of the exported mesh. All other metrics are in the record of the renderings.

@@ -8,8 +8,8 @@ from msb.report.table import NOT_AVAILABLE, NOT_SUPPORTED, Table, TableCell, Tab
 
 # Titles of fields that differ from the capitalised field name.
 _TITLES = {"sh": "SH", "view_dependence": "View-dep."}
-# The fields of `Retained` that have a column, for each tier. On Standard, the opaque fallback keeps only the
-# appearance.
+# The fields of `Retained` that have a column, for each tier. The standard tier is the opaque fallback and
+# keeps only the appearance.
 _FIELDS: dict[Tier, tuple[str, ...]] = {
     "standard": ("support", "appearance"),
     "dedicated": ("support", "view_dependence", "opacity", "soft_coverage", "depth_sort", "appearance"),

@@ -66,8 +66,8 @@ _RATIOS = (("standard", "dedicated"), ("dedicated", "non_engine"))
 def gaps_table(numbers: Numbers, dataset: str, paper: Numbers | None = None) -> Table:
     """Return the gaps of every method and metric on a dataset.
 
-    Further rows compare other conditions: an engine or a bake replaces Standard, a variant replaces
-    Dedicated, or the two tiers of one engine replace both.
+    The table also has rows for other conditions. An engine or a bake can replace Standard, and a variant can
+    replace Dedicated. The two tiers of one engine can replace both.
     """
     # Each metric has a block of rows: the two tiers first, then engines, bakes and variants.
     rows: list[TableRow] = []
@@ -246,13 +246,16 @@ def _ratio_cells(numbers: Numbers, key: GapKey) -> tuple[TableCell, ...]:
 
 
 def absent_cell(ends: Iterable[Number], reason: str | None, metric: str) -> TableCell:
-    """Return the cell of a missing difference: "N/A" or "unsteady" as in one of its numbers, else "--"."""
+    """Return the cell of a missing difference.
+
+    The text is "N/A" or "unsteady" if a compared number has this text, else "--".
+    """
     unit = METRICS[metric].unit
     missing = [end for end in ends if end.value is None]
     for absent in (NOT_SUPPORTED, UNSTEADY):
         for end in missing:
             if end.absent == absent:
                 return TableCell(absent, None, metric, unit, reason=end.reason)
-    if reason == "unsteady":  # the reason of the gap, from the scenes that both conditions have
+    if reason == "unsteady":  # both numbers exist, but the gap has this reason
         return TableCell(UNSTEADY, None, metric, unit, reason=REASONS[reason])
     return TableCell(NOT_AVAILABLE, None, metric, unit, reason=REASONS.get(reason or "", reason))

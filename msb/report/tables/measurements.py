@@ -55,7 +55,7 @@ FLOOR_NOTE = (
 # Notes on the interpretation of connectivity metrics (paper, "Interpretation").
 STRUCTURE_NOTES = (
     "of the mesh as stored: faces and vertices were not merged, removed or repaired",
-    "boundaries may be legitimate: open scenes, sheets, and surfaces that no camera saw have boundaries",
+    "boundaries are not always errors: open scenes, sheets and unseen parts of a surface have boundaries",
     "V/F and valence measure how often vertices are shared, not manifoldness or accuracy. Seams of UVs, "
     "normals and materials duplicate vertices, which raises V/F",
     "the number of components and the size of the largest component (LCC) do not measure accuracy or "
@@ -67,7 +67,7 @@ STRUCTURE_NOTES = (
 _NATIVE = ("fps", "train_memory", "train_seconds", "chamfer")
 _PERCENTILES = ("p50_ms", "p95_ms")
 _FRAME_PARTS = ("fps", "p50_ms", "spread_ms", "busy_p50_ms", "host_ms", "unsteady")
-# The three groups of the eight columns in the paper.
+# Three groups of metrics, as in the paper's table with eight columns.
 _CONNECTIVITY = {
     "Local reuse": ("vf_ratio", "mean_valence"),
     "Local structure": ("boundary_edge_ratio", "nonmanifold_edge_ratio", "nonmanifold_vertex_ratio"),
@@ -105,7 +105,7 @@ def _scene_rows(
     prefix: str = "",
     of: Mapping[str, str] | None = None,
 ) -> Iterator[RowSpec]:
-    """Yield a row for each scene and each mean; a dataset without scenes has only the row of its mean.
+    """Yield a row for each scene and each mean. For a dataset without scenes, yield only the mean.
 
     Parameters
     ----------
@@ -114,7 +114,7 @@ def _scene_rows(
     groups : sequence of str
         The groups of scenes of the dataset, in table order.
     group_means : bool
-        Whether each group ends with its mean. If not, only the last row is a mean, in bold.
+        Whether each group ends with its mean. If false, only the last row is a mean and is bold.
     prefix : str
         First words of each section's name.
     of : mapping of str to str, optional

@@ -30,8 +30,8 @@ SOURCES = {"paper": "Paper", "public": "Public", "meshsplatbench": "MeshSplatBen
 class PublishedPair(NamedTuple):
     """One of our numbers and its published counterpart, both in the unit of the records.
 
-    `key` is the key of our number, except that its `source` names the publication. `notes` contains the notes
-    of the published number.
+    `key` is the key of our number with another `source`: the name of the publication. `notes` contains the
+    notes of the published number.
     """
 
     key: Key
@@ -100,7 +100,7 @@ def reproducibility_statistics(numbers: Numbers, paper: Numbers) -> Table:
 
     The columns are the number of pairs, mean |d|, max |d|, and the pair with the largest |d|.
     """
-    # pairs by source, by metric, and by whether they are means
+    # group the pairs by publication, by metric, and by single scenes or means
     groups: dict[tuple[str, bool, str], list[PublishedPair]] = {}
     for pair in pair_with_published(numbers, paper):
         groups.setdefault((pair.key.source, pair.key.scene in MEANS, pair.key.metric), []).append(pair)

@@ -57,7 +57,7 @@ def capture(
     output.add_inputs([path])
     names = [image.name for image in images_in(path)]
     if len(names) < 3:
-        text = f"it contains {len(names)} photographs; at least 3 are needed, 20 to 100 are usual"
+        text = f"the folder contains {len(names)} photographs; at least 3 are needed, and 20 to 100 are usual"
         raise SceneError("CAPTURE_FAILED", text, file=path)
     output.check_folder(options.out)
     with output.bars("steps") as progress:

@@ -113,7 +113,8 @@ _ROUNDING = 1
 def name_datasets(layout: Layout, name: str, above: str) -> Iterator[tuple[str, bool]]:
     """Yield the datasets that the name of a scene, or the name of its parent folder `above`, suggests.
 
-    The flag states whether the dataset was suggested by the folder above, which takes precedence.
+    The flag is true if the name of the parent folder suggests the dataset. Such a suggestion takes
+    precedence.
     """
     for key, dataset in DATASETS.items():
         if above.lower() in dataset.folders:
@@ -128,7 +129,7 @@ def is_published(
 ) -> bool:
     """Return whether photographs have the published names and recorded sizes of a dataset.
 
-    `below` states that the scene is in a folder of the dataset's name. Matching names are then sufficient, so
+    Set `below` if the parent folder has the name of the dataset. Matching names are then sufficient, so
     resized copies are recognised. Folders of DTU's scenes are called scan1 to scan128.
     """
     dataset = DATASETS[key]

@@ -38,8 +38,8 @@ class SceneReport:
 
     `points` is the number of SfM points, or None if they cannot be read. `unused` lists unused files, each
     with the reason. `deviations` describes how each method's official code reads the scene differently from
-    our rules. `missing` counts missing photographs of "training" and "test" views, or is None if the cameras
-    cannot be read.
+    our rules. `missing` counts the missing photographs of "training" and "test" views. The value is None if
+    the cameras cannot be read.
     """
 
     path: Path
@@ -208,7 +208,7 @@ def _check_view_count(scene: Scene) -> list[Finding]:
     wanted = dataset.views if dataset is not None and scene.name in dataset.scenes else None
     if wanted is None or wanted == counts:
         return []
-    text = "it has {} training and {} test views; the published scene has {} and {}".format(*counts, *wanted)
+    text = "the scene has {} training and {} test views; {} and {} are published".format(*counts, *wanted)
     return [finding("SCENE_LAYOUT", text, severity="warning", file=str(scene.root), value=counts)]
 
 
@@ -235,7 +235,7 @@ def _list_unused(
 
 
 def _list_deviations(root: Path, ours: Scene, options: dict[str, Any]) -> dict[str, tuple[str, ...]]:
-    """Return for each method how its official code reads the scene differently from our rules."""
+    """Return the differences between each method's official code and our rules in reading the scene."""
     given = {key: value for key, value in options.items() if key == "dataset"}
     deviations: dict[str, tuple[str, ...]] = {}
     for name in RULES:

@@ -46,8 +46,8 @@ def _describe_scaling(scene: Scene) -> str | None:
     place = "" if scene.image_folder == "." else f" in {shorten(scene.image_folder, 40)}"
     return (
         f"the cameras of {shorten(scene.name, 40)} were recorded at {_format_size(recorded)} pixels, but the "
-        f"photographs{place} have {_format_size(stored)}; the cameras are scaled, and images of "
-        f"{_format_size(used)} are rendered and compared"
+        f"photographs{place} have {_format_size(stored)}; cameras are scaled, and the compared images have "
+        f"{_format_size(used)}"
     )
 
 
@@ -127,7 +127,7 @@ def compare_training(
 def warn_test_views() -> Finding:
     """Return the warning about a model that was trained on all views."""
     return _warn_training(
-        "it was trained on the test views (eval=False); results on these are not comparable"
+        "the model was trained on the test views (eval=False); results on test views are not comparable"
     )
 
 
@@ -140,10 +140,10 @@ def warn_unknown_split() -> Finding:
 
 
 def warn_background(background: Color, drawn: Color) -> Finding:
-    """Return the warning about a model rendered over another background than in its training."""
+    """Return the warning for a model whose training had another background."""
     return _warn_training(
-        f"it was trained over {color_name(background)} and is rendered over {color_name(drawn)}; "
-        "wherever the background is visible, it differs from the photographs"
+        f"the model was trained over {color_name(background)} and is rendered over {color_name(drawn)}; "
+        "visible background differs from the photographs"
     )
 
 
@@ -159,8 +159,8 @@ def _training_size(training: Mapping[str, Any], scene: Scene) -> Size | None:
     view, folder = scene.test[0], training.get("images")
     if folder in (None, "..") or scene.layout != "colmap":  # other layouts ignore the image folder
         return None
-    # Read the size of the stored photographs. If the folder images_N is missing, use the size of its
-    # published counterpart.
+    # Read the size of the stored photographs. If the folder images_N is missing, use the published size of
+    # its images.
     stored: Size | None = None
     with contextlib.suppress(MsbError):
         stored = image_size(SpelledFiles(scene.root / folder).find(str(view.name)))

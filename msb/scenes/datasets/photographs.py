@@ -64,7 +64,7 @@ def choose_photographs(
     folder = image_folder or ("." if layout in ("blender", "transforms") else rule.folder)
     rounding = rules.rounding
     wanted = rule.resolution if resolution is None else resolution
-    # If the folder is missing, the rules may name a substitute and a divisor.
+    # If the folder is missing, the rules may name another folder and a divisor.
     if not is_folder(root / folder):
         if image_folder is not None or rule.instead is None or not is_folder(root / rule.instead[0]):
             raise _missing_folder(root, folder)
@@ -92,7 +92,8 @@ def locate_photographs(
     """Return the views with the paths of their photographs, which need not exist.
 
     Names of photographs are relative to `folder`. Names in JSON files begin with a folder. A requested folder
-    such as images_2 replaces the folder in the names, unless the names are found below the requested folder.
+    such as images_2 replaces this first folder. If the full names exist below the requested folder, they are
+    kept.
     """
     files = SpelledFiles(root / folder)
     located = [replace(view, image_path=files.find(str(view.name))) for view in views]
@@ -114,8 +115,8 @@ def check_missing(
 ) -> None:
     """Report views without a photograph: raise an error if too many are missing, else add a warning.
 
-    With `are_left_out`, one photograph is enough. Without `are_left_out`, all test views and one view of each
-    recorded size must have a photograph.
+    If `are_left_out` is true, one photograph is enough. Without `are_left_out`, all test views and one view
+    of each recorded size must have a photograph.
     """
     missing = [view for view in views if not _has_photograph(view)]
     if not missing:
@@ -124,7 +125,7 @@ def check_missing(
     needed = [view for view in missing if view.split == "test" or (view.width, view.height) not in sizes]
     is_error = not sizes if are_left_out else bool(needed)
     reported = needed if is_error and needed else missing
-    # Name the first missing photographs, and files whose names differ from them by suffix or case.
+    # List the first missing photographs. Also list files with a similar name, which differ by suffix or case.
     names = []
     alike = 0
     for number, view in enumerate(reported[:_MAX_NAMES]):
@@ -154,10 +155,11 @@ def _find_near_miss(view: Camera) -> str | None:
 
 @dataclass(frozen=True)
 class StoredPhotographs:
-    """The photographs of the views: how each is read, and its size after rotation and undistortion.
+    """The photographs of the views, with the way of reading each photograph and its final size.
 
-    `views` are pinhole cameras. A view has the size of its undistorted photograph, or else the recorded size.
-    `sizes` has an entry for each view. `readings` has an entry only for views whose photographs are changed.
+    `views` are pinhole cameras. A view has the size of its undistorted photograph. If the photograph is
+    missing, it has the recorded size. `sizes` has an entry for each view. `readings` has an entry only for
+    views whose photographs are changed.
     """
 
     views: list[Camera]
@@ -170,9 +172,8 @@ def inspect_photographs(
 ) -> StoredPhotographs:
     """Read the headers of the photographs, and return how each photograph is read.
 
-    Photographs of cameras with one recorded size must have equal sizes. Missing photographs are assumed to
-    have the size of the others. `converts` also accepts image formats that cannot be compared without
-    conversion.
+    Photographs of cameras with one recorded size must have equal sizes. A missing photograph gets the size of
+    the other photographs. `converts` also accepts image formats that cannot be compared without conversion.
     """
     sizes: dict[Size, tuple[Size, Camera]] = {}
     turned: dict[str, int] = {}
@@ -200,8 +201,8 @@ def inspect_photographs(
     for record, (size, first) in sizes.items():
         if not _fits(size, record):
             text = (
-                f"it has {size[0]} x {size[1]} pixels, but its camera {record[0]} x {record[1]}, another "
-                "aspect ratio; the recorded angles of view are kept"
+                f"it has {size[0]} x {size[1]} pixels, but its camera has {record[0]} x {record[1]}; "
+                "the aspect ratios differ, and the recorded angles of view are kept"
             )
             warnings.append(finding("SCENE_IMAGE", text, severity="warning", file=str(first.image_path)))
     # Undistorted photographs have the size of their pinhole camera.
@@ -253,7 +254,7 @@ def _note_orientation(verdict: str, orientation: int, views: Sequence[Camera]) -
     count = f"{len(views)} photograph{'s' if len(views) > 1 else ''}"
     width, height = views[0].width, views[0].height
     recorded = f"because the cameras were recorded at {width} x {height} pixels"
-    undecided = "is not applied; the recorded size of the cameras does not decide whether it should be"
+    undecided = "is not applied; the recorded camera size does not determine the orientation"
     ends = {"applied": f"is applied, {recorded}", "as stored": f"is not applied, {recorded}"}
     text = f"the EXIF orientation {orientation} of {count} {ends.get(verdict, undecided)}"
     severity: Severity = "warning" if verdict == "undecided" else "info"
@@ -269,7 +270,7 @@ def count_missing(views: Sequence[Camera]) -> dict[str, int]:
 def _count_by_split(missing: Sequence[Camera], views: Sequence[Camera]) -> str:
     """Return a count such as "1 of 9 test and 16 of 58 training photographs".
 
-    A split without missing photographs is left out.
+    The text omits a split without missing photographs.
     """
     parts = []
     for split, title in (("test", "test"), ("train", "training")):
@@ -286,10 +287,10 @@ def find_masks(
     image_folder: str,
     warnings: list[Finding],
 ) -> tuple[MaskSource | None, Mapping[str, Path]]:
-    """Return the kind of masks of the photographs, and for mask files a mapping from camera name to file.
+    """Return the kind of masks of the photographs, and the mask file of each camera name.
 
     An alpha channel takes precedence over mask files. `paths` are the mask files that transforms.json names.
-    Captures outside the masked datasets need no masks.
+    Only scenes of masked datasets, such as DTU, need masks.
     """
     shot = {str(v.name): v.image_path for v in views if v.image_path is not None and _has_photograph(v)}
     tests = {
@@ -357,7 +358,7 @@ def _find_mask_files(
 
 
 def _check_mask(mask: Path, size: Size) -> None:
-    """Raise SCENE_IMAGE if the aspect ratio of a mask matches neither its stored nor rotated photograph."""
+    """Raise SCENE_IMAGE if a mask has another aspect ratio than its photograph. The mask may be rotated."""
     stored = read_header(mask).size
     if not (_fits(stored, size) or _fits(stored, size[::-1])):
         text = f"it has {stored[0]} x {stored[1]} pixels, but its photograph {size[0]} x {size[1]}"

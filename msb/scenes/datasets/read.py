@@ -64,7 +64,7 @@ def read_scene(
         8 divide the size, -1 keeps photographs up to 1600 pixels wide, any other number is a width in pixels.
     camera_convention : {"gs_fov", "full_K"}, optional
         "gs_fov" uses the recorded angles of view and a principal point in the middle; "full_K" uses the
-        recorded principal point. The convention must equal that of the checkpoint's training
+        recorded principal point. Use the convention of the checkpoint's training
         (`RULES[method].convention`). Default: the convention of the rules; our rules use "full_K".
     background : (float, float, float), optional
         The background colour in [0, 1]. Default: white for masked datasets, else the background of the rules;
@@ -261,7 +261,7 @@ def _recognise(root: Path, layout: Layout, warnings: list[Finding]) -> str:
         return CUSTOM
     try:
         views = read_views(root, layout, RULES[OURS], "images")
-    except MsbError:  # reading the scene reports the error
+    except MsbError:  # ignore this error, because `read_scene` raises it later
         return next(iter(suggested))
     names = [str(view.name) for view in views]
     sizes = {(view.width, view.height) for view in views}
@@ -272,8 +272,8 @@ def _recognise(root: Path, layout: Layout, warnings: list[Finding]) -> str:
             return key
     key = next(iter(suggested))
     text = (
-        f"its name is that of a {DATASETS[key].title} scene, but its photographs have other names or sizes; "
-        f"it is read as another capture. Pass --dataset {key} to apply the rules of the benchmark"
+        f"this folder has the name of a {DATASETS[key].title} scene, but other photographs; "
+        f"its scene is read as another capture. Pass --dataset {key} to apply the rules of the benchmark"
     )
     warnings.append(finding("SCENE_UNKNOWN", text, severity="info", file=str(root)))
     return CUSTOM
@@ -295,7 +295,7 @@ def root_name(root: Path) -> str:
 
 
 def _absolute_path(root: Path) -> Path:
-    """Return the absolute path; links are not followed, so the names stay as given."""
+    """Return the absolute path without following links."""
     return Path(os.path.abspath(root))  # noqa: PTH100 - resolve() would follow links
 
 
@@ -304,7 +304,7 @@ def _require_layout(root: Path) -> Layout:
     check_folder(root)
     layout = find_layout(root)
     if layout is None:
-        scenes = find_scenes(root)  # raises an error if the folder does not contain scenes either
+        scenes = find_scenes(root)  # raises an error if the folder contains no scenes
         names = ", ".join(scene.relative_to(root).as_posix() for scene in scenes[:4])
         text = f"it is not a scene but contains {len(scenes)}: {shorten(names)}; pass one of them"
         raise SceneError("SCENE_LAYOUT", text, file=root)
@@ -372,8 +372,8 @@ def scene_at(
     """Describe the evaluation of a method on a scene without reading the scene's folder.
 
     `official_background` is the background in the method's official evaluation, if the model records one. The
-    last four arguments override the rules, as in `read_scene`. By default, our rules give the size, the
-    method's training gives the camera convention, and `evaluation_background` gives the background.
+    last four arguments override the rules, as in `read_scene`. By default, our rules define the size, the
+    method's training defines the camera convention, and `evaluation_background` returns the background.
     """
     return SceneAt(
         dataset=dataset,

@@ -1,11 +1,11 @@
 """Rules for reading scenes: the choice of photographs, image sizes, cameras and backgrounds.
 
-The rules called "ours" apply to all methods of the benchmark. All other rules describe a method's official
-code and are declared by the method (`msb.registry`). The official rules serve to list deviations and to
-reproduce published numbers. The page docs/datasets.md prints all rules as a table.
+The rules called "ours" apply to all methods of the benchmark. All other rules describe the official code of a
+method, and the method's package declares them (`msb.registry`). The official rules serve to list deviations
+and to reproduce published numbers. The page docs/datasets.md prints all rules as a table.
 
-A `resolution` has the meaning of ``-r`` in the 3DGS family: 1, 2, 4 or 8 divides the size, -1 reduces only
-very large photographs, and any other number is a width in pixels.
+A `resolution` has the meaning of ``-r`` in the 3DGS family. The values 1, 2, 4 and 8 divide the size, and -1
+reduces only very large photographs. Any other number is a width in pixels.
 """
 
 import math
@@ -117,8 +117,8 @@ FAMILY: Mapping[str, Photographs] = {
     CUSTOM: Photographs(),
 }
 
-# Photographs used by code derived from 3DGS if its scripts name no folder. For Mip-NeRF 360 these are the
-# originals, reduced to `LARGEST`.
+# Photographs used by code derived from 3DGS if its scripts name no folder. For Mip-NeRF 360, the original
+# photographs are reduced to `LARGEST`.
 FULL_SIZE: Mapping[str, Photographs] = {
     **FAMILY,
     "mipnerf360/outdoor": Photographs(),
@@ -176,8 +176,8 @@ def floor(size: Size, resolution: int) -> Size:
 def half_up(size: Size, resolution: int) -> Size:
     """Return the image size in the folders images_2, images_4 and images_8 as published with Mip-NeRF 360.
 
-    Divided sides are rounded half up (`nerfbaselines/nerfbaselines`: its Mip-NeRF 360 loader). Other
-    resolutions follow `half_even`.
+    Divided sides are rounded half up (`nerfbaselines/nerfbaselines`: its Mip-NeRF 360 loader). For all other
+    resolutions, the result is that of `half_even`.
     """
     if resolution not in _DIVISORS:
         return half_even(size, resolution)

@@ -27,8 +27,8 @@ class Reading:
     orientation : int
         The EXIF orientation to apply; 1 keeps the pixels as stored.
     lens : Camera, optional
-        The camera of the photograph, with the distortion that is removed. This camera has the size of the
-        rotated photograph.
+        The camera of the photograph, with the distortion that is removed. The size of this camera is the size
+        of the rotated photograph.
     """
 
     orientation: int = 1
